@@ -1,0 +1,148 @@
+"""Von Mises material with linear hardening, kinematic, isotropic or both (section 2).
+
+Elasticity is C e = mu_1 tr(e) I + 2 mu_2 e with the Lamé parameters mu_1 (``lame_lambda``) and
+mu_2 (``lame_mu``).  The yield function of section 2 is
+
+    phi(sigma, alpha) = |dev sigma - dev alpha_2|_F - sigma_y (1 + H alpha_1),
+
+with the back stress alpha_2 = k p (kinematic) and the scalar alpha_1 (isotropic).  Eliminating
+alpha from one time step leaves two numbers, docs/hardening.md:
+
+    effective_hardening   h    = k + (H sigma_y)^2 k_1     in  H~ p : p = h |p|^2,
+    yield_bound           beta = sigma_y (1 + H alpha_1,0) in  int beta |p|.
+"""
+
+from dataclasses import dataclass, fields
+
+from ngsolve import CoefficientFunction
+
+from ngepc.validation import Coefficient, require_coefficient, require_number
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Material:
+    """Material data; numbers or scalar CoefficientFunctions, all stresses in one unit.
+
+    Parameters
+    ----------
+    lame_lambda, lame_mu
+        Lamé parameters mu_1 and mu_2 (stress); elliptic means lame_mu > 0 and
+        N lame_lambda + 2 lame_mu > 0 in N dimensions.
+    yield_stress
+        sigma_y > 0 (stress), compared with the Frobenius norm |dev sigma|_F.
+    hardening
+        Kinematic modulus k >= 0 (stress), H = k I in the paper.
+    hardening_modulus, hardening_stiffness
+        Isotropic data H >= 0 (1) and k_1 >= 0 (stress): h gains (H sigma_y)^2 k_1.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For anything that is not a finite number or scalar coefficient in its legal range.
+    """
+
+    lame_lambda: Coefficient
+    lame_mu: Coefficient
+    yield_stress: Coefficient
+    hardening: Coefficient = 0.0
+    hardening_modulus: Coefficient = 0.0
+    hardening_stiffness: Coefficient = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            require_coefficient(field.name, getattr(self, field.name))
+        legal = {
+            "lame_mu": (0, True),
+            "yield_stress": (0, True),
+            "hardening": (0, False),
+            "hardening_modulus": (0, False),
+            "hardening_stiffness": (0, False),
+        }
+        for name, (least, strict) in legal.items():
+            value = getattr(self, name)
+            if not isinstance(value, CoefficientFunction):
+                require_number(name, value, least, strict=strict)
+
+    @classmethod
+    def kinematic(
+        cls,
+        *,
+        lame_lambda: Coefficient,
+        lame_mu: Coefficient,
+        yield_stress: Coefficient,
+        hardening: Coefficient,
+    ) -> "Material":
+        """Linear kinematic hardening: back stress ``hardening`` times p, see (2.16)."""
+        return cls(
+            lame_lambda=lame_lambda, lame_mu=lame_mu, yield_stress=yield_stress, hardening=hardening
+        )
+
+    @classmethod
+    def isotropic(
+        cls,
+        *,
+        lame_lambda: Coefficient,
+        lame_mu: Coefficient,
+        yield_stress: Coefficient,
+        hardening_modulus: Coefficient,
+        hardening_stiffness: Coefficient,
+    ) -> "Material":
+        """Linear isotropic hardening with the paper's H and k_1, see (2.15)."""
+        return cls(
+            lame_lambda=lame_lambda,
+            lame_mu=lame_mu,
+            yield_stress=yield_stress,
+            hardening_modulus=hardening_modulus,
+            hardening_stiffness=hardening_stiffness,
+        )
+
+    @classmethod
+    def combined(
+        cls,
+        *,
+        lame_lambda: Coefficient,
+        lame_mu: Coefficient,
+        yield_stress: Coefficient,
+        hardening: Coefficient,
+        hardening_modulus: Coefficient,
+        hardening_stiffness: Coefficient,
+    ) -> "Material":
+        """Kinematic and isotropic hardening together, docs/hardening.md."""
+        return cls(
+            lame_lambda=lame_lambda,
+            lame_mu=lame_mu,
+            yield_stress=yield_stress,
+            hardening=hardening,
+            hardening_modulus=hardening_modulus,
+            hardening_stiffness=hardening_stiffness,
+        )
+
+    @property
+    def isotropic_hardening(self) -> Coefficient:
+        """(H sigma_y)^2 k_1, the isotropic part of the effective hardening (stress)."""
+        H, k1 = self.hardening_modulus, self.hardening_stiffness
+        return (H * self.yield_stress) * (H * self.yield_stress) * k1
+
+    @property
+    def effective_hardening(self) -> Coefficient:
+        """The scalar h of H~ p : p = h |p|^2 in (2.14) (stress)."""
+        return self.hardening + self.isotropic_hardening
+
+    def yield_bound(self, hardening_variable: Coefficient = 0.0) -> Coefficient:
+        """Beta = sigma_y (1 + H alpha_1,0) for the scalar hardening variable alpha_1,0."""
+        return self.yield_stress * (1 + self.hardening_modulus * hardening_variable)
+
+
+def lame_parameters(young: float, poisson: float) -> tuple[float, float]:
+    """(lambda, mu) from Young's modulus > 0 and Poisson's ratio in (-1, 1/2), in three dimensions.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a value is out of its range.
+    """
+    E = require_number("young", young, 0, strict=True)
+    nu = require_number("poisson", poisson, -1, strict=True)
+    if nu >= 0.5:
+        raise ValueError(f"poisson={poisson!r}: a number in (-1, 0.5) is needed")
+    return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))

@@ -1,0 +1,129 @@
+"""Checks of what users pass in: each failure names the argument, its value and what is legal."""
+
+import math
+import numbers
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule, Mesh
+
+Coefficient = float | CoefficientFunction
+"""A number or an NGSolve CoefficientFunction."""
+
+ELEMENT_TYPES = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD), 3: (ET.TET, ET.HEX, ET.PRISM, ET.PYRAMID)}
+"""Element shapes by dimension."""
+
+
+def is_number(value: object) -> bool:
+    """Whether ``value`` is a real number (booleans are not)."""
+    return isinstance(value, numbers.Real) and not isinstance(value, bool)
+
+
+def require_number(
+    name: str,
+    value: object,
+    least: float = -math.inf,
+    *,
+    strict: bool = False,
+    most: float = math.inf,
+) -> float:
+    """``value`` as a float when it is finite, >= ``least`` (> if ``strict``) and <= ``most``.
+
+    Raises
+    ------
+    TypeError
+        If ``value`` is no real number.
+    ValueError
+        If it is NaN, infinite or out of range.
+    """
+    if not is_number(value):
+        raise TypeError(f"{name}={value!r}: a real number is needed")
+    if not math.isfinite(value) or value < least or (strict and value == least) or value > most:
+        lower = "" if least == -math.inf else f" {'>' if strict else '>='} {least:g}"
+        upper = "" if most == math.inf else f" <= {most:g}"
+        raise ValueError(f"{name}={value!r}: a finite number{lower}{upper} is needed")
+    return float(value)
+
+
+def require_integer(name: str, value: object, least: int, most: int | None = None) -> int:
+    """``value`` as an int when it is integral and within [least, most]."""
+    if not is_number(value) or int(value) != value:
+        raise TypeError(f"{name}={value!r}: an integer is needed")
+    if value < least or (most is not None and value > most):
+        upper = "" if most is None else f" and <= {most}"
+        raise ValueError(f"{name}={value!r}: an integer >= {least}{upper} is needed")
+    return int(value)
+
+
+def require_coefficient(
+    name: str, value: object, shapes: Iterable[tuple[int, ...]] = ((),)
+) -> None:
+    """Accept finite numbers and CoefficientFunctions of one of the given shapes; () is a scalar."""
+    if is_number(value):
+        require_number(name, value)
+        shape: tuple[int, ...] = ()
+    elif isinstance(value, CoefficientFunction):
+        shape = tuple(value.dims)
+    else:
+        raise TypeError(f"{name}={value!r}: a number or a CoefficientFunction is needed")
+    legal = [tuple(s) for s in shapes]
+    if shape not in legal and not (shape == (1,) and () in legal):
+        text = " or ".join("a scalar" if s == () else f"shape {s}" for s in legal)
+        raise ValueError(f"{name} has shape {shape or 'scalar'}: {text} is needed")
+
+
+def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
+    """The names in ``value`` ('a', 'a|b' or a sequence), each an existing boundary of ``mesh``.
+
+    Raises
+    ------
+    TypeError
+        If ``value`` is neither a string nor a sequence of strings.
+    ValueError
+        If a name is empty or unknown; the message lists the boundaries that exist.
+    """
+    parts = value.split("|") if isinstance(value, str) else value
+    if not isinstance(parts, Sequence) or not all(isinstance(part, str) for part in parts):
+        raise TypeError(
+            f"{argument}={value!r}: a boundary name or several ('left|right') are needed"
+        )
+    known = sorted(set(mesh.GetBoundaries()))
+    for part in parts:
+        if part not in known:
+            raise ValueError(
+                f"{argument}={value!r}: there is no boundary {part!r}; "
+                f"this mesh has {', '.join(map(repr, known))}"
+            )
+    if not parts:
+        raise ValueError(f"{argument}={value!r}: at least one boundary name is needed")
+    return tuple(dict.fromkeys(parts))
+
+
+def sample(value: Coefficient, mesh: Mesh, boundaries: Sequence[str] | None = None) -> np.ndarray:
+    """Values of a coefficient at interior points of all elements (or of boundary elements).
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (points, components); a number is its own single sample.
+    """
+    if not isinstance(value, CoefficientFunction):
+        return np.array([[float(value)]])
+    dim = mesh.dim if boundaries is None else mesh.dim - 1
+    region = VOL if boundaries is None else mesh.Boundaries("|".join(boundaries))
+    points = mesh.MapToAllElements({t: IntegrationRule(t, 2) for t in ELEMENT_TYPES[dim]}, region)
+    return np.asarray(value(points), dtype=float).reshape(len(points), -1)
+
+
+def require_finite(
+    name: str, value: Coefficient, mesh: Mesh, boundaries: Sequence[str] | None = None
+) -> np.ndarray:
+    """Sample ``value`` and refuse NaN and infinite values; returns the samples."""
+    samples = sample(value, mesh, boundaries)
+    if not np.isfinite(samples).all():
+        where = "the body" if boundaries is None else "|".join(boundaries)
+        raise ValueError(
+            f"{name} is NaN or infinite at {np.count_nonzero(~np.isfinite(samples).all(1))} "
+            f"of {len(samples)} sampled points of {where}: finite values are needed"
+        )
+    return samples
