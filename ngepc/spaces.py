@@ -1,0 +1,90 @@
+"""The finite element spaces of section 7.
+
+Y_h = V_h x Q_h :  u in vector P1, zero on Gamma_d;  p in P0, d trace-free coordinates,
+H_h = Z_h x R_h :  z in P1(Gamma_c), q in P1(Omega)^d, with the boundary conditions that
+                   the Tichonov choice asks for.
+"""
+
+
+from ngsolve import (
+    H1,
+    L2,
+    Compress,
+    FESpace,
+    GridFunction,
+    VectorH1,
+    VectorValued,
+)
+
+from ngepc.problem import Problem, as_scalar
+from ngepc.tensors import coordinates_count
+from ngepc.validation import boundary_names
+
+AXES = "xyz"
+
+
+def displacement_space(problem: Problem) -> FESpace:
+    """V_h: continuous P1 vectors; clamped and prescribed components are not free."""
+    fixed = {axis: list(problem.clamped_names) for axis in AXES[: problem.N]}
+    for name, components in single_prescribed(problem).items():
+        for axis, component in zip(AXES, components, strict=False):
+            if component is not None:
+                fixed[axis].append(name)
+    conditions = {f"dirichlet{axis}": "|".join(names) for axis, names in fixed.items() if names}
+    return VectorH1(problem.mesh, order=1, **conditions)
+
+
+def single_prescribed(problem: Problem) -> dict[str, tuple]:
+    """Single boundary name -> its prescribed components, None for a free one."""
+    return {
+        name: tuple(components)
+        for names, components in (problem.prescribed or {}).items()
+        for name in boundary_names("prescribed", names, problem.mesh)
+    }
+
+
+def prescribed_displacement(problem: Problem, V: FESpace) -> GridFunction:
+    """A function in ``V`` with the prescribed boundary values, zero at all free nodes."""
+    lift = GridFunction(V)
+    one = GridFunction(V)
+    for name, components in single_prescribed(problem).items():
+        for axis, component in enumerate(components):
+            if component is not None:
+                region = problem.mesh.Boundaries(name)
+                one.components[axis].Set(as_scalar(component), definedon=region)
+                _copy_dofs(lift, one, V, axis, region)
+    return lift
+
+
+def _copy_dofs(target: GridFunction, source: GridFunction, V: FESpace, axis: int, region) -> None:
+    first = V.Range(axis).start
+    for i, on_boundary in enumerate(V.components[axis].GetDofs(region)):
+        if on_boundary:
+            target.vec[first + i] = source.vec[first + i]
+
+
+def plastic_space(problem: Problem) -> FESpace:
+    """Q_h: piecewise constant plastic strains in d orthonormal coordinates."""
+    return VectorValued(L2(problem.mesh, order=0), coordinates_count(problem.N))
+
+
+def other_boundaries(problem: Problem) -> str:
+    """All boundaries that are not in Gamma_c, as 'a|b', for conditions at the ends of Gamma_c."""
+    rest = set(problem.mesh.GetBoundaries()) - set(problem.contact_names)
+    return "|".join(sorted(rest))
+
+
+def contact_space(problem: Problem, *, ends_fixed: bool = True) -> FESpace | None:
+    """Z_h: P1 on Gamma_c, by default zero at its ends; None without contact."""
+    if not problem.contact_names:
+        return None
+    region = problem.mesh.Boundaries("|".join(problem.contact_names))
+    rest = other_boundaries(problem)
+    conditions = {"dirichlet": rest} if ends_fixed and rest else {}
+    return Compress(H1(problem.mesh, order=1, definedon=region, **conditions))
+
+
+def plastic_dual_space(problem: Problem, *, boundary_fixed: bool = True) -> FESpace:
+    """R_h: continuous P1 with d components, by default zero on the boundary of the body."""
+    conditions = {"dirichlet": ".*"} if boundary_fixed else {}
+    return VectorValued(H1(problem.mesh, order=1, **conditions), coordinates_count(problem.N))
