@@ -55,6 +55,26 @@ def require_integer(name: str, value: object, least: int, most: int | None = Non
     return int(value)
 
 
+def require_vector(name: str, value: object, lengths: Iterable[int]) -> tuple[float, ...]:
+    """``value``, a sequence of finite numbers of one of the given lengths, as a tuple of floats."""
+    legal = tuple(lengths)
+    text = " or ".join(map(str, legal))
+    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+        raise TypeError(f"{name}={value!r}: a sequence of {text} numbers is needed")
+    if len(value) not in legal:
+        raise ValueError(f"{name}={value!r}: {text} numbers are needed")
+    return tuple(require_number(f"{name}[{i}]", x) for i, x in enumerate(value))
+
+
+def require_mesh_width(maxh: object, extent: float, dim: int) -> float:
+    """``maxh`` as a float when it is a mesh width > 0 that leaves the mesh of a bearable size.
+
+    The least width is ``extent`` / 1000 for a body of that extent, in three dimensions / 100.
+    """
+    require_number("maxh", maxh, 0, strict=True)
+    return require_number("maxh", maxh, extent / (1000 if dim == 2 else 100))
+
+
 def require_coefficient(
     name: str, value: object, shapes: Iterable[tuple[int, ...]] = ((),)
 ) -> None:
