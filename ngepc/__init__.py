@@ -6,6 +6,7 @@ from pathlib import Path
 from ngepc._version import __version__ as __version__
 from ngepc.material import Material as Material
 from ngepc.material import lame_parameters as lame_parameters
+from ngepc.normals import outward_normal as outward_normal
 from ngepc.problem import Problem as Problem
 from ngepc.results import SolverError as SolverError
 from ngepc.results import Status as Status

@@ -7,6 +7,7 @@ from ngsolve import CF, CoefficientFunction, Mesh
 
 from ngepc import checks
 from ngepc.material import Material
+from ngepc.normals import outward_normal
 from ngepc.tensors import deviator
 from ngepc.validation import Coefficient, boundary_names, is_number
 
@@ -72,6 +73,11 @@ class Problem:
     def N(self) -> int:
         """Space dimension, 2 or 3."""
         return self.mesh.dim
+
+    @property
+    def normal(self) -> CoefficientFunction:
+        """The outer unit normal n; ``specialcf.normal`` points inward on some CSG2d edges."""
+        return outward_normal(self.mesh)
 
     @property
     def clamped_names(self) -> tuple[str, ...]:
