@@ -11,6 +11,8 @@ from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import Mesh
 
+from ngepc.validation import require_integer
+
 Point = tuple[float, float]
 Quadrilateral = tuple[Point, Point, Point, Point]
 
@@ -66,11 +68,10 @@ def refined_to(mesh: Mesh, nodes: int, smallest: int) -> Mesh:
 
     Raises
     ------
-    ValueError
-        If the family has no such mesh; the message lists its members around ``nodes``.
+    TypeError, ValueError
+        If the family has no such mesh; the message lists its members up to there.
     """
-    if isinstance(nodes, bool) or int(nodes) != nodes or not smallest <= nodes <= MOST_NODES:
-        raise ValueError(f"nodes={nodes!r}: an integer from {smallest} to {MOST_NODES} is needed")
+    nodes = require_integer("nodes", nodes, smallest, MOST_NODES)
     family = [mesh.nv]
     while mesh.nv < nodes:
         mesh.Refine(onlyonce=True)

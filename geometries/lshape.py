@@ -7,6 +7,8 @@ Boundaries: ``clamped`` is (1/2, 1) x {0}, ``contact`` is (0, 1) x {1}, ``load``
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from ngsolve import Mesh
 
+from ngepc.validation import require_mesh_width
+
 from .bisection import Point, refined_to, triangulated
 
 PAPER_NODES = (833, 1601, 3201, 6273, 12545, 24833)
@@ -55,7 +57,6 @@ def geometry() -> CSG2d:
 
 
 def mesh(maxh: float = 0.05) -> Mesh:
-    """An unstructured mesh of the CSG geometry with mesh width at most ``maxh`` > 0."""
-    if not 0.0 < maxh < float("inf"):
-        raise ValueError(f"maxh={maxh!r}: a finite mesh width > 0 is needed")
+    """An unstructured mesh of the CSG geometry with mesh width at most ``maxh`` >= 0.001."""
+    require_mesh_width(maxh, 1.0, 2)
     return Mesh(geometry().GenerateMesh(maxh=maxh))

@@ -12,6 +12,8 @@ is the top edge of the handle from (5, 2.6) to (8, 2), the rest is ``free``.
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from ngsolve import Mesh
 
+from ngepc.validation import require_mesh_width
+
 from .bisection import Point, Quadrilateral, refined_to, triangulated
 
 PAPER_NODES = (873, 1641, 3281, 6353, 12705, 24993)
@@ -81,7 +83,6 @@ def geometry() -> CSG2d:
 
 
 def mesh(maxh: float = 0.25) -> Mesh:
-    """An unstructured mesh of the CSG geometry with mesh width at most ``maxh`` > 0."""
-    if not 0.0 < maxh < float("inf"):
-        raise ValueError(f"maxh={maxh!r}: a finite mesh width > 0 is needed")
+    """An unstructured mesh of the CSG geometry with mesh width at most ``maxh`` >= 0.008."""
+    require_mesh_width(maxh, 8.0, 2)
     return Mesh(geometry().GenerateMesh(maxh=maxh))

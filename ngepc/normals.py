@@ -1,7 +1,8 @@
 """The outer unit normal of a body.
 
 NGSolve's ``specialcf.normal`` on a boundary follows the orientation of the boundary elements,
-which need not be outward: in meshes of a Netgen CSG2d geometry it points inward on some edges.
+which need not be outward: in Netgen CSG meshes it points inward on some edges (lshape.mesh of this
+package: on the left ones) and on the surface of a subtracted sphere.
 """
 
 from ngsolve import (

@@ -47,7 +47,7 @@ def require_number(
 
 def require_integer(name: str, value: object, least: int, most: int | None = None) -> int:
     """``value`` as an int when it is integral and within [least, most]."""
-    if not is_number(value) or int(value) != value:
+    if not is_number(value) or not math.isfinite(value) or int(value) != value:
         raise TypeError(f"{name}={value!r}: an integer is needed")
     if value < least or (most is not None and value > most):
         upper = "" if most is None else f" and <= {most}"
