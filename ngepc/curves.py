@@ -42,10 +42,12 @@ def plot_history(
         style = _style(index, len(residuals))
         left.semilogy(range(len(residuals)), residuals, label=label or None, **style)
         steps = history.step_lengths
-        right.semilogy(range(1, len(steps) + 1), steps, label=label or None, **style)
+        right.plot(range(1, len(steps) + 1), steps, label=label or None, **style)
     if tolerance is not None:
         left.axhline(tolerance, color="#808890", linewidth=0.8, linestyle=":")
     left.set_ylabel(r"residual norm $\|\Psi_\gamma\|_{H^*}$", fontsize=9)
+    right.set_yscale("log", base=2)
+    right.set_ylim(top=1.4)
     right.set_ylabel(r"step length $\alpha^j$", fontsize=9)
     for axes in (left, right):
         _iterations_axis(axes)
@@ -82,7 +84,12 @@ def plot_counts(
     nodes = sorted({n for row in counts.values() for n in row})
     axes.set_xscale("log")
     axes.set_yscale("symlog", linthresh=1.0, linscale=0.3)
-    axes.set_ylim(bottom=0)
+    most = max(
+        steps for row in (*counts.values(), *(paper or {}).values()) for steps in row.values()
+    )
+    axes.set_ylim(0, 1.3 * max(most, 2))
+    ticks = [0, 1, *(m * 10**k for k in range(4) for m in (2, 5, 10))]
+    axes.set_yticks([t for t in ticks if t <= 1.3 * most])
     axes.set_xticks(nodes, [str(n) for n in nodes], fontsize=8)
     axes.minorticks_off()
     axes.yaxis.set_major_formatter("{x:g}")

@@ -74,11 +74,14 @@ class Drawable:
         Text for the colour bar, mathematics between dollar signs.
     plain_label
         The same without mathematics.
+    signed
+        Whether both signs are equally welcome (components of vectors and matrices).
     """
 
     coefficient: CoefficientFunction
     label: str
     plain_label: str
+    signed: bool = False
 
 
 def drawable(
@@ -115,7 +118,8 @@ def drawable(
         symbol = f"|{symbol}|" + ("_F" if kind.rank == 2 else "")
     unit = units.of(kind.quantity)
     plain = _plain(kind, component)
-    return Drawable(coefficient, f"{kind.title} ${symbol}$ ({unit})", f"{plain} ({unit})")
+    label = f"{kind.title} ${symbol}$ ({unit})"
+    return Drawable(coefficient, label, f"{plain} ({unit})", bool(component))
 
 
 def _split(field: str) -> tuple[str, str]:

@@ -16,13 +16,14 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from ngsolve import CoefficientFunction, specialcf
+from ngsolve import CoefficientFunction
 
 from ngepc.curves import plot_contact_pressure as plot_contact_pressure
 from ngepc.curves import plot_counts as plot_counts
 from ngepc.curves import plot_history as plot_history
 from ngepc.curves import plot_quotients as plot_quotients
 from ngepc.drawable import Units, drawable, fields_of
+from ngepc.normals import outward_normal
 from ngepc.picture import Picture
 from ngepc.recovery import Fields
 from ngepc.sampling import ColourRange, Corners, body_corners, boundary_corners, colour_range
@@ -83,9 +84,9 @@ def plot_field(
     what = drawable(source, field, units)
     fields = fields_of(source)
     corners = body_corners(fields, what.coefficient)
-    limits = colour_range(corners, vmin=vmin, vmax=vmax)
+    limits = colour_range(corners, vmin=vmin, vmax=vmax, symmetric=what.signed)
     axes = axes if axes is not None else _body_figure(corners, scale, bar=True)
-    colormap = colormap or _default_colormap(field)
+    colormap = colormap or _default_colormap(field, what.signed)
     patch = _draw_body(axes, corners, limits, colormap, scale, mesh_lines)
     _decorate(axes, fields, scale, units or Units())
     _colour_bar(axes, patch, limits, label or what.label)
@@ -156,19 +157,21 @@ def plot_comparison(
     scale = require_number("deformation_scale", deformation_scale, 0.0)
     what = {title: drawable(source, field, units) for title, source in sources.items()}
     corners = {t: body_corners(fields_of(s), what[t].coefficient) for t, s in sources.items()}
-    limits = colour_range(*corners.values(), vmin=vmin, vmax=vmax)
+    first = next(iter(what.values()))
+    limits = colour_range(*corners.values(), vmin=vmin, vmax=vmax, symmetric=first.signed)
     width, height = _body_size(next(iter(corners.values())), scale)
     width = min(width, 3.6) if len(sources) > 2 else width
-    figure = Picture(figsize=(width * len(sources) + 0.8, height), layout="constrained")
+    figure = Picture(figsize=(width * len(sources) + 0.8, height), layout="compressed")
     three = next(iter(corners.values())).points.shape[2] == 3
+    colours = _default_colormap(field, first.signed)
     projection = {"projection": "3d"} if three else {}
     panels = figure.subplots(1, len(sources), squeeze=False, subplot_kw=projection)[0]
     for panel, (title, sampled) in zip(panels, corners.items(), strict=True):
-        patch = _draw_body(panel, sampled, limits, _default_colormap(field), scale, False)
+        patch = _draw_body(panel, sampled, limits, colours, scale, False)
         _decorate(panel, fields_of(sources[title]), scale, units or Units())
         panel.set_title(title, fontsize=10)
     bar = figure.colorbar(patch, ax=list(panels), extend=limits.extend, shrink=0.85, aspect=30)
-    _label_bar(bar, next(iter(what.values())).label)
+    _label_bar(bar, first.label)
     return figure
 
 
@@ -183,8 +186,9 @@ def plot_mesh(source: object, *, units: Units | None = None, axes: Axes | None =
     return axes.figure
 
 
-def _default_colormap(field: object) -> str:
-    return COLOURMAPS.get(field, "viridis") if isinstance(field, str) else "viridis"
+def _default_colormap(field: object, signed: bool) -> str:
+    default = "RdBu_r" if signed else "viridis"
+    return COLOURMAPS.get(field, default) if isinstance(field, str) else default
 
 
 def _body_size(corners: Corners, scale: float) -> tuple[float, float]:
@@ -199,7 +203,7 @@ def _body_size(corners: Corners, scale: float) -> tuple[float, float]:
 
 def _body_figure(corners: Corners, scale: float, *, bar: bool) -> Axes:
     width, height = _body_size(corners, scale)
-    figure = Picture(figsize=(width + (0.9 if bar else 0.0), height), layout="constrained")
+    figure = Picture(figsize=(width + (0.9 if bar else 0.0), height), layout="compressed")
     three = corners.points.shape[2] == 3
     return figure.add_subplot(projection="3d" if three else None)
 
@@ -214,8 +218,8 @@ def _draw_body(
 ) -> object:
     """Draw the triangles with their values; returns what a colour bar needs."""
     points = corners.deformed(scale)
-    edge, width = ("#00000030", 0.3) if mesh_lines else ("face", 0.15)
-    options = {"cmap": colormap, "clim": (limits.least, limits.most)}
+    edge, width = ("#6b7680", 0.2) if mesh_lines else ("none", 0.0)
+    options = {"cmap": colormap, "clim": (limits.least, limits.most), "antialiased": mesh_lines}
     if points.shape[2] == 3:
         flat = Poly3DCollection(points, edgecolors=edge, linewidths=width, **options)
         flat.set_array(corners.values.mean(axis=1))
@@ -229,7 +233,7 @@ def _draw_body(
         triangles, corners.values.ravel(), shading="gouraud", rasterized=True, **options
     )
     if mesh_lines:
-        axes.triplot(triangles, color="#00000030", linewidth=0.3)
+        axes.triplot(triangles, color="#6b7680", linewidth=0.2)
     return patch
 
 
@@ -250,7 +254,7 @@ def _decorate(axes: Axes, fields: Fields, scale: float, units: Units) -> None:
     axes.add_collection(
         LineCollection(outline.deformed(scale), colors="#3b4650", linewidths=0.6, zorder=3)
     )
-    if fields.problem.contact_names:
+    if fields.problem.contact_names and scale > 0:
         obstacle = _obstacle(fields, scale)
         axes.add_collection(LineCollection(obstacle, colors=OBSTACLE, linewidths=1.4, zorder=4))
     axes.set_aspect("equal")
@@ -262,10 +266,8 @@ def _decorate(axes: Axes, fields: Fields, scale: float, units: Units) -> None:
 def _obstacle(fields: Fields, scale: float) -> np.ndarray:
     """Segments x + scale psi n(x) of the obstacle, shape (segments, 2, 2)."""
     problem = fields.problem
-    place = [
-        boundary_corners(fields, problem.contact_names, problem.psi * specialcf.normal(2)[i])
-        for i in range(2)
-    ]
+    reach = problem.psi * outward_normal(problem.mesh)
+    place = [boundary_corners(fields, problem.contact_names, reach[i]) for i in range(2)]
     return place[0].points + scale * np.stack([c.values for c in place], axis=-1)
 
 
@@ -281,4 +283,5 @@ def _label_bar(bar: object, label: str) -> None:
     bar.set_label(label, fontsize=9)
     bar.ax.tick_params(labelsize=8)
     bar.formatter.set_powerlimits((-2, 4))
+    bar.ax.yaxis.get_offset_text().set_fontsize(8)
     bar.outline.set_linewidth(0.4)

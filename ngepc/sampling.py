@@ -140,13 +140,18 @@ class ColourRange:
 
 
 def colour_range(
-    *samples: Corners, vmin: float | None = None, vmax: float | None = None, percent: float = 2.0
+    *samples: Corners,
+    vmin: float | None = None,
+    vmax: float | None = None,
+    percent: float = 2.0,
+    symmetric: bool = False,
 ) -> ColourRange:
     """Limits that a re-entrant corner does not swallow, common to all ``samples``.
 
     The limits are percentiles by area over the part where the field is not zero: ``percent`` of
     it may lie outside at either end.  An end where that would gain less than a tenth of the
-    scale stays where the data end.  ``vmin`` and ``vmax`` overrule either limit.
+    scale stays where the data end.  ``symmetric`` fields get limits of opposite sign;
+    ``vmin`` and ``vmax`` overrule either limit.
 
     Raises
     ------
@@ -163,6 +168,8 @@ def colour_range(
         low = lowest
     if highest - high <= 0.1 * span or highest == 0.0:
         high = highest
+    if symmetric:
+        low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
     low = low if vmin is None else require_number("vmin", vmin)
     high = high if vmax is None else require_number("vmax", vmax)
     if low >= high:
