@@ -12,6 +12,7 @@ class Status(Enum):
     CONVERGED = "The residual, computed afresh at the end, meets the tolerance."
     ITERATION_LIMIT = "The iteration limit was reached before the residual met the tolerance."
     LINESEARCH_FAILED = "No step length along the Newton direction lowers the energy enough."
+    STAGNATED = "The energy no longer changes beyond rounding, the tolerance is out of reach."
     NONFINITE = "A factorisation, energy or residual became singular, NaN or infinite."
     STOPPED = "The monitor (or an interrupt) stopped the run; the state is the last one reached."
 

@@ -5,7 +5,6 @@ H_h = Z_h x R_h :  z in P1(Gamma_c), q in P1(Omega)^d, with the boundary conditi
                    the Tichonov choice asks for.
 """
 
-
 from ngsolve import (
     H1,
     L2,

@@ -1,0 +1,172 @@
+"""The linear part of the saddle function: D, Lambda, l, psi and B on the spaces of section 7.
+
+Nothing here changes during Newton steps or along a path in gamma, so it is assembled once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from ngsolve import (
+    BilinearForm,
+    FESpace,
+    GridFunction,
+    InnerProduct,
+    Integrate,
+    LinearForm,
+    Norm,
+    Trace,
+    ds,
+    dx,
+)
+from ngsolve.la import BaseVector
+
+from ngepc.parts import dual_parts
+from ngepc.problem import Problem, as_scalar
+from ngepc.regularisation import Regularisation
+from ngepc.spaces import displacement_space, plastic_space, prescribed_displacement
+from ngepc.tensors import coordinates, strain, tensor
+
+
+def elastic_product(problem: Problem, h, u, p, v, r):
+    """The integrand of <D (u, p), (v, r)>: C (eps(u) - p) : (eps(v) - r) + h p . r."""
+    m, N = problem.material, problem.N
+    e, d = strain(u) - tensor(p, N), strain(v) - tensor(r, N)
+    return m.lame_lambda * Trace(e) * Trace(d) + 2 * m.lame_mu * InnerProduct(e, d) + h * p * r
+
+
+def load_terms(problem: Problem, v, r) -> list:
+    """The integrals of -l(v, r) in (2.15) and (2.16): loads, back stress, initial strain."""
+    m, N = problem.material, problem.N
+    terms = [g * v * ds(name) for name, g in problem.tractions.items()]
+    if problem.f is not None:
+        terms.append(problem.f * v * dx)
+    if problem.initial_hardening is not None:
+        terms.append(-coordinates(problem.alpha_0[1], N) * r * dx)
+    if problem.initial_plastic_strain is not None:
+        e = strain(v) - tensor(r, N)
+        terms.append(2 * as_scalar(m.lame_mu) * InnerProduct(e, problem.p_0) * dx)
+    return terms
+
+
+def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
+    """J(u, p) of (2.14) for the displacement u and the plastic strain p gained in the step."""
+    mesh, h = problem.mesh, problem.effective_hardening
+    strain_energy = Integrate(elastic_product(problem, h, u, p, u, p) / 2, mesh)
+    dissipation = Integrate(as_scalar(problem.beta) * Norm(p), mesh)
+    return strain_energy + dissipation - sum(Integrate(t, mesh) for t in load_terms(problem, u, p))
+
+
+class LinearBlocks:
+    """Matrices and vectors of a problem that no Newton step changes.
+
+    Parameters
+    ----------
+    problem
+        The data.
+    regularisation
+        Its Tichonov choice, its hardening share and its reference length enter here.
+    inverse
+        NGSolve's name of the direct solver for D and B.
+
+    Attributes
+    ----------
+    Y, H, X
+        The spaces of y = (u, p), of v, and of (y, v).
+    firsts
+        First degree of freedom of each dual part within H, and their total number.
+    saddle
+        Condensed form of [[-D, Lambda*], [Lambda, 0]].
+    Lambda, load, psi
+        Lambda: Y -> H as a matrix; -l and [psi, 0] as functionals.
+    B, B_inverse
+        Blocks of B for each part, and their inverses (the Poisson solves).
+    """
+
+    def __init__(self, problem: Problem, regularisation: Regularisation, inverse: str) -> None:
+        self.problem, self.parts, self.inverse = problem, dual_parts(problem), inverse
+        self.h_F = problem.effective_hardening * regularisation.hardening_share
+        self.spaces = [part.space(problem, regularisation) for part in self.parts]
+        V, Q = displacement_space(problem), plastic_space(problem)
+        self.Y, self.H = FESpace([V, Q]), FESpace(self.spaces)
+        self.X = FESpace([V, Q, *self.spaces])
+        self.firsts = np.cumsum([0, *(s.ndof for s in self.spaces)])
+        self._assemble_saddle()
+        self._assemble_primal()
+        self._assemble_coupling()
+        self.B = [
+            part.tichonov(problem, regularisation, space)
+            for part, space in zip(self.parts, self.spaces, strict=True)
+        ]
+        self.B_inverse = [
+            B.Inverse(space.FreeDofs(), inverse=inverse)
+            for B, space in zip(self.B, self.spaces, strict=True)
+        ]
+
+    def _couplings(self, u, p, v) -> list:
+        return [part.coupling(self.problem, u, p, w) for part, w in zip(self.parts, v, strict=True)]
+
+    def _assemble_saddle(self) -> None:
+        (u, p, *v), (du, dp, *dv) = self.X.TnT()
+        self.saddle = BilinearForm(self.X, symmetric=True, symmetric_storage=True, condense=True)
+        self.saddle += -elastic_product(self.problem, self.h_F, u, p, du, dp) * dx
+        for term in (*self._couplings(u, p, dv), *self._couplings(du, dp, v)):
+            self.saddle += term
+        self.saddle.Assemble()
+
+    def _assemble_primal(self) -> None:
+        (u, p), (du, dp) = self.Y.TnT()
+        self.D = BilinearForm(self.Y, symmetric=True, symmetric_storage=True, condense=True)
+        self.D += elastic_product(self.problem, self.h_F, u, p, du, dp) * dx
+        self.D.Assemble()
+        self.D_inverse = self.D.mat.Inverse(self.Y.FreeDofs(coupling=True), inverse=self.inverse)
+        load = LinearForm(self.Y)
+        for term in load_terms(self.problem, du, dp):
+            load += term
+        self.load = load.Assemble().vec
+        self.lift = GridFunction(self.Y)
+        V = self.Y.components[0]
+        self.lift.components[0].vec.data = prescribed_displacement(self.problem, V).vec
+        self.D_lift = self.lift.vec.CreateVector()
+        self.D.Apply(self.lift.vec, self.D_lift)
+
+    def _assemble_coupling(self) -> None:
+        u, p = self.Y.TrialFunction()
+        w = self.H.TestFunction()
+        coupling = BilinearForm(trialspace=self.Y, testspace=self.H)
+        for term in self._couplings(u, p, w):
+            coupling += term
+        self.Lambda = coupling.Assemble().mat
+        psi = LinearForm(self.H)
+        for part, component in zip(self.parts, w, strict=True):
+            offset = part.offset(self.problem, component)
+            if offset is not None:
+                psi += offset
+        self.psi = psi.Assemble().vec
+
+    def H_vector(self) -> BaseVector:
+        """A zero vector on H."""
+        v = self.psi.CreateVector()
+        v[:] = 0.0
+        return v
+
+    def part_of(self, v: BaseVector, number: int) -> BaseVector:
+        """View of the component ``number`` of a vector on H."""
+        return v.Range(int(self.firsts[number]), int(self.firsts[number + 1]))
+
+    def primal_of(self, v: BaseVector, y: BaseVector) -> None:
+        """Solve D y = Lambda* v - l with the prescribed displacements; overwrites ``y``."""
+        r = y.CreateVector()
+        r.data = self.Lambda.T * v + self.load - self.D_lift
+        r.data += self.D.harmonic_extension_trans * r
+        y.data = self.D_inverse * r
+        y.data += self.D.harmonic_extension * y
+        y.data += self.D.inner_solve * r
+        y.data += self.lift.vec
+
+    def conjugate(self, y: BaseVector, v: BaseVector) -> float:
+        """F*(Lambda* v) = <Lambda* v - l, y> - 1/2 <D y, y>, where D y = Lambda* v - l."""
+        r, y_0 = y.CreateVector(), y.CreateVector()
+        r.data = self.Lambda.T * v + self.load
+        y_0.data = y - self.lift.vec
+        twice_energy = InnerProduct(r, y_0) + InnerProduct(self.D_lift, y)  # <D y, y>
+        return InnerProduct(r, y) - twice_energy / 2

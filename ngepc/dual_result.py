@@ -1,0 +1,143 @@
+"""The result of the dual method: status, history and the fields that (y, v) stand for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from ngsolve import CoefficientFunction, GridFunction, Integrate, Norm, ds
+from ngsolve.la import BaseVector
+
+from ngepc.blocks import primal_energy
+from ngepc.functional import DualFunctional
+from ngepc.problem import Problem, as_scalar
+from ngepc.recovery import Fields
+from ngepc.results import History, SolverError, Status
+
+
+@dataclass(frozen=True, eq=False)
+class DualResult:
+    """What ``semismooth_newton`` returns; the state is there whatever the status says.
+
+    Parameters
+    ----------
+    functional
+        J*_gamma with its spaces.
+    y, v
+        Coefficients of (u, p) and of (z, q).
+    status, message
+        How the run ended; the message says what was seen and what to try.
+    history
+        Records of all iterates.
+    """
+
+    functional: DualFunctional
+    y: BaseVector
+    v: BaseVector
+    status: Status
+    message: str
+    history: History
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that was solved."""
+        return self.functional.blocks.problem
+
+    @property
+    def iterations(self) -> int:
+        """Newton steps done."""
+        return self.history.records[-1].iteration
+
+    @property
+    def residual_norm(self) -> float:
+        """||Psi_gamma||_{H*} at the end, with y solved for afresh."""
+        y = self.y.CreateVector()
+        self.functional.blocks.primal_of(self.v, y)
+        return self.functional.residual_norms(self.functional.residual(y, self.v)).total
+
+    @property
+    def dual_energy(self) -> float:
+        """J*_gamma(v) (force times length)."""
+        return self.functional.smooth_energy(self.y, self.v) + self.functional.penalty(self.v)
+
+    @cached_property
+    def primal_energy(self) -> float:
+        """J(u, p) of (2.14) (force times length)."""
+        return primal_energy(self.problem, *self._primal.components)
+
+    @cached_property
+    def state(self) -> GridFunction:
+        """(u, p, z, q) in the compound space (u, p, q without contact)."""
+        blocks = self.functional.blocks
+        state = GridFunction(blocks.X)
+        state.vec.Range(0, blocks.Y.ndof).data = self.y
+        state.vec.Range(blocks.Y.ndof, blocks.X.ndof).data = self.v
+        return state
+
+    @cached_property
+    def _primal(self) -> GridFunction:
+        primal = GridFunction(self.functional.blocks.Y)
+        primal.vec.data = self.y
+        return primal
+
+    @property
+    def displacement(self) -> GridFunction:
+        """u (length)."""
+        return self._primal.components[0]
+
+    @property
+    def plastic_increment(self) -> GridFunction:
+        """Coordinates of the plastic strain p gained in this step, d components."""
+        return self._primal.components[1]
+
+    @cached_property
+    def fields(self) -> Fields:
+        """All fields that follow from (u, p)."""
+        return Fields(self.problem, self.displacement, self.plastic_increment)
+
+    @property
+    def plastic_strain(self) -> CoefficientFunction:
+        """Total plastic strain p_0 + p, N x N."""
+        return self.fields.plastic_strain
+
+    @property
+    def stress(self) -> CoefficientFunction:
+        """sigma = C (eps(u) - plastic_strain), N x N (stress)."""
+        return self.fields.stress
+
+    @property
+    def plastic_dual(self) -> CoefficientFunction:
+        """The paper's q = h p - dev sigma (3.8) in d coordinates (stress), see docs/balanced.md."""
+        h_G = self.problem.effective_hardening * (
+            1 - self.functional.regularisation.hardening_share
+        )
+        q = self.state.components[-1]
+        return q + h_G * self.plastic_increment
+
+    @property
+    def yield_function(self) -> CoefficientFunction:
+        """|q|_2 - beta, the von Mises yield function by (3.9) (stress)."""
+        return Norm(self.plastic_dual) - as_scalar(self.problem.beta)
+
+    @property
+    def normal_stress(self) -> CoefficientFunction:
+        """z, the normal stress (sigma n) . n on Gamma_c (stress); zero without contact."""
+        return self.state.components[2] if self.problem.contact_names else as_scalar(0.0)
+
+    @property
+    def contact_pressure(self) -> CoefficientFunction:
+        """-z on Gamma_c, positive in compression (stress)."""
+        return -self.normal_stress
+
+    @property
+    def contact_force(self) -> float:
+        """Resultant of the normal contact pressure, positive in compression (force)."""
+        if not self.problem.contact_names:
+            return 0.0
+        on_contact = ds("|".join(self.problem.contact_names))
+        return Integrate(self.contact_pressure * on_contact, self.problem.mesh)
+
+    def raise_for_status(self) -> None:
+        """Raise SolverError, which keeps this result, unless the run converged."""
+        if self.status is not Status.CONVERGED:
+            raise SolverError(self)

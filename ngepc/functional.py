@@ -1,0 +1,188 @@
+"""The regularised dual functional J*_gamma, its residual and the Newton system (7.1).
+
+With y = (u, p) and v = (z, q) everything comes from the saddle function
+
+    S(y, v) = -1/2 <D y, y> - l(y) + <Lambda y - [psi, 0], v> + M^1(z) + M^2(q) + T(v),
+
+concave in y, convex in v:  J*_gamma(v) = max_y S(y, v), attained where D y = Lambda* v - l, and
+Psi_gamma = Lambda y - [psi, 0] + M(v) + B v / gamma_T there.  Its second derivative is (7.1)
+with the first row negated: symmetric and quasi-definite, so that LDL^T needs no pivoting.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ngsolve import InnerProduct
+from ngsolve.la import BaseVector
+
+from ngepc.assembly import Placed, SparseSum
+from ngepc.blocks import LinearBlocks
+from ngepc.regularisation import Regularisation
+
+
+@dataclass(frozen=True)
+class ResidualNorms:
+    """||Psi_gamma||_{H*} of the parts of v, by their Poisson problems.
+
+    Parameters
+    ----------
+    by_part
+        Part name -> norm; 'contact' and 'plastic'.
+    """
+
+    by_part: dict[str, float]
+
+    @property
+    def total(self) -> float:
+        """Norm of the whole residual."""
+        return math.sqrt(sum(norm**2 for norm in self.by_part.values()))
+
+
+class DualFunctional:
+    """J*_gamma of (D_gamma) on the discrete spaces, for one regularisation.
+
+    Parameters
+    ----------
+    blocks
+        The linear part; it can be shared along a path in gamma.
+    regularisation
+        The parameters of the nonsmooth and Tichonov terms.
+    quadrature_points
+        Points for the nonsmooth terms on elements that a kink crosses.
+    """
+
+    def __init__(
+        self, blocks: LinearBlocks, regularisation: Regularisation, quadrature_points: int
+    ) -> None:
+        self.blocks, self.regularisation = blocks, regularisation
+        self.gamma_T = regularisation.gamma_tichonov
+        self.penalties = [
+            part.penalty(blocks.problem, regularisation, space, quadrature_points)
+            for part, space in zip(blocks.parts, blocks.spaces, strict=True)
+        ]
+
+    @property
+    def residual_unit(self) -> float:
+        """The unit of ||Psi_gamma||_{H*}, length^(N/2 + 1) of the reference units."""
+        return self.regularisation.units.length ** (self.blocks.problem.N / 2 + 1)
+
+    def penalty(self, v: BaseVector) -> float:
+        """M^1(z) + M^2(q)."""
+        parts = enumerate(self.penalties)
+        return sum(M.energy(self.blocks.part_of(v, i)) for i, M in parts)
+
+    def tichonov(self, v: BaseVector, w: BaseVector) -> float:
+        """b(v, w) / gamma_T."""
+        Bw = self._B_times(w)
+        return InnerProduct(Bw, v) / self.gamma_T
+
+    def _B_times(self, v: BaseVector) -> BaseVector:
+        Bv = v.CreateVector()
+        for i, B in enumerate(self.blocks.B):
+            self.blocks.part_of(Bv, i).data = B * self.blocks.part_of(v, i)
+        return Bv
+
+    def smooth_energy(self, y: BaseVector, v: BaseVector) -> float:
+        """F*(Lambda* v) - (psi, z) + T(v), with y the solution of D y = Lambda* v - l."""
+        conjugate = self.blocks.conjugate(y, v) - InnerProduct(self.blocks.psi, v)
+        return conjugate + self.tichonov(v, v) / 2
+
+    def active(self, v: BaseVector) -> dict[str, float]:
+        """Part name -> measure of the set where its Newton derivative is not zero."""
+        return {
+            part.name: M.active(self.blocks.part_of(v, i))
+            for i, (part, M) in enumerate(zip(self.blocks.parts, self.penalties, strict=True))
+        }
+
+    def linear_residual(self, y: BaseVector, v: BaseVector) -> BaseVector:
+        """Lambda y - [psi, 0] + B v / gamma_T."""
+        r = v.CreateVector()
+        r.data = self.blocks.Lambda * y - self.blocks.psi + 1 / self.gamma_T * self._B_times(v)
+        return r
+
+    def penalty_gradient(self, v: BaseVector) -> BaseVector:
+        """M(v) as a functional on H."""
+        g = v.CreateVector()
+        for i, M in enumerate(self.penalties):
+            self.blocks.part_of(g, i).data = M.gradient(self.blocks.part_of(v, i))
+        return g
+
+    def residual(self, y: BaseVector, v: BaseVector) -> BaseVector:
+        """Psi_gamma = Lambda y - [psi, 0] + M(v) + B v / gamma_T as a functional on H."""
+        r = self.linear_residual(y, v)
+        r += self.penalty_gradient(v)
+        return r
+
+    def residual_norms(self, r: BaseVector) -> ResidualNorms:
+        """<r, B^(-1) r>^(1/2) of each part."""
+        norms = {}
+        for i, (part, inverse) in enumerate(
+            zip(self.blocks.parts, self.blocks.B_inverse, strict=True)
+        ):
+            component = self.blocks.part_of(r, i)
+            riesz = component.CreateVector()
+            riesz.data = inverse * component
+            norms[part.name] = math.sqrt(max(0.0, InnerProduct(riesz, component)))
+        return ResidualNorms(norms)
+
+
+class NewtonSystem:
+    """(7.1) in one fixed sparsity pattern: constant part, B / gamma_T, Newton derivatives.
+
+    Parameters
+    ----------
+    functional
+        The first functional to be used; later ones must share its blocks.
+    inverse
+        NGSolve's name of the direct solver.
+    """
+
+    def __init__(self, functional: DualFunctional, inverse: str) -> None:
+        self._inverse_name, self._inverse = inverse, None
+        blocks = self.blocks = functional.blocks
+        self._firsts = [blocks.Y.ndof + int(first) for first in blocks.firsts[:-1]]
+        constant = [Placed(blocks.saddle.mat), *self._tichonov()]
+        patterns = [
+            Placed(M.pattern(), f) for M, f in zip(functional.penalties, self._firsts, strict=True)
+        ]
+        self._sum = SparseSum(blocks.X.ndof, [*constant, *patterns])
+        self.use(functional)
+
+    def _tichonov(self) -> list[Placed]:
+        return [Placed(B, first) for B, first in zip(self.blocks.B, self._firsts, strict=True)]
+
+    def use(self, functional: DualFunctional) -> None:
+        """Switch to another regularisation on the same blocks."""
+        self.functional = functional
+        self._sum.entries[:] = 0.0
+        self._sum.add(Placed(self.blocks.saddle.mat))
+        for B in self._tichonov():
+            self._sum.add(B, 1 / functional.gamma_T)
+        self._constant = self._sum.entries.copy()
+
+    def factorise(self, v: BaseVector) -> None:
+        """Assemble and factorise the Newton matrix at v."""
+        self._sum.entries[:] = self._constant
+        for i, (M, first) in enumerate(zip(self.functional.penalties, self._firsts, strict=True)):
+            self._sum.add(Placed(M.hessian(self.blocks.part_of(v, i)), first))
+        if self._inverse is None:
+            free = self.blocks.X.FreeDofs(coupling=True)
+            self._inverse = self._sum.matrix.Inverse(free, inverse=self._inverse_name)
+        else:
+            self._inverse.Update()
+
+    def solve(self, r: BaseVector) -> tuple[BaseVector, BaseVector]:
+        """(delta y, delta v) of (7.1) for the right hand side (0, r), with the last factors."""
+        blocks = self.blocks
+        rhs = self._sum.matrix.CreateColVector()
+        rhs[:] = 0.0
+        ny, n = blocks.Y.ndof, blocks.X.ndof
+        rhs.Range(ny, n).data = r
+        x = rhs.CreateVector()
+        x.data = self._inverse * rhs
+        x.data += blocks.saddle.harmonic_extension * x
+        dy, dv = blocks.D_lift.CreateVector(), r.CreateVector()
+        dy.data, dv.data = x.Range(0, ny), x.Range(ny, n)
+        return dy, dv

@@ -1,0 +1,128 @@
+"""Newton iterates on the set D y = Lambda* v - l, and the energy along a Newton direction.
+
+The first row of (7.1) is linear: once it holds it holds along the whole step, so that
+J*_gamma(v + alpha dv) is a parabola plus the nonsmooth terms and no trial needs a solve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ngsolve import InnerProduct
+from ngsolve.la import BaseVector
+
+from ngepc.functional import DualFunctional
+from ngepc.linesearch import Step
+from ngepc.results import IterationRecord
+
+
+@dataclass
+class Iterate:
+    """(y, v) with the residual and the energy J*_gamma(v) there.
+
+    Parameters
+    ----------
+    y, v
+        Primal and dual variables.
+    residual
+        Psi_gamma as a functional on H.
+    smooth_energy, penalty
+        The quadratic part of J*_gamma, and M^1 + M^2.
+    step
+        The step that led here.
+    """
+
+    y: BaseVector
+    v: BaseVector
+    residual: BaseVector
+    smooth_energy: float
+    penalty: float
+    step: Step
+
+    @classmethod
+    def at(cls, functional: DualFunctional, v: BaseVector) -> Iterate:
+        """The iterate with dual part ``v``; solves D y = Lambda* v - l."""
+        y = functional.blocks.load.CreateVector()
+        functional.blocks.primal_of(v, y)
+        smooth, penalty = functional.smooth_energy(y, v), functional.penalty(v)
+        step = Step(length=1.0, energy=smooth + penalty, halvings=0)
+        return cls(y, v, functional.residual(y, v), smooth, penalty, step)
+
+    @property
+    def energy(self) -> float:
+        """J*_gamma(v)."""
+        return self.smooth_energy + self.penalty
+
+    @property
+    def magnitude(self) -> float:
+        """Size of the terms that the energy is summed from."""
+        return abs(self.smooth_energy) + abs(self.penalty)
+
+    def refresh(self, functional: DualFunctional) -> float:
+        """Solve for y and the residual afresh; returns the norm of the new residual."""
+        functional.blocks.primal_of(self.v, self.y)
+        self.residual = functional.residual(self.y, self.v)
+        return functional.residual_norms(self.residual).total
+
+    def record(self, functional: DualFunctional, iteration: int) -> IterationRecord:
+        """What monitors and histories get."""
+        norms, active = functional.residual_norms(self.residual), functional.active(self.v)
+        return IterationRecord(
+            iteration=iteration,
+            residual_norm=norms.total,
+            contact_residual_norm=norms.by_part.get("contact", 0.0),
+            plastic_residual_norm=norms.by_part["plastic"],
+            energy=self.energy,
+            step_length=self.step.length,
+            halvings=self.step.halvings,
+            contact_active=active.get("contact", 0.0),
+            plastic_active=active["plastic"],
+        )
+
+
+class Line:
+    """J*_gamma along v + alpha dv, with y + alpha dy.
+
+    Parameters
+    ----------
+    functional
+        The functional.
+    here
+        The iterate at alpha = 0.
+    dy, dv
+        The solution of (7.1).
+    """
+
+    def __init__(
+        self, functional: DualFunctional, here: Iterate, dy: BaseVector, dv: BaseVector
+    ) -> None:
+        self.functional, self.here, self.dy, self.dv = functional, here, dy, dv
+        image = dv.CreateVector()
+        image.data = functional.blocks.Lambda * dy
+        self.slope = InnerProduct(functional.linear_residual(here.y, here.v), dv)
+        self.curvature = InnerProduct(image, dv) + functional.tichonov(dv, dv)
+
+    def dual(self, alpha: float) -> BaseVector:
+        """v + alpha dv."""
+        v = self.dv.CreateVector()
+        v.data = self.here.v + alpha * self.dv
+        return v
+
+    def energy(self, alpha: float) -> float:
+        """J*_gamma(v + alpha dv)."""
+        parabola = self.here.smooth_energy + alpha * self.slope + alpha**2 / 2 * self.curvature
+        return parabola + self.functional.penalty(self.dual(alpha))
+
+    def derivative(self, alpha: float) -> float:
+        """d/d alpha J*_gamma(v + alpha dv)."""
+        gradient = self.functional.penalty_gradient(self.dual(alpha))
+        return self.slope + alpha * self.curvature + InnerProduct(gradient, self.dv)
+
+    def iterate(self, step: Step) -> Iterate:
+        """The iterate at an accepted step length."""
+        y, v = self.dy.CreateVector(), self.dual(step.length)
+        y.data = self.here.y + step.length * self.dy
+        smooth = self.functional.smooth_energy(y, v)
+        residual = self.functional.residual(y, v)
+        penalty = self.functional.penalty(v)
+        return Iterate(y, v, residual, smooth, penalty, step)

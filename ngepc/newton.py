@@ -1,0 +1,206 @@
+"""Algorithm 7.1: the globalised semismooth Newton method for one regularised dual problem."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from ngsolve import InnerProduct
+from ngsolve.la import BaseVector
+
+from ngepc.blocks import LinearBlocks
+from ngepc.dual_result import DualResult
+from ngepc.functional import DualFunctional, NewtonSystem
+from ngepc.iterates import Iterate, Line
+from ngepc.linesearch import ROUNDING, Armijo, FullSteps
+from ngepc.problem import Problem
+from ngepc.prolongation import prolongate
+from ngepc.regularisation import Coupled, Regularisation
+from ngepc.results import History, IterationRecord, Status
+from ngepc.validation import require_integer, require_number
+
+logger = logging.getLogger(__name__)
+
+Monitor = Callable[[IterationRecord], None]
+
+ROUNDING_STEPS = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewtonOptions:
+    """How Algorithm 7.1 is run.
+
+    Parameters
+    ----------
+    tolerance
+        Bound for ||Psi_gamma||_{H*}, in the regularisation's reference units; 1e-10 in the paper.
+    max_iterations
+        Most Newton steps.
+    quadrature_points
+        Points for the nonsmooth terms on each element that a kink crosses; 400 in the paper.
+    linesearch
+        ``Armijo()``; None for full steps.
+    inverse
+        NGSolve's name of the direct solver, one that does LDL^T.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an option is out of its range.
+    """
+
+    tolerance: float = 1e-10
+    max_iterations: int = 300
+    quadrature_points: int = 400
+    linesearch: Armijo | None = field(default_factory=Armijo)
+    inverse: str = "sparsecholesky"
+
+    def __post_init__(self) -> None:
+        require_number("tolerance", self.tolerance, 1e-16)
+        require_integer("max_iterations", self.max_iterations, 1)
+        require_integer("quadrature_points", self.quadrature_points, 1, 900)
+        if self.linesearch is not None and not hasattr(self.linesearch, "search"):
+            raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
+
+
+def semismooth_newton(
+    problem: Problem,
+    gamma: float | None = None,
+    start: DualResult | None = None,
+    options: NewtonOptions | None = None,
+    monitor: Monitor | None = None,
+    *,
+    regularisation: Regularisation | None = None,
+) -> DualResult:
+    """Solve (D_gamma) by Algorithm 7.1.
+
+    Parameters
+    ----------
+    problem
+        The data.
+    gamma
+        Short for ``regularisation=Coupled(gamma)``.
+    start
+        A result on this or another mesh of the body, carried over by P1 interpolation; None
+        starts from v = 0.
+    options
+        Tolerance, limits, quadrature, line search; None for the defaults.
+    monitor
+        Called with the record of each iterate, start included; raising StopIteration stops.
+    regularisation
+        The regularisation; give this or ``gamma``.
+
+    Returns
+    -------
+    DualResult
+        Status, history and fields; the state reached is always there.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not legal.
+    """
+    if not isinstance(problem, Problem):
+        raise TypeError(f"problem={problem!r}: a Problem is needed")
+    if (gamma is None) == (regularisation is None):
+        raise ValueError(f"gamma={gamma!r}: give either gamma or regularisation")
+    regularisation = Coupled(gamma) if regularisation is None else regularisation
+    options = NewtonOptions() if options is None else options
+    if start is not None and not isinstance(start, DualResult):
+        raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
+    blocks = LinearBlocks(problem, regularisation, options.inverse)
+    functional = DualFunctional(blocks, regularisation, options.quadrature_points)
+    v = blocks.H_vector() if start is None else carried_over(start, blocks)
+    system = NewtonSystem(functional, options.inverse)
+    return run(functional, system, v, options, monitor)
+
+
+def carried_over(start: DualResult, blocks: LinearBlocks) -> BaseVector:
+    """The dual variable of an earlier result on the spaces of ``blocks``."""
+    v, old = blocks.H_vector(), start.functional.blocks
+    for i, (source, target) in enumerate(zip(old.spaces, blocks.spaces, strict=True)):
+        values = prolongate(source, old.part_of(start.v, i), target)
+        blocks.part_of(v, i).FV().NumPy()[:] = values
+    return v
+
+
+def run(
+    functional: DualFunctional,
+    system: NewtonSystem,
+    v: BaseVector,
+    options: NewtonOptions,
+    monitor: Monitor | None = None,
+) -> DualResult:
+    """The loop of Algorithm 7.1 from v, with a Newton system that may have been used before."""
+    tolerance = options.tolerance * functional.residual_unit
+    history, here = History(), Iterate.at(functional, v)
+    status, drowned = None, 0
+    try:
+        while status is None:
+            record = here.record(functional, len(history.records))
+            history.append(record)
+            logger.info(
+                "it:%4d residual:%.3e energy:%.12e step:%.4g",
+                *(record.iteration, record.residual_norm, record.energy, record.step_length),
+            )
+            if monitor is not None:
+                monitor(record)
+            if not math.isfinite(record.residual_norm + record.energy):
+                status = Status.NONFINITE
+            elif record.residual_norm < tolerance and here.refresh(functional) < tolerance:
+                status = Status.CONVERGED
+            elif record.iteration == options.max_iterations:
+                status = Status.ITERATION_LIMIT
+            elif drowned >= ROUNDING_STEPS:
+                status = Status.STAGNATED
+            else:
+                following = newton_step(functional, system, here, options)
+                if isinstance(following, Status):
+                    status = following
+                else:
+                    unmoved = abs(following.energy - here.energy) <= ROUNDING * here.magnitude
+                    drowned = drowned + 1 if unmoved else 0
+                    here = following
+    except (StopIteration, KeyboardInterrupt):
+        status = Status.STOPPED
+    return DualResult(
+        functional, here.y, here.v, status, describe(status, history, tolerance), history
+    )
+
+
+def newton_step(
+    functional: DualFunctional, system: NewtonSystem, here: Iterate, options: NewtonOptions
+) -> Iterate | Status:
+    """Steps (a) to (c) of Algorithm 7.1: solve (7.1), choose the step length, update."""
+    system.factorise(here.v)
+    dy, dv = system.solve(-here.residual)
+    slope = InnerProduct(here.residual, dv)
+    if not math.isfinite(slope):
+        return Status.NONFINITE
+    if slope >= 0:
+        return Status.STAGNATED if slope <= ROUNDING * here.magnitude else Status.LINESEARCH_FAILED
+    line = Line(functional, here, dy, dv)
+    rule = FullSteps() if options.linesearch is None else options.linesearch
+    step = rule.search(line.energy, line.derivative, here.energy, slope, here.magnitude)
+    return Status.LINESEARCH_FAILED if step is None else line.iterate(step)
+
+
+def describe(status: Status, history: History, tolerance: float) -> str:
+    """What was seen, and what to try, for a run that did not converge."""
+    last = history.records[-1]
+    seen = (
+        f"After {last.iteration} steps the residual is {last.residual_norm:.3g} "
+        f"(contact {last.contact_residual_norm:.3g}, plastic {last.plastic_residual_norm:.3g}), "
+        f"the tolerance {tolerance:.3g}; last step length {last.step_length:.3g}."
+    )
+    advice = {
+        Status.CONVERGED: "",
+        Status.ITERATION_LIMIT: " Start from a smaller gamma or raise max_iterations.",
+        Status.LINESEARCH_FAILED: " Start from a smaller gamma.",
+        Status.STAGNATED: " Energies only change by rounding: ask for a larger tolerance.",
+        Status.NONFINITE: " Check loads and coefficients, or start from a smaller gamma.",
+        Status.STOPPED: "",
+    }
+    return "" if status is Status.CONVERGED else seen + advice[status]

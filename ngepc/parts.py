@@ -1,0 +1,144 @@
+"""The parts of the dual variable v = (z, q): spaces, couplings and penalties.
+
+A part is one component of v together with the terms that only it has in the saddle function
+S(y, v) of functional.py: its row of <Lambda y, v>, of (psi, z), of the Tichonov form b and its
+nonsmooth term M.  The functional is the sum over the parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from ngsolve import CoefficientFunction, FESpace, ds, dx, specialcf
+from ngsolve.la import BaseVector, SparseMatrixd
+
+from ngepc.penalty import ContactPenalty, PlasticPenalty
+from ngepc.problem import Problem
+from ngepc.regularisation import Regularisation
+from ngepc.spaces import contact_space, plastic_dual_space
+
+
+class Penalty(Protocol):
+    """A nonsmooth convex term M with its Newton derivative."""
+
+    def energy(self, v: BaseVector) -> float:
+        """M(v)."""
+        ...
+
+    def active(self, v: BaseVector) -> float:
+        """Measure of the set where the Newton derivative is not zero."""
+        ...
+
+    def gradient(self, v: BaseVector) -> BaseVector:
+        """M'(v) as a functional."""
+        ...
+
+    def pattern(self) -> SparseMatrixd:
+        """A matrix with all entries that ``hessian`` may ever have."""
+        ...
+
+    def hessian(self, v: BaseVector) -> SparseMatrixd:
+        """A Newton derivative of M' at v, symmetric and positive semidefinite."""
+        ...
+
+
+class DualPart(Protocol):
+    """One component of the dual variable."""
+
+    name: str
+
+    def space(self, problem: Problem, regularisation: Regularisation) -> FESpace:
+        """Its finite element space."""
+        ...
+
+    def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
+        """Its row of <Lambda (u, p), w> as an integral."""
+        ...
+
+    def offset(self, problem: Problem, w) -> CoefficientFunction | None:
+        """Its row of ([psi, 0], w) as an integral, None for zero."""
+        ...
+
+    def tichonov(
+        self, problem: Problem, regularisation: Regularisation, space: FESpace
+    ) -> SparseMatrixd:
+        """Its block of B."""
+        ...
+
+    def penalty(
+        self, problem: Problem, regularisation: Regularisation, space: FESpace, points: int
+    ) -> Penalty:
+        """Its nonsmooth term."""
+        ...
+
+
+@dataclass(frozen=True)
+class ContactPart:
+    """z, the normal stress on Gamma_c: (u.n, z) - (psi, z) + M^1(z)."""
+
+    name: str = "contact"
+
+    def space(self, problem: Problem, regularisation: Regularisation) -> FESpace:
+        """Z_h."""
+        return contact_space(problem, ends_fixed=regularisation.tichonov.contact_ends_fixed)
+
+    def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
+        """(tau_n u, w) on Gamma_c."""
+        n = specialcf.normal(problem.N)
+        return (u * n) * w * ds("|".join(problem.contact_names))
+
+    def offset(self, problem: Problem, w) -> CoefficientFunction:
+        """(psi, w) on Gamma_c."""
+        return problem.psi * w * ds("|".join(problem.contact_names))
+
+    def tichonov(
+        self, problem: Problem, regularisation: Regularisation, space: FESpace
+    ) -> SparseMatrixd:
+        """B_z, weighted by the reference length so that b has one unit."""
+        B = regularisation.tichonov.contact_matrix(problem, space)
+        B.AsVector()[:] *= regularisation.units.length
+        return B
+
+    def penalty(
+        self, problem: Problem, regularisation: Regularisation, space: FESpace, points: int
+    ) -> Penalty:
+        """M^1."""
+        return ContactPenalty(problem, regularisation, space, points)
+
+
+@dataclass(frozen=True)
+class PlasticPart:
+    """q, which is dev H~ p - dev sigma by (3.8): (p, q) + M^2(q)."""
+
+    name: str = "plastic"
+
+    def space(self, problem: Problem, regularisation: Regularisation) -> FESpace:
+        """R_h."""
+        fixed = regularisation.tichonov.plastic_boundary_fixed
+        return plastic_dual_space(problem, boundary_fixed=fixed)
+
+    def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
+        """(p, w) in Omega."""
+        return p * w * dx
+
+    def offset(self, problem: Problem, w) -> None:
+        """Zero."""
+        return None
+
+    def tichonov(
+        self, problem: Problem, regularisation: Regularisation, space: FESpace
+    ) -> SparseMatrixd:
+        """B_q."""
+        return regularisation.tichonov.plastic_matrix(problem, space)
+
+    def penalty(
+        self, problem: Problem, regularisation: Regularisation, space: FESpace, points: int
+    ) -> Penalty:
+        """M^2."""
+        return PlasticPenalty(problem, regularisation, space, points)
+
+
+def dual_parts(problem: Problem) -> list[DualPart]:
+    """The parts that a problem has: contact where it names a contact boundary, plasticity."""
+    return [*([ContactPart()] if problem.contact_names else []), PlasticPart()]

@@ -1,0 +1,79 @@
+"""Carrying P1 fields from one mesh of a body to another: the nested starts of Table 1."""
+
+from __future__ import annotations
+
+import numpy as np
+from ngsolve import BND, H1, VERTEX, FESpace, GridFunction, Mesh, NodeId
+from ngsolve.la import BaseVector
+
+
+def vertex_dofs(space: FESpace, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices that carry a degree of freedom of a scalar P1 space, and these degrees."""
+    if space.ndof == mesh.nv:
+        return np.arange(mesh.nv), np.arange(mesh.nv)
+    on_boundary = sorted({v.nr for element in mesh.Elements(BND) for v in element.vertices})
+    pairs = [(v, space.GetDofNrs(NodeId(VERTEX, v))[0]) for v in on_boundary]
+    vertices, dofs = np.array([pair for pair in pairs if pair[1] >= 0], dtype=int).reshape(-1, 2).T
+    return vertices, dofs
+
+
+def at_points(mesh: Mesh, vertex_values: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Values at ``points`` of the continuous P1 function with the given vertex values.
+
+    Parameters
+    ----------
+    mesh
+        Mesh of the function.
+    vertex_values
+        Shape (vertices, k).
+    points
+        Shape (points, N).  Points outside the mesh take the value of the nearest vertex.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (points, k).
+    """
+    component = GridFunction(H1(mesh, order=1))
+    places = mesh(*points.T)
+    inside = places["nr"] >= 0
+    result = np.empty((len(points), vertex_values.shape[1]))
+    for k, values in enumerate(vertex_values.T):
+        component.vec.FV().NumPy()[:] = values
+        result[inside, k] = np.ravel(component(places[inside]))
+    if not inside.all():
+        x = np.asarray(mesh.ngmesh.Coordinates())[:, : mesh.dim]
+        for i in np.flatnonzero(~inside):
+            result[i] = vertex_values[((x - points[i]) ** 2).sum(axis=1).argmin()]
+    return result
+
+
+def prolongate(source: FESpace, values: BaseVector, target: FESpace) -> np.ndarray:
+    """Degrees of freedom in ``target`` that take the values of a P1 function in ``source``.
+
+    Functions that live on a boundary part only are extended by zero to the other vertices; the
+    prolongation to a refined mesh is exact.
+
+    Parameters
+    ----------
+    source, values
+        The space on the old mesh and the coefficients there, one component after another.
+    target
+        The same kind of space on the new mesh.
+
+    Returns
+    -------
+    numpy.ndarray
+        Coefficients in ``target``, zero where its degrees of freedom are not free.
+    """
+    old, new = source.mesh, target.mesh
+    components = GridFunction(source).dim
+    first_of = (lambda space: space) if components == 1 else (lambda space: space.components[0])
+    old_vertices, old_dofs = vertex_dofs(first_of(source), old)
+    new_vertices, new_dofs = vertex_dofs(first_of(target), new)
+    at_vertices = np.zeros((old.nv, components))
+    at_vertices[old_vertices] = values.FV().NumPy().reshape(components, -1)[:, old_dofs].T
+    points = np.asarray(new.ngmesh.Coordinates())[new_vertices, : new.dim]
+    result = np.zeros((components, target.ndof // components))
+    result[:, new_dofs] = at_points(old, at_vertices, points).T
+    return result.ravel() * np.array(target.FreeDofs(), dtype=float)

@@ -1,0 +1,145 @@
+"""How the dual is regularised: the parameters of the terms M^1, M^2 and T in (D_gamma).
+
+    M^1(z) = 1/(2 gamma_z) |[mu^ + gamma_z z]^+|^2,
+    M^2(q) = int 1/(2 gamma_q) ([nu^ + gamma_q (|q| - beta_gamma)]^+)^2,
+    T(z, q) = 1/(2 gamma_T) b([z, q], [z, q]).
+
+The paper takes one gamma for all three (``Coupled``).
+"""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from ngsolve import Integrate
+
+from ngepc.problem import Problem, as_scalar
+from ngepc.tichonov import SurfaceGradient, Tichonov
+from ngepc.validation import (
+    Coefficient,
+    is_number,
+    require_coefficient,
+    require_finite,
+    require_number,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Units:
+    """Reference units in which gamma and the tolerance are plain numbers, docs/units.md.
+
+    Parameters
+    ----------
+    stress, length
+        The stress and the length that count as one, in the units of the problem.  A steel part
+        in Pa and m whose scaled twin has lame_mu = 1e3 and size 1 has stress = mu / 1e3 and
+        length = its size.
+    """
+
+    stress: float = 1.0
+    length: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_number("units.stress", self.stress, 0, strict=True)
+        require_number("units.length", self.length, 0, strict=True)
+
+
+class Regularisation(Protocol):
+    """What the dual functional asks of a regularisation."""
+
+    tichonov: Tichonov
+    units: Units
+    hardening_share: float
+    contact_shift: Coefficient
+    plastic_shift: Coefficient
+
+    @property
+    def gamma_tichonov(self) -> float:
+        """gamma_T (stress / length^2)."""
+        ...
+
+    @property
+    def gamma_contact(self) -> float:
+        """gamma_z (length / stress)."""
+        ...
+
+    def gamma_plastic(self, problem: Problem) -> Coefficient:
+        """gamma_q (1 / stress)."""
+        ...
+
+    def yield_bound(self, problem: Problem) -> Coefficient:
+        """beta_gamma (stress)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """The paper's regularisation: one gamma for contact, yield bound and Tichonov term.
+
+    Parameters
+    ----------
+    gamma
+        gamma > 0, a number in ``units``.
+    tichonov
+        The space H and its product, by default (R2).
+    contact_shift, plastic_shift
+        mu^ >= 0 (length) and nu^ >= 0 (1), section 4; numbers or coefficients.
+    beta_gamma
+        Replacement of the yield bound with sigma_y <= beta_gamma <= beta and
+        ||beta_gamma - beta|| <= 1/gamma; None for beta itself.
+    units
+        Reference units of gamma.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If gamma or a shift is out of range.
+    """
+
+    gamma: float
+    tichonov: Tichonov = field(default_factory=SurfaceGradient)
+    contact_shift: Coefficient = 0.0
+    plastic_shift: Coefficient = 0.0
+    beta_gamma: Coefficient | None = None
+    units: Units = field(default_factory=Units)
+
+    hardening_share = 1.0
+
+    def __post_init__(self) -> None:
+        require_number("gamma", self.gamma, 0, strict=True)
+        for name in ("contact_shift", "plastic_shift"):
+            require_coefficient(name, getattr(self, name))
+            if is_number(getattr(self, name)):
+                require_number(name, getattr(self, name), 0)
+
+    @property
+    def gamma_tichonov(self) -> float:
+        """gamma_T = gamma (stress / length^2)."""
+        return self.gamma * self.units.stress / self.units.length**2
+
+    @property
+    def gamma_contact(self) -> float:
+        """gamma_z = gamma (length / stress)."""
+        return self.gamma * self.units.length / self.units.stress
+
+    def gamma_plastic(self, problem: Problem) -> Coefficient:
+        """gamma_q = gamma (1 / stress)."""
+        return self.gamma / self.units.stress
+
+    def yield_bound(self, problem: Problem) -> Coefficient:
+        """beta_gamma, checked against its conditions in section 4 (stress)."""
+        if self.beta_gamma is None:
+            return problem.beta
+        require_coefficient("beta_gamma", self.beta_gamma)
+        bound = as_scalar(self.beta_gamma)
+        above = require_finite("beta_gamma", bound - problem.material.yield_stress, problem.mesh)
+        below = require_finite("beta_gamma", as_scalar(problem.beta) - bound, problem.mesh)
+        if min(above.min(), below.min()) < -1e-12:
+            raise ValueError("beta_gamma leaves [yield_stress, beta]: section 4 asks for it")
+        distance = np.sqrt(Integrate((as_scalar(problem.beta) - bound) ** 2, problem.mesh))
+        if distance > self.units.stress / self.gamma:
+            raise ValueError(
+                f"beta_gamma is {distance:g} away from beta in L2: section 4 asks for at most "
+                f"1/gamma = {self.units.stress / self.gamma:g}"
+            )
+        return self.beta_gamma
