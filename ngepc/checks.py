@@ -13,6 +13,8 @@ import numpy as np
 from ngsolve import CoefficientFunction, Det, Mesh, specialcf
 
 from ngepc.material import Material
+from ngepc.support import check_support, vertices_of
+from ngepc.support import element_vertices as element_vertices
 from ngepc.validation import (
     boundary_names,
     require_coefficient,
@@ -43,6 +45,11 @@ def check_mesh(mesh: Mesh) -> None:
         raise ValueError(f"mesh has dimension {mesh.dim}: 2 or 3 is needed")
     if mesh.ne == 0:
         raise ValueError("mesh has no elements: a mesh of the body is needed")
+    elements = mesh.ngmesh.Elements2D() if mesh.dim == 2 else mesh.ngmesh.Elements3D()
+    if (elements.NumPy()["nodes"][:, 2**mesh.dim :] > 0).any():
+        raise ValueError(
+            "mesh has elements of second order: leave SecondOrder() out (mesh.Curve bends elements)"
+        )
     size = sample(Det(specialcf.JacobianMatrix(mesh.dim)), mesh)
     if not np.isfinite(size).all() or np.abs(size).min() <= 1e-14 * np.abs(size).max():
         raise ValueError("mesh has degenerate elements (zero area or volume)")
@@ -63,16 +70,18 @@ def check_material(material: Material, mesh: Mesh) -> None:
         values = require_finite(name, getattr(material, name), mesh)
         if values.min() <= 0:
             raise ValueError(f"{name} falls to {values.min():g}: values > 0 are needed")
-    bulk = sample(N * material.lame_lambda + 2 * material.lame_mu, mesh).min()
+    name = f"{N} lame_lambda + 2 lame_mu"
+    bulk = require_finite(name, N * material.lame_lambda + 2 * material.lame_mu, mesh).min()
     if bulk <= 0:
         raise ValueError(
             f"lame_lambda={material.lame_lambda!r}: the elasticity is not elliptic, "
             f"{N} lambda + 2 mu falls to {bulk:g}, > 0 is needed in {N} dimensions"
         )
-    h = sample(material.effective_hardening, mesh).min()
+    name = "the hardening h = k + (H sigma_y)^2 k_1"
+    h = require_finite(name, material.effective_hardening, mesh).min()
     if h <= 0:
         raise ValueError(
-            f"the hardening h = k + (H sigma_y)^2 k_1 falls to {h:g}: > 0 is needed, "
+            f"{name} falls to {h:g}: > 0 is needed, "
             "the method is for hardening plasticity (perfect plasticity is not)"
         )
 
@@ -108,11 +117,6 @@ def _keys(argument: str, given: Mapping | None, mesh: Mesh) -> list[str]:
     return keys
 
 
-def vertices_of(mesh: Mesh, names: tuple[str, ...]) -> set[int]:
-    """Numbers of the vertices on the named boundaries, ends included."""
-    return {v.nr for el in mesh.Boundaries("|".join(names)).Elements() for v in el.vertices}
-
-
 def check_loads(problem: Problem) -> None:
     """Finite vector loads and prescribed displacements of N components."""
     N, mesh = problem.N, problem.mesh
@@ -126,20 +130,25 @@ def check_loads(problem: Problem) -> None:
     for name, components in (problem.prescribed or {}).items():
         for single in boundary_names("prescribed", name, mesh):
             argument = f"prescribed[{single!r}]"
-            if not isinstance(components, tuple | list) or len(components) != N:
+            if not isinstance(components, tuple | list | np.ndarray) or len(components) != N:
                 raise ValueError(
                     f"{argument}={components!r}: {N} components are needed, None for a free one"
                 )
             for c in components:
                 if c is not None:
                     require_coefficient(argument, c)
-                    require_finite(argument, c, mesh, [single])
+                    require_finite(argument, c, mesh, [single], corners=True)
+            if single in problem.tractions and all(c is not None for c in components):
+                raise ValueError(
+                    f"traction and prescribed overlap in {single}: all components are held "
+                    "there, a load would do nothing"
+                )
 
 
 def _check_vector(argument: str, value: object, N: int) -> None:
     if isinstance(value, CoefficientFunction):
         require_coefficient(argument, value, [(N,)])
-    elif isinstance(value, tuple | list):
+    elif isinstance(value, tuple | list | np.ndarray):
         if len(value) != N:
             raise ValueError(f"{argument}={value!r}: {N} components are needed")
         for component in value:
@@ -159,14 +168,15 @@ def check_gap(problem: Problem) -> None:
     if problem.gap is None:
         raise ValueError(f"contact={problem.contact!r} needs a gap: a number or coefficient")
     names = problem.contact_names
-    if isinstance(problem.gap, Mapping) and sorted(problem.gap) != sorted(names):
+    if isinstance(problem.gap, Mapping) and set(problem.gap) != set(names):
         raise ValueError(
-            f"gap names {sorted(problem.gap)}: the contact boundaries are {sorted(names)}"
+            f"gap names {sorted(map(str, problem.gap))}: the contact boundaries are {sorted(names)}"
         )
     gaps = problem.gap if isinstance(problem.gap, Mapping) else dict.fromkeys(names, problem.gap)
     for name, gap in gaps.items():
-        require_coefficient("gap", gap)
-        require_finite("gap", gap, problem.mesh, [name])
+        argument = f"gap[{name!r}]" if isinstance(problem.gap, Mapping) else "gap"
+        require_coefficient(argument, gap)
+        require_finite(argument, gap, problem.mesh, [name], corners=True)
 
 
 def check_history(problem: Problem) -> None:
@@ -202,67 +212,3 @@ def check_history(problem: Problem) -> None:
 def _check_symmetric(name: str, A: np.ndarray) -> None:
     if np.abs(A - A.transpose(0, 2, 1)).max() > 1e-10 * np.abs(A).max():
         raise ValueError(f"{name} is not symmetric")
-
-
-def check_support(problem: Problem) -> None:
-    """Clamped and prescribed components rule out rigid motions of every connected part."""
-    mesh, N = problem.mesh, problem.N
-    held = [(name, range(N)) for name in problem.clamped_names]
-    held += [
-        (single, [i for i, c in enumerate(components) if c is not None])
-        for names, components in (problem.prescribed or {}).items()
-        for single in boundary_names("prescribed", names, mesh)
-    ]
-    x = np.asarray(mesh.ngmesh.Coordinates())[:, :N]
-    part = connected_parts(mesh)
-    for number in np.unique(part):
-        centre = x[part == number].mean(axis=0)
-        rows = [
-            _rigid_rows(x[v] - centre, i)
-            for name, components in held
-            for v in sorted(vertices_of(mesh, (name,)))
-            if part[v] == number
-            for i in components
-        ]
-        needed = N * (N + 1) // 2
-        extent = np.ptp(x[part == number], axis=0).max()
-        scale = np.r_[np.ones(N), np.full(needed - N, extent)]
-        rank = np.linalg.matrix_rank(np.array(rows) / scale, tol=1e-8) if rows else 0
-        if rank < needed:
-            raise ValueError(
-                f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave "
-                f"{needed - rank} rigid motion(s) of the part around {centre.round(6).tolist()}: "
-                "every connected part must be held"
-            )
-
-
-def _rigid_rows(x: np.ndarray, i: int) -> np.ndarray:
-    """Component i of the rigid motions (translations, rotations) at the point x."""
-    N = len(x)
-    translations = np.eye(N)[i]
-    pairs = [(a, b) for a in range(N) for b in range(a + 1, N)]
-    rotations = [x[b] * (i == a) - x[a] * (i == b) for a, b in pairs]
-    return np.r_[translations, rotations]
-
-
-def connected_parts(mesh: Mesh) -> np.ndarray:
-    """For each vertex the smallest vertex number of its connected part, shape (vertices,)."""
-    elements = element_vertices(mesh)
-    label = np.arange(mesh.nv)
-    while True:
-        smallest = label.copy()
-        for nodes in elements:
-            np.minimum.at(smallest, nodes, label[nodes].min(axis=1, keepdims=True))
-        smallest = smallest[smallest]
-        if (smallest == label).all():
-            return label
-        label = smallest
-
-
-def element_vertices(mesh: Mesh) -> list[np.ndarray]:
-    """Vertex numbers of the elements, an array (elements, vertices) for each shape."""
-    netgen_mesh = mesh.ngmesh
-    elements = netgen_mesh.Elements2D() if mesh.dim == 2 else netgen_mesh.Elements3D()
-    nodes = elements.NumPy()["nodes"].astype(int)[:, : 2**mesh.dim] - 1
-    count = (nodes >= 0).sum(axis=1)
-    return [nodes[count == k][:, :k] for k in np.unique(count)]

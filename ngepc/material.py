@@ -12,6 +12,7 @@ alpha from one time step leaves two numbers, docs/hardening.md:
     yield_bound           beta = sigma_y (1 + H alpha_1,0) in  int beta |p|.
 """
 
+import math
 from dataclasses import dataclass, fields
 
 from ngsolve import CoefficientFunction
@@ -58,10 +59,12 @@ class Material:
             "hardening_modulus": (0, False),
             "hardening_stiffness": (0, False),
         }
-        for name, (least, strict) in legal.items():
-            value = getattr(self, name)
+        for field in fields(self):
+            value = getattr(self, field.name)
             if not isinstance(value, CoefficientFunction):
-                require_number(name, value, least, strict=strict)
+                least, strict = legal.get(field.name, (-math.inf, False))
+                number = require_number(field.name, value, least, strict=strict)
+                object.__setattr__(self, field.name, number)
 
     @classmethod
     def kinematic(

@@ -149,7 +149,7 @@ def as_scalar(value: Coefficient) -> CoefficientFunction:
 
 def as_vector(value: Vector) -> CoefficientFunction:
     """A vector coefficient from itself or from a sequence of its components."""
-    return value if isinstance(value, CoefficientFunction) else CF(tuple(value))
+    return value if isinstance(value, CoefficientFunction) else CF(tuple(map(as_scalar, value)))
 
 
 def split_hardening(value: object) -> tuple:

@@ -6,12 +6,15 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule, Mesh
+from ngsolve.fem import ElementTopology
 
 Coefficient = float | CoefficientFunction
 """A number or an NGSolve CoefficientFunction."""
 
 ELEMENT_TYPES = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD), 3: (ET.TET, ET.HEX, ET.PRISM, ET.PYRAMID)}
 """Element shapes by dimension."""
+
+_REGEX_SIGNS = frozenset("\\^$.*+?()[]{}|")
 
 
 def is_number(value: object) -> bool:
@@ -38,16 +41,21 @@ def require_number(
     """
     if not is_number(value):
         raise TypeError(f"{name}={value!r}: a real number is needed")
-    if not math.isfinite(value) or value < least or (strict and value == least) or value > most:
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number) or number < least or number > most or (strict and number == least):
         lower = "" if least == -math.inf else f" {'>' if strict else '>='} {least:g}"
         upper = "" if most == math.inf else f" <= {most:g}"
         raise ValueError(f"{name}={value!r}: a finite number{lower}{upper} is needed")
-    return float(value)
+    return number
 
 
 def require_integer(name: str, value: object, least: int, most: int | None = None) -> int:
     """``value`` as an int when it is integral and within [least, most]."""
-    if not is_number(value) or not math.isfinite(value) or int(value) != value:
+    number = require_number(name, value)
+    if int(number) != number:
         raise TypeError(f"{name}={value!r}: an integer is needed")
     if value < least or (most is not None and value > most):
         upper = "" if most is None else f" and <= {most}"
@@ -83,6 +91,8 @@ def require_coefficient(
         require_number(name, value)
         shape: tuple[int, ...] = ()
     elif isinstance(value, CoefficientFunction):
+        if value.is_complex:
+            raise TypeError(f"{name} is complex: a real coefficient is needed")
         shape = tuple(value.dims)
     else:
         raise TypeError(f"{name}={value!r}: a number or a CoefficientFunction is needed")
@@ -109,6 +119,11 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
         )
     known = sorted(set(mesh.GetBoundaries()))
     for part in parts:
+        if part in known and _REGEX_SIGNS & set(part):
+            raise ValueError(
+                f"{argument}={value!r}: the name {part!r} has one of the signs "
+                f"{''.join(sorted(_REGEX_SIGNS))}, which NGSolve reads as a pattern: rename it"
+            )
         if part not in known:
             raise ValueError(
                 f"{argument}={value!r}: there is no boundary {part!r}; "
@@ -119,8 +134,16 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
     return tuple(dict.fromkeys(parts))
 
 
-def sample(value: Coefficient, mesh: Mesh, boundaries: Sequence[str] | None = None) -> np.ndarray:
+def sample(
+    value: Coefficient,
+    mesh: Mesh,
+    boundaries: Sequence[str] | None = None,
+    *,
+    corners: bool = False,
+) -> np.ndarray:
     """Values of a coefficient at interior points of all elements (or of boundary elements).
+
+    With ``corners`` the points are the vertices of the elements instead.
 
     Returns
     -------
@@ -131,17 +154,37 @@ def sample(value: Coefficient, mesh: Mesh, boundaries: Sequence[str] | None = No
         return np.array([[float(value)]])
     dim = mesh.dim if boundaries is None else mesh.dim - 1
     region = VOL if boundaries is None else mesh.Boundaries("|".join(boundaries))
-    points = mesh.MapToAllElements({t: IntegrationRule(t, 2) for t in ELEMENT_TYPES[dim]}, region)
+    rules = {t: _corner_rule(t) if corners else IntegrationRule(t, 2) for t in ELEMENT_TYPES[dim]}
+    points = mesh.MapToAllElements(rules, region)
     return np.asarray(value(points), dtype=float).reshape(len(points), -1)
 
 
+def _corner_rule(shape: ET) -> IntegrationRule:
+    dim = {ET.SEGM: 1, ET.TRIG: 2, ET.QUAD: 2}.get(shape, 3)
+    points = [tuple(v[:dim]) for v in ElementTopology(shape).vertices]
+    return IntegrationRule(points=points, weights=[0.0] * len(points))
+
+
 def require_finite(
-    name: str, value: Coefficient, mesh: Mesh, boundaries: Sequence[str] | None = None
+    name: str,
+    value: Coefficient,
+    mesh: Mesh,
+    boundaries: Sequence[str] | None = None,
+    *,
+    corners: bool = False,
 ) -> np.ndarray:
-    """Sample ``value`` and refuse NaN and infinite values; returns the samples."""
-    samples = sample(value, mesh, boundaries)
+    """Sample ``value`` and refuse NaN and infinite values; returns the samples.
+
+    With ``corners`` it must be finite at the vertices of the elements too.
+    """
+    where = "the body" if boundaries is None else "|".join(boundaries)
+    try:
+        samples = sample(value, mesh, boundaries)
+        if corners:
+            samples = np.vstack([samples, sample(value, mesh, boundaries, corners=True)])
+    except Exception as error:  # NGSolve raises bare exceptions
+        raise ValueError(f"{name} cannot be evaluated on {where}: {error}") from error
     if not np.isfinite(samples).all():
-        where = "the body" if boundaries is None else "|".join(boundaries)
         raise ValueError(
             f"{name} is NaN or infinite at {np.count_nonzero(~np.isfinite(samples).all(1))} "
             f"of {len(samples)} sampled points of {where}: finite values are needed"
