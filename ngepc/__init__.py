@@ -1,23 +1,48 @@
-"""ngepc: elasto-plastic contact with NGSolve."""
+"""ngepc: elasto-plastic contact with NGSolve.
 
+The public names are loaded when they are first used, so that ``ngepc --help`` need not wait for
+NGSolve.
+"""
+
+import importlib
 import logging
 from pathlib import Path
 
 from ngepc._version import __version__ as __version__
-from ngepc.linesearch import Armijo as Armijo
-from ngepc.material import Material as Material
-from ngepc.material import lame_parameters as lame_parameters
-from ngepc.newton import NewtonOptions as NewtonOptions
-from ngepc.newton import semismooth_newton as semismooth_newton
-from ngepc.normals import outward_normal as outward_normal
-from ngepc.problem import Problem as Problem
-from ngepc.regularisation import Coupled as Coupled
-from ngepc.regularisation import Units as Units
-from ngepc.results import SolverError as SolverError
-from ngepc.results import Status as Status
+
+_HOME = {
+    "Armijo": "linesearch",
+    "Coupled": "regularisation",
+    "DualResult": "dual_result",
+    "Material": "material",
+    "NewtonOptions": "newton",
+    "Problem": "problem",
+    "SolverError": "results",
+    "Status": "results",
+    "Units": "regularisation",
+    "lame_parameters": "material",
+    "lshape_problem": "examples",
+    "semismooth_newton": "newton",
+    "wrench_problem": "examples",
+}
+
+__all__ = ["__version__", *sorted(_HOME)]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module 'ngepc' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"ngepc.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 _checkout = Path(__file__).resolve().parent.parent
-if (_checkout / "geometries" / "bisection.py").is_file() and "geometries" not in __path__:
+if (_checkout / "geometries" / "bisection.py").is_file() and str(_checkout) not in __path__:
     __path__.append(str(_checkout))  # run from a checkout: geometries/ stands beside ngepc/

@@ -1,0 +1,52 @@
+"""Arguments that several commands share, and types that check as they parse."""
+
+import argparse
+import math
+
+PROBLEMS = ("lshape", "wrench")
+
+
+def positive(text: str) -> float:
+    """A finite number > 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}: a finite number > 0 is needed")
+    return value
+
+
+def count(text: str) -> int:
+    """An integer > 0."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"{text!r}: an integer > 0 is needed")
+    return value
+
+
+def add_body(parser: argparse.ArgumentParser) -> None:
+    """PROBLEM, --nodes and --maxh."""
+    parser.add_argument("problem", choices=PROBLEMS, help="Example (a) or (b) of the paper")
+    mesh = parser.add_mutually_exclusive_group()
+    mesh.add_argument("--nodes", type=count, help="mesh of the paper's family with so many nodes")
+    mesh.add_argument("--maxh", type=positive, help="CSG mesh of this width instead")
+
+
+def build_problem(name: str, nodes: int | None, maxh: float | None):
+    """The example's problem on the mesh asked for; by default the first of the paper's table.
+
+    Raises
+    ------
+    ValueError
+        If the family has no mesh with so many nodes.
+    """
+    from ngepc import lshape_problem, wrench_problem
+    from ngepc.geometries import lshape, wrench
+
+    body, make = {"lshape": (lshape, lshape_problem), "wrench": (wrench, wrench_problem)}[name]
+    mesh = body.mesh(maxh) if maxh else body.paper_mesh(nodes or body.PAPER_NODES[0])
+    return make(mesh)
