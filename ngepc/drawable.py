@@ -29,21 +29,22 @@ class Units:
 
 @dataclass(frozen=True)
 class Kind:
-    """A field that has a name: its symbol in mathematical text, title, unit and tensor rank."""
+    """A field that has a name: symbol in mathematical text, title, unit, rank, colours."""
 
     symbol: str
     title: str
     quantity: str
     rank: int = 0
+    colormap: str = "viridis"
 
 
 KINDS = {
-    "equivalent_plastic_strain": Kind(r"|p|_F", "plastic strain", "1"),
-    "yield_function": Kind(r"\phi", "yield function", "stress"),
+    "equivalent_plastic_strain": Kind(r"|p|_F", "plastic strain", "1", 0, "YlGnBu"),
+    "yield_function": Kind(r"\phi", "yield function", "stress", 0, "cividis"),
     "displacement": Kind("u", "displacement", "length", 1),
     "stress": Kind(r"\sigma", "stress", "stress", 2),
     "deviatoric_stress": Kind(r"\mathrm{dev}\,\sigma", "deviatoric stress", "stress", 2),
-    "plastic_strain": Kind("p", "plastic strain", "1", 2),
+    "plastic_strain": Kind("p", "plastic strain", "1", 2, "YlGnBu"),
     "strain": Kind(r"\varepsilon", "strain", "1", 2),
     "back_stress": Kind(r"\alpha_2", "back stress", "stress", 2),
     "hardening_variable": Kind(r"\alpha_1", "hardening variable", "1"),
@@ -76,12 +77,15 @@ class Drawable:
         The same without mathematics.
     signed
         Whether both signs are equally welcome (components of vectors and matrices).
+    colormap
+        Name of the matplotlib colour map that suits it.
     """
 
     coefficient: CoefficientFunction
     label: str
     plain_label: str
     signed: bool = False
+    colormap: str = "viridis"
 
 
 def drawable(
@@ -119,7 +123,8 @@ def drawable(
     unit = units.of(kind.quantity)
     plain = _plain(kind, component)
     label = f"{kind.title} ${symbol}$ ({unit})"
-    return Drawable(coefficient, label, f"{plain} ({unit})", bool(component))
+    colormap = "RdBu_r" if component else kind.colormap
+    return Drawable(coefficient, label, f"{plain} ({unit})", bool(component), colormap)
 
 
 def _split(field: str) -> tuple[str, str]:

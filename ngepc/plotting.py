@@ -29,7 +29,6 @@ from ngepc.recovery import Fields
 from ngepc.sampling import ColourRange, Corners, body_corners, boundary_corners, colour_range
 from ngepc.validation import require_number
 
-COLOURMAPS = {"yield_function": "cividis", "equivalent_plastic_strain": "YlGnBu"}
 ZONE_COLOURS = ("#dfe3e8", "#26323f")
 OUTLINE, OBSTACLE = "#9aa3ad", "#b3402e"
 
@@ -86,8 +85,7 @@ def plot_field(
     corners = body_corners(fields, what.coefficient)
     limits = colour_range(corners, vmin=vmin, vmax=vmax, symmetric=what.signed)
     axes = axes if axes is not None else _body_figure(corners, scale, bar=True)
-    colormap = colormap or _default_colormap(field, what.signed)
-    patch = _draw_body(axes, corners, limits, colormap, scale, mesh_lines)
+    patch = _draw_body(axes, corners, limits, colormap or what.colormap, scale, mesh_lines)
     _decorate(axes, fields, scale, units or Units())
     _colour_bar(axes, patch, limits, label or what.label)
     if title:
@@ -163,11 +161,10 @@ def plot_comparison(
     width = min(width, 3.6) if len(sources) > 2 else width
     figure = Picture(figsize=(width * len(sources) + 0.8, height), layout="compressed")
     three = next(iter(corners.values())).points.shape[2] == 3
-    colours = _default_colormap(field, first.signed)
     projection = {"projection": "3d"} if three else {}
     panels = figure.subplots(1, len(sources), squeeze=False, subplot_kw=projection)[0]
     for panel, (title, sampled) in zip(panels, corners.items(), strict=True):
-        patch = _draw_body(panel, sampled, limits, colours, scale, False)
+        patch = _draw_body(panel, sampled, limits, first.colormap, scale, False)
         _decorate(panel, fields_of(sources[title]), scale, units or Units())
         panel.set_title(title, fontsize=10)
     bar = figure.colorbar(patch, ax=list(panels), extend=limits.extend, shrink=0.85, aspect=30)
@@ -184,11 +181,6 @@ def plot_mesh(source: object, *, units: Units | None = None, axes: Axes | None =
     _draw_body(axes, sampled, ColourRange(0.0, 1.0), colours, 0.0, True)
     _decorate(axes, fields, 0.0, units or Units())
     return axes.figure
-
-
-def _default_colormap(field: object, signed: bool) -> str:
-    default = "RdBu_r" if signed else "viridis"
-    return COLOURMAPS.get(field, default) if isinstance(field, str) else default
 
 
 def _body_size(corners: Corners, scale: float) -> tuple[float, float]:

@@ -64,13 +64,16 @@ class Corners:
         return bool(spread <= 1e-9 * max(np.abs(self.values).max(), 1e-300))
 
 
+def surface_value(mesh: Mesh, coefficient: CoefficientFunction) -> CoefficientFunction:
+    """A coefficient of the body where pictures show it: in 3D its trace from inside."""
+    return BoundaryFromVolumeCF(coefficient) if mesh.dim == 3 else coefficient
+
+
 def body_corners(fields: Fields, coefficient: CoefficientFunction) -> Corners:
     """The field at the corners of the triangles of the body (2D) or of its surface (3D)."""
     mesh = fields.problem.mesh
-    if mesh.dim == 2:
-        return sample_corners(mesh, mesh.Materials(".*"), fields.displacement, coefficient)
-    region = mesh.Boundaries(".*")
-    return sample_corners(mesh, region, fields.displacement, BoundaryFromVolumeCF(coefficient))
+    region = mesh.Materials(".*") if mesh.dim == 2 else mesh.Boundaries(".*")
+    return sample_corners(mesh, region, fields.displacement, surface_value(mesh, coefficient))
 
 
 def boundary_corners(
@@ -170,6 +173,7 @@ def colour_range(
         high = highest
     if symmetric:
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
+    low, high = (0.0 if abs(end) < 1e-9 * span else end for end in (low, high))
     low = low if vmin is None else require_number("vmin", vmin)
     high = high if vmax is None else require_number("vmax", vmax)
     if low >= high:
