@@ -15,9 +15,7 @@ alpha from one time step leaves two numbers, docs/hardening.md:
 import math
 from dataclasses import dataclass, fields
 
-from ngsolve import CoefficientFunction
-
-from ngepc.validation import Coefficient, require_coefficient, require_number
+from ngepc.validation import Coefficient, is_number, require_coefficient, require_number
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,8 +48,6 @@ class Material:
     hardening_stiffness: Coefficient = 0.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            require_coefficient(field.name, getattr(self, field.name))
         legal = {
             "lame_mu": (0, True),
             "yield_stress": (0, True),
@@ -61,10 +57,12 @@ class Material:
         }
         for field in fields(self):
             value = getattr(self, field.name)
-            if not isinstance(value, CoefficientFunction):
+            if is_number(value):
                 least, strict = legal.get(field.name, (-math.inf, False))
                 number = require_number(field.name, value, least, strict=strict)
                 object.__setattr__(self, field.name, number)
+            else:
+                require_coefficient(field.name, value)
 
     @classmethod
     def kinematic(

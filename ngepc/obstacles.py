@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import CF, CoefficientFunction, IfPos, InnerProduct, Mesh, Norm, sqrt, x, y, z
+from ngsolve import CF, CoefficientFunction, IfPos, InnerProduct, Mesh, sqrt, x, y, z
 
 from ngepc.normals import outward_normal
 from ngepc.validation import (
@@ -31,7 +31,6 @@ from ngepc.validation import (
     require_finite,
     require_number,
     require_vector,
-    sample,
 )
 
 COORDINATES = (x, y, z)
@@ -74,24 +73,24 @@ class Obstacle(ABC):
         TypeError, ValueError
             For a mesh of the wrong dimension or data out of their ranges.
         """
-        self._check(mesh)
+        if not isinstance(mesh, Mesh):
+            raise TypeError(f"mesh={mesh!r}: an ngsolve.Mesh is needed")
         N = mesh.dim
+        if N not in self.dimensions():
+            legal = " or ".join(map(str, self.dimensions()))
+            raise ValueError(f"{self!r} needs a mesh of dimension {legal}, this one has {N}")
         if far is None:
             far = 10 * float(np.ptp(np.asarray(mesh.ngmesh.Coordinates()), axis=0).max())
         far = require_number("far", far, 0, strict=True)
         X = CF(COORDINATES[:N])
         if motion is not None:
             X = X - _motion(motion, mesh)
-        psi = self.along(X, outward_normal(mesh), far)
-        require_finite("gap", psi, mesh, sorted(set(mesh.GetBoundaries())))
-        return psi
+        self._check_data(X, mesh)
+        return self.along(X, outward_normal(mesh), far)
 
-    def _check(self, mesh: Mesh) -> None:
-        if not isinstance(mesh, Mesh):
-            raise TypeError(f"mesh={mesh!r}: an ngsolve.Mesh is needed")
-        if mesh.dim not in self.dimensions():
-            legal = " or ".join(map(str, self.dimensions()))
-            raise ValueError(f"{self!r} needs a mesh of dimension {legal}, this one has {mesh.dim}")
+    def _check_data(self, X: CoefficientFunction, mesh: Mesh) -> None:
+        """Raise ValueError where the data of the obstacle at ``X`` make no gap."""
+        require_finite("motion", X, mesh, sorted(set(mesh.GetBoundaries())))
 
 
 @dataclass(frozen=True)
@@ -197,7 +196,8 @@ class Cavity(Obstacle):
     ) -> CoefficientFunction:
         """The larger root, unless n points from the wall into the hollow."""
         a, b, c = self.inside.quadratic(X, n)
-        t = _quotient(-b + sqrt(_positive(b * b - a * c)), a, far)
+        discriminant = b * b - a * c
+        t = _quotient(-b + sqrt(IfPos(discriminant, discriminant, 0.0)), a, far)
         return IfPos(IfPos(c, IfPos(b, -1.0, 1.0), -1.0), far, t)
 
 
@@ -238,21 +238,24 @@ class SignedDistance(Obstacle):
         self, X: CoefficientFunction, n: CoefficientFunction, far: float
     ) -> CoefficientFunction:
         """T = phi / (-grad phi . n) where the obstacle faces the body."""
-        N = n.dim
-        if self.gradient is not None:
-            at_rest = self.distance + InnerProduct(self.gradient, X - CF(COORDINATES[:N]))
-            return _quotient(at_rest, -InnerProduct(self.gradient, n), far)
-        moved = {COORDINATES[i]: X[i] for i in range(N)}
-        phi = self.distance.Replace(moved)
-        gradient = CF(tuple(self.distance.Diff(COORDINATES[i]).Replace(moved) for i in range(N)))
+        phi, gradient = self._level(X)
         return _quotient(phi, -InnerProduct(gradient, n), far)
 
-    def _check(self, mesh: Mesh) -> None:
-        super()._check(mesh)
-        gradient = self.gradient
-        if gradient is None:
-            gradient = CF(tuple(self.distance.Diff(c) for c in COORDINATES[: mesh.dim]))
-        if not sample(Norm(gradient), mesh, sorted(set(mesh.GetBoundaries()))).any():
+    def _level(self, X: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction]:
+        """Phi and grad phi at ``X``."""
+        own = COORDINATES[: X.dim]
+        if self.gradient is not None:
+            return self.distance + InnerProduct(self.gradient, X - CF(own)), self.gradient
+        moved = {c: X[i] for i, c in enumerate(own)}
+        gradient = CF(tuple(self.distance.Diff(c).Replace(moved) for c in own))
+        return self.distance.Replace(moved), gradient
+
+    def _check_data(self, X: CoefficientFunction, mesh: Mesh) -> None:
+        super()._check_data(X, mesh)
+        phi, gradient = self._level(X)
+        everywhere = sorted(set(mesh.GetBoundaries()))
+        require_finite("distance", phi, mesh, everywhere)
+        if not require_finite("the gradient of distance", gradient, mesh, everywhere).any():
             raise ValueError(
                 "distance has no gradient on the boundary: the signed distance to the obstacle "
                 "in the coordinates x, y, z is needed"
@@ -274,13 +277,9 @@ def _entry(
 ) -> CoefficientFunction:
     """Smaller root of a t^2 + 2 b t + c when the roots are real and the larger one is >= 0."""
     discriminant = b * b - a * c
-    root = sqrt(_positive(discriminant))
+    root = sqrt(IfPos(discriminant, discriminant, 0.0))
     hit = IfPos(discriminant, IfPos(root - b, 1.0, -1.0), -1.0)
     return IfPos(hit, _quotient(-b - root, a, far), far)
-
-
-def _positive(value: CoefficientFunction) -> CoefficientFunction:
-    return IfPos(value, value, 0.0)
 
 
 def _motion(motion: Sequence[Coefficient], mesh: Mesh) -> CoefficientFunction:

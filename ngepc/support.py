@@ -212,7 +212,7 @@ def _placed(rows: np.ndarray, members: np.ndarray, part: int) -> np.ndarray:
     """Rows for one part among the columns of all ``members``."""
     wide = np.zeros((len(rows), len(members), rows.shape[1]))
     wide[:, np.searchsorted(members, part)] = rows
-    return wide.reshape(len(rows), -1)
+    return wide.reshape(len(rows), len(members) * rows.shape[1])
 
 
 def rigid_rows(x: np.ndarray, i: np.ndarray) -> np.ndarray:
