@@ -1,0 +1,67 @@
+"""The linear complementarity problem of contact: block principal pivoting, always finite."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+_PATIENCE = 10
+"""Block exchanges without progress before single exchanges take over."""
+
+
+def solve_complementarity(
+    column: Callable[[int], np.ndarray],
+    q: np.ndarray,
+    start: np.ndarray,
+    reference: np.ndarray,
+) -> np.ndarray | None:
+    """Multipliers x >= 0 with w = q + W (x - x_0) >= 0 and x . w = 0, W positive definite.
+
+    The active set x_i > 0 is found by exchanging all violated indices at once (a primal-dual
+    active set step); when that stops making progress, by the single exchanges of Murty's rule,
+    which end after finitely many steps for every positive definite W.
+
+    Parameters
+    ----------
+    column
+        Index i -> column i of W, shape (m,); called once for each i that is ever active.
+    q
+        Right-hand side, shape (m,).
+    start
+        First guess of the active set, boolean, shape (m,).
+    reference
+        x_0, shape (m,): close to the solution it keeps cancellation out of the result.
+
+    Returns
+    -------
+    numpy.ndarray or None
+        x, shape (m,); None if a number became NaN or infinite or the exchanges did not end.
+    """
+    m = len(q)
+    W = np.zeros((m, m))
+    known = np.zeros(m, dtype=bool)
+    active = start.copy()
+    fewest, patience = m + 1, _PATIENCE
+    slack = 1e-13 * max(np.abs(q).max(initial=0.0), np.finfo(float).tiny)
+    for _ in range(100 + 20 * m):
+        for i in np.flatnonzero((active | (reference != 0)) & ~known):
+            W[:, i] = column(i)
+            known[i] = True
+        change = np.where(active, 0.0, -reference)
+        w = q + W[:, known] @ change[known]
+        correction = -np.linalg.solve(W[np.ix_(active, active)], w[active])
+        if not np.isfinite(correction).all():
+            return None
+        change[active] += correction
+        w += W[:, active] @ correction
+        x = np.where(active, reference + change, 0.0)
+        wrong = np.where(active, x < -1e-13 * np.abs(x).max(initial=0.0), w < -slack)
+        count = np.count_nonzero(wrong)
+        if count == 0:
+            return np.maximum(x, 0.0)
+        if count < fewest:
+            fewest, patience = count, _PATIENCE
+        else:
+            patience -= 1
+        exchanged = np.flatnonzero(wrong)
+        active[exchanged if patience > 0 else exchanged[-1:]] ^= True
+    return None
