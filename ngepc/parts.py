@@ -10,9 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from ngsolve import CoefficientFunction, FESpace, ds, dx, specialcf
+from ngsolve import CoefficientFunction, FESpace, ds, dx
 from ngsolve.la import BaseVector, SparseMatrixd
 
+from ngepc.normals import outward_normal
 from ngepc.penalty import ContactPenalty, PlasticPenalty
 from ngepc.problem import Problem
 from ngepc.regularisation import Regularisation
@@ -85,7 +86,7 @@ class ContactPart:
 
     def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
         """(tau_n u, w) on Gamma_c."""
-        n = specialcf.normal(problem.N)
+        n = outward_normal(problem.mesh)
         return (u * n) * w * ds("|".join(problem.contact_names))
 
     def offset(self, problem: Problem, w) -> CoefficientFunction:
