@@ -22,6 +22,7 @@ _HOME = {
     "Units": "regularisation",
     "lame_parameters": "material",
     "lshape_problem": "examples",
+    "outward_normal": "normals",
     "semismooth_newton": "newton",
     "wrench_problem": "examples",
 }

@@ -1,8 +1,9 @@
 """The two examples of section 7 as problems on any mesh of their bodies."""
 
-from ngsolve import Mesh, specialcf
+from ngsolve import Mesh
 
 from ngepc.material import Material
+from ngepc.normals import outward_normal
 from ngepc.problem import Problem
 
 
@@ -14,7 +15,7 @@ def lshape_problem(mesh: Mesh) -> Problem:
     mesh
         A mesh of ``ngepc.geometries.lshape``.
     """
-    n = specialcf.normal(2)
+    n = outward_normal(mesh)
     material = Material.kinematic(
         lame_lambda=1.0e3, lame_mu=1.0e3, yield_stress=1.25, hardening=100.0
     )
@@ -29,7 +30,7 @@ def wrench_problem(mesh: Mesh) -> Problem:
     mesh
         A mesh of ``ngepc.geometries.wrench``.
     """
-    n = specialcf.normal(2)
+    n = outward_normal(mesh)
     material = Material.isotropic(
         lame_lambda=1.15e1,
         lame_mu=7.69,
