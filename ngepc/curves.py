@@ -36,7 +36,7 @@ def plot_history(
         If there is no history, or one without a record.
     """
     histories = _labelled(histories)
-    figure, (left, right) = _figure(7.6, 3.0, 2)
+    figure, (left, right) = _figure(7.6, 3.3, 2)
     for index, (label, history) in enumerate(histories.items()):
         residuals = np.maximum(history.residual_norms, np.finfo(float).tiny)
         style = _style(index, len(residuals))
@@ -52,7 +52,9 @@ def plot_history(
     for axes in (left, right):
         _iterations_axis(axes)
     if len(histories) > 1:
-        left.legend(fontsize=8, frameon=False)
+        handles, labels = left.get_legend_handles_labels()
+        options = {"loc": "outside lower center", "ncols": min(4, len(labels))}
+        figure.legend(handles, labels, fontsize=8, frameon=False, **options)
     return figure
 
 

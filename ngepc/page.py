@@ -9,8 +9,6 @@ from __future__ import annotations
 import html
 import importlib.util
 import json
-import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -250,16 +248,3 @@ def frame(content: str, height: int = 480) -> str:
         f'<iframe srcdoc="{html.escape(content)}" loading="lazy" title="interactive view" '
         f'style="width:100%;height:{height}px;border:1px solid #8884;border-radius:4px"></iframe>'
     )
-
-
-def write_text(path: str | os.PathLike, text: str) -> Path:
-    """Write a file in one go: readers see the old content or the new one, never half of it."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", dir=path.parent, prefix=path.name, delete=False
-    ) as stream:
-        stream.write(text)
-    os.chmod(stream.name, 0o644)
-    os.replace(stream.name, path)
-    return path

@@ -153,7 +153,8 @@ def colour_range(
 
     The limits are percentiles by area over the part where the field is not zero: ``percent`` of
     it may lie outside at either end.  An end where that would gain less than a tenth of the
-    scale stays where the data end.  ``symmetric`` fields get limits of opposite sign;
+    scale stays where the data end, and a scale of one sign that comes close to zero
+    begins there.  ``symmetric`` fields get limits of opposite sign;
     ``vmin`` and ``vmax`` overrule either limit.
 
     Raises
@@ -167,10 +168,14 @@ def colour_range(
     lowest, highest = float(every.min()), float(every.max())
     low, high = _percentiles(values, weights, percent)
     span = highest - lowest
-    if low - lowest <= 0.1 * span or lowest == 0.0:
+    if low - lowest <= 0.1 * span:
         low = lowest
-    if highest - high <= 0.1 * span or highest == 0.0:
+    if highest - high <= 0.1 * span:
         high = highest
+    if lowest >= 0.0 and low <= 0.2 * high:
+        low = 0.0
+    if highest <= 0.0 and high >= 0.2 * low:
+        high = 0.0
     if symmetric:
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
     low, high = (0.0 if abs(end) < 1e-9 * span else end for end in (low, high))

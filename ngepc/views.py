@@ -16,7 +16,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from ngsolve import CoefficientFunction
 
-from ngepc.page import Panel, frame, page, write_text
+from ngepc.page import Panel, frame, page
+from ngepc.records import write_text
 from ngepc.scenes import ViewOptions as ViewOptions
 from ngepc.scenes import scenes_of
 
@@ -41,7 +42,8 @@ class View:
 
     def save(self, path: str | os.PathLike) -> Path:
         """Write the page to ``path``, making its folder; returns the path."""
-        return write_text(path, self.html)
+        write_text(Path(path), self.html)
+        return Path(path)
 
 
 def show(
