@@ -12,10 +12,12 @@ from ngepc._version import __version__ as __version__
 
 _HOME = {
     "Armijo": "linesearch",
+    "Balanced": "balanced",
     "Coupled": "regularisation",
     "DualResult": "dual_result",
     "Material": "material",
     "NewtonOptions": "newton",
+    "PenaltyContact": "balanced",
     "Problem": "problem",
     "SolverError": "results",
     "Status": "results",

@@ -1,0 +1,113 @@
+"""Separate parameters for the terms of (D_gamma), and no error from the plastic one.
+
+The plastic strain carries the hardening h |p|^2 / 2.  It is split, h = h_F + h_G: h_F stays in the
+quadratic part F, so that D is elliptic, and h_G |p|^2 / 2 + beta |p| forms the nonsmooth part G.
+The conjugate of G is the paper's penalty M^2 with gamma_q = 1 / h_G, exactly: the plastic term
+is not regularised at all and its stiffness is moderate.  See docs/balanced.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ngepc.problem import Problem
+from ngepc.regularisation import Units
+from ngepc.tichonov import SurfaceGradient, Tichonov
+from ngepc.validation import Coefficient, is_number, require_number
+
+
+@dataclass(frozen=True, kw_only=True)
+class PenaltyContact:
+    """The contact condition z <= 0 by M^1(z) = gamma_z/2 |[z]^+|^2.
+
+    On the open gap this is an adhesion (psi - u.n)^2 / (2 gamma_z).
+
+    Parameters
+    ----------
+    gamma
+        gamma_z > 0, a number in reference units (length / stress).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If gamma is out of range.
+    """
+
+    gamma: float = 1e2
+
+    def __post_init__(self) -> None:
+        require_number("gamma", self.gamma, 0, strict=True)
+
+
+@dataclass(frozen=True)
+class Balanced:
+    """Hardening split for the plastic term, gamma for the Tichonov term only.
+
+    Parameters
+    ----------
+    gamma
+        gamma_T > 0 of the Tichonov term, a number in ``units``.
+    share
+        h_F / h, the share of the hardening that stays in F, in (0, 1).  q stands for
+        dev(h_F p) - dev sigma.
+    contact
+        How z <= 0 is imposed.
+    tichonov
+        The space H and its product, by default (R2).
+    units
+        Reference units of gamma.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If gamma or the share is out of range; when a problem without hardening is solved.
+    """
+
+    gamma: float = 1e9
+    share: float = 0.5
+    contact: PenaltyContact = field(default_factory=PenaltyContact)
+    tichonov: Tichonov = field(default_factory=SurfaceGradient)
+    units: Units = field(default_factory=Units)
+
+    contact_shift = 0.0
+    plastic_shift = 0.0
+
+    def __post_init__(self) -> None:
+        require_number("gamma", self.gamma, 0, strict=True)
+        if require_number("share", self.share, 0, strict=True) >= 1:
+            raise ValueError(f"share={self.share!r}: a number in (0, 1) is needed")
+
+    @property
+    def hardening_share(self) -> float:
+        """h_F / h."""
+        return self.share
+
+    @property
+    def gamma_tichonov(self) -> float:
+        """gamma_T (stress / length^2)."""
+        return self.gamma * self.units.stress / self.units.length**2
+
+    @property
+    def gamma_contact(self) -> float:
+        """gamma_z (length / stress)."""
+        return self.contact.gamma * self.units.length / self.units.stress
+
+    def gamma_plastic(self, problem: Problem) -> Coefficient:
+        """gamma_q = 1 / h_G, no parameter but the conjugate of h_G |p|^2 / 2 (1 / stress).
+
+        Raises
+        ------
+        ValueError
+            If the material has no hardening to split.
+        """
+        h = problem.effective_hardening
+        if is_number(h) and h <= 0:
+            raise ValueError(
+                "Balanced splits the hardening and this material has none: give a hardening "
+                "modulus, or use Coupled(gamma)"
+            )
+        return 1 / ((1 - self.share) * h)
+
+    def yield_bound(self, problem: Problem) -> Coefficient:
+        """Beta (stress)."""
+        return problem.beta
