@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from ngsolve import InnerProduct
 from ngsolve.la import BaseVector
@@ -26,6 +27,33 @@ logger = logging.getLogger(__name__)
 Monitor = Callable[[IterationRecord], None]
 
 ROUNDING_STEPS = 8
+
+
+class StoppingRule(Protocol):
+    """When the loop of Algorithm 7.1 has done enough; its text is shown when it has not."""
+
+    def met(self, record: IterationRecord) -> bool:
+        """Whether the iterate with this record will do."""
+        ...
+
+    def __str__(self) -> str:
+        """The rule as a text with its bounds."""
+        ...
+
+
+@dataclass(frozen=True)
+class ResidualBelow:
+    """||Psi_gamma||_{H*} < tolerance, the rule of Algorithm 7.1."""
+
+    tolerance: float
+
+    def met(self, record: IterationRecord) -> bool:
+        """Whether the residual norm is below the tolerance."""
+        return record.residual_norm < self.tolerance
+
+    def __str__(self) -> str:
+        """The tolerance."""
+        return f"the tolerance {self.tolerance:.3g}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,9 +160,13 @@ def run(
     v: BaseVector,
     options: NewtonOptions,
     monitor: Monitor | None = None,
+    rule: StoppingRule | None = None,
 ) -> DualResult:
-    """The loop of Algorithm 7.1 from v, with a Newton system that may have been used before."""
-    tolerance = options.tolerance * functional.residual_unit
+    """The loop of Algorithm 7.1 from v, with a Newton system that may have been used before.
+
+    It ends by ``rule``, or by ``options.tolerance`` when that is None.
+    """
+    rule = ResidualBelow(options.tolerance * functional.residual_unit) if rule is None else rule
     history, here = History(), Iterate.at(functional, v)
     status, drowned = None, 0
     try:
@@ -149,7 +181,7 @@ def run(
                 monitor(record)
             if not math.isfinite(record.residual_norm + record.energy):
                 status = Status.NONFINITE
-            elif record.residual_norm < tolerance and here.refresh(functional) < tolerance:
+            elif rule.met(record) and rule.met(refreshed(here, functional, record)):
                 status = Status.CONVERGED
             elif record.iteration == options.max_iterations:
                 status = Status.ITERATION_LIMIT
@@ -165,9 +197,15 @@ def run(
                     here = following
     except (StopIteration, KeyboardInterrupt):
         status = Status.STOPPED
-    return DualResult(
-        functional, here.y, here.v, status, describe(status, history, tolerance), history
-    )
+    return DualResult(functional, here.y, here.v, status, describe(status, history, rule), history)
+
+
+def refreshed(
+    here: Iterate, functional: DualFunctional, record: IterationRecord
+) -> IterationRecord:
+    """The record of ``here`` with y solved for and the residual computed afresh."""
+    here.refresh(functional)
+    return here.record(functional, record.iteration)
 
 
 def newton_step(
@@ -187,13 +225,13 @@ def newton_step(
     return Status.LINESEARCH_FAILED if step is None else line.iterate(step)
 
 
-def describe(status: Status, history: History, tolerance: float) -> str:
+def describe(status: Status, history: History, rule: StoppingRule) -> str:
     """What was seen, and what to try, for a run that did not converge."""
     last = history.records[-1]
     seen = (
         f"After {last.iteration} steps the residual is {last.residual_norm:.3g} "
         f"(contact {last.contact_residual_norm:.3g}, plastic {last.plastic_residual_norm:.3g}), "
-        f"the tolerance {tolerance:.3g}; last step length {last.step_length:.3g}."
+        f"{rule}; last step length {last.step_length:.3g}."
     )
     advice = {
         Status.CONVERGED: "",
