@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     """Solve, report, write."""
     from ngepc import records
     from ngepc.newton import NewtonOptions, semismooth_newton
-    from ngepc.study import coarse_start
+    from ngepc.starts import coarse_start
 
     if args.json not in (None, "-"):
         records.check_writable(Path(args.json))

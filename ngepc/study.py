@@ -1,0 +1,33 @@
+"""Starts that the paper's examples take: solutions on coarse meshes."""
+
+from __future__ import annotations
+
+from ngepc.dual_result import DualResult
+from ngepc.examples import lshape_problem, wrench_problem
+from ngepc.geometries import lshape, wrench
+from ngepc.newton import NewtonOptions, semismooth_newton
+
+COARSE = {
+    "lshape": lambda: lshape_problem(lshape.paper_mesh(lshape.COARSE_NODES)),
+    "wrench": lambda: wrench_problem(wrench.paper_mesh(437)),
+}
+"""The coarse problem of each example: 417 nodes in the paper's Table 1, 437 for the wrench."""
+
+
+def coarse_start(name: str, gamma: float, options: NewtonOptions) -> DualResult:
+    """The solution on the coarse mesh of an example, reached in factors of ten of gamma.
+
+    Parameters
+    ----------
+    name
+        'lshape' or 'wrench'.
+    gamma
+        The coupled gamma.
+    options
+        Newton options, also for the solve that starts from the result.
+    """
+    problem, result = COARSE[name](), None
+    gammas = [g for g in (1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9) if g < gamma]
+    for value in (*gammas, gamma):
+        result = semismooth_newton(problem, value, result, options)
+    return result
