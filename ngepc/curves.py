@@ -37,6 +37,21 @@ def plot_history(
     """
     histories = _labelled(histories)
     figure, (left, right) = _figure(7.6, 3.3, 2)
+    draw_history(left, right, histories, tolerance)
+    if len(histories) > 1:
+        handles, labels = left.get_legend_handles_labels()
+        options = {"loc": "outside lower center", "ncols": min(4, len(labels))}
+        figure.legend(handles, labels, fontsize=8, frameon=False, **options)
+    return figure
+
+
+def draw_history(
+    left: Axes, right: Axes, histories: Mapping[str, History], tolerance: float | None = None
+) -> None:
+    """Residual norms into the left axes, step lengths into the right ones."""
+    for axes in (left, right):
+        _plain(axes)
+        _iterations_axis(axes)
     for index, (label, history) in enumerate(histories.items()):
         residuals = np.maximum(history.residual_norms, np.finfo(float).tiny)
         style = _style(index, len(residuals))
@@ -49,13 +64,22 @@ def plot_history(
     right.set_yscale("log", base=2)
     right.set_ylim(top=1.4)
     right.set_ylabel(r"step length $\alpha^j$", fontsize=9)
-    for axes in (left, right):
-        _iterations_axis(axes)
-    if len(histories) > 1:
-        handles, labels = left.get_legend_handles_labels()
-        options = {"loc": "outside lower center", "ncols": min(4, len(labels))}
-        figure.legend(handles, labels, fontsize=8, frameon=False, **options)
-    return figure
+
+
+def draw_active(axes: Axes, history: History) -> None:
+    """Measures of the plastic and of the contact active set over the steps."""
+    _plain(axes)
+    _iterations_axis(axes)
+    steps = history.column("iteration")
+    for index, (name, label) in enumerate(
+        {"plastic_active": "plastic", "contact_active": "contact"}.items()
+    ):
+        values = history.column(name)
+        style = {**_style(index, len(values)), "drawstyle": "steps-mid"}
+        axes.plot(steps, values, label=label, **style)
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel("measure of active set", fontsize=9)
+    axes.legend(fontsize=8, frameon=False)
 
 
 def plot_counts(
@@ -217,11 +241,15 @@ def _figure(width: float, height: float, columns: int) -> tuple[Figure, Sequence
     figure = Picture(figsize=(width, height), layout="constrained")
     panels = figure.subplots(1, columns, squeeze=False)[0]
     for axes in panels:
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.tick_params(labelsize=8)
-        axes.grid(color="#e3e6ea", linewidth=0.6)
-        axes.set_axisbelow(True)
+        _plain(axes)
     return figure, panels
+
+
+def _plain(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)
+    axes.grid(color="#e3e6ea", linewidth=0.6)
+    axes.set_axisbelow(True)
 
 
 def _style(index: int, count: int) -> dict:

@@ -18,6 +18,7 @@ from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from ngsolve import CoefficientFunction
 
+from ngepc.curves import draw_history
 from ngepc.curves import plot_contact_pressure as plot_contact_pressure
 from ngepc.curves import plot_counts as plot_counts
 from ngepc.curves import plot_history as plot_history
@@ -181,6 +182,25 @@ def plot_mesh(source: object, *, units: Units | None = None, axes: Axes | None =
     _draw_body(axes, sampled, ColourRange(0.0, 1.0), colours, 0.0, True)
     _decorate(axes, fields, 0.0, units or Units())
     return axes.figure
+
+
+def plot_progress(result: object, *, deformation_scale: float = 1.0) -> Figure:
+    """Where a run stands: the set {phi > 0} on the body dark, residual norms, step lengths.
+
+    For ``monitors.watch``; ``result`` is any iterate of a solver on a 2D body.
+    """
+    scale = require_number("deformation_scale", deformation_scale, 0.0)
+    fields = fields_of(result)
+    sampled = body_corners(fields, drawable(result, "yield_function").coefficient)
+    active = np.repeat((sampled.values.max(axis=1) > 0.0)[:, None], 3, axis=1)
+    corners = Corners(sampled.points, sampled.displacement, active.astype(float))
+    figure = Picture(figsize=(9.6, 3.0), layout="constrained")
+    body, left, right = figure.subplots(1, 3)
+    _draw_body(body, corners, ColourRange(0.0, 1.0), ListedColormap(ZONE_COLOURS), scale, False)
+    _decorate(body, fields, scale, Units())
+    body.set_title(r"active set $\phi > 0$ (dark)", fontsize=9)
+    draw_history(left, right, {"": result.history})
+    return figure
 
 
 def _body_size(corners: Corners, scale: float) -> tuple[float, float]:

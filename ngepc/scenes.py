@@ -147,9 +147,10 @@ def _settings(N: int, options: ViewOptions) -> dict:
         "Objects": {"Wireframe": options.mesh_lines, "Edges": True, "Colorbar": False},
         "Colormap": {"ncolors": 64},
     }
-    if N == 2:
-        settings["Light"] = {"ambient": 1.0, "diffuse": 0.0, "shininess": 10, "specularity": 0.0}
-    return settings
+    ambient = 1.0 if N == 2 else 0.65
+    light = {"ambient": ambient, "diffuse": 1.0 - ambient, "shininess": 10, "specularity": 0.0}
+    camera = {} if N == 2 else {"camera": {"euler_angles": [-65.0, 0.0, -30.0]}}
+    return {**settings, "Light": light, **camera}
 
 
 def _webgui_draw() -> object:
