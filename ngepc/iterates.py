@@ -101,6 +101,7 @@ class Line:
         image.data = functional.blocks.Lambda * dy
         self.slope = InnerProduct(functional.linear_residual(here.y, here.v), dv)
         self.curvature = InnerProduct(image, dv) + functional.tichonov(dv, dv)
+        self._penalties: dict[float, float] = {}
 
     def dual(self, alpha: float) -> BaseVector:
         """v + alpha dv."""
@@ -111,7 +112,13 @@ class Line:
     def energy(self, alpha: float) -> float:
         """J*_gamma(v + alpha dv)."""
         parabola = self.here.smooth_energy + alpha * self.slope + alpha**2 / 2 * self.curvature
-        return parabola + self.functional.penalty(self.dual(alpha))
+        return parabola + self.penalty(alpha)
+
+    def penalty(self, alpha: float) -> float:
+        """M(v + alpha dv), integrated once for each alpha."""
+        if alpha not in self._penalties:
+            self._penalties[alpha] = self.functional.penalty(self.dual(alpha))
+        return self._penalties[alpha]
 
     def derivative(self, alpha: float) -> float:
         """d/d alpha J*_gamma(v + alpha dv)."""
@@ -124,5 +131,4 @@ class Line:
         y.data = self.here.y + step.length * self.dy
         smooth = self.functional.smooth_energy(y, v)
         residual = self.functional.residual(y, v)
-        penalty = self.functional.penalty(v)
-        return Iterate(y, v, residual, smooth, penalty, step)
+        return Iterate(y, v, residual, smooth, self.penalty(step.length), step)

@@ -121,18 +121,27 @@ class PlasticPenalty:
         rho = s / size
         M = rho * Id(q.dim) + (1 - rho) * OuterProduct(q, q) / (size * size)  # (6.1)
         r, dq = R.TestFunction(), R.TrialFunction()
-        density, inside = IfPos(s, gamma / 2 * s * s, 0), IfPos(s, 1.0, 0.0)
+        density = IfPos(s, gamma / 2 * s * s, 0).Compile()
+        gradient = (IfPos(s, gamma * rho, 0) * q).Compile()
+        hessian = (IfPos(s, gamma, 0) * M).Compile()
+        inside = IfPos(s, 1.0, 0.0)
+        coarse = dx(definedonelements=self._split.kinked, intrules=smooth_rules(problem.N))
         self._energy = density * measures[0] + density * measures[1]
-        self._measure = inside * measures[0] + inside * measures[1]
+        self._measure = inside * coarse + inside * measures[1]
         self._gradient = LinearForm(R)
         self._hessian = BilinearForm(R, symmetric=True, symmetric_storage=True)
         for m in measures:
-            self._gradient += InnerProduct(IfPos(s, gamma * rho, 0) * q, r) * m
-            self._hessian += InnerProduct(IfPos(s, gamma, 0) * M * dq, r) * m
+            self._gradient += InnerProduct(gradient, r) * m
+            self._hessian += InnerProduct(hessian * dq, r) * m
+        self._split_at: np.ndarray | None = None
 
     def _set(self, q: BaseVector) -> None:
+        """Evaluate the forms at q; the elements are sorted anew only where q has changed."""
         self._q.vec.data = q
-        self._split.update(np.reshape(self._q.vec.FV().NumPy(), (self._q.dim, -1)).T)
+        values = self._q.vec.FV().NumPy()
+        if self._split_at is None or not np.array_equal(values, self._split_at):
+            self._split.update(values.reshape(self._q.dim, -1).T)
+            self._split_at = values.copy()
 
     def energy(self, q: BaseVector) -> float:
         """M^2(q)."""
@@ -140,7 +149,7 @@ class PlasticPenalty:
         return Integrate(self._energy, self._mesh)
 
     def active(self, q: BaseVector) -> float:
-        """Measure of the set where |q| + nu^/gamma > beta_gamma."""
+        """Measure of the set where |q| + nu^/gamma > beta_gamma, by a low order: for records."""
         self._set(q)
         return Integrate(self._measure, self._mesh)
 
@@ -152,6 +161,7 @@ class PlasticPenalty:
     def pattern(self) -> SparseMatrixd:
         """A matrix with all entries that ``hessian`` may ever have."""
         self._split.smooth.Set()
+        self._split_at = None
         return self._hessian.Assemble(reallocate=True).mat
 
     def hessian(self, q: BaseVector) -> SparseMatrixd:
