@@ -1,6 +1,7 @@
 """Contact node by node: n_i . u_i <= psi_i at the nodes of the closed contact boundary."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from ngsolve import H1, FESpace, InnerProduct, LinearForm, VectorH1, ds
@@ -60,6 +61,19 @@ class NodalContact:
         """Deepest penetration, 0 for a feasible displacement."""
         return float(np.maximum(-self.open_gap(u), 0.0).max(initial=0.0))
 
+    def snapped(self, u: np.ndarray, active: np.ndarray) -> np.ndarray:
+        """``u`` with the ``active`` nodes exactly on the obstacle and none beyond it.
+
+        Removes the rounding errors of a step; a node with two rows takes them in turn.
+        """
+        u = u.copy()
+        squared = (self.free_normals**2).sum(1)
+        for rows in self._independent_rows:
+            gap = self.open_gap(u)
+            move = np.where(active, gap, np.minimum(gap, 0.0))[rows]
+            u[:, self.vertices[rows]] += (self.free_normals.T * (1 / squared))[:, rows] * move
+        return u
+
     def unit_force(self, row: int, vertices: int) -> np.ndarray:
         """The normal of one row at its node, zero elsewhere, shape (N, ``vertices``)."""
         force = np.zeros((self.normals.shape[1], vertices))
@@ -84,11 +98,19 @@ class NodalContact:
                 forces[chosen] = np.linalg.lstsq(A, -r[chosen[0]], rcond=None)[0]
         return np.maximum(forces, 0.0)
 
-    @property
+    @cached_property
     def _corner_rows(self) -> list[list[int]]:
         order = np.argsort(self.vertices, kind="stable")
         split = np.flatnonzero(np.diff(self.vertices[order])) + 1
         return [rows.tolist() for rows in np.split(order, split) if len(rows) > 1]
+
+    @cached_property
+    def _independent_rows(self) -> list[np.ndarray]:
+        """Groups of rows with at most one row of each vertex."""
+        repeated = np.zeros(len(self), dtype=int)
+        for rows in self._corner_rows:
+            repeated[rows] = np.arange(len(rows))
+        return [np.flatnonzero(repeated == k) for k in range(repeated.max(initial=0) + 1)]
 
 
 def nodal_contact(problem: Problem, V: FESpace) -> NodalContact:

@@ -31,8 +31,10 @@ Monitor = Callable[[IterationRecord], None]
 
 _TOUCHING = 1e-12
 """Open gap below which a node touches the obstacle, relative to the largest displacement."""
-_ROUNDING_RESIDUAL = 1e-8
-"""Relative residual below which a line search fails because of rounding."""
+_ROUNDING = 1e-13
+"""Changes of the energy below this part of its terms are rounding."""
+_ROUNDING_STEPS = 5
+_ASK_FOR_LESS = "it is at the level of rounding, ask for a larger tolerance."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,6 +195,7 @@ class _Run:
         self.contact: NodalContact = nodal_contact(problem, self.energy.space)
         self.active = np.zeros(len(self.contact), dtype=bool)
         self.history = History()
+        self._drowned = 0
         u = self.energy.lift
         if start is not None:
             u = np.where(self.energy.free, nodal_values(start, problem), u)
@@ -219,9 +222,12 @@ class _Run:
         if feasible:
             length, trials = self._line_search(direction)
         else:
-            self.state, length, trials = self._state(before.u + direction), 1.0, 1
+            full = self.contact.snapped(before.u + direction, self.active)
+            self.state, length, trials = self._state(full), 1.0, 1
         self._require_finite(self.state)
         self._record(length, trials - 1)
+        if feasible and self.state.residual_norm > self.options.tolerance:
+            self._count_drowned(before)
 
     def _direction(self) -> np.ndarray:
         """The minimiser of Newton's model over the feasible set, minus the current state."""
@@ -256,7 +262,8 @@ class _Run:
         bracket = Bracket(slope)
         for trial in range(1, options.max_evaluations + 1):
             t = bracket.trial
-            state = self._state(before.u + t * direction)
+            active = self.active if t == 1 else np.zeros_like(self.active)
+            state = self._state(self.contact.snapped(before.u + t * direction, active))
             s = state.slope(direction, hold)
             fallen = state.energy - before.energy <= (
                 options.decrease * t * slope + 1e-14 * before.size
@@ -277,14 +284,28 @@ class _Run:
         return np.where(self.energy.free, forces, 0.0)
 
     def _stuck(self, slope: float) -> Interrupted:
-        residual, step = self.state.residual_norm, len(self.history.records)
-        seen = f"in step {step} with slope {slope:.3g} and relative residual {residual:.3g}; "
-        if residual < _ROUNDING_RESIDUAL:
-            return Interrupted(Status.STAGNATED, seen + "ask for a larger tolerance.")
+        seen = (
+            f"In step {len(self.history.records)} the slope is {slope:.3g} and the relative "
+            f"residual {self.state.residual_norm:.3g}: "
+        )
+        if abs(slope) <= _ROUNDING * self.state.size:
+            return Interrupted(Status.STAGNATED, seen + _ASK_FOR_LESS)
         return Interrupted(
             Status.LINESEARCH_FAILED,
             seen + "try a smaller load step or a start from a coarser mesh.",
         )
+
+    def _count_drowned(self, before: State) -> None:
+        """End the run when several steps in a row change the energy by rounding only."""
+        drowned = before.energy - self.state.energy <= _ROUNDING * before.size
+        improved = self.state.residual_norm < 0.5 * before.residual_norm
+        self._drowned = self._drowned + 1 if drowned and not improved else 0
+        if self._drowned >= _ROUNDING_STEPS:
+            raise Interrupted(
+                Status.STAGNATED,
+                f"After {len(self.history.records) - 1} steps the relative residual stays near "
+                f"{self.state.residual_norm:.3g}: " + _ASK_FOR_LESS,
+            )
 
     def _state(self, u: np.ndarray) -> State:
         touching = self._touching_distance(u)
@@ -294,7 +315,7 @@ class _Run:
         return _TOUCHING * float(np.abs(u).max())
 
     def _require_finite(self, state: State) -> None:
-        if not (np.isfinite(state.energy) and np.isfinite(state.residual_norm)):
+        if not (np.isfinite(state.energy) and np.isfinite(state.gradient).all()):
             raise Interrupted(
                 Status.NONFINITE,
                 "the energy or the residual is NaN or infinite: check the coefficients",

@@ -91,6 +91,7 @@ class ReturnMapping:
         self.displacement = displacement
         self._two_mu = 2 * as_scalar(problem.material.lame_mu)
         self._modulus = self._two_mu + problem.effective_hardening
+        self._bulk = as_scalar(problem.material.lame_lambda) + self._two_mu / problem.N
 
     @property
     def elastic_strain_trial(self) -> CoefficientFunction:
@@ -100,39 +101,36 @@ class ReturnMapping:
     @property
     def trial(self) -> CoefficientFunction:
         """Coordinates of s = 2 mu_2 (dev e - p_0) - dev alpha_2 (stress)."""
-        _, alpha_2 = self.problem.alpha_0
-        N = self.problem.N
-        return coordinates(self._two_mu * self.elastic_strain_trial - alpha_2, N)
-
-    @property
-    def beyond(self) -> CoefficientFunction:
-        """[|s| - beta]_+ (stress)."""
-        excess = Norm(self.trial) - self.problem.beta
-        return IfPos(excess, excess, 0.0)
+        shifted = self._two_mu * self.elastic_strain_trial - self.problem.alpha_0[1]
+        return coordinates(shifted, self.problem.N)
 
     @property
     def plastic_increment(self) -> CoefficientFunction:
         """Coordinates of p, d components (1)."""
         s = self.trial
-        return self.beyond / (self._modulus * self._size(s)) * s
+        excess = Norm(s) - self.problem.beta
+        return IfPos(excess, excess, 0.0) / (self._modulus * self._size(s)) * s
 
     @property
     def stress(self) -> CoefficientFunction:
-        """Sigma = C (e - p_0 - p), N x N (stress)."""
+        """Sigma = C (e - p_0 - p), N x N (stress), without the cancellation of e and p."""
         N = self.problem.N
-        lame_lambda = as_scalar(self.problem.material.lame_lambda)
-        e = self.elastic_strain_trial
-        p = tensor(self.plastic_increment, N)
-        return lame_lambda * Trace(e) * Id(N) + self._two_mu * (e - p)
+        s = self.trial
+        deviatoric = tensor(self._retained(s) * s, N) + self.problem.alpha_0[1]
+        return self._bulk * Trace(self.elastic_strain_trial) * Id(N) + deviatoric
 
     @property
     def energy_density(self) -> CoefficientFunction:
         """The density of J without the loads, smallest over p (energy per volume), (2.14)."""
-        beyond = self.beyond
-        elastic = 0.5 * self._elasticity(self.elastic_strain_trial, self.elastic_strain_trial)
-        p_0 = self.problem.p_0
-        stored = 0.5 * self._two_mu * InnerProduct(p_0, p_0)
-        return elastic - beyond * beyond / (2 * self._modulus) - stored
+        two_mu, M, beta, N = self._two_mu, self._modulus, self.problem.beta, self.problem.N
+        s, p_0, alpha_2 = self.trial, self.problem.p_0, self.problem.alpha_0[1]
+        m = Norm(s)
+        b = IfPos(m - beta, beta, m)
+        volume = Trace(self.elastic_strain_trial)
+        shape = m * m * self.problem.effective_hardening / (two_mu * M) + b * (2 * m - b) / M
+        back = coordinates(alpha_2, N)
+        shift = back * (back + 2 * s) / two_mu - two_mu * InnerProduct(p_0, p_0)
+        return 0.5 * (self._bulk * volume * volume + shape + shift)
 
     @property
     def plastic(self) -> CoefficientFunction:
@@ -148,23 +146,22 @@ class ReturnMapping:
         N, two_mu = self.problem.N, self._two_mu
         s = self.trial
         size = self._size(s)
-        factor = (two_mu * two_mu / self._modulus).Compile()
-        radial = (self.beyond / size).Compile()
-        direction = (s / size).Compile()
-        along = (self.plastic * self.problem.beta / size).Compile()
+        across = (two_mu * self._retained(s)).Compile()
+        along = two_mu * two_mu / self._modulus * self.plastic * self.problem.beta / size
+        along, direction = along.Compile(), (s / size).Compile()
         e, d = coordinates(strain(u), N), coordinates(strain(v), N)
-        softening = radial * InnerProduct(e, d) + along * InnerProduct(direction, e) * InnerProduct(
-            direction, d
-        )
-        return self._elasticity(strain(u), strain(v)) - factor * softening
+        shape = across * InnerProduct(e, d)
+        radial = along * InnerProduct(direction, e) * InnerProduct(direction, d)
+        return self._bulk * Trace(strain(u)) * Trace(strain(v)) + shape - radial
 
     def _size(self, s: CoefficientFunction) -> CoefficientFunction:
         """max(|s|, beta) > 0."""
         return IfPos(Norm(s) - self.problem.beta, Norm(s), self.problem.beta)
 
-    def _elasticity(self, e: CoefficientFunction, d: CoefficientFunction) -> CoefficientFunction:
-        lame_lambda = as_scalar(self.problem.material.lame_lambda)
-        return lame_lambda * Trace(e) * Trace(d) + self._two_mu * InnerProduct(e, d)
+    def _retained(self, s: CoefficientFunction) -> CoefficientFunction:
+        """The part of s that the return leaves, (h + 2 mu_2 beta/|s|) / (2 mu_2 + h) or 1."""
+        h, beta = self.problem.effective_hardening, self.problem.beta
+        return (h + self._two_mu * beta / self._size(s)) / self._modulus
 
 
 def at_plastic_points(problem: Problem, dx: DifferentialSymbol) -> DifferentialSymbol:
