@@ -13,8 +13,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, Det, Mesh, specialcf
 
 from ngepc.material import Material
-from ngepc.support import check_support, vertices_of
-from ngepc.support import element_vertices as element_vertices
+from ngepc.support import check_support, element_vertices, vertices_of
 from ngepc.validation import (
     boundary_names,
     require_coefficient,
@@ -50,9 +49,13 @@ def check_mesh(mesh: Mesh) -> None:
         raise ValueError(
             "mesh has elements of second order: leave SecondOrder() out (mesh.Curve bends elements)"
         )
-    size = sample(Det(specialcf.JacobianMatrix(mesh.dim)), mesh)
+    determinant = Det(specialcf.JacobianMatrix(mesh.dim))
+    size = sample(determinant, mesh)
     if not np.isfinite(size).all() or np.abs(size).min() <= 1e-14 * np.abs(size).max():
         raise ValueError("mesh has degenerate elements (zero area or volume)")
+    if any(nodes.shape[1] == 2**mesh.dim for nodes in element_vertices(mesh)):
+        corner = sample(determinant, mesh, corners=True)
+        size = np.append(size, corner[np.abs(corner) > 1e-12 * np.abs(size).max()])
     if size.min() < 0 < size.max():
         raise ValueError("mesh has inverted elements (Jacobian determinants of both signs)")
 

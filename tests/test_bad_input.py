@@ -39,10 +39,10 @@ def material(**changes):
     return Material(**(STEEL | changes))
 
 
-def problem(mesh=SQUARE, material=None, **changes):
+def problem(**changes):
     """A problem that is legal but for the changes."""
-    usual = {"contact": "contact", "gap": 0.1}
-    return Problem(mesh, material or Material(**STEEL), **(usual | changes))
+    usual = {"mesh": SQUARE, "material": material(), "contact": "contact", "gap": 0.1}
+    return Problem(**(usual | changes))
 
 
 def by_hand(points, elements, edges=()):
@@ -126,6 +126,7 @@ def surface_only():
 
 TRIANGLE = [(0, 0), (1, 0), (0, 1)]
 UNIT = [*TRIANGLE, (1, 1)]
+BOTTOM = [(0, 1, "clamped")]
 TRACED = CF((1.0, 0.0, 0.0, 1.0), dims=(2, 2))
 LOPSIDED = CF((0.0, 1.0, 0.0, 0.0), dims=(2, 2))
 NOT_NUMBER = IfPos(x - 0.5, NAN, 1.0)
@@ -322,7 +323,7 @@ PROBLEMS = {
     "one dimension": ({"mesh": Make1DMesh(4)}, "mesh has dimension 1: 2 or 3 is needed"),
     "surface without a body": ({"mesh": surface_only()}, "mesh has no elements"),
     "no area": (
-        {"mesh": by_hand([(0, 0), (1, 0), (2, 0)], [(0, 1, 2)], [(0, 1, "clamped")])},
+        {"mesh": by_hand([(0, 0), (1, 0), (2, 0)], [(0, 1, 2)], BOTTOM)},
         "mesh has degenerate elements",
     ),
     "sliver beside a triangle": (
@@ -330,11 +331,11 @@ PROBLEMS = {
         "mesh has degenerate elements",
     ),
     "a corner twice": (
-        {"mesh": by_hand(UNIT, [(0, 1, 2), (1, 1, 2)], [(0, 1, "clamped")])},
+        {"mesh": by_hand(UNIT, [(0, 1, 2), (1, 1, 2)], BOTTOM)},
         "mesh has degenerate elements",
     ),
     "inverted": (
-        {"mesh": by_hand(UNIT, [(0, 1, 2), (1, 2, 3)], [(0, 1, "clamped")])},
+        {"mesh": by_hand(UNIT, [(0, 1, 2), (1, 2, 3)], BOTTOM)},
         "mesh has inverted elements",
     ),
     "re-entrant quadrilateral": (
@@ -344,6 +345,14 @@ PROBLEMS = {
             )
         },
         "mesh has inverted elements",
+    ),
+    "slightly re-entrant": (
+        {"mesh": by_hand([(0, 0), (1, 0), (0.45, 0.45), (0, 1)], [(0, 1, 2, 3)], BOTTOM)},
+        "mesh has inverted elements",
+    ),
+    "a corner at no number": (
+        {"mesh": by_hand([(0, 0), (1, 0), (0, NAN)], [(0, 1, 2)], BOTTOM)},
+        "mesh has degenerate elements",
     ),
     "the same element twice": (
         {
@@ -619,6 +628,47 @@ LEGAL = {
 @pytest.mark.parametrize("name", LEGAL)
 def test_accepted(name):
     assert LEGAL[name]().N == 2
+
+
+JUNK = {
+    "True": True,
+    "a string": "junk",
+    "an empty string": "",
+    "bytes": b"junk",
+    "complex": 1 + 1j,
+    "NaN": NAN,
+    "infinity": -INF,
+    "an object": object(),
+    "a function": math.sin,
+    "a set": {1, 2},
+    "an empty list": [],
+    "an empty tuple": (),
+    "an array of NaN": np.full(2, NAN),
+    "a matrix": np.eye(4),
+    "a coefficient of nine": CF((1.0,) * 9, dims=(3, 3)),
+    "a coefficient of NaN": CF(NAN) * x,
+    "a mapping of junk": {"left": "junk"},
+    "a mapping of a mapping": {"left": {"right": 1.0}},
+    "a mapping by number": {3: (1.0, 1.0)},
+    "a mapping to NaN": {"left": (NAN, NAN)},
+    "the mesh": SQUARE,
+}
+
+
+@pytest.mark.parametrize(
+    ("argument", "junk"),
+    [
+        (argument, junk)
+        for argument in (*Problem.__dataclass_fields__, *STEEL)
+        for junk in JUNK
+        if (argument, junk) != ("mesh", "the mesh")
+    ],
+)
+def test_junk_is_refused_by_name(argument, junk):
+    """Any argument, any junk: TypeError or ValueError that names the argument."""
+    given = {argument: JUNK[junk]}
+    with pytest.raises((TypeError, ValueError), match=argument):
+        problem(material=material(**given)) if argument in STEEL else problem(**given)
 
 
 def test_numbers_become_floats():
