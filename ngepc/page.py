@@ -198,12 +198,14 @@ def page(
         f'<figure>{_caption(panel)}<div class="place" id="place-{k}"></div></figure>'
         for k, panel in enumerate(panels)
     )
+    heading = f"<h1>{html.escape(title)}</h1>" if title else ""
     text = json.dumps(data, default=float).replace("</", "<\\/")
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{html.escape(title)}</title><style>{STYLE}{_PAGE_STYLE}</style></head><body>"
-        f"<header><h1>{html.escape(title)}</h1>{legend.markup() if legend else ''}</header>"
+        f"<title>{html.escape(title or 'ngepc')}</title>"
+        f"<style>{STYLE}{_PAGE_STYLE}</style></head><body>"
+        f"<header>{heading}{legend.markup() if legend else ''}</header>"
         f"<main>{figures}</main>"
         f"{_slider(labels, name)}"
         f'<script type="application/json" id="page">{text}</script>'

@@ -81,7 +81,7 @@ def compare(
     options = options or ViewOptions()
     scenes, legend = scenes_of(sources, field, options)
     panels = [Panel("scene", caption, [data]) for caption, data in scenes.items()]
-    return View(page(title or "ngepc", panels, legend=legend), options.height)
+    return View(page(title, panels, legend=legend), options.height)
 
 
 def slide(
@@ -103,7 +103,7 @@ def slide(
     options = options or ViewOptions()
     scenes, legend = scenes_of(sources, field, options)
     panel = Panel("scene", "", list(scenes.values()))
-    return View(page(title or "ngepc", [panel], list(scenes), name, legend), options.height)
+    return View(page(title, [panel], list(scenes), name, legend), options.height)
 
 
 def slide_figures(
@@ -119,7 +119,7 @@ def slide_figures(
         Panel("image", "", [png_address(figure) for figure in column])
         for column in zip(*rows, strict=True)
     ]
-    return View(page(title or "ngepc", panels, list(figures), name))
+    return View(page(title, panels, list(figures), name))
 
 
 def export_html(
@@ -161,8 +161,17 @@ def export_html(
     return draw(source, field, options, title).save(path)
 
 
-def png_address(figure: Figure, dpi: int = 120) -> str:
-    """A figure as a data address, to stand in the ``src`` of an HTML image."""
+def png_address(figure: Figure | Path, dpi: int = 120) -> str:
+    """A figure or a PNG file as a data address, for the ``src`` of an HTML image.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi)
+    if isinstance(figure, Figure):
+        figure.savefig(stream, format="png", dpi=dpi)
+    else:
+        stream.write(figure.read_bytes())
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")

@@ -1,0 +1,167 @@
+"""A headless Chromium over its debugging pipe: open pages, look at pixels, move sliders."""
+
+from __future__ import annotations
+
+import base64
+import io
+import itertools
+import json
+import os
+import select
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from matplotlib.image import imread
+
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-dev-shm-usage",
+    "--disable-sync",
+    "--no-first-run",
+    "--remote-debugging-pipe",
+)
+
+
+def chromium() -> str | None:
+    """Path of an installed Chromium or Chrome, or None."""
+    names = ("chromium", "chromium-browser", "google-chrome")
+    return next(filter(None, map(shutil.which, names)), None)
+
+
+@dataclass
+class Seen:
+    """What a page did: addresses it asked for beyond itself, and errors."""
+
+    requests: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+
+
+class Browser:
+    """One tab; use as a context manager."""
+
+    def __init__(self, width: int = 700, height: int = 500) -> None:
+        self.size = (width, height)
+        self.seen = Seen()
+        self._numbers = itertools.count(1)
+        self._buffer = b""
+
+    def __enter__(self) -> Browser:
+        self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        to_browser, self._out = os.pipe()
+        self._in, from_browser = os.pipe()
+        flags = [*FLAGS, f"--user-data-dir={self._profile.name}", "about:blank"]
+        redirect = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'
+        self._process = subprocess.Popen(
+            ["bash", "-c", redirect, "bash", chromium(), *flags],
+            pass_fds=(to_browser, from_browser),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        os.close(to_browser)
+        os.close(from_browser)
+        self._session = None
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = attached["sessionId"]
+        for domain in ("Page", "Runtime", "Network", "Log"):
+            self.call(f"{domain}.enable")
+        width, height = self.size
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._out)
+        os.close(self._in)
+        os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._profile.cleanup()
+
+    def open(self, path: Path, fragment: str = "") -> Seen:
+        """Load a file and wait until it has loaded and been drawn."""
+        self.seen = Seen()
+        self.call("Page.navigate", url="about:blank")
+        self.call("Page.navigate", url=path.resolve().as_uri() + fragment)
+        self.wait_for("document.readyState === 'complete' && location.protocol === 'file:'")
+        self.settle()
+        return self.seen
+
+    def settle(self) -> None:
+        """Wait for four frames of animation."""
+        frames = "new Promise(r => { let n = 4; const f = () => --n ? requestAnimationFrame(f) "
+        self.evaluate(frames + ": r(n); requestAnimationFrame(f); })")
+
+    def evaluate(self, expression: str) -> object:
+        """The value of a JavaScript expression, promises awaited."""
+        answer = self.call(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+        )
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def wait_for(self, condition: str, seconds: float = 20.0) -> None:
+        """Wait until a JavaScript condition holds."""
+        end = time.monotonic() + seconds
+        while not self.evaluate(condition):
+            assert time.monotonic() < end, f"{condition} did not come true in {seconds} s"
+            time.sleep(0.05)
+
+    def pixels(self) -> np.ndarray:
+        """The visible part of the page, shape (height, width, 3), values 0 to 1."""
+        data = self.call("Page.captureScreenshot", format="png")["data"]
+        return imread(io.BytesIO(base64.b64decode(data)), format="png")[..., :3]
+
+    def call(self, method: str, **parameters: object) -> dict:
+        """A command of the DevTools protocol and its answer."""
+        number = next(self._numbers)
+        message = {"id": number, "method": method, "params": parameters}
+        if self._session:
+            message["sessionId"] = self._session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._read()
+            if answer.get("id") == number:
+                assert "error" not in answer, answer
+                return answer["result"]
+            self._note(answer)
+
+    def _read(self, seconds: float = 60.0) -> dict:
+        while b"\0" not in self._buffer:
+            ready, _, _ = select.select([self._in], [], [], seconds)
+            assert ready, f"Chromium was silent for {seconds} s"
+            chunk = os.read(self._in, 1 << 20)
+            assert chunk, "Chromium ended"
+            self._buffer += chunk
+        message, _, self._buffer = self._buffer.partition(b"\0")
+        return json.loads(message)
+
+    def _note(self, event: dict) -> None:
+        method, data = event.get("method"), event.get("params", {})
+        if method == "Network.requestWillBeSent":
+            address = data["request"]["url"]
+            if not address.startswith(("file:", "data:", "about:", "blob:")):
+                self.seen.requests.append(address)
+        elif method == "Runtime.exceptionThrown":
+            self.seen.errors.append(str(data["exceptionDetails"]))
+        elif method == "Runtime.consoleAPICalled" and data["type"] in ("error", "assert"):
+            self.seen.errors.append(str(data["args"]))
+        elif method == "Log.entryAdded" and data["entry"]["level"] == "error":
+            self.seen.errors.append(data["entry"]["text"])
