@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     if args.figures:
         from ngepc.studies.pictures import table1_pictures
 
-        written += table1_pictures(study)
+        written += table1_pictures(study, table)
     sys.stdout.write("".join(f"wrote {path}\n" for path in written))
     return 0 if all(record["status"] == "converged" for record in table) else 1
 

@@ -1,0 +1,73 @@
+"""Figures and the HTML page of the mesh-independence study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ngepc.dual_result import DualResult
+from ngepc.figures import save, write_figures
+from ngepc.plotting import plot_counts, plot_history
+from ngepc.report import Report
+from ngepc.studies.table1 import Table1, cell_gamma, paper_value
+from ngepc.studies.tables import Cell
+from ngepc.views import show
+
+
+def finest(study: Table1) -> Cell:
+    """The cell with the largest gamma on the finest mesh."""
+    row = max(study.rows, key=lambda label: cell_gamma(Cell(label, 0)))
+    return Cell(row, study.nodes[-1])
+
+
+def counts_figure(study: Table1, table: list[dict]):
+    """Newton steps over nodes, rows from gamma = 1e3 on, with the paper's dashed."""
+    rows = [row for row in study.rows if float(row.rstrip("*")) >= 1e3]
+    ours = {
+        f"gamma = {row}": {r["nodes"]: r["iterations"] for r in table if r["row"] == row}
+        for row in rows
+    }
+    paper = {f"gamma = {row}": {n: paper_value(Cell(row, n)) for n in study.nodes} for row in rows}
+    return plot_counts(ours, paper)
+
+
+def table1_pictures(study: Table1, table: list[dict]) -> list[Path]:
+    """Write the figures and ``lshape.html``; returns their paths."""
+    cell = finest(study)
+    result = study.result(cell)
+    histories = {f"{n} nodes": study.result(Cell(cell.row, n)).history for n in study.nodes}
+    written = write_figures("lshape", result, study.folder)
+    written.append(save(counts_figure(study, table), study.folder / "table1_steps.png"))
+    written.append(
+        save(
+            plot_history(histories, tolerance=study.options.tolerance),
+            study.folder / "table1_residuals.png",
+        )
+    )
+    return [*written, _page(study, table, cell, result)]
+
+
+def _page(study: Table1, table: list[dict], cell: Cell, result: DualResult) -> Path:
+    report = Report("Example (a): the L-shape and mesh independence")
+    report.add_problem(result.problem)
+    report.add_section("Newton steps")
+    rows = [
+        {
+            "gamma": row,
+            **{
+                f"{n} nodes": f"{_count(table, row, n)} ({paper_value(Cell(row, n))})"
+                for n in study.nodes
+            },
+        }
+        for row in study.rows
+    ]
+    report.add_table(rows, caption="Ours, and in parentheses the paper's Table 1.")
+    report.add_figure(study.folder / "table1_residuals.png", f"Residuals at gamma = {cell.row}.")
+    report.add_section(f"The solution at gamma = {cell.row} on {cell.nodes} nodes")
+    report.add_view(show(result), "Deformed body with |p|_F; drag to turn, scroll to zoom.")
+    for what in ("yield_function", "plastic_zone", "contact_pressure"):
+        report.add_figure(study.folder / f"lshape_{what}.png", what.replace("_", " ").capitalize())
+    return report.write(study.folder / "lshape.html")
+
+
+def _count(table: list[dict], row: str, nodes: int) -> int:
+    return next(r["iterations"] for r in table if (r["row"], r["nodes"]) == (row, nodes))
