@@ -11,7 +11,7 @@ from netgen.csg import Pnt as Corner
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from netgen.meshing import Element1D, Element2D, Element3D, FaceDescriptor, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
-from ngepc.geometries import block, cook, lshape, plate, ring, wrench
+from ngepc.geometries import block, cook, lshape, plate, punch, ring, wrench
 from ngsolve import (
     CF,
     H1,
@@ -475,6 +475,11 @@ FUNCTIONS = {
     "hole zero": (lambda: block.with_hole(0.2, (1, 1), 0), "radius=0: a finite number > 0"),
     "ring inside out": (lambda: ring.mesh(0.2, 2, 1), "outer=1: a finite number > 2"),
     "ring without a hole": (lambda: ring.quarter_mesh(0.2, 0, 1), "inner=0: a finite number > 0"),
+    "patch too wide": (lambda: punch.mesh(0.5, 0.1, (2, 1), 2.0), "patch=2.0: a number < 2 is"),
+    "fine coarser than coarse": (
+        lambda: punch.mesh(0.1, 0.2),
+        "fine=0.2: a finite number >= 0.008",
+    ),
     "shell too fine": (lambda: ring.shell_octant_mesh(0.01), "maxh=0.01: a finite number >= 0.04"),
     "plane without normal": (lambda: Plane((0, 0), (0, 0)), "a vector other than zero is needed"),
     "plane in mixed dimensions": (lambda: Plane((0, 0), (0, 0, 1)), "2 numbers are needed"),

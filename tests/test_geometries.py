@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, cook, lshape, plate, ring, wrench
+from ngepc.geometries import block, cook, lshape, plate, punch, ring, wrench
 from ngsolve import CF, Integrate, ds
 
 from ngepc.support import check_conforming, element_facets
@@ -218,7 +218,19 @@ def test_plate(part):
     assert (found["right"], found["top"]) == pytest.approx(beyond)
 
 
+def test_punch():
+    """The patch is meshed finely, the block around it coarsely."""
+    mesh = punch.mesh(0.8, 0.05, (8, 4), 1.0)
+    assert measure(mesh) == pytest.approx(32.0, rel=1e-11)
+    expected = {"clamped": 8.0, "contact": 1.0, "left": 4.0, "right": 4.0, "top": 7.0}
+    assert lengths(mesh) == pytest.approx(expected, rel=1e-11)
+    edges = len(list(mesh.Boundaries("contact").Elements()))
+    assert 20 <= edges <= 24
+    assert mesh.ne < 2 * 32 / 0.05**2 / 10
+
+
 ALL = {
+    "punch": punch.mesh,
     "lshape": lambda: lshape.mesh(0.1),
     "lshape paper": lambda: lshape.paper_mesh(113),
     "wrench": lambda: wrench.mesh(0.4),
