@@ -35,6 +35,9 @@ from ngepc.validation import (
 
 COORDINATES = (x, y, z)
 
+Field = CoefficientFunction
+"""A scalar or vector on the boundary of the body."""
+
 
 class Obstacle(ABC):
     """A rigid body; ``gap`` turns it and a motion into a gap for a Problem."""
@@ -44,9 +47,7 @@ class Obstacle(ABC):
         """Space dimensions N in which the obstacle makes sense."""
 
     @abstractmethod
-    def along(
-        self, X: CoefficientFunction, n: CoefficientFunction, far: float
-    ) -> CoefficientFunction:
+    def along(self, X: Field, n: Field, far: float) -> Field:
         """The entry t of the ray X + t n into the obstacle at rest, ``far`` if there is none."""
 
     def gap(
@@ -108,9 +109,7 @@ class Plane(Obstacle):
         """As many as the point has coordinates."""
         return (len(self.point),)
 
-    def along(
-        self, X: CoefficientFunction, n: CoefficientFunction, far: float
-    ) -> CoefficientFunction:
+    def along(self, X: Field, n: Field, far: float) -> Field:
         """T = (X - point) . m / (-n . m) for the plane's normal m, where n . m < 0."""
         m = CF(self.normal)
         return _quotient(InnerProduct(X - CF(self.point), m), -InnerProduct(n, m), far)
@@ -136,9 +135,7 @@ class Sphere(Obstacle):
         d = X - CF(self.centre)
         return CF(1.0), InnerProduct(d, n), InnerProduct(d, d) - self.radius**2
 
-    def along(
-        self, X: CoefficientFunction, n: CoefficientFunction, far: float
-    ) -> CoefficientFunction:
+    def along(self, X: Field, n: Field, far: float) -> Field:
         """The smaller root, unless both are behind the surface of the body."""
         return _entry(*self.quadratic(X, n), far)
 
@@ -170,9 +167,7 @@ class Cylinder(Obstacle):
         d, m = (v - InnerProduct(v, axis) * axis for v in (d, n))
         return InnerProduct(m, m), InnerProduct(d, m), InnerProduct(d, d) - self.radius**2
 
-    def along(
-        self, X: CoefficientFunction, n: CoefficientFunction, far: float
-    ) -> CoefficientFunction:
+    def along(self, X: Field, n: Field, far: float) -> Field:
         """The smaller root, unless both are behind the surface of the body."""
         return _entry(*self.quadratic(X, n), far)
 
@@ -191,9 +186,7 @@ class Cavity(Obstacle):
         """Those of the hollow."""
         return self.inside.dimensions()
 
-    def along(
-        self, X: CoefficientFunction, n: CoefficientFunction, far: float
-    ) -> CoefficientFunction:
+    def along(self, X: Field, n: Field, far: float) -> Field:
         """The larger root, unless n points from the wall into the hollow."""
         a, b, c = self.inside.quadratic(X, n)
         discriminant = b * b - a * c
@@ -234,9 +227,7 @@ class SignedDistance(Obstacle):
         """Those of the gradient, otherwise any."""
         return (2, 3) if self.gradient is None else tuple(self.gradient.dims)
 
-    def along(
-        self, X: CoefficientFunction, n: CoefficientFunction, far: float
-    ) -> CoefficientFunction:
+    def along(self, X: Field, n: Field, far: float) -> Field:
         """T = phi / (-grad phi . n) where the obstacle faces the body."""
         phi, gradient = self._level(X)
         return _quotient(phi, -InnerProduct(gradient, n), far)
