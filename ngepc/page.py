@@ -227,6 +227,12 @@ def _slider(labels: Sequence[str], name: str) -> str:
     )
 
 
+def viewer_installed() -> bool:
+    """Whether the viewer's script is there, so that interactive pages can be made."""
+    found = importlib.util.find_spec("webgui_jupyter_widgets")
+    return found is not None and found.origin is not None
+
+
 def viewer_script() -> str:
     """The JavaScript of NGSolve's viewer.
 
@@ -235,13 +241,13 @@ def viewer_script() -> str:
     ImportError
         If it is not installed; the message says what to install.
     """
-    found = importlib.util.find_spec("webgui_jupyter_widgets")
-    if found is None or found.origin is None:
+    if not viewer_installed():
         raise ImportError(
             "interactive views need the package webgui_jupyter_widgets, which brings NGSolve's "
             f"viewer for offline use: {EXTRA}"
         )
-    return (Path(found.origin).parent / "js" / "webgui.js").read_text(encoding="utf-8")
+    origin = importlib.util.find_spec("webgui_jupyter_widgets").origin
+    return (Path(origin).parent / "js" / "webgui.js").read_text(encoding="utf-8")
 
 
 def frame(content: str, height: int = 480) -> str:

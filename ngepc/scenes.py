@@ -121,7 +121,7 @@ def scene_data(
     ImportError
         If NGSolve's webgui cannot be imported.
     """
-    draw = _webgui_draw()
+    draw = webgui_draw()
     fields = fields_of(source)
     deformation = options.deformation_scale * fields.displacement
     if fields.problem.N == 2:
@@ -153,7 +153,7 @@ def _settings(N: int, options: ViewOptions) -> dict:
     return {**settings, "Light": light, **camera}
 
 
-def _webgui_draw() -> object:
+def webgui_draw() -> object:
     """NGSolve's Draw for notebooks, imported without its change of numpy's error state."""
     with np.errstate():
         try:

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from ngsolve import CoefficientFunction
 
 from ngepc.page import Panel, frame, page
+from ngepc.page import viewer_installed as viewer_installed
 from ngepc.records import write_text
 from ngepc.scenes import ViewOptions as ViewOptions
 from ngepc.scenes import scenes_of

@@ -1,0 +1,35 @@
+"""Small solved problems that several test files look at, each solved once."""
+
+from functools import cache
+
+from ngepc.geometries import block, lshape
+from ngsolve import CF
+
+from ngepc import Material, Problem, lshape_problem, semismooth_newton
+from ngepc.primal import primal_newton
+
+
+@cache
+def lshape_dual(nodes: int = 417, gamma: float = 1e3):
+    """Example (a) by the dual method."""
+    return semismooth_newton(lshape_problem(lshape.paper_mesh(nodes)), gamma)
+
+
+@cache
+def lshape_primal(nodes: int = 417):
+    """Example (a) by the primal method, with a plastic zone."""
+    return primal_newton(lshape_problem(lshape.paper_mesh(nodes)))
+
+
+@cache
+def block_primal():
+    """A coarse block that yields under shear and touches a flat obstacle."""
+    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+    problem = Problem(
+        block.mesh(maxh=0.5),
+        material,
+        traction={"right": CF((0.0, 0.0, -4.0)), "left": CF((0.0, 0.0, 4.0))},
+        contact="contact",
+        gap=0.001,
+    )
+    return primal_newton(problem)

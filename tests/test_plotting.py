@@ -1,0 +1,236 @@
+"""Pictures: what they show agrees with the fields, and the colour scale with its rules."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.image import imread
+from ngepc.geometries import lshape
+from ngsolve import CF, L2, GridFunction, InnerProduct, Integrate, sqrt, x, y
+from solved import block_primal, lshape_dual, lshape_primal
+
+from ngepc import lshape_problem
+from ngepc.curves import chains, pressure_curves
+from ngepc.drawable import KINDS, Units, drawable
+from ngepc.plotting import (
+    plot_comparison,
+    plot_contact_pressure,
+    plot_counts,
+    plot_field,
+    plot_history,
+    plot_mesh,
+    plot_plastic_zone,
+    plot_progress,
+    plot_quotients,
+    plot_yield_function,
+)
+from ngepc.primal import primal_newton
+from ngepc.recovery import Fields
+from ngepc.results import History
+from ngepc.sampling import Corners, body_corners, colour_range
+from ngepc.spaces import displacement_space, plastic_space
+
+
+def picture(figure, path):
+    figure.savefig(path, dpi=60)
+    return imread(path)[..., :3]
+
+
+def strips(values, areas):
+    """A row of triangles with given values and areas."""
+    points = np.zeros((len(values), 3, 2))
+    points[:, 1, 0], points[:, 2, 1] = 1.0, 2 * np.asarray(areas)
+    return Corners(points, 0 * points, np.repeat(np.array(values, float)[:, None], 3, axis=1))
+
+
+FIGURES = {
+    "field": lambda: plot_field(lshape_primal()),
+    "yield function": lambda: plot_yield_function(lshape_dual(), title="phi"),
+    "component": lambda: plot_field(lshape_primal(), "stress_xy", mesh_lines=True),
+    "zone": lambda: plot_plastic_zone(lshape_primal(), 0.02),
+    "mesh": lambda: plot_mesh(lshape_primal()),
+    "comparison": lambda: plot_comparison({"dual": lshape_dual(), "primal": lshape_primal()}),
+    "progress": lambda: plot_progress(lshape_dual()),
+    "history": lambda: plot_history({"d": lshape_dual().history, "p": lshape_primal().history}),
+    "pressure": lambda: plot_contact_pressure(
+        {"dual": lshape_dual(), "primal": lshape_primal()}, units=Units("m", "Pa")
+    ),
+    "counts": lambda: plot_counts({"1e3": {417: 3, 833: 4}}, {"1e3": {417: 3, 833: 5}}),
+    "quotients": lambda: plot_quotients({"417": [1.0, 0.5, 0.1]}),
+    "body in 3D": lambda: plot_field(block_primal(), "displacement_z"),
+    "zone in 3D": lambda: plot_plastic_zone(block_primal()),
+}
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_figures_are_drawn_without_pyplot(name, tmp_path):
+    figure = FIGURES[name]()
+    pixels = picture(figure, tmp_path / "figure.png")
+    ink = (pixels < 0.95).any(axis=2)
+    assert 0.01 < ink.mean() < 0.95
+    assert not ink[0].any()
+    assert not ink[:, 0].any(), "something is cut off at the left"
+    assert plt.get_fignums() == []
+    assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+def test_axes_and_colour_bar_carry_units():
+    figure = plot_field(lshape_primal(), "stress_xx", units=Units("m", "Pa"))
+    body, bar = figure.axes
+    assert (body.get_xlabel(), body.get_ylabel()) == ("x (m)", "y (m)")
+    assert bar.get_ylabel() == r"stress $\sigma_{xx}$ (Pa)"
+    assert body.get_aspect() == 1.0
+
+
+def test_obstacle_is_drawn_at_the_gap():
+    lines = [c for c in plot_field(lshape_primal()).axes[0].collections]
+    tops = [
+        np.array(line.get_segments())[..., 1]
+        for line in lines
+        if isinstance(line, LineCollection) and np.allclose(line.get_linewidth(), 1.4)
+    ]
+    assert len(tops) == 1
+    np.testing.assert_allclose(tops[0], 1.1, rtol=1e-14)
+
+
+def test_obstacle_stays_outside_on_meshes_with_turned_edges():
+    result = primal_newton(lshape_problem(lshape.mesh(maxh=0.2)))
+    lines = plot_field(result).axes[0].collections
+    obstacle = next(line for line in lines if np.allclose(line.get_linewidth(), 1.4))
+    np.testing.assert_allclose(np.array(obstacle.get_segments())[..., 1], 1.1, rtol=1e-14)
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.02, 0.1])
+def test_dark_area_is_the_measure_of_the_plastic_zone(threshold):
+    result = lshape_primal()
+    body = plot_plastic_zone(result, threshold, deformation_scale=0.0).axes[0].collections[0]
+    corners = body_corners(result.fields, result.fields.equivalent_plastic_strain)
+    dark = body.get_array() > 0.5
+    expected = Integrate(result.fields.plastic_zone(threshold), result.problem.mesh)
+    assert corners.measures[dark].sum() == pytest.approx(expected, rel=1e-12)
+
+
+def test_corners_carry_areas_positions_and_values():
+    result = lshape_primal()
+    corners = body_corners(result.fields, 2 * x - y)
+    assert corners.measures.sum() == pytest.approx(0.75, rel=1e-13)
+    expected = corners.points @ [2.0, -1.0]
+    np.testing.assert_allclose(corners.values, expected, atol=1e-14)
+    assert not corners.constant
+    assert body_corners(result.fields, result.fields.equivalent_plastic_strain).constant
+
+
+def test_surface_of_a_block_has_its_area_and_the_stress_from_inside():
+    fields = block_primal().fields
+    corners = body_corners(fields, fields.stress[2, 2])
+    assert corners.measures.sum() == pytest.approx(6.0, rel=1e-12)
+    assert np.abs(corners.values).max() > 0.1
+
+
+def test_pressure_curve_integrates_to_the_contact_force():
+    result = lshape_dual()
+    ((s, pressure),) = pressure_curves(result)
+    assert (s[0], s[-1]) == (0.0, pytest.approx(1.0, rel=1e-12))
+    assert (np.diff(s) >= 0).all()
+    assert np.trapezoid(pressure, s) == pytest.approx(result.contact_force, rel=1e-12)
+
+
+def test_chains_put_shuffled_segments_in_order():
+    angle = np.linspace(0, 2 * np.pi, 13)
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    segments = np.stack([ring[:-1], ring[1:]], axis=1)
+    rng = np.random.default_rng(3)
+    mixed = segments[rng.permutation(12)]
+    mixed[::2] = mixed[::2, ::-1]
+    (closed,) = chains(mixed)
+    assert sorted(k for k, _ in closed) == list(range(12))
+    walked = np.array([mixed[k, ::-1] if back else mixed[k] for k, back in closed])
+    np.testing.assert_allclose(walked[:-1, 1], walked[1:, 0], atol=1e-14)
+    apart = np.concatenate([segments[:5], segments[:5] + 3.0])
+    assert sorted(len(chain) for chain in chains(apart)) == [5, 5]
+
+
+def test_one_small_element_does_not_swallow_the_scale():
+    values = np.r_[np.linspace(0.0, 1.0, 100), 50.0]
+    limits = colour_range(strips(values, np.r_[np.ones(100), 1e-3]))
+    assert limits.least == 0.0
+    assert 0.9 < limits.most <= 1.0
+    assert limits.extend == "max"
+
+
+def test_a_field_without_peaks_is_shown_in_full():
+    limits = colour_range(strips(np.linspace(2.0, 3.0, 50), np.ones(50)))
+    assert (limits.least, limits.most, limits.extend) == (2.0, 3.0, "neither")
+
+
+def test_colour_range_settles_under_refinement_while_the_maximum_grows():
+    most, peak = [], []
+    for nodes in (417, 1601, 6273):
+        problem = lshape_problem(lshape.paper_mesh(nodes))
+        zero = GridFunction(displacement_space(problem))
+        fields = Fields(problem, zero, GridFunction(plastic_space(problem)))
+        singular = GridFunction(L2(problem.mesh, order=0))
+        singular.Set(1 / sqrt(sqrt((x - 0.5) ** 2 + (y - 0.5) ** 2) + 1e-9))
+        corners = body_corners(fields, singular)
+        most.append(colour_range(corners).most)
+        peak.append(corners.values.max())
+    assert peak[2] > 1.5 * peak[0]
+    assert most[2] == pytest.approx(most[1], rel=0.05)
+
+
+def test_signed_fields_get_symmetric_limits():
+    limits = colour_range(strips(np.linspace(-3.0, 1.0, 40), np.ones(40)), symmetric=True)
+    assert limits.least == -limits.most == -3.0
+
+
+@pytest.mark.parametrize("value", [0.0, 4.0, -2.0])
+def test_constant_fields_have_a_scale(value):
+    limits = colour_range(strips([value] * 5, np.ones(5)))
+    assert limits.least < limits.most
+    assert limits.least <= value <= limits.most
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_named_field_is_a_finite_scalar(name):
+    result = lshape_primal()
+    what = drawable(result, name)
+    values = body_corners(result.fields, what.coefficient).values
+    assert what.coefficient.dim == 1
+    assert np.isfinite(values).all()
+    assert "$" not in what.plain_label
+
+
+def test_vectors_and_matrices_are_drawn_by_their_norms():
+    result = lshape_primal()
+    mesh, sigma = result.problem.mesh, result.stress
+    norm = drawable(result, "stress").coefficient
+    assert Integrate(norm**2, mesh) == pytest.approx(
+        Integrate(InnerProduct(sigma, sigma), mesh), rel=1e-12
+    )
+    component = drawable(result, "stress_xy").coefficient
+    assert Integrate((component - sigma[0, 1]) ** 2, mesh) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda r: plot_field(r, "stres"), "stress"),
+        (lambda r: plot_field(r, "stress_xz"), "stress_xz"),
+        (lambda r: plot_field(r, "stress_x"), "2 of the letters"),
+        (lambda r: plot_field(r, "yield_function_x"), "no components"),
+        (lambda r: plot_field(r, 3), "field=3"),
+        (lambda r: plot_field(r, deformation_scale=-1), "deformation_scale=-1"),
+        (lambda r: plot_field(r, vmin=2.0, vmax=1.0), "vmin < vmax"),
+        (lambda r: plot_plastic_zone(r, -0.1), "threshold=-0.1"),
+        (lambda r: plot_comparison({}), "at least one"),
+        (lambda r: plot_history({"run": History()}), "no records"),
+        (lambda r: plot_history({}), "at least one"),
+        (lambda r: plot_counts({}), "at least one"),
+        (lambda r: plot_quotients({}), "at least one"),
+        (lambda r: plot_field(CF(1.0)), "result of a solver"),
+        (lambda r: plot_contact_pressure(block_primal()), "3D"),
+    ],
+)
+def test_bad_input_is_named(call, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        call(lshape_primal())

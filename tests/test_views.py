@@ -1,0 +1,209 @@
+"""Interactive pages in a real browser: drawn, offline, without errors; the slider moves them."""
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from browser import Browser, chromium
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+from solved import block_primal, lshape_dual, lshape_primal
+
+from ngepc import page, views
+from ngepc.plotting import plot_field
+from ngepc.views import View, ViewOptions, compare, export_html, show, slide, slide_figures
+
+needs_browser = pytest.mark.skipif(
+    chromium() is None, reason="no Chromium or Chrome is installed (Debian: apt install chromium)"
+)
+needs_viewer = pytest.mark.skipif(
+    not views.viewer_installed(), reason=f"no offline viewer: {page.EXTRA}"
+)
+MOVE = (
+    "(v => { const s = document.getElementById('slider'); s.value = v;"
+    " s.dispatchEvent(new Event('input')); })"
+)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with Browser() as tab:
+        yield tab
+
+
+def opened(browser, path, fragment=""):
+    """Pixels of a page that asked for nothing and complained about nothing."""
+    seen = browser.open(path, fragment)
+    browser.wait_for("document.body.dataset.frame !== undefined")
+    browser.settle()
+    assert seen.requests == []
+    assert seen.errors == []
+    return browser.pixels()
+
+
+def coloured(pixels):
+    """Share of pixels that are neither white nor grey."""
+    return (np.ptp(pixels, axis=2) > 0.02).mean()
+
+
+def share_of(pixels, colour, tolerance=0.02):
+    return (np.abs(pixels - np.array(colour[:3])).max(axis=2) < tolerance).mean()
+
+
+@needs_browser
+def test_the_browser_notices_requests_and_errors(browser, tmp_path):
+    bad = tmp_path / "bad.html"
+    bad.write_text('<img src="http://127.0.0.1:9/x.png"><script>nowhere()</script>')
+    seen = browser.open(bad)
+    assert seen.requests == ["http://127.0.0.1:9/x.png"]
+    assert any("nowhere" in error for error in seen.errors)
+
+
+@needs_browser
+@needs_viewer
+def test_exported_page_shows_the_body_in_the_colours_of_the_scale(browser, tmp_path):
+    path = export_html(lshape_primal(), tmp_path / "deep" / "view.html", title="L-shape")
+    pixels = opened(browser, path)
+    below_header = pixels[70:]
+    assert 0.05 < coloured(below_header) < 0.6
+    assert share_of(below_header, colormaps["YlGnBu"](1.0), 0.05) > 0.003
+    assert share_of(below_header, (1.0, 1.0, 1.0)) > 0.4
+    assert browser.evaluate("document.querySelector('h1').textContent") == "L-shape"
+
+
+@needs_browser
+@needs_viewer
+def test_deformation_can_be_left_out(browser, tmp_path):
+    moved = opened(browser, export_html(lshape_primal(), tmp_path / "a.html"))
+    still = opened(browser, export_html(lshape_primal(), tmp_path / "b.html", deformation=False))
+    assert np.abs(moved - still).mean() > 0.01
+
+
+@needs_browser
+@needs_viewer
+def test_slider_moves_through_the_results_and_back(browser, tmp_path):
+    results = {
+        "γ = 10": lshape_dual(417, 10.0),
+        "γ = 1000": lshape_dual(),
+        "exact": lshape_primal(),
+    }
+    path = slide(results, name="γ").save(tmp_path / "slider.html")
+    pictures, labels = [opened(browser, path)], [browser.evaluate("label.textContent")]
+    for position in (1, 2, 0):
+        browser.evaluate(f"{MOVE}({position})")
+        browser.settle()
+        pictures.append(browser.pixels())
+        labels.append(browser.evaluate("label.textContent"))
+    assert labels == ["γ = 10", "γ = 1000", "exact", "γ = 10"]
+    for a, b in ((0, 1), (1, 2), (0, 2)):
+        assert np.abs(pictures[a] - pictures[b])[70:430].mean() > 0.005
+    assert np.abs(pictures[0] - pictures[3])[70:430].mean() < 1e-3
+    assert browser.seen.errors == []
+
+
+@needs_browser
+@needs_viewer
+def test_fragment_of_the_address_chooses_the_frame(browser, tmp_path):
+    path = slide({"a": lshape_dual(), "b": lshape_primal()}).save(tmp_path / "slider.html")
+    opened(browser, path, "#1")
+    assert browser.evaluate("label.textContent") == "b"
+    opened(browser, path, "#77")
+    assert browser.evaluate("label.textContent") == "b"
+
+
+@needs_browser
+@needs_viewer
+def test_comparison_draws_every_panel(browser, tmp_path):
+    view = compare({"dual": lshape_dual(), "exact": lshape_primal()})
+    pixels = opened(browser, view.save(tmp_path / "compare.html"))
+    for half in (pixels[90:, :345], pixels[90:, 355:]):
+        assert 0.05 < coloured(half) < 0.6
+
+
+@needs_browser
+@needs_viewer
+@pytest.mark.parametrize("field", ["stress_zz", "contact_pressure"])
+def test_blocks_are_drawn_in_three_dimensions(browser, tmp_path, field):
+    pixels = opened(browser, show(block_primal(), field).save(tmp_path / "block.html"))
+    assert 0.05 < (pixels[70:] < 0.97).any(axis=2).mean() < 0.7
+
+
+@needs_browser
+@needs_viewer
+def test_frame_of_a_notebook_shows_the_same_page(browser, tmp_path):
+    notebook = tmp_path / "cell.html"
+    view = show(lshape_primal(), options=ViewOptions(height=400))
+    notebook.write_text(f'<meta charset="utf-8">{view._repr_html_()}', encoding="utf-8")
+    seen = browser.open(notebook)
+    browser.wait_for("frames[0].document.body.dataset.frame === '0'")
+    browser.settle()
+    assert 0.03 < coloured(browser.pixels()[90:]) < 0.6
+    assert (seen.requests, seen.errors) == ([], [])
+
+
+@needs_browser
+def test_figures_slide_without_the_viewer(browser, tmp_path, monkeypatch):
+    monkeypatch.setattr(page.importlib.util, "find_spec", lambda name: None)
+    view = slide_figures(
+        {"0": [plot_field(lshape_dual())], "1": [plot_field(lshape_primal())]}, "figures", "step"
+    )
+    first = opened(browser, view.save(tmp_path / "figures.html"))
+    browser.evaluate(f"{MOVE}(1)")
+    browser.settle()
+    assert np.abs(first - browser.pixels()).mean() > 0.005
+
+
+@needs_viewer
+def test_pages_name_no_address_of_the_network():
+    text = show(lshape_primal()).html
+    assert re.findall(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//""", text) == []
+    addresses = set(re.findall(r"https?://[\w./-]+", text))
+    assert addresses <= {"http://www.w3.org/1999/xhtml"}
+
+
+@needs_viewer
+def test_numpy_keeps_its_error_settings():
+    code = (
+        "import numpy as np; before = np.geterr();"
+        "from ngepc.scenes import webgui_draw; webgui_draw();"
+        "assert np.geterr() == before, np.geterr()"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_missing_viewer_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(page.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"pip install \"ngepc\[notebook\]\""):
+        show(lshape_primal())
+
+
+def test_text_of_pages_is_escaped(tmp_path):
+    figure = Figure(figsize=(1, 1))
+    view = slide_figures({"</script><b>": figure, "2": figure}, "<i>title</i>", "a<b")
+    assert "</script><b>" not in view.html
+    assert "<i>title" not in view.html
+    assert view.save(tmp_path / "x.html").read_text(encoding="utf-8") == view.html
+
+
+def test_frames_hold_whole_pages():
+    shown = View('<p class="x">&amp;</p>', 222)._repr_html_()
+    assert 'srcdoc="&lt;p class=&quot;x&quot;&gt;&amp;amp;&lt;/p&gt;"' in shown
+    assert "height:222px" in shown
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: show(lshape_primal(), "nothing"), "nothing"),
+        (lambda: slide({}), "at least one"),
+        (lambda: slide_figures({}), "same number"),
+        (lambda: ViewOptions(deformation_scale=-1.0), "deformation_scale=-1.0"),
+        (lambda: page.page("t", []), "at least one panel"),
+        (lambda: page.page("t", [page.Panel("image", "c", ["", ""])]), "one frame for each label"),
+    ],
+)
+def test_bad_input_is_named(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
