@@ -1,0 +1,141 @@
+"""VTU and PVD files: read back by an independent reader, and refused when they are not whole."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from ngsolve import InnerProduct, Integrate
+from solved import block_primal, lshape_dual, lshape_primal
+
+from ngepc import export
+from ngepc.export import FIELDS, export_series, export_vtu
+from ngepc.records import l2_norm
+
+meshio = pytest.importorskip("meshio", reason="meshio reads the files back (extra 'test')")
+
+
+def cells(mesh):
+    (block,) = mesh.cells
+    return block.data
+
+
+def sizes(mesh):
+    corners = mesh.points[cells(mesh)]
+    edges = corners[:, 1:] - corners[:, :1]
+    if edges.shape[1] == 2:
+        return np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
+    return np.abs(np.linalg.det(edges)) / 6
+
+
+@pytest.mark.parametrize("solve", [lshape_dual, lshape_primal, block_primal])
+def test_files_hold_the_body_and_its_fields(solve, tmp_path):
+    result = solve()
+    path = export_vtu(result, tmp_path / "new" / "folder" / "body.vtu")
+    read = meshio.read(path)
+    body = result.problem.mesh
+    assert set(read.point_data) == set(FIELDS)
+    assert len(cells(read)) == body.ne
+    assert sizes(read).sum() == pytest.approx(0.75 if body.dim == 2 else 1.0, rel=1e-12)
+    assert list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("solve", [lshape_primal, block_primal])
+def test_piecewise_constant_tensors_keep_their_norms(solve, tmp_path):
+    result = solve()
+    read = meshio.read(export_vtu(result, tmp_path / "body.vtu"))
+    for name in ("plastic_strain", "stress"):
+        tensor = read.point_data[name][cells(read)[:, 0]]
+        assert tensor.shape[1] == 9
+        norm = np.sqrt((tensor**2).sum(axis=1) @ sizes(read))
+        assert norm == pytest.approx(l2_norm(getattr(result, name), result.problem.mesh), rel=1e-10)
+
+
+def test_displacements_have_three_components_and_the_right_mean(tmp_path):
+    result = lshape_primal()
+    read = meshio.read(export_vtu(result, tmp_path / "body.vtu"))
+    u = read.point_data["displacement"]
+    assert u.shape[1] == 3
+    assert np.abs(u[:, 2]).max() == 0.0
+    mean = u[cells(read)].mean(axis=1).T @ sizes(read)
+    expected = Integrate(result.displacement, result.problem.mesh)
+    np.testing.assert_allclose(mean[:2], expected, rtol=1e-11)
+
+
+def test_chosen_fields_only(tmp_path):
+    read = meshio.read(export_vtu(lshape_primal(), tmp_path / "b.vtu", ["displacement", "strain"]))
+    assert set(read.point_data) == {"displacement", "strain"}
+
+
+def test_series_lists_its_steps_beside_it(tmp_path):
+    steps = {0.5: lshape_dual(), 1.5: lshape_primal()}
+    path = export_series(steps, tmp_path / "load.pvd")
+    listed = ElementTree.parse(path).getroot().findall("./Collection/DataSet")
+    assert [float(entry.get("timestep")) for entry in listed] == [0.5, 1.5]
+    for entry, result in zip(listed, steps.values(), strict=True):
+        read = meshio.read(path.parent / entry.get("file"))
+        p = read.point_data["plastic_strain"][cells(read)[:, 0]]
+        expected = Integrate(
+            InnerProduct(result.plastic_strain, result.plastic_strain), result.problem.mesh
+        )
+        assert (p**2).sum(axis=1) @ sizes(read) == pytest.approx(expected, rel=1e-10)
+
+
+class Silent:
+    """A VTKOutput that writes nothing and says nothing."""
+
+    def __init__(self, *_, **__):
+        pass
+
+    def Do(self):
+        return "out"
+
+
+def test_a_writer_that_writes_nothing_is_noticed(tmp_path, monkeypatch):
+    monkeypatch.setattr(export, "VTKOutput", Silent)
+    with pytest.raises(OSError, match="wrote no file"):
+        export_vtu(lshape_primal(), tmp_path / "body.vtu")
+    assert not (tmp_path / "body.vtu").exists()
+
+
+@pytest.mark.parametrize("share", [0.001, 0.5, 0.999])
+def test_a_file_that_breaks_off_is_noticed(share, tmp_path, monkeypatch):
+    whole = export.VTKOutput
+
+    class Broken:
+        def __init__(self, *arguments, filename, **options):
+            self.path = Path(filename).with_suffix(".vtu")
+            self.inner = whole(*arguments, filename=filename, **options)
+
+        def Do(self):
+            self.inner.Do()
+            content = self.path.read_bytes()
+            self.path.write_bytes(content[: int(share * len(content))])
+
+    monkeypatch.setattr(export, "VTKOutput", Broken)
+    with pytest.raises(OSError, match=r"body\.vtu"):
+        export_vtu(lshape_primal(), tmp_path / "body.vtu")
+
+
+def test_an_older_file_survives_a_failure(tmp_path, monkeypatch):
+    path = export_vtu(lshape_primal(), tmp_path / "body.vtu")
+    before = path.read_bytes()
+    monkeypatch.setattr(export, "VTKOutput", Silent)
+    with pytest.raises(OSError, match="wrote no file"):
+        export_vtu(lshape_primal(), path)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda p: export_vtu(lshape_primal(), p / "a.vtk"), "ends in '.vtu'"),
+        (lambda p: export_vtu(lshape_primal(), p / "a.vtu", ["stres"]), "'stres' is none of"),
+        (lambda p: export_series([lshape_primal()], p / "a.vtu"), "ends in '.pvd'"),
+        (lambda p: export_series([], p / "a.pvd"), "at least one"),
+    ],
+)
+def test_bad_input_is_named(call, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        call(tmp_path)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,156 @@
+"""Monitors see every record, stop runs on request, and draw what the history holds."""
+
+import io
+
+import pytest
+from ngepc.geometries import lshape
+from solved import lshape_dual
+
+from ngepc import Status, lshape_problem, monitors, semismooth_newton
+from ngepc.monitors import (
+    combine,
+    live_plot_monitor,
+    newton_sequence,
+    progress_monitor,
+    table_monitor,
+    watch,
+)
+from ngepc.newton import NewtonOptions
+from ngepc.plotting import plot_progress
+from ngepc.results import History, IterationRecord
+
+RECORDS = [
+    IterationRecord(iteration=k, residual_norm=10.0**-k, step_length=0.5**k, halvings=k)
+    for k in range(4)
+]
+
+
+class Screen:
+    """A notebook: keeps the figures that stand in each place."""
+
+    def __init__(self):
+        self.places, self.drawings = [], 0
+
+    def __call__(self, figure):
+        self.places.append(figure)
+        self.drawings += 1
+        return self
+
+    def update(self, figure):
+        self.places[-1] = figure
+        self.drawings += 1
+
+
+@pytest.fixture
+def screen(monkeypatch):
+    screen = Screen()
+    monkeypatch.setattr(monitors, "_display", screen)
+    return screen
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return lshape_problem(lshape.paper_mesh(113))
+
+
+def test_solver_tells_monitors_the_history(problem):
+    seen = []
+    result = semismooth_newton(
+        problem, 1e3, monitor=combine(seen.append, table_monitor(io.StringIO()))
+    )
+    assert seen == result.history.records
+
+
+def test_stop_iteration_in_one_of_several_monitors_stops_the_run(problem):
+    def stop(record):
+        if record.iteration == 2:
+            raise StopIteration
+
+    seen = []
+    result = semismooth_newton(problem, 1e3, monitor=combine(seen.append, stop))
+    assert result.status is Status.STOPPED
+    assert [record.iteration for record in seen] == [0, 1, 2]
+
+
+def test_table_has_a_heading_and_aligned_columns():
+    stream = io.StringIO()
+    monitor = table_monitor(stream)
+    for record in RECORDS:
+        monitor(record)
+    lines = stream.getvalue().splitlines()
+    assert len({len(line) for line in lines}) == 1
+    assert lines[0].split()[:2] == ["step", "residual"]
+    assert [float(line.split()[1]) for line in lines[1:]] == [1.0, 0.1, 0.01, 0.001]
+
+
+def test_library_writes_nothing_unasked(problem, capsys):
+    semismooth_newton(problem, 10.0)
+    assert capsys.readouterr() == ("", "")
+    monitor = table_monitor()
+    monitor(RECORDS[0])
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 2
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_progress_keeps_one_line_on_a_terminal_and_leaves_one_in_a_file():
+    terminal, file = Terminal(), io.StringIO()
+    with progress_monitor("run", terminal) as shown, progress_monitor("run", file) as logged:
+        for record in RECORDS:
+            combine(shown, logged)(record)
+    assert terminal.getvalue().count("\r") == 4
+    assert terminal.getvalue().count("\n") == 1
+    assert file.getvalue() == "run: step 3, residual 1.00e-03, step length 0.12\n"
+
+
+def test_live_plot_stays_in_one_place_and_ends_with_all_steps(screen):
+    with live_plot_monitor(interval=3600.0) as monitor:
+        for record in RECORDS:
+            monitor(record)
+        assert screen.drawings == 1
+    assert len(screen.places) == 1
+    residuals = screen.places[0].axes[0].lines[0]
+    assert list(residuals.get_ydata()) == [1.0, 0.1, 0.01, 0.001]
+
+
+def test_live_plot_draws_convergence_at_once(screen):
+    monitor = live_plot_monitor(interval=3600.0, tolerance=0.05)
+    for record in RECORDS[:3]:
+        monitor(record)
+    assert screen.drawings == 2
+
+
+def test_live_plot_begins_anew_with_each_run(screen):
+    monitor = live_plot_monitor(interval=0.0)
+    for record in [*RECORDS, RECORDS[0]]:
+        monitor(record)
+    assert monitor.history == History([RECORDS[0]])
+
+
+def test_single_steps_pass_through_the_iterates_of_the_run(problem):
+    run = semismooth_newton(problem, 1e3)
+    steps = list(newton_sequence(problem, 1e3))
+    assert len(steps) == run.iterations
+    assert [s.iterations for s in steps] == list(range(1, run.iterations + 1))
+    assert steps[-1].status is Status.CONVERGED
+    assert steps[-1].dual_energy == pytest.approx(run.dual_energy, rel=1e-12)
+    assert steps[-1].history.energies == pytest.approx(run.history.energies, rel=1e-10)
+    assert steps[-1].history.step_lengths == pytest.approx(run.history.step_lengths)
+
+
+def test_single_steps_end_at_the_iteration_limit(problem):
+    steps = list(newton_sequence(problem, 1e3, options=NewtonOptions(max_iterations=2)))
+    assert [s.status for s in steps] == [Status.ITERATION_LIMIT] * 2
+
+
+def test_watch_draws_each_result_in_one_place(screen):
+    results = [lshape_dual(113, 10.0), lshape_dual(113, 1e3)]
+    assert watch(iter(results), plot_progress) is results[-1]
+    assert (len(screen.places), screen.drawings) == (1, 2)
+    with pytest.raises(ValueError, match="nothing to watch"):
+        watch([], plot_progress)

@@ -1,0 +1,124 @@
+"""Reports: one file that holds everything, reads as a table and opens in a browser."""
+
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from browser import Browser, chromium
+from solved import lshape_dual, lshape_primal
+
+from ngepc.plotting import plot_field
+from ngepc.report import Report, number, write_report
+from ngepc.views import slide, viewer_installed
+
+ROWS = [
+    {"gamma": 1e3, "paper": 8, "here": 7, "status": "converged"},
+    {"gamma": 1e-7, "here": 12, "energy": -0.123456},
+]
+
+
+class Reader(HTMLParser):
+    """Rows of the tables, sources of images, and tags that stay open."""
+
+    VOID = ("meta", "img", "input", "br")
+
+    def __init__(self, text):
+        super().__init__()
+        self.rows, self.images, self.open = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        if tag not in self.VOID:
+            self.open.append(tag)
+        if tag == "tr":
+            self.rows.append([])
+        elif tag in ("td", "th"):
+            self.rows[-1].append("")
+        elif tag == "img":
+            self.images.append(dict(attributes)["src"])
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+
+
+def test_tables_have_all_columns_in_order_of_appearance():
+    read = Reader(Report("t").add_table(ROWS).html())
+    assert read.open == []
+    assert read.rows == [
+        ["gamma", "paper", "here", "status", "energy"],
+        ["1000", "8", "7", "converged", ""],
+        ["1e−07", "", "12", "", "−0.1235"],
+    ]
+
+
+def test_pictures_and_text_are_inside_the_file(tmp_path):
+    figure = plot_field(lshape_primal())
+    figure.savefig(tmp_path / "field.png", dpi=40)
+    path = write_report(
+        tmp_path / "deep" / "report.html",
+        "A < B",
+        ("Problem", ["see `--help` & more", lshape_primal().problem]),
+        ("Pictures", [figure, tmp_path / "field.png"]),
+        ("Table", [ROWS]),
+    )
+    text = path.read_text(encoding="utf-8")
+    read = Reader(text)
+    assert read.open == []
+    assert len(read.images) == 2
+    assert all(image.startswith("data:image/png;base64,iVBOR") for image in read.images)
+    assert "A &lt; B" in text
+    assert "see <code>--help</code> &amp; more" in text
+    assert ["contact", "contact"] in read.rows
+    assert ["gap", "0.1"] in read.rows
+    assert "http" not in text.replace("data:image", "")
+
+
+def test_reports_are_written_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "report.html"
+    write_report(path, "old")
+    with pytest.raises(TypeError, match=r"3\.5"):
+        write_report(path, "new", ("Section", [3.5]))
+    assert "<h1>old</h1>" in path.read_text(encoding="utf-8")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, ""), (True, "True"), (12345678, "12345678"), (0.25, "0.25"), (float("nan"), "nan")],
+)
+def test_numbers_are_written_for_readers(value, text):
+    assert number(value) == text
+    assert number(np.float64(1e-12)) == "1e−12"
+    assert number(np.int64(4)) == "4"
+
+
+def test_empty_tables_are_refused():
+    with pytest.raises(ValueError, match="at least one row"):
+        Report("t").add_table([])
+
+
+@pytest.mark.skipif(chromium() is None, reason="no Chromium or Chrome is installed")
+@pytest.mark.skipif(not viewer_installed(), reason="the offline viewer is not installed")
+@pytest.mark.parametrize("width", [390, 900])
+def test_report_opens_from_disk_with_its_view(tmp_path, width):
+    view = slide({"dual": lshape_dual(), "exact": lshape_primal()}, name="method")
+    report = Report("L-shape").add_table(ROWS, "Counts").add_view(view, "drag to turn", 320)
+    path = report.write(tmp_path / "report.html", footer="made by a test")
+    with Browser(width, 900) as browser:
+        seen = browser.open(path)
+        browser.wait_for("frames[0].document.body.dataset.frame === '0'")
+        browser.settle()
+        pixels = browser.pixels()
+        assert (np.ptp(pixels, axis=2) > 0.1).mean() > 0.01
+        assert browser.evaluate("document.documentElement.scrollWidth") <= width
+        frame = "frames[0].document.getElementById"
+        browser.evaluate(f"{frame}('slider').value = 1")
+        browser.evaluate(f"{frame}('slider').dispatchEvent(new Event('input'))")
+        browser.settle()
+        assert browser.evaluate(f"{frame}('label').textContent") == "exact"
+        assert np.abs(pixels - browser.pixels()).mean() > 0.001
+        assert (seen.requests, seen.errors) == ([], [])
