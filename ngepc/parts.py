@@ -82,7 +82,7 @@ class ContactPart:
 
     def space(self, problem: Problem, regularisation: Regularisation) -> FESpace:
         """Z_h."""
-        return contact_space(problem, ends_fixed=regularisation.tichonov.contact_ends_fixed)
+        return contact_space(problem, ends_fixed=regularisation.tichonov.contact.ends_fixed)
 
     def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
         """(tau_n u, w) on Gamma_c."""
@@ -96,10 +96,8 @@ class ContactPart:
     def tichonov(
         self, problem: Problem, regularisation: Regularisation, space: FESpace
     ) -> SparseMatrixd:
-        """B_z, weighted by the reference length so that b has one unit."""
-        B = regularisation.tichonov.contact_matrix(problem, space)
-        B.AsVector()[:] *= regularisation.units.length
-        return B
+        """B_z."""
+        return regularisation.tichonov.contact.matrix(problem, space, regularisation.units.length)
 
     def penalty(
         self, problem: Problem, regularisation: Regularisation, space: FESpace, points: int
@@ -116,7 +114,7 @@ class PlasticPart:
 
     def space(self, problem: Problem, regularisation: Regularisation) -> FESpace:
         """R_h."""
-        fixed = regularisation.tichonov.plastic_boundary_fixed
+        fixed = regularisation.tichonov.plastic.boundary_fixed
         return plastic_dual_space(problem, boundary_fixed=fixed)
 
     def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
@@ -131,7 +129,7 @@ class PlasticPart:
         self, problem: Problem, regularisation: Regularisation, space: FESpace
     ) -> SparseMatrixd:
         """B_q."""
-        return regularisation.tichonov.plastic_matrix(problem, space)
+        return regularisation.tichonov.plastic.matrix(problem, space, regularisation.units.length)
 
     def penalty(
         self, problem: Problem, regularisation: Regularisation, space: FESpace, points: int

@@ -13,7 +13,8 @@ from ngepc.functional import DualFunctional, NewtonSystem
 from ngepc.iterates import Iterate
 from ngepc.material import Material
 from ngepc.problem import Problem
-from ngepc.regularisation import Coupled
+from ngepc.regularisation import Coupled, Units
+from ngepc.tichonov import Fractional, FullProduct, PlasticSobolev
 
 SHIFTS = {"contact_shift": 0.02, "plastic_shift": 0.3}
 BACK_STRESS = {
@@ -124,6 +125,15 @@ CASES = {
         Coupled(1e2, beta_gamma=1.25 * (1 + 0.5 * 0.1) - 0.009 * x),
     ),
     "plane, no contact": lambda: (body(2, contact=None, gap=None), Coupled(1e3)),
+    "plane, R1 with q free": lambda: (
+        body(2),
+        Coupled(1e3, tichonov=Fractional(plastic=PlasticSobolev())),
+    ),
+    "plane, full product": lambda: (
+        body(2),
+        Coupled(1e3, tichonov=FullProduct(), units=Units(stress=2.0, length=3.0)),
+    ),
+    "space, full product": lambda: (body(3), Coupled(1e3, tichonov=FullProduct())),
     "space, numbers": lambda: (body(3), Coupled(1e3)),
     "space, coefficients and shifts": lambda: (
         body(3, varying=True),
