@@ -28,6 +28,9 @@ Monitor = Callable[[IterationRecord], None]
 
 ROUNDING_STEPS = 8
 
+DIRECT_SOLVERS = ("sparsecholesky", "umfpack", "pardiso", "mumps", "superlu")
+"""NGSolve's names; only the first two come with its wheels."""
+
 
 class StoppingRule(Protocol):
     """When the loop of Algorithm 7.1 has done enough; its text is shown when it has not."""
@@ -89,6 +92,9 @@ class NewtonOptions:
         require_number("tolerance", self.tolerance, 1e-16)
         require_integer("max_iterations", self.max_iterations, 1)
         require_integer("quadrature_points", self.quadrature_points, 1, 900)
+        if self.inverse not in DIRECT_SOLVERS:
+            known = ", ".join(DIRECT_SOLVERS)
+            raise ValueError(f"inverse={self.inverse!r}: one of {known} is needed")
         if self.linesearch is not None and not hasattr(self.linesearch, "search"):
             raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
 

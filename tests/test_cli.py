@@ -41,10 +41,10 @@ def test_solve_starts_from_the_coarse_mesh(capsys):
 
 def test_csg_mesh_has_a_similar_energy(capsys):
     energies = []
-    for mesh in (["--nodes", "417"], ["--maxh", "0.05"]):
+    for mesh in (["--nodes", "417"], ["--maxh", "0.03"]):
         assert main(["solve", "lshape", *mesh, "--gamma", "1e3", "--json", "-"]) == 0
         energies.append(json.loads(capsys.readouterr().out)["dual_energy"])
-    assert energies[1] == pytest.approx(energies[0], rel=0.02)
+    assert energies[1] == pytest.approx(energies[0], rel=0.04)  # both are first-order in h
 
 
 def test_figures_are_written(tmp_path, capsys):

@@ -29,8 +29,8 @@ def test_wheel_works_outside_the_checkout(wheel, tmp_path):
     zipfile.ZipFile(wheel).extractall(tmp_path)
     code = (
         "import ngepc; from ngepc.geometries import lshape; "
-        "assert ngepc.__file__.startswith({0!r}); print(lshape.paper_mesh(417).nv)"
-    ).format(str(tmp_path))
+        f"assert ngepc.__file__.startswith({str(tmp_path)!r}); print(lshape.paper_mesh(417).nv)"
+    )
     run = subprocess.run(
         [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {code}"],
         capture_output=True,
