@@ -193,18 +193,19 @@ class _Run:
         self.options, self.monitor = options, monitor
         self.energy = ReducedEnergy(problem)
         self.contact: NodalContact = nodal_contact(problem, self.energy.space)
-        self.active = np.zeros(len(self.contact), dtype=bool)
         self.history = History()
         self._drowned = 0
         u = self.energy.lift
         if start is not None:
             u = np.where(self.energy.free, nodal_values(start, problem), u)
         self.state = self._state(u)
+        self.active = self.state.multipliers > 0
 
     def iterate(self) -> tuple[Status, str]:
         """Newton steps until the residual is small or something stops them."""
         try:
             self._record(1.0, 0)
+            self._require_finite(self.state)
             while self.state.residual_norm > self.options.tolerance:
                 if len(self.history.records) > self.options.max_iterations:
                     return Status.ITERATION_LIMIT, self._advice()
@@ -315,7 +316,8 @@ class _Run:
         return _TOUCHING * float(np.abs(u).max())
 
     def _require_finite(self, state: State) -> None:
-        if not (np.isfinite(state.energy) and np.isfinite(state.gradient).all()):
+        sane = np.isfinite(state.energy) and np.isfinite(state.gradient).all()
+        if not sane or np.isnan(state.residual_norm):
             raise Interrupted(
                 Status.NONFINITE,
                 "the energy or the residual is NaN or infinite: check the coefficients",

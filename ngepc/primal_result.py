@@ -54,7 +54,7 @@ class State:
         balance = gradient + np.where(energy.free, contact.nodal_forces(multipliers, u.shape[1]), 0)
         scale = max(np.linalg.norm(energy.load), np.linalg.norm(forces))
         residual = float(np.linalg.norm(balance))
-        relative = residual / scale if residual > 0 else 0.0
+        relative = 0.0 if residual == 0 else residual / scale
         if open_gap.min(initial=0.0) < -distance:
             relative = float("inf")
         return cls(u, value, forces, gradient, multipliers, relative)

@@ -14,6 +14,7 @@ from ngsolve import (
     L2,
     BilinearForm,
     CoefficientFunction,
+    Grad,
     GridFunction,
     Id,
     IfPos,
@@ -22,11 +23,13 @@ from ngsolve import (
     LinearForm,
     Mesh,
     Norm,
+    Sym,
     Trace,
     VectorValued,
     dx,
 )
 from ngsolve.comp import DifferentialSymbol, ProxyFunction
+from ngsolve.fem import CacheCF
 
 from ngepc.problem import Problem, as_scalar
 from ngepc.support import element_vertices
@@ -139,20 +142,20 @@ class ReturnMapping:
 
     def power(self, v: ProxyFunction) -> CoefficientFunction:
         """Sigma : eps(v), the integrand of the internal forces."""
-        return InnerProduct(self.stress.Compile(), strain(v))
+        return InnerProduct(cached(self.stress), Grad(v))
 
     def tangent(self, u: ProxyFunction, v: ProxyFunction) -> CoefficientFunction:
         """The slant derivative of ``power``: radial return differentiated where |s| > beta."""
         N, two_mu = self.problem.N, self._two_mu
         s = self.trial
         size = self._size(s)
-        across = (two_mu * self._retained(s)).Compile()
-        along = two_mu * two_mu / self._modulus * self.plastic * self.problem.beta / size
-        along, direction = along.Compile(), (s / size).Compile()
-        e, d = coordinates(strain(u), N), coordinates(strain(v), N)
-        shape = across * InnerProduct(e, d)
-        radial = along * InnerProduct(direction, e) * InnerProduct(direction, d)
-        return self._bulk * Trace(strain(u)) * Trace(strain(v)) + shape - radial
+        across = cached(two_mu * self._retained(s))
+        along = cached(two_mu * two_mu / self._modulus * self.plastic * self.problem.beta / size)
+        direction = cached(tensor(s / size, N))
+        e, d = Grad(u), Grad(v)
+        volume = (self._bulk - across / N) * Trace(e) * Trace(d)
+        shape = across * InnerProduct(Sym(e), d)
+        return volume + shape - along * InnerProduct(direction, e) * InnerProduct(direction, d)
 
     def _size(self, s: CoefficientFunction) -> CoefficientFunction:
         """max(|s|, beta) > 0."""
@@ -162,6 +165,11 @@ class ReturnMapping:
         """The part of s that the return leaves, (h + 2 mu_2 beta/|s|) / (2 mu_2 + h) or 1."""
         h, beta = self.problem.effective_hardening, self.problem.beta
         return (h + self._two_mu * beta / self._size(s)) / self._modulus
+
+
+def cached(coefficient: CoefficientFunction) -> CoefficientFunction:
+    """A coefficient that is evaluated once per element and not once per pair of components."""
+    return CacheCF(coefficient.Compile())
 
 
 def at_plastic_points(problem: Problem, dx: DifferentialSymbol) -> DifferentialSymbol:
