@@ -1,7 +1,9 @@
-"""A matplotlib Figure that notebooks show by themselves."""
+"""A matplotlib Figure that notebooks show by themselves, and pictures side by side."""
 
 import io
+from collections.abc import Callable
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 
@@ -12,3 +14,33 @@ class Picture(Figure):
         stream = io.BytesIO()
         self.savefig(stream, format="png", dpi=110)
         return stream.getvalue()
+
+
+def beside(
+    *panels: Callable[[Axes], object], width: float = 4.6, height: float = 4.0, three: bool = False
+) -> Picture:
+    """Pictures side by side, as in the paper's Figures 2, 5 and 6.
+
+    Parameters
+    ----------
+    panels
+        Functions that draw into the axes which they get:
+        ``beside(lambda a: plot_field(r, axes=a), lambda a: plot_plastic_zone(r, 0.1, axes=a))``.
+    width, height
+        Inches of one panel.
+    three
+        Whether the axes are for 3D bodies.
+
+    Raises
+    ------
+    ValueError
+        If there are no panels.
+    """
+    if not panels:
+        raise ValueError("panels=(): at least one panel is needed")
+    figure = Picture(figsize=(width * len(panels), height), layout="compressed")
+    projection = {"projection": "3d"} if three else {}
+    every = figure.subplots(1, len(panels), squeeze=False, subplot_kw=projection)[0]
+    for draw, axes in zip(panels, every, strict=True):
+        draw(axes)
+    return figure

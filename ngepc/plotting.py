@@ -24,10 +24,16 @@ from ngepc.curves import plot_counts as plot_counts
 from ngepc.curves import plot_history as plot_history
 from ngepc.curves import plot_quotients as plot_quotients
 from ngepc.drawable import Units, drawable, fields_of
-from ngepc.normals import outward_normal
 from ngepc.picture import Picture
 from ngepc.recovery import Fields
-from ngepc.sampling import ColourRange, Corners, body_corners, boundary_corners, colour_range
+from ngepc.sampling import (
+    ColourRange,
+    Corners,
+    body_corners,
+    boundary_corners,
+    colour_range,
+    contact_offset,
+)
 from ngepc.validation import require_number
 
 ZONE_COLOURS = ("#dfe3e8", "#26323f")
@@ -229,6 +235,9 @@ def _draw_body(
     mesh_lines: bool,
 ) -> object:
     """Draw the triangles with their values; returns what a colour bar needs."""
+    if corners.points.shape[2] == 3 and not corners.constant and not mesh_lines:
+        while len(corners.points) < 8000:
+            corners = corners.refined()
     points = corners.deformed(scale)
     edge, width = ("#6b7680", 0.2) if mesh_lines else ("none", 0.0)
     options = {"cmap": colormap, "clim": (limits.least, limits.most), "antialiased": mesh_lines}
@@ -267,20 +276,12 @@ def _decorate(axes: Axes, fields: Fields, scale: float, units: Units) -> None:
         LineCollection(outline.deformed(scale), colors="#3b4650", linewidths=0.6, zorder=3)
     )
     if fields.problem.contact_names and scale > 0:
-        obstacle = _obstacle(fields, scale)
+        obstacle = contact_offset(fields, scale * fields.problem.psi, 0.0)
         axes.add_collection(LineCollection(obstacle, colors=OBSTACLE, linewidths=1.4, zorder=4))
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.margins(0.03)
     axes.spines[["top", "right"]].set_visible(False)
-
-
-def _obstacle(fields: Fields, scale: float) -> np.ndarray:
-    """Segments x + scale psi n(x) of the obstacle, shape (segments, 2, 2)."""
-    problem = fields.problem
-    reach = problem.psi * outward_normal(problem.mesh)
-    place = [boundary_corners(fields, problem.contact_names, reach[i]) for i in range(2)]
-    return place[0].points + scale * np.stack([c.values for c in place], axis=-1)
 
 
 def _colour_bar(axes: Axes, patch: object, limits: ColourRange, label: str) -> None:

@@ -20,6 +20,7 @@ from ngsolve import (
     z,
 )
 
+from ngepc.normals import outward_normal
 from ngepc.recovery import Fields
 from ngepc.validation import require_number
 
@@ -57,6 +58,17 @@ class Corners:
         gram = np.einsum("tik,tjk->tij", edges, edges)
         return np.sqrt(np.maximum(np.linalg.det(gram), 0.0)) / max(1, edges.shape[1])
 
+    def refined(self) -> Corners:
+        """Each triangle cut into four at the middles of its edges, data interpolated."""
+
+        def split(data: np.ndarray) -> np.ndarray:
+            a, b, c = data[:, 0], data[:, 1], data[:, 2]
+            ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+            parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+            return np.concatenate([np.stack(part, axis=1) for part in parts])
+
+        return Corners(split(self.points), split(self.displacement), split(self.values))
+
     @property
     def constant(self) -> bool:
         """Whether the field is constant on each element."""
@@ -84,6 +96,20 @@ def boundary_corners(
     region = mesh.Boundaries(".*" if names is None else "|".join(names))
     value = CF(0.0) if coefficient is None else coefficient
     return sample_corners(mesh, region, fields.displacement, value)
+
+
+def contact_offset(fields: Fields, distance: CoefficientFunction, scale: float) -> np.ndarray:
+    """The 2D contact boundary, deformed by ``scale`` u, moved by ``distance`` along n.
+
+    Returns
+    -------
+    numpy.ndarray
+        Segments, shape (segments, 2, 2).
+    """
+    reach = distance * outward_normal(fields.problem.mesh)
+    names = fields.problem.contact_names
+    place = [boundary_corners(fields, names, reach[i]) for i in range(2)]
+    return place[0].deformed(scale) + np.stack([c.values for c in place], axis=-1)
 
 
 def sample_corners(
@@ -152,7 +178,7 @@ def colour_range(
     """Limits that a re-entrant corner does not swallow, common to all ``samples``.
 
     The limits are percentiles by area over the part where the field is not zero: ``percent`` of
-    it may lie outside at either end.  An end where that would gain less than a tenth of the
+    it may lie outside at either end.  An end where that would gain less than a quarter of the
     scale stays where the data end, and a scale of one sign that comes close to zero
     begins there.  ``symmetric`` fields get limits of opposite sign;
     ``vmin`` and ``vmax`` overrule either limit.
@@ -168,9 +194,9 @@ def colour_range(
     lowest, highest = float(every.min()), float(every.max())
     low, high = _percentiles(values, weights, percent)
     span = highest - lowest
-    if low - lowest <= 0.1 * span:
+    if low - lowest <= 0.25 * span:
         low = lowest
-    if highest - high <= 0.1 * span:
+    if highest - high <= 0.25 * span:
         high = highest
     if lowest >= 0.0 and low <= 0.2 * high:
         low = 0.0

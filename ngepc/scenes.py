@@ -12,7 +12,6 @@ from ngsolve import CF, CoefficientFunction
 
 from ngepc.curves import pressure_curves
 from ngepc.drawable import Drawable, Units, drawable, fields_of
-from ngepc.normals import outward_normal
 from ngepc.page import EXTRA, Legend
 from ngepc.recovery import Fields
 from ngepc.sampling import (
@@ -21,6 +20,7 @@ from ngepc.sampling import (
     body_corners,
     boundary_corners,
     colour_range,
+    contact_offset,
     surface_value,
 )
 from ngepc.validation import require_number
@@ -177,8 +177,8 @@ def _contact_lines(source: object, options: ViewOptions, peak: float) -> list[di
     pressure = _pressure(source)
     distance = CF(0.0) if pressure is None or peak <= 0 else 0.15 * extent / peak * pressure
     return [
-        _lines("obstacle", "#b3402e", _moved(fields, scale * problem.psi, 0.0)),
-        _lines("contact pressure", "#1f5a8c", _moved(fields, distance, scale)),
+        _lines("obstacle", "#b3402e", contact_offset(fields, scale * problem.psi, 0.0)),
+        _lines("contact pressure", "#1f5a8c", contact_offset(fields, distance, scale)),
     ]
 
 
@@ -198,14 +198,6 @@ def _peak(sources: Mapping[str, object]) -> float:
         for _, values in pressure_curves(source)
     ]
     return max((float(np.abs(values).max()) for values in curves), default=0.0)
-
-
-def _moved(fields: Fields, distance: CoefficientFunction, scale: float) -> np.ndarray:
-    """Segments of the contact boundary at a distance along n, shape (segments, 2, 2)."""
-    names = fields.problem.contact_names
-    reach = distance * outward_normal(fields.problem.mesh)
-    place = [boundary_corners(fields, names, reach[i]) for i in range(2)]
-    return place[0].deformed(scale) + np.stack([c.values for c in place], axis=-1)
 
 
 def _lines(name: str, colour: str, segments: np.ndarray) -> dict:

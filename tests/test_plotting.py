@@ -12,6 +12,7 @@ from solved import block_primal, lshape_dual, lshape_primal
 from ngepc import lshape_problem
 from ngepc.curves import chains, pressure_curves
 from ngepc.drawable import KINDS, Units, drawable
+from ngepc.picture import beside
 from ngepc.plotting import (
     plot_comparison,
     plot_contact_pressure,
@@ -58,6 +59,10 @@ FIGURES = {
     "counts": lambda: plot_counts({"1e3": {417: 3, 833: 4}}, {"1e3": {417: 3, 833: 5}}),
     "quotients": lambda: plot_quotients({"417": [1.0, 0.5, 0.1]}),
     "body in 3D": lambda: plot_field(block_primal(), "displacement_z"),
+    "pictures beside each other": lambda: beside(
+        lambda axes: plot_field(lshape_primal(), axes=axes),
+        lambda axes: plot_plastic_zone(lshape_primal(), 0.02, axes=axes),
+    ),
     "zone in 3D": lambda: plot_plastic_zone(block_primal()),
 }
 
@@ -118,6 +123,14 @@ def test_corners_carry_areas_positions_and_values():
     np.testing.assert_allclose(corners.values, expected, atol=1e-14)
     assert not corners.constant
     assert body_corners(result.fields, result.fields.equivalent_plastic_strain).constant
+
+
+def test_cut_triangles_cover_the_same_body_with_the_same_values():
+    result = lshape_primal()
+    corners = body_corners(result.fields, 2 * x - y)
+    finer = corners.refined()
+    np.testing.assert_allclose(finer.measures, np.tile(corners.measures / 4, 4), rtol=1e-9)
+    np.testing.assert_allclose(finer.values, finer.points @ [2.0, -1.0], atol=1e-14)
 
 
 def test_surface_of_a_block_has_its_area_and_the_stress_from_inside():
@@ -225,6 +238,7 @@ def test_vectors_and_matrices_are_drawn_by_their_norms():
         (lambda r: plot_comparison({}), "at least one"),
         (lambda r: plot_history({"run": History()}), "no records"),
         (lambda r: plot_history({}), "at least one"),
+        (lambda r: beside(), "at least one"),
         (lambda r: plot_counts({}), "at least one"),
         (lambda r: plot_quotients({}), "at least one"),
         (lambda r: plot_field(CF(1.0)), "result of a solver"),
