@@ -162,11 +162,12 @@ class NewtonSystem:
             self._sum.add(B, 1 / functional.gamma_T)
         self._constant = self._sum.entries.copy()
 
-    def factorise(self, v: BaseVector) -> None:
-        """Assemble and factorise the Newton matrix at v."""
+    def factorise(self, v: BaseVector | None) -> None:
+        """Assemble and factorise the Newton matrix at v; None leaves the nonsmooth terms out."""
         self._sum.entries[:] = self._constant
         for i, (M, first) in enumerate(zip(self.functional.penalties, self._firsts, strict=True)):
-            self._sum.add(Placed(M.hessian(self.blocks.part_of(v, i)), first))
+            if v is not None:
+                self._sum.add(Placed(M.hessian(self.blocks.part_of(v, i)), first))
         if self._inverse is None:
             free = self.blocks.X.FreeDofs(coupling=True)
             self._inverse = self._sum.matrix.Inverse(free, inverse=self._inverse_name)
