@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ngepc.drawable import Units, fields_of
+from ngepc.drawable import UnitNames, fields_of
 from ngepc.picture import Picture
 from ngepc.results import History
 from ngepc.sampling import boundary_corners
@@ -148,7 +148,7 @@ def plot_quotients(quotients: Mapping[str, Sequence[float]]) -> Figure:
 
 
 def plot_contact_pressure(
-    sources: object | Mapping[str, object], *, units: Units | None = None
+    sources: object | Mapping[str, object], *, units: UnitNames | None = None
 ) -> Figure:
     """The contact pressure (positive in compression) along the contact boundary of 2D bodies.
 
@@ -165,7 +165,7 @@ def plot_contact_pressure(
     ValueError
         For problems without contact boundary and for 3D bodies.
     """
-    units = units or Units()
+    units = units or UnitNames()
     sources = sources if isinstance(sources, Mapping) else {"": sources}
     figure, (axes,) = _figure(5.6, 3.2, 1)
     for index, (label, source) in enumerate(sources.items()):

@@ -16,7 +16,7 @@ AXES = "xyz"
 
 
 @dataclass(frozen=True)
-class Units:
+class UnitNames:
     """Names of the units on axes and colour bars; the data themselves are never converted."""
 
     length: str = "length"
@@ -89,7 +89,7 @@ class Drawable:
 
 
 def drawable(
-    source: object, field: str | CoefficientFunction, units: Units | None = None
+    source: object, field: str | CoefficientFunction, units: UnitNames | None = None
 ) -> Drawable:
     """The field called ``field`` of a result or of recovered ``Fields``, or a coefficient.
 
@@ -101,7 +101,7 @@ def drawable(
     TypeError, ValueError
         If ``field`` is neither a coefficient nor the name of a field of ``source``.
     """
-    units = units or Units()
+    units = units or UnitNames()
     if isinstance(field, CoefficientFunction):
         return Drawable(scalar(field), "value", "value")
     if not isinstance(field, str):

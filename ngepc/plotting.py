@@ -23,7 +23,7 @@ from ngepc.curves import plot_contact_pressure as plot_contact_pressure
 from ngepc.curves import plot_counts as plot_counts
 from ngepc.curves import plot_history as plot_history
 from ngepc.curves import plot_quotients as plot_quotients
-from ngepc.drawable import Units, drawable, fields_of
+from ngepc.drawable import UnitNames, drawable, fields_of
 from ngepc.picture import Picture
 from ngepc.recovery import Fields
 from ngepc.sampling import (
@@ -51,7 +51,7 @@ def plot_field(
     title: str | None = None,
     colormap: str | None = None,
     mesh_lines: bool = False,
-    units: Units | None = None,
+    units: UnitNames | None = None,
     axes: Axes | None = None,
 ) -> Figure:
     """A scalar field on the deformed body; in 3D on its surface.
@@ -93,7 +93,7 @@ def plot_field(
     limits = colour_range(corners, vmin=vmin, vmax=vmax, symmetric=what.signed)
     axes = axes if axes is not None else _body_figure(corners, scale, bar=True)
     patch = _draw_body(axes, corners, limits, colormap or what.colormap, scale, mesh_lines)
-    _decorate(axes, fields, scale, units or Units())
+    _decorate(axes, fields, scale, units or UnitNames())
     _colour_bar(axes, patch, limits, label or what.label)
     if title:
         axes.set_title(title, fontsize=10)
@@ -111,7 +111,7 @@ def plot_plastic_zone(
     *,
     deformation_scale: float = 1.0,
     title: str | None = None,
-    units: Units | None = None,
+    units: UnitNames | None = None,
     axes: Axes | None = None,
 ) -> Figure:
     """The zone |p|_F > ``threshold`` dark on the light deformed body, Figures 2 and 6.
@@ -131,7 +131,7 @@ def plot_plastic_zone(
     corners = Corners(sampled.points, sampled.displacement, inside.astype(float))
     axes = axes if axes is not None else _body_figure(corners, scale, bar=False)
     _draw_body(axes, corners, ColourRange(0.0, 1.0), ListedColormap(ZONE_COLOURS), scale, False)
-    _decorate(axes, fields, scale, units or Units())
+    _decorate(axes, fields, scale, units or UnitNames())
     axes.set_title(title or rf"plastic zone (dark): $|p|_F > {threshold:g}$", fontsize=10)
     return axes.figure
 
@@ -143,7 +143,7 @@ def plot_comparison(
     deformation_scale: float = 1.0,
     vmin: float | None = None,
     vmax: float | None = None,
-    units: Units | None = None,
+    units: UnitNames | None = None,
 ) -> Figure:
     """The same field of several results side by side on one colour scale.
 
@@ -172,21 +172,23 @@ def plot_comparison(
     panels = figure.subplots(1, len(sources), squeeze=False, subplot_kw=projection)[0]
     for panel, (title, sampled) in zip(panels, corners.items(), strict=True):
         patch = _draw_body(panel, sampled, limits, first.colormap, scale, False)
-        _decorate(panel, fields_of(sources[title]), scale, units or Units())
+        _decorate(panel, fields_of(sources[title]), scale, units or UnitNames())
         panel.set_title(title, fontsize=10)
     bar = figure.colorbar(patch, ax=list(panels), extend=limits.extend, shrink=0.85, aspect=30)
     _label_bar(bar, first.label)
     return figure
 
 
-def plot_mesh(source: object, *, units: Units | None = None, axes: Axes | None = None) -> Figure:
+def plot_mesh(
+    source: object, *, units: UnitNames | None = None, axes: Axes | None = None
+) -> Figure:
     """The mesh before the deformation, the initial configuration of Figure 5."""
     fields = fields_of(source)
     sampled = body_corners(fields, CoefficientFunction(0.0))
     axes = axes if axes is not None else _body_figure(sampled, 0.0, bar=False)
     colours = ListedColormap(["#eef1f4"])
     _draw_body(axes, sampled, ColourRange(0.0, 1.0), colours, 0.0, True)
-    _decorate(axes, fields, 0.0, units or Units())
+    _decorate(axes, fields, 0.0, units or UnitNames())
     return axes.figure
 
 
@@ -203,7 +205,7 @@ def plot_progress(result: object, *, deformation_scale: float = 1.0) -> Figure:
     figure = Picture(figsize=(9.6, 3.0), layout="constrained")
     body, left, right = figure.subplots(1, 3)
     _draw_body(body, corners, ColourRange(0.0, 1.0), ListedColormap(ZONE_COLOURS), scale, False)
-    _decorate(body, fields, scale, Units())
+    _decorate(body, fields, scale, UnitNames())
     body.set_title(r"active set $\phi > 0$ (dark)", fontsize=9)
     draw_history(left, right, {"": result.history})
     return figure
@@ -258,7 +260,7 @@ def _draw_body(
     return patch
 
 
-def _decorate(axes: Axes, fields: Fields, scale: float, units: Units) -> None:
+def _decorate(axes: Axes, fields: Fields, scale: float, units: UnitNames) -> None:
     """Axis labels, equal aspect, and in 2D the undeformed outline and the obstacle."""
     names = "xyz"[: fields.problem.N]
     for name in names:

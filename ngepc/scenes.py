@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from ngsolve import CF, CoefficientFunction
 
 from ngepc.curves import pressure_curves
-from ngepc.drawable import Drawable, Units, drawable, fields_of
+from ngepc.drawable import Drawable, UnitNames, drawable, fields_of
 from ngepc.page import EXTRA, Legend
 from ngepc.recovery import Fields
 from ngepc.sampling import (
@@ -51,7 +51,7 @@ class ViewOptions:
     vmax: float | None = None
     mesh_lines: bool = False
     contact_lines: bool = True
-    units: Units | None = None
+    units: UnitNames | None = None
     height: int = 480
 
     def __post_init__(self) -> None:
@@ -92,7 +92,7 @@ def _pressures(
     sources: Mapping[str, object], options: ViewOptions
 ) -> tuple[dict[str, Drawable], list[Corners]]:
     """The contact pressure on the contact boundary, zero elsewhere, and its samples."""
-    label = f"contact pressure ({(options.units or Units()).stress})"
+    label = f"contact pressure ({(options.units or UnitNames()).stress})"
     what, samples = {}, []
     for key, source in sources.items():
         fields, pressure = fields_of(source), source.contact_pressure

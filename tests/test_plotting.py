@@ -11,7 +11,7 @@ from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc import lshape_problem
 from ngepc.curves import chains, pressure_curves
-from ngepc.drawable import KINDS, Units, drawable
+from ngepc.drawable import KINDS, UnitNames, drawable
 from ngepc.picture import beside
 from ngepc.plotting import (
     plot_comparison,
@@ -54,7 +54,7 @@ FIGURES = {
     "progress": lambda: plot_progress(lshape_dual()),
     "history": lambda: plot_history({"d": lshape_dual().history, "p": lshape_primal().history}),
     "pressure": lambda: plot_contact_pressure(
-        {"dual": lshape_dual(), "primal": lshape_primal()}, units=Units("m", "Pa")
+        {"dual": lshape_dual(), "primal": lshape_primal()}, units=UnitNames("m", "Pa")
     ),
     "counts": lambda: plot_counts({"1e3": {417: 3, 833: 4}}, {"1e3": {417: 3, 833: 5}}),
     "quotients": lambda: plot_quotients({"417": [1.0, 0.5, 0.1]}),
@@ -80,7 +80,7 @@ def test_figures_are_drawn_without_pyplot(name, tmp_path):
 
 
 def test_axes_and_colour_bar_carry_units():
-    figure = plot_field(lshape_primal(), "stress_xx", units=Units("m", "Pa"))
+    figure = plot_field(lshape_primal(), "stress_xx", units=UnitNames("m", "Pa"))
     body, bar = figure.axes
     assert (body.get_xlabel(), body.get_ylabel()) == ("x (m)", "y (m)")
     assert bar.get_ylabel() == r"stress $\sigma_{xx}$ (Pa)"
