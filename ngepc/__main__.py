@@ -13,6 +13,7 @@ from ngepc._version import __version__
 
 COMMANDS = {
     "solve": "solve one regularised problem on one mesh",
+    "path": "follow the path in gamma on one mesh",
     "study": "remake a table or figure of the paper",
 }
 
