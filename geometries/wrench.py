@@ -17,6 +17,7 @@ from ngepc.validation import require_mesh_width
 from .bisection import Point, Quadrilateral, refined_to, triangulated
 
 PAPER_NODES = (873, 1641, 3281, 6353, 12705, 24993)
+COARSE_NODES = 437
 
 _JAW = ((0, 3), (1, 3), (2, 3), (2, 2), (0, 1), (1, 1), (2, 1))
 

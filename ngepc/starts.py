@@ -6,12 +6,14 @@ from ngepc.dual_result import DualResult
 from ngepc.examples import lshape_problem, wrench_problem
 from ngepc.geometries import lshape, wrench
 from ngepc.newton import NewtonOptions, semismooth_newton
+from ngepc.problem import Problem
 
-COARSE = {
-    "lshape": lambda: lshape_problem(lshape.paper_mesh(lshape.COARSE_NODES)),
-    "wrench": lambda: wrench_problem(wrench.paper_mesh(437)),
-}
-"""The coarse problem of each example: 417 nodes in the paper's Table 1, 437 for the wrench."""
+
+def coarse_problem(name: str) -> Problem:
+    """The example on its coarse mesh: 417 nodes in the paper's Table 1, 437 for the wrench."""
+    if name == "lshape":
+        return lshape_problem(lshape.paper_mesh(lshape.COARSE_NODES))
+    return wrench_problem(wrench.paper_mesh(wrench.COARSE_NODES))
 
 
 def coarse_start(name: str, gamma: float, options: NewtonOptions) -> DualResult:
@@ -26,7 +28,7 @@ def coarse_start(name: str, gamma: float, options: NewtonOptions) -> DualResult:
     options
         Newton options, also for the solve that starts from the result.
     """
-    problem, result = COARSE[name](), None
+    problem, result = coarse_problem(name), None
     gammas = [g for g in (1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9) if g < gamma]
     for value in (*gammas, gamma):
         result = semismooth_newton(problem, value, result, options)

@@ -66,6 +66,7 @@ def test_figures_are_written(tmp_path, capsys):
         (["solve", "lshape", "--nodes", "833", "--maxh", "0.1"], "not allowed"),
         (["solve", "lshape", "--start", "warm"], "coarse"),
         (["study", "table9"], "table1"),
+        (["solve", "lshape", "--method", "primal", "--gamma", "3"], "no regularisation"),
         (["study", "table1", "--levels", "7"], "1 to 6"),
         (["study", "table1", "--rows", "1e7"], "1e0"),
     ],
@@ -94,3 +95,14 @@ def test_help_does_not_wait_for_ngsolve():
     code = "import sys, ngepc.__main__ as m; m.parser(); print('ngsolve' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize(
+    "choice", [["--method", "primal"], ["--regularisation", "balanced"], ["--start", "coarse"]]
+)
+def test_methods_agree_on_the_primal_energy(choice, capsys):
+    assert main(["solve", "lshape", "--nodes", "833", *choice, "--json", "-"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    if "coarse" not in choice:  # the coupled gamma = 1e4 is far from the limit
+        assert record["primal_energy"] == pytest.approx(-0.3753, rel=0.02)
+    assert record["contact_force"] > 2

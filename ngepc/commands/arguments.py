@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import sys
 
 PROBLEMS = ("lshape", "wrench")
 
@@ -50,3 +51,9 @@ def build_problem(name: str, nodes: int | None, maxh: float | None):
     body, make = {"lshape": (lshape, lshape_problem), "wrench": (wrench, wrench_problem)}[name]
     mesh = body.mesh(maxh) if maxh else body.paper_mesh(nodes or body.PAPER_NODES[0])
     return make(mesh)
+
+
+def say(line: str) -> None:
+    """One line of progress on standard error."""
+    sys.stderr.write(line + "\n")
+    sys.stderr.flush()

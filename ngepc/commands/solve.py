@@ -5,15 +5,25 @@ import sys
 import time
 from pathlib import Path
 
-from ngepc.commands.arguments import add_body, build_problem, count, positive
-
-COARSE_NODES = {"lshape": 417, "wrench": 437}
+from ngepc.commands.arguments import add_body, build_problem, count, positive, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_body(parser)
-    parser.add_argument("--gamma", type=positive, default=1e4, help="regularisation, default 1e4")
+    parser.add_argument(
+        "--method",
+        choices=("dual", "primal"),
+        default="dual",
+        help="Algorithm 7.1, or the primal reference solver without regularisation",
+    )
+    parser.add_argument(
+        "--regularisation",
+        choices=("coupled", "balanced"),
+        default="coupled",
+        help="one gamma as in the paper (default), or the hardening split",
+    )
+    parser.add_argument("--gamma", type=positive, help="default 1e4 if coupled, 1e9 if balanced")
     parser.add_argument(
         "--start",
         choices=("zero", "coarse"),
@@ -32,29 +42,64 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Solve, report, write."""
     from ngepc import records
-    from ngepc.newton import NewtonOptions, semismooth_newton
-    from ngepc.starts import coarse_start
 
     if args.json not in (None, "-"):
         records.check_writable(Path(args.json))
-    options = NewtonOptions(
-        tolerance=args.tolerance,
-        max_iterations=args.max_iterations,
-        quadrature_points=args.quadrature_points,
-    )
-    problem = build_problem(args.problem, args.nodes, args.maxh)
     begin = time.perf_counter()
-    start = coarse_start(args.problem, args.gamma, options) if args.start == "coarse" else None
-    result = semismooth_newton(problem, args.gamma, start, options)
-    record = records.solve_record(args.problem, result, time.perf_counter() - begin)
-    record = {**record, "gamma": args.gamma, "start": args.start, **records.provenance()}
+    result = (_primal if args.method == "primal" else _dual)(args)
+    record = {
+        **records.solve_record(args.problem, result, time.perf_counter() - begin),
+        "method": args.method,
+        "regularisation": args.regularisation if args.method == "dual" else None,
+        "gamma": _gamma(args) if args.method == "dual" else None,
+        "start": args.start,
+        **records.provenance(),
+    }
     _report(record, args.json)
     if args.figures is not None:
         from ngepc.figures import write_figures
 
         for path in write_figures(args.problem, result, args.figures):
-            sys.stderr.write(f"wrote {path}\n")
+            say(f"wrote {path}")
     return 0 if result.status.label == "converged" else 1
+
+
+def _gamma(args: argparse.Namespace) -> float:
+    return args.gamma or {"coupled": 1e4, "balanced": 1e9}[args.regularisation]
+
+
+def _dual(args: argparse.Namespace):
+    from ngepc.balanced import Balanced
+    from ngepc.newton import NewtonOptions, semismooth_newton
+    from ngepc.regularisation import Coupled
+    from ngepc.starts import coarse_problem, coarse_start
+
+    options = NewtonOptions(
+        tolerance=args.tolerance,
+        max_iterations=args.max_iterations,
+        quadrature_points=args.quadrature_points,
+    )
+    problem, gamma = build_problem(args.problem, args.nodes, args.maxh), _gamma(args)
+    balanced = args.regularisation == "balanced"
+    regularisation = Balanced(gamma) if balanced else Coupled(gamma)
+    start = None
+    if args.start == "coarse" and balanced:
+        coarse = coarse_problem(args.problem)
+        start = semismooth_newton(coarse, options=options, regularisation=regularisation)
+    elif args.start == "coarse":
+        start = coarse_start(args.problem, gamma, options)
+    return semismooth_newton(problem, start=start, options=options, regularisation=regularisation)
+
+
+def _primal(args: argparse.Namespace):
+    from ngepc.primal import primal_newton
+    from ngepc.starts import coarse_problem
+
+    if args.gamma is not None:
+        raise ValueError(f"--gamma {args.gamma:g}: the primal method has no regularisation")
+    problem = build_problem(args.problem, args.nodes, args.maxh)
+    start = primal_newton(coarse_problem(args.problem)) if args.start == "coarse" else None
+    return primal_newton(problem, start)
 
 
 def _report(record: dict, target: str | None) -> None:

@@ -1,47 +1,23 @@
-"""``ngepc study``: the tables and figures of the paper."""
+"""``ngepc study NAME``: the tables and figures of the paper, one module ``study_NAME`` each."""
 
 import argparse
-import sys
-from pathlib import Path
+import importlib
 
-from ngepc.commands.arguments import count, positive
-
-STUDIES = {"table1": "Newton steps over meshes and gamma, Example (a)"}
+STUDIES = {
+    "table1": "Newton steps over meshes and gamma, Example (a)",
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    choices = "; ".join(f"{name}: {text}" for name, text in STUDIES.items())
-    parser.add_argument("study", choices=tuple(STUDIES), help=choices)
-    parser.add_argument("--levels", type=count, default=3, help="meshes, 1 to 6, default 3")
-    parser.add_argument("--rows", help="rows of the table, such as 1e0,1e3,1e5*; default all")
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder, default out")
-    parser.add_argument("--tolerance", type=positive, default=1e-10, help="default 1e-10")
-    parser.add_argument("--figures", action="store_true", help="figures and the HTML page too")
+    """Add one subcommand for each study."""
+    studies = parser.add_subparsers(dest="study", required=True, metavar="STUDY")
+    for name, text in STUDIES.items():
+        module = importlib.import_module(f"ngepc.commands.study_{name}")
+        sub = studies.add_parser(name, help=text, description=text + ".")
+        module.configure(sub)
+        sub.set_defaults(run_study=module.run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the study and name what it wrote."""
-    from ngepc.geometries import lshape
-    from ngepc.newton import NewtonOptions
-    from ngepc.studies.table1 import ROWS, Table1
-
-    if args.levels > len(lshape.PAPER_NODES):
-        raise ValueError(f"--levels {args.levels}: 1 to {len(lshape.PAPER_NODES)} are available")
-    options = NewtonOptions(tolerance=args.tolerance, max_iterations=2000)
-    rows = ROWS if args.rows is None else tuple(args.rows.split(","))
-    nodes = lshape.PAPER_NODES[: args.levels]
-    study = Table1(args.out, nodes, rows, options, progress=_say)
-    table = study.run()
-    written = study.write(table)
-    if args.figures:
-        from ngepc.studies.pictures import table1_pictures
-
-        written += table1_pictures(study, table)
-    sys.stdout.write("".join(f"wrote {path}\n" for path in written))
-    return 0 if all(record["status"] == "converged" for record in table) else 1
-
-
-def _say(line: str) -> None:
-    sys.stderr.write(line + "\n")
-    sys.stderr.flush()
+    """Run the chosen study."""
+    return args.run_study(args)
