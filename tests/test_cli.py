@@ -106,3 +106,25 @@ def test_methods_agree_on_the_primal_energy(choice, capsys):
     if "coarse" not in choice:  # the coupled gamma = 1e4 is far from the limit
         assert record["primal_energy"] == pytest.approx(-0.3753, rel=0.02)
     assert record["contact_force"] > 2
+
+
+@pytest.mark.parametrize("method", ["dual", "primal"])
+def test_saved_run_becomes_a_report(method, tmp_path, capsys):
+    saved, page = tmp_path / "run.npz", tmp_path / "pages" / "run.html"
+    gamma = ["--gamma", "1e3"] if method == "dual" else []
+    arguments = ["solve", "lshape", "--nodes", "113", "--method", method, *gamma]
+    assert main([*arguments, "--save", str(saved)]) == 0
+    assert main(["report", str(saved), "--out", str(page)]) == 0
+    text = page.read_text()
+    assert "contact_force" in text
+    assert text.count("data:image/png") >= 5
+
+
+def test_report_refuses_what_is_no_run(tmp_path, capsys):
+    other = tmp_path / "other.npz"
+    other.write_bytes(b"something")
+    for path, message in ((other, "damaged"), (tmp_path / "none.npz", "no such run")):
+        assert main(["report", str(path)]) == 2
+        assert message in capsys.readouterr().err
+    assert main(["report", str(tmp_path)]) == 2
+    assert "no table1.json" in capsys.readouterr().err

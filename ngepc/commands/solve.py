@@ -36,6 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--quadrature-points", type=count, default=400, help="per triangle, default 400"
     )
     parser.add_argument("--json", metavar="FILE", help="write the result there, - for stdout")
+    parser.add_argument("--save", metavar="FILE", type=Path, help="keep the run for ngepc report")
     parser.add_argument("--figures", metavar="DIR", type=Path, help="write PNG figures there")
 
 
@@ -45,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.json not in (None, "-"):
         records.check_writable(Path(args.json))
+    if args.save is not None:
+        records.check_writable(args.save)
     begin = time.perf_counter()
     result = (_primal if args.method == "primal" else _dual)(args)
     record = {
@@ -56,6 +59,11 @@ def run(args: argparse.Namespace) -> int:
         **records.provenance(),
     }
     _report(record, args.json)
+    if args.save is not None:
+        from ngepc.runs import save_run
+
+        save_run(args.save, {**vars(args), "gamma": record["gamma"]}, record, result)
+        say(f"wrote {args.save}")
     if args.figures is not None:
         from ngepc.figures import write_figures
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from ngepc.dual_result import DualResult
-from ngepc.figures import save, write_figures
-from ngepc.plotting import plot_counts, plot_history
+from ngepc.figures import THRESHOLDS, save, write_figures
+from ngepc.plotting import (
+    plot_contact_pressure,
+    plot_counts,
+    plot_history,
+    plot_plastic_zone,
+    plot_yield_function,
+)
 from ngepc.report import Report
 from ngepc.studies.table1 import Table1, cell_gamma, paper_value
 from ngepc.studies.tables import Cell
@@ -43,10 +50,29 @@ def table1_pictures(study: Table1, table: list[dict]) -> list[Path]:
             study.folder / "table1_residuals.png",
         )
     )
-    return [*written, _page(study, table, cell, result)]
+    return [*written, _page(study, table, cell, result, study.folder / "lshape.html")]
 
 
-def _page(study: Table1, table: list[dict], cell: Cell, result: DualResult) -> Path:
+def folder_report(folder: Path, path: Path) -> Path:
+    """The report of a finished table1 folder, from its table1.json and its cells.
+
+    Raises
+    ------
+    ValueError
+        If the folder has no finished study.
+    """
+    source = folder / "table1.json"
+    if not source.is_file():
+        raise ValueError(f"{folder} holds no table1.json: run ngepc study table1 --out {folder}")
+    table = json.loads(source.read_text(encoding="utf-8"))["cells"]
+    nodes = dict.fromkeys(record["nodes"] for record in table)
+    rows = dict.fromkeys(record["row"] for record in table)
+    study = Table1(folder, tuple(nodes), tuple(rows))
+    cell = finest(study)
+    return _page(study, table, cell, study.result(cell), path)
+
+
+def _page(study: Table1, table: list[dict], cell: Cell, result: DualResult, path: Path) -> Path:
     report = Report("Example (a): the L-shape and mesh independence")
     report.add_problem(result.problem)
     report.add_section("Newton steps")
@@ -61,12 +87,14 @@ def _page(study: Table1, table: list[dict], cell: Cell, result: DualResult) -> P
         for row in study.rows
     ]
     report.add_table(rows, caption="Ours, and in parentheses the paper's Table 1.")
-    report.add_figure(study.folder / "table1_residuals.png", f"Residuals at gamma = {cell.row}.")
+    histories = {f"{n} nodes": study.result(Cell(cell.row, n)).history for n in study.nodes}
+    report.add_figure(plot_history(histories), f"Residuals at gamma = {cell.row}.")
     report.add_section(f"The solution at gamma = {cell.row} on {cell.nodes} nodes")
     report.add_view(show(result), "Deformed body with |p|_F; drag to turn, scroll to zoom.")
-    for what in ("yield_function", "plastic_zone", "contact_pressure"):
-        report.add_figure(study.folder / f"lshape_{what}.png", what.replace("_", " ").capitalize())
-    return report.write(study.folder / "lshape.html")
+    report.add_figure(plot_yield_function(result), "Yield function")
+    report.add_figure(plot_plastic_zone(result, THRESHOLDS["lshape"]), "Plastic zone")
+    report.add_figure(plot_contact_pressure(result), "Contact pressure")
+    return report.write(path)
 
 
 def _count(table: list[dict], row: str, nodes: int) -> int:
