@@ -27,6 +27,7 @@ _HOME = {
     "Status": "results",
     "SurfaceGradient": "tichonov",
     "Units": "regularisation",
+    "duality_report": "duality",
     "follow_path": "path",
     "lame_parameters": "material",
     "lshape_problem": "examples",

@@ -33,6 +33,7 @@ def follow_path(
     regularisation: Callable[[float], Regularisation] = Coupled,
     checkpoint: Path | str | None = None,
     newton_monitor: Monitor | None = None,
+    observer: Callable[[DualResult], None] | None = None,
 ) -> PathResult:
     """Follow the path of solutions of (D_gamma) by Algorithm 7.2.
 
@@ -54,6 +55,8 @@ def follow_path(
         goes on from there, to the same digits when it uses one thread.
     newton_monitor
         Called with the record of each Newton iterate.
+    observer
+        Called with the result for each gamma, for instance to measure fields along the path.
 
     Returns
     -------
@@ -85,6 +88,8 @@ def follow_path(
                 store.save(state)
             logger.info("gamma %.4g: %s", walk.gamma, state.steps[-1])
             status = walk.verdict(state.steps)
+            if observer is not None:
+                observer(result)
             if monitor is not None:
                 monitor(state.steps[-1])
     except (StopIteration, KeyboardInterrupt):
