@@ -14,6 +14,12 @@ from ngepc.reduced_energy import ReducedEnergy
 from ngepc.results import History, SolverError, Status
 from ngepc.return_mapping import interpolated
 
+ROUNDING_SCALE = 4e-6
+"""Part of ``ReducedEnergy.trial_forces`` that residuals are compared with at least.
+
+It makes a tolerance of 1e-10 a few times what rounding leaves when huge strains cancel.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -52,7 +58,11 @@ class State:
         open_gap = contact.open_gap(u)
         multipliers = contact.multipliers(gradient, open_gap <= distance)
         balance = gradient + np.where(energy.free, contact.nodal_forces(multipliers, u.shape[1]), 0)
-        scale = max(np.linalg.norm(energy.load), np.linalg.norm(forces))
+        scale = max(
+            np.linalg.norm(energy.load),
+            np.linalg.norm(forces),
+            ROUNDING_SCALE * energy.trial_forces(u),
+        )
         residual = float(np.linalg.norm(balance))
         relative = 0.0 if residual == 0 else residual / scale
         if open_gap.min(initial=0.0) < -distance:

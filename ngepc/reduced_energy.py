@@ -2,17 +2,21 @@
 
 import numpy as np
 from ngsolve import (
+    H1,
     BilinearForm,
     GridFunction,
+    IfPos,
     InnerProduct,
     Integrate,
     LinearForm,
     Norm,
     ds,
     dx,
+    specialcf,
+    sqrt,
 )
 
-from ngepc.problem import Problem
+from ngepc.problem import Problem, as_scalar
 from ngepc.return_mapping import ReturnMapping, at_plastic_points
 from ngepc.spaces import displacement_space, prescribed_displacement
 from ngepc.tensors import coordinates, tensor
@@ -60,6 +64,7 @@ class ReducedEnergy:
         self._tangent = BilinearForm(self.space, symmetric=False)
         self._tangent += self.mapping.tangent(u, v) * self._dx
         self._density = self.mapping.energy_density.Compile()
+        self._stiffness, self._initial_forces = self._assemble_trial_forces()
         self._inverse = None
 
     def array(self, function: GridFunction) -> np.ndarray:
@@ -81,6 +86,14 @@ class ReducedEnergy:
         self.set(u)
         self._forces.Assemble()
         return self._forces.vec.FV().NumPy().reshape(self.shape).copy()
+
+    def trial_forces(self, u: np.ndarray) -> float:
+        """Norm of nodal forces of size |C| (|u|/h + |p_0|), from which the true ones are cancelled.
+
+        What rounding leaves of the forces is about the machine precision times this number.
+        """
+        size = np.linalg.norm(u, axis=0) * self._stiffness + self._initial_forces
+        return float(np.linalg.norm(size))
 
     def factorise(self, u: np.ndarray) -> None:
         """Assemble and factorise the tangent at ``u`` for ``solve``."""
@@ -118,6 +131,18 @@ class ReducedEnergy:
             - two_mu * InnerProduct(e_minus_p, problem.p_0)
         )
         return float(Integrate(density * self._dx, problem.mesh) - np.vdot(self.load, u))
+
+    def _assemble_trial_forces(self) -> tuple[np.ndarray, np.ndarray]:
+        problem, h = self.problem, specialcf.mesh_size
+        modulus = problem.N * as_scalar(problem.material.lame_lambda)
+        modulus = IfPos(modulus, modulus, 0.0) + 2 * as_scalar(problem.material.lame_mu)
+        p_0 = InnerProduct(problem.p_0, problem.p_0)
+        nodal = []
+        for density in (modulus / (h * h), modulus * sqrt(p_0) / h):
+            form = LinearForm(H1(problem.mesh, order=1))
+            form += density * form.space.TestFunction() * self._dx
+            nodal.append(form.Assemble().vec.FV().NumPy().copy())
+        return nodal[0], nodal[1]
 
     def _assemble_load(self) -> np.ndarray:
         v = self.space.TestFunction()

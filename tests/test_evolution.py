@@ -1,0 +1,351 @@
+"""Time steps one after the other: closed forms, hysteresis, cuts, checkpoints."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from ngepc.geometries import block, lshape
+from ngsolve import IfPos, InnerProduct, Integrate, ds, specialcf, x
+
+from ngepc.balanced import Balanced
+from ngepc.evolution import cold_start, evolve
+from ngepc.load_path import Schedule, load_cycle
+from ngepc.material import Material
+from ngepc.memory import Memory
+from ngepc.newton import semismooth_newton
+from ngepc.primal import PrimalOptions, primal_newton
+from ngepc.problem import Problem
+from ngepc.results import SolverError, Status
+
+BOUND, K, H, K1 = 1.25, 100.0, 2.0, 8.0
+R = (H * BOUND) ** 2 * K1
+ELASTIC = {"lame_lambda": 1e3, "lame_mu": 1e3, "yield_stress": BOUND}
+MATERIALS = {
+    "kinematic": Material.kinematic(**ELASTIC, hardening=K),
+    "isotropic": Material.isotropic(**ELASTIC, hardening_modulus=H, hardening_stiffness=K1),
+    "combined": Material.combined(
+        **ELASTIC, hardening=K, hardening_modulus=H, hardening_stiffness=K1
+    ),
+}
+
+
+def bar(material, mesh, load=1.0):
+    """A body on rollers, pulled at the right: the stress is diag(load, 0) everywhere."""
+    rollers = {"left": (0, None), "clamped": (None, 0)}
+    traction = {"right": (load, 0)}
+    return Problem(mesh, material, clamped=None, prescribed=rollers, traction=traction)
+
+
+def punched(material=MATERIALS["combined"], nodes=65):
+    return Problem(
+        lshape.paper_mesh(nodes),
+        material,
+        contact="contact",
+        gap=0.02,
+        traction={"load": -6 * specialcf.normal(2)},
+    )
+
+
+def plastic_strains(loads, k, r):
+    """Coordinate of p after each load for |tau - k p| <= bound + r int |dp|, tau = load/sqrt(2)."""
+    p, length, found = 0.0, 0.0, []
+    for load in loads:
+        tau = load / math.sqrt(2)
+        overstress = abs(tau - k * p) - (BOUND + r * length)
+        gained = max(overstress, 0.0) / (k + r)
+        p, length = p + math.copysign(gained, tau - k * p), length + gained
+        found.append(p)
+    return found
+
+
+@pytest.mark.parametrize(
+    "mesh", [block.structured_mesh(2, 2), block.structured_mesh(2, 2, simplices=True)]
+)
+@pytest.mark.parametrize("kind", MATERIALS)
+def test_loading_and_reversal_match_the_closed_form(kind, mesh):
+    material = MATERIALS[kind]
+    loads = [1.0, 4.0, 2.0, -4.5, 5.0]
+    steps = [(float(i), {"traction": {"right": (t, 0)}}) for i, t in enumerate(loads)]
+    evolution = evolve(bar(material, mesh), steps).raise_for_status()
+    k, r = material.hardening, material.isotropic_hardening
+    expected = plastic_strains(loads, k, r)
+    found = [
+        f.plastic_strain(mesh(0.3, 0.6))[0] * math.sqrt(2)
+        for f in (step.fields for step in evolution.steps)
+    ]
+    assert found == pytest.approx(expected, rel=1e-11, abs=1e-14)
+    ends = evolution.values(lambda f: f.displacement(mesh(1.0, 0.5))[0])
+    elongations = [
+        t / 8e3 + t / 4e3 + p / math.sqrt(2) for t, p in zip(loads, expected, strict=True)
+    ]
+    assert ends == pytest.approx(elongations, rel=1e-11)
+    assert evolution.column("max_plastic_strain") == pytest.approx(np.abs(expected), abs=1e-14)
+
+
+@pytest.mark.parametrize("kind", MATERIALS)
+def test_memory_is_that_of_the_flow_rule(kind):
+    mesh, material = block.structured_mesh(2, 1), MATERIALS[kind]
+    loads = [4.0, -4.5]
+    steps = [(float(i), {"traction": {"right": (t, 0)}}) for i, t in enumerate(loads)]
+    memory = evolve(bar(material, mesh), steps).memory
+    p = plastic_strains([0.0, *loads], material.hardening, material.isotropic_hardening)
+    point = mesh(0.3, 0.3)
+    assert memory.plastic_strain(point)[0] == pytest.approx(p[-1], rel=1e-11)
+    assert memory.back_stress(point)[0] == pytest.approx(material.hardening * p[-1], rel=1e-11)
+    length = np.abs(np.diff(p)).sum()
+    factor = material.hardening_stiffness * material.hardening_modulus * BOUND
+    assert memory.hardening_variable(point) == pytest.approx(factor * length, rel=1e-11)
+
+
+def test_hexahedra_in_three_dimensions_unload_elastically():
+    mesh = block.structured_mesh(2, 1, 1)
+    rollers = {"left": (0, None, None), "clamped": (None, None, 0), "front": (None, 0, None)}
+    problem = Problem(
+        mesh,
+        MATERIALS["kinematic"],
+        clamped=None,
+        prescribed=rollers,
+        traction={"right": (2.5, 0, 0)},
+    )
+    evolution = evolve(problem, load_cycle(problem, [1, 0])).raise_for_status()
+    p = (2.5 * math.sqrt(2 / 3) - BOUND) / K
+    end = evolution.values(lambda f: f.displacement(mesh(1.0, 0.5, 0.5))[0])
+    left = p * math.sqrt(2 / 3)
+    assert end == pytest.approx([2.5 / 2.5e3 + left, left], rel=1e-10)
+    assert evolution.column("dissipation")[1] < 1e-14
+
+
+def test_kinematic_hysteresis_closes():
+    problem = bar(MATERIALS["kinematic"], block.structured_mesh(2, 2), load=4.0)
+    evolution = evolve(problem, load_cycle(problem, [1, -1, 1, -1, 1], steps=3)).raise_for_status()
+    loop = evolution.values(lambda f: f.displacement(problem.mesh(1.0, 0.5))[0])
+    assert loop[9:] == pytest.approx(loop[3:9], rel=1e-10)
+    assert abs(loop[4] - loop[6]) > 0.01  # the same load on the way there and back
+
+
+def test_kinematic_body_with_contact_settles_into_a_loop():
+    problem = punched(MATERIALS["kinematic"], nodes=33)
+    evolution = evolve(problem, load_cycle(problem, [1, -1] * 4)).raise_for_status()
+    ends = evolution.values(lambda f: f.displacement(problem.mesh(0.0, 0.5))[1])
+    drift = np.abs(np.array(ends[2:]) - np.array(ends[:-2]))
+    assert drift[4:].max() < 0.3 * drift[:2].max()
+
+
+def test_isotropic_hardening_shakes_down():
+    problem = punched(MATERIALS["isotropic"])
+    evolution = evolve(problem, load_cycle(problem, [1, -1, 1, -1])).raise_for_status()
+    dissipation = evolution.column("dissipation")
+    assert dissipation[0] > 0
+    assert dissipation[3] < 0.3 * dissipation[1]
+
+
+def test_one_step_is_the_solver_alone():
+    problem = punched()
+    evolution = evolve(problem, [(1.0, {})])
+    alone = primal_newton(problem)
+    assert evolution.steps[0].record.primal_energy == pytest.approx(alone.primal_energy, rel=1e-14)
+    assert evolution.steps[0].record.contact_force == pytest.approx(alone.contact_force, rel=1e-12)
+
+
+def test_work_balances_energy_as_steps_shrink():
+    """Work of the loads = stored + hardening + dissipated energy, up to O(time step)."""
+    material, mesh = MATERIALS["kinematic"], lshape.paper_mesh(33)
+    problem = Problem(mesh, material, traction={"load": (0.0, 3.0)})
+    errors = []
+    for steps in (4, 8):
+        evolution = evolve(problem, load_cycle(problem, [1.0], steps=steps))
+        work, force, end = 0.0, 0.0, 0.0
+        for step in evolution.steps:
+            moved = Integrate(3.0 * step.fields.displacement[1] * ds("load"), mesh)
+            new = step.record.time
+            work, force, end = work + 0.5 * (force + new) * (moved - end), new, moved
+        stored = evolution.column("elastic_energy")[-1] + sum(evolution.column("dissipation"))
+        p = evolution.memory.plastic_strain
+        back = 0.5 * K * Integrate(InnerProduct(p, p), mesh)
+        errors.append(abs(work - stored - back) / work)
+    assert errors[1] < 0.6 * errors[0] < 0.05
+
+
+def test_gaps_and_supports_change_in_time():
+    mesh = block.structured_mesh(2, 2)
+    sides = {"left": (0, None), "right": (0, None)}
+    problem = Problem(mesh, MATERIALS["kinematic"], contact="contact", gap=0.1, prescribed=sides)
+    steps = [(1.0, {"gap": -0.01}), (2.0, {"gap": 0.1}), (3.0, {"gap": -0.02 * IfPos(x, 1, 1)})]
+    evolution = evolve(problem, steps).raise_for_status()
+    force = evolution.column("contact_force")
+    assert force[1] == pytest.approx(0.0, abs=1e-12)
+    assert force[2] > force[0] > 1
+    assert evolution.values(lambda f: f.displacement(mesh(0.5, 1.0))[1]) == pytest.approx(
+        [-0.01, evolution.steps[1].fields.displacement(mesh(0.5, 1.0))[1], -0.02]
+    )
+
+
+def failing_above(iterations):
+    def solver(problem, start=None):
+        return primal_newton(problem, start, PrimalOptions(max_iterations=iterations))
+
+    return solver
+
+
+def test_failing_steps_are_cut_and_said():
+    problem = punched(MATERIALS["kinematic"])
+    schedule = load_cycle(problem, [1.0])
+    whole = evolve(problem, schedule).raise_for_status()
+    assert whole.steps[0].record.iterations > 6
+    cut = evolve(problem, schedule, failing_above(6)).raise_for_status()
+    assert cut.times[-1] == 1.0
+    assert len(cut.steps) > 1
+    assert max(cut.column("cuts")) >= 1
+    assert max(cut.column("iterations")) <= 6
+    fine = [(t, schedule.changes(t)) for t in cut.times]
+    again = evolve(problem, fine).raise_for_status()
+    assert again.column("contact_force") == pytest.approx(cut.column("contact_force"), rel=1e-8)
+
+
+@pytest.mark.parametrize("cuts", [0, 1])
+def test_a_step_that_cannot_be_cut_further_is_named(cuts):
+    problem = punched()
+    evolution = evolve(problem, load_cycle(problem, [1.0]), failing_above(1), cuts=cuts)
+    assert evolution.status is Status.ITERATION_LIMIT
+    assert "to time" in evolution.message
+    with pytest.raises(SolverError):
+        evolution.raise_for_status()
+
+
+def test_listed_steps_are_not_cut():
+    evolution = evolve(punched(), [(1.0, {})], failing_above(1))
+    assert evolution.status is Status.ITERATION_LIMIT
+    assert evolution.steps == []
+
+
+class Killed(BaseException):
+    pass
+
+
+@pytest.mark.parametrize("stop", [StopIteration, Killed])
+def test_restart_continues_to_the_same_digits(tmp_path, stop):
+    problem, file = punched(), tmp_path / "steps.npz"
+    schedule = load_cycle(problem, [1, -1, 0.5], steps=2)
+    whole = evolve(problem, schedule)
+
+    def interrupt(step):
+        if step.record.time > 1.4:
+            raise stop
+
+    if stop is Killed:
+        with pytest.raises(Killed):
+            evolve(problem, schedule, checkpoint=file, monitor=interrupt)
+    else:
+        assert (
+            evolve(problem, schedule, checkpoint=file, monitor=interrupt).status is Status.STOPPED
+        )
+    solved = []
+    rest = evolve(problem, schedule, checkpoint=file, monitor=lambda s: solved.append(s))
+    assert len(solved) == 3
+    assert rest.as_rows() == whole.as_rows()
+    for name, values in whole.memory.arrays.items():
+        assert (rest.memory.arrays[name] == values).all()
+    finished = evolve(problem, schedule, checkpoint=file, monitor=interrupt)
+    assert finished.status is Status.CONVERGED
+    assert finished.as_rows() == whole.as_rows()
+    stress = [e.steps[3].fields.stress(problem.mesh(0.7, 0.7)) for e in (whole, finished)]
+    assert stress[0] == stress[1]
+
+
+def test_restart_in_the_middle_of_a_cut_step(tmp_path):
+    problem, file = punched(MATERIALS["kinematic"]), tmp_path / "steps.npz"
+    schedule = load_cycle(problem, [1.0])
+    solver = failing_above(6)
+    whole = evolve(problem, schedule, solver)
+
+    def interrupt(step):
+        raise StopIteration
+
+    evolve(problem, schedule, solver, checkpoint=file, monitor=interrupt)
+    assert evolve(problem, schedule, solver, checkpoint=file).as_rows() == whole.as_rows()
+
+
+def test_damaged_and_foreign_checkpoints_are_refused_and_kept(tmp_path):
+    problem, file = punched(), tmp_path / "steps.npz"
+    steps = [(1.0, {}), (2.0, {"gap": 0.01})]
+    evolve(problem, steps, checkpoint=file)
+    content = file.read_bytes()
+    other = dataclasses.replace(problem, gap=0.03)
+    with pytest.raises(ValueError, match="other work: problem"):
+        evolve(other, steps, checkpoint=file)
+    with pytest.raises(ValueError, match="other work: times"):
+        evolve(problem, [*steps, (3.0, {})], checkpoint=file)
+    with pytest.raises(ValueError, match="step to time 2 had other data"):
+        evolve(problem, [steps[0], (2.0, {"gap": 0.015})], checkpoint=file)
+    assert file.read_bytes() == content
+    file.write_bytes(content[:-200])
+    with pytest.raises(ValueError, match="damaged"):
+        evolve(problem, steps, checkpoint=file)
+    assert file.read_bytes() == content[:-200]
+
+
+def test_checkpoint_that_cannot_be_written_is_an_error_before_the_work(tmp_path):
+    def solver(problem, start=None):
+        raise AssertionError("no work must be done")
+
+    with pytest.raises(OSError, match="folder"):
+        evolve(punched(), [(1.0, {})], solver, checkpoint=tmp_path)
+
+
+def test_dual_solver_follows_the_same_history():
+    """The methods differ by discretisation, by far less than the history matters."""
+    problem = punched(MATERIALS["kinematic"], nodes=225)
+    schedule = load_cycle(problem, [1, -0.5])
+    primal = evolve(problem, schedule).raise_for_status()
+    dual = evolve(problem, schedule, cold_start(semismooth_newton, regularisation=Balanced()))
+    dual.raise_for_status()
+    forgotten = evolve(problem, [(2.0, schedule.changes(2.0))]).raise_for_status()
+    for name in ("contact_force", "dissipation"):
+        with_history, without = primal.column(name)[1], forgotten.column(name)[0]
+        difference = abs(dual.column(name)[1] - with_history)
+        assert difference < 0.25 * abs(with_history - without), name
+
+
+def test_memory_of_the_initial_state_is_what_was_given():
+    mesh = block.structured_mesh(2, 2)
+    problem = bar(MATERIALS["combined"], mesh)
+    first = evolve(problem, [(1.0, {"traction": {"right": (4.0, 0)}})])
+    onward = first.memory.problem(problem, {})
+    again = Memory.initial(onward)
+    for name, values in first.memory.arrays.items():
+        assert np.abs(again.arrays[name] - values).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("steps", "message"),
+    [
+        ([], "at least one time"),
+        ([(1.0, {}), (1.0, {})], "does not come after"),
+        ([(1.0, {"gaps": 0.1})], "name 'gaps'"),
+        ([(1.0, {"mesh": None})], "name 'mesh'"),
+        ([(float("nan"), {})], "times"),
+        ([(1.0, {"gap": float("nan")})], "gap"),
+    ],
+)
+def test_bad_steps_are_refused_before_the_work(steps, message):
+    def solver(problem, start=None):
+        raise AssertionError("no work must be done")
+
+    with pytest.raises(ValueError, match=message):
+        evolve(punched(), steps, solver)
+
+
+@pytest.mark.parametrize("steps", [3, [1.0, 2.0], "ab"])
+def test_steps_of_the_wrong_kind_are_refused(steps):
+    with pytest.raises(TypeError, match="steps"):
+        evolve(punched(), steps)
+
+
+def test_schedules_check_their_times():
+    with pytest.raises(ValueError, match="does not come after"):
+        Schedule([0.0, 1.0], lambda t: {})
+    with pytest.raises(TypeError, match="changes"):
+        Schedule([1.0], {})
+    with pytest.raises(ValueError, match="factors"):
+        load_cycle(punched(), [])
