@@ -5,6 +5,8 @@ import importlib
 
 STUDIES = {
     "table1": "Newton steps over meshes and gamma, Example (a)",
+    "table2": "Newton steps over meshes and gamma, Example (b)",
+    "table3": "path-following for Example (b), and direct solves beside it",
 }
 
 
