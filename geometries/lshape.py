@@ -10,6 +10,7 @@ from ngsolve import Mesh
 from ngepc.validation import require_mesh_width
 
 from .bisection import Point, refined_to, triangulated
+from .orientation import outward
 
 PAPER_NODES = (833, 1601, 3201, 6273, 12545, 24833)
 COARSE_NODES = 417
@@ -59,4 +60,4 @@ def geometry() -> CSG2d:
 def mesh(maxh: float = 0.05) -> Mesh:
     """An unstructured mesh of the CSG geometry with mesh width at most ``maxh`` >= 0.001."""
     require_mesh_width(maxh, 1.0, 2)
-    return Mesh(geometry().GenerateMesh(maxh=maxh))
+    return Mesh(outward(geometry().GenerateMesh(maxh=maxh)))

@@ -15,6 +15,7 @@ from ngsolve import Mesh
 from ngepc.validation import require_mesh_width
 
 from .bisection import Point, Quadrilateral, refined_to, triangulated
+from .orientation import outward
 
 PAPER_NODES = (873, 1641, 3281, 6353, 12705, 24993)
 COARSE_NODES = 437
@@ -86,4 +87,4 @@ def geometry() -> CSG2d:
 def mesh(maxh: float = 0.25) -> Mesh:
     """An unstructured mesh of the CSG geometry with mesh width at most ``maxh`` >= 0.008."""
     require_mesh_width(maxh, 8.0, 2)
-    return Mesh(geometry().GenerateMesh(maxh=maxh))
+    return Mesh(outward(geometry().GenerateMesh(maxh=maxh)))

@@ -1,8 +1,8 @@
 """The outer unit normal of a body.
 
 NGSolve's ``specialcf.normal`` on a boundary follows the orientation of the boundary elements,
-which need not be outward: in Netgen CSG meshes it points inward on some edges (lshape.mesh of this
-package: on the left ones) and on the surface of a subtracted sphere.
+which need not be outward: in Netgen CSG meshes it points inward on some edges, on half of a hole
+and on the surface of a subtracted sphere.
 """
 
 from ngsolve import (
