@@ -27,6 +27,18 @@ class Placed:
         return (keys, values) if lower.all() else (keys[lower], values[lower])
 
 
+def repeated(A: SparseMatrixd, times: int) -> SparseMatrixd:
+    """The block-diagonal matrix with ``times`` copies of A."""
+    values, columns, starts = (np.asarray(a) for a in A.CSR())
+    n = len(starts) - 1
+    rows = np.repeat(np.arange(n), np.diff(starts.astype(np.int64)))
+    shifts = n * np.repeat(np.arange(times), len(values))
+    i, j = (np.tile(index, times) + shifts for index in (rows, columns.astype(np.int64)))
+    return SparseMatrixd.CreateFromCOO(
+        i.astype(np.int32), j.astype(np.int32), np.tile(values, times), times * n, times * n
+    )
+
+
 class SparseSum:
     """The sum of placed symmetric blocks, lower triangle only, in one fixed pattern.
 

@@ -20,6 +20,7 @@ from ngsolve import (
 )
 from ngsolve.la import BaseVector
 
+from ngepc.friction import friction_energy
 from ngepc.parts import dual_parts
 from ngepc.problem import Problem, as_scalar
 from ngepc.regularisation import Regularisation
@@ -49,10 +50,19 @@ def load_terms(problem: Problem, v, r) -> list:
 
 
 def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
-    """J(u, p) of (2.14) for the displacement u and the plastic strain p gained in the step."""
+    """J(u, p) of (2.14), with int F |u_t| where there is friction.
+
+    Parameters
+    ----------
+    problem
+        The data.
+    u, p
+        The displacement and the coordinates of the plastic strain gained in the step.
+    """
     mesh, h = problem.mesh, problem.effective_hardening
     strain_energy = Integrate(elastic_product(problem, h, u, p, u, p) / 2, mesh)
     dissipation = Integrate(as_scalar(problem.beta) * Norm(p), mesh)
+    dissipation += friction_energy(problem, u)
     return strain_energy + dissipation - sum(Integrate(t, mesh) for t in load_terms(problem, u, p))
 
 

@@ -32,6 +32,7 @@ def check_problem(problem: Problem) -> None:
     check_boundaries(problem)
     check_loads(problem)
     check_gap(problem)
+    check_friction(problem)
     check_history(problem)
     check_support(problem)
 
@@ -180,6 +181,20 @@ def check_gap(problem: Problem) -> None:
         argument = f"gap[{name!r}]" if isinstance(problem.gap, Mapping) else "gap"
         require_coefficient(argument, gap)
         require_finite(argument, gap, problem.mesh, [name], corners=True)
+
+
+def check_friction(problem: Problem) -> None:
+    """A finite friction bound >= 0, and none without a contact boundary."""
+    if problem.friction is None:
+        return
+    if problem.contact is None:
+        raise ValueError(
+            f"friction={problem.friction!r}: name the contact boundary too, or leave friction out"
+        )
+    require_coefficient("friction", problem.friction)
+    bound = require_finite("friction", problem.friction, problem.mesh, problem.contact_names)
+    if bound.min() < 0:
+        raise ValueError(f"friction falls to {bound.min():g}: values >= 0 are needed")
 
 
 def check_history(problem: Problem) -> None:

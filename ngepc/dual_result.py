@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from ngsolve import CoefficientFunction, GridFunction, Integrate, Norm, ds
+from ngsolve import CF, CoefficientFunction, GridFunction, IfPos, InnerProduct, Integrate, Norm, ds
 from ngsolve.la import BaseVector
 
 from ngepc.blocks import primal_energy
+from ngepc.friction import slip, tangent
 from ngepc.functional import DualFunctional
 from ngepc.problem import Problem, as_scalar
 from ngepc.recovery import Fields
@@ -24,7 +25,7 @@ class DualResult:
     functional
         J*_gamma with its spaces.
     y, v
-        Coefficients of (u, p) and of (z, q).
+        Coefficients of (u, p) and of (z, q), with friction (z, t, q).
     status, message
         How the run ended; the message says what was seen and what to try.
     history
@@ -67,7 +68,7 @@ class DualResult:
 
     @cached_property
     def state(self) -> GridFunction:
-        """(u, p, z, q) in the compound space (u, p, q without contact)."""
+        """(u, p, z, t, q) in the compound space; no z without contact, no t without friction."""
         blocks = self.functional.blocks
         state = GridFunction(blocks.X)
         state.vec.Range(0, blocks.Y.ndof).data = self.y
@@ -136,6 +137,34 @@ class DualResult:
             return 0.0
         on_contact = ds("|".join(self.problem.contact_names))
         return Integrate(self.contact_pressure * on_contact, self.problem.mesh)
+
+    @property
+    def friction_stress(self) -> CoefficientFunction:
+        """Tangential traction on Gamma_c, N components (stress); zero without friction.
+
+        It is t along (-n_y, n_x) in two dimensions, the tangential part of t in three.
+        """
+        if self.problem.friction is None:
+            return CF((0.0,) * self.problem.N)
+        t = self.state.components[3]
+        return t * tangent(self.problem) if self.problem.N == 2 else slip(self.problem, t)
+
+    @property
+    def friction_force(self) -> tuple[float, ...]:
+        """Resultant of the friction stress on the body, N components (force)."""
+        if self.problem.friction is None:
+            return (0.0,) * self.problem.N
+        on_contact = ds("|".join(self.problem.contact_names))
+        t = self.friction_stress
+        return tuple(Integrate(t[i] * on_contact, self.problem.mesh) for i in range(self.problem.N))
+
+    @property
+    def sliding(self) -> CoefficientFunction:
+        """1 on the part of Gamma_c that slips, |t| > friction bound; 0 where it sticks."""
+        if self.problem.friction is None:
+            return CF(1.0)
+        t = self.state.components[3]
+        return IfPos(InnerProduct(t, t) - as_scalar(self.problem.friction) ** 2, 1.0, 0.0)
 
     def raise_for_status(self) -> None:
         """Raise SolverError, which keeps this result, unless the run converged."""

@@ -29,7 +29,7 @@ class ResidualNorms:
     Parameters
     ----------
     by_part
-        Part name -> norm; 'contact' and 'plastic'.
+        Part name -> norm; 'contact', 'friction' and 'plastic', those that there are.
     """
 
     by_part: dict[str, float]

@@ -72,11 +72,13 @@ class Iterate:
             residual_norm=norms.total,
             contact_residual_norm=norms.by_part.get("contact", 0.0),
             plastic_residual_norm=norms.by_part["plastic"],
+            friction_residual_norm=norms.by_part.get("friction", 0.0),
             energy=self.energy,
             step_length=self.step.length,
             halvings=self.step.halvings,
             contact_active=active.get("contact", 0.0),
             plastic_active=active["plastic"],
+            friction_active=active.get("friction", 0.0),
         )
 
 

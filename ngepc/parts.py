@@ -13,6 +13,7 @@ from typing import Protocol
 from ngsolve import CoefficientFunction, FESpace, ds, dx
 from ngsolve.la import BaseVector, SparseMatrixd
 
+from ngepc.friction import FrictionPart
 from ngepc.normals import outward_normal
 from ngepc.penalty import ContactPenalty, PlasticPenalty
 from ngepc.problem import Problem
@@ -139,5 +140,7 @@ class PlasticPart:
 
 
 def dual_parts(problem: Problem) -> list[DualPart]:
-    """The parts that a problem has: contact where it names a contact boundary, plasticity."""
-    return [*([ContactPart()] if problem.contact_names else []), PlasticPart()]
+    """The parts that a problem has: contact and friction where it names them, plasticity last."""
+    contact = [ContactPart()] if problem.contact_names else []
+    friction = [] if problem.friction is None else [FrictionPart()]
+    return [*contact, *friction, PlasticPart()]

@@ -94,10 +94,16 @@ def primal_newton(
     ------
     TypeError
         If ``problem``, ``start`` or ``options`` is of the wrong kind.
+    ValueError
+        If the problem has friction.
     """
     if not isinstance(problem, Problem):
         raise TypeError(f"problem={problem!r}: a Problem is needed")
     options = PrimalOptions() if options is None else options
+    if problem.friction is not None:
+        raise ValueError(
+            f"friction={problem.friction!r}: this solver has none, use semismooth_newton"
+        )
     if not isinstance(options, PrimalOptions):
         raise TypeError(f"options={options!r}: PrimalOptions are needed")
     run = Run(problem, None if start is None else nodal_values(start, problem), options, monitor)

@@ -48,6 +48,9 @@ class Problem:
     prescribed
         Boundary name -> N displacement components, None for a free one: {'left': (0, None)}
         is a roller.
+    friction
+        Tresca's bound F >= 0 on the tangential traction on the contact boundary (stress), a
+        number or scalar coefficient; it acts also where the gap is open.  None for none.
 
     Raises
     ------
@@ -65,6 +68,7 @@ class Problem:
     initial_plastic_strain: CoefficientFunction | None = None
     initial_hardening: Coefficient | tuple | None = None
     prescribed: Mapping[str, Sequence[Coefficient | None]] | None = None
+    friction: Coefficient | None = None
 
     def __post_init__(self) -> None:
         checks.check_problem(self)

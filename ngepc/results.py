@@ -30,26 +30,28 @@ class IterationRecord:
     ----------
     iteration
         Number of Newton steps done so far; 0 is the start.
-    residual_norm, contact_residual_norm, plastic_residual_norm
-        ||Psi_gamma||_{H*} and its parts on Gamma_c and in Omega.
+    residual_norm, contact_residual_norm, plastic_residual_norm, friction_residual_norm
+        ||Psi_gamma||_{H*} and its parts on Gamma_c (z), in Omega (q) and on Gamma_c (t).
     energy
         J*_gamma(v) (dual methods) or J (primal ones), force times length.
     step_length, halvings
         alpha of the step that led here and the number of halvings it took; 1 and 0 at the start.
-    contact_active, plastic_active
+    contact_active, plastic_active, friction_active
         Measures (length or area or volume) of the sets where the Newton derivative of the
-        contact and of the plastic max term is not zero.
+        contact, of the plastic and of the friction max term is not zero.
     """
 
     iteration: int
     residual_norm: float
     contact_residual_norm: float = 0.0
     plastic_residual_norm: float = 0.0
+    friction_residual_norm: float = 0.0
     energy: float = float("nan")
     step_length: float = 1.0
     halvings: int = 0
     contact_active: float = 0.0
     plastic_active: float = 0.0
+    friction_active: float = 0.0
 
 
 @dataclass

@@ -133,6 +133,16 @@ CASES = {
         body(2),
         Coupled(1e3, tichonov=FullProduct(), units=Units(stress=2.0, length=3.0)),
     ),
+    "plane, friction": lambda: (body(2, friction=0.8), Coupled(1e2)),
+    "plane, friction that varies": lambda: (
+        body(2, friction=2 * x),
+        Coupled(1e2, tichonov=Fractional()),
+    ),
+    "space, friction": lambda: (body(3, friction=2 * x), Coupled(1e2, tichonov=FullProduct())),
+    "space, no friction bound": lambda: (
+        body(3, friction=0.0),
+        Coupled(1e2, tichonov=FullProduct()),
+    ),
     "space, full product": lambda: (body(3), Coupled(1e3, tichonov=FullProduct())),
     "space, numbers": lambda: (body(3), Coupled(1e3)),
     "space, coefficients and shifts": lambda: (

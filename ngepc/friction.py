@@ -1,0 +1,194 @@
+"""Tresca friction, the outlook of the paper: a weighted L1(Gamma_c) term and its dual variable.
+
+The primal energy gains int_Gc F |u_t| with a given bound F >= 0 (stress) on the tangential
+traction.  Its conjugate is the constraint |t| <= F on a third dual variable t, which is the
+tangential stress; Lambda gains the row u_t.  The constraint is regularised like |q| <= beta,
+
+    M^3(t) = 1/(2 gamma) |[gamma (|t| - F)]^+|^2 on Gamma_c,
+
+and t gets the Tichonov product of z.  See docs/friction.md.
+
+In two dimensions t is a scalar along the tangent (-n_y, n_x).  In three it is a vector with 3
+components of which only the tangential part acts; the normal one tends to zero with 1/gamma.
+F is given: it acts on all of Gamma_c, also where there is no contact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ngsolve import (
+    CF,
+    BilinearForm,
+    CoefficientFunction,
+    FESpace,
+    GridFunction,
+    Id,
+    IfPos,
+    InnerProduct,
+    Integrate,
+    LinearForm,
+    Mesh,
+    Norm,
+    OuterProduct,
+    VectorValued,
+    ds,
+    sqrt,
+)
+from ngsolve.la import BaseVector, SparseMatrixd
+
+from ngepc.assembly import repeated
+from ngepc.material import Material
+from ngepc.normals import outward_normal
+from ngepc.penalty import TINY
+from ngepc.problem import Problem, as_scalar
+from ngepc.quadrature import boundary_rules
+from ngepc.regularisation import Regularisation
+from ngepc.spaces import contact_space
+from ngepc.validation import Coefficient
+
+ENERGY_POINTS = 400
+
+
+def tangent(problem: Problem) -> CoefficientFunction:
+    """The unit tangent (-n_y, n_x) on the boundary of a body in two dimensions."""
+    n = outward_normal(problem.mesh)
+    return CF((-n[1], n[0]))
+
+
+def slip(problem: Problem, u: CoefficientFunction) -> CoefficientFunction:
+    """u_t on the boundary (length): the scalar u . (-n_y, n_x), or the vector u - (u . n) n."""
+    if problem.N == 2:
+        return InnerProduct(u, tangent(problem))
+    n = outward_normal(problem.mesh)
+    return u - InnerProduct(u, n) * n
+
+
+def friction_energy(problem: Problem, u: CoefficientFunction) -> float:
+    """int_Gc F |u_t| (force times length), zero without friction."""
+    if problem.friction is None:
+        return 0.0
+    density = as_scalar(problem.friction) * _size(slip(problem, u))
+    return Integrate(density * _on_contact(problem, ENERGY_POINTS), problem.mesh)
+
+
+def _size(t: CoefficientFunction) -> CoefficientFunction:
+    return Norm(t) if t.dims else sqrt(t * t)
+
+
+def _on_contact(problem: Problem, points: int):
+    return ds("|".join(problem.contact_names), intrules=boundary_rules(problem.N, points))
+
+
+@dataclass(frozen=True)
+class FrictionPart:
+    """t, the tangential stress on Gamma_c: (u_t, t) + M^3(t)."""
+
+    name: str = "friction"
+
+    def space(self, problem: Problem, regularisation: Regularisation) -> FESpace:
+        """P1 on Gamma_c, with the conditions of z at the ends."""
+        Z = contact_space(problem, ends_fixed=regularisation.tichonov.contact.ends_fixed)
+        return Z if problem.N == 2 else VectorValued(Z, problem.N)
+
+    def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
+        """(u_t, w) on Gamma_c."""
+        return InnerProduct(slip(problem, u), w) * ds("|".join(problem.contact_names))
+
+    def offset(self, problem: Problem, w) -> None:
+        """Zero."""
+        return None
+
+    def tichonov(
+        self, problem: Problem, regularisation: Regularisation, space: FESpace
+    ) -> SparseMatrixd:
+        """B_z for each component."""
+        scalar = space if problem.N == 2 else space.components[0]
+        length = regularisation.units.length
+        B = regularisation.tichonov.contact.matrix(problem, scalar, length)
+        return B if problem.N == 2 else repeated(B, problem.N)
+
+    def penalty(
+        self, problem: Problem, regularisation: Regularisation, space: FESpace, points: int
+    ) -> FrictionPenalty:
+        """M^3."""
+        return FrictionPenalty(problem, regularisation, space, points)
+
+
+class FrictionPenalty:
+    """M^3(t) = gamma/2 int_Gc ([|t| - F]^+)^2 with the gamma of the contact term, Lemma 6.3.
+
+    F = 0 is allowed: then M^3 is gamma/2 |t|^2.
+
+    Parameters
+    ----------
+    problem, regularisation
+        The data.
+    space
+        The space of t.
+    quadrature_points
+        As for the domain; the boundary rule has the same order.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        regularisation: Regularisation,
+        space: FESpace,
+        quadrature_points: int,
+    ) -> None:
+        gamma = regularisation.gamma_contact
+        self._t = t = GridFunction(space)
+        self._mesh = problem.mesh
+        self._ds = _on_contact(problem, quadrature_points)
+        size = _size(t) + TINY
+        s = size - as_scalar(problem.friction)
+        rho, unit = s / size, t / size
+        self._density, self._inside = IfPos(s, gamma / 2 * s * s, 0), IfPos(s, 1.0, 0.0)
+        M = rho * Id(t.dim) + (1 - rho) * OuterProduct(unit, unit) if t.dims else CF(1.0)  # (6.1)
+        dt, w = space.TnT()
+        self._gradient = LinearForm(space)
+        self._gradient += InnerProduct(IfPos(s, gamma * s, 0) * unit, w) * self._ds
+        self._hessian = BilinearForm(space, symmetric=True, symmetric_storage=True)
+        self._hessian += InnerProduct(IfPos(s, gamma, 0) * M * dt, w) * self._ds
+
+    def energy(self, t: BaseVector) -> float:
+        """M^3(t)."""
+        self._t.vec.data = t
+        return Integrate(self._density * self._ds, self._mesh)
+
+    def active(self, t: BaseVector) -> float:
+        """Measure of the set where |t| > F, the part of Gamma_c that slips."""
+        self._t.vec.data = t
+        return Integrate(self._inside * self._ds, self._mesh)
+
+    def gradient(self, t: BaseVector) -> BaseVector:
+        """([gamma (|t| - F)]^+ t/|t|, .) as a functional."""
+        self._t.vec.data = t
+        return self._gradient.Assemble().vec
+
+    def pattern(self) -> SparseMatrixd:
+        """A matrix with all entries that ``hessian`` may ever have."""
+        return self._hessian.Assemble(reallocate=True).mat
+
+    def hessian(self, t: BaseVector) -> SparseMatrixd:
+        """gamma (chi_{|t| > F} M(t) ., .) with M(t) of (6.1)."""
+        self._t.vec.data = t
+        return self._hessian.Assemble(reallocate=True).mat
+
+
+def pressed_block_problem(mesh: Mesh, friction: Coefficient | None = 5.0) -> Problem:
+    """The example of docs/friction.md: a block on its base, pressed down by 0.02 from above.
+
+    The block bulges sideways against the friction of the press: it sticks in the middle of the
+    top and slips towards the edges.
+
+    Parameters
+    ----------
+    mesh
+        A mesh of ``ngepc.geometries.block`` with height 1.
+    friction
+        Tresca's bound (stress, the unit of lame_mu = 1e3); None for a smooth press.
+    """
+    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=15.0, hardening=100.0)
+    return Problem(mesh, material, contact="contact", gap=-0.02, friction=friction)
