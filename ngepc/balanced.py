@@ -100,7 +100,7 @@ class Balanced:
         ValueError
             If the material has no hardening to split.
         """
-        h = problem.effective_hardening
+        h = problem.material.effective_hardening
         if is_number(h) and h <= 0:
             raise ValueError(
                 "Balanced splits the hardening and this material has none: give a hardening "

@@ -18,6 +18,7 @@ from ngepc.normals import outward_normal
 from ngepc.penalty import ContactPenalty, PlasticPenalty
 from ngepc.problem import Problem
 from ngepc.regularisation import Regularisation
+from ngepc.simplex_penalty import SimplexPenalty, constants, has_straight_simplices
 from ngepc.spaces import contact_space, plastic_dual_space
 
 
@@ -136,7 +137,10 @@ class PlasticPart:
         self, problem: Problem, regularisation: Regularisation, space: FESpace, points: int
     ) -> Penalty:
         """M^2."""
-        return PlasticPenalty(problem, regularisation, space, points)
+        straight = has_straight_simplices(problem.mesh)
+        vectorised = straight and constants(problem, regularisation) is not None
+        kind = SimplexPenalty if vectorised else PlasticPenalty
+        return kind(problem, regularisation, space, points)
 
 
 def dual_parts(problem: Problem) -> list[DualPart]:
