@@ -39,23 +39,39 @@ def repeated(A: SparseMatrixd, times: int) -> SparseMatrixd:
     )
 
 
+def sorted_once(keys: np.ndarray) -> np.ndarray:
+    """The different keys in ascending order; for many integers faster than ``np.unique``."""
+    keys = np.sort(keys)
+    return keys[np.r_[True, keys[1:] != keys[:-1]]] if len(keys) else keys
+
+
 class SparseSum:
     """The sum of placed symmetric blocks, lower triangle only, in one fixed pattern.
 
     Parameters
     ----------
-    size
-        Number of rows.
+    largest
+        A matrix of the size of the sum, in symmetric storage.
     blocks
-        Blocks whose patterns together make the pattern of the sum.
+        Blocks whose patterns, together with that of ``largest``, make the pattern of the sum.
     """
 
-    def __init__(self, size: int, blocks: Sequence[Placed]) -> None:
-        self._size = size
-        self._keys = np.unique(np.concatenate([b.lower_triangle(size)[0] for b in blocks]))
+    def __init__(self, largest: SparseMatrixd, blocks: Sequence[Placed]) -> None:
+        size = self._size = largest.height
+        self._keys, _ = Placed(largest).lower_triangle(size)
+        patterns = [b.lower_triangle(size)[0] for b in blocks]
+        more = [keys[~self._has(keys)] for keys in patterns]
+        if not any(len(keys) for keys in more):
+            self.matrix = largest.CreateMatrix()
+            return
+        self._keys = sorted_once(np.concatenate([self._keys, *more]))
         rows = (self._keys // size).astype(np.int32)
         columns = (self._keys % size).astype(np.int32)
         self.matrix = SparseMatrixd.CreateFromCOO(rows, columns, np.zeros(len(rows)), size, size)
+
+    def _has(self, keys: np.ndarray) -> np.ndarray:
+        where = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+        return self._keys[where] == keys
 
     @property
     def entries(self) -> np.ndarray:

@@ -143,11 +143,10 @@ class NewtonSystem:
         self._inverse_name, self._inverse = inverse, None
         blocks = self.blocks = functional.blocks
         self._firsts = [blocks.Y.ndof + int(first) for first in blocks.firsts[:-1]]
-        constant = [Placed(blocks.saddle.mat), *self._tichonov()]
         patterns = [
             Placed(M.pattern(), f) for M, f in zip(functional.penalties, self._firsts, strict=True)
         ]
-        self._sum = SparseSum(blocks.X.ndof, [*constant, *patterns])
+        self._sum = SparseSum(blocks.saddle.mat, [*self._tichonov(), *patterns])
         self.use(functional)
 
     def _tichonov(self) -> list[Placed]:
