@@ -184,8 +184,13 @@ def check_gap(problem: Problem) -> None:
 
 
 def check_friction(problem: Problem) -> None:
-    """A finite friction bound >= 0, and none without a contact boundary."""
+    """A finite friction bound >= 0, none without a contact boundary; no u_0 without friction."""
     if problem.friction is None:
+        if problem.initial_displacement is not None:
+            raise ValueError(
+                "initial_displacement matters for friction alone: give friction too, or leave "
+                "initial_displacement out"
+            )
         return
     if problem.contact is None:
         raise ValueError(
@@ -195,6 +200,9 @@ def check_friction(problem: Problem) -> None:
     bound = require_finite("friction", problem.friction, problem.mesh, problem.contact_names)
     if bound.min() < 0:
         raise ValueError(f"friction falls to {bound.min():g}: values >= 0 are needed")
+    if problem.initial_displacement is not None:
+        _check_vector("initial_displacement", problem.initial_displacement, problem.N)
+        require_finite("initial_displacement", problem.u_0, problem.mesh, problem.contact_names)
 
 
 def check_history(problem: Problem) -> None:

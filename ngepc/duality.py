@@ -29,6 +29,7 @@ from ngsolve import (
 )
 
 from ngepc.dual_result import DualResult
+from ngepc.friction import friction_energy
 from ngepc.problem import as_scalar
 from ngepc.quadrature import boundary_rules, fine_rules
 from ngepc.tensors import coordinates
@@ -50,6 +51,8 @@ class DualityReport:
     contact_term, plastic_term
         (z, u.n - psi), and int beta |p| + h_G/2 |p|^2 + (q, p) with h_G = 0 unless the hardening
         is split; zero at a solution of (EPC) and (D).
+    friction_term, friction_penalty
+        int F |u_t| + (t, u_t) and M^3(t); zero without friction.
     contact_penalty, plastic_penalty, tichonov
         M^1(z), M^2(q), T(v).
     tension, overshoot
@@ -59,7 +62,7 @@ class DualityReport:
     complementarity
         int |z (u.n - psi)| on Gamma_c, (2.12).
     shear
-        L2 norm on Gamma_c of the tangential part of sigma n, (2.10).
+        L2 norm on Gamma_c of the tangential part of sigma n less the friction stress, (2.10).
     normal_stress, normal_stress_deviation
         L2 norms on Gamma_c of (sigma n).n and of z - (sigma n).n.
     deviatoric_stress
@@ -75,8 +78,10 @@ class DualityReport:
     gap: float
     contact_term: float
     plastic_term: float
+    friction_term: float
     contact_penalty: float
     plastic_penalty: float
+    friction_penalty: float
     tichonov: float
     tension: float
     overshoot: float
@@ -92,9 +97,10 @@ class DualityReport:
 
     @property
     def parts(self) -> dict[str, float]:
-        """The five terms that add up to the gap."""
-        names = ("contact_term", "plastic_term", "contact_penalty", "plastic_penalty", "tichonov")
-        return {name: getattr(self, name) for name in names}
+        """The terms that add up to the gap."""
+        kinds = ("contact", "plastic", "friction")
+        names = [f"{kind}_{what}" for what in ("term", "penalty") for kind in kinds]
+        return {name: getattr(self, name) for name in (*names, "tichonov")}
 
     def as_dict(self) -> dict[str, float]:
         """All numbers by name, for tables and JSON."""
@@ -141,6 +147,8 @@ def _energies(result: DualResult) -> dict[str, float]:
         "plastic_term": dissipation + terms["plastic"],
         "contact_penalty": penalties.get("contact", 0.0),
         "plastic_penalty": penalties["plastic"],
+        "friction_term": terms.get("friction", 0.0) + friction_energy(problem, result.displacement),
+        "friction_penalty": penalties.get("friction", 0.0),
         "tichonov": f.tichonov(v, v) / 2,
     }
 
@@ -171,7 +179,7 @@ def _contact(result: DualResult) -> dict[str, float]:
         size(IfPos(z, z, 0)),
         size(IfPos(overlap, overlap, 0)),
         integral(IfPos(product, product, -product)),
-        size(traction - normal * n),
+        size(traction - normal * n - result.friction_stress),
         size(normal),
         size(z - normal),
     )

@@ -125,7 +125,7 @@ class _Run:
         if stored is None:
             return
         for row, u, p in stored.steps:
-            problem = self._problem_at(row["time"], self.evolution.memory)
+            problem = self._problem_at(row["time"], self.evolution.memory, self._u_0)
             step_fields = file.fields(problem, row, u, p)
             self._append(EvolutionStep(step_fields, StepRecord.from_row(row)))
         self.pending = [(time, level) for time, level in stored.pending]
@@ -156,13 +156,21 @@ class _Run:
     def _end(self, status: Status, message: str) -> None:
         self.evolution.status, self.evolution.message = status, message
 
-    def _problem_at(self, time: float, memory: Memory) -> Problem:
-        return memory.problem(self.problem, check_changes(self.schedule.changes(time), time))
+    def _problem_at(self, time: float, memory: Memory, u_0: GridFunction | None = None) -> Problem:
+        changes = dict(check_changes(self.schedule.changes(time), time))
+        rough = changes.get("friction", self.problem.friction) is not None
+        if rough and u_0 is not None:
+            changes["initial_displacement"] = u_0
+        return memory.problem(self.problem, changes)
+
+    @property
+    def _u_0(self) -> GridFunction | None:
+        steps = self.evolution.steps
+        return steps[-1].fields.displacement if steps else None
 
     def _solve(self, time: float, level: int) -> tuple[Status, str]:
-        steps = self.evolution.steps
-        problem = self._problem_at(time, self.evolution.memory)
-        start = steps[-1].fields.displacement if steps else None
+        start = self._u_0
+        problem = self._problem_at(time, self.evolution.memory, start)
         result = self.solver(problem, start=start)
         if result.status is not Status.CONVERGED:
             return result.status, result.message

@@ -2,7 +2,8 @@
 
 The primal energy gains int_Gc F |u_t| with a given bound F >= 0 (stress) on the tangential
 traction.  Its conjugate is the constraint |t| <= F on a third dual variable t, which is the
-tangential stress; Lambda gains the row u_t.  The constraint is regularised like |q| <= beta,
+tangential stress; Lambda gains the row u_t (u_t - u_0,t in a later time step).  The constraint
+is regularised like |q| <= beta,
 
     M^3(t) = 1/(2 gamma) |[gamma (|t| - F)]^+|^2 on Gamma_c,
 
@@ -65,10 +66,11 @@ def slip(problem: Problem, u: CoefficientFunction) -> CoefficientFunction:
 
 
 def friction_energy(problem: Problem, u: CoefficientFunction) -> float:
-    """int_Gc F |u_t| (force times length), zero without friction."""
+    """int_Gc F |u_t - u_0,t| (force times length), zero without friction."""
     if problem.friction is None:
         return 0.0
-    density = as_scalar(problem.friction) * _size(slip(problem, u))
+    gained = u if problem.u_0 is None else u - problem.u_0
+    density = as_scalar(problem.friction) * _size(slip(problem, gained))
     return Integrate(density * _on_contact(problem, ENERGY_POINTS), problem.mesh)
 
 
@@ -95,9 +97,9 @@ class FrictionPart:
         """(u_t, w) on Gamma_c."""
         return InnerProduct(slip(problem, u), w) * ds("|".join(problem.contact_names))
 
-    def offset(self, problem: Problem, w) -> None:
-        """Zero."""
-        return None
+    def offset(self, problem: Problem, w) -> CoefficientFunction | None:
+        """(u_0,t, w) on Gamma_c."""
+        return None if problem.u_0 is None else self.coupling(problem, problem.u_0, None, w)
 
     def tichonov(
         self, problem: Problem, regularisation: Regularisation, space: FESpace

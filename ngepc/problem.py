@@ -51,6 +51,9 @@ class Problem:
     friction
         Tresca's bound F >= 0 on the tangential traction on the contact boundary (stress), a
         number or scalar coefficient; it acts also where the gap is open.  None for none.
+    initial_displacement
+        u_0 at the begin of the step (length), a vector, for friction alone: what slips in this
+        step is u - u_0.  None for zero.
 
     Raises
     ------
@@ -69,6 +72,7 @@ class Problem:
     initial_hardening: Coefficient | tuple | None = None
     prescribed: Mapping[str, Sequence[Coefficient | None]] | None = None
     friction: Coefficient | None = None
+    initial_displacement: Vector | None = None
 
     def __post_init__(self) -> None:
         checks.check_problem(self)
@@ -118,6 +122,12 @@ class Problem:
     def f(self) -> CoefficientFunction | None:
         """Body force as a vector-valued coefficient, or None."""
         return None if self.body_force is None else as_vector(self.body_force)
+
+    @property
+    def u_0(self) -> CoefficientFunction | None:
+        """Displacement at the begin of the step as a vector-valued coefficient, or None."""
+        u_0 = self.initial_displacement
+        return None if u_0 is None else as_vector(u_0)
 
     @property
     def p_0(self) -> CoefficientFunction:

@@ -18,8 +18,11 @@ from ngepc import (
     Status,
     semismooth_newton,
 )
+from ngepc.duality import duality_report
+from ngepc.evolution import cold_start, evolve
 from ngepc.friction import friction_energy, pressed_block_problem, slip
 from ngepc.primal import primal_newton
+from ngepc.tensors import tensor
 
 MU, HARDENING, LOAD = 100.0, 10.0, 3.0
 QUICK = NewtonOptions(quadrature_points=49)
@@ -262,3 +265,65 @@ def test_without_friction_there_is_no_tangential_stress():
     result = solved(pressed_block_problem(block_mesh(2), None), 1.0)
     assert result.friction_force == (0.0, 0.0)
     assert result.sliding(result.problem.mesh(0.5, 1.0, VOL_or_BND=BND)) == 1.0
+
+
+def test_slip_counts_from_the_initial_displacement():
+    """A press at rest slips no further; lifted a little, friction keeps the bulge."""
+    problem = pressed_block_problem(block_mesh(4), 5.0)
+    problem = replace(problem, material=replace(problem.material, yield_stress=1e3))
+    regularisation = Balanced(1e9, tichonov=FullProduct())
+
+    def done(**changes):
+        changed = replace(problem, **changes)
+        result = semismooth_newton(changed, options=QUICK, regularisation=regularisation)
+        assert result.status is Status.CONVERGED
+        return result
+
+    pressed = done()
+    u_0 = pressed.displacement
+    again = done(initial_displacement=u_0)
+    assert friction_energy(again.problem, u_0) == 0.0
+    assert (again.displacement.vec - u_0.vec).Evaluate().Norm() < 1e-3 * u_0.vec.Norm()
+    kept, fresh = done(initial_displacement=u_0, gap=-0.019), done(gap=-0.019)
+    bulges = [
+        Integrate(slip(problem, r.displacement) ** 2 * ds("contact"), problem.mesh)
+        for r in (pressed, kept, fresh)
+    ]
+    assert bulges[1] == pytest.approx(bulges[0], rel=1e-2)  # it sticks
+    assert bulges[2] < 0.95 * bulges[0]
+
+
+def test_histories_remember_where_the_body_stuck():
+    """Two steps of evolve are the step and then the step with u_0, p_0 and alpha_0."""
+    problem = pressed_block_problem(block_mesh(3), 5.0)
+    regularisation = Balanced(1e9, tichonov=FullProduct())
+    solver = cold_start(semismooth_newton, options=QUICK, regularisation=regularisation)
+    history = evolve(problem, [(1.0, {}), (2.0, {"gap": -0.018})], solver)
+    assert history.status is Status.CONVERGED
+    first, second = (step.fields for step in history.steps)
+    assert second.problem.initial_displacement is first.displacement
+    k, p = problem.material.hardening, tensor(first.plastic_increment, 2)
+    by_hand = replace(
+        problem,
+        gap=-0.018,
+        initial_displacement=first.displacement,
+        initial_plastic_strain=p,
+        initial_hardening=k * p,
+    )
+    result = semismooth_newton(by_hand, options=QUICK, regularisation=regularisation)
+    difference = (result.displacement.vec - second.displacement.vec).Evaluate().Norm()
+    assert difference < 1e-8 * second.displacement.vec.Norm()
+
+
+def test_terms_of_the_duality_gap():
+    """J + J* is the sum of its terms, friction included."""
+    problem = pressed_block_problem(block_mesh(3), 5.0)
+    for case in (problem, replace(problem, initial_displacement=CF((1e-3 * x, 0.0)))):
+        report = duality_report(solved(case, 1e3))
+        assert sum(report.parts.values()) == pytest.approx(report.gap, rel=1e-6)
+        assert report.friction_term > 0
+
+
+def test_initial_displacement_without_friction_is_refused():
+    with pytest.raises(ValueError, match="matters for friction alone"):
+        replace(pressed_block_problem(block_mesh(1), None), initial_displacement=(0.0, 0.0))
