@@ -133,6 +133,11 @@ def nodal_values(start: object, problem: Problem) -> np.ndarray:
     own = source.space.mesh
     if own.dim != N or source.dim != N:
         raise ValueError(f"start has {source.dim} components: a displacement of {N} is needed")
+    if source.space.ndof != N * own.nv:
+        raise ValueError(
+            f"start has {source.space.ndof} degrees of freedom on a mesh with {own.nv} vertices: "
+            "a P1 displacement is needed"
+        )
     values = np.array([c.vec.FV().NumPy()[: own.nv] for c in source.components])
     points, here = (np.asarray(m.ngmesh.Coordinates())[: m.nv, :N] for m in (mesh, own))
     if np.array_equal(points, here):

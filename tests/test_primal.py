@@ -7,7 +7,21 @@ import math
 import numpy as np
 import pytest
 from ngepc.geometries import block, lshape, ring
-from ngsolve import CF, IfPos, Integrate, Norm, Parameter, dx, specialcf, sqrt, x, y
+from ngsolve import (
+    CF,
+    H1,
+    GridFunction,
+    IfPos,
+    Integrate,
+    Norm,
+    Parameter,
+    VectorH1,
+    dx,
+    specialcf,
+    sqrt,
+    x,
+    y,
+)
 
 from ngepc.complementarity import solve_complementarity
 from ngepc.material import Material, lame_parameters
@@ -418,3 +432,17 @@ def test_bad_starts_are_refused():
     problem = example_a(lshape.paper_mesh(33))
     with pytest.raises(TypeError, match="start"):
         primal_newton(problem, start=3.0)
+    with pytest.raises(ValueError, match="P1 displacement"):
+        primal_newton(problem, start=GridFunction(VectorH1(problem.mesh, order=2)))
+    with pytest.raises(ValueError, match="displacement of 2"):
+        primal_newton(problem, start=GridFunction(H1(problem.mesh)))
+
+
+def test_a_start_follows_its_mesh_through_refinement():
+    problem = example_a(lshape.paper_mesh(33))
+    coarse = primal_newton(problem)
+    before = coarse.displacement(problem.mesh(0.1, 0.8))
+    problem.mesh.Refine()
+    assert coarse.displacement(problem.mesh(0.1, 0.8)) == pytest.approx(before, rel=1e-12)
+    fine = primal_newton(example_a(problem.mesh), start=coarse).raise_for_status()
+    assert fine.primal_energy < coarse.primal_energy
