@@ -2,6 +2,10 @@
 
 import dataclasses
 import math
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -219,27 +223,38 @@ def test_listed_steps_are_not_cut():
     assert evolution.steps == []
 
 
-class Killed(BaseException):
-    pass
+KILLED = """
+import os, signal, sys
+from ngsolve import SetNumThreads
+from test_evolution import evolve, load_cycle, punched
+
+def kill(step):
+    if step.record.time > 1.4:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+SetNumThreads(1)
+problem = punched()
+evolve(problem, load_cycle(problem, [1, -1, 0.5], steps=2), checkpoint=sys.argv[1], monitor=kill)
+"""
 
 
-@pytest.mark.parametrize("stop", [StopIteration, Killed])
-def test_restart_continues_to_the_same_digits(tmp_path, stop):
+@pytest.mark.parametrize("way", ["stopped", "killed"])
+def test_restart_continues_to_the_same_digits(tmp_path, way):
     problem, file = punched(), tmp_path / "steps.npz"
     schedule = load_cycle(problem, [1, -1, 0.5], steps=2)
     whole = evolve(problem, schedule)
 
     def interrupt(step):
         if step.record.time > 1.4:
-            raise stop
+            raise StopIteration
 
-    if stop is Killed:
-        with pytest.raises(Killed):
-            evolve(problem, schedule, checkpoint=file, monitor=interrupt)
+    if way == "killed":
+        run = [sys.executable, "-c", KILLED, str(file)]
+        assert subprocess.run(run, cwd=Path(__file__).parent).returncode == -signal.SIGKILL
     else:
-        assert (
-            evolve(problem, schedule, checkpoint=file, monitor=interrupt).status is Status.STOPPED
-        )
+        stopped = evolve(problem, schedule, checkpoint=file, monitor=interrupt)
+        assert stopped.status is Status.STOPPED
+        assert len(stopped.steps) == 3
     solved = []
     rest = evolve(problem, schedule, checkpoint=file, monitor=lambda s: solved.append(s))
     assert len(solved) == 3
