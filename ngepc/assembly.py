@@ -84,6 +84,15 @@ class SparseSum:
         if len(keys):
             self.entries[self._where(keys)] += factor * values
 
+    def decouple(self, dofs: np.ndarray) -> None:
+        """Replace the rows and columns ``dofs`` by those of the identity."""
+        chosen = np.zeros(self._size, dtype=bool)
+        chosen[dofs] = True
+        rows, columns = np.divmod(self._keys, self._size)
+        entries = self.entries
+        entries[chosen[rows] | chosen[columns]] = 0.0
+        entries[chosen[rows] & (rows == columns)] = 1.0
+
     def _where(self, keys: np.ndarray) -> np.ndarray:
         first, last = np.searchsorted(self._keys, (keys[0], keys[-1]))
         return first + np.searchsorted(self._keys[first : last + 1], keys)

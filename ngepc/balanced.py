@@ -8,8 +8,10 @@ is not regularised at all and its stiffness is moderate.  See docs/balanced.md.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
+from ngepc.linesearch import NearMinimum
 from ngepc.problem import Problem
 from ngepc.regularisation import Units
 from ngepc.tichonov import SurfaceGradient, Tichonov
@@ -40,6 +42,11 @@ class PenaltyContact:
 
 
 @dataclass(frozen=True)
+class ExactContact:
+    """The contact condition z <= 0 as a constraint: no parameter, see ``contact_newton``."""
+
+
+@dataclass(frozen=True)
 class Balanced:
     """Hardening split for the plastic term, gamma for the Tichonov term only.
 
@@ -51,7 +58,7 @@ class Balanced:
         h_F / h, the share of the hardening that stays in F, in (0, 1).  q stands for
         dev(h_F p) - dev sigma.
     contact
-        How z <= 0 is imposed.
+        How z <= 0 is imposed: ``ExactContact()`` or ``PenaltyContact(gamma)``.
     tichonov
         The space H and its product, by default (R2).
     units
@@ -65,12 +72,13 @@ class Balanced:
 
     gamma: float = 1e9
     share: float = 0.5
-    contact: PenaltyContact = field(default_factory=PenaltyContact)
+    contact: ExactContact | PenaltyContact = field(default_factory=ExactContact)
     tichonov: Tichonov = field(default_factory=SurfaceGradient)
     units: Units = field(default_factory=Units)
 
     contact_shift = 0.0
     plastic_shift = 0.0
+    linesearch = NearMinimum()
 
     def __post_init__(self) -> None:
         require_number("gamma", self.gamma, 0, strict=True)
@@ -83,13 +91,20 @@ class Balanced:
         return self.share
 
     @property
+    def exact_contact(self) -> bool:
+        """Whether z <= 0 is a constraint."""
+        return isinstance(self.contact, ExactContact)
+
+    @property
     def gamma_tichonov(self) -> float:
         """gamma_T (stress / length^2)."""
         return self.gamma * self.units.stress / self.units.length**2
 
     @property
     def gamma_contact(self) -> float:
-        """gamma_z (length / stress)."""
+        """gamma_z (length / stress); infinite for exact contact."""
+        if self.exact_contact:
+            return math.inf
         return self.contact.gamma * self.units.length / self.units.stress
 
     def gamma_plastic(self, problem: Problem) -> Coefficient:

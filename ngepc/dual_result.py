@@ -54,7 +54,8 @@ class DualResult:
         """||Psi_gamma||_{H*} at the end, with y solved for afresh."""
         y = self.y.CreateVector()
         self.functional.blocks.primal_of(self.v, y)
-        return self.functional.residual_norms(self.functional.residual(y, self.v)).total
+        residual = self.functional.residual(y, self.v)
+        return self.functional.stationarity_norms(self.v, residual).total
 
     @property
     def dual_energy(self) -> float:

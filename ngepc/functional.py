@@ -19,6 +19,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.assembly import Placed, SparseSum
 from ngepc.blocks import LinearBlocks
+from ngepc.contact import ContactConstraint
 from ngepc.regularisation import Regularisation
 
 
@@ -51,6 +52,13 @@ class DualFunctional:
         The parameters of the nonsmooth and Tichonov terms.
     quadrature_points
         Points for the nonsmooth terms on elements that a kink crosses.
+
+    Attributes
+    ----------
+    penalties
+        The nonsmooth terms, one for each part of v.
+    constraint
+        The term z <= 0 of exact contact; None with a contact penalty or without contact.
     """
 
     def __init__(
@@ -62,6 +70,8 @@ class DualFunctional:
             part.penalty(blocks.problem, regularisation, space, quadrature_points)
             for part, space in zip(blocks.parts, blocks.spaces, strict=True)
         ]
+        constraints = (M for M in self.penalties if isinstance(M, ContactConstraint))
+        self.constraint = next(constraints, None)
 
     @property
     def residual_unit(self) -> float:
@@ -75,14 +85,14 @@ class DualFunctional:
 
     def tichonov(self, v: BaseVector, w: BaseVector) -> float:
         """b(v, w) / gamma_T."""
-        Bw = self._B_times(w)
-        return InnerProduct(Bw, v) / self.gamma_T
+        return InnerProduct(self.tichonov_gradient(w), v)
 
-    def _B_times(self, v: BaseVector) -> BaseVector:
-        Bv = v.CreateVector()
+    def tichonov_gradient(self, v: BaseVector) -> BaseVector:
+        """B v / gamma_T as a functional on H."""
+        g = v.CreateVector()
         for i, B in enumerate(self.blocks.B):
-            self.blocks.part_of(Bv, i).data = B * self.blocks.part_of(v, i)
-        return Bv
+            self.blocks.part_of(g, i).data = 1 / self.gamma_T * (B * self.blocks.part_of(v, i))
+        return g
 
     def smooth_energy(self, y: BaseVector, v: BaseVector) -> float:
         """F*(Lambda* v) - (psi, z) + T(v), with y the solution of D y = Lambda* v - l."""
@@ -99,7 +109,7 @@ class DualFunctional:
     def linear_residual(self, y: BaseVector, v: BaseVector) -> BaseVector:
         """Lambda y - [psi, 0] + B v / gamma_T."""
         r = v.CreateVector()
-        r.data = self.blocks.Lambda * y - self.blocks.psi + 1 / self.gamma_T * self._B_times(v)
+        r.data = self.blocks.Lambda * y - self.blocks.psi + self.tichonov_gradient(v)
         return r
 
     def penalty_gradient(self, v: BaseVector) -> BaseVector:
@@ -114,6 +124,29 @@ class DualFunctional:
         r = self.linear_residual(y, v)
         r += self.penalty_gradient(v)
         return r
+
+    def stationarity_norms(self, v: BaseVector, r: BaseVector) -> ResidualNorms:
+        """Norms of the residual r at v, with the multiplier of exact contact added."""
+        if self.constraint is None:
+            return self.residual_norms(r)
+        number, natural = self.penalties.index(self.constraint), r.CreateVector()
+        natural.data = r
+        z, part = self.blocks.part_of(v, number), self.blocks.part_of(natural, number)
+        part.data = self.constraint.stationary(z, part)
+        return self.residual_norms(natural)
+
+    def make_feasible(self, v: BaseVector) -> None:
+        """Project z onto z <= 0 where exact contact asks for it, in place."""
+        if self.constraint is not None:
+            self.constraint.project(self.blocks.part_of(v, self.penalties.index(self.constraint)))
+
+    def longest_step(self, v: BaseVector, dv: BaseVector) -> float:
+        """The largest alpha that keeps v + alpha dv feasible, infinity without constraint."""
+        if self.constraint is None:
+            return math.inf
+        number = self.penalties.index(self.constraint)
+        z, dz = self.blocks.part_of(v, number), self.blocks.part_of(dv, number)
+        return self.constraint.longest_step(z, dz)
 
     def residual_norms(self, r: BaseVector) -> ResidualNorms:
         """<r, B^(-1) r>^(1/2) of each part."""
@@ -137,10 +170,15 @@ class NewtonSystem:
         The first functional to be used; later ones must share its blocks.
     inverse
         NGSolve's name of the direct solver.
+
+    Attributes
+    ----------
+    back_substitutions
+        Solves with the factors in the last ``step``.
     """
 
     def __init__(self, functional: DualFunctional, inverse: str) -> None:
-        self._inverse_name, self._inverse = inverse, None
+        self._inverse_name, self._inverse, self.back_substitutions = inverse, None, 0
         blocks = self.blocks = functional.blocks
         self._firsts = [blocks.Y.ndof + int(first) for first in blocks.firsts[:-1]]
         patterns = [
@@ -167,18 +205,34 @@ class NewtonSystem:
         for i, (M, first) in enumerate(zip(self.functional.penalties, self._firsts, strict=True)):
             if v is not None:
                 self._sum.add(Placed(M.hessian(self.blocks.part_of(v, i)), first))
+        self._finish()
         if self._inverse is None:
             free = self.blocks.X.FreeDofs(coupling=True)
             self._inverse = self._sum.matrix.Inverse(free, inverse=self._inverse_name)
         else:
             self._inverse.Update()
 
-    def solve(self, r: BaseVector) -> tuple[BaseVector, BaseVector]:
-        """(delta y, delta v) of (7.1) for the right hand side (0, r), with the last factors."""
+    def _finish(self) -> None:
+        """A last change of the assembled matrix before it is factorised."""
+
+    def step(self, v: BaseVector, r: BaseVector) -> tuple[BaseVector, BaseVector]:
+        """The Newton step (delta y, delta v) at v, where the residual is r."""
+        self.factorise(v)
+        self.back_substitutions = 0
+        return self.solve((-r).Evaluate())
+
+    def solve(self, r: BaseVector, load: BaseVector | None = None) -> tuple[BaseVector, BaseVector]:
+        """(delta y, delta v) of (7.1) for the right hand side (load, r), with the last factors.
+
+        ``load`` has to vanish for the plastic strains; None stands for zero.
+        """
         blocks = self.blocks
+        self.back_substitutions += 1
         rhs = self._sum.matrix.CreateColVector()
         rhs[:] = 0.0
         ny, n = blocks.Y.ndof, blocks.X.ndof
+        if load is not None:
+            rhs.Range(0, ny).data = load
         rhs.Range(ny, n).data = r
         x = rhs.CreateVector()
         x.data = self._inverse * rhs

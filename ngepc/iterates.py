@@ -62,11 +62,12 @@ class Iterate:
         """Solve for y and the residual afresh; returns the norm of the new residual."""
         functional.blocks.primal_of(self.v, self.y)
         self.residual = functional.residual(self.y, self.v)
-        return functional.residual_norms(self.residual).total
+        return functional.stationarity_norms(self.v, self.residual).total
 
     def record(self, functional: DualFunctional, iteration: int) -> IterationRecord:
         """What monitors and histories get."""
-        norms, active = functional.residual_norms(self.residual), functional.active(self.v)
+        norms = functional.stationarity_norms(self.v, self.residual)
+        active = functional.active(self.v)
         return IterationRecord(
             iteration=iteration,
             residual_norm=norms.total,
@@ -76,6 +77,7 @@ class Iterate:
             energy=self.energy,
             step_length=self.step.length,
             halvings=self.step.halvings,
+            back_substitutions=self.step.back_substitutions,
             contact_active=active.get("contact", 0.0),
             plastic_active=active["plastic"],
             friction_active=active.get("friction", 0.0),

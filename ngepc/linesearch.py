@@ -2,21 +2,57 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
-from ngepc.validation import require_number
+from ngepc.validation import require_integer, require_number
 
 ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A step length with the energy there and the number of halvings it took."""
+    """A step length, the energy there, the trials before it, and the solves for its direction."""
 
     length: float
     energy: float
     halvings: int
+    back_substitutions: int = 0
+
+
+class LineSearch(Protocol):
+    """A rule for the step length alpha of a convex function phi with phi'(0) < 0."""
+
+    def search(
+        self,
+        energy: Callable[[float], float],
+        derivative: Callable[[float], float],
+        energy_0: float,
+        slope_0: float,
+        magnitude: float,
+        longest: float = math.inf,
+    ) -> Step | None:
+        """The accepted step length, None if there is none.
+
+        Parameters
+        ----------
+        energy, derivative
+            phi and phi' as functions of alpha.
+        energy_0, slope_0
+            phi(0) and phi'(0) < 0.
+        magnitude
+            Size of the terms that phi is summed from; its rounding is ROUNDING times that.
+        longest
+            Largest alpha where phi is finite, >= 1.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class ByRegularisation:
+    """The rule that the regularisation recommends: Armijo or NearMinimum."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,18 +96,9 @@ class Armijo:
         energy_0: float,
         slope_0: float,
         magnitude: float,
+        longest: float = math.inf,
     ) -> Step | None:
-        """The first accepted step length, None if all are refused.
-
-        Parameters
-        ----------
-        energy, derivative
-            phi and phi' as functions of alpha.
-        energy_0, slope_0
-            phi(0) and phi'(0) < 0.
-        magnitude
-            Size of the terms that phi is summed from; its rounding is ROUNDING times that.
-        """
+        """The first accepted step length, None if all are refused; see ``LineSearch``."""
         alpha, halvings = 1.0, 0
         while alpha >= self.smallest:
             value = energy(alpha)
@@ -95,6 +122,96 @@ class FullSteps:
         energy_0: float,
         slope_0: float,
         magnitude: float,
+        longest: float = math.inf,
     ) -> Step:
         """alpha = 1."""
         return Step(length=1.0, energy=energy(1.0), halvings=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NearMinimum:
+    """A step length near the minimiser of phi, beyond 1 where phi still falls steeply there.
+
+    alpha is accepted once |phi'(alpha)| <= flatness |phi'(0)|; alpha = 1 comes first, then
+    secant steps for phi' = 0 in a bracket of the minimiser.  Where the predicted decrease is
+    lost in rounding alpha = 1 is taken.
+
+    Parameters
+    ----------
+    flatness
+        In (0, 1).
+    most
+        The longest step, >= 1.
+    evaluations
+        Most values of phi'; the last alpha that lowers phi is taken then.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a parameter is out of its range.
+    """
+
+    flatness: float = 0.1
+    most: float = 4.0
+    evaluations: int = 12
+
+    def __post_init__(self) -> None:
+        require_number("flatness", self.flatness, 0, strict=True)
+        if self.flatness >= 1:
+            raise ValueError(f"flatness={self.flatness!r}: a number in (0, 1) is needed")
+        require_number("most", self.most, 1)
+        require_integer("evaluations", self.evaluations, 2)
+
+    def search(
+        self,
+        energy: Callable[[float], float],
+        derivative: Callable[[float], float],
+        energy_0: float,
+        slope_0: float,
+        magnitude: float,
+        longest: float = math.inf,
+    ) -> Step | None:
+        """The accepted step length, None if phi does not fall; see ``LineSearch``."""
+        if -slope_0 <= ROUNDING * magnitude:
+            return Step(length=1.0, energy=energy(1.0), halvings=0)
+        bracket = Bracket(slope_0, max(1.0, min(self.most, longest)))
+        for trials in range(self.evaluations):
+            alpha = bracket.trial
+            slope = derivative(alpha)
+            flat = abs(slope) <= self.flatness * abs(slope_0)
+            if flat or (slope < 0 and alpha == bracket.most):
+                return Step(length=alpha, energy=energy(alpha), halvings=trials)
+            bracket.narrow(slope)
+        value = energy(bracket.low)
+        if bracket.low == 0 or not value < energy_0:
+            return None
+        return Step(length=bracket.low, energy=value, halvings=self.evaluations)
+
+
+class Bracket:
+    """The zero of an increasing slope, enclosed by safeguarded secant steps.
+
+    Parameters
+    ----------
+    slope
+        The slope at 0, negative.
+    most
+        The largest argument.
+    """
+
+    def __init__(self, slope: float, most: float) -> None:
+        self.low, self.most, self.trial = 0.0, most, 1.0
+        self._low_slope, self._high, self._high_slope = slope, math.inf, math.nan
+
+    def narrow(self, slope: float) -> None:
+        """Take note of the slope at ``trial`` and choose the next one."""
+        if slope < 0:
+            self.low, self._low_slope = self.trial, slope
+        else:
+            self._high, self._high_slope = self.trial, slope
+        width = self._high - self.low
+        if not math.isfinite(self._high_slope):
+            self.trial = min(2 * self.low, self.most) if width == math.inf else width / 2
+            return
+        secant = self.low - self._low_slope * width / (self._high_slope - self._low_slope)
+        self.trial = min(max(secant, self.low + width / 10), self._high - width / 10)

@@ -5,17 +5,18 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from ngsolve import InnerProduct
 from ngsolve.la import BaseVector
 
 from ngepc.blocks import LinearBlocks
+from ngepc.contact_newton import newton_system
 from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional, NewtonSystem
 from ngepc.iterates import Iterate, Line
-from ngepc.linesearch import ROUNDING, Armijo, FullSteps
+from ngepc.linesearch import ROUNDING, ByRegularisation, FullSteps, LineSearch
 from ngepc.problem import Problem
 from ngepc.prolongation import prolongate
 from ngepc.regularisation import Coupled, Regularisation
@@ -72,7 +73,8 @@ class NewtonOptions:
     quadrature_points
         Points for the nonsmooth terms on each element that a kink crosses; 400 in the paper.
     linesearch
-        ``Armijo()``; None for full steps.
+        ``Armijo()``, ``NearMinimum()`` or None for full steps; by default the regularisation's
+        own choice, Armijo for ``Coupled``.
     inverse
         NGSolve's name of the direct solver, one that does LDL^T.
 
@@ -85,7 +87,7 @@ class NewtonOptions:
     tolerance: float = 1e-10
     max_iterations: int = 300
     quadrature_points: int = 400
-    linesearch: Armijo | None = field(default_factory=Armijo)
+    linesearch: LineSearch | ByRegularisation | None = field(default_factory=ByRegularisation)
     inverse: str = "sparsecholesky"
 
     def __post_init__(self) -> None:
@@ -95,7 +97,8 @@ class NewtonOptions:
         if self.inverse not in DIRECT_SOLVERS:
             known = ", ".join(DIRECT_SOLVERS)
             raise ValueError(f"inverse={self.inverse!r}: one of {known} is needed")
-        if self.linesearch is not None and not hasattr(self.linesearch, "search"):
+        legal = self.linesearch is None or isinstance(self.linesearch, ByRegularisation)
+        if not legal and not hasattr(self.linesearch, "search"):
             raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
 
 
@@ -147,7 +150,7 @@ def semismooth_newton(
     blocks = LinearBlocks(problem, regularisation, options.inverse)
     functional = DualFunctional(blocks, regularisation, options.quadrature_points)
     v = blocks.H_vector() if start is None else carried_over(start, blocks)
-    system = NewtonSystem(functional, options.inverse)
+    system = newton_system(functional, options.inverse)
     return run(functional, system, v, options, monitor)
 
 
@@ -173,6 +176,7 @@ def run(
     It ends by ``rule``, or by ``options.tolerance`` when that is None.
     """
     rule = ResidualBelow(options.tolerance * functional.residual_unit) if rule is None else rule
+    functional.make_feasible(v)
     history, here = History(), Iterate.at(functional, v)
     status, drowned = None, 0
     try:
@@ -218,17 +222,29 @@ def newton_step(
     functional: DualFunctional, system: NewtonSystem, here: Iterate, options: NewtonOptions
 ) -> Iterate | Status:
     """Steps (a) to (c) of Algorithm 7.1: solve (7.1), choose the step length, update."""
-    system.factorise(here.v)
-    dy, dv = system.solve(-here.residual)
+    dy, dv = system.step(here.v, here.residual)
     slope = InnerProduct(here.residual, dv)
     if not math.isfinite(slope):
         return Status.NONFINITE
     if slope >= 0:
         return Status.STAGNATED if slope <= ROUNDING * here.magnitude else Status.LINESEARCH_FAILED
     line = Line(functional, here, dy, dv)
-    rule = FullSteps() if options.linesearch is None else options.linesearch
-    step = rule.search(line.energy, line.derivative, here.energy, slope, here.magnitude)
-    return Status.LINESEARCH_FAILED if step is None else line.iterate(step)
+    longest = functional.longest_step(here.v, dv)
+    step = line_search(functional, options).search(
+        line.energy, line.derivative, here.energy, slope, here.magnitude, longest
+    )
+    if step is None:
+        return Status.LINESEARCH_FAILED
+    return line.iterate(replace(step, back_substitutions=system.back_substitutions))
+
+
+def line_search(functional: DualFunctional, options: NewtonOptions) -> LineSearch:
+    """The step length rule that the options ask for."""
+    if options.linesearch is None:
+        return FullSteps()
+    if isinstance(options.linesearch, ByRegularisation):
+        return functional.regularisation.linesearch
+    return options.linesearch
 
 
 def describe(status: Status, history: History, rule: StoppingRule) -> str:

@@ -13,6 +13,7 @@ from typing import Protocol
 from ngsolve import CoefficientFunction, FESpace, ds, dx
 from ngsolve.la import BaseVector, SparseMatrixd
 
+from ngepc.contact import ContactConstraint
 from ngepc.friction import FrictionPart
 from ngepc.normals import outward_normal
 from ngepc.penalty import ContactPenalty, PlasticPenalty
@@ -104,7 +105,9 @@ class ContactPart:
     def penalty(
         self, problem: Problem, regularisation: Regularisation, space: FESpace, points: int
     ) -> Penalty:
-        """M^1."""
+        """M^1, or the constraint that it stands for."""
+        if regularisation.exact_contact:
+            return ContactConstraint(problem, space)
         return ContactPenalty(problem, regularisation, space, points)
 
 

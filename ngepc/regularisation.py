@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from ngsolve import Integrate
 
+from ngepc.linesearch import Armijo, LineSearch
 from ngepc.problem import Problem, as_scalar
 from ngepc.tichonov import SurfaceGradient, Tichonov
 from ngepc.validation import (
@@ -52,6 +53,8 @@ class Regularisation(Protocol):
     hardening_share: float
     contact_shift: Coefficient
     plastic_shift: Coefficient
+    exact_contact: bool
+    linesearch: LineSearch
 
     @property
     def gamma_tichonov(self) -> float:
@@ -104,6 +107,8 @@ class Coupled:
     units: Units = field(default_factory=Units)
 
     hardening_share = 1.0
+    exact_contact = False
+    linesearch = Armijo()
 
     def __post_init__(self) -> None:
         require_number("gamma", self.gamma, 0, strict=True)

@@ -35,7 +35,9 @@ class IterationRecord:
     energy
         J*_gamma(v) (dual methods) or J (primal ones), force times length.
     step_length, halvings
-        alpha of the step that led here and the number of halvings it took; 1 and 0 at the start.
+        alpha of the step that led here and the trials before it; 1 and 0 at the start.
+    back_substitutions
+        Solves with the factors of the matrix of that step; more than one with exact contact.
     contact_active, plastic_active, friction_active
         Measures (length or area or volume) of the sets where the Newton derivative of the
         contact, of the plastic and of the friction max term is not zero.
@@ -49,6 +51,7 @@ class IterationRecord:
     energy: float = float("nan")
     step_length: float = 1.0
     halvings: int = 0
+    back_substitutions: int = 0
     contact_active: float = 0.0
     plastic_active: float = 0.0
     friction_active: float = 0.0
