@@ -8,7 +8,6 @@ is not regularised at all and its stiffness is moderate.  See docs/balanced.md.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 from ngepc.linesearch import NearMinimum
@@ -41,9 +40,25 @@ class PenaltyContact:
         require_number("gamma", self.gamma, 0, strict=True)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ExactContact:
-    """The contact condition z <= 0 as a constraint: no parameter, see ``contact_newton``."""
+    """The contact condition z <= 0 as a constraint, without parameter, see ``contact_newton``.
+
+    Parameters
+    ----------
+    friction_gamma
+        gamma of the friction term M^3 where a problem has one, in reference units.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If gamma is out of range.
+    """
+
+    friction_gamma: float = 1e2
+
+    def __post_init__(self) -> None:
+        require_number("friction_gamma", self.friction_gamma, 0, strict=True)
 
 
 @dataclass(frozen=True)
@@ -102,10 +117,9 @@ class Balanced:
 
     @property
     def gamma_contact(self) -> float:
-        """gamma_z (length / stress); infinite for exact contact."""
-        if self.exact_contact:
-            return math.inf
-        return self.contact.gamma * self.units.length / self.units.stress
+        """gamma_z of contact and friction penalties (length / stress)."""
+        gamma = self.contact.friction_gamma if self.exact_contact else self.contact.gamma
+        return gamma * self.units.length / self.units.stress
 
     def gamma_plastic(self, problem: Problem) -> Coefficient:
         """gamma_q = 1 / h_G, no parameter but the conjugate of h_G |p|^2 / 2 (1 / stress).
