@@ -15,11 +15,11 @@ from ngsolve import (
     LinearForm,
     Norm,
     Trace,
-    ds,
     dx,
 )
 from ngsolve.la import BaseVector
 
+from ngepc.equilibrium import external_work
 from ngepc.friction import friction_energy
 from ngepc.parts import dual_parts
 from ngepc.problem import Problem, as_scalar
@@ -46,9 +46,7 @@ def elastic_terms(problem: Problem, h, u, p, v, r) -> list:
 def load_terms(problem: Problem, v, r) -> list:
     """The integrals of -l(v, r) in (2.15) and (2.16): loads, back stress, initial strain."""
     m, N = problem.material, problem.N
-    terms = [g * v * ds(name) for name, g in problem.tractions.items()]
-    if problem.f is not None:
-        terms.append(problem.f * v * dx)
+    terms = external_work(problem, v)
     if problem.initial_hardening is not None:
         terms.append(-coordinates(problem.alpha_0[1], N) * r * dx)
     if problem.initial_plastic_strain is not None:

@@ -5,19 +5,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from ngsolve import CF, CoefficientFunction, GridFunction, IfPos, InnerProduct, Integrate, Norm, ds
+from ngsolve import (
+    CF,
+    H1,
+    CoefficientFunction,
+    GridFunction,
+    IfPos,
+    InnerProduct,
+    Integrate,
+    Norm,
+    ds,
+)
 from ngsolve.la import BaseVector
 
 from ngepc.blocks import primal_energy
+from ngepc.equilibrium import Equilibrium, applied_forces
 from ngepc.friction import slip, tangent
 from ngepc.functional import DualFunctional
 from ngepc.problem import Problem, as_scalar
-from ngepc.recovery import Fields
+from ngepc.recovery import Fields, Recovered
 from ngepc.results import History, SolverError, Status
 
 
 @dataclass(frozen=True, eq=False)
-class DualResult:
+class DualResult(Recovered):
     """What ``semismooth_newton`` returns; the state is there whatever the status says.
 
     Parameters
@@ -97,15 +108,19 @@ class DualResult:
         """All fields that follow from (u, p)."""
         return Fields(self.problem, self.displacement, self.plastic_increment)
 
-    @property
-    def plastic_strain(self) -> CoefficientFunction:
-        """Total plastic strain p_0 + p, N x N."""
-        return self.fields.plastic_strain
-
-    @property
-    def stress(self) -> CoefficientFunction:
-        """sigma = C (eps(u) - plastic_strain), N x N (stress)."""
-        return self.fields.stress
+    @cached_property
+    def equilibrium(self) -> Equilibrium:
+        """Nodal forces of loads, obstacles (Lambda* v) and supports."""
+        blocks, V = self.functional.blocks, self.functional.blocks.Y.components[0]
+        internal, contact = self.y.CreateVector(), self.y.CreateVector()
+        blocks.D.Apply(self.y, internal)
+        internal -= blocks.load
+        contact.data = blocks.Lambda.T * self.v
+        applied = applied_forces(self.problem, V)
+        internal, contact = (
+            f.FV().NumPy()[: V.ndof].reshape(applied.shape).copy() for f in (internal, contact)
+        )
+        return Equilibrium.of(self.problem, applied, contact, internal - contact)
 
     @property
     def plastic_dual(self) -> CoefficientFunction:
@@ -121,10 +136,18 @@ class DualResult:
         """|q|_2 - beta, the von Mises yield function by (3.9) (stress)."""
         return Norm(self.plastic_dual) - as_scalar(self.problem.beta)
 
-    @property
+    @cached_property
     def normal_stress(self) -> CoefficientFunction:
-        """z, the normal stress (sigma n) . n on Gamma_c (stress); zero without contact."""
-        return self.state.components[2] if self.problem.contact_names else as_scalar(0.0)
+        """z, the normal stress (sigma n) . n on Gamma_c (stress); zero without contact.
+
+        Inside the body it is the P1 extension and means nothing.
+        """
+        if not self.problem.contact_names:
+            return as_scalar(0.0)
+        z = GridFunction(H1(self.problem.mesh, order=1), name="normal_stress")
+        on_contact = self.problem.mesh.Boundaries("|".join(self.problem.contact_names))
+        z.Set(self.state.components[2], definedon=on_contact)
+        return z
 
     @property
     def contact_pressure(self) -> CoefficientFunction:
@@ -167,7 +190,14 @@ class DualResult:
         t = self.state.components[3]
         return IfPos(InnerProduct(t, t) - as_scalar(self.problem.friction) ** 2, 1.0, 0.0)
 
-    def raise_for_status(self) -> None:
-        """Raise SolverError, which keeps this result, unless the run converged."""
+    def raise_for_status(self) -> DualResult:
+        """Return the result itself if it converged.
+
+        Raises
+        ------
+        SolverError
+            Otherwise; its ``result`` keeps the last state.
+        """
         if self.status is not Status.CONVERGED:
             raise SolverError(self)
+        return self

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import H1, CoefficientFunction, GridFunction
+from ngsolve import H1, GridFunction
 
+from ngepc.equilibrium import Equilibrium
 from ngepc.nodal_contact import NodalContact
 from ngepc.problem import Problem
-from ngepc.recovery import Fields
+from ngepc.recovery import Fields, Recovered
 from ngepc.reduced_energy import ReducedEnergy
 from ngepc.results import History, SolverError, Status
 from ngepc.return_mapping import interpolated
@@ -80,7 +81,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PrimalResult:
+class PrimalResult(Recovered):
     """The last state of ``primal_newton``.
 
     Parameters
@@ -109,9 +110,8 @@ class PrimalResult:
         Force >= 0 of each row, positive in compression.
     contact_force
         Their sum: the resultant of the normal contact pressure, positive in compression.
-    contact_resultant, reaction, applied_force
-        Forces of the obstacle, of the supports and of the loads on the body, N-vectors; they
-        add up to zero.
+    equilibrium
+        Nodal forces of loads, obstacles and supports.
     """
 
     status: Status
@@ -126,9 +126,7 @@ class PrimalResult:
     contact: NodalContact
     nodal_contact_forces: np.ndarray
     contact_force: float
-    contact_resultant: np.ndarray
-    reaction: np.ndarray
-    applied_force: np.ndarray
+    equilibrium: Equilibrium
 
     @classmethod
     def at(
@@ -143,9 +141,10 @@ class PrimalResult:
         """The result for a state of the discrete problem ``energy`` with ``contact``."""
         energy.set(state.u)
         pushes = contact.nodal_forces(state.multipliers, state.u.shape[1])
-        held = np.where(energy.free, 0.0, state.forces - energy.load + pushes)
+        missing = state.forces - energy.load + pushes
+        equilibrium = Equilibrium(energy.problem, energy.load, -pushes, missing, energy.free)
         first_order = energy.first_order_energy(state.u)
-        work = np.vdot(held, state.u) - state.multipliers @ contact.gaps
+        work = np.vdot(equilibrium.reaction, state.u) - state.multipliers @ contact.gaps
         return cls(
             status=status,
             message=message,
@@ -159,9 +158,7 @@ class PrimalResult:
             contact=contact,
             nodal_contact_forces=state.multipliers,
             contact_force=float(state.multipliers.sum()),
-            contact_resultant=-pushes.sum(axis=1),
-            reaction=held.sum(axis=1),
-            applied_force=energy.load.sum(axis=1),
+            equilibrium=equilibrium,
         )
 
     @property
@@ -173,21 +170,6 @@ class PrimalResult:
     def fields(self) -> Fields:
         """Stresses, back stress, yield function, zones of (u, p)."""
         return Fields(self.problem, self.displacement, self.plastic_increment)
-
-    @property
-    def plastic_strain(self) -> CoefficientFunction:
-        """Total plastic strain p_0 + p, N x N."""
-        return self.fields.plastic_strain
-
-    @property
-    def stress(self) -> CoefficientFunction:
-        """Sigma = C (eps(u) - plastic_strain), N x N (stress)."""
-        return self.fields.stress
-
-    @property
-    def yield_function(self) -> CoefficientFunction:
-        """Phi <= 0 at the plastic points, scalar (stress)."""
-        return self.fields.yield_function
 
     @property
     def contact_pressure(self) -> GridFunction:

@@ -1,7 +1,8 @@
-"""Fields recovered from a displacement and a plastic strain: stresses, yield function, zones."""
+"""What follows from a solution: stresses, yield function, zones and forces."""
 
 from dataclasses import dataclass
 
+import numpy as np
 from ngsolve import (
     CoefficientFunction,
     GridFunction,
@@ -13,6 +14,7 @@ from ngsolve import (
     sqrt,
 )
 
+from ngepc.equilibrium import Equilibrium
 from ngepc.problem import Problem, as_scalar
 from ngepc.tensors import deviator, strain, tensor
 
@@ -91,3 +93,81 @@ class Fields:
     def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
         """1 where |p_0 + p|_F exceeds ``threshold``, 0 elsewhere."""
         return IfPos(self.equivalent_plastic_strain - threshold, 1.0, 0.0)
+
+
+class Recovered:
+    """Fields and forces that every result offers under the same names.
+
+    A result that inherits has ``fields``, ``equilibrium`` and ``contact_pressure``.
+    """
+
+    fields: Fields
+    equilibrium: Equilibrium
+    contact_pressure: CoefficientFunction
+
+    @property
+    def strain(self) -> CoefficientFunction:
+        """eps(u), N x N."""
+        return self.fields.strain
+
+    @property
+    def plastic_strain(self) -> CoefficientFunction:
+        """Total plastic strain p_0 + p, N x N."""
+        return self.fields.plastic_strain
+
+    @property
+    def equivalent_plastic_strain(self) -> CoefficientFunction:
+        """|p_0 + p|_F, scalar (1)."""
+        return self.fields.equivalent_plastic_strain
+
+    def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
+        """1 where |p_0 + p|_F exceeds ``threshold``, 0 elsewhere."""
+        return self.fields.plastic_zone(threshold)
+
+    @property
+    def stress(self) -> CoefficientFunction:
+        """Sigma = C (eps(u) - plastic_strain), N x N (stress)."""
+        return self.fields.stress
+
+    @property
+    def deviatoric_stress(self) -> CoefficientFunction:
+        """Dev sigma, N x N (stress)."""
+        return self.fields.deviatoric_stress
+
+    @property
+    def back_stress(self) -> CoefficientFunction:
+        """Back stress alpha_2, N x N (stress)."""
+        return self.fields.back_stress
+
+    @property
+    def hardening_variable(self) -> CoefficientFunction:
+        """Isotropic hardening variable alpha_1, scalar."""
+        return self.fields.hardening_variable
+
+    @property
+    def yield_function(self) -> CoefficientFunction:
+        """Phi of (sigma, alpha), scalar (stress), <= 0 where the solver is exact."""
+        return self.fields.yield_function
+
+    def contact_zone(self, threshold: float = 0.0) -> CoefficientFunction:
+        """1 on Gamma_c where the contact pressure exceeds ``threshold`` (stress), 0 elsewhere."""
+        return IfPos(self.contact_pressure - threshold, 1.0, 0.0)
+
+    @property
+    def applied_force(self) -> np.ndarray:
+        """Resultant of tractions and body force on the body, N components (force)."""
+        return self.equilibrium.applied.sum(axis=1)
+
+    @property
+    def contact_resultant(self) -> np.ndarray:
+        """Resultant force of the obstacles on the body, with friction, N components (force)."""
+        return self.equilibrium.contact.sum(axis=1)
+
+    @property
+    def reaction(self) -> np.ndarray:
+        """Resultant force of the supports on the body, N components (force).
+
+        Each support's own is in ``equilibrium.reactions``.  The applied force, the contact
+        resultant and the reaction add up to zero.
+        """
+        return self.equilibrium.reaction.sum(axis=1)

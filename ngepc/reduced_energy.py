@@ -10,12 +10,12 @@ from ngsolve import (
     Integrate,
     LinearForm,
     Norm,
-    ds,
     dx,
     specialcf,
     sqrt,
 )
 
+from ngepc.equilibrium import applied_forces
 from ngepc.problem import Problem, as_scalar
 from ngepc.return_mapping import ReturnMapping, at_plastic_points
 from ngepc.spaces import displacement_space, prescribed_displacement
@@ -56,7 +56,7 @@ class ReducedEnergy:
         self.lift = self.array(prescribed_displacement(problem, self.space)).copy()
         self.displacement = GridFunction(self.space, name="displacement")
         self.mapping = ReturnMapping(problem, self.displacement)
-        self.load = self._assemble_load()
+        self.load = applied_forces(problem, self.space)
         self._dx = at_plastic_points(problem, dx)
         u, v = self.space.TnT()
         self._forces = LinearForm(self.space)
@@ -143,13 +143,3 @@ class ReducedEnergy:
             form += density * form.space.TestFunction() * self._dx
             nodal.append(form.Assemble().vec.FV().NumPy().copy())
         return nodal[0], nodal[1]
-
-    def _assemble_load(self) -> np.ndarray:
-        v = self.space.TestFunction()
-        load = LinearForm(self.space)
-        for name, g in self.problem.tractions.items():
-            load += InnerProduct(g, v) * ds(name, bonus_intorder=3)
-        if self.problem.f is not None:
-            load += InnerProduct(self.problem.f, v) * dx(bonus_intorder=3)
-        load.Assemble()
-        return load.vec.FV().NumPy().reshape(self.shape).copy()

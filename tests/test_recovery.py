@@ -1,0 +1,267 @@
+"""Recovered fields and forces: one contract for both methods, equilibrium of forces and moments."""
+
+import inspect
+
+import numpy as np
+import pytest
+from ngepc.geometries import block, lshape, plate, ring
+from ngsolve import CF, Id, Integrate, Norm, ds, x, y, z
+
+from ngepc import (
+    Balanced,
+    Fractional,
+    FullProduct,
+    Material,
+    Problem,
+    lshape_problem,
+    semismooth_newton,
+)
+from ngepc.primal import PrimalOptions, primal_newton
+from ngepc.results import Result, SolverError, Status
+from ngepc.tensors import deviator
+
+STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+METHODS = ("primal", "dual")
+
+
+def solved(method, problem, regularisation=None):
+    if method == "primal":
+        return primal_newton(problem, options=PrimalOptions(tolerance=1e-12)).raise_for_status()
+    return semismooth_newton(problem, regularisation=regularisation or Balanced())
+
+
+def pushed_everywhere():
+    """A square on rollers that move, body force, shear, two obstacles."""
+    return Problem(
+        block.structured_mesh(6, 6, simplices=True),
+        STEEL,
+        clamped=None,
+        prescribed={"clamped": (None, 0.001 * x), "left": (0.002 * y, None)},
+        traction={"contact": (0.5, 1.0), "right": (0.0, y)},
+        contact="contact|right",
+        gap={"contact": -0.001, "right": 0.0005},
+        body_force=(x, 2.0 - y),
+    )
+
+
+def pressed_ring(curved=False):
+    """A ring on a clamped bore, pushed into a rigid wall on one side."""
+    mesh = ring.mesh(0.45)
+    if curved:
+        mesh.Curve(2)
+    return Problem(
+        mesh, STEEL, "inner", contact="outer", gap=0.001 - 0.003 * x, body_force=(0.3, 0.1)
+    )
+
+
+def shaken_block():
+    """A cube with memory, two obstacles, three supports and loads in all directions."""
+    p_0 = deviator(CF((1e-3, 5e-4 * x, 0, 5e-4 * x, -1e-3, 0, 0, 0, 0), dims=(3, 3)), 3)
+    return Problem(
+        block.structured_mesh(3, 3, 3, simplices=True),
+        STEEL,
+        clamped=None,
+        contact="contact|left",
+        gap={"contact": -0.004 + 0.002 * x, "left": 1e-4},
+        traction={"right": (-1.0, 0.2, 0.4 * z), "back": (0.1, -0.5, 0.0)},
+        prescribed={
+            "clamped": (None, 0.0, 0.0),
+            "front": (None, 0.001 * z, None),
+            "right": (-0.001, None, None),
+        },
+        body_force=(0.1, -0.2, z),
+        initial_plastic_strain=p_0,
+        initial_hardening=100.0 * p_0,
+    )
+
+
+def holed_plate():
+    """A plate with the hole as third obstacle, no support beyond two rollers."""
+    return Problem(
+        plate.mesh(0.4),
+        STEEL,
+        clamped=None,
+        prescribed={"left": (0, None), "bottom": (None, 0)},
+        contact="hole|top",
+        gap={"hole": 0.002 * y - 0.001, "top": 0.0},
+        traction={"right": (-1.5, 0.1)},
+    )
+
+
+CASES = {
+    "pushed": (pushed_everywhere, None),
+    "ring": (pressed_ring, Balanced(tichonov=FullProduct())),
+    "curved": (lambda: pressed_ring(curved=True), Balanced(tichonov=FullProduct())),
+    "shaken": (shaken_block, None),
+    "hole": (holed_plate, Balanced(tichonov=Fractional())),
+}
+
+
+@pytest.fixture(scope="module")
+def results():
+    return {
+        (name, method): solved(method, make(), regularisation)
+        for name, (make, regularisation) in CASES.items()
+        for method in METHODS
+    }
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("case", CASES)
+def test_forces_and_moments_of_loads_obstacles_and_supports_vanish_together(results, case, method):
+    result = results[case, method]
+    assert result.status is Status.CONVERGED
+    forces = result.applied_force + result.contact_resultant + result.reaction
+    size = max(np.abs(result.reaction).max(), result.contact_force)
+    assert np.abs(forces).max() < 1e-10 * size
+    at = result.equilibrium
+    total = at.applied + at.contact + at.reaction
+    moment = at.moment(total, (0.3,) * result.problem.N)
+    straight = result.problem.mesh.GetCurveOrder() == 1
+    assert np.abs(moment).max() < (1e-10 if straight else 1e-3) * size
+    assert np.abs(at.imbalance).max() < 1e-10 * size
+    assert result.contact_force > 0.05
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("case", CASES)
+def test_applied_force_is_the_integral_of_the_loads(results, case, method):
+    result = results[case, method]
+    problem = result.problem
+    for i, force in enumerate(result.applied_force):
+        total = Integrate(problem.f[i], problem.mesh) if problem.f is not None else 0.0
+        total += sum(
+            Integrate(g[i] * ds(name), problem.mesh) for name, g in problem.tractions.items()
+        )
+        assert force == pytest.approx(total, abs=1e-12)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("case", CASES)
+def test_reactions_of_the_supports_add_up(results, case, method):
+    result = results[case, method]
+    reactions = result.equilibrium.reactions
+    names = set(result.problem.clamped_names) | set(result.problem.prescribed or {})
+    assert set(reactions) == names
+    assert sum(reactions.values()) == pytest.approx(result.reaction, abs=1e-12)
+
+
+def test_contact_resultant_of_the_dual_method_is_the_integral_of_the_pressure(results):
+    for case in CASES:
+        result = results[case, "dual"]
+        problem, on_contact = result.problem, ds("|".join(result.problem.contact_names))
+        pressure = -result.contact_pressure * problem.normal
+        total = [Integrate(pressure[i] * on_contact, problem.mesh) for i in range(problem.N)]
+        assert result.contact_resultant == pytest.approx(total, rel=1e-4, abs=1e-6)
+
+
+def test_rollers_carry_only_their_own_component():
+    """A square pulled to the right between two rollers that hold one component each."""
+    problem = Problem(
+        block.structured_mesh(2, 2),
+        STEEL,
+        clamped=None,
+        prescribed={"left": (0, None), "clamped": (None, 0)},
+        traction={"right": (1.0, 0.0), "contact": (0.0, 3.0)},
+    )
+    for method in METHODS:
+        reactions = solved(method, problem).equilibrium.reactions
+        assert reactions["left"] == pytest.approx([-1.0, 0.0], abs=1e-11)
+        assert reactions["clamped"] == pytest.approx([0.0, -3.0], abs=1e-11)
+
+
+def test_moment_of_a_couple():
+    """Two opposite forces at distance 1 from each other, about any point."""
+    result = solved("primal", pushed_everywhere())
+    points = np.asarray(result.problem.mesh.ngmesh.Coordinates())[:, :2]
+    forces = np.zeros((2, len(points)))
+    forces[1, np.linalg.norm(points - (1, 0), axis=1) < 1e-9] = 2.0
+    forces[1, np.linalg.norm(points, axis=1) < 1e-9] = -2.0
+    for about in (None, (5.0, -3.0)):
+        assert result.equilibrium.moment(forces, about) == pytest.approx([2.0])
+
+
+def test_the_two_methods_agree_on_forces_as_the_mesh_is_refined():
+    """Of |reaction| = 2.28; the dual pressure is continuous, the primal one is nodal forces."""
+    differences = []
+    for nodes in (417, 1601):
+        problem = lshape_problem(lshape.paper_mesh(nodes))
+        primal = solved("primal", problem)
+        dual = solved("dual", problem, Balanced(tichonov=FullProduct()))
+        assert dual.applied_force == pytest.approx(primal.applied_force, abs=1e-12)
+        differences.append(np.abs(dual.reaction - primal.reaction).max())
+    assert differences[1] < 0.01
+    assert differences[1] < 0.3 * differences[0]
+
+
+def test_friction_belongs_to_the_contact_resultant():
+    problem = Problem(
+        block.structured_mesh(6, 6, simplices=True),
+        STEEL,
+        contact="contact",
+        gap=-0.002,
+        friction=0.3,
+        traction={"right": (2.0, 0.0)},
+    )
+    result = solved("dual", problem)
+    assert abs(result.friction_force[0]) > 0.05
+    assert result.contact_resultant[0] == pytest.approx(result.friction_force[0], rel=1e-10)
+    assert result.contact_resultant[1] == pytest.approx(-result.contact_force, rel=1e-10)
+    total = result.applied_force + result.contact_resultant + result.reaction
+    assert np.abs(total).max() < 1e-11
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_results_keep_the_contract(results, method):
+    result = results["pushed", method]
+    promised = set(Result.__annotations__) | {
+        name for name, value in vars(Result).items() if inspect.isfunction(value) and name[0] != "_"
+    }
+    assert not [name for name in promised if not hasattr(result, name)]
+    assert result.raise_for_status() is result
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_recovered_fields_are_those_of_the_formulas(results, method):
+    result = results["shaken", method]
+    problem, mesh = result.problem, result.problem.mesh
+    point = mesh(0.41, 0.37, 0.83)
+    elastic = result.strain - result.plastic_strain
+    sigma = 1e3 * (elastic[0] + elastic[4] + elastic[8]) * Id(3) + 2e3 * elastic
+    assert result.stress(point) == pytest.approx(sigma(point), rel=1e-12)
+    trace = sum(result.deviatoric_stress(point)[i] for i in (0, 4, 8))
+    assert trace == pytest.approx(0.0, abs=1e-12)
+    gained = result.plastic_strain - problem.p_0
+    back = problem.alpha_0[1] + 100.0 * gained
+    assert result.back_stress(point) == pytest.approx(back(point), abs=1e-12)
+    size = np.linalg.norm(result.plastic_strain(point))
+    assert result.equivalent_plastic_strain(point) == pytest.approx(size, rel=1e-12)
+    assert result.plastic_zone(0.5 * size)(point) == 1.0
+    assert result.plastic_zone(2.0 * size)(point) == 0.0
+    assert Integrate(Norm(result.plastic_increment), mesh) > 0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_contact_zone_is_where_the_pressure_is(results, method):
+    """The obstacle leaves the left part of the top alone and pushes the rest in."""
+    problem = Problem(
+        block.structured_mesh(8, 8, simplices=True), STEEL, contact="contact", gap=0.001 - 0.004 * x
+    )
+    result = solved(method, problem)
+    mesh = problem.mesh
+    zone, pressure = result.contact_zone(1e-3), result.contact_pressure
+    for at in (0.07, 0.31, 0.52, 0.83):
+        point = mesh(at, 1.0)
+        assert zone(point) == float(pressure(point) > 1e-3)
+    assert zone(mesh(0.07, 1.0)) == 0.0
+    assert zone(mesh(0.83, 1.0)) == 1.0
+
+
+def test_a_run_that_is_stopped_raises_on_request():
+    def stop(record):
+        raise StopIteration
+
+    result = semismooth_newton(pushed_everywhere(), 1e3, monitor=stop)
+    with pytest.raises(SolverError, match="stopped") as caught:
+        result.raise_for_status()
+    assert caught.value.result is result
