@@ -1,0 +1,133 @@
+"""Observed orders of convergence: u 2 in L2 and 1 in the energy norm, p 1, J 2.
+
+The body of ``ngepc.manufactured`` yields above a curve that cuts through elements and touches the
+obstacle between vertices; the ring of ``closed_forms`` is a polygon on each mesh.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from closed_forms import Ring
+from ngepc.geometries import block, ring
+from ngsolve import Grad, InnerProduct, Integrate, Norm, Sym, dx
+
+from ngepc import (
+    Balanced,
+    FullProduct,
+    Material,
+    PenaltyContact,
+    Problem,
+    Status,
+    outward_normal,
+    semismooth_newton,
+)
+from ngepc.manufactured import stretched_and_pressed
+from ngepc.primal import primal_newton
+
+BALANCED = Balanced(1e9, contact=PenaltyContact(gamma=1e6), tichonov=FullProduct())
+CELLS = (8, 16, 32)
+
+
+def solve(problem, method):
+    if method == "primal":
+        result = primal_newton(problem)
+    else:
+        result = semismooth_newton(problem, regularisation=BALANCED)
+    assert result.status is Status.CONVERGED
+    return result
+
+
+def norm(difference, mesh):
+    size = InnerProduct(difference, difference)
+    return math.sqrt(Integrate(size * dx(bonus_intorder=6), mesh))
+
+
+def orders(errors):
+    """Observed orders between consecutive meshes of half the width, a row for each pair."""
+    return -np.diff(np.log2(np.array(errors)), axis=0)
+
+
+@pytest.fixture(scope="module")
+def exact_energy():
+    return stretched_and_pressed(block.structured_mesh(48, 48, simplices=True)).energy()
+
+
+@pytest.fixture(scope="module", params=["primal", "dual"])
+def manufactured(request, exact_energy):
+    """Errors of u in L2, of eps(u), of p and of J on 8 x 8, 16 x 16 and 32 x 32 cells."""
+    errors = []
+    for n in CELLS:
+        exact = stretched_and_pressed(block.structured_mesh(n, n, simplices=True))
+        result, mesh = solve(exact.problem, request.param), exact.problem.mesh
+        energy = result.primal_energy if request.param == "primal" else -result.dual_energy
+        errors.append(
+            (
+                norm(result.displacement - exact.displacement, mesh),
+                norm(Sym(Grad(result.displacement)) - exact.strain, mesh),
+                norm(result.plastic_increment - exact.plastic_increment, mesh),
+                abs(energy - exact_energy),
+            )
+        )
+    return errors
+
+
+@pytest.mark.parametrize(
+    ("column", "least"),
+    [(0, 1.8), (1, 0.95), (2, 0.95), (3, 1.9)],
+    ids=["u in L2: 2", "strain: 1", "p: 1", "J: 2"],
+)
+def test_orders_of_the_manufactured_solution(manufactured, column, least):
+    observed = orders(manufactured)[:, column]
+    assert observed[-1] > least
+    assert observed[0] > 0.75 * least
+
+
+def test_errors_of_the_manufactured_solution_are_small(manufactured):
+    u, strain, p, energy = manufactured[-1]
+    exact = stretched_and_pressed(block.structured_mesh(8, 8, simplices=True))
+    mesh = exact.problem.mesh
+    assert u < 2e-3 * norm(exact.displacement, mesh)
+    assert strain < 0.05 * norm(exact.strain, mesh)
+    assert p < 0.1 * norm(exact.plastic_increment, mesh)
+    assert energy < 1e-3 * abs(exact.energy())
+
+
+def test_manufactured_body_is_partly_elastic_and_partly_in_contact():
+    exact = stretched_and_pressed(block.structured_mesh(16, 16, simplices=True))
+    result = primal_newton(exact.problem)
+    plastic, contact = (
+        result.history.records[-1].plastic_active,
+        result.history.records[-1].contact_active,
+    )
+    assert 0.3 < plastic < 0.9
+    assert 0.5 < contact < 0.7
+    on_contact = exact.problem.mesh.Boundaries("contact")
+    force = Integrate(exact.contact_pressure, exact.problem.mesh, definedon=on_contact, order=10)
+    assert result.contact_force == pytest.approx(force, rel=0.02)
+
+
+STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+RING = Ring(1e3, 1e3, 1.25, 100.0)
+
+
+def ring_errors(maxh, pressure, method):
+    """Relative errors of u in L2 and of the integral of |p|."""
+    mesh = ring.quarter_mesh(maxh)
+    rollers = {"left": (0, None), "bottom": (None, 0)}
+    load = {"inner": -pressure * outward_normal(mesh)}
+    result = solve(Problem(mesh, STEEL, None, load, prescribed=rollers), method)
+    exact = RING.displacement(pressure)
+    u = norm(result.displacement - exact, mesh) / norm(exact, mesh)
+    if RING.radius(pressure) == RING.a:
+        return (u,)
+    plastic = Integrate(RING.plastic_size(pressure), mesh, order=12)
+    return u, abs(Integrate(Norm(result.plastic_increment), mesh) / plastic - 1)
+
+
+@pytest.mark.parametrize(("pressure", "method"), [(0.5, "primal"), (1.2, "primal"), (1.2, "dual")])
+def test_thick_ring_under_internal_pressure(pressure, method):
+    """Lamé's solution, and the elasto-plastic one: order two, the domain being a polygon."""
+    errors = [ring_errors(maxh, pressure, method) for maxh in (0.1, 0.05)]
+    assert (orders(errors) > 1.75).all()
+    assert max(errors[-1]) < 0.02
