@@ -7,6 +7,9 @@ STUDIES = {
     "table1": "Newton steps over meshes and gamma, Example (a)",
     "table2": "Newton steps over meshes and gamma, Example (b)",
     "table3": "path-following for Example (b), and direct solves beside it",
+    "figures": "Figures 2, 3, 5 and 6 at the end of paths in gamma",
+    "figure4": "convergence quotients of the last Newton steps",
+    "duality": "the duality gap and its parts along paths in gamma",
 }
 
 

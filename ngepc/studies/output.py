@@ -37,13 +37,20 @@ def write_table(folder: Path, table: Table) -> list[Path]:
     notes = [*table.notes, "", *provenance_lines()]
     texts = {
         "csv": csv_table([_flat(cell) for cell in table.cells]),
-        "md": markdown_table(table.title, table.head, table.rows, notes),
+        "md": markdown_table(
+            table.title, _escaped(table.head), [_escaped(row) for row in table.rows], notes
+        ),
         "json": records.to_json({**records.provenance(), "cells": list(table.cells)}),
     }
     paths = {ending: folder / f"{table.name}.{ending}" for ending in texts}
     for ending, text in texts.items():
         records.write_text(paths[ending], text)
     return list(paths.values())
+
+
+def _escaped(row: Sequence[object]) -> list[str]:
+    """Entries in which a bar does not end the column."""
+    return [str(entry).replace("|", "\\|") for entry in row]
 
 
 def _flat(cell: dict) -> dict:
