@@ -1,4 +1,5 @@
 # make demo: the main job, Example (a) over a family of meshes.   make test: all tests.
+# make benchmark: what a Newton step costs.
 PYTHON ?= python3
 VENV ?= .venv
 LEVELS ?= 3
@@ -10,13 +11,16 @@ export MPLBACKEND := Agg
 export NGS_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint docs clean
+.PHONY: demo test lint docs benchmark clean
 
 demo: $(VENV)/.run
 	$(BIN)/ngepc study table1 --levels $(LEVELS) --rows $(ROWS) --figures --out $(OUT)
 
 test: $(VENV)/.test
 	$(BIN)/python -m pytest
+
+benchmark: $(VENV)/.run
+	$(BIN)/ngepc benchmark --levels 5 --out results
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -15,6 +15,7 @@ COMMANDS = {
     "solve": "solve one regularised problem on one mesh",
     "path": "follow the path in gamma on one mesh",
     "study": "remake a table or figure of the paper",
+    "benchmark": "measure steps against elastic solves: counts, ratios, scaling, memory",
     "report": "write one HTML file about a saved run or a finished study",
 }
 

@@ -1,0 +1,56 @@
+"""``ngepc benchmark``: what a Newton step costs, in linear-elastic solves on the same mesh."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from ngepc.commands.arguments import count, say
+
+MODES = ("balanced", "coupled")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.add_argument("--levels", type=count, default=3, help="meshes, 1 to 7, default 3")
+    parser.add_argument("--mode", choices=MODES, action="append", help="default both")
+    parser.add_argument("--out", type=Path, default=Path("out"), help="folder, default out")
+    parser.add_argument("--json", metavar="FILE", help="also write the records there, - for stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, write, name what was written."""
+    for name in ("NGS_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ[name] = "1"
+    from ngepc import records
+    from ngepc.benchmark import NODES, Cell, run_cells
+    from ngepc.benchmark_output import write_benchmark
+
+    if args.levels > len(NODES):
+        raise ValueError(f"--levels {args.levels}: 1 to {len(NODES)} are available")
+    if args.json not in (None, "-"):
+        records.check_writable(Path(args.json))
+    modes = dict.fromkeys(args.mode or MODES)
+    cells = [Cell(mode, nodes) for mode in modes for nodes in NODES[: args.levels]]
+    measurements = run_cells(cells, lambda m: say(_line(m)))
+    written = write_benchmark(args.out, measurements)
+    if args.json is not None:
+        text = records.to_json(
+            {**records.provenance(), "cells": [m.as_dict() for m in measurements]}
+        )
+        if args.json == "-":
+            sys.stdout.write(text)
+        else:
+            records.write_text(Path(args.json), text)
+            written.append(Path(args.json))
+    for path in written:
+        say(f"wrote {path}")
+    return 0 if all(m.status == "converged" for m in measurements) else 1
+
+
+def _line(m) -> str:
+    return (
+        f"{m.mode:9s} {m.nodes:6d} nodes: {m.iterations} steps, {m.status}; a step costs "
+        f"{m.step_ratio:.2f} elastic solves (mean {m.mean_ratio:.2f}, largest "
+        f"{m.largest_ratio:.2f}), {m.step_seconds:.3f} s"
+    )
