@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ngepc.blocks import LinearBlocks
+from ngepc.contact_newton import newton_system
 from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional, NewtonSystem
 from ngepc.newton import Monitor, carried_over, run
@@ -145,12 +146,18 @@ class _Walk:
         """The next problem (D_gamma_k), inexactly."""
         self.gamma = self.options.gamma(len(state.steps))
         self.functional = self._functional(self._regularisation(self.gamma))
-        if self._system is None:
-            self._system = NewtonSystem(self.functional, self.options.newton.inverse)
+        self._renew_system()
+        rule = self.inner_rule(guarded=self._reductions(state.steps) > 0)
+        v = self.blocks.H_vector()
+        v.data = state.v
+        return run(self.functional, self._system, v, self.options.newton, monitor, rule)
+
+    def _renew_system(self) -> None:
+        """The system of the last gamma where it has no memory of its iterates, else a new one."""
+        if self._system is None or self.functional.constraint is not None:
+            self._system = newton_system(self.functional, self.options.newton.inverse)
         else:
             self._system.use(self.functional)
-        rule = self.inner_rule(guarded=self._reductions(state.steps) > 0)
-        return run(self.functional, self._system, state.v, self.options.newton, monitor, rule)
 
     def verdict(self, steps: list[PathStep]) -> Status | None:
         """How the path has ended after these steps, None if it goes on."""

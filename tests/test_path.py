@@ -9,6 +9,7 @@ import pytest
 from ngepc.geometries import lshape, wrench
 
 from ngepc import (
+    Balanced,
     NewtonOptions,
     PathOptions,
     SolverError,
@@ -192,6 +193,22 @@ def test_checkpoint_of_another_version_is_refused(problem, tmp_path, monkeypatch
     monkeypatch.setattr("ngepc.path_state.__version__", "0.0.1")
     with pytest.raises(ValueError, match="version"):
         follow_path(problem, limited, checkpoint=file)
+
+
+def test_path_of_the_balanced_regularisation_meets_its_direct_solution(tmp_path):
+    """Exact contact, which a resumed path must not remember differently."""
+    contact = lshape_problem(lshape.paper_mesh(113))
+    options = PathOptions(gamma_start=1e3, growth=100, gamma_end=1e9, inner_scale=1e-9)
+    file = tmp_path / "path.npz"
+    path = follow_path(contact, options, regularisation=Balanced)
+    path.raise_for_status()
+    direct = semismooth_newton(contact, regularisation=Balanced(1e9))
+    assert path.dual_energy == pytest.approx(direct.dual_energy, rel=1e-9)
+    follow_path(contact, options, stop_after(2), regularisation=Balanced, checkpoint=file)
+    resumed = follow_path(contact, options, regularisation=Balanced, checkpoint=file)
+    assert resumed.path_values == pytest.approx(path.path_values, rel=1e-12)
+    with pytest.raises(ValueError, match="problem"):
+        follow_path(contact, options, checkpoint=file)
 
 
 @pytest.mark.parametrize(

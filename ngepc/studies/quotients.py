@@ -20,8 +20,9 @@ import numpy as np
 from ngsolve.la import BaseVector
 
 from ngepc.blocks import LinearBlocks
+from ngepc.contact_newton import newton_system
 from ngepc.dual_result import DualResult
-from ngepc.functional import DualFunctional, NewtonSystem
+from ngepc.functional import DualFunctional
 from ngepc.iterates import Iterate
 from ngepc.newton import NewtonOptions, carried_over, newton_step
 from ngepc.problem import Problem
@@ -124,7 +125,7 @@ def iterates(
     functional: DualFunctional, v: BaseVector, options: NewtonOptions
 ) -> Iterator[Iterate]:
     """The iterates of Algorithm 7.1 without a stopping rule, as long as steps are possible."""
-    system, here = NewtonSystem(functional, options.inverse), Iterate.at(functional, v)
+    system, here = newton_system(functional, options.inverse), Iterate.at(functional, v)
     while isinstance(here, Iterate):
         yield here
         here = newton_step(functional, system, here, options)
