@@ -105,9 +105,10 @@ class Table2:
             "(docs/reading.md).",
         ]
         head = ["gamma", *(f"{n} nodes" for n in self.nodes)]
+        cells = [{key: r[key] for key in r if key != "history"} for r in table]
         return write_table(
             self.folder,
-            Table(name="table2", title="Table 2", head=head, rows=rows, notes=notes, cells=table),
+            Table(name="table2", title="Table 2", head=head, rows=rows, notes=notes, cells=cells),
         )
 
 
