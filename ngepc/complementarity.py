@@ -1,11 +1,11 @@
-"""The linear complementarity problem of contact: block principal pivoting, always finite."""
+"""The linear complementarity problem of contact: principal pivoting that needs few columns."""
 
 from collections.abc import Callable
 
 import numpy as np
 
 _PATIENCE = 10
-"""Block exchanges without progress before single exchanges take over."""
+"""Exchanges without progress before those of Murty's rule take over."""
 
 
 def solve_complementarity(
@@ -16,9 +16,10 @@ def solve_complementarity(
 ) -> np.ndarray | None:
     """Multipliers x >= 0 with w = q + W (x - x_0) >= 0 and x . w = 0, W positive definite.
 
-    The active set x_i > 0 is found by exchanging all violated indices at once (a primal-dual
-    active set step); when that stops making progress, by the single exchanges of Murty's rule,
-    which end after finitely many steps for every positive definite W.
+    Columns are dear, each of them is a solve.  The active set x_i > 0 grows by the index with the
+    most negative w_i, one at a time because each one relieves its neighbours, and loses all
+    indices with x_i < 0 at once.  When that stops making progress the exchanges of Murty's rule
+    follow, which end after finitely many steps for every positive definite W.
 
     Parameters
     ----------
@@ -62,6 +63,10 @@ def solve_complementarity(
             fewest, patience = count, _PATIENCE
         else:
             patience -= 1
-        exchanged = np.flatnonzero(wrong)
-        active[exchanged if patience > 0 else exchanged[-1:]] ^= True
+        if patience <= 0:
+            active[np.flatnonzero(wrong)[-1]] ^= True
+        elif (wrong & active).any():
+            active &= ~wrong
+        else:
+            active[np.where(active, np.inf, w).argmin()] = True
     return None
