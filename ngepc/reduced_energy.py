@@ -64,6 +64,7 @@ class ReducedEnergy:
         self._tangent = BilinearForm(self.space, symmetric=False)
         self._tangent += self.mapping.tangent(u, v) * self._dx
         self._density = self.mapping.energy_density.Compile()
+        self._plastic = self.mapping.plastic.Compile()
         self._stiffness, self._initial_forces = self._assemble_trial_forces()
         self._inverse = None
 
@@ -115,7 +116,7 @@ class ReducedEnergy:
     def plastic_measure(self, u: np.ndarray) -> float:
         """Area or volume of the part of the body that yields in this step."""
         self.set(u)
-        return float(Integrate(self.mapping.plastic * self._dx, self.problem.mesh))
+        return float(Integrate(self._plastic * self._dx, self.problem.mesh))
 
     def first_order_energy(self, u: np.ndarray) -> float:
         """l(u, p) + int beta |p| of (2.15), (2.16) at the plastic strain of ``u``."""
@@ -130,7 +131,8 @@ class ReducedEnergy:
             + InnerProduct(coordinates(alpha_2, N), p)
             - two_mu * InnerProduct(e_minus_p, problem.p_0)
         )
-        return float(Integrate(density * self._dx, problem.mesh) - np.vdot(self.load, u))
+        stored = Integrate(density.Compile() * self._dx, problem.mesh)
+        return float(stored - np.vdot(self.load, u))
 
     def _assemble_trial_forces(self) -> tuple[np.ndarray, np.ndarray]:
         problem, h = self.problem, specialcf.mesh_size
