@@ -1,0 +1,200 @@
+"""An independent look at results: residuals and error bounds assembled the plain way.
+
+Nothing here uses the solvers' own assembly.  The residual Psi_gamma is integrated with all the
+quadrature points on every element, no element is sorted out, D is neither condensed nor shared.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from ngsolve import (
+    BilinearForm,
+    FESpace,
+    GridFunction,
+    IfPos,
+    InnerProduct,
+    Integrate,
+    LinearForm,
+    Norm,
+    Trace,
+    ds,
+    dx,
+)
+
+from ngepc.blocks import load_terms
+from ngepc.dual_result import DualResult
+from ngepc.primal_result import PrimalResult
+from ngepc.problem import Problem, as_scalar
+from ngepc.quadrature import boundary_rules, fine_rules
+from ngepc.spaces import prescribed_displacement
+from ngepc.tensors import strain, tensor
+
+POINTS = 400
+
+
+def elastic_product(problem: Problem, h, u, p, v, r):
+    """The integrand of <D (u, p), (v, r)>: C (eps(u) - p) : (eps(v) - r) + h p . r."""
+    m, N = problem.material, problem.N
+    e, d = strain(u) - tensor(p, N), strain(v) - tensor(r, N)
+    return m.lame_lambda * Trace(e) * Trace(d) + 2 * m.lame_mu * InnerProduct(e, d) + h * p * r
+
+
+def energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
+    """J(u, p) of (2.14) without friction (force times length)."""
+    h = problem.effective_hardening
+    stored = elastic_product(problem, h, u, p, u, p) / 2 + as_scalar(problem.beta) * Norm(p)
+    work = sum(Integrate(term, problem.mesh) for term in load_terms(problem, u, p))
+    return Integrate(stored, problem.mesh) - work
+
+
+def dual_residual(result: DualResult, points: int = POINTS) -> float:
+    """||Psi_gamma(v)||_{H*} for v alone; with exact contact the natural residual there.
+
+    Parameters
+    ----------
+    result
+        A result without friction; only ``v`` and the spaces are taken from it.
+    points
+        Quadrature points for M^2 on each element.
+    """
+    blocks, R = result.functional.blocks, result.functional.regularisation
+    problem, parts = blocks.problem, [GridFunction(space) for space in blocks.spaces]
+    for number, part in enumerate(parts):
+        part.vec.data = blocks.part_of(result.v, number)
+    y = _primal_of(problem, R.hardening_share, blocks.Y, parts)
+    total = 0.0
+    for number, part in enumerate(parts):
+        contact = number == 0 and bool(problem.contact_names)
+        r = (_contact_residual if contact else _plastic_residual)(problem, R, y, part, points)
+        r.data += 1 / R.gamma_tichonov * (blocks.B[number] * part.vec)
+        if contact and getattr(R, "exact_contact", False):
+            _natural(r, part)
+        riesz = r.CreateVector()
+        free = part.space.FreeDofs()
+        riesz.data = blocks.B[number].Inverse(free, inverse="umfpack") * r
+        total += InnerProduct(riesz, r)
+    return math.sqrt(max(0.0, total))
+
+
+def _primal_of(problem: Problem, share: float, Y: FESpace, parts: list[GridFunction]):
+    """(u, p) with D (u, p) = Lambda* v - l, by one uncondensed solve."""
+    (u, p), (du, dp) = Y.TnT()
+    h = problem.effective_hardening * share
+    D = BilinearForm(elastic_product(problem, h, u, p, du, dp) * dx).Assemble().mat
+    right = LinearForm(Y)
+    for term in load_terms(problem, du, dp):
+        right += term
+    right += parts[-1] * dp * dx
+    if problem.contact_names:
+        right += parts[0] * (du * problem.normal) * ds("|".join(problem.contact_names))
+    right.Assemble()
+    y = GridFunction(Y)
+    V = Y.components[0]
+    y.components[0].vec.data = prescribed_displacement(problem, V).vec
+    rest = right.vec.CreateVector()
+    rest.data = right.vec - D * y.vec
+    y.vec.data += D.Inverse(Y.FreeDofs(), inverse="umfpack") * rest
+    return y
+
+
+def _contact_residual(problem: Problem, R, y, z, points: int):
+    w = z.space.TestFunction()
+    names = "|".join(problem.contact_names)
+    form = LinearForm(z.space)
+    form += (y.components[0] * problem.normal - problem.psi) * w * ds(names)
+    if not getattr(R, "exact_contact", False):
+        tension = as_scalar(R.contact_shift) + R.gamma_contact * z
+        rules = boundary_rules(problem.N, points)
+        form += IfPos(tension, tension, 0.0) * w * ds(names, intrules=rules)
+    return form.Assemble().vec
+
+
+def _plastic_residual(problem: Problem, R, y, q, points: int):
+    r, gamma = q.space.TestFunction(), as_scalar(R.gamma_plastic(problem))
+    size = Norm(q) + 1e-300
+    excess = R.plastic_shift + gamma * (size - R.yield_bound(problem))
+    rules = fine_rules(problem.N, points)
+    form = LinearForm(q.space)
+    form += y.components[1] * r * dx
+    form += IfPos(excess, excess / size, 0.0) * (q * r) * dx(intrules=rules)
+    return form.Assemble().vec
+
+
+def _natural(r, z: GridFunction) -> None:
+    """Psi_i at nodes with z_i < 0, its positive part where z_i = 0; infinite where z_i > 0."""
+    values, entries = z.vec.FV().NumPy(), r.FV().NumPy()
+    free = np.array(list(z.space.FreeDofs()), dtype=bool)
+    entries[:] = np.where(values >= 0, np.maximum(entries, 0.0), entries)
+    if (values[free] > 0).any():
+        entries[:] = math.inf
+
+
+def primal_residual(result: PrimalResult) -> float:
+    """Nodal forces out of balance over the larger of applied and internal ones.
+
+    Internal forces are integrated from the stress field, contact forces are those reported.
+    """
+    problem, u = result.problem, result.displacement
+    V = u.space
+    v = V.TestFunction()
+    internal, applied = LinearForm(V), LinearForm(V)
+    internal += InnerProduct(result.stress, strain(v)) * dx(bonus_intorder=2)
+    for name, g in problem.tractions.items():
+        applied += g * v * ds(name, bonus_intorder=3)
+    if problem.f is not None:
+        applied += problem.f * v * dx(bonus_intorder=3)
+    inside, outside = (f.Assemble().vec.FV().NumPy() for f in (internal, applied))
+    push = result.contact.nodal_forces(result.nodal_contact_forces, problem.mesh.nv).ravel()
+    free = np.array(list(V.FreeDofs()), dtype=bool)
+    balance = np.linalg.norm((inside - outside + push)[free])
+    return float(balance / max(np.linalg.norm(inside), np.linalg.norm(outside), 1e-300))
+
+
+def distance_bound(primal: PrimalResult, dual: DualResult) -> tuple[float, float]:
+    """1/2 |y - y_gamma|_D^2 and what it cannot exceed, for the same problem on one mesh.
+
+    y solves the discrete (2.14) and y_gamma the problem that J*_gamma is the dual of, which
+    differs by hardening 1/gamma_q - h_G more, an adhesion (psi - u.n)^2 / (2 gamma_z) and a
+    supremum over fewer dual variables.  Hence what y is worth there is at most
+
+        J(y) + int (1/gamma_q - h_G) |p|^2 / 2 + int (psi - u.n)^2 / (2 gamma_z),
+
+    the minimum there is -J*_gamma, and the problem is convex with modulus D.  It holds to
+    round-off on simplices with flat contact, a gap that is linear on each, and no friction.
+    """
+    problem, R = primal.problem, dual.functional.regularisation
+    mesh, h, share = problem.mesh, problem.effective_hardening, R.hardening_share
+    u, p = primal.displacement, primal.plastic_increment
+    surplus = 1 / as_scalar(R.gamma_plastic(problem)) - (1 - share) * h
+    worth = energy(problem, u, p) + Integrate(surplus * (p * p) / 2, mesh)
+    if problem.contact_names and not getattr(R, "exact_contact", False):
+        gap = problem.psi - u * problem.normal
+        on_contact = ds("|".join(problem.contact_names))
+        worth += Integrate(gap * gap / (2 * R.gamma_contact) * on_contact, mesh)
+    du, dp = u - dual.displacement, p - dual.plastic_increment
+    distance = Integrate(elastic_product(problem, share * h, du, dp, du, dp), mesh) / 2
+    return distance, worth + dual.dual_energy
+
+
+def feasible_bound(primal: PrimalResult, dual: DualResult) -> tuple[float, float]:
+    """1/2 |y - y'|_D^2 and J(y') - J(y), which it cannot exceed, the other way round.
+
+    y' is the dual solution (u_gamma, p_gamma) with nodes that penetrate moved back to the obstacle:
+    it is admissible for the primal problem, whose minimum is J(y).
+    """
+    problem, contact = primal.problem, primal.contact
+    y = GridFunction(dual.functional.blocks.Y)
+    y.vec.data = dual.y
+    u, p = y.components
+    values = u.vec.FV().NumPy().reshape(problem.N, -1)
+    overlap = np.maximum(-contact.open_gap(values), 0.0)
+    lengths = (contact.normals**2).sum(axis=1)
+    for i, vertex in enumerate(contact.vertices):
+        values[:, vertex] -= overlap[i] / lengths[i] * contact.normals[i]
+    du, dp = primal.displacement - u, primal.plastic_increment - p
+    h = problem.effective_hardening
+    distance = Integrate(elastic_product(problem, h, du, dp, du, dp), problem.mesh) / 2
+    own = energy(problem, primal.displacement, primal.plastic_increment)
+    return distance, energy(problem, u, p) - own

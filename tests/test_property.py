@@ -1,0 +1,141 @@
+"""Random problems: both methods agree within what their energies allow, statuses are honest.
+
+A few derandomised examples run here; ``ngepc study fuzz --count 200 --seed 1`` runs many.
+"""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from ngsolve import Integrate, Norm
+
+from ngepc import Status
+from ngepc.__main__ import main
+from ngepc.primal import primal_newton
+from ngepc.studies.fuzz import Fuzz, examine
+from ngepc.studies.random_problems import BODIES, GAPS, HARDENINGS, METHODS, Draw, build, draws
+
+FEW = settings(
+    max_examples=10,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+)
+
+PLANE = sorted(set(BODIES) - {"cube"})
+
+DRAWS = st.builds(
+    Draw,
+    body=st.sampled_from(PLANE),
+    maxh=st.floats(0.12, 0.25),
+    stress_unit=st.floats(-3, 3),
+    length_unit=st.floats(-2, 2),
+    poisson=st.sampled_from([-0.4, 0.0, 0.3, 0.45, 0.49]),
+    bound=st.floats(-4, -1.5),
+    hardening=st.floats(-3, 0.5),
+    kind=st.sampled_from(HARDENINGS),
+    load=st.floats(-1.5, 1.2).map(lambda power: 10**power),
+    angle=st.floats(0, 2 * math.pi),
+    gap=st.sampled_from(GAPS),
+    gap_size=st.floats(-1, 1).map(lambda power: 10**power),
+    history=st.sampled_from([0.0, 0.5, 2.0]),
+    method=st.sampled_from(METHODS),
+)
+
+USUAL = next(draws(3))
+
+
+@FEW
+@given(DRAWS)
+@example(dataclasses.replace(USUAL, body="lshape", gap="pushed", method="balanced"))
+@example(dataclasses.replace(USUAL, body="hole", gap="touching", method="coupled", history=2.0))
+@example(dataclasses.replace(USUAL, body="cube", maxh=0.2, gap="near", method="penalty contact"))
+def test_methods_agree_and_statuses_are_honest(draw):
+    verdict = examine(draw)
+    assert verdict.complaints == ()
+    assert verdict.primal_status == "converged"
+
+
+@FEW
+@given(DRAWS)
+def test_primal_solution_is_feasible_and_dissipates(draw):
+    """u.n <= psi at the nodes, forces push, |dev sigma - alpha_2| <= beta(alpha_1), J <= J(0)."""
+    problem = build(draw)
+    result = primal_newton(problem)
+    assert result.status is Status.CONVERGED
+    u = result.displacement.vec.FV().NumPy().reshape(problem.N, -1)
+    size = np.abs(u).max()
+    assert result.contact.open_gap(u).min(initial=0.0) > -1e-10 * size
+    assert result.nodal_contact_forces.min(initial=0.0) >= 0
+    yield_excess = result.yield_function
+    excess = Integrate(yield_excess + Norm(yield_excess), problem.mesh)
+    scale = problem.material.yield_stress * Integrate(1.0, problem.mesh)
+    assert excess < 1e-7 * scale
+    if draw.gap != "pushed" and draw.history == 0:
+        assert result.primal_energy <= 0
+
+
+def test_the_same_seed_gives_the_same_problems():
+    first, second = ([d for d, _ in zip(draws(11), range(20), strict=False)] for _ in range(2))
+    assert first == second
+    assert len(set(first)) == 20
+
+
+def test_study_is_resumable_and_carries_its_seed(tmp_path, monkeypatch):
+    arguments = ["study", "fuzz", "--seed", "2", "--out", str(tmp_path)]
+    assert main([*arguments, "--count", "2"]) == 0
+    first = json.loads((tmp_path / "fuzz.json").read_text())
+    assert len(first["cells"]) == 2
+    seen = []
+    monkeypatch.setattr("ngepc.studies.fuzz.examine", lambda d: seen.append(d) or examine(d))
+    assert main([*arguments, "--count", "3"]) == 0
+    assert len(seen) == 1
+    table = (tmp_path / "fuzz.md").read_text()
+    assert "| all | 3 | 0 |" in table
+    assert "seed 2" in table
+
+
+def test_a_lie_is_found(monkeypatch):
+    """The judge is able to complain: a dual result with another load, a status that is false."""
+    import ngepc.studies.fuzz as fuzz
+
+    draw = dataclasses.replace(USUAL, body="lshape", load=5.0, method="balanced", gap="near")
+    assert examine(draw).complaints == ()
+    problem_of = fuzz.build
+    lighter = problem_of(dataclasses.replace(draw, load=4.5))
+    solve = fuzz.semismooth_newton
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            fuzz,
+            "semismooth_newton",
+            lambda p, **o: solve(dataclasses.replace(p, traction=lighter.traction), **o),
+        )
+        assert "energies allow" in " ".join(examine(draw).complaints)
+
+    def of_another_problem(problem, options):
+        other = primal_newton(lighter, options=options)
+        return dataclasses.replace(other, problem=problem)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fuzz, "primal_newton", of_another_problem)
+        assert "energies allow" in " ".join(examine(draw).complaints)
+
+    def hurried(problem, options):
+        result = primal_newton(problem, options=dataclasses.replace(options, tolerance=1e-3))
+        return result
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fuzz, "primal_newton", hurried)
+        assert "says converged" in " ".join(examine(draw).complaints)
+
+
+def test_study_refuses_a_foreign_checkpoint(tmp_path):
+    (tmp_path / "fuzz-5.npz").write_bytes(b"something else")
+    with pytest.raises(ValueError, match="damaged"):
+        Fuzz(tmp_path, 1, 5).run()
+    assert (tmp_path / "fuzz-5.npz").read_bytes() == b"something else"
