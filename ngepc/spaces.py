@@ -11,6 +11,7 @@ from ngsolve import (
     Compress,
     FESpace,
     GridFunction,
+    Mesh,
     VectorH1,
     VectorValued,
 )
@@ -67,10 +68,22 @@ def plastic_space(problem: Problem) -> FESpace:
     return VectorValued(L2(problem.mesh, order=0), coordinates_count(problem.N))
 
 
+def outer_boundaries(mesh: Mesh) -> set[str]:
+    """Names of the boundaries of the body, without the interfaces between materials."""
+    facets = "edges" if mesh.dim == 2 else "faces"
+    return {
+        name
+        for name in set(mesh.GetBoundaries())
+        if any(
+            len(mesh[getattr(element, facets)[0]].elements) == 1
+            for element in mesh.Boundaries(name).Elements()
+        )
+    }
+
+
 def other_boundaries(problem: Problem) -> str:
-    """All boundaries that are not in Gamma_c, as 'a|b', for conditions at the ends of Gamma_c."""
-    rest = set(problem.mesh.GetBoundaries()) - set(problem.contact_names)
-    return "|".join(sorted(rest))
+    """All outer boundaries but Gamma_c, as 'a|b', for conditions at the ends of Gamma_c."""
+    return "|".join(sorted(outer_boundaries(problem.mesh) - set(problem.contact_names)))
 
 
 def contact_space(problem: Problem, *, ends_fixed: bool = True) -> FESpace | None:
@@ -85,5 +98,6 @@ def contact_space(problem: Problem, *, ends_fixed: bool = True) -> FESpace | Non
 
 def plastic_dual_space(problem: Problem, *, boundary_fixed: bool = True) -> FESpace:
     """R_h: continuous P1 with d components, by default zero on the boundary of the body."""
-    conditions = {"dirichlet": ".*"} if boundary_fixed else {}
+    outer = "|".join(sorted(outer_boundaries(problem.mesh)))
+    conditions = {"dirichlet": outer} if boundary_fixed else {}
     return VectorValued(H1(problem.mesh, order=1, **conditions), coordinates_count(problem.N))
