@@ -7,6 +7,7 @@ quadrature points on every element, no element is sorted out, D is neither conde
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from ngsolve import (
@@ -49,8 +50,24 @@ def energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
     return Integrate(stored, problem.mesh) - work
 
 
-def dual_residual(result: DualResult, points: int = POINTS) -> float:
-    """||Psi_gamma(v)||_{H*} for v alone; with exact contact the natural residual there.
+@dataclass(frozen=True)
+class Residual:
+    """A residual norm and the size of what rounding may leave of it.
+
+    Parameters
+    ----------
+    norm
+        ||Psi_gamma(v)||_{H*}; with exact contact that of the natural residual.
+    rounding
+        The norm of the difference that another direct solver for y makes.
+    """
+
+    norm: float
+    rounding: float
+
+
+def dual_residual(result: DualResult, points: int = POINTS) -> Residual:
+    """The residual of the dual variable v alone.
 
     Parameters
     ----------
@@ -63,23 +80,35 @@ def dual_residual(result: DualResult, points: int = POINTS) -> float:
     problem, parts = blocks.problem, [GridFunction(space) for space in blocks.spaces]
     for number, part in enumerate(parts):
         part.vec.data = blocks.part_of(result.v, number)
-    y = _primal_of(problem, R.hardening_share, blocks.Y, parts)
-    total = 0.0
+    y, other = (
+        _primal_of(problem, R.hardening_share, blocks.Y, parts, solver)
+        for solver in ("umfpack", "sparsecholesky")
+    )
+    total, rounding = 0.0, 0.0
     for number, part in enumerate(parts):
+        inverse = blocks.B[number].Inverse(part.space.FreeDofs(), inverse="umfpack")
         contact = number == 0 and bool(problem.contact_names)
-        r = (_contact_residual if contact else _plastic_residual)(problem, R, y, part, points)
+        linear, penalty = _contact_terms if contact else _plastic_terms
+        r, twin = linear(problem, y, part), linear(problem, other, part)
+        twin -= r
+        rounding += _norm_squared(twin, inverse)
         r.data += 1 / R.gamma_tichonov * (blocks.B[number] * part.vec)
-        if contact and getattr(R, "exact_contact", False):
-            _natural(r, part)
-        riesz = r.CreateVector()
-        free = part.space.FreeDofs()
-        riesz.data = blocks.B[number].Inverse(free, inverse="umfpack") * r
-        total += InnerProduct(riesz, r)
-    return math.sqrt(max(0.0, total))
+        if not contact or not getattr(R, "exact_contact", False):
+            r += penalty(problem, R, part, points)
+        else:
+            _make_natural(r, part)
+        total += _norm_squared(r, inverse)
+    return Residual(math.sqrt(total), math.sqrt(rounding))
 
 
-def _primal_of(problem: Problem, share: float, Y: FESpace, parts: list[GridFunction]):
-    """(u, p) with D (u, p) = Lambda* v - l, by one uncondensed solve."""
+def _norm_squared(r, inverse) -> float:
+    riesz = r.CreateVector()
+    riesz.data = inverse * r
+    return max(0.0, InnerProduct(riesz, r))
+
+
+def _primal_of(problem: Problem, share: float, Y: FESpace, parts: list, solver: str):
+    """(u, p) with D (u, p) = Lambda* v - l, by an uncondensed solve."""
     (u, p), (du, dp) = Y.TnT()
     h = problem.effective_hardening * share
     D = BilinearForm(elastic_product(problem, h, u, p, du, dp) * dx).Assemble().mat
@@ -95,34 +124,43 @@ def _primal_of(problem: Problem, share: float, Y: FESpace, parts: list[GridFunct
     y.components[0].vec.data = prescribed_displacement(problem, V).vec
     rest = right.vec.CreateVector()
     rest.data = right.vec - D * y.vec
-    y.vec.data += D.Inverse(Y.FreeDofs(), inverse="umfpack") * rest
+    y.vec.data += D.Inverse(Y.FreeDofs(), inverse=solver) * rest
     return y
 
 
-def _contact_residual(problem: Problem, R, y, z, points: int):
-    w = z.space.TestFunction()
-    names = "|".join(problem.contact_names)
-    form = LinearForm(z.space)
-    form += (y.components[0] * problem.normal - problem.psi) * w * ds(names)
-    if not getattr(R, "exact_contact", False):
-        tension = as_scalar(R.contact_shift) + R.gamma_contact * z
-        rules = boundary_rules(problem.N, points)
-        form += IfPos(tension, tension, 0.0) * w * ds(names, intrules=rules)
-    return form.Assemble().vec
+def _overlap(problem: Problem, y: GridFunction, z: GridFunction):
+    """(u.n - psi, w)."""
+    w, on_contact = z.space.TestFunction(), ds("|".join(problem.contact_names))
+    overlap = y.components[0] * problem.normal - problem.psi
+    return LinearForm(overlap * w * on_contact).Assemble().vec
 
 
-def _plastic_residual(problem: Problem, R, y, q, points: int):
-    r, gamma = q.space.TestFunction(), as_scalar(R.gamma_plastic(problem))
-    size = Norm(q) + 1e-300
+def _pull(problem: Problem, R, z: GridFunction, points: int):
+    """(M^1)'(z)."""
+    rules = boundary_rules(problem.N, points)
+    on_contact = ds("|".join(problem.contact_names), intrules=rules)
+    tension = as_scalar(R.contact_shift) + R.gamma_contact * z
+    pull = IfPos(tension, tension, 0.0) * z.space.TestFunction()
+    return LinearForm(pull * on_contact).Assemble().vec
+
+
+def _increment(problem: Problem, y: GridFunction, q: GridFunction):
+    """(p, r)."""
+    return LinearForm(y.components[1] * q.space.TestFunction() * dx).Assemble().vec
+
+
+def _flow(problem: Problem, R, q: GridFunction, points: int):
+    """(M^2)'(q)."""
+    gamma, size = as_scalar(R.gamma_plastic(problem)), Norm(q) + 1e-300
     excess = R.plastic_shift + gamma * (size - R.yield_bound(problem))
-    rules = fine_rules(problem.N, points)
-    form = LinearForm(q.space)
-    form += y.components[1] * r * dx
-    form += IfPos(excess, excess / size, 0.0) * (q * r) * dx(intrules=rules)
-    return form.Assemble().vec
+    gradient = IfPos(excess, excess / size, 0.0) * (q * q.space.TestFunction())
+    return LinearForm(gradient * dx(intrules=fine_rules(problem.N, points))).Assemble().vec
 
 
-def _natural(r, z: GridFunction) -> None:
+_contact_terms, _plastic_terms = (_overlap, _pull), (_increment, _flow)
+
+
+def _make_natural(r, z: GridFunction) -> None:
     """Psi_i at nodes with z_i < 0, its positive part where z_i = 0; infinite where z_i > 0."""
     values, entries = z.vec.FV().NumPy(), r.FV().NumPy()
     free = np.array(list(z.space.FreeDofs()), dtype=bool)
