@@ -40,6 +40,7 @@ _HOME = {
     "export_html": "views",
     "export_vtu": "export",
     "follow_path": "path",
+    "augmented_lagrangian": "shifts",
     "lame_parameters": "material",
     "live_plot_monitor": "monitors",
     "load_cycle": "load_path",

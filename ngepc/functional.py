@@ -20,7 +20,7 @@ from ngsolve.la import BaseVector
 from ngepc.assembly import Placed, SparseSum
 from ngepc.blocks import LinearBlocks
 from ngepc.contact import ContactConstraint
-from ngepc.regularisation import Regularisation
+from ngepc.regularisation import Regularisation, check_shifts
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,7 @@ class DualFunctional:
     def __init__(
         self, blocks: LinearBlocks, regularisation: Regularisation, quadrature_points: int
     ) -> None:
+        check_shifts(blocks.problem, regularisation)
         self.blocks, self.regularisation = blocks, regularisation
         self.gamma_T = regularisation.gamma_tichonov
         self.penalties = [

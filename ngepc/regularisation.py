@@ -148,3 +148,28 @@ class Coupled:
                 f"1/gamma = {self.units.stress / self.gamma:g}"
             )
         return self.beta_gamma
+
+
+def check_shifts(problem: Problem, regularisation: Regularisation) -> None:
+    """Shifts that are >= 0, and beta_gamma - nu^/gamma > 0 as Lemma 6.3 asks for.
+
+    Raises
+    ------
+    ValueError
+        If that is violated somewhere.
+    """
+    mu_hat, nu_hat = regularisation.contact_shift, regularisation.plastic_shift
+    if problem.contact_names:
+        values = require_finite("contact_shift", mu_hat, problem.mesh, problem.contact_names)
+        _require_nonnegative("contact_shift", values)
+    _require_nonnegative("plastic_shift", require_finite("plastic_shift", nu_hat, problem.mesh))
+    name = "beta_gamma - plastic_shift / gamma"
+    threshold = regularisation.yield_bound(problem) - nu_hat / regularisation.gamma_plastic(problem)
+    least = require_finite(name, threshold, problem.mesh).min()
+    if least <= 0:
+        raise ValueError(f"{name} falls to {least:g}: > 0 is needed, a smaller shift")
+
+
+def _require_nonnegative(name: str, values: np.ndarray) -> None:
+    if values.min() < -1e-12 * np.abs(values).max():
+        raise ValueError(f"{name} falls to {values.min():g}: values >= 0 are needed")
