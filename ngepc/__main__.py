@@ -16,6 +16,7 @@ COMMANDS = {
     "path": "follow the path in gamma on one mesh",
     "study": "remake a table or figure of the paper",
     "benchmark": "measure steps against elastic solves: counts, ratios, scaling, memory",
+    "notebooks": "copy the notebooks to a folder",
     "report": "write one HTML file about a saved run or a finished study",
 }
 

@@ -23,6 +23,11 @@ def test_wheel_contains_every_module(wheel):
     modules = {str(p.relative_to(ROOT)) for p in (ROOT / "ngepc").rglob("*.py")}
     modules |= {f"ngepc/geometries/{p.name}" for p in (ROOT / "geometries").glob("*.py")}
     assert modules <= names
+    notebooks = {
+        f"ngepc/{p.relative_to(ROOT).as_posix()}" for p in ROOT.glob("notebooks/**/*.ipynb")
+    }
+    assert notebooks
+    assert notebooks <= names
 
 
 def test_wheel_works_outside_the_checkout(wheel, tmp_path):

@@ -1,0 +1,149 @@
+"""The notebooks: stripped in the repository, complete, and run from top to bottom."""
+
+import json
+import os
+from pathlib import Path
+
+import nbformat
+import pytest
+from jupyter_client.manager import start_new_kernel
+from nbclient import NotebookClient
+
+from ngepc.__main__ import main
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDER = ROOT / "notebooks"
+NOTEBOOKS = sorted(FOLDER.rglob("*.ipynb"))
+LECTURES = sorted(FOLDER.glob("*.ipynb"))
+CHAPTERS = ["Notation", "Problem", "Weak form", "Code", "Picture", "Check", "Now you"]
+
+ENVIRONMENT = os.environ | {
+    "NGS_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]),
+    "PYTHONWARNINGS": "ignore",
+}
+
+
+def name(path):
+    return path.relative_to(FOLDER).as_posix()
+
+
+def code_cells(path):
+    return [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+
+
+def execute(notebook, folder):
+    client = NotebookClient(
+        notebook, timeout=170, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
+    )
+    client.execute(env=ENVIRONMENT)
+    return notebook
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=name)
+def test_no_outputs_are_kept(path):
+    text = path.read_text(encoding="utf-8")
+    assert len(text) < 25_000
+    assert set(json.loads(text)["metadata"]) == {"kernelspec", "language_info"}
+    for cell in code_cells(path):
+        assert cell.outputs == []
+        assert cell.execution_count is None
+
+
+@pytest.mark.parametrize("path", LECTURES, ids=name)
+def test_notation_comes_first_and_a_check_last(path):
+    cells = nbformat.read(path, as_version=4).cells
+    lines = [line for c in cells if c.cell_type == "markdown" for line in c.source.split("\n")]
+    headings = [line.removeprefix("## ") for line in lines if line.startswith("## ")]
+    wanted = [next((h for h in headings if h.startswith(chapter)), None) for chapter in CHAPTERS]
+    assert None not in wanted, (headings, wanted)
+    assert wanted == sorted(wanted, key=headings.index)
+    assert any("assert" in cell.source for cell in code_cells(path))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=name)
+def test_the_first_cell_says_what_is_missing(path, monkeypatch, capsys):
+    source = code_cells(path)[0].source
+    exec(source, {})
+    assert capsys.readouterr().out == "Everything is there.\n"
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    namespace = {}
+    exec(source, namespace)
+    said = capsys.readouterr().out
+    assert "webgui_jupyter_widgets" in said
+    assert "pip install 'ngepc[notebook]'" in said
+    assert namespace["INTERACTIVE"] is False
+
+
+@pytest.mark.notebooks
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=name)
+def test_runs_from_top_to_bottom(path, tmp_path):
+    notebook = execute(nbformat.read(path, as_version=4), tmp_path)
+    for cell in notebook.cells:
+        for output in cell.get("outputs", []):
+            assert output.get("name") != "stderr", output["text"]
+
+
+@pytest.mark.notebooks
+def test_pictures_are_drawn_without_the_viewer(tmp_path):
+    notebook = nbformat.read(FOLDER / "01_first_solve.ipynb", as_version=4)
+    first = next(cell for cell in notebook.cells if cell.cell_type == "code")
+    first.source += "\nINTERACTIVE = False"
+    outputs = [o for c in execute(notebook, tmp_path).cells for o in c.get("outputs", [])]
+    kinds = [set(o["data"]) for o in outputs if "data" in o]
+    assert sum("image/png" in kind for kind in kinds) == 3
+    assert not any("text/html" in kind for kind in kinds)
+
+
+def test_interrupting_the_kernel_keeps_the_state():
+    manager, client = start_new_kernel(kernel_name="python3", env=ENVIRONMENT)
+    try:
+        setup = (
+            "from ngepc import NewtonOptions, lshape_problem, semismooth_newton\n"
+            "from ngepc.geometries import lshape\n"
+            "problem = lshape_problem(lshape.paper_mesh(113))\n"
+            "def tell(record):\n"
+            "    if record.iteration == 1: print('running', flush=True)\n"
+            "    import time; time.sleep(0.05)\n"
+        )
+        client.execute_interactive(setup, timeout=60)
+
+        def interrupt(message):
+            if message["msg_type"] == "stream":
+                manager.interrupt_kernel()
+
+        client.execute_interactive(
+            "result = semismooth_newton(problem, gamma=1e5, monitor=tell)",
+            timeout=60,
+            output_hook=interrupt,
+        )
+        answers = []
+        client.execute_interactive(
+            "print(result.status.label, result.iterations > 0, result.displacement.vec.Norm() > 0)",
+            timeout=60,
+            output_hook=lambda m: answers.append(m["content"].get("text", "")),
+        )
+        assert "".join(answers).split() == ["stopped", "True", "True"]
+    finally:
+        client.stop_channels()
+        manager.shutdown_kernel(now=True)
+
+
+def test_the_command_copies_all_notebooks(tmp_path, capsys):
+    target = tmp_path / "course"
+    assert main(["notebooks", str(target)]) == 0
+    copies = sorted(p.relative_to(target).as_posix() for p in target.rglob("*"))
+    assert [c for c in copies if c.endswith(".ipynb")] == [name(p) for p in NOTEBOOKS]
+    assert "01_first_solve.ipynb" in capsys.readouterr().out
+
+
+def test_the_command_replaces_nothing_unasked(tmp_path, capsys):
+    mine = tmp_path / "03_wrench_path.ipynb"
+    mine.write_text("my work")
+    assert main(["notebooks", str(tmp_path)]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert [mine] == list(tmp_path.iterdir())
+    assert mine.read_text() == "my work"
+    assert main(["notebooks", str(tmp_path), "--force"]) == 0
+    assert mine.read_text() != "my work"
