@@ -9,15 +9,14 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
-import tempfile
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from ngsolve import Mesh
+
+from ngepc.files import replace_contents
 
 FORMAT = 1
 
@@ -55,25 +54,20 @@ def save(path: Path, fingerprint: Mapping, record: Mapping, arrays: Mapping) -> 
     OSError
         If the folder is missing or full.
     """
-    header = json.dumps({"format": FORMAT, "fingerprint": dict(fingerprint), "record": record})
+    header = {"format": FORMAT, "fingerprint": dict(fingerprint), "record": record}
+    text = json.dumps({**header, "contents": contents_digest(arrays)})
     stream = io.BytesIO()
-    np.savez(stream, header=np.array(header), **arrays)
-    write_bytes(path, stream.getvalue())
+    np.savez(stream, header=np.array(text), **arrays)
+    replace_contents(path, stream.getvalue())
 
 
-def write_bytes(path: Path, content: bytes) -> None:
-    """Replace the contents of ``path`` in one step."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+def contents_digest(arrays: Mapping) -> str:
+    """A digest of names, types, shapes and values of arrays."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape};".encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
@@ -86,16 +80,12 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
     """
     if not path.exists():
         return None
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            header = json.loads(str(data["header"]))
-            arrays = {name: data[name] for name in data.files if name != "header"}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    header, arrays = _read(path)
+    if header.get("format") != FORMAT:
         raise ValueError(
-            f"checkpoint {path} is damaged or no checkpoint ({error}): move it away"
-        ) from error
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise ValueError(f"checkpoint {path} has another format: move it away")
+            f"checkpoint {path} has format {header.get('format')}, this version of ngepc reads "
+            f"{FORMAT}: move it away"
+        )
     theirs, ours = header["fingerprint"], json.loads(json.dumps(dict(fingerprint)))
     different = sorted(k for k in {*theirs, *ours} if theirs.get(k) != ours.get(k))
     if different:
@@ -103,3 +93,25 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
             f"checkpoint {path} belongs to other work: {', '.join(different)} differ; move it away"
         )
     return Checkpoint(header["record"], arrays)
+
+
+def _read(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
+    """Header and arrays of a file whose digest agrees.
+
+    Damaged archives make NumPy and zipfile raise almost any exception.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            header = json.loads(str(data["header"]))
+            arrays = {name: data[name] for name in data.files if name != "header"}
+        if header["format"] == FORMAT:
+            digest = contents_digest(arrays)
+            if header.get("contents", digest) != digest:
+                raise ValueError("its digest is wrong")
+            if not isinstance(header["fingerprint"], dict) or "record" not in header:
+                raise ValueError("it is incomplete")
+    except Exception as error:
+        raise ValueError(
+            f"checkpoint {path} is damaged or no checkpoint ({error}): move it away"
+        ) from error
+    return header, arrays

@@ -16,6 +16,7 @@ from ngepc import checkpoint
 from ngepc._version import __version__
 from ngepc.blocks import LinearBlocks
 from ngepc.dual_result import DualResult
+from ngepc.files import check_writable
 from ngepc.functional import DualFunctional
 from ngepc.iterates import Iterate
 from ngepc.problem import as_scalar
@@ -137,6 +138,7 @@ class PathStore:
         if self._path is not None:
             if not self._path.parent.is_dir():
                 raise FileNotFoundError(f"checkpoint {self._path}: there is no such folder")
+            check_writable(self._path)
             self._fingerprint = fingerprint(options, functional, start)
 
     def load(self, blocks: LinearBlocks) -> PathState | None:

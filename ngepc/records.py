@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 import sys
-import tempfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,10 +14,13 @@ import numpy as np
 from ngsolve import InnerProduct, Integrate
 
 from ngepc._version import __version__
+from ngepc.files import check_writable, replace_contents
+
+__all__ = ["check_writable", "l2_norm", "provenance", "solve_record", "to_json", "write_text"]
 
 
-def provenance() -> dict[str, str]:
-    """Versions and the command that a result came from."""
+def provenance(seed: int | None = None) -> dict[str, Any]:
+    """Versions and the command that a result came from, and the seed where chance took part."""
     command = " ".join(["ngepc", *sys.argv[1:]]) if sys.argv else "ngepc"
     return {
         "version": __version__,
@@ -27,6 +28,7 @@ def provenance() -> dict[str, str]:
         "numpy": np.__version__,
         "python": platform.python_version(),
         "command": command,
+        **({} if seed is None else {"seed": seed}),
     }
 
 
@@ -83,26 +85,6 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def check_writable(path: Path) -> None:
-    """Raise OSError now, not after the work, if ``path`` cannot be written."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if path.is_dir():
-        raise IsADirectoryError(f"{path} is a folder: name a file")
-    with tempfile.NamedTemporaryFile(dir=path.parent):
-        pass
-
-
 def write_text(path: Path, text: str) -> None:
-    """Write a file atomically: its old contents stay until the new ones are on disk."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    """Write a text file atomically, see ``files.replace_contents``."""
+    replace_contents(path, text.encode())

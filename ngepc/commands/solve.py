@@ -43,11 +43,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Solve, report, write."""
     from ngepc import records
+    from ngepc.files import check_folder
 
     if args.json not in (None, "-"):
         records.check_writable(Path(args.json))
     if args.save is not None:
         records.check_writable(args.save)
+    if args.figures is not None:
+        check_folder(args.figures)
     begin = time.perf_counter()
     result = (_primal if args.method == "primal" else _dual)(args)
     record = {

@@ -215,7 +215,7 @@ class Fuzz:
             notes=notes,
             cells=cells,
         )
-        return write_table(self.folder, table)
+        return write_table(self.folder, table, self.seed)
 
 
 def _with(verdicts: list[Verdict]) -> list[tuple[int, Verdict]]:

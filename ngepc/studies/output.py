@@ -32,15 +32,15 @@ class Table:
     cells: Sequence[dict]
 
 
-def write_table(folder: Path, table: Table) -> list[Path]:
+def write_table(folder: Path, table: Table, seed: int | None = None) -> list[Path]:
     """Write NAME.csv, NAME.md and NAME.json into ``folder``; returns their paths."""
-    notes = [*table.notes, "", *provenance_lines()]
+    notes = [*table.notes, "", *provenance_lines(seed)]
     texts = {
         "csv": csv_table([_flat(cell) for cell in table.cells]),
         "md": markdown_table(
             table.title, _escaped(table.head), [_escaped(row) for row in table.rows], notes
         ),
-        "json": records.to_json({**records.provenance(), "cells": list(table.cells)}),
+        "json": records.to_json({**records.provenance(seed), "cells": list(table.cells)}),
     }
     paths = {ending: folder / f"{table.name}.{ending}" for ending in texts}
     for ending, text in texts.items():

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ngepc import checkpoint, records
+from ngepc.files import check_folder
+from ngepc.results import Status
 
 logger = logging.getLogger(__name__)
 
@@ -54,11 +56,17 @@ class CellStore:
     """
 
     def __init__(self, folder: Path, settings: dict) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        check_folder(folder)
         self._folder, self._settings = folder, settings
 
     def get(self, cell: Cell, solve: Callable[[Cell], Outcome]) -> Outcome:
-        """The stored outcome of a cell, or the one that ``solve`` gives, which is then stored."""
+        """The stored outcome of a cell, or the one that ``solve`` gives, which is then stored.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If the solve was stopped: half a cell is not stored.
+        """
         path = self._folder / f"{cell.name}.npz"
         fingerprint = {**self._settings, "row": cell.row, "nodes": cell.nodes}
         stored = checkpoint.load(path, fingerprint)
@@ -66,6 +74,8 @@ class CellStore:
             return Outcome(stored.record, stored.arrays)
         begin = time.perf_counter()
         outcome = solve(cell)
+        if outcome.record.get("status") == Status.STOPPED.label:
+            raise KeyboardInterrupt
         outcome.record["wall_time_s"] = time.perf_counter() - begin
         checkpoint.save(path, fingerprint, outcome.record, outcome.arrays)
         return outcome
@@ -90,6 +100,6 @@ def csv_table(rows: Sequence[dict]) -> str:
     return stream.getvalue()
 
 
-def provenance_lines() -> list[str]:
+def provenance_lines(seed: int | None = None) -> list[str]:
     """Versions and command as Markdown list items."""
-    return [f"- {key}: {value}" for key, value in records.provenance().items()]
+    return [f"- {key}: {value}" for key, value in records.provenance(seed).items()]

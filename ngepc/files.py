@@ -1,0 +1,88 @@
+"""Files that are written whole or not at all, and the check before the work that they can be."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+ROOM = 1 << 20
+"""Bytes that must fit where results will go, checked before the work."""
+
+
+def check_writable(path: Path, room: int = ROOM) -> None:
+    """Raise OSError now, not after the work, if ``path`` cannot be written.
+
+    A missing folder is made.  A device or a pipe is left alone but for its permissions.
+
+    Parameters
+    ----------
+    path
+        The file that will be written.
+    room
+        Bytes that must fit on the disk.
+
+    Raises
+    ------
+    OSError
+        If the path is a folder, the folder cannot be made or written to, or the disk is full.
+    """
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder: name a file")
+    if is_special(path):
+        if not os.access(path, os.W_OK):
+            raise PermissionError(f"{path} cannot be written")
+        return
+    check_folder(path.parent, room)
+
+
+def check_folder(folder: Path, room: int = ROOM) -> None:
+    """Make ``folder`` if it is missing, and write and remove ``room`` bytes there.
+
+    Raises
+    ------
+    OSError
+        If that fails, naming the folder.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=".room.") as probe:
+            probe.write(bytes(room))
+            probe.flush()
+            os.fsync(probe.fileno())
+    except OSError as error:
+        raise type(error)(
+            error.errno, f"folder {folder} cannot be written: {error.strerror or error}"
+        ) from error
+
+
+def is_special(path: Path) -> bool:
+    """Whether ``path`` exists and is neither a file nor a folder: a device, a pipe, a socket."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def replace_contents(path: Path, content: bytes) -> None:
+    """Write a file atomically: its old contents stay until the new ones are on disk.
+
+    Devices and pipes are written directly.
+
+    Raises
+    ------
+    OSError
+        If the disk is full or the folder cannot be written; the old file is then as it was.
+    """
+    if is_special(path):
+        path.write_bytes(content)
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
