@@ -44,6 +44,9 @@ CAPTIONS = {
 }
 """Figure number -> what it shows, all in the deformed configuration."""
 
+HIGHEST_STRAIN = {"lshape": 0.2, "wrench": 0.04}
+"""Upper end of the colour scales; the strains at the re-entrant corners grow with refinement."""
+
 BODY = {2: "lshape", 3: "lshape", 5: "wrench", 6: "wrench"}
 
 
@@ -61,12 +64,18 @@ def draw(number: int, result: DualResult) -> Figure:
     def zone(axes):
         return plot_plastic_zone(result, threshold, axes=axes)
 
+    def strain(axes):
+        return plot_field(result, vmin=0.0, vmax=HIGHEST_STRAIN[BODY[number]], axes=axes)
+
+    def excess(axes):
+        return plot_yield_function(result, vmin=-result.problem.beta, vmax=0.0, axes=axes)
+
     if number == 3:
-        return plot_yield_function(result)
+        return excess(None)
     panels = {
-        2: (lambda axes: plot_field(result, axes=axes), zone),
-        5: (lambda axes: plot_mesh(result, axes=axes), lambda axes: plot_field(result, axes=axes)),
-        6: (lambda axes: plot_yield_function(result, axes=axes), zone),
+        2: (strain, zone),
+        5: (lambda axes: plot_mesh(result, axes=axes), strain),
+        6: (excess, zone),
     }
     figure = beside(*panels[number], height=4.0 if BODY[number] == "lshape" else 3.6)
     if number == 5:
