@@ -16,6 +16,8 @@ from ngsolve.la import BaseVector, SparseMatrixd
 
 from ngepc.problem import Problem
 
+EPSILON = float(np.finfo(float).eps)
+
 
 class ContactConstraint:
     """The indicator of z <= 0: the ``Penalty`` of exact contact.
@@ -87,7 +89,10 @@ class ContactConstraint:
         entries[self.dofs] = np.minimum(entries[self.dofs], 0.0)
 
     def longest_step(self, z: BaseVector, dz: BaseVector) -> float:
-        """The largest alpha with z + alpha dz <= 0 for feasible z, infinity if there is none."""
+        """The largest alpha with z + alpha dz <= 0 for feasible z, infinity if there is none.
+
+        It is less by a few roundings, so that the sum is not positive in floating point either.
+        """
         values, change = self.values(z), self.values(dz)
         rising = change > 0
-        return float((-values[rising] / change[rising]).min(initial=np.inf))
+        return float((-values[rising] / change[rising]).min(initial=np.inf)) * (1 - 8 * EPSILON)

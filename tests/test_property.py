@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from ngsolve import Integrate, Norm
+from ngsolve import GridFunction, Integrate, Norm
 
 from ngepc import Status
 from ngepc.__main__ import main
@@ -36,7 +36,7 @@ DRAWS = st.builds(
     stress_unit=st.floats(-3, 3),
     length_unit=st.floats(-2, 2),
     poisson=st.sampled_from([-0.4, 0.0, 0.3, 0.45, 0.49]),
-    bound=st.floats(-4, -1.5),
+    yield_bound=st.floats(-4, -1.5),
     hardening=st.floats(-3, 0.5),
     kind=st.sampled_from(HARDENINGS),
     load=st.floats(-1.5, 1.2).map(lambda power: 10**power),
@@ -49,9 +49,27 @@ DRAWS = st.builds(
 
 USUAL = next(draws(3))
 
+ROUNDED_UP = Draw(  # a step to the end of the feasible set left z = 1e-17 > 0
+    body="hole",
+    maxh=0.11921378140688502,
+    stress_unit=2.9447977103075313,
+    length_unit=1.0870097508142549,
+    poisson=0.49,
+    yield_bound=-2.4175270670065983,
+    hardening=-1.457478830082436,
+    kind="kinematic",
+    load=2.384296215769767,
+    angle=4.793372117844414,
+    gap="pushed",
+    gap_size=1.1409925070915494,
+    history=0.06692229448269416,
+    method="balanced",
+)
+
 
 @FEW
 @given(DRAWS)
+@example(ROUNDED_UP)
 @example(dataclasses.replace(USUAL, body="lshape", gap="pushed", method="balanced"))
 @example(dataclasses.replace(USUAL, body="hole", gap="touching", method="coupled", history=2.0))
 @example(dataclasses.replace(USUAL, body="cube", maxh=0.2, gap="near", method="penalty contact"))
@@ -139,3 +157,20 @@ def test_study_refuses_a_foreign_checkpoint(tmp_path):
     with pytest.raises(ValueError, match="damaged"):
         Fuzz(tmp_path, 1, 5).run()
     assert (tmp_path / "fuzz-5.npz").read_bytes() == b"something else"
+
+
+def test_longest_step_is_feasible_in_floating_point():
+    from ngepc.contact import ContactConstraint
+    from ngepc.spaces import contact_space
+
+    problem = build(dataclasses.replace(USUAL, body="strip", gap="near"))
+    constraint = ContactConstraint(problem, contact_space(problem))
+    random = np.random.default_rng(8)
+    z = contact_space(problem)
+    for _ in range(200):
+        a, b = (GridFunction(z).vec for _ in range(2))
+        a.FV().NumPy()[:] = -(10.0 ** random.uniform(-8, 8, len(a)))
+        b.FV().NumPy()[:] = random.normal(size=len(a)) * 10.0 ** random.uniform(-8, 8, len(a))
+        step = constraint.longest_step(a, b)
+        a += step * b
+        assert constraint.energy(a) == 0.0

@@ -69,7 +69,7 @@ class Draw:
         Powers of ten that all stresses and lengths are multiplied with.
     poisson
         Poisson's ratio.
-    bound
+    yield_bound
         log10 of the yield bound over lame_mu.
     hardening, kind
         log10 of the effective hardening over lame_mu; how it is made up.
@@ -88,7 +88,7 @@ class Draw:
     stress_unit: float
     length_unit: float
     poisson: float
-    bound: float
+    yield_bound: float
     hardening: float
     kind: str
     load: float
@@ -113,7 +113,7 @@ def draws(seed: int) -> Iterator[Draw]:
             stress_unit=float(random.uniform(-3, 3)),
             length_unit=float(random.uniform(-2, 2)),
             poisson=float(random.choice([random.uniform(-0.4, 0.45), 0.3, 0.49])),
-            bound=float(random.uniform(-4, -1.5)),
+            yield_bound=float(random.uniform(-4, -1.5)),
             hardening=float(random.uniform(-3, 0.5)),
             kind=one_of(HARDENINGS),
             load=float(10 ** random.uniform(-1.5, 1.2)),
@@ -158,7 +158,7 @@ def _material(draw: Draw) -> Material:
     mu = 1e3 * 10**draw.stress_unit
     young = 2 * mu * (1 + draw.poisson)
     lame_lambda, lame_mu = lame_parameters(young, draw.poisson)
-    bound, h = lame_mu * 10**draw.bound, lame_mu * 10**draw.hardening
+    bound, h = lame_mu * 10**draw.yield_bound, lame_mu * 10**draw.hardening
     share = {"kinematic": 1.0, "isotropic": 0.0, "combined": 0.4}[draw.kind]
     return Material.combined(
         lame_lambda=lame_lambda,
