@@ -2,8 +2,8 @@
 
 The paper does not define h.  Here it is the width in the geometric sense, the distance between the
 two closest parallel planes with an element between them, of the narrowest element.  With it the
-outer iterations of Table 3 come out as printed; with the longest edge, twice that on the same
-meshes, the paths end earlier (docs/reading.md).
+outer iterations of Table 3 come out as printed; with the longest edge, more than twice
+that on the same meshes, paths end earlier (docs/reading.md).
 """
 
 import numpy as np
