@@ -162,6 +162,10 @@ class DualFunctional:
         return ResidualNorms(norms)
 
 
+class FactorisationError(RuntimeError):
+    """A direct solver that gave up on a Newton matrix."""
+
+
 class NewtonSystem:
     """(7.1) in one fixed sparsity pattern: constant part, B / gamma_T, Newton derivatives.
 
@@ -201,12 +205,26 @@ class NewtonSystem:
         self._constant = self._sum.entries.copy()
 
     def factorise(self, v: BaseVector | None) -> None:
-        """Assemble and factorise the Newton matrix at v; None leaves the nonsmooth terms out."""
+        """Assemble and factorise the Newton matrix at v; None leaves the nonsmooth terms out.
+
+        Raises
+        ------
+        FactorisationError
+            If the direct solver gives up.
+        """
         self._sum.entries[:] = self._constant
         for i, (M, first) in enumerate(zip(self.functional.penalties, self._firsts, strict=True)):
             if v is not None:
                 self._sum.add(Placed(M.hessian(self.blocks.part_of(v, i)), first))
         self._finish()
+        try:
+            self._invert()
+        except Exception as error:  # NGSolve raises bare exceptions
+            raise FactorisationError(
+                f"{self._inverse_name} could not factorise the Newton matrix: {error}"
+            ) from error
+
+    def _invert(self) -> None:
         if self._inverse is None:
             free = self.blocks.X.FreeDofs(coupling=True)
             self._inverse = self._sum.matrix.Inverse(free, inverse=self._inverse_name)

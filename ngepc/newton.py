@@ -13,8 +13,10 @@ from ngsolve.la import BaseVector
 
 from ngepc.blocks import LinearBlocks
 from ngepc.contact_newton import newton_system
+from ngepc.diagnosis import RecentDuals, describe
+from ngepc.direct import require_direct_solver
 from ngepc.dual_result import DualResult
-from ngepc.functional import DualFunctional, NewtonSystem
+from ngepc.functional import DualFunctional, FactorisationError, NewtonSystem
 from ngepc.iterates import Iterate, Line
 from ngepc.linesearch import ROUNDING, ByRegularisation, FullSteps, LineSearch
 from ngepc.problem import Problem
@@ -29,8 +31,8 @@ Monitor = Callable[[IterationRecord], None]
 
 ROUNDING_STEPS = 8
 
-DIRECT_SOLVERS = ("sparsecholesky", "umfpack", "pardiso", "mumps", "superlu")
-"""NGSolve's names; only the first two come with its wheels."""
+TRUE_RESIDUAL = (Status.ITERATION_LIMIT, Status.LINESEARCH_FAILED, Status.STAGNATED)
+"""Statuses whose message quotes the residual computed afresh."""
 
 
 class StoppingRule(Protocol):
@@ -94,9 +96,7 @@ class NewtonOptions:
         require_number("tolerance", self.tolerance, 1e-16)
         require_integer("max_iterations", self.max_iterations, 1)
         require_integer("quadrature_points", self.quadrature_points, 1, 900)
-        if self.inverse not in DIRECT_SOLVERS:
-            known = ", ".join(DIRECT_SOLVERS)
-            raise ValueError(f"inverse={self.inverse!r}: one of {known} is needed")
+        require_direct_solver("inverse", self.inverse)
         legal = self.linesearch is None or isinstance(self.linesearch, ByRegularisation)
         if not legal and not hasattr(self.linesearch, "search"):
             raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
@@ -141,9 +141,15 @@ def semismooth_newton(
     """
     if not isinstance(problem, Problem):
         raise TypeError(f"problem={problem!r}: a Problem is needed")
+    if options is not None and not isinstance(options, NewtonOptions):
+        raise TypeError(f"options={options!r}: NewtonOptions are needed")
+    if monitor is not None and not callable(monitor):
+        raise TypeError(f"monitor={monitor!r}: a function of a record is needed")
     if (gamma is None) == (regularisation is None):
         raise ValueError(f"gamma={gamma!r}: give either gamma or regularisation")
     regularisation = Coupled(gamma) if regularisation is None else regularisation
+    if not hasattr(regularisation, "gamma_tichonov"):
+        raise TypeError(f"regularisation={regularisation!r}: Coupled(...) or Balanced(...)")
     options = NewtonOptions() if options is None else options
     if start is not None and not isinstance(start, DualResult):
         raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
@@ -177,12 +183,13 @@ def run(
     """
     rule = ResidualBelow(options.tolerance * functional.residual_unit) if rule is None else rule
     functional.make_feasible(v)
-    history, here = History(), Iterate.at(functional, v)
-    status, drowned = None, 0
+    history, here, recent = History(), Iterate.at(functional, v), RecentDuals(functional)
+    before, status, drowned, cause = here, None, 0, ""
     try:
         while status is None:
             record = here.record(functional, len(history.records))
             history.append(record)
+            recent.append(here.v)
             logger.info(
                 "it:%4d residual:%.3e energy:%.12e step:%.4g",
                 *(record.iteration, record.residual_norm, record.energy, record.step_length),
@@ -190,7 +197,7 @@ def run(
             if monitor is not None:
                 monitor(record)
             if not math.isfinite(record.residual_norm + record.energy):
-                status = Status.NONFINITE
+                here, status = before, Status.NONFINITE
             elif rule.met(record) and rule.met(refreshed(here, functional, record)):
                 status = Status.CONVERGED
             elif record.iteration == options.max_iterations:
@@ -204,10 +211,16 @@ def run(
                 else:
                     unmoved = abs(following.energy - here.energy) <= ROUNDING * here.magnitude
                     drowned = drowned + 1 if unmoved else 0
-                    here = following
+                    before, here = here, following
     except (StopIteration, KeyboardInterrupt):
         status = Status.STOPPED
-    return DualResult(functional, here.y, here.v, status, describe(status, history, rule), history)
+    except FactorisationError as error:
+        status, cause = Status.NONFINITE, f"{error}."
+    last = history.records[-1] if history.records else None
+    if status in TRUE_RESIDUAL:
+        last = refreshed(here, functional, last)
+    message = describe(status, history, last, rule, recent, cause)
+    return DualResult(functional, here.y, here.v, status, message, history)
 
 
 def refreshed(
@@ -221,7 +234,13 @@ def refreshed(
 def newton_step(
     functional: DualFunctional, system: NewtonSystem, here: Iterate, options: NewtonOptions
 ) -> Iterate | Status:
-    """Steps (a) to (c) of Algorithm 7.1: solve (7.1), choose the step length, update."""
+    """Steps (a) to (c) of Algorithm 7.1: solve (7.1), choose the step length, update.
+
+    Raises
+    ------
+    FactorisationError
+        If the direct solver gives up.
+    """
     dy, dv = system.step(here.v, here.residual)
     slope = InnerProduct(here.residual, dv)
     if not math.isfinite(slope):
@@ -234,7 +253,8 @@ def newton_step(
         line.energy, line.derivative, here.energy, slope, here.magnitude, longest
     )
     if step is None:
-        return Status.LINESEARCH_FAILED
+        sane = math.isfinite(line.derivative(0.0) + functional.penalty(here.v))
+        return Status.LINESEARCH_FAILED if sane else Status.NONFINITE
     return line.iterate(replace(step, back_substitutions=system.back_substitutions))
 
 
@@ -245,22 +265,3 @@ def line_search(functional: DualFunctional, options: NewtonOptions) -> LineSearc
     if isinstance(options.linesearch, ByRegularisation):
         return functional.regularisation.linesearch
     return options.linesearch
-
-
-def describe(status: Status, history: History, rule: StoppingRule) -> str:
-    """What was seen, and what to try, for a run that did not converge."""
-    last = history.records[-1]
-    seen = (
-        f"After {last.iteration} steps the residual is {last.residual_norm:.3g} "
-        f"(contact {last.contact_residual_norm:.3g}, plastic {last.plastic_residual_norm:.3g}), "
-        f"{rule}; last step length {last.step_length:.3g}."
-    )
-    advice = {
-        Status.CONVERGED: "",
-        Status.ITERATION_LIMIT: " Start from a smaller gamma or raise max_iterations.",
-        Status.LINESEARCH_FAILED: " Start from a smaller gamma.",
-        Status.STAGNATED: " Energies only change by rounding: ask for a larger tolerance.",
-        Status.NONFINITE: " Check loads and coefficients, or start from a smaller gamma.",
-        Status.STOPPED: "",
-    }
-    return "" if status is Status.CONVERGED else seen + advice[status]

@@ -94,6 +94,8 @@ def follow_path(
             if monitor is not None:
                 monitor(state.steps[-1])
     except (StopIteration, KeyboardInterrupt):
+        if result is None:
+            raise  # there is no state yet
         status = Status.STOPPED
     message = describe(status, state.steps, result.message, options)
     return PathResult(status, message, tuple(state.steps), result)

@@ -1,0 +1,428 @@
+"""Honest statuses: CONVERGED is earned, everything else is named, explained and keeps a state."""
+
+import dataclasses
+import math
+import re
+
+import numpy as np
+import pytest
+from ngepc.geometries import block, lshape
+from ngsolve import CF, Integrate, Norm, Parameter, y
+
+from ngepc import (
+    Armijo,
+    Balanced,
+    Coupled,
+    FullProduct,
+    Material,
+    NewtonOptions,
+    PenaltyContact,
+    Problem,
+    SolverError,
+    Status,
+    lshape_problem,
+    semismooth_newton,
+)
+from ngepc.evolution import evolve
+from ngepc.functional import NewtonSystem
+from ngepc.path import follow_path
+from ngepc.path_options import PathOptions
+from ngepc.primal import PrimalOptions, primal_newton
+from ngepc.primal_run import Run
+from ngepc.studies.witness import dual_residual, primal_residual
+
+NAN = math.nan
+
+
+@pytest.fixture(scope="module")
+def small():
+    return lshape_problem(lshape.paper_mesh(113))
+
+
+REGULARISATIONS = {
+    "coupled": Coupled(1e3),
+    "coupled 1e4": Coupled(1e4),
+    "balanced": Balanced(1e9),
+    "full product": Balanced(1e9, tichonov=FullProduct()),
+    "penalty contact": Balanced(1e8, contact=PenaltyContact(gamma=10.0)),
+}
+
+
+def state_of(result):
+    """All numbers of the state that a result keeps."""
+    if hasattr(result, "v"):
+        return np.r_[result.y.FV().NumPy(), result.v.FV().NumPy()]
+    return result.displacement.vec.FV().NumPy()
+
+
+@pytest.mark.parametrize("name", REGULARISATIONS)
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-10])
+def test_converged_means_an_independent_residual_below_the_tolerance(small, name, tolerance):
+    """Assembled with 400 points on every element and solved by another direct solver."""
+    options = NewtonOptions(tolerance=tolerance)
+    result = semismooth_newton(small, regularisation=REGULARISATIONS[name], options=options)
+    witness = dual_residual(result)
+    assert result.status is Status.CONVERGED
+    assert result.message == ""
+    assert witness.rounding < 1e-11
+    assert witness.norm < tolerance + 10 * witness.rounding
+    assert result.residual_norm == pytest.approx(witness.norm, rel=1e-4, abs=1e-11)
+
+
+def test_a_run_that_did_not_converge_reports_its_true_residual(small):
+    options = NewtonOptions(max_iterations=4)
+    result = semismooth_newton(small, 1e4, options=options)
+    assert result.status is Status.ITERATION_LIMIT
+    assert result.residual_norm == pytest.approx(dual_residual(result).norm, rel=1e-6)
+    assert result.residual_norm > 1e-3
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-10])
+def test_primal_converged_means_the_same(small, tolerance):
+    result = primal_newton(small, options=PrimalOptions(tolerance=tolerance))
+    assert result.status is Status.CONVERGED
+    assert primal_residual(result) < 2 * tolerance
+    assert result.residual_norm < tolerance
+
+
+def test_an_inverse_that_lies_does_not_make_a_run_converge(small, monkeypatch):
+    """Steps that are wrong by a tenth: the run takes longer or says so, the residual decides."""
+    solve = NewtonSystem.solve
+
+    def crooked(self, *arguments):
+        dy, dv = solve(self, *arguments)
+        dy *= 0.9
+        dv *= 0.9
+        return dy, dv
+
+    monkeypatch.setattr(NewtonSystem, "solve", crooked)
+    result = semismooth_newton(small, 1e3, options=NewtonOptions(max_iterations=40))
+    residual = dual_residual(result).norm
+    assert (result.status is Status.CONVERGED) == (residual < 1e-10)
+
+
+# Poison in mid-run
+
+
+def poisoned(problem, name):
+    """The problem with one datum as a Parameter, and that Parameter."""
+    datum = Parameter(getattr(problem.material, name))
+    material = dataclasses.replace(problem.material, **{name: datum})
+    return dataclasses.replace(problem, material=material), datum
+
+
+@pytest.mark.parametrize("regularisation", ["coupled 1e4", "balanced"])
+def test_coefficient_that_turns_bad_in_mid_run_is_named_and_the_last_good_state_stays(
+    small, regularisation
+):
+    problem, bound = poisoned(small, "yield_stress")
+
+    def monitor(record):
+        if record.iteration == 3:
+            bound.Set(NAN)
+
+    R = REGULARISATIONS[regularisation]
+    result = semismooth_newton(problem, regularisation=R, monitor=monitor)
+    bound.Set(small.material.yield_stress)
+    assert result.status is Status.NONFINITE
+    assert result.iterations == 3
+    assert "Check loads and coefficients" in result.message
+    assert np.isfinite(state_of(result)).all()
+    assert result.dual_energy < result.history.energies[0]
+
+
+def test_primal_coefficient_that_turns_bad_in_mid_run_is_named(small):
+    problem, bound = poisoned(small, "yield_stress")
+
+    def monitor(record):
+        if record.iteration == 3:
+            bound.Set(NAN)
+
+    result = primal_newton(problem, monitor=monitor)
+    assert result.status in (Status.NONFINITE, Status.LINESEARCH_FAILED)
+    assert result.message
+    assert np.isfinite(state_of(result)).all()
+
+
+def test_load_that_is_bad_from_the_start_is_named(small):
+    load = Parameter(1.0)
+    problem = dataclasses.replace(small, traction={"load": CF((0.0, load))})
+    load.Set(NAN)
+    result = semismooth_newton(problem, 1e3)
+    assert result.status is Status.NONFINITE
+    assert result.iterations == 0
+
+
+# Broken linear algebra
+
+
+def broken_factorisation(self):
+    raise RuntimeError("matrix is singular")
+
+
+@pytest.mark.parametrize("name", ["coupled", "balanced"])
+def test_failed_factorisation_is_named_with_the_last_good_state(small, monkeypatch, name):
+    reached = []
+    invert = NewtonSystem._invert
+
+    def third_time(self):
+        reached.append(None)
+        if len(reached) == 3:
+            broken_factorisation(self)
+        invert(self)
+
+    monkeypatch.setattr(NewtonSystem, "_invert", third_time)
+    result = semismooth_newton(small, regularisation=REGULARISATIONS[name])
+    assert result.status is Status.NONFINITE
+    assert result.iterations == 2
+    assert "could not factorise the Newton matrix: matrix is singular" in result.message
+    assert np.isfinite(state_of(result)).all()
+    with pytest.raises(SolverError, match="singular"):
+        result.raise_for_status()
+
+
+def test_primal_failed_factorisation_is_named(small, monkeypatch):
+    from ngepc.reduced_energy import ReducedEnergy
+
+    monkeypatch.setattr(ReducedEnergy, "factorise", lambda self, u: broken_factorisation(self))
+    result = primal_newton(small)
+    assert result.status is Status.NONFINITE
+    assert "singular" in result.message
+    assert np.isfinite(state_of(result)).all()
+
+
+def test_factors_of_nan_are_named(small, monkeypatch):
+    """NGSolve's sparsecholesky returns NaN for singular matrices and says nothing."""
+    monkeypatch.setattr(NewtonSystem, "_finish", lambda self: self._sum.entries.fill(NAN))
+    result = semismooth_newton(small, 1e3)
+    assert result.status is Status.NONFINITE
+    assert np.isfinite(state_of(result)).all()
+
+
+@pytest.mark.parametrize("name", ["coupled", "penalty contact"])
+def test_direction_uphill_is_a_failed_line_search(small, monkeypatch, name):
+    step = NewtonSystem.step
+
+    def uphill(self, v, r):
+        dy, dv = step(self, v, r)
+        dy *= -1.0
+        dv *= -1.0
+        return dy, dv
+
+    monkeypatch.setattr(NewtonSystem, "step", uphill)
+    result = semismooth_newton(small, regularisation=REGULARISATIONS[name])
+    assert result.status is Status.LINESEARCH_FAILED
+    assert "smaller gamma or a smaller load step" in result.message
+
+
+# Messages say what was seen, where, and what to try
+
+
+def test_message_says_which_set_flickers_and_where(small):
+    """The last iterates differ at vertices; the message counts them and gives their centre."""
+    options = NewtonOptions(max_iterations=6, linesearch=Armijo())
+    result = semismooth_newton(small, 1e4, options=options)
+    match = re.search(
+        r"In the last 4 steps (\d+) of (\d+) vertices entered or left the active set of the "
+        r"(plastic|contact) term, around \(([-\d.]+), ([-\d.]+)\)",
+        result.message,
+    )
+    assert match is not None, result.message
+    changed, count = int(match[1]), int(match[2])
+    assert 0 < changed <= count
+    at = [float(match[4]), float(match[5])]
+    assert 0 <= at[0] <= 1
+    assert 0 <= at[1] <= 1
+
+
+def test_flicker_counts_the_vertices_that_changed():
+    """Two iterates with |q| above and below beta at known vertices."""
+    from ngepc.blocks import LinearBlocks
+    from ngepc.diagnosis import RecentDuals
+    from ngepc.functional import DualFunctional
+
+    problem = lshape_problem(lshape.paper_mesh(33))
+    R = Coupled(10.0)
+    blocks = LinearBlocks(problem, R, "sparsecholesky")
+    recent = RecentDuals(DualFunctional(blocks, R, 25))
+    points = np.asarray(problem.mesh.ngmesh.Coordinates())
+    chosen = [5, 12, 20]
+    for size in (1.0, 3.0):
+        v = blocks.H_vector()
+        q = blocks.part_of(v, 1).FV().NumPy().reshape(2, -1)
+        q[0, chosen] = size
+        recent.append(v)
+    centre = points[chosen].mean(axis=0)
+    assert recent.flicker() == (
+        "In the last 1 steps 3 of 33 vertices entered or left the active set of the plastic "
+        f"term, around ({centre[0]:.3g}, {centre[1]:.3g})."
+    )
+    recent.append(v)
+    still = RecentDuals(recent._functional)
+    still.append(v)
+    still.append(v)
+    assert still.flicker() == "No vertex changed sides in the last 1 steps."
+
+
+def test_message_names_the_damped_step(small):
+    result = semismooth_newton(small, 1e4, options=NewtonOptions(max_iterations=4))
+    shortest = min(result.history.records[1:], key=lambda r: r.step_length)
+    assert shortest.step_length < 1
+    assert f"Step {shortest.iteration} was damped to {shortest.step_length:.3g}" in result.message
+
+
+def test_every_status_has_its_advice():
+    from ngepc.diagnosis import ADVICE
+
+    assert set(ADVICE) == set(Status) - {Status.CONVERGED, Status.STOPPED}
+
+
+@pytest.mark.parametrize("R", [Balanced(1e9), Coupled(1e2)], ids=["balanced", "coupled"])
+def test_tolerance_below_rounding_is_named_and_the_message_quotes_the_true_residual(small, R):
+    """Loads of 3e4 leave 1e-10 of rounding; what is updated from step to step drifts below it."""
+    problem = dataclasses.replace(small, traction={"load": (0.0, 3e4)})
+    options = NewtonOptions(tolerance=1e-16)
+    result = semismooth_newton(problem, regularisation=R, options=options)
+    assert result.status is Status.STAGNATED
+    assert 1e-12 < result.residual_norm < 1e-7
+    assert f"the residual is {result.residual_norm:.3g}" in result.message
+    assert "ask for a tolerance above" in result.message
+
+
+# Paths and load histories pass statuses on
+
+
+def test_path_that_fails_inside_says_where(small):
+    options = PathOptions(
+        gamma_start=10.0, gamma_end=1e6, growth=100.0, newton=NewtonOptions(max_iterations=5)
+    )
+    path = follow_path(small, options)
+    assert path.status is Status.ITERATION_LIMIT
+    assert "5 steps" in path.message
+    assert path.steps[-1].status is Status.ITERATION_LIMIT
+    assert math.isfinite(path.result.dual_energy)
+
+
+def test_path_stopped_in_an_inner_iteration_is_stopped(small):
+    def monitor(record):
+        if record.iteration == 2:
+            raise KeyboardInterrupt
+
+    options = PathOptions(gamma_start=10.0, gamma_end=1e4, growth=10.0)
+    path = follow_path(small, options, newton_monitor=monitor)
+    assert path.status is Status.STOPPED
+    assert np.isfinite(state_of(path.result)).all()
+
+
+def test_ctrl_c_before_the_first_state_of_a_path_is_passed_on(small, monkeypatch):
+    def interrupted(self, functional, inverse):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(NewtonSystem, "__init__", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        follow_path(small, PathOptions())
+
+
+def failing_solver(status):
+    """A step solver that gives up with a status from the second step on."""
+    calls = []
+
+    def solve(problem, start):
+        calls.append(None)
+        result = primal_newton(problem, start)
+        if len(calls) >= 2:
+            return dataclasses.replace(result, status=status, message="seen in the solver")
+        return result
+
+    return solve
+
+
+@pytest.mark.parametrize("status", set(Status) - {Status.CONVERGED})
+def test_history_that_fails_keeps_the_finished_steps(small, status):
+    steps = [(t, {"traction": {"load": (0.0, 3.0 * t)}}) for t in (1.0, 2.0, 3.0)]
+    evolution = evolve(small, steps, failing_solver(status))
+    assert evolution.status is status
+    assert len(evolution.steps) == 1
+    assert "seen in the solver" in evolution.message
+    assert Integrate(Norm(evolution.steps[0].fields.displacement), small.mesh) > 0
+
+
+# Interrupts in the library
+
+
+@pytest.mark.parametrize("where", ["_invert", "solve"])
+def test_ctrl_c_anywhere_in_a_step_returns_the_last_state(small, monkeypatch, where):
+    original, calls = getattr(NewtonSystem, where), []
+
+    def interrupted(self, *arguments):
+        calls.append(None)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return original(self, *arguments)
+
+    monkeypatch.setattr(NewtonSystem, where, interrupted)
+    result = semismooth_newton(small, 1e4)
+    assert (result.status, result.iterations) == (Status.STOPPED, 2)
+    assert np.isfinite(state_of(result)).all()
+
+
+def test_ctrl_c_in_the_primal_solver_returns_the_last_state(small, monkeypatch):
+    calls, direction = [], Run._direction
+
+    def interrupted(self):
+        calls.append(None)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return direction(self)
+
+    monkeypatch.setattr(Run, "_direction", interrupted)
+    result = primal_newton(small)
+    assert (result.status, result.iterations) == (Status.STOPPED, 2)
+    assert np.isfinite(state_of(result)).all()
+
+
+def test_errors_of_a_monitor_are_not_swallowed(small):
+    def monitor(record):
+        raise ZeroDivisionError
+
+    for solver in (lambda: semismooth_newton(small, 1e3, monitor=monitor),
+                   lambda: primal_newton(small, monitor=monitor)):  # fmt: skip
+        with pytest.raises(ZeroDivisionError):
+            solver()
+
+
+# Hard problems end in a status
+
+
+HARD = {
+    "nearly incompressible": {"lame_lambda": 5e6},
+    "nearly perfect plasticity": {"hardening": 1e-3},
+    "tiny yield stress": {"yield_stress": 1e-9},
+    "huge yield stress": {"yield_stress": 1e12},
+    "soft": {"lame_lambda": 1e-9, "lame_mu": 1e-9},
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+@pytest.mark.parametrize("method", ["primal", "balanced", "coupled"])
+def test_hard_problems_end_in_a_status(name, method):
+    material = Material.kinematic(
+        **({"lame_lambda": 1e3, "lame_mu": 1e3, "yield_stress": 1.25, "hardening": 100.0}
+        | HARD[name])
+    )  # fmt: skip
+    mesh = block.structured_mesh(4, 4, simplices=True)
+    load = {"left": CF((0.0, 3.0 * y))}
+    problem = Problem(mesh, material, traction=load, contact="contact", gap=1e-3)
+    if method == "primal":
+        result = primal_newton(problem)
+        residual, tolerance = primal_residual(result), 2e-10
+    else:
+        R = {"balanced": Balanced(1e9), "coupled": Coupled(1e2)}[method]
+        options = NewtonOptions(max_iterations=60)
+        result = semismooth_newton(problem, regularisation=R, options=options)
+        witness = dual_residual(result)
+        residual, tolerance = witness.norm, 2e-10 + 20 * witness.rounding
+    assert isinstance(result.status, Status)
+    assert np.isfinite(state_of(result)).all()
+    assert result.status is not Status.CONVERGED or residual < tolerance
+    assert result.status is Status.CONVERGED or result.message
