@@ -1,0 +1,474 @@
+"""Nothing lost: killed, interrupted, full disks, damaged files.
+
+Commands run in children of this process; a child that is killed gets SIGKILL, no handler runs.
+"""
+
+import contextlib
+import json
+import math
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ngepc.geometries import block, lshape
+
+from ngepc import Material, Problem, checkpoint, files, lshape_problem
+from ngepc.__main__ import main
+from ngepc.evolution import evolve
+from ngepc.path import follow_path
+from ngepc.path_options import PathOptions
+from ngepc.records import write_text
+from ngepc.studies.table1 import Table1
+
+FORK = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="signals and limits of Linux")
+
+TABLE = ["study", "table1", "--levels", "1", "--rows", "1e0,1e1,1e2,1e3"]
+PATH = ["path", "lshape", "--nodes", "113", "--gamma-end", "1e4", "--growth", "4"]
+
+
+def child(function, *arguments, **limits):
+    """A forked process that runs ``function`` and exits with the number it returns."""
+
+    def body():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        import resource
+
+        for name, most in limits.items():
+            resource.setrlimit(getattr(resource, name), (most, most))
+        os._exit(int(function(*arguments) or 0))
+
+    process = FORK.Process(target=body)
+    process.start()
+    return process
+
+
+def finished(process, timeout=120):
+    process.join(timeout)
+    return process.exitcode
+
+
+def cells(folder):
+    """The numbers of a finished table that may not depend on interruptions."""
+    records = json.loads((folder / "table1.json").read_text())["cells"]
+    return [(r["row"], r["nodes"], r["iterations"], r["status"], r["dual_energy"]) for r in records]
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    assert main([*TABLE, "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole_path(tmp_path_factory):
+    target = tmp_path_factory.mktemp("path") / "path.json"
+    assert main([*PATH, "--json", str(target)]) == 0
+    return json.loads(target.read_text())
+
+
+def assert_same_cells(a, b):
+    for one, other in zip(cells(a), cells(b), strict=True):
+        assert one[:-1] == other[:-1]
+        assert one[-1] == pytest.approx(other[-1], rel=1e-12)
+
+
+def assert_same_path(one, other):
+    for key in ("gammas", "inner_iterations", "status"):
+        assert one[key] == other[key]
+    for key in ("path_values", "residual_norms", "dual_energy", "primal_energy", "contact_force"):
+        assert one[key] == pytest.approx(other[key], rel=1e-12)
+
+
+# SIGKILL
+
+
+def test_table_killed_at_random_moments_resumes_with_the_same_digits(uninterrupted, tmp_path):
+    random = np.random.default_rng(1)
+    arguments, kills = [*TABLE, "--out", str(tmp_path)], 0
+    for _ in range(12):
+        process = child(main, arguments)
+        process.join(random.uniform(0.05, 0.9))
+        if process.exitcode is None:
+            process.kill()
+            kills += 1
+        if finished(process) == 0:
+            break
+    assert kills > 0
+    assert finished(child(main, arguments)) == 0
+    assert_same_cells(tmp_path, uninterrupted)
+    for cell in (uninterrupted / "cells").glob("*.npz"):
+        ours, theirs = np.load(tmp_path / "cells" / cell.name), np.load(cell)
+        assert (ours["v"] == theirs["v"]).all()
+
+
+def test_path_killed_at_random_moments_resumes_with_the_same_digits(whole_path, tmp_path):
+    random = np.random.default_rng(2)
+    target, store = tmp_path / "path.json", tmp_path / "path.npz"
+    arguments = [*PATH, "--checkpoint", str(store), "--json", str(target)]
+    for _ in range(6):
+        process = child(main, arguments)
+        process.join(random.uniform(0.05, 0.6))
+        process.kill()
+        finished(process)
+    assert finished(child(main, arguments)) == 0
+    assert_same_path(json.loads(target.read_text()), whole_path)
+
+
+def killed_at(moment, number, arguments):
+    """Run a command that kills itself at the n-th moment: 'fsync', 'replace' or 'replaced'."""
+    count, fsync, replace = [0], os.fsync, Path.replace
+
+    def die_if_it_is_time():
+        count[0] += 1
+        if count[0] == number:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def fsync_(handle):
+        if moment == "fsync":
+            die_if_it_is_time()
+        fsync(handle)
+
+    def replace_(self, target):
+        if moment == "replace":
+            die_if_it_is_time()
+        replace(self, target)
+        if moment == "replaced":
+            die_if_it_is_time()
+
+    os.fsync, Path.replace = fsync_, replace_
+    return main(arguments)
+
+
+@pytest.mark.parametrize("moment", ["fsync", "replace", "replaced"])
+def test_path_killed_while_it_writes_resumes(whole_path, tmp_path, moment):
+    target, store = tmp_path / "path.json", tmp_path / "path.npz"
+    arguments = [*PATH, "--checkpoint", str(store), "--json", str(target)]
+    for number in (5, 4, 3) if moment == "fsync" else (3, 2, 1):
+        assert finished(child(killed_at, moment, number, arguments)) == -signal.SIGKILL
+        assert not target.exists()
+    assert finished(child(main, arguments)) == 0
+    assert_same_path(json.loads(target.read_text()), whole_path)
+
+
+def bar_history(store, kill_after=None):
+    """Four steps of a bar with a checkpoint; SIGKILL in the monitor of one step."""
+    mesh = block.structured_mesh(3, 3, simplices=True)
+    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+    problem = Problem(mesh, material, contact="contact", gap=0.002)
+    steps = [
+        (float(t), {"traction": {"left": (0.0, 2.0 * s)}}) for t, s in enumerate((1, 3, 1, -2))
+    ]
+
+    def monitor(step):
+        if kill_after is not None and step.record.time == kill_after:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    return evolve(problem, steps, checkpoint=store, monitor=monitor)
+
+
+def test_history_killed_after_every_step_resumes_with_the_same_digits(tmp_path):
+    whole = bar_history(None)
+    store = tmp_path / "history.npz"
+    for time_of_death in (0.0, 1.0, 2.0):
+        assert finished(child(bar_history, store, time_of_death)) == -signal.SIGKILL
+    resumed = bar_history(store)
+    assert len(resumed.steps) == len(whole.steps) == 4
+    for a, b in zip(resumed.steps, whole.steps, strict=True):
+        ours, theirs = (s.fields.displacement.vec.FV().NumPy() for s in (a, b))
+        assert np.abs(ours - theirs).max() <= 1e-12 * np.abs(theirs).max()
+
+
+def test_killed_writer_leaves_the_old_file_or_the_new_one(tmp_path):
+    """Fifteen kills of a process that rewrites one file again and again."""
+    target = tmp_path / "numbers.txt"
+
+    def rewrite():
+        for n in range(10**6):
+            write_text(target, f"{n % 10}" * 200_000)
+
+    random = np.random.default_rng(3)
+    sizes = set()
+    write_text(target, "0" * 200_000)
+    for _ in range(15):
+        process = child(rewrite)
+        time.sleep(random.uniform(0.005, 0.05))
+        process.kill()
+        process.join()
+        text = target.read_text()
+        sizes.add(len(text))
+        assert len(set(text)) == 1
+    assert sizes == {200_000}
+
+
+# Ctrl-C
+
+
+def interrupted_at(line, arguments, log):
+    """Run ``ngepc --verbose`` and send SIGINT once a line with ``line`` has been logged."""
+    code = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
+        "from ngepc.__main__ import main; sys.exit(main(sys.argv[1:]))"
+    )
+    environment = {**os.environ, "NGS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
+    with log.open("w") as stream:
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, "--verbose", *arguments],
+            stderr=stream,
+            stdout=subprocess.DEVNULL,
+            env=environment,
+        )
+        deadline = time.monotonic() + 100
+        while line not in log.read_text() and time.monotonic() < deadline:
+            assert process.poll() is None, log.read_text()
+            time.sleep(0.005)
+        process.send_signal(signal.SIGINT)
+        return process.wait(timeout=100)
+
+
+def test_ctrl_c_writes_the_state_of_a_solve(tmp_path):
+    target = tmp_path / "result.json"
+    arguments = ["solve", "lshape", "--nodes", "833", "--gamma", "1e6", "--json", str(target)]
+    assert interrupted_at("it:   3", arguments, tmp_path / "log") == 1
+    record = json.loads(target.read_text())
+    assert record["status"] == "stopped"
+    assert record["iterations"] >= 3
+    assert math.isfinite(record["dual_energy"])
+    assert len(record["residual_norms"]) in (record["iterations"] + 1, record["iterations"] + 2)
+
+
+def test_ctrl_c_ends_a_study_between_cells_and_a_rerun_completes_it(uninterrupted, tmp_path):
+    """A cell that was stopped half-way is not kept as if it were finished."""
+    arguments = [*TABLE, "--out", str(tmp_path)]
+    log = tmp_path / "log"
+    assert interrupted_at("[2/4]", arguments, log) == 1
+    assert "ngepc study: interrupted" in log.read_text()
+    assert "Traceback" not in log.read_text()
+    assert main(arguments) == 0
+    assert_same_cells(tmp_path, uninterrupted)
+
+
+def test_stopped_cell_is_not_stored(tmp_path, monkeypatch):
+    solve = __import__("ngepc.studies.table1", fromlist=["x"]).semismooth_newton
+
+    def stopped(*arguments):
+        def monitor(record):
+            raise KeyboardInterrupt
+
+        return solve(*arguments, monitor=monitor)
+
+    monkeypatch.setattr("ngepc.studies.table1.semismooth_newton", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        Table1(tmp_path, nodes=(833,), rows=("1e0",)).run()
+    assert list((tmp_path / "cells").glob("*.npz")) == []
+
+
+# Full disks, missing folders
+
+
+def one_line(text):
+    lines = text.strip().splitlines()
+    assert len(lines) == 1, text
+    return lines[0]
+
+
+def refused(arguments, log, **limits):
+    """The one line on stderr of a command that ends with status 2 under resource limits."""
+
+    def run():
+        handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.dup2(handle, 2)
+        sys.stderr = os.fdopen(2, "w")
+        code = main(arguments)
+        sys.stderr.flush()
+        return code
+
+    assert finished(child(run, **limits)) == 2, log.read_text()
+    return one_line(log.read_text())
+
+
+OUTPUTS = {
+    "solve --json": ["solve", "lshape", "--nodes", "113", "--json", "{}/r.json"],
+    "solve --save": ["solve", "lshape", "--nodes", "113", "--save", "{}/r.npz"],
+    "solve --figures": ["solve", "lshape", "--nodes", "113", "--figures", "{}"],
+    "path --json": [*PATH, "--json", "{}/r.json"],
+    "path --checkpoint": [*PATH, "--checkpoint", "{}/r.npz"],
+    "study table1": [*TABLE, "--out", "{}"],
+    "study table2": ["study", "table2", "--levels", "1", "--out", "{}"],
+    "study fuzz": ["study", "fuzz", "--count", "1", "--out", "{}"],
+}
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_full_disk_is_an_error_before_the_work(name, tmp_path):
+    """A limit on the size of files stands for the full disk."""
+    room = tmp_path / "room"
+    room.mkdir()
+    arguments = [argument.format(room) for argument in OUTPUTS[name]]
+    begin = time.perf_counter()
+    line = refused(arguments, tmp_path / "log", RLIMIT_FSIZE=2048)
+    assert "cannot be written: File too large" in line
+    assert time.perf_counter() - begin < 20
+    assert [p for p in room.rglob("*") if p.is_file()] == []
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_a_file_in_place_of_the_folder_is_an_error_before_the_work(name, tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("precious")
+    arguments = [argument.format(blocked / "sub") for argument in OUTPUTS[name]]
+    line = refused(arguments, tmp_path / "log")
+    assert str(blocked) in line
+    assert blocked.read_text() == "precious"
+
+
+def test_disk_that_fills_up_keeps_the_old_file_and_leaves_no_rubbish(tmp_path):
+    target = tmp_path / "file"
+    target.write_text("old")
+
+    def write():
+        with contextlib.suppress(OSError):
+            write_text(target, "n" * 10_000)
+            return 1
+        return 0
+
+    assert finished(child(write, RLIMIT_FSIZE=4096)) == 0
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_devices_are_written_and_never_replaced(tmp_path):
+    """--json /dev/null must not turn the device into a file; /dev/full says that it is full."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = child(lambda: len(pipe.read_bytes()) != 5)
+    files.check_writable(pipe)
+    write_text(pipe, "hello")
+    assert finished(reader) == 0
+    assert pipe.is_fifo()
+    for device in ("/dev/null", "/dev/full"):
+        assert files.is_special(Path(device))
+    write_text(Path("/dev/null"), "nothing")
+    with pytest.raises(OSError, match="No space left"):
+        write_text(Path("/dev/full"), "too much")
+    assert Path("/dev/null").is_char_device()
+    assert Path("/dev/full").is_char_device()
+
+
+# Damaged, foreign and older checkpoints
+
+
+def small_path(store, **changes):
+    options = {"gamma_start": 10.0, "gamma_end": 100.0, "growth": 10.0, **changes}
+    return follow_path(
+        lshape_problem(lshape.paper_mesh(33)), PathOptions(**options), checkpoint=store
+    )
+
+
+WORKS = {
+    "path": small_path,
+    "history": bar_history,
+    "table": lambda store: Table1(store.parent.parent, nodes=(833,), rows=("1e0",)).run(),
+}
+
+
+@pytest.fixture(scope="module", params=WORKS)
+def work(request, tmp_path_factory):
+    """A way to run some work again, its checkpoint file and the contents of that."""
+    folder = tmp_path_factory.mktemp("work") / "cells"
+    folder.mkdir()
+    store = folder / ("1e0-833.npz" if request.param == "table" else "work.npz")
+    WORKS[request.param](store)
+    return lambda: WORKS[request.param](store), store, store.read_bytes()
+
+
+def damages(whole):
+    """Files that are not the whole one: cut, flipped, empty, text, another archive."""
+    middle = bytearray(whole)
+    middle[len(whole) // 2] ^= 1
+    header = bytearray(whole)
+    header[header.find(b"fingerprint") + 40] ^= 2
+    return {
+        "cut": whole[: len(whole) // 2],
+        "one byte short": whole[:-1],
+        "one bit": bytes(middle),
+        "a bit of the header": bytes(header),
+        "empty": b"",
+        "text": b"a letter to my grandmother",
+    }
+
+
+@pytest.mark.parametrize(
+    "kind", ["cut", "one byte short", "one bit", "a bit of the header", "empty", "text"]
+)
+def test_damaged_checkpoint_is_refused_and_kept(work, kind):
+    rerun, store, whole = work
+    damaged = damages(whole)[kind]
+    store.write_bytes(damaged)
+    with pytest.raises(ValueError, match="move it away"):
+        rerun()
+    assert store.read_bytes() == damaged
+    store.write_bytes(whole)
+    rerun()
+
+
+def test_foreign_and_older_checkpoints_are_refused_and_kept(work):
+    rerun, store, whole = work
+    checkpoint.save(store, {"kind": "another study"}, {"steps": []}, {"v": np.zeros(3)})
+    foreign = store.read_bytes()
+    with pytest.raises(ValueError, match="belongs to other work"):
+        rerun()
+    assert store.read_bytes() == foreign
+    with np.load(store) as data:
+        header, arrays = json.loads(str(data["header"])), {"v": data["v"]}
+    header["format"] = 0
+    np.savez(store, header=np.array(json.dumps(header)), **arrays)
+    older = store.read_bytes()
+    with pytest.raises(ValueError, match="has format 0"):
+        rerun()
+    assert store.read_bytes() == older
+    store.write_bytes(whole)
+
+
+def test_checkpoint_of_an_earlier_version_is_refused(tmp_path, monkeypatch):
+    store = tmp_path / "path.npz"
+    small_path(store)
+    monkeypatch.setattr("ngepc.path_state.__version__", "99.0")
+    with pytest.raises(ValueError, match="version differ"):
+        small_path(store)
+
+
+def test_every_flipped_bit_of_a_checkpoint_is_refused_or_harmless(tmp_path):
+    """Whatever is accepted has the record and the arrays that were saved."""
+    store = tmp_path / "c.npz"
+    arrays = {"v": np.arange(40.0), "w": np.arange(6).reshape(2, 3)}
+    checkpoint.save(store, {"a": 1}, {"x": [1.5]}, arrays)
+    whole, refused_count = store.read_bytes(), 0
+    for place in range(0, len(whole), 3):
+        flipped = bytearray(whole)
+        flipped[place] ^= 1 << (place % 8)
+        store.write_bytes(bytes(flipped))
+        try:
+            back = checkpoint.load(store, {"a": 1})
+        except ValueError:
+            refused_count += 1
+            continue
+        assert back.record == {"x": [1.5]}
+        assert set(back.arrays) == {"v", "w"}
+        for name, array in arrays.items():
+            assert (back.arrays[name] == array).all()
+    assert refused_count > 0.7 * len(whole) / 3
+
+
+def test_changed_options_are_other_work(tmp_path):
+    store = tmp_path / "path.npz"
+    small_path(store)
+    with pytest.raises(ValueError, match="growth differ"):
+        small_path(store, growth=5.0)
