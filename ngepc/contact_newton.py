@@ -77,36 +77,38 @@ class ConstrainedSystem(NewtonSystem):
 
     def _finish(self) -> None:
         """Fix the nodes at z_i = 0 in the assembled matrix."""
-        if self._bound is not None:
-            self._sum.decouple(self.blocks.Y.ndof + self._dofs[self._bound])
+        self._columns: dict[int, Response] = {}
+        self._fixed = self._bound
+        if self._fixed is not None:
+            self._sum.decouple(self.blocks.Y.ndof + self._dofs[self._fixed])
 
-    def step(self, v: BaseVector, r: BaseVector) -> tuple[BaseVector, BaseVector]:
-        """The step from v to the minimiser over z <= 0 of the quadratic model with gradient r."""
-        z = v.FV().NumPy()[self._dofs].copy()
+    def factorise(self, v: BaseVector | None) -> None:
+        """Assemble and factorise the Newton matrix at v with the nodes at the bound fixed."""
         if self._bound is None:
-            self._bound = z >= 0
-        self.factorise(v)
-        self.back_substitutions = 0
-        bound, psi = self._bound, r.FV().NumPy()[self._dofs].copy()
+            self._bound = v.FV().NumPy()[self._dofs] >= 0
+        super().factorise(v)
+
+    def direction(self, v: BaseVector, r: BaseVector) -> tuple[BaseVector, BaseVector]:
+        """The step from v to the minimiser over z <= 0 of the quadratic model with gradient r."""
+        z, psi = (w.FV().NumPy()[self._dofs].copy() for w in (v, r))
+        fixed = self._fixed
         free = self._response((-r).Evaluate(), -z)
-        columns: dict[int, Response] = {}
         units = _scale(z + free.dz), _scale(psi + free.change)
-        unit_x, unit_s = (np.where(bound, *u) for u in (units, units[::-1]))
+        unit_x, unit_s = (np.where(fixed, *u) for u in (units, units[::-1]))
 
         def column(i: int) -> np.ndarray:
-            columns[i] = self._exchange(i)
-            return _slack(columns[i].dz, columns[i].change, bound) * unit_x[i] / unit_s
+            c = self._column(i)
+            return _slack(c.dz, c.change, fixed) * unit_x[i] / unit_s
 
-        q = _slack(z + free.dz, psi + free.change, bound) / unit_s
-        nothing = np.zeros(len(z))
-        x = solve_complementarity(column, q, nothing > 0, nothing)
+        q = _slack(z + free.dz, psi + free.change, fixed) / unit_s
+        x = solve_complementarity(column, q, self._bound != fixed, np.zeros(len(z)))
         if x is None:
             free.dv[:] = np.nan
             return free.dy, free.dv
         for i in np.flatnonzero(x):
-            free.dy.data += float(x[i] * unit_x[i]) * columns[i].dy
-            free.dv.data += float(x[i] * unit_x[i]) * columns[i].dv
-        self._bound = np.where(bound, x <= 0, x > 0)
+            free.dy.data += float(x[i] * unit_x[i]) * self._columns[i].dy
+            free.dv.data += float(x[i] * unit_x[i]) * self._columns[i].dv
+        self._bound = np.where(fixed, x <= 0, x > 0)
         self._settle(free.dv, z)
         return free.dy, free.dv
 
@@ -115,24 +117,26 @@ class ConstrainedSystem(NewtonSystem):
         entries = dv.FV().NumPy()
         entries[self._dofs] = np.where(self._bound, -z, np.minimum(entries[self._dofs], -z))
 
-    def _exchange(self, i: int) -> Response:
-        """The response to node i leaving its side: w_i = 1 at the bound, lambda_i = 1 elsewhere."""
-        r, dz = self.blocks.H_vector(), np.zeros(len(self._dofs))
-        if self._bound[i]:
-            dz[i] = -1.0
-        else:
-            r.FV().NumPy()[self._dofs[i]] = -1.0
-        return self._response(r, dz)
+    def _column(self, i: int) -> Response:
+        """The response to node i changing sides: w_i = 1 if it is fixed, else lambda_i = 1."""
+        if i not in self._columns:
+            r, dz = self.blocks.H_vector(), np.zeros(len(self._dofs))
+            if self._fixed[i]:
+                dz[i] = -1.0
+            else:
+                r.FV().NumPy()[self._dofs[i]] = -1.0
+            self._columns[i] = self._response(r, dz)
+        return self._columns[i]
 
     def _response(self, r: BaseVector, dz: np.ndarray) -> Response:
-        """Solve (7.1) with right-hand side (0, r), but dz_i given at the nodes of the bound."""
+        """Solve (7.1) with right-hand side (0, r), but dz_i given at the fixed nodes."""
         blocks, functional = self.blocks, self.functional
-        bound = self._dofs[self._bound]
+        fixed = self._dofs[self._fixed]
         given = blocks.H_vector()
-        given.FV().NumPy()[bound] = dz[self._bound]
+        given.FV().NumPy()[fixed] = dz[self._fixed]
         right, load = r.CreateVector(), blocks.load.CreateVector()
         right.data = r - functional.tichonov_gradient(given)
-        right.FV().NumPy()[bound] = dz[self._bound]
+        right.FV().NumPy()[fixed] = dz[self._fixed]
         load.data = -1 * (blocks.Lambda.T * given)
         dy, dv = self.solve(right, load)
         change = functional.tichonov_gradient(dv)

@@ -235,9 +235,13 @@ class NewtonSystem:
         """A last change of the assembled matrix before it is factorised."""
 
     def step(self, v: BaseVector, r: BaseVector) -> tuple[BaseVector, BaseVector]:
-        """The Newton step (delta y, delta v) at v, where the residual is r."""
+        """Factorise at v and solve for the Newton step (delta y, delta v); r is the residual."""
         self.factorise(v)
         self.back_substitutions = 0
+        return self.direction(v, r)
+
+    def direction(self, v: BaseVector, r: BaseVector) -> tuple[BaseVector, BaseVector]:
+        """(delta y, delta v) at v, where the residual is r, with the last factors."""
         return self.solve((-r).Evaluate())
 
     def solve(self, r: BaseVector, load: BaseVector | None = None) -> tuple[BaseVector, BaseVector]:
