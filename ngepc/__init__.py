@@ -30,6 +30,7 @@ _HOME = {
     "PrimalResult": "primal_result",
     "Problem": "problem",
     "Schedule": "load_path",
+    "ReturnMapping": "predictor",
     "SolverError": "results",
     "Status": "results",
     "SurfaceGradient": "tichonov",

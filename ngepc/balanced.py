@@ -11,9 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ngepc.linesearch import NearMinimum
+from ngepc.predictor import ReturnMapping
 from ngepc.problem import Problem
 from ngepc.regularisation import Units
-from ngepc.tichonov import SurfaceGradient, Tichonov
+from ngepc.tichonov import FullProduct, Tichonov
 from ngepc.validation import Coefficient, is_number, require_number
 
 
@@ -75,9 +76,11 @@ class Balanced:
     contact
         How z <= 0 is imposed: ``ExactContact()`` or ``PenaltyContact(gamma)``.
     tichonov
-        The space H and its product, by default (R2).
+        The space H and its product; without boundary conditions by default, docs/balanced.md.
     units
         Reference units of gamma.
+    predictor
+        What a first step into the plastic range may try beside its line search; None for nothing.
 
     Raises
     ------
@@ -88,8 +91,9 @@ class Balanced:
     gamma: float = 1e9
     share: float = 0.5
     contact: ExactContact | PenaltyContact = field(default_factory=ExactContact)
-    tichonov: Tichonov = field(default_factory=SurfaceGradient)
+    tichonov: Tichonov = field(default_factory=FullProduct)
     units: Units = field(default_factory=Units)
+    predictor: ReturnMapping | None = field(default_factory=ReturnMapping)
 
     contact_shift = 0.0
     plastic_shift = 0.0

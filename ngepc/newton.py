@@ -255,7 +255,11 @@ def newton_step(
     if step is None:
         sane = math.isfinite(line.derivative(0.0) + functional.penalty(here.v))
         return Status.LINESEARCH_FAILED if sane else Status.NONFINITE
-    return line.iterate(replace(step, back_substitutions=system.back_substitutions))
+    following = line.iterate(replace(step, back_substitutions=system.back_substitutions))
+    predictor = functional.regularisation.predictor
+    if predictor is None:
+        return following
+    return predictor.improved(functional, line, following, options.inverse)
 
 
 def line_search(functional: DualFunctional, options: NewtonOptions) -> LineSearch:

@@ -7,8 +7,10 @@
 The paper takes one gamma for all three (``Coupled``).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from ngsolve import Integrate
@@ -23,6 +25,10 @@ from ngepc.validation import (
     require_finite,
     require_number,
 )
+
+if TYPE_CHECKING:
+    from ngepc.functional import DualFunctional
+    from ngepc.iterates import Iterate, Line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +51,16 @@ class Units:
         require_number("units.length", self.length, 0, strict=True)
 
 
+class Predictor(Protocol):
+    """A guess that competes with the iterate which the line search has chosen."""
+
+    def improved(
+        self, functional: DualFunctional, line: Line, following: Iterate, inverse: str
+    ) -> Iterate:
+        """``following``, or an iterate of lower energy."""
+        ...
+
+
 class Regularisation(Protocol):
     """What the dual functional asks of a regularisation."""
 
@@ -55,6 +71,7 @@ class Regularisation(Protocol):
     plastic_shift: Coefficient
     exact_contact: bool
     linesearch: LineSearch
+    predictor: Predictor | None
 
     @property
     def gamma_tichonov(self) -> float:
@@ -109,6 +126,7 @@ class Coupled:
     hardening_share = 1.0
     exact_contact = False
     linesearch = Armijo()
+    predictor = None
 
     def __post_init__(self) -> None:
         require_number("gamma", self.gamma, 0, strict=True)

@@ -1,0 +1,185 @@
+"""A plastic predictor: the q that belongs to a displacement, by return mapping in R_h.
+
+From v = 0 the first Newton step meets no active max term, and its full length leads to the elastic
+solution, whose q lies far beyond the yield bound.  For a fixed displacement u the saddle function
+S(y, v) of functional.py leaves the local, strictly convex problem
+
+    min over q:  int |Pi q + e|^2 / (2 c) + M^2(q) + b(q, q) / (2 gamma_T),
+
+with c = 2 mu_2 + h_F, e = 2 mu_2 dev(eps(u) - p_0) - alpha_0 and Pi the mean on each element: the
+return mapping of plasticity.  Lumped to the vertices it has a closed form, and few Newton steps
+with a mass matrix do the rest.  docs/balanced.md shows what it is worth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from ngsolve import BilinearForm, GridFunction, InnerProduct, IntegrationRule, LinearForm, dx
+from ngsolve.la import BaseVector
+
+from ngepc.assembly import Placed, SparseSum
+from ngepc.functional import DualFunctional
+from ngepc.iterates import Iterate, Line
+from ngepc.problem import as_scalar
+from ngepc.tensors import coordinates, coordinates_count, strain
+from ngepc.validation import ELEMENT_TYPES, require_number
+
+MOST_STEPS = 12
+
+
+@dataclass(frozen=True)
+class ReturnMapping:
+    """Look at the return mapping of the full step wherever no max term was active before it.
+
+    Parameters
+    ----------
+    accuracy
+        Reduction of the residual of the local problem, in (0, 1).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the accuracy is out of range.
+    """
+
+    accuracy: float = 0.1
+
+    def __post_init__(self) -> None:
+        if require_number("accuracy", self.accuracy, 0, strict=True) >= 1:
+            raise ValueError(f"accuracy={self.accuracy!r}: a number in (0, 1) is needed")
+
+    def improved(
+        self, functional: DualFunctional, line: Line, following: Iterate, inverse: str
+    ) -> Iterate:
+        """The one of lower energy: ``following``, or the prediction from the full step.
+
+        Parameters
+        ----------
+        functional
+            J*_gamma.
+        line
+            The Newton direction that led to ``following``.
+        following
+            The iterate that the line search chose.
+        inverse
+            NGSolve's name of the direct solver.
+        """
+        if line.here.penalty > 0:
+            return following
+        y, v = line.dy.CreateVector(), line.dual(1.0)
+        y.data = line.here.y + line.dy
+        mapping = LocalProblem(functional, inverse, self.accuracy)
+        functional.blocks.part_of(v, len(functional.blocks.parts) - 1).data = mapping.solve(y)
+        predicted = Iterate.at(functional, v)
+        if not predicted.energy < following.energy:
+            return following
+        predicted.step = following.step
+        return predicted
+
+
+class LocalProblem:
+    """Return mapping of a displacement into R_h.
+
+    Parameters
+    ----------
+    functional
+        J*_gamma.
+    inverse
+        NGSolve's name of the direct solver.
+    accuracy
+        Reduction of the residual that ends the Newton steps.
+    """
+
+    def __init__(self, functional: DualFunctional, inverse: str, accuracy: float) -> None:
+        self._functional, self._inverse_name = functional, inverse
+        self._accuracy, blocks = accuracy, functional.blocks
+        self._penalty, self._B = functional.penalties[-1], blocks.B[-1]
+        R = self._R = blocks.spaces[-1]
+        self._free = np.array(R.FreeDofs(), dtype=bool)
+        self._assemble(R)
+
+    def _assemble(self, R) -> None:
+        blocks, problem = self._functional.blocks, self._functional.blocks.problem
+        means = dx(intrules={s: IntegrationRule(s, 1) for s in ELEMENT_TYPES[problem.N]})
+        two_mu = 2 * as_scalar(problem.material.lame_mu)
+        c = two_mu + as_scalar(blocks.h_F)
+        q, w = R.TnT()
+        self._mass = BilinearForm(R, symmetric=True, symmetric_storage=True)
+        self._mass += InnerProduct(q, w) / c * means
+        self._mass.Assemble()
+        self._y = GridFunction(blocks.Y)
+        e = two_mu * coordinates(strain(self._y.components[0]) - problem.p_0, problem.N)
+        e -= coordinates(problem.alpha_0[1], problem.N)
+        self._load = LinearForm(R)
+        self._load += -1 / c * e * w * means
+        total = sum(w[i] for i in range(coordinates_count(problem.N)))
+        gamma = as_scalar(self._functional.regularisation.gamma_plastic(problem))
+        self._lumped = [
+            np.array(LinearForm(density * total * dx).Assemble().vec.FV().NumPy())
+            for density in (1 / c, gamma, gamma * as_scalar(problem.beta))
+        ]
+
+    def _lumped_mapping(self, load: np.ndarray) -> np.ndarray:
+        """The closed form at each vertex: q in the direction of the trial value t."""
+        d = coordinates_count(self._functional.blocks.problem.N)
+        a, g, gb = (x.reshape(d, -1) for x in self._lumped)
+        t = load.reshape(d, -1) / a
+        size = np.sqrt((t * t).sum(axis=0))
+        returned = np.where(g * size > gb, (a * size + gb) / (a + g), size)
+        factor = np.where(size > 0, returned / np.where(size > 0, size, 1.0), 0.0)
+        return np.where(self._free, (factor * t).ravel(), 0.0)
+
+    def _energy(self, q: BaseVector) -> float:
+        linear = q.CreateVector()
+        linear.data = 0.5 * (self._mass.mat * q) - self._load.vec
+        linear.data += 0.5 / self._functional.gamma_T * (self._B * q)
+        return InnerProduct(linear, q) + self._penalty.energy(q)
+
+    def _gradient(self, q: BaseVector) -> BaseVector:
+        g = q.CreateVector()
+        g.data = self._mass.mat * q - self._load.vec + self._penalty.gradient(q)
+        g.data += 1 / self._functional.gamma_T * (self._B * q)
+        g.FV().NumPy()[~self._free] = 0.0
+        return g
+
+    def solve(self, y: BaseVector) -> BaseVector:
+        """The coefficients of q in R_h for the displacement in ``y``."""
+        self._y.vec.data = y
+        self._load.Assemble()
+        q = self._load.vec.CreateVector()
+        q.FV().NumPy()[:] = self._lumped_mapping(self._load.vec.FV().NumPy())
+        self._sum = SparseSum(self._penalty.pattern(), [Placed(self._mass.mat), Placed(self._B)])
+        inverse, first = None, None
+        for _ in range(MOST_STEPS):
+            g = self._gradient(q)
+            size = g.Norm()
+            first = size if first is None else first
+            if size <= self._accuracy * first:
+                break
+            self._assemble_hessian(q)
+            if inverse is None:
+                free = self._R.FreeDofs()
+                inverse = self._sum.matrix.Inverse(free, inverse=self._inverse_name)
+            else:
+                inverse.Update()
+            dq = q.CreateVector()
+            dq.data = -1 * (inverse * g)
+            q = self._descended(q, dq, InnerProduct(g, dq))
+        return q
+
+    def _assemble_hessian(self, q: BaseVector) -> None:
+        self._sum.entries[:] = 0.0
+        self._sum.add(Placed(self._mass.mat))
+        self._sum.add(Placed(self._B), 1 / self._functional.gamma_T)
+        self._sum.add(Placed(self._penalty.hessian(q)))
+
+    def _descended(self, q: BaseVector, dq: BaseVector, slope: float) -> BaseVector:
+        here, alpha, trial = self._energy(q), 1.0, q.CreateVector()
+        while alpha > 1e-3:
+            trial.data = q + alpha * dq
+            if self._energy(trial) <= here + 1e-4 * alpha * slope:
+                return trial
+            alpha /= 2
+        return q
