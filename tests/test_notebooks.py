@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "notebooks"
 NOTEBOOKS = sorted(FOLDER.rglob("*.ipynb"))
 LECTURES = sorted(FOLDER.glob("*.ipynb"))
+SESSIONS = sorted(FOLDER.glob("exercises/*.ipynb"))
 CHAPTERS = ["Notation", "Problem", "Weak form", "Code", "Picture", "Check", "Now you"]
 
 ENVIRONMENT = os.environ | {
@@ -62,6 +63,21 @@ def test_notation_comes_first_and_a_check_last(path):
     assert any("assert" in cell.source for cell in code_cells(path))
 
 
+@pytest.mark.parametrize("path", SESSIONS, ids=name)
+def test_exercises_have_hints_and_the_solutions_ask_the_same(path):
+    solution = FOLDER / "solutions" / path.name
+    questions = [
+        {line for cell in code_cells(p) for line in cell.source.split("\n") if "check(" in line}
+        for p in (path, solution)
+    ]
+    assert len(questions[0]) >= 4
+    assert questions[0] == questions[1]
+    assert "<details><summary>Hint</summary>" in path.read_text()
+    assert any("# your line" in cell.source for cell in code_cells(path))
+    assert "# your line" not in solution.read_text()
+    assert code_cells(solution)[-1].source == "assert all(done.values()), done"
+
+
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=name)
 def test_the_first_cell_says_what_is_missing(path, monkeypatch, capsys):
     source = code_cells(path)[0].source
@@ -80,9 +96,10 @@ def test_the_first_cell_says_what_is_missing(path, monkeypatch, capsys):
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=name)
 def test_runs_from_top_to_bottom(path, tmp_path):
     notebook = execute(nbformat.read(path, as_version=4), tmp_path)
-    for cell in notebook.cells:
-        for output in cell.get("outputs", []):
-            assert output.get("name") != "stderr", output["text"]
+    outputs = [o for cell in notebook.cells for o in cell.get("outputs", [])]
+    assert not [o["text"] for o in outputs if o.get("name") == "stderr"]
+    if path in SESSIONS:
+        assert any("not yet" in o.get("text", "") for o in outputs)
 
 
 @pytest.mark.notebooks
