@@ -1,0 +1,141 @@
+"""Definition 6.1 along shrinking directions; Newton counts without the Tichonov term."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from ngepc.geometries import lshape
+from ngsolve import CF, GridFunction, Integrate
+
+from ngepc import NewtonOptions, lshape_problem, semismooth_newton
+from ngepc.differentiability import (
+    FAMILIES,
+    PenaltyOnly,
+    YieldMap,
+    counts_without_tichonov,
+    difference_quotients,
+    graded_mesh,
+)
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return difference_quotients(6)
+
+
+def column(rows, family, name):
+    return np.array([row[name] for row in rows if row["family"] == family])
+
+
+def test_plateaus_show_that_L2_is_not_enough(rows):
+    """||h||_L2 -> 0 while the L2 quotient does not move: M is not Newton differentiable there."""
+    assert column(rows, "plateau", "h_L2")[-1] < 0.04 * column(rows, "plateau", "h_L2")[0]
+    quotients = column(rows, "plateau", "L2_L2")
+    assert quotients == pytest.approx(quotients[0], rel=1e-3)
+    assert quotients[0] > 0.3
+    # such a sequence is no small direction in H1: its norm is that of the dilated function
+    assert column(rows, "plateau", "h_H1") == pytest.approx(
+        column(rows, "plateau", "h_H1")[0], rel=1e-3
+    )
+
+
+def test_norm_gap_L6_to_L2(rows):
+    """Lemma 6.3, 3 s = p = 6: the quotient falls as r^(1 - 1/3) on discs of radius r."""
+    norms, quotients = (column(rows, "plateau", name) for name in ("h_L6", "L6_L2"))
+    assert norms[-1] < 0.4 * norms[0]
+    rates = [np.log2(a / b) for a, b in pairwise(quotients)]
+    assert rates == pytest.approx([2 / 3] * len(rates), abs=0.01)
+
+
+def test_directions_in_H1(rows):
+    """Along a null sequence of H1 the quotient H1 -> H^-1 goes to zero, and faster than ||h||."""
+    norms, quotients = (column(rows, "log", name) for name in ("h_H1", "H1_dual"))
+    assert all(b < a for a, b in pairwise(norms))
+    assert norms[-1] < 0.45 * norms[0]
+    assert all(b < a for a, b in pairwise(quotients))
+    assert quotients[-1] < 0.55 * quotients[0]
+    factors = [b / a for a, b in pairwise(quotients)]
+    assert factors[-1] < factors[0]
+    radii = column(rows, "log", "radius")
+    potential = 0.5 * np.sqrt(2 * np.pi / np.log(0.25 / radii))
+    assert norms[2:] == pytest.approx(potential[2:], rel=0.03)
+
+
+def test_L2_quotients_of_the_log_family_do_not_vanish(rows):
+    """The same null sequence of H1 as seen by L2: no decrease over these radii."""
+    assert column(rows, "log", "L2_L2").min() > 0.3
+
+
+def test_rows_do_not_depend_on_the_data():
+    """Gamma and beta scale out."""
+    a, b = difference_quotients(2), difference_quotients(2, gamma=7.0, beta=3.0)
+    for row, other in zip(a, b, strict=True):
+        assert {**row, "family": 0} == pytest.approx({**other, "family": 0}, rel=1e-9)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_fixed_direction_is_harmless(family):
+    """Along t h with h fixed even L2 -> L2 falls like t: it takes concentration to fail."""
+    mesh = graded_mesh(2)
+    M = YieldMap.on(mesh, 1e3, 1.0)
+    x = np.asarray(mesh.ngmesh.Coordinates())[:, :2]
+    shape = FAMILIES[family](np.hypot(x[:, 0] - 0.5, x[:, 1] - 0.5), 0.125)
+    q, h = CF((1.0, 0.0)), GridFunction(M.space)
+    quotients = []
+    for t in (1e-1, 1e-2, 1e-3):
+        h.vec.FV().NumPy()[:] = t * np.concatenate([0.8 * shape, 0.6 * shape])
+        quotients.append(M.quotients(q, h)["L2_L2"])
+    for coarse, fine in pairwise(quotients):
+        assert np.log10(coarse / fine) == pytest.approx(1, abs=0.06)
+
+
+def test_graded_mesh_covers_the_square():
+    mesh = graded_mesh(3)
+    assert Integrate(CF(1.0), mesh) == pytest.approx(1.0, rel=1e-12)
+    sizes = np.array(Integrate(CF(1.0), mesh, element_wise=True))
+    assert sizes.min() < sizes.max() / 50
+    assert mesh.nv < 600
+
+
+@pytest.fixture(scope="module")
+def counts():
+    problems = [lshape_problem(lshape.paper_mesh(n)) for n in (113, 225, 417)]
+    return counts_without_tichonov(problems, 1e4, NewtonOptions(quadrature_points=49))
+
+
+def test_counts_grow_without_the_tichonov_term(counts):
+    """With the term 1.3 times as many steps on four times as many nodes; without 1.8 times."""
+    assert all(row["status"] == row["status_without"] == "converged" for row in counts)
+    growth, growth_without = (
+        counts[-1][f"iterations{suffix}"] / counts[0][f"iterations{suffix}"]
+        for suffix in ("", "_without")
+    )
+    assert growth < 1.5
+    assert growth_without > 1.5
+    for row in counts:
+        assert row["iterations_without"] > 2.5 * row["iterations"]
+        assert row["halvings_without"] > 3 * row["halvings"]
+
+
+def test_dropped_term_does_not_act():
+    """gamma_T = 1e12 or 1e14: the same V to seven digits."""
+
+    class Further(PenaltyOnly):
+        @property
+        def gamma_tichonov(self):
+            return 100 * super().gamma_tichonov
+
+    problem = lshape_problem(lshape.paper_mesh(65))
+    problem = replace(problem, gap=0.12)
+    values = [
+        semismooth_newton(problem, regularisation=kind(1e2)).dual_energy
+        for kind in (PenaltyOnly, Further)
+    ]
+    assert values[0] == pytest.approx(values[1], rel=1e-7)
+
+
+@pytest.mark.parametrize("levels", [0, 13, 2.5])
+def test_illegal_levels_are_refused(levels):
+    with pytest.raises((ValueError, TypeError), match=f"levels={levels}"):
+        difference_quotients(levels)
