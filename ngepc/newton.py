@@ -11,6 +11,7 @@ from typing import Protocol
 from ngsolve import InnerProduct
 from ngsolve.la import BaseVector
 
+from ngepc.balanced import Balanced
 from ngepc.blocks import LinearBlocks
 from ngepc.contact_newton import newton_system
 from ngepc.diagnosis import RecentDuals, describe
@@ -127,7 +128,7 @@ def semismooth_newton(
     monitor
         Called with the record of each iterate, start included; raising StopIteration stops.
     regularisation
-        The regularisation; give this or ``gamma``.
+        The regularisation; give this or ``gamma``.  With neither it is ``Balanced()``.
 
     Returns
     -------
@@ -145,9 +146,10 @@ def semismooth_newton(
         raise TypeError(f"options={options!r}: NewtonOptions are needed")
     if monitor is not None and not callable(monitor):
         raise TypeError(f"monitor={monitor!r}: a function of a record is needed")
-    if (gamma is None) == (regularisation is None):
+    if gamma is not None and regularisation is not None:
         raise ValueError(f"gamma={gamma!r}: give either gamma or regularisation")
-    regularisation = Coupled(gamma) if regularisation is None else regularisation
+    if regularisation is None:
+        regularisation = Balanced() if gamma is None else Coupled(gamma)
     if not hasattr(regularisation, "gamma_tichonov"):
         raise TypeError(f"regularisation={regularisation!r}: Coupled(...) or Balanced(...)")
     options = NewtonOptions() if options is None else options

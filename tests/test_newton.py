@@ -9,6 +9,7 @@ from ngepc.geometries import lshape
 from ngsolve import BND, CF, GridFunction, Integrate, specialcf
 
 from ngepc import (
+    Balanced,
     Coupled,
     Material,
     NewtonOptions,
@@ -243,7 +244,6 @@ def test_open_gap_adheres_with_the_penalty(small):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({}, "either gamma or regularisation"),
         ({"gamma": 1e3, "regularisation": Coupled(1e3)}, "either gamma or regularisation"),
         ({"gamma": -1.0}, "gamma=-1.0"),
         ({"gamma": math.nan}, "gamma=nan"),
@@ -277,3 +277,9 @@ def test_gap_may_vary_and_push_in(small):
     result = semismooth_newton(pushed, 1e4)
     assert result.status is Status.CONVERGED
     assert result.contact_force > 0
+
+
+def test_balanced_is_the_default(small):
+    result = semismooth_newton(small)
+    assert result.status is Status.CONVERGED
+    assert isinstance(result.functional.regularisation, Balanced)

@@ -20,8 +20,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--regularisation",
         choices=("coupled", "balanced"),
-        default="coupled",
-        help="one gamma as in the paper (default), or the hardening split",
+        help="one gamma as in the paper, or the hardening split; coupled if --gamma is given",
     )
     parser.add_argument("--gamma", type=positive, help="default 1e4 if coupled, 1e9 if balanced")
     parser.add_argument(
@@ -45,6 +44,8 @@ def run(args: argparse.Namespace) -> int:
     from ngepc import records
     from ngepc.files import check_folder
 
+    if args.regularisation is None:
+        args.regularisation = "balanced" if args.gamma is None else "coupled"
     if args.json not in (None, "-"):
         records.check_writable(Path(args.json))
     if args.save is not None:
