@@ -139,3 +139,12 @@ def test_dropped_term_does_not_act():
 def test_illegal_levels_are_refused(levels):
     with pytest.raises((ValueError, TypeError), match=f"levels={levels}"):
         difference_quotients(levels)
+
+
+def test_study_writes_both_tables(tmp_path, capsys):
+    from ngepc.__main__ import main
+
+    arguments = ["study", "differentiability", "--levels", "2", "--nodes", "113", "--gamma", "1e3"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"differentiability.md", "without_tichonov.csv"} <= names

@@ -10,6 +10,7 @@ STUDIES = {
     "figures": "Figures 2, 3, 5 and 6 at the end of paths in gamma",
     "figure4": "convergence quotients of the last Newton steps",
     "duality": "the duality gap and its parts along paths in gamma",
+    "differentiability": "the norm gap of Definition 6.1, counts without the Tichonov term",
     "fuzz": "random problems by the primal and by the dual method, judged",
 }
 
