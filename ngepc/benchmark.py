@@ -42,7 +42,7 @@ from ngepc.regularisation import Coupled
 from ngepc.results import IterationRecord
 from ngepc.starts import coarse_start
 
-NODES = (1601, 3201, 6273, 12545, 24833, 49409, 98817)
+NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
 """Meshes of Example (a): the paper's from 1601 on, and the next two bisections."""
 
 GAMMA = 1e4
