@@ -12,6 +12,7 @@ STUDIES = {
     "duality": "the duality gap and its parts along paths in gamma",
     "differentiability": "the norm gap of Definition 6.1, counts without the Tichonov term",
     "fuzz": "random problems by the primal and by the dual method, judged",
+    "robustness": "data at their extremes: iterations and statuses of all methods",
 }
 
 

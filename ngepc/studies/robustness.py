@@ -1,0 +1,243 @@
+"""How far the methods go: one datum at a time to its extremes, iterations and status.
+
+The body is the unit square, fixed below, sheared at its sides until it yields and pressed against
+an obstacle above.  Every cell of the table is a run from a cold start that ends in a named status.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ngsolve import BND, CF, CoefficientFunction, IfPos, Mesh, x
+
+from ngepc.balanced import Balanced
+from ngepc.geometries import block
+from ngepc.material import Material
+from ngepc.newton import NewtonOptions, semismooth_newton
+from ngepc.path import follow_path
+from ngepc.path_options import PathOptions
+from ngepc.primal import primal_newton
+from ngepc.problem import Problem
+from ngepc.studies.output import Table, write_table
+from ngepc.studies.tables import Cell, CellStore, Outcome
+from ngepc.studies.witness import dual_residual, primal_residual
+from ngepc.tichonov import FullProduct
+
+LAME_MU, YIELD_STRESS = 1e3, 1.25
+SHEAR = 2.5
+
+POISSON = (0.0, 0.3, 0.45, 0.49, 0.499, 0.4999)
+HARDENING = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+GAMMA = (1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9)
+ASPECT = (1.0, 10.0, 100.0, 1000.0)
+CONTACT = ("none", "one node", "full", "grazing", "from an end")
+
+METHODS = ("primal", "balanced", "balanced, full product", "coupled", "path")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row of the table: a datum that leaves its usual value.
+
+    Parameters
+    ----------
+    poisson
+        Poisson's ratio.
+    hardening
+        h over lame_mu.
+    gamma
+        gamma of the coupled method and of the last step of the path; of the Tichonov term of the
+        balanced one where it is the datum that varies.
+    aspect
+        Longest over shortest side of the elements.
+    contact
+        One of CONTACT, or 'part': about half of the upper side.
+    """
+
+    poisson: float = 0.3
+    hardening: float = 0.1
+    gamma: float = 1e3
+    aspect: float = 1.0
+    contact: str = "part"
+
+
+def cases() -> dict[str, Case]:
+    """Label -> case, in the order of the table."""
+    found = {"usual": Case()}
+    found |= {f"Poisson {value:g}": Case(poisson=value) for value in POISSON}
+    found |= {f"h/mu {value:g}": Case(hardening=value) for value in HARDENING}
+    found |= {f"aspect ratio {value:g}": Case(aspect=value) for value in ASPECT}
+    found |= {f"contact {value}": Case(contact=value) for value in CONTACT}
+    return found | {f"gamma {value:g}": Case(gamma=value) for value in GAMMA}
+
+
+def build(case: Case, cells: int = 12) -> Problem:
+    """The problem of a case on ``cells`` x ``cells`` rectangles cut into triangles."""
+    height = 1 / case.aspect
+    mesh = block.structured_mesh(cells, cells, size=(1.0, height), simplices=True)
+    material = Material.kinematic(
+        lame_lambda=2 * LAME_MU * case.poisson / (1 - 2 * case.poisson),
+        lame_mu=LAME_MU,
+        yield_stress=YIELD_STRESS,
+        hardening=case.hardening * LAME_MU,
+    )
+    up = CF((0.0, SHEAR * height))
+    free = Problem(mesh, material, traction={"left": up, "right": up, "contact": (SHEAR, SHEAR)})
+    top = primal_newton(free).displacement[1]
+    gap = _gap(case.contact, mesh, top, height)
+    return Problem(mesh, material, "clamped", free.traction, contact="contact", gap=gap)
+
+
+def _gap(contact: str, mesh: Mesh, top: CoefficientFunction, height: float) -> CoefficientFunction:
+    """The gap that gives a contact state, from the displacement ``top`` without an obstacle."""
+    vertices = sorted({v.nr for el in mesh.Boundaries("contact").Elements() for v in el.vertices})
+    points = [mesh.ngmesh.Coordinates()[v][0] for v in vertices]
+    values = {a: float(top(mesh(a, height, 0.0, BND))) for a in points}
+    high, low = max(values.values()), min(values.values())
+    place = min(points, key=lambda a: abs(a - 0.5))
+    steep = 4 * (high - low + abs(high))
+    return {
+        "part": CF(0.5 * (high + low)),
+        "none": CF(2 * abs(high) + height),
+        "one node": 0.5 * values[place] + steep * IfPos(x - place, x - place, place - x),
+        "full": CF(low - abs(high)),
+        "grazing": CF(high),
+        "from an end": 0.8 * values[max(points)] + steep * (max(points) - x),
+    }[contact]
+
+
+def solve(case: Case, method: str, varied: bool, limit: int):
+    """The result of a method for a case.
+
+    Parameters
+    ----------
+    case
+        The case.
+    method
+        One of METHODS.
+    varied
+        Whether gamma is the datum that varies.
+    limit
+        Most Newton steps.
+    """
+    problem = build(case)
+    options = NewtonOptions(max_iterations=limit, quadrature_points=100)
+    if method == "primal":
+        return primal_newton(problem)
+    if method == "path":
+        newton = options
+        path = PathOptions(
+            gamma_start=1.0,
+            growth=10.0,
+            gamma_end=case.gamma,
+            newton=newton,
+        )
+        return follow_path(problem, path)
+    if method == "coupled":
+        return semismooth_newton(problem, case.gamma, options=options)
+    gamma = case.gamma if varied else 1e9
+    product = {"tichonov": FullProduct()} if method.endswith("full product") else {}
+    return semismooth_newton(problem, regularisation=Balanced(gamma, **product), options=options)
+
+
+class Robustness:
+    """The study; each cell is solved once and kept in ``folder``/cells.
+
+    Parameters
+    ----------
+    folder
+        Where results go.
+    rows
+        Labels of ``cases()``; None for all.
+    limit
+        Most Newton steps of one run.
+    progress
+        Called with a line of text after each cell.
+
+    Raises
+    ------
+    ValueError
+        For an unknown row.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        rows: Sequence[str] | None = None,
+        limit: int = 200,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        self.cases = cases()
+        self.rows = tuple(self.cases if rows is None else rows)
+        unknown = [row for row in self.rows if row not in self.cases]
+        if unknown:
+            raise ValueError(f"rows={unknown}: the table has {', '.join(self.cases)}")
+        self.folder, self.limit = Path(folder), limit
+        self.progress = progress or (lambda line: None)
+        self._store = CellStore(self.folder / "cells", {"study": "robustness", "limit": limit})
+
+    def run(self) -> list[dict]:
+        """Fill the table; returns one record for each cell."""
+        table = []
+        for row in self.rows:
+            for method in METHODS:
+                cell = Cell(f"{row}, {method}".replace("/", " over "), 0)
+                record = self._store.get(
+                    cell, lambda _, row=row, method=method: self._solve(row, method)
+                ).record
+                self.progress(f"{row}, {method}: {_entry(record)} ({record['wall_time_s']:.1f} s)")
+                table.append(record)
+        return table
+
+    def _solve(self, row: str, method: str) -> Outcome:
+        result = solve(self.cases[row], method, row.startswith("gamma"), self.limit)
+        last = getattr(result, "result", result)
+        counts = getattr(result, "total_inner_iterations", last.iterations)
+        primal = method == "primal"
+        record = last.history.records[-1]
+        return Outcome(
+            {
+                "row": row,
+                "method": method,
+                "iterations": counts,
+                "status": result.status.label,
+                "residual": primal_residual(last) if primal else dual_residual(last, 100).norm,
+                "plastic": record.plastic_active,
+                "contact_force": last.contact_force,
+                "primal_energy": last.primal_energy,
+                "message": result.message,
+            }
+        )
+
+    def write(self, table: list[dict]) -> list[Path]:
+        """Write robustness.csv, robustness.md and robustness.json; returns their paths."""
+        found = {(r["row"], r["method"]): r for r in table}
+        rows = [[row, *(_entry(found[row, method]) for method in METHODS)] for row in self.rows]
+        notes = [
+            "Newton steps, with the status in words where a run did not converge. The unit square "
+            "on 169 nodes, fixed below, sheared and pulled against an obstacle; one datum at a "
+            "time leaves its usual value (Poisson 0.3, h/mu 0.1, gamma 1e3 for the coupled method "
+            "and 1e9 for the balanced one, aspect ratio 1, half of the upper side in contact). "
+            f"Cold starts, at most {self.limit} steps; the path goes up in factors of ten from "
+            "gamma = 1 and counts all its steps. In the rows of gamma it is the coupled gamma or "
+            "the balanced Tichonov gamma. Contact 'from an end' touches at an end of Gamma_c, "
+            "where the products of (R2) fix z to zero and the full product does not.",
+        ]
+        return write_table(
+            self.folder,
+            Table(
+                name="robustness",
+                title="Robustness",
+                head=["", *METHODS],
+                rows=rows,
+                notes=notes,
+                cells=table,
+            ),
+        )
+
+
+def _entry(record: dict) -> str:
+    ended = "" if record["status"] == "converged" else f" {record['status'].replace('_', ' ')}"
+    return f"{record['iterations']}{ended}"
