@@ -211,6 +211,8 @@ def describe(
     """What was seen, and what to try, for a path that did not converge."""
     if status is Status.CONVERGED:
         return ""
+    if not steps:
+        return inner_message
     last = steps[-1]
     where = f"At gamma = {last.gamma:.3g}, value {len(steps)} of the path"
     if last.status is not Status.CONVERGED:
