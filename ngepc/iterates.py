@@ -49,6 +49,11 @@ class Iterate:
         return cls(y, v, functional.residual(y, v), smooth, penalty, step)
 
     @property
+    def is_start(self) -> bool:
+        """Whether no Newton step has led here."""
+        return self.step.back_substitutions == 0
+
+    @property
     def energy(self) -> float:
         """J*_gamma(v)."""
         return self.smooth_energy + self.penalty

@@ -20,6 +20,7 @@ from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional, FactorisationError, NewtonSystem
 from ngepc.iterates import Iterate, Line
 from ngepc.linesearch import ROUNDING, ByRegularisation, FullSteps, LineSearch
+from ngepc.primal import nodal_values
 from ngepc.problem import Problem
 from ngepc.prolongation import prolongate
 from ngepc.regularisation import Coupled, Regularisation
@@ -158,6 +159,9 @@ def semismooth_newton(
     blocks = LinearBlocks(problem, regularisation, options.inverse)
     functional = DualFunctional(blocks, regularisation, options.quadrature_points)
     v = blocks.H_vector() if start is None else carried_over(start, blocks)
+    if start is not None and start.problem.mesh is not problem.mesh and regularisation.predictor:
+        u = nodal_values(start, problem)
+        v = regularisation.predictor.start(functional, v, u, options.inverse)
     system = newton_system(functional, options.inverse)
     return run(functional, system, v, options, monitor)
 

@@ -66,17 +66,48 @@ class ReturnMapping:
         inverse
             NGSolve's name of the direct solver.
         """
-        if line.here.penalty > 0:
+        if not line.here.is_start:
             return following
-        y, v = line.dy.CreateVector(), line.dual(1.0)
+        y = line.dy.CreateVector()
         y.data = line.here.y + line.dy
-        mapping = LocalProblem(functional, inverse, self.accuracy)
-        functional.blocks.part_of(v, len(functional.blocks.parts) - 1).data = mapping.solve(y)
-        predicted = Iterate.at(functional, v)
+        predicted = Iterate.at(functional, self._mapped(functional, line.dual(1.0), y, inverse))
         if not predicted.energy < following.energy:
             return following
         predicted.step = following.step
         return predicted
+
+    def start(
+        self, functional: DualFunctional, v: BaseVector, u: np.ndarray, inverse: str
+    ) -> BaseVector:
+        """The one of lower energy: v, or v with the q that belongs to the displacement u.
+
+        Parameters
+        ----------
+        functional
+            J*_gamma.
+        v
+            Dual variable carried over from another mesh.
+        u
+            Nodal displacements carried over, shape (N, vertices).
+        inverse
+            NGSolve's name of the direct solver.
+        """
+        functional.make_feasible(v)
+        y = functional.blocks.load.CreateVector()
+        y[:] = 0.0
+        y.FV().NumPy()[: u.size] = u.ravel()
+        mapped = self._mapped(functional, v, y, inverse)
+        energies = [Iterate.at(functional, w).energy for w in (v, mapped)]
+        return mapped if energies[1] < energies[0] else v
+
+    def _mapped(
+        self, functional: DualFunctional, v: BaseVector, y: BaseVector, inverse: str
+    ) -> BaseVector:
+        mapped, blocks = v.CreateVector(), functional.blocks
+        mapped.data = v
+        problem = LocalProblem(functional, inverse, self.accuracy)
+        blocks.part_of(mapped, len(blocks.parts) - 1).data = problem.solve(y)
+        return mapped
 
 
 class LocalProblem:

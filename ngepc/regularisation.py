@@ -27,6 +27,8 @@ from ngepc.validation import (
 )
 
 if TYPE_CHECKING:
+    from ngsolve.la import BaseVector
+
     from ngepc.functional import DualFunctional
     from ngepc.iterates import Iterate, Line
 
@@ -58,6 +60,12 @@ class Predictor(Protocol):
         self, functional: DualFunctional, line: Line, following: Iterate, inverse: str
     ) -> Iterate:
         """``following``, or an iterate of lower energy."""
+        ...
+
+    def start(
+        self, functional: DualFunctional, v: BaseVector, u: np.ndarray, inverse: str
+    ) -> BaseVector:
+        """v of an earlier result, or a start of lower energy for its nodal displacements u."""
         ...
 
 
