@@ -8,14 +8,24 @@ is not regularised at all and its stiffness is moderate.  See docs/balanced.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from ngsolve import Integrate
 
 from ngepc.linesearch import NearMinimum
 from ngepc.predictor import ReturnMapping
-from ngepc.problem import Problem
+from ngepc.problem import Problem, as_scalar
 from ngepc.regularisation import Units
 from ngepc.tichonov import FullProduct, Tichonov
 from ngepc.validation import Coefficient, is_number, require_number
+
+FINENESS = 500.0
+"""gamma_T h_mesh^2 / (2 mu_2 + h) where gamma is not given: regularisation below 10 percent of
+the discretisation error on both examples, docs/balanced.md."""
+
+REFERENCE_STIFFNESS = 2100.0
+"""2 mu_2 + h of Example (a)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +79,8 @@ class Balanced:
     Parameters
     ----------
     gamma
-        gamma_T > 0 of the Tichonov term, a number in ``units``.
+        gamma_T > 0 of the Tichonov term, a number in ``units``; None chooses it and the units by
+        the problem, see ``resolved``.
     share
         h_F / h, the share of the hardening that stays in F, in (0, 1).  q stands for
         dev(h_F p) - dev sigma.
@@ -78,7 +89,8 @@ class Balanced:
     tichonov
         The space H and its product; without boundary conditions by default, docs/balanced.md.
     units
-        Reference units of gamma.
+        Reference units of gamma and of the tolerance; None stands for Units() beside a given
+        gamma and for units of the problem otherwise.
     predictor
         What a first step into the plastic range may try beside its line search; None for nothing.
 
@@ -88,11 +100,11 @@ class Balanced:
         If gamma or the share is out of range; when a problem without hardening is solved.
     """
 
-    gamma: float = 1e9
+    gamma: float | None = None
     share: float = 0.5
     contact: ExactContact | PenaltyContact = field(default_factory=ExactContact)
     tichonov: Tichonov = field(default_factory=FullProduct)
-    units: Units = field(default_factory=Units)
+    units: Units | None = None
     predictor: ReturnMapping | None = field(default_factory=ReturnMapping)
 
     contact_shift = 0.0
@@ -100,9 +112,31 @@ class Balanced:
     linesearch = NearMinimum()
 
     def __post_init__(self) -> None:
-        require_number("gamma", self.gamma, 0, strict=True)
+        if self.gamma is not None:
+            require_number("gamma", self.gamma, 0, strict=True)
+            if self.units is None:
+                object.__setattr__(self, "units", Units())
         if require_number("share", self.share, 0, strict=True) >= 1:
             raise ValueError(f"share={self.share!r}: a number in (0, 1) is needed")
+
+    def resolved(self, problem: Problem) -> Balanced:
+        """With numbers for gamma and units: gamma_T = FINENESS (2 mu_2 + h) / h_mesh^2.
+
+        The smoothing length ((2 mu_2 + h) / gamma_T)^(1/2) of the Tichonov term is then a fixed
+        small part of the mean element width h_mesh.  The units are those in which 2 mu_2 + h has
+        the size it has in Example (a) and the body the extent 1, so that nothing depends on the
+        units of the problem.
+        """
+        if self.gamma is not None:
+            return self
+        mesh, N = problem.mesh, problem.N
+        volume = Integrate(1.0, mesh)
+        stiffness = as_scalar(2 * problem.material.lame_mu + problem.material.effective_hardening)
+        mean = Integrate(stiffness, mesh) / volume
+        extent = np.ptp(np.asarray(mesh.ngmesh.Coordinates())[:, :N], axis=0).max()
+        units = self.units or Units(stress=mean / REFERENCE_STIFFNESS, length=float(extent))
+        gamma_T = FINENESS * mean / (volume / mesh.ne) ** (2 / N)
+        return replace(self, gamma=gamma_T * units.length**2 / units.stress, units=units)
 
     @property
     def hardening_share(self) -> float:
@@ -116,7 +150,15 @@ class Balanced:
 
     @property
     def gamma_tichonov(self) -> float:
-        """gamma_T (stress / length^2)."""
+        """gamma_T (stress / length^2).
+
+        Raises
+        ------
+        ValueError
+            If gamma is None and not yet resolved.
+        """
+        if self.gamma is None:
+            raise ValueError("gamma=None: call resolved(problem) first")
         return self.gamma * self.units.stress / self.units.length**2
 
     @property

@@ -65,6 +65,7 @@ class DualFunctional:
         self, blocks: LinearBlocks, regularisation: Regularisation, quadrature_points: int
     ) -> None:
         check_shifts(blocks.problem, regularisation)
+        regularisation = regularisation.resolved(blocks.problem)
         self.blocks, self.regularisation = blocks, regularisation
         self.gamma_T = regularisation.gamma_tichonov
         self.penalties = [

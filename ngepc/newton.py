@@ -151,7 +151,7 @@ def semismooth_newton(
         raise ValueError(f"gamma={gamma!r}: give either gamma or regularisation")
     if regularisation is None:
         regularisation = Balanced() if gamma is None else Coupled(gamma)
-    if not hasattr(regularisation, "gamma_tichonov"):
+    if not hasattr(regularisation, "resolved"):
         raise TypeError(f"regularisation={regularisation!r}: Coupled(...) or Balanced(...)")
     options = NewtonOptions() if options is None else options
     if start is not None and not isinstance(start, DualResult):

@@ -81,6 +81,10 @@ class Regularisation(Protocol):
     linesearch: LineSearch
     predictor: Predictor | None
 
+    def resolved(self, problem: Problem) -> Regularisation:
+        """Itself, or a copy in which the problem has set what was left open."""
+        ...
+
     @property
     def gamma_tichonov(self) -> float:
         """gamma_T (stress / length^2)."""
@@ -142,6 +146,10 @@ class Coupled:
             require_coefficient(name, getattr(self, name))
             if is_number(getattr(self, name)):
                 require_number(name, getattr(self, name), 0)
+
+    def resolved(self, problem: Problem) -> Coupled:
+        """Itself."""
+        return self
 
     @property
     def gamma_tichonov(self) -> float:
