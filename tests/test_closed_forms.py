@@ -36,7 +36,7 @@ from ngepc.primal import primal_newton
 from ngepc.spaces import plastic_dual_space
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
-FULL = Balanced(tichonov=FullProduct())
+FULL = Balanced(1e9, tichonov=FullProduct())
 METHODS = {
     "primal": primal_newton,
     "dual": lambda problem: semismooth_newton(problem, regularisation=FULL),
@@ -300,7 +300,7 @@ def error_of_a_homogeneous_plastic_state(regularisation, n):
 
 def test_gradient_product_costs_a_layer_of_elements_at_the_boundary():
     """Where q = 0 on the boundary the error is of order h, otherwise there is none."""
-    zero_at_the_boundary = Balanced(tichonov=SurfaceGradient())
+    zero_at_the_boundary = Balanced(1e9, tichonov=SurfaceGradient())
     errors = [error_of_a_homogeneous_plastic_state(zero_at_the_boundary, n) for n in (8, 16, 32)]
     assert errors[0] < 0.12
     assert [a / b for a, b in itertools.pairwise(errors)] == pytest.approx([2.0, 2.0], abs=0.1)
