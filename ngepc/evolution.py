@@ -44,7 +44,8 @@ def cold_start(solver: Callable, **settings: object) -> StepSolver:
     def solve(problem: Problem, start: GridFunction | None) -> object:
         return solver(problem, **settings)
 
-    solve.__qualname__ = f"cold_start({getattr(solver, '__qualname__', solver)})"
+    names = ", ".join(f"{key}={value!r}" for key, value in sorted(settings.items()))
+    solve.__qualname__ = f"cold_start({getattr(solver, '__qualname__', solver)}, {names})"
     return solve
 
 

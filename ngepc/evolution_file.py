@@ -13,7 +13,7 @@ from ngsolve import GridFunction
 from ngepc._version import __version__
 from ngepc.checkpoint import load, mesh_fingerprint, save
 from ngepc.load_path import ListedSteps, Schedule
-from ngepc.problem import Problem
+from ngepc.problem import Problem, as_vector
 from ngepc.records import check_writable
 from ngepc.recovery import Fields
 from ngepc.return_mapping import interpolated
@@ -126,6 +126,10 @@ def problem_fingerprint(problem: Problem) -> str:
     for kind in (problem.tractions, problem.gaps):
         for name, value in sorted(kind.items()):
             digest.update(name.encode() + sample(value, mesh, [name]).tobytes())
+    if problem.friction is not None:
+        digest.update(sample(problem.friction, mesh, list(problem.contact_names)).tobytes())
+    if problem.initial_displacement is not None:
+        digest.update(sample(as_vector(problem.initial_displacement), mesh).tobytes())
     for names, components in sorted((problem.prescribed or {}).items()):
         for component in components:
             free = component is None

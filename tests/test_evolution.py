@@ -364,3 +364,25 @@ def test_schedules_check_their_times():
         Schedule([1.0], {})
     with pytest.raises(ValueError, match="factors"):
         load_cycle(punched(), [])
+
+
+def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():
+    from ngepc.geometries import lshape
+
+    from ngepc import semismooth_newton
+    from ngepc.evolution import cold_start
+    from ngepc.evolution_file import problem_fingerprint
+    from ngepc.examples import lshape_problem
+
+    names = {cold_start(semismooth_newton, gamma=g).__qualname__ for g in (1e3, 1e4)}
+    assert len(names) == 2
+    problem = lshape_problem(lshape.paper_mesh(65))
+    digests = {
+        problem_fingerprint(p)
+        for p in (
+            problem,
+            dataclasses.replace(problem, friction=0.1),
+            dataclasses.replace(problem, friction=0.2),
+        )
+    }
+    assert len(digests) == 3
