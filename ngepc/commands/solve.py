@@ -22,7 +22,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         choices=("coupled", "balanced"),
         help="one gamma as in the paper, or the hardening split; coupled if --gamma is given",
     )
-    parser.add_argument("--gamma", type=positive, help="default 1e4 if coupled, 1e9 if balanced")
+    parser.add_argument(
+        "--gamma", type=positive, help="default 1e4 if coupled, automatic if balanced"
+    )
     parser.add_argument(
         "--start",
         choices=("zero", "coarse"),
@@ -76,8 +78,9 @@ def run(args: argparse.Namespace) -> int:
     return 0 if result.status.label == "converged" else 1
 
 
-def _gamma(args: argparse.Namespace) -> float:
-    return args.gamma or {"coupled": 1e4, "balanced": 1e9}[args.regularisation]
+def _gamma(args: argparse.Namespace) -> float | None:
+    """The gamma asked for; None lets ``Balanced`` choose its own."""
+    return 1e4 if args.gamma is None and args.regularisation == "coupled" else args.gamma
 
 
 def _dual(args: argparse.Namespace):
