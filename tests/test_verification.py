@@ -20,6 +20,7 @@ from ngepc import (
     PenaltyContact,
     Problem,
     Status,
+    SurfaceGradient,
     Units,
     lshape_problem,
     semismooth_newton,
@@ -299,7 +300,11 @@ def test_moreau_yosida_is_additional_hardening(small):
     m = small.material
     harder = dataclasses.replace(m, hardening=m.hardening + 1 / gamma)
     split = Balanced(
-        gamma, share=m.hardening / harder.hardening, contact=PenaltyContact(gamma=gamma)
+        gamma,
+        share=m.hardening / harder.hardening,
+        contact=PenaltyContact(gamma=gamma),
+        tichonov=SurfaceGradient(),
+        predictor=None,
     )
     options = NewtonOptions(linesearch=Armijo())
     a = semismooth_newton(small, gamma, options=options)
