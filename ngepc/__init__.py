@@ -54,6 +54,7 @@ _HOME = {
     "semismooth_newton": "newton",
     "show": "views",
     "table_monitor": "monitors",
+    "solve_automatically": "automatic",
     "wrench_problem": "examples",
     "write_report": "report",
 }
