@@ -1,5 +1,5 @@
 # make demo: the main job, Example (a) over a family of meshes.   make test: all tests.
-# make benchmark: what a Newton step costs.
+# make docs: this project's site in out/docs.   make benchmark: what a Newton step costs.
 PYTHON ?= python3
 VENV ?= .venv
 LEVELS ?= 3
@@ -22,6 +22,9 @@ test: $(VENV)/.test
 benchmark: $(VENV)/.run
 	$(BIN)/ngepc benchmark --levels 5 --out results
 
+docs: $(VENV)/.docs
+	NGEPC_DOCS_EXECUTE=cache $(BIN)/sphinx-build -W --keep-going -b html docs out/docs
+
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -37,6 +40,10 @@ $(VENV)/.run: $(BIN)/python setup.cfg pyproject.toml
 $(VENV)/.test: $(BIN)/python setup.cfg pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[html,notebook,test]"
 	touch $@ $(VENV)/.run
+
+$(VENV)/.docs: $(BIN)/python setup.cfg pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[notebook,docs]"
+	touch $@
 
 $(VENV)/.dev: $(BIN)/python setup.cfg pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[dev]"

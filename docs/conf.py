@@ -1,0 +1,77 @@
+"""Sphinx: the documentation site, built without network by ``make docs``.
+
+The notebooks and the tables of ``results/`` are copied beside the pages before the build.  With
+NGEPC_DOCS_EXECUTE=cache in the environment the notebooks are run, and kept until they change.
+"""
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+sys.path[:0] = [str(ROOT), str(HERE)]
+
+import ngepc  # noqa: E402
+
+
+def copy_beside(name: str, patterns: tuple[str, ...]) -> None:
+    """Copy files of a folder of the repository into a folder of the same name here."""
+    target = HERE / name
+    shutil.rmtree(target, ignore_errors=True)
+    for pattern in patterns:
+        for path in sorted((ROOT / name).glob(pattern)):
+            copy = target / path.relative_to(ROOT / name)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, copy)
+
+
+copy_beside("notebooks", ("*.ipynb", "exercises/*.ipynb", "solutions/*.ipynb"))
+copy_beside("results", ("*.md", "*.png"))
+
+project = "ngepc"
+author = "the ngepc authors"
+release = version = ngepc.__version__
+html_title = "ngepc"
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",
+    "public_names",
+]
+exclude_patterns = ["_build", "gallery/*.py", "**.ipynb_checkpoints"]
+suppress_warnings = ["mystnb.unknown_mime_type"]
+
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+
+nb_execution_mode = os.environ.get("NGEPC_DOCS_EXECUTE", "off")
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+nb_execution_cache_path = str(HERE / "_build" / "notebooks")
+nb_merge_streams = True
+nb_output_stderr = "remove"
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_preserve_defaults = True
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+toc_object_entries = False
+maximum_signature_line_length = 80
+
+html_theme = "sphinx_book_theme"
+html_static_path = ["_static"]
+html_css_files = ["ngepc.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_theme_options = {
+    "show_toc_level": 2,
+    "home_page_in_toc": True,
+    "use_download_button": False,
+    "use_fullscreen_button": False,
+}

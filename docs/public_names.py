@@ -1,0 +1,83 @@
+"""Sphinx extension: the directive ``public-names``, and docstrings that are plain text.
+
+``.. public-names::`` documents what ``ngepc`` itself exports; with a module as its argument, what
+is defined in that module without a leading underscore.
+"""
+
+import importlib
+import inspect
+import re
+from pathlib import Path
+
+from docutils import nodes
+from docutils.parsers.rst import Directive
+from docutils.statemachine import StringList
+from sphinx.application import Sphinx
+
+import ngepc
+
+MARKUP = re.compile(r"(``.+?``|:\w+:`.+?`)")
+
+
+def names_of(module: str) -> list[str]:
+    """The documented names of a module, or of the package itself."""
+    if module == "ngepc":
+        return [name for name in ngepc.__all__ if not name.startswith("_")]
+    members = vars(importlib.import_module(module)).items()
+    return [
+        name
+        for name, value in members
+        if not name.startswith("_")
+        and (inspect.isclass(value) or inspect.isfunction(value))
+        and value.__module__ == module
+    ]
+
+
+class PublicNames(Directive):
+    """Autodoc entries for all public names of a module."""
+
+    optional_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """The entries, those of the package under the package's name."""
+        module = self.arguments[0] if self.arguments else "ngepc"
+        home = importlib.import_module(module)
+        lines = []
+        for name in names_of(module):
+            kind = "class" if inspect.isclass(getattr(home, name)) else "function"
+            lines += [f".. auto{kind}:: {module}.{name}"]
+            if kind == "class":
+                lines += ["   :members:"]
+            lines += [""]
+        container = nodes.container()
+        self.state.nested_parse(StringList(lines, source="public-names"), 0, container)
+        return container.children
+
+
+def plain_text(app, what, name, obj, options, lines: list[str]) -> None:
+    """Keep |q|, x*, u_ and the like from being read as markup."""
+    for i, line in enumerate(lines):
+        parts = MARKUP.split(line)
+        for k in range(0, len(parts), 2):
+            text = re.sub(r"([|*`])", r"\\\1", parts[k])
+            parts[k] = re.sub(r"(?<=\w)_(?=\W|$)", r"\\_", text)
+        lines[i] = re.sub(r"(?<=\w``)(?=\w)", r"\\ ", "".join(parts))
+
+
+def list_notes(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Put the pages that no other page lists into notes.md, and links to results/ right."""
+    listed = re.compile(r"^[\w/]+$", re.MULTILINE)
+    if docname == "notes":
+        pages = {p.stem: p.read_text(encoding="utf-8") for p in Path(app.srcdir).glob("*.md")}
+        known = {name for text in pages.values() for name in listed.findall(text)}
+        source[0] += "\n".join(sorted(set(pages) - known - {"index"})) + "\n```\n"
+    elif "/" not in docname:
+        source[0] = source[0].replace("](../results/", "](results/")
+
+
+def setup(app: Sphinx) -> dict:
+    """Register."""
+    app.connect("source-read", list_notes)
+    app.add_directive("public-names", PublicNames)
+    app.connect("autodoc-process-docstring", plain_text, priority=400)
+    return {"parallel_read_safe": True}
