@@ -49,6 +49,8 @@ def test_site_builds_without_warnings_and_has_every_public_name(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", str(ROOT / "docs")]
     run = subprocess.run([*command, str(tmp_path)], capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
+    pages = [p.read_text(encoding="utf-8") for p in tmp_path.rglob("*.html")]
+    assert not [p for p in pages if re.search(r'src="https?:', p)]
     inventory = (tmp_path / "objects.inv").read_bytes().split(b"\n", 4)[4]
     documented = {line.split()[0] for line in zlib.decompress(inventory).decode().splitlines()}
     public = {f"ngepc.{name}" for name in ngepc.__all__ if not name.startswith("_")}
