@@ -83,16 +83,19 @@ def plot_benchmark(measurements: Sequence[Measurement]) -> Figure:
     """Time per step, cost in elastic solves and memory over the number of nodes."""
     figure = Figure(figsize=(10, 3.4), layout="constrained")
     time, ratio, memory = figure.subplots(1, 3)
+    nodes = sorted({m.nodes for m in measurements})
     for mode, group in by_mode(measurements).items():
-        nodes = [m.nodes for m in group]
-        (line,) = time.loglog(nodes, [m.step_seconds for m in group], "o-", label=f"step, {mode}")
-        time.loglog(nodes, [m.elastic_seconds for m in group], "s:", label=f"elastic solve, {mode}")
+        own = [m.nodes for m in group]
+        (line,) = time.loglog(own, [m.step_seconds for m in group], "o-", label=f"step, {mode}")
+        time.loglog(own, [m.elastic_seconds for m in group], "s:", label=f"elastic solve, {mode}")
         colour = line.get_color()
-        ratio.semilogx(nodes, [m.step_ratio for m in group], "o-", color=colour, label=mode)
+        ratio.semilogx(own, [m.step_ratio for m in group], "o-", color=colour, label=mode)
         ratio.axhline(LIMITS[mode], color=colour, linestyle="--", linewidth=0.8)
         peak = [np.nan if m.peak_megabytes is None else m.peak_megabytes for m in group]
-        memory.loglog(nodes, peak, "o-", color=colour, label=mode)
+        memory.loglog(own, peak, "o-", color=colour, label=mode)
     for axes, label in ((time, "seconds"), (ratio, "step / elastic solve"), (memory, "MB")):
+        axes.set_xticks(nodes, [str(n) for n in nodes], rotation=30, fontsize=7)
+        axes.minorticks_off()
         axes.set_xlabel("nodes")
         axes.set_ylabel(label)
         axes.grid(color="#e3e6ea", linewidth=0.6)
