@@ -1,0 +1,72 @@
+"""A plate with a hole, pulled and pushed: hysteresis loops and their energy.
+
+With linear kinematic hardening the cycles become periodic.  Then the work of a cycle, the area of
+its loop, is what the plastic flow has dissipated: int beta |p| summed over the steps.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from ngepc.geometries import plate
+from ngsolve import Integrate
+from shared import check, plain, run, save
+
+from ngepc import Balanced, FullProduct, Material, Problem, semismooth_newton
+from ngepc.evolution import cold_start, evolve
+from ngepc.load_path import load_cycle
+from ngepc.picture import beside
+from ngepc.plotting import plot_field
+from ngepc.primal import primal_newton
+
+STRETCH, CORNERS = 1.2e-3, (1, -1, 1, -1, 1)
+
+
+def quarter(maxh):
+    """A quarter of the plate, its top moved by STRETCH at factor 1."""
+    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+    supports = {"left": (0, None), "bottom": (None, 0), "top": (None, STRETCH)}
+    return Problem(plate.quarter_mesh(maxh), material, clamped=None, prescribed=supports)
+
+
+def loop(history):
+    """Displacement and force of the top at the steps; the force by virtual work with (0, y)."""
+    factors = np.interp(history.times, range(len(CORNERS) + 1), (0, *CORNERS))
+    forces = history.values(lambda fields: Integrate(fields.stress[3], history.problem.mesh))
+    return STRETCH * factors, np.array(forces)
+
+
+def main(out: Path, coarse: bool = False) -> str:
+    """Compare the area of the last loop with the dissipation, and both methods."""
+    problem = quarter(0.2 if coarse else 0.08)
+    steps = 4 if coarse else 12
+    path = load_cycle(problem, CORNERS, steps)
+    dual = cold_start(semismooth_newton, regularisation=Balanced(tichonov=FullProduct()))
+    histories = {
+        "primal": evolve(problem, path, primal_newton).raise_for_status(),
+        "dual": evolve(problem, path, dual).raise_for_status(),
+    }
+    loops = {name: loop(history) for name, history in histories.items()}
+    (moved, force), (_, other) = loops["primal"], loops["dual"]
+    first, last = (slice(k * steps - 1, (k + 2) * steps) for k in (1, 3))
+    area = np.trapezoid(force[last], moved[last])
+    lost = sum(histories["primal"].column("dissipation")[-2 * steps :])
+    line = check("area of the loop", area, lost, 0.15 if coarse else 0.03)
+    assert np.abs(force[last] - force[first]).max() < 0.02 * force.max()
+    line += ", largest force, dual " + check("method", other.max(), force.max(), 0.02)
+
+    def curves(axes):
+        plain(axes, "displacement of the top (length)", "force (stress times length)")
+        for style, (name, (u, f)) in zip(("k-", "C1--"), loops.items(), strict=True):
+            axes.plot([0, *u], [0, *f], style, linewidth=1, label=f"{name} method")
+        axes.ticklabel_format(axis="x", scilimits=(-2, 3))
+        axes.legend(fontsize=8, frameon=False)
+
+    def body(axes):
+        plot_field(histories["dual"].steps[-1].fields, axes=axes, title="after two cycles")
+
+    save(beside(curves, body), out, "holed_plate")
+    return f"holed plate: {line} (primal)"
+
+
+if __name__ == "__main__":
+    run(main)

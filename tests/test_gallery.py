@@ -1,0 +1,60 @@
+"""Every script of the gallery runs, checks itself, prints one line and draws one picture."""
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+GALLERY = Path(__file__).resolve().parent.parent / "docs" / "gallery"
+SCRIPTS = sorted(path.stem for path in GALLERY.glob("*.py") if path.stem != "shared")
+
+
+@pytest.fixture
+def script(monkeypatch):
+    """Import a script as it is found when it runs: with its folder on the path."""
+    monkeypatch.syspath_prepend(str(GALLERY))
+    yield importlib.import_module
+    for name in (*SCRIPTS, "shared"):
+        sys.modules.pop(name, None)
+
+
+def test_the_gallery_has_the_problems_it_promises():
+    assert set(SCRIPTS) >= {
+        "cook",
+        "hertz",
+        "holed_plate",
+        "indentation",
+        "pressed_ring",
+        "wrench_turns",
+    }
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_script_checks_itself(name, script, tmp_path):
+    line = script(name).main(tmp_path, coarse=True)
+    assert "\n" not in line
+    assert any(sign.isdigit() for sign in line)
+    assert [path.name for path in tmp_path.iterdir()] == [f"{name}.png"]
+    picture = imread(tmp_path / f"{name}.png")[..., :3]
+    assert min(picture.shape[:2]) > 300
+    ink = np.mean(picture.min(axis=2) < 0.95)
+    assert 0.05 < ink < 0.9
+
+
+def test_a_script_runs_from_the_command_line(tmp_path):
+    command = [sys.executable, str(GALLERY / "cook.py"), "--coarse", "--out", str(tmp_path / "new")]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith("cook: elastic tip ")
+    assert (tmp_path / "new" / "cook.png").stat().st_size > 10_000
+
+
+def test_a_check_that_fails_says_what(script):
+    check = script("shared").check
+    assert check("force", 1.01, 1.0, 0.02) == "force 1.01 (1)"
+    with pytest.raises(AssertionError, match=r"force 1.1 \(1\): more than 2.0% apart"):
+        check("force", 1.1, 1.0, 0.02)
