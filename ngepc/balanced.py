@@ -18,7 +18,7 @@ from ngepc.predictor import ReturnMapping
 from ngepc.problem import Problem, as_scalar
 from ngepc.regularisation import Units
 from ngepc.tichonov import FullProduct, Tichonov
-from ngepc.validation import Coefficient, is_number, require_number
+from ngepc.validation import Coefficient, require_number
 
 FINENESS = 500.0
 """gamma_T h_mesh^2 / (2 mu_2 + h) where gamma is not given: regularisation below 10 percent of
@@ -97,7 +97,7 @@ class Balanced:
     Raises
     ------
     TypeError, ValueError
-        If gamma or the share is out of range; when a problem without hardening is solved.
+        If gamma or the share is out of range.
     """
 
     gamma: float | None = None
@@ -168,19 +168,8 @@ class Balanced:
         return gamma * self.units.length / self.units.stress
 
     def gamma_plastic(self, problem: Problem) -> Coefficient:
-        """gamma_q = 1 / h_G, no parameter but the conjugate of h_G |p|^2 / 2 (1 / stress).
-
-        Raises
-        ------
-        ValueError
-            If the material has no hardening to split.
-        """
+        """gamma_q = 1 / h_G: no parameter, but the conjugate of h_G |p|^2 / 2 (1 / stress)."""
         h = problem.material.effective_hardening
-        if is_number(h) and h <= 0:
-            raise ValueError(
-                "Balanced splits the hardening and this material has none: give a hardening "
-                "modulus, or use Coupled(gamma)"
-            )
         return 1 / ((1 - self.share) * h)
 
     def yield_bound(self, problem: Problem) -> Coefficient:
