@@ -224,7 +224,7 @@ def test_layers_of_two_materials_under_an_obstacle(N):
 
 
 def test_q_is_free_on_interfaces_between_materials():
-    """The default condition q = 0 is one on the boundary of the body."""
+    """q = 0 of (R2) is a condition on the boundary of the body."""
     problem = layered_problem(2, 0.2, 0.001)
     free = plastic_dual_space(problem).components[0].FreeDofs()
     inside = problem.mesh.Boundaries("interface").Elements()

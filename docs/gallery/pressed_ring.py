@@ -12,7 +12,7 @@ from ngepc.geometries import ring
 from ngsolve import CF, InnerProduct, Integrate, ds
 from shared import check, plain, run, save
 
-from ngepc import Balanced, FullProduct, Material, Problem, outward_normal, semismooth_newton
+from ngepc import Balanced, Material, Problem, outward_normal, semismooth_newton
 from ngepc.picture import beside
 from ngepc.plotting import plot_field
 from ngepc.pressed_shell import PressedShell
@@ -32,8 +32,7 @@ def solved(mesh, pressure):
         contact="outer",
         gap=GAP,
     )
-    regularisation = Balanced(tichonov=FullProduct())
-    return semismooth_newton(problem, regularisation=regularisation).raise_for_status()
+    return semismooth_newton(problem, regularisation=Balanced()).raise_for_status()
 
 
 def main(out: Path, coarse: bool = False) -> str:

@@ -29,7 +29,7 @@ def check(name: str, value: float, exact: float, relative: float) -> str:
 def save(figure: Figure, out: Path, name: str) -> None:
     """Write ``out``/``name``.png."""
     out.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out / f"{name}.png", dpi=150)
+    figure.savefig(out / f"{name}.png", dpi=120)
 
 
 def plain(axes: Axes, x: str, y: str) -> Axes:

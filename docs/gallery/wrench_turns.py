@@ -10,7 +10,7 @@ import numpy as np
 from ngepc.geometries import wrench
 from shared import check, plain, run, save
 
-from ngepc import Balanced, FullProduct, semismooth_newton, wrench_problem
+from ngepc import Balanced, semismooth_newton, wrench_problem
 from ngepc.evolution import cold_start, evolve
 from ngepc.load_path import load_cycle
 from ngepc.picture import beside
@@ -25,7 +25,7 @@ def main(out: Path, coarse: bool = False) -> str:
     problem = wrench_problem(wrench.paper_mesh(437 if coarse else 1641))
     steps = 3 if coarse else 6
     path = load_cycle(problem, [LOAD * c for c in CORNERS], steps)
-    dual = cold_start(semismooth_newton, regularisation=Balanced(tichonov=FullProduct()))
+    dual = cold_start(semismooth_newton, regularisation=Balanced())
     histories = {
         "primal": evolve(problem, path, primal_newton).raise_for_status(),
         "dual": evolve(problem, path, dual).raise_for_status(),
