@@ -11,6 +11,7 @@ STUDIES = {
     "figure4": "convergence quotients of the last Newton steps",
     "duality": "the duality gap and its parts along paths in gamma",
     "differentiability": "the norm gap of Definition 6.1, counts without the Tichonov term",
+    "solvers": "coupled, balanced and primal side by side, cold and nested",
     "fuzz": "random problems by the primal and by the dual method, judged",
     "robustness": "data at their extremes: iterations and statuses of all methods",
 }
