@@ -11,7 +11,7 @@ from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import Mesh
 
-from ngepc.validation import require_integer
+from ngepc.checks.arguments import require_integer
 
 Point = tuple[float, float]
 Quadrilateral = tuple[Point, Point, Point, Point]

@@ -12,7 +12,12 @@ from netgen.geom2d import Circle, CSG2d, EdgeInfo, Solid2d
 from ngsolve import Mesh
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
-from ngepc.validation import require_integer, require_mesh_width, require_number, require_vector
+from ngepc.checks.arguments import (
+    require_integer,
+    require_mesh_width,
+    require_number,
+    require_vector,
+)
 
 _NAMES = {"bottom": "clamped", "top": "contact"}
 _NAMES_3D = {"back": "left", "front": "right", "left": "front", "right": "back", **_NAMES}

@@ -7,7 +7,7 @@ Boundaries: ``clamped`` is the left edge, ``load`` the right one (length 16), th
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from ngsolve import Mesh
 
-from ngepc.validation import require_mesh_width
+from ngepc.checks.arguments import require_mesh_width
 
 from .bisection import refined_to, triangulated
 

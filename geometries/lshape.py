@@ -7,7 +7,7 @@ Boundaries: ``clamped`` is (1/2, 1) x {0}, ``contact`` is (0, 1) x {1}, ``load``
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from ngsolve import Mesh
 
-from ngepc.validation import require_mesh_width
+from ngepc.checks.arguments import require_mesh_width
 
 from .bisection import Point, refined_to, triangulated
 from .orientation import outward

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from netgen.geom2d import Circle, CSG2d, EdgeInfo, Solid2d
 from ngsolve import Mesh
 
-from ngepc.validation import require_mesh_width, require_number, require_vector
+from ngepc.checks.arguments import require_mesh_width, require_number, require_vector
 
 
 def mesh(maxh: float = 0.1, size: Sequence[float] = (2.0, 2.0), radius: float = 0.25) -> Mesh:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from ngsolve import Mesh
 
-from ngepc.validation import require_mesh_width, require_number, require_vector
+from ngepc.checks.arguments import require_mesh_width, require_number, require_vector
 
 
 def mesh(

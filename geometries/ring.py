@@ -10,7 +10,7 @@ from netgen.csg import CSGeometry, Plane, Pnt, Sphere, Vec
 from netgen.geom2d import Circle, CSG2d, EdgeInfo, Solid2d
 from ngsolve import Mesh
 
-from ngepc.validation import require_mesh_width, require_number
+from ngepc.checks.arguments import require_mesh_width, require_number
 
 
 def mesh(maxh: float = 0.25, inner: float = 1.0, outer: float = 2.0) -> Mesh:

@@ -12,7 +12,7 @@ is the top edge of the handle from (5, 2.6) to (8, 2), the rest is ``free``.
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from ngsolve import Mesh
 
-from ngepc.validation import require_mesh_width
+from ngepc.checks.arguments import require_mesh_width
 
 from .bisection import Point, Quadrilateral, refined_to, triangulated
 from .orientation import outward

@@ -23,11 +23,11 @@ from dataclasses import asdict, dataclass, replace
 from ngsolve import Mesh
 
 from ngepc.balanced import Balanced
+from ngepc.checks.arguments import require_integer, require_number
 from ngepc.dual_result import DualResult
 from ngepc.newton import NewtonOptions, semismooth_newton
 from ngepc.problem import Problem
 from ngepc.results import SolverError, Status
-from ngepc.validation import require_integer, require_number
 
 logger = logging.getLogger(__name__)
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from ngsolve import Integrate
 
+from ngepc.checks.arguments import Coefficient, require_number
 from ngepc.linesearch import NearMinimum
 from ngepc.predictor import ReturnMapping
 from ngepc.problem import Problem, as_scalar
 from ngepc.regularisation import Units
 from ngepc.tichonov import FullProduct, Tichonov
-from ngepc.validation import Coefficient, require_number
 
 FINENESS = 500.0
 """gamma_T h_mesh^2 / (2 mu_2 + h) where gamma is not given: regularisation below 10 percent of

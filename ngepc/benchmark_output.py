@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ngepc import records
 from ngepc.benchmark import GAMMA, Measurement, growth
-from ngepc.figures import save
+from ngepc.plotting.figures import save
+from ngepc.storage import records
 from ngepc.studies.output import Table, write_table
 
 LIMITS = {"balanced": 3.0, "coupled": 8.0}

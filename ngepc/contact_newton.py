@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve.la import BaseVector
 
-from ngepc.complementarity import solve_complementarity
 from ngepc.contact import ContactConstraint
 from ngepc.functional import DualFunctional, NewtonSystem
+from ngepc.primal.complementarity import solve_complementarity
 
 
 def newton_system(functional: DualFunctional, inverse: str) -> NewtonSystem:

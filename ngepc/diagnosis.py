@@ -9,10 +9,10 @@ import numpy as np
 from ngsolve import H1, CoefficientFunction, GridFunction
 from ngsolve.la import BaseVector
 
+from ngepc.checks.arguments import is_number
 from ngepc.functional import DualFunctional
 from ngepc.prolongation import vertex_dofs
 from ngepc.results import History, IterationRecord, Status
-from ngepc.validation import is_number
 
 WINDOW = 5
 """Iterates that are looked at for active sets that flicker."""

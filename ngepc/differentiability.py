@@ -48,11 +48,11 @@ from ngsolve import (
 from ngsolve.la import BaseMatrix
 from ngsolve.meshes import MakeStructured2DMesh
 
+from ngepc.checks.arguments import require_integer
 from ngepc.newton import NewtonOptions, semismooth_newton
 from ngepc.problem import Problem
 from ngepc.quadrature import fine_rules
 from ngepc.regularisation import Coupled
-from ngepc.validation import require_integer
 
 CELLS = 8
 POINTS = 100

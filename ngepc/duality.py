@@ -35,7 +35,7 @@ from ngepc.quadrature import boundary_rules, fine_rules
 from ngepc.tensors import coordinates
 
 if TYPE_CHECKING:
-    from ngepc.path_result import PathResult
+    from ngepc.path.result import PathResult
 
 POINTS = 400
 

@@ -20,9 +20,9 @@ import numpy as np
 from ngsolve import CoefficientFunction, FESpace, InnerProduct, LinearForm, ds, dx
 from ngsolve.comp import ProxyFunction
 
+from ngepc.checks.arguments import require_vector
 from ngepc.problem import Problem
 from ngepc.spaces import displacement_space, single_prescribed
-from ngepc.validation import require_vector
 
 BONUS_ORDER = 3
 

@@ -17,8 +17,8 @@ from xml.sax.saxutils import quoteattr
 
 from ngsolve import CF, CoefficientFunction, VTKOutput
 
-from ngepc.drawable import KINDS, field_of, fields_of
-from ngepc.records import write_text
+from ngepc.plotting.drawable import KINDS, field_of, fields_of
+from ngepc.storage.records import write_text
 
 FIELDS = (
     "displacement",

@@ -39,6 +39,7 @@ from ngsolve import (
 from ngsolve.la import BaseVector, SparseMatrixd
 
 from ngepc.assembly import repeated
+from ngepc.checks.arguments import Coefficient
 from ngepc.material import Material
 from ngepc.normals import outward_normal
 from ngepc.penalty import TINY
@@ -46,7 +47,6 @@ from ngepc.problem import Problem, as_scalar
 from ngepc.quadrature import boundary_rules
 from ngepc.regularisation import Regularisation
 from ngepc.spaces import contact_space
-from ngepc.validation import Coefficient
 
 ENERGY_POINTS = 400
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from ngepc.validation import require_integer, require_number
+from ngepc.checks.arguments import require_integer, require_number
 
 ROUNDING = 1e-13
 

@@ -15,7 +15,7 @@ alpha from one time step leaves two numbers, docs/hardening.md:
 import math
 from dataclasses import dataclass, fields
 
-from ngepc.validation import Coefficient, is_number, require_coefficient, require_number
+from ngepc.checks.arguments import Coefficient, is_number, require_coefficient, require_number
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

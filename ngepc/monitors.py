@@ -14,15 +14,15 @@ from typing import TextIO
 
 from matplotlib.figure import Figure
 
-from ngepc.curves import draw_active, draw_history
+from ngepc.checks.arguments import require_number
 from ngepc.dual_result import DualResult
 from ngepc.newton import NewtonOptions, semismooth_newton
-from ngepc.page import EXTRA
-from ngepc.picture import Picture
+from ngepc.plotting import Picture
+from ngepc.plotting.curves import draw_active, draw_history
+from ngepc.plotting.page import EXTRA
 from ngepc.problem import Problem
 from ngepc.regularisation import Regularisation
 from ngepc.results import History, IterationRecord, Status
-from ngepc.validation import require_number
 
 Monitor = Callable[[IterationRecord], None]
 """What solvers call with the record of each iterate, start included."""

@@ -13,6 +13,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.balanced import Balanced
 from ngepc.blocks import LinearBlocks
+from ngepc.checks.arguments import require_integer, require_number
 from ngepc.contact_newton import newton_system
 from ngepc.diagnosis import RecentDuals, describe
 from ngepc.direct import require_direct_solver
@@ -20,12 +21,11 @@ from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional, FactorisationError, NewtonSystem
 from ngepc.iterates import Iterate, Line
 from ngepc.linesearch import ROUNDING, ByRegularisation, FullSteps, LineSearch
-from ngepc.primal import nodal_values
+from ngepc.primal.solver import nodal_values
 from ngepc.problem import Problem
 from ngepc.prolongation import prolongate
 from ngepc.regularisation import Coupled, Regularisation
 from ngepc.results import History, IterationRecord, Status
-from ngepc.validation import require_integer, require_number
 
 logger = logging.getLogger(__name__)
 

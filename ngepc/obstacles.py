@@ -24,14 +24,14 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import CF, CoefficientFunction, IfPos, InnerProduct, Mesh, sqrt, x, y, z
 
-from ngepc.normals import outward_normal
-from ngepc.validation import (
+from ngepc.checks.arguments import (
     Coefficient,
     require_coefficient,
     require_finite,
     require_number,
     require_vector,
 )
+from ngepc.normals import outward_normal
 
 COORDINATES = (x, y, z)
 

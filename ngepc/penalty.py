@@ -19,10 +19,10 @@ from ngsolve import (
 )
 from ngsolve.la import BaseVector, SparseMatrixd
 
+from ngepc.checks.arguments import is_number
 from ngepc.problem import Problem, as_scalar
 from ngepc.quadrature import ElementSplit, boundary_rules, fine_rules, smooth_rules
 from ngepc.regularisation import Regularisation
-from ngepc.validation import is_number
 
 TINY = 1e-290
 

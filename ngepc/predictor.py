@@ -20,11 +20,11 @@ from ngsolve import BilinearForm, GridFunction, InnerProduct, IntegrationRule, L
 from ngsolve.la import BaseVector
 
 from ngepc.assembly import Placed, SparseSum
+from ngepc.checks.arguments import ELEMENT_TYPES, require_number
 from ngepc.functional import DualFunctional
 from ngepc.iterates import Iterate, Line
 from ngepc.problem import as_scalar
 from ngepc.tensors import coordinates, coordinates_count, strain
-from ngepc.validation import ELEMENT_TYPES, require_number
 
 MOST_STEPS = 12
 

@@ -22,8 +22,8 @@ from functools import cached_property
 import numpy as np
 from ngsolve import CF, CoefficientFunction, IfPos, InnerProduct, log, sqrt, x, y, z
 
+from ngepc.checks.arguments import require_number
 from ngepc.material import Material
-from ngepc.validation import require_number
 
 BISECTIONS = 80
 

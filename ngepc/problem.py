@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from ngsolve import CF, CoefficientFunction, Mesh
 
-from ngepc import checks
+from ngepc.checks import problem as checks
+from ngepc.checks.arguments import Coefficient, boundary_names, is_number
 from ngepc.material import Material
 from ngepc.normals import outward_normal
 from ngepc.tensors import deviator
-from ngepc.validation import Coefficient, boundary_names, is_number
 
 Vector = CoefficientFunction | Sequence[Coefficient]
 """A vector-valued CoefficientFunction, or a sequence of N numbers and scalar coefficients."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import ET, VOL, BitArray, IntegrationRule, Mesh
 
-from ngepc.support import element_vertices
-from ngepc.validation import ELEMENT_TYPES, Coefficient, is_number
+from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient, is_number
+from ngepc.checks.support import element_vertices
 
 SMOOTH_ORDER = 9
 SMOOTH_VARIATION = 0.1

@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from ngsolve import Integrate
 
-from ngepc.linesearch import Armijo, LineSearch
-from ngepc.problem import Problem, as_scalar
-from ngepc.tichonov import SurfaceGradient, Tichonov
-from ngepc.validation import (
+from ngepc.checks.arguments import (
     Coefficient,
     is_number,
     require_coefficient,
     require_finite,
     require_number,
 )
+from ngepc.linesearch import Armijo, LineSearch
+from ngepc.problem import Problem, as_scalar
+from ngepc.tichonov import SurfaceGradient, Tichonov
 
 if TYPE_CHECKING:
     from ngsolve.la import BaseVector

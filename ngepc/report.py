@@ -16,11 +16,11 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from ngepc.page import STYLE, frame
+from ngepc.checks.arguments import is_number
+from ngepc.plotting.page import STYLE, frame
+from ngepc.plotting.views import View, png_address
 from ngepc.problem import Problem
-from ngepc.records import write_text
-from ngepc.validation import is_number
-from ngepc.views import View, png_address
+from ngepc.storage.records import write_text
 
 _REPORT_STYLE = """
 body { padding: 1.5rem 1rem 4rem; }
@@ -134,7 +134,7 @@ class Report:
         return self
 
     def add_view(self, view: View, caption: str = "", height: int | None = None) -> Report:
-        """Add an interactive view from ``ngepc.views``."""
+        """Add an interactive view from ``ngepc.plotting.views``."""
         self._add(f"<figure>{frame(view.html, height or view.height)}{_caption(caption)}</figure>")
         return self
 

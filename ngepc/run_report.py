@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ngepc.figures import THRESHOLDS
 from ngepc.plotting import (
     plot_contact_pressure,
     plot_field,
@@ -12,8 +11,9 @@ from ngepc.plotting import (
     plot_plastic_zone,
     plot_yield_function,
 )
+from ngepc.plotting.figures import THRESHOLDS
+from ngepc.plotting.views import show
 from ngepc.report import Report
-from ngepc.views import show
 
 NUMBERS = ("status", "iterations", "residual_norm", "dual_energy", "primal_energy",
            "contact_force", "displacement_l2", "plastic_strain_l2", "wall_time_s")  # fmt: skip

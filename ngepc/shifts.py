@@ -19,12 +19,12 @@ from dataclasses import replace
 
 from ngsolve import CoefficientFunction, IfPos, Norm
 
+from ngepc.checks.arguments import require_integer
 from ngepc.dual_result import DualResult
 from ngepc.newton import NewtonOptions, semismooth_newton
 from ngepc.problem import Problem, as_scalar
 from ngepc.regularisation import Coupled
 from ngepc.results import Status
-from ngepc.validation import require_integer
 
 
 def positive_part(f: CoefficientFunction) -> CoefficientFunction:

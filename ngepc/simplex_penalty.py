@@ -15,13 +15,13 @@ import numpy as np
 from ngsolve import ET, FESpace, GridFunction, Integrate, IntegrationRule, Mesh
 from ngsolve.la import BaseVector, SparseMatrixd
 
+from ngepc.checks.arguments import is_number
+from ngepc.checks.support import element_vertices
 from ngepc.penalty import TINY
 from ngepc.problem import Problem, as_scalar
 from ngepc.quadrature import HIGHEST_ORDER, SMOOTH_ORDER, SMOOTH_VARIATION, order_with_points
 from ngepc.regularisation import Regularisation
 from ngepc.simplex_pattern import SimplexPattern
-from ngepc.support import element_vertices
-from ngepc.validation import is_number
 
 GENTLE = ((SMOOTH_VARIATION, SMOOTH_ORDER), (0.25, 15), (0.5, 21))
 """(variation of q, order): what integrates a function of |q| without a kink to rounding."""

@@ -16,9 +16,9 @@ from ngsolve import (
     VectorValued,
 )
 
+from ngepc.checks.arguments import boundary_names
 from ngepc.problem import Problem, as_scalar
 from ngepc.tensors import coordinates_count
-from ngepc.validation import boundary_names
 
 AXES = "xyz"
 

@@ -6,7 +6,7 @@ from ngepc.geometries import block, lshape
 from ngsolve import CF
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton
-from ngepc.primal import primal_newton
+from ngepc.primal.solver import primal_newton
 
 
 @cache

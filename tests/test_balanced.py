@@ -29,7 +29,7 @@ from ngepc.contact_newton import ConstrainedSystem
 from ngepc.functional import DualFunctional
 from ngepc.iterates import Iterate, Line
 from ngepc.predictor import LocalProblem
-from ngepc.primal import primal_newton
+from ngepc.primal.solver import primal_newton
 
 BALANCED = Balanced(1e9)
 

@@ -28,11 +28,11 @@ from ngepc import (
     SurfaceGradient,
     outward_normal,
 )
-from ngepc.evolution import cold_start, evolve
-from ngepc.load_path import load_cycle
+from ngepc.evolution.load_path import load_cycle
+from ngepc.evolution.solver import cold_start, evolve
 from ngepc.newton import semismooth_newton
 from ngepc.pressed_shell import PressedShell
-from ngepc.primal import primal_newton
+from ngepc.primal.solver import primal_newton
 from ngepc.spaces import plastic_dual_space
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)

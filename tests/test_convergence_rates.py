@@ -23,7 +23,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.manufactured import stretched_and_pressed
-from ngepc.primal import primal_newton
+from ngepc.primal.solver import primal_newton
 
 BALANCED = Balanced(1e9, contact=PenaltyContact(gamma=1e6), tichonov=FullProduct())
 CELLS = (8, 16, 32)

@@ -13,12 +13,12 @@ from ngepc.geometries import block, lshape
 from ngsolve import IfPos, InnerProduct, Integrate, ds, specialcf, x
 
 from ngepc.balanced import Balanced
-from ngepc.evolution import cold_start, evolve
-from ngepc.load_path import Schedule, load_cycle
+from ngepc.evolution.load_path import Schedule, load_cycle
+from ngepc.evolution.memory import Memory
+from ngepc.evolution.solver import cold_start, evolve
 from ngepc.material import Material
-from ngepc.memory import Memory
 from ngepc.newton import semismooth_newton
-from ngepc.primal import PrimalOptions, primal_newton
+from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.problem import Problem
 from ngepc.results import SolverError, Status
 
@@ -370,8 +370,8 @@ def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():
     from ngepc.geometries import lshape
 
     from ngepc import semismooth_newton
-    from ngepc.evolution import cold_start
-    from ngepc.evolution_file import problem_fingerprint
+    from ngepc.evolution.file import problem_fingerprint
+    from ngepc.evolution.solver import cold_start
     from ngepc.examples import lshape_problem
 
     names = {cold_start(semismooth_newton, gamma=g).__qualname__ for g in (1e3, 1e4)}

@@ -10,7 +10,7 @@ from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc import export
 from ngepc.export import FIELDS, export_series, export_vtu
-from ngepc.records import l2_norm
+from ngepc.storage.records import l2_norm
 
 meshio = pytest.importorskip("meshio", reason="meshio reads the files back (extra 'test')")
 

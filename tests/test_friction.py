@@ -19,9 +19,9 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.duality import duality_report
-from ngepc.evolution import cold_start, evolve
+from ngepc.evolution.solver import cold_start, evolve
 from ngepc.friction import friction_energy, pressed_block_problem, slip
-from ngepc.primal import primal_newton
+from ngepc.primal.solver import primal_newton
 from ngepc.tensors import tensor
 
 MU, HARDENING, LOAD = 100.0, 10.0, 3.0

@@ -26,7 +26,7 @@ from ngsolve import (
 
 from ngepc import Balanced, FullProduct, Material, Problem, Status, semismooth_newton
 from ngepc.blocks import primal_energy
-from ngepc.primal import primal_newton
+from ngepc.primal.solver import primal_newton
 from ngepc.recovery import Fields, frobenius
 from ngepc.tensors import coordinates_count, deviator, strain, tensor
 

@@ -22,7 +22,7 @@ from ngepc import (
     Units,
     semismooth_newton,
 )
-from ngepc.primal import primal_newton
+from ngepc.primal.solver import primal_newton
 
 STRESS, LENGTH = 2e8, 0.25
 NODES = 113

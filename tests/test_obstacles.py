@@ -23,8 +23,8 @@ from ngsolve import (
 )
 
 from ngepc import Material, Problem, outward_normal
+from ngepc.checks.arguments import sample
 from ngepc.obstacles import Cavity, Cylinder, Disc, Plane, SignedDistance, Sphere
-from ngepc.validation import sample
 
 SQUARE = block.structured_mesh(8, 8)
 CUBE = block.structured_mesh(4, 4, 4)

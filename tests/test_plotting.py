@@ -10,9 +10,6 @@ from ngsolve import CF, L2, GridFunction, InnerProduct, Integrate, sqrt, x, y
 from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc import lshape_problem
-from ngepc.curves import chains, pressure_curves
-from ngepc.drawable import KINDS, UnitNames, drawable
-from ngepc.picture import beside
 from ngepc.plotting import (
     plot_comparison,
     plot_contact_pressure,
@@ -25,10 +22,13 @@ from ngepc.plotting import (
     plot_quotients,
     plot_yield_function,
 )
-from ngepc.primal import primal_newton
+from ngepc.plotting.curves import chains, pressure_curves
+from ngepc.plotting.drawable import KINDS, UnitNames, drawable
+from ngepc.plotting.picture import beside
+from ngepc.plotting.sampling import Corners, body_corners, colour_range
+from ngepc.primal.solver import primal_newton
 from ngepc.recovery import Fields
 from ngepc.results import History
-from ngepc.sampling import Corners, body_corners, colour_range
 from ngepc.spaces import displacement_space, plastic_space
 
 

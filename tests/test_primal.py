@@ -23,14 +23,14 @@ from ngsolve import (
     y,
 )
 
-from ngepc.complementarity import solve_complementarity
 from ngepc.material import Material, lame_parameters
-from ngepc.nodal_contact import nodal_contact
-from ngepc.primal import PrimalOptions, primal_newton
+from ngepc.primal.complementarity import solve_complementarity
+from ngepc.primal.contact import nodal_contact
+from ngepc.primal.energy import ReducedEnergy
+from ngepc.primal.return_mapping import at_plastic_points, interpolated, plastic_points
+from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.problem import Problem
-from ngepc.reduced_energy import ReducedEnergy
 from ngepc.results import SolverError, Status
-from ngepc.return_mapping import at_plastic_points, interpolated, plastic_points
 from ngepc.spaces import displacement_space
 from ngepc.tensors import tensor
 

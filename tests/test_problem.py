@@ -8,7 +8,8 @@ from ngepc.geometries import block, lshape, wrench
 from ngsolve import CF, Integrate, Parameter, ds, x, y, z
 
 from ngepc import Material, Problem, lame_parameters
-from ngepc.support import (
+from ngepc.checks.arguments import boundary_names, require_integer, require_number, sample
+from ngepc.checks.support import (
     check_conforming,
     connected,
     element_facets,
@@ -16,7 +17,6 @@ from ngepc.support import (
     part_vertices,
     rigid_rows,
 )
-from ngepc.validation import boundary_names, require_integer, require_number, sample
 
 STEEL = Material.kinematic(lame_lambda=1000.0, lame_mu=800.0, yield_stress=5.0, hardening=100.0)
 SQUARE = block.structured_mesh(4, 4, simplices=True)

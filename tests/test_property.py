@@ -15,7 +15,7 @@ from ngsolve import GridFunction, Integrate, Norm
 
 from ngepc import Status
 from ngepc.__main__ import main
-from ngepc.primal import primal_newton
+from ngepc.primal.solver import primal_newton
 from ngepc.studies.fuzz import Fuzz, examine
 from ngepc.studies.random_problems import BODIES, GAPS, HARDENINGS, METHODS, Draw, build, draws
 

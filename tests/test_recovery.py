@@ -16,7 +16,7 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
-from ngepc.primal import PrimalOptions, primal_newton
+from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results import Result, SolverError, Status
 from ngepc.tensors import deviator
 

@@ -23,12 +23,12 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
-from ngepc.evolution import evolve
+from ngepc.evolution.solver import evolve
 from ngepc.functional import NewtonSystem
-from ngepc.path import follow_path
-from ngepc.path_options import PathOptions
-from ngepc.primal import PrimalOptions, primal_newton
-from ngepc.primal_run import Run
+from ngepc.path.options import PathOptions
+from ngepc.path.solver import follow_path
+from ngepc.primal.run import Run
+from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.studies.witness import dual_residual, primal_residual
 
 NAN = math.nan
@@ -182,7 +182,7 @@ def test_failed_factorisation_is_named_with_the_last_good_state(small, monkeypat
 
 
 def test_primal_failed_factorisation_is_named(small, monkeypatch):
-    from ngepc.reduced_energy import ReducedEnergy
+    from ngepc.primal.energy import ReducedEnergy
 
     monkeypatch.setattr(ReducedEnergy, "factorise", lambda self, u: broken_factorisation(self))
     result = primal_newton(small)

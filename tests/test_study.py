@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from ngepc import checkpoint
 from ngepc.__main__ import main
+from ngepc.storage import checkpoint
 from ngepc.studies.table1 import Table1
 from ngepc.studies.tables import Cell
 

@@ -25,7 +25,7 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
-from ngepc.primal import primal_newton
+from ngepc.primal.solver import primal_newton
 from ngepc.quadrature import boundary_rules, fine_rules
 from ngepc.studies.witness import distance_bound
 from ngepc.tensors import coordinates, tensor

@@ -11,9 +11,8 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 from solved import block_primal, lshape_dual, lshape_primal
 
-from ngepc import page, views
-from ngepc.plotting import plot_field
-from ngepc.views import View, ViewOptions, compare, export_html, show, slide, slide_figures
+from ngepc.plotting import page, plot_field, views
+from ngepc.plotting.views import View, ViewOptions, compare, export_html, show, slide, slide_figures
 
 needs_browser = pytest.mark.skipif(
     chromium() is None, reason="no Chromium or Chrome is installed (Debian: apt install chromium)"
@@ -167,7 +166,7 @@ def test_pages_name_no_address_of_the_network():
 def test_numpy_keeps_its_error_settings():
     code = (
         "import numpy as np; before = np.geterr();"
-        "from ngepc.scenes import webgui_draw; webgui_draw();"
+        "from ngepc.plotting.scenes import webgui_draw; webgui_draw();"
         "assert np.geterr() == before, np.geterr()"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

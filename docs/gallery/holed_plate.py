@@ -12,11 +12,11 @@ from ngsolve import Integrate
 from shared import check, plain, run, save
 
 from ngepc import Balanced, Material, Problem, semismooth_newton
-from ngepc.evolution import cold_start, evolve
-from ngepc.load_path import load_cycle
-from ngepc.picture import beside
+from ngepc.evolution.load_path import load_cycle
+from ngepc.evolution.solver import cold_start, evolve
 from ngepc.plotting import plot_field
-from ngepc.primal import primal_newton
+from ngepc.plotting.picture import beside
+from ngepc.primal.solver import primal_newton
 
 STRETCH, CORNERS = 1.2e-3, (1, -1, 1, -1, 1)
 

@@ -13,9 +13,9 @@ from shared import check, run, save
 
 from ngepc import Balanced, Material, Problem, lame_parameters, semismooth_newton
 from ngepc.obstacles import Sphere
-from ngepc.picture import beside
 from ngepc.plotting import plot_field
-from ngepc.primal import primal_newton
+from ngepc.plotting.picture import beside
+from ngepc.primal.solver import primal_newton
 
 DOCUMENTED, BOUND = 37.3058, 400.0
 

@@ -13,8 +13,8 @@ from ngsolve import CF, InnerProduct, Integrate, ds
 from shared import check, plain, run, save
 
 from ngepc import Balanced, Material, Problem, outward_normal, semismooth_newton
-from ngepc.picture import beside
 from ngepc.plotting import plot_field
+from ngepc.plotting.picture import beside
 from ngepc.pressed_shell import PressedShell
 
 MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)

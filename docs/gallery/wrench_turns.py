@@ -11,11 +11,11 @@ from ngepc.geometries import wrench
 from shared import check, plain, run, save
 
 from ngepc import Balanced, semismooth_newton, wrench_problem
-from ngepc.evolution import cold_start, evolve
-from ngepc.load_path import load_cycle
-from ngepc.picture import beside
+from ngepc.evolution.load_path import load_cycle
+from ngepc.evolution.solver import cold_start, evolve
 from ngepc.plotting import plot_field
-from ngepc.primal import primal_newton
+from ngepc.plotting.picture import beside
+from ngepc.primal.solver import primal_newton
 
 LOAD, CORNERS, END = 1.1, (1, -1, 1, 0), (8.0, 1.5)
 

@@ -22,9 +22,9 @@ def run(args: argparse.Namespace) -> int:
     """Measure, write, name what was written."""
     for name in ("NGS_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"
-    from ngepc import records
     from ngepc.benchmark import NODES, Cell, run_cells
     from ngepc.benchmark_output import write_benchmark
+    from ngepc.storage import records
 
     if args.levels > len(NODES):
         raise ValueError(f"--levels {args.levels}: 1 to {len(NODES)} are available")

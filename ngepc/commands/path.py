@@ -33,9 +33,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Follow the path, report, write."""
-    from ngepc import records
-    from ngepc.path import follow_path
-    from ngepc.path_options import PathOptions
+    from ngepc.path.options import PathOptions
+    from ngepc.path.solver import follow_path
+    from ngepc.storage import records
 
     if args.json not in (None, "-"):
         records.check_writable(Path(args.json))
@@ -70,7 +70,7 @@ def path_record(name: str, path: object, wall_time: float) -> dict:
     wall_time
         Seconds for the whole path.
     """
-    from ngepc import records
+    from ngepc.storage import records
 
     own = {
         "status": path.status.label,
@@ -98,7 +98,7 @@ def _say(step: object) -> None:
 
 
 def _report(record: dict, target: str | None) -> None:
-    from ngepc import records
+    from ngepc.storage import records
 
     if target == "-":
         sys.stdout.write(records.to_json(record))

@@ -21,7 +21,7 @@ def run(args: argparse.Namespace) -> int:
         path = folder_report(args.run_file, args.out or args.run_file / "report.html")
     else:
         from ngepc.run_report import run_report
-        from ngepc.runs import load_run
+        from ngepc.storage.runs import load_run
 
         record, result = load_run(args.run_file)
         path = run_report(record, result, args.out or args.run_file.with_suffix(".html"))

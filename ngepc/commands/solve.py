@@ -43,8 +43,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Solve, report, write."""
-    from ngepc import records
-    from ngepc.files import check_folder
+    from ngepc.storage import records
+    from ngepc.storage.files import check_folder
 
     if args.regularisation is None:
         args.regularisation = "balanced" if args.gamma is None else "coupled"
@@ -66,12 +66,12 @@ def run(args: argparse.Namespace) -> int:
     }
     _report(record, args.json)
     if args.save is not None:
-        from ngepc.runs import save_run
+        from ngepc.storage.runs import save_run
 
         save_run(args.save, {**vars(args), "gamma": record["gamma"]}, record, result)
         say(f"wrote {args.save}")
     if args.figures is not None:
-        from ngepc.figures import write_figures
+        from ngepc.plotting.figures import write_figures
 
         for path in write_figures(args.problem, result, args.figures):
             say(f"wrote {path}")
@@ -107,7 +107,7 @@ def _dual(args: argparse.Namespace):
 
 
 def _primal(args: argparse.Namespace):
-    from ngepc.primal import primal_newton
+    from ngepc.primal.solver import primal_newton
     from ngepc.starts import coarse_problem
 
     if args.gamma is not None:
@@ -118,7 +118,7 @@ def _primal(args: argparse.Namespace):
 
 
 def _report(record: dict, target: str | None) -> None:
-    from ngepc import records
+    from ngepc.storage import records
 
     if target == "-":
         sys.stdout.write(records.to_json(record))

@@ -17,7 +17,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the study and name what it wrote."""
-    from ngepc.path_options import PathOptions
+    from ngepc.path.options import PathOptions
     from ngepc.studies.duality import duality_along_path, write_duality
 
     options = PathOptions(gamma_start=10.0, growth=10.0, gamma_end=args.gamma_end, inner_scale=1e-8)

@@ -15,8 +15,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the study and name what it wrote."""
-    from ngepc.files import check_folder
     from ngepc.geometries import lshape
+    from ngepc.storage.files import check_folder
     from ngepc.studies.solvers import compare_solvers, write_solvers
 
     if args.levels > len(lshape.PAPER_NODES):

@@ -17,7 +17,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the study and name what it wrote."""
     from ngepc.geometries import wrench
-    from ngepc.path_options import PathOptions
+    from ngepc.path.options import PathOptions
     from ngepc.studies.table3 import Table3
 
     if args.levels > len(wrench.PAPER_NODES):

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ngepc.duality import duality_report
-from ngepc.path import follow_path
-from ngepc.path_options import PathOptions
+from ngepc.path.options import PathOptions
+from ngepc.path.solver import follow_path
 from ngepc.studies.figures import example
 from ngepc.studies.output import Table, write_table
 

@@ -17,15 +17,15 @@ from ngsolve import Integrate
 
 from ngepc.dual_result import DualResult
 from ngepc.examples import lshape_problem, wrench_problem
-from ngepc.figures import THRESHOLDS, save
 from ngepc.geometries import lshape, wrench
-from ngepc.path import follow_path
-from ngepc.path_options import PathOptions
-from ngepc.path_result import PathResult
-from ngepc.picture import beside
+from ngepc.path.options import PathOptions
+from ngepc.path.result import PathResult
+from ngepc.path.solver import follow_path
 from ngepc.plotting import plot_field, plot_mesh, plot_plastic_zone, plot_yield_function
+from ngepc.plotting.figures import THRESHOLDS, save
+from ngepc.plotting.picture import beside
+from ngepc.plotting.sampling import body_corners
 from ngepc.problem import Problem
-from ngepc.sampling import body_corners
 from ngepc.studies.output import Table, write_table
 
 Progress = Callable[[str], None]

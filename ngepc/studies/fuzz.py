@@ -21,14 +21,14 @@ from pathlib import Path
 import numpy as np
 from ngsolve import Integrate
 
-from ngepc import checkpoint, records
 from ngepc._version import __version__
 from ngepc.dual_result import DualResult
 from ngepc.newton import NewtonOptions, semismooth_newton
 from ngepc.primal import PrimalOptions, primal_newton
-from ngepc.primal_result import PrimalResult
+from ngepc.primal.result import PrimalResult
 from ngepc.problem import Problem
 from ngepc.results import Status
+from ngepc.storage import checkpoint, records
 from ngepc.studies.output import Table, write_table
 from ngepc.studies.random_problems import BODIES, GAPS, METHODS, Draw, build, draws, regularisation
 from ngepc.studies.witness import (

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ngepc import records
+from ngepc.storage import records
 from ngepc.studies.tables import csv_table, markdown_table, provenance_lines
 
 

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 from ngepc.dual_result import DualResult
-from ngepc.figures import THRESHOLDS, save, write_figures
 from ngepc.plotting import (
     plot_contact_pressure,
     plot_counts,
@@ -14,10 +13,11 @@ from ngepc.plotting import (
     plot_plastic_zone,
     plot_yield_function,
 )
+from ngepc.plotting.figures import THRESHOLDS, save, write_figures
+from ngepc.plotting.views import show
 from ngepc.report import Report
 from ngepc.studies.table1 import Table1, cell_gamma, paper_value
 from ngepc.studies.tables import Cell
-from ngepc.views import show
 
 
 def finest(study: Table1) -> Cell:

@@ -16,9 +16,9 @@ from ngepc.balanced import Balanced
 from ngepc.geometries import block
 from ngepc.material import Material
 from ngepc.newton import NewtonOptions, semismooth_newton
-from ngepc.path import follow_path
-from ngepc.path_options import PathOptions
-from ngepc.primal import primal_newton
+from ngepc.path.options import PathOptions
+from ngepc.path.solver import follow_path
+from ngepc.primal.solver import primal_newton
 from ngepc.problem import Problem
 from ngepc.studies.output import Table, write_table
 from ngepc.studies.tables import Cell, CellStore, Outcome

@@ -10,7 +10,7 @@ from ngepc.balanced import Balanced
 from ngepc.examples import lshape_problem
 from ngepc.geometries import lshape
 from ngepc.newton import semismooth_newton
-from ngepc.primal import primal_newton
+from ngepc.primal.solver import primal_newton
 from ngepc.regularisation import Coupled
 from ngepc.studies.output import Table, write_table
 

@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ngepc import records
 from ngepc.dual_result import DualResult
 from ngepc.examples import lshape_problem
 from ngepc.geometries import lshape
 from ngepc.newton import NewtonOptions, semismooth_newton
 from ngepc.regularisation import Coupled
-from ngepc.restore import restore
 from ngepc.results import History, IterationRecord, Status
+from ngepc.storage import records
+from ngepc.storage.restore import restore
 from ngepc.studies.paper import TABLE_1
 from ngepc.studies.tables import (
     Cell,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ngepc import records
 from ngepc.examples import wrench_problem
 from ngepc.geometries import wrench
 from ngepc.newton import NewtonOptions, semismooth_newton
+from ngepc.storage import records
 from ngepc.studies.output import Table, write_table
 from ngepc.studies.paper import TABLE_2
 from ngepc.studies.tables import Cell, CellStore, Outcome

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ngepc import records
 from ngepc.examples import wrench_problem
 from ngepc.geometries import wrench
-from ngepc.path import follow_path
-from ngepc.path_options import PathOptions
+from ngepc.path.options import PathOptions
+from ngepc.path.solver import follow_path
+from ngepc.storage import records
 from ngepc.studies.output import Table, write_table
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
 from ngepc.studies.tables import Cell, CellStore, Outcome

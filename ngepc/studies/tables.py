@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ngepc import checkpoint, records
-from ngepc.files import check_folder
 from ngepc.results import Status
+from ngepc.storage import checkpoint, records
+from ngepc.storage.files import check_folder
 
 logger = logging.getLogger(__name__)
 

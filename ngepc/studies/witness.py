@@ -26,7 +26,7 @@ from ngsolve import (
 
 from ngepc.blocks import load_terms
 from ngepc.dual_result import DualResult
-from ngepc.primal_result import PrimalResult
+from ngepc.primal.result import PrimalResult
 from ngepc.problem import Problem, as_scalar
 from ngepc.quadrature import boundary_rules, fine_rules
 from ngepc.spaces import prescribed_displacement

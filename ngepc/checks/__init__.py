@@ -1,0 +1,1 @@
+"""Bad input is refused before any work: single arguments, whole problems, their supports."""

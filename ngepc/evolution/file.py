@@ -1,0 +1,139 @@
+"""Checkpoints of ``evolve``: after each step the finished steps, in one file, written whole."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from ngsolve import GridFunction
+
+from ngepc._version import __version__
+from ngepc.checks.arguments import boundary_names, sample
+from ngepc.evolution.load_path import ListedSteps, Schedule
+from ngepc.primal.return_mapping import interpolated
+from ngepc.problem import Problem, as_vector
+from ngepc.recovery import Fields
+from ngepc.spaces import displacement_space
+from ngepc.storage.checkpoint import load, mesh_fingerprint, save
+from ngepc.storage.records import check_writable
+from ngepc.tensors import coordinates
+
+
+@dataclass(frozen=True, eq=False)
+class StoredSteps:
+    """The steps of a checkpoint as (row, displacement, plastic increment), and what was pending."""
+
+    steps: list[tuple[dict, np.ndarray, np.ndarray]]
+    pending: list[tuple[float, int]]
+
+
+class EvolutionFile:
+    """The checkpoint file of one evolution.
+
+    Parameters
+    ----------
+    path
+        The file; its folder must be writable.
+    problem, schedule, solver
+        The work that it belongs to.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+
+    def __init__(
+        self, path: Path, problem: Problem, schedule: Schedule | ListedSteps, solver: object
+    ) -> None:
+        check_writable(path)
+        self.path = path
+        self._rows: list[dict] = []
+        self.fingerprint = {
+            "kind": "evolution",
+            "version": __version__,
+            "mesh": mesh_fingerprint(problem.mesh),
+            "problem": problem_fingerprint(problem),
+            "times": list(schedule.times),
+            "solver": getattr(solver, "__qualname__", type(solver).__qualname__),
+        }
+
+    def load(self) -> StoredSteps | None:
+        """What an earlier run left; None if there is no file.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged or belongs to other work.
+        """
+        stored = load(self.path, self.fingerprint)
+        if stored is None:
+            return None
+        rows = stored.record["steps"]
+        steps = [
+            (row, stored.arrays[f"u{i}"], stored.arrays[f"p{i}"]) for i, row in enumerate(rows)
+        ]
+        pending = [(float(time), int(level)) for time, level in stored.record["pending"]]
+        return StoredSteps(steps, pending)
+
+    def fields(self, problem: Problem, row: dict, u: np.ndarray, p: np.ndarray) -> Fields:
+        """The fields of a stored step.
+
+        Raises
+        ------
+        ValueError
+            If ``problem`` is not what the step was solved for.
+        """
+        if problem_fingerprint(problem) != row["fingerprint"]:
+            raise ValueError(
+                f"checkpoint {self.path} belongs to other work: the step to time "
+                f"{row['time']:g} had other data; move it away"
+            )
+        displacement = GridFunction(displacement_space(problem), name="displacement")
+        displacement.vec.FV().NumPy()[:] = u
+        increment = interpolated(problem, coordinates(problem.p_0, problem.N))
+        if len(increment.vec) != len(p):
+            raise ValueError(f"checkpoint {self.path} has plastic strains of another solver")
+        increment.vec.FV().NumPy()[:] = p
+        return Fields(problem, displacement, increment)
+
+    def save(self, steps: Sequence, pending: Sequence[tuple[float, int]]) -> None:
+        """Write all finished steps and the pending times."""
+        arrays = {}
+        for i, step in enumerate(steps):
+            arrays[f"u{i}"] = step.fields.displacement.vec.FV().NumPy()
+            arrays[f"p{i}"] = step.fields.plastic_increment.vec.FV().NumPy()
+        for step in steps[len(self._rows) :]:
+            digest = problem_fingerprint(step.problem)
+            self._rows.append(vars(step.record) | {"fingerprint": digest})
+        record = {"steps": self._rows, "pending": [list(p) for p in pending]}
+        save(self.path, self.fingerprint, record, arrays)
+
+
+def problem_fingerprint(problem: Problem) -> str:
+    """A digest of all data of a problem but its mesh, sampled on the mesh."""
+    mesh, material, digest = problem.mesh, problem.material, hashlib.sha256()
+    names = (problem.clamped_names, problem.contact_names, sorted(problem.prescribed or {}))
+    digest.update(repr(names).encode())
+    body = [material.lame_lambda, material.lame_mu, material.effective_hardening]
+    body += [material.hardening, problem.beta, problem.p_0, *problem.alpha_0]
+    body += [] if problem.f is None else [problem.f]
+    for value in body:
+        digest.update(sample(value, mesh).tobytes())
+    for kind in (problem.tractions, problem.gaps):
+        for name, value in sorted(kind.items()):
+            digest.update(name.encode() + sample(value, mesh, [name]).tobytes())
+    if problem.friction is not None:
+        digest.update(sample(problem.friction, mesh, list(problem.contact_names)).tobytes())
+    if problem.initial_displacement is not None:
+        digest.update(sample(as_vector(problem.initial_displacement), mesh).tobytes())
+    for names, components in sorted((problem.prescribed or {}).items()):
+        for component in components:
+            free = component is None
+            digest.update(f"{names} {free}".encode())
+            if not free:
+                digest.update(sample(component, mesh, boundary_names("", names, mesh)).tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,161 @@
+"""What happens to a body in time: loads, gaps and prescribed displacements as functions of time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ngepc.checks.arguments import require_integer, require_number
+from ngepc.problem import Problem, as_vector
+
+Changes = Mapping[str, object]
+"""Field of ``Problem`` -> its value in the step; what is not named is as in the problem."""
+
+CARRIED = ("mesh", "material", "initial_plastic_strain", "initial_hardening")
+"""Fields of ``Problem`` that a step may not change: the body, and what earlier steps decide."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Steps at given times, with changes that are known at every time.
+
+    A step that fails can be cut in two, because ``changes`` also tells what holds in between.
+
+    Parameters
+    ----------
+    times
+        Ends of the steps, increasing, after ``begin``.
+    changes
+        Time -> changes of the problem, such as {'gap': 0.1 - t}.
+    begin
+        Time of the given initial state.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the times do not increase or ``changes`` is no function.
+    """
+
+    times: Sequence[float]
+    changes: Callable[[float], Changes]
+    begin: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not callable(self.changes):
+            raise TypeError(f"changes={self.changes!r}: a function of time is needed")
+        object.__setattr__(self, "times", increasing_times(self.times, self.begin))
+
+
+@dataclass(frozen=True)
+class ListedSteps:
+    """Steps given one by one as (time, changes); they cannot be cut."""
+
+    times: tuple[float, ...]
+    listed: tuple[Changes, ...]
+    begin: float = -math.inf
+
+    def changes(self, time: float) -> Changes:
+        """The changes listed for ``time``."""
+        return self.listed[self.times.index(time)]
+
+
+def as_schedule(steps: object) -> Schedule | ListedSteps:
+    """``steps`` as a schedule: itself, or an iterable of (time, changes).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is neither, or the times do not increase.
+    """
+    if isinstance(steps, Schedule):
+        return steps
+    try:
+        pairs = [(time, changes) for time, changes in steps]
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"steps={steps!r}: a Schedule or pairs (time, changes) are needed"
+        ) from None
+    times = increasing_times([time for time, _ in pairs], -math.inf)
+    return ListedSteps(times, tuple(changes for _, changes in pairs))
+
+
+def increasing_times(times: Sequence[float], begin: float) -> tuple[float, ...]:
+    """The times as floats, at least one, each after the one before and after ``begin``."""
+    if isinstance(times, str) or not hasattr(times, "__iter__"):
+        raise TypeError(f"times={times!r}: a sequence of numbers is needed")
+    times = tuple(require_number("times", float(t) if np.isscalar(t) else t) for t in times)
+    if not times:
+        raise ValueError(f"times={times!r}: at least one time is needed")
+    for before, after in zip((begin, *times), times, strict=False):
+        if not before < after:
+            raise ValueError(f"times={times!r}: {after:g} does not come after {before:g}")
+    return times
+
+
+def check_changes(changes: object, time: float) -> Changes:
+    """Refuse changes that are no mapping or name what a step may not change."""
+    if not isinstance(changes, Mapping):
+        raise TypeError(f"changes at time {time:g} are {changes!r}: a mapping is needed")
+    legal = [f.name for f in fields(Problem) if f.name not in CARRIED]
+    for name in changes:
+        if name not in legal:
+            raise ValueError(
+                f"changes at time {time:g} name {name!r}: a step can change {', '.join(legal)}"
+            )
+    return changes
+
+
+def load_cycle(
+    problem: Problem, factors: Sequence[float], steps: int = 1, begin: float = 0.0
+) -> Schedule:
+    """All loads of ``problem`` times a factor that runs linearly from 0 through ``factors``.
+
+    The factor is ``factors[0]`` at time begin + 1, ``factors[1]`` at begin + 2, and so on:
+    ``load_cycle(problem, [1, -1, 1], steps=4)`` loads, reverses and reloads in 4 steps each.
+    Tractions, body force and prescribed displacements are scaled; gaps are not.
+
+    Parameters
+    ----------
+    problem
+        Its loads are those at factor 1.
+    factors
+        Corners of the path, at least one finite number.
+    steps
+        Steps from one corner to the next, >= 1.
+    begin
+        Time of the given initial state, where the factor is 0.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not legal.
+    """
+    steps = require_integer("steps", steps, 1)
+    corners = [0.0, *(require_number("factors", f) for f in factors)]
+    if len(corners) < 2:
+        raise ValueError(f"factors={factors!r}: at least one number is needed")
+    knots = begin + np.arange(len(corners))
+    times = begin + np.arange(1, steps * (len(corners) - 1) + 1) / steps
+
+    def changes(time: float) -> Changes:
+        return scaled_loads(problem, float(np.interp(time, knots, corners)))
+
+    return Schedule(tuple(times.tolist()), changes, begin)
+
+
+def scaled_loads(problem: Problem, factor: float) -> Changes:
+    """Changes that multiply tractions, body force and prescribed displacements by ``factor``."""
+    changes: dict[str, object] = {}
+    if problem.traction:
+        changes["traction"] = {name: factor * g for name, g in problem.tractions.items()}
+    if problem.body_force is not None:
+        changes["body_force"] = factor * as_vector(problem.body_force)
+    if problem.prescribed:
+        changes["prescribed"] = {
+            names: tuple(None if c is None else factor * c for c in components)
+            for names, components in problem.prescribed.items()
+        }
+    return changes

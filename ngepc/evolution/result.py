@@ -1,0 +1,151 @@
+"""What several time steps leave: fields and numbers of each, and how the run ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+from ngsolve import InnerProduct, Integrate, Norm, dx
+
+from ngepc.evolution.memory import Memory
+from ngepc.primal.return_mapping import at_plastic_points, plastic_points
+from ngepc.problem import Problem
+from ngepc.recovery import Fields
+from ngepc.results import SolverError, Status
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepRecord:
+    """Numbers of one step, for hysteresis curves and tables.
+
+    Parameters
+    ----------
+    time
+        End of the step.
+    cuts
+        How often the interval was halved to get here.
+    iterations
+        Newton steps.
+    contact_force
+        Resultant of the normal contact pressure, positive in compression (force).
+    reaction, applied_force
+        Forces of supports and loads on the body, N numbers; None if the solver does not tell.
+    primal_energy
+        J(u, p) of the step, (2.14).
+    elastic_energy
+        1/2 int C (eps(u) - p) : (eps(u) - p) with the total plastic strain.
+    dissipation
+        int beta |p| with the plastic strain gained in the step.
+    max_plastic_strain
+        Largest |p_0 + p|_F at the plastic points.
+    """
+
+    time: float
+    cuts: int
+    iterations: int
+    contact_force: float
+    reaction: tuple[float, ...] | None
+    applied_force: tuple[float, ...] | None
+    primal_energy: float
+    elastic_energy: float
+    dissipation: float
+    max_plastic_strain: float
+
+    @classmethod
+    def of(cls, result: object, step_fields: Fields, time: float, cuts: int) -> StepRecord:
+        """The numbers of a step from the solver's result and the fields."""
+        problem = step_fields.problem
+        mesh, on_points = problem.mesh, at_plastic_points(problem, dx)
+        elastic = step_fields.strain - step_fields.plastic_strain
+        stored = 0.5 * InnerProduct(step_fields.stress, elastic)
+        lost = problem.beta * Norm(step_fields.plastic_increment)
+        points = mesh.MapToAllElements(plastic_points(mesh), mesh.Materials(".*"))
+        return cls(
+            time=time,
+            cuts=cuts,
+            iterations=result.iterations,
+            contact_force=float(result.contact_force),
+            reaction=_floats(getattr(result, "reaction", None)),
+            applied_force=_floats(getattr(result, "applied_force", None)),
+            primal_energy=float(result.primal_energy),
+            elastic_energy=float(Integrate(stored * on_points, mesh)),
+            dissipation=float(Integrate(lost * on_points, mesh)),
+            max_plastic_strain=float(np.max(step_fields.equivalent_plastic_strain(points))),
+        )
+
+    @classmethod
+    def from_row(cls, row: Mapping) -> StepRecord:
+        """The record from its dictionary, as a checkpoint keeps it."""
+        data = {f.name: row[f.name] for f in fields(cls)}
+        forces = {name: _floats(data[name]) for name in ("reaction", "applied_force")}
+        return cls(**data | forces)
+
+
+def _floats(values: Iterable | None) -> tuple[float, ...] | None:
+    return None if values is None else tuple(float(v) for v in values)
+
+
+@dataclass(frozen=True, eq=False)
+class EvolutionStep:
+    """One finished step: its fields and its numbers."""
+
+    fields: Fields
+    record: StepRecord
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of the step, with p_0 and alpha_0 as they were at its begin."""
+        return self.fields.problem
+
+
+@dataclass(eq=False)
+class Evolution:
+    """What ``evolve`` returns: the finished steps, and how the run ended.
+
+    Parameters
+    ----------
+    problem
+        The problem that the steps change.
+    steps
+        The finished steps, in time.
+    memory
+        p_0 and alpha_0 after the last of them.
+    status, message
+        CONVERGED if all steps were done; otherwise what stopped the run, and when.
+    """
+
+    problem: Problem
+    steps: list[EvolutionStep]
+    memory: Memory
+    status: Status = Status.CONVERGED
+    message: str = ""
+
+    @property
+    def times(self) -> list[float]:
+        """Ends of the finished steps."""
+        return self.column("time")
+
+    def column(self, name: str) -> list:
+        """One field of all ``StepRecord``s: 'contact_force', 'dissipation', ..."""
+        return [getattr(step.record, name) for step in self.steps]
+
+    def as_rows(self) -> list[dict]:
+        """The records as dictionaries, for tables."""
+        return [asdict(step.record) for step in self.steps]
+
+    def values(self, quantity: Callable[[Fields], object]) -> list:
+        """``quantity(fields)`` of all steps, such as a displacement at a point, for hysteresis."""
+        return [quantity(step.fields) for step in self.steps]
+
+    def raise_for_status(self) -> Evolution:
+        """Return the evolution itself if all steps were done.
+
+        Raises
+        ------
+        SolverError
+            Otherwise; its ``result`` keeps the finished steps.
+        """
+        if self.status is not Status.CONVERGED:
+            raise SolverError(self)
+        return self

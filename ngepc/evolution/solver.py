@@ -1,0 +1,190 @@
+"""Several time steps: implicit Euler steps of section 2 one after the other, p_0, alpha_0 carried.
+
+Each step is a problem of the kind (2.14) with the plastic strain and the hardening variables that
+the steps before left behind.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from ngsolve import GridFunction
+
+from ngepc.checks.arguments import require_integer
+from ngepc.evolution.file import EvolutionFile
+from ngepc.evolution.load_path import ListedSteps, Schedule, as_schedule, check_changes
+from ngepc.evolution.memory import Memory
+from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
+from ngepc.primal.return_mapping import interpolated
+from ngepc.primal.solver import primal_newton
+from ngepc.problem import Problem
+from ngepc.recovery import Fields
+from ngepc.results import Status
+
+log = logging.getLogger(__name__)
+
+
+class StepSolver(Protocol):
+    """What solves one step: ``primal_newton`` itself, or ``cold_start`` around another solver."""
+
+    def __call__(self, problem: Problem, start: GridFunction | None) -> object:
+        """A result with status, message, iterations, displacement, plastic_increment, ..."""
+
+
+def cold_start(solver: Callable, **settings: object) -> StepSolver:
+    """A step solver that calls ``solver(problem, **settings)`` and ignores the start.
+
+    ``evolve(problem, steps, cold_start(semismooth_newton, gamma=1e4))`` runs the dual method.
+    """
+
+    def solve(problem: Problem, start: GridFunction | None) -> object:
+        return solver(problem, **settings)
+
+    names = ", ".join(f"{key}={value!r}" for key, value in sorted(settings.items()))
+    solve.__qualname__ = f"cold_start({getattr(solver, '__qualname__', solver)}, {names})"
+    return solve
+
+
+def evolve(
+    problem: Problem,
+    steps: Schedule | object,
+    solver: StepSolver = primal_newton,
+    *,
+    cuts: int = 6,
+    checkpoint: str | Path | None = None,
+    monitor: Callable[[EvolutionStep], None] | None = None,
+) -> Evolution:
+    """Run time steps one after the other, each with the p_0 and alpha_0 that the last one left.
+
+    Parameters
+    ----------
+    problem
+        The body, its supports and loads, and its state at the begin.
+    steps
+        A ``Schedule`` (``load_cycle`` makes one), or pairs (time, changes); the changes apply to
+        ``problem``: (1.0, {'gap': 0.1}).
+    solver
+        Called as solver(problem, start=displacement of the last step); ``cold_start`` wraps
+        solvers that take no displacement.
+    cuts
+        A step of a Schedule that fails is halved, up to so many times; 0 for never.
+    checkpoint
+        File that keeps the finished steps; a rerun of the same work continues from it.
+    monitor
+        Called with each finished step; raising StopIteration ends the run.
+
+    Returns
+    -------
+    Evolution
+        The finished steps; ``status`` tells whether all were done.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument or the changes of a step are not legal, or the checkpoint is damaged or
+        belongs to other work.
+    OSError
+        If the checkpoint cannot be written, before any work.
+    """
+    if not isinstance(problem, Problem):
+        raise TypeError(f"problem={problem!r}: a Problem is needed")
+    if not callable(solver):
+        raise TypeError(f"solver={solver!r}: a function of problem and start is needed")
+    schedule, cuts = as_schedule(steps), require_integer("cuts", cuts, 0, 30)
+    run = _Run(problem, schedule, solver, cuts if isinstance(schedule, Schedule) else 0, monitor)
+    if checkpoint is not None:
+        run.resume(EvolutionFile(Path(checkpoint), problem, schedule, solver))
+    run.advance()
+    return run.evolution
+
+
+@dataclass(eq=False)
+class _Run:
+    problem: Problem
+    schedule: Schedule | ListedSteps
+    solver: StepSolver
+    cuts: int
+    monitor: Callable[[EvolutionStep], None] | None
+    file: EvolutionFile | None = None
+    pending: list[tuple[float, int]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        memory = Memory.initial(self.problem)
+        for time in self.schedule.times:
+            self._problem_at(time, memory)
+        self.evolution = Evolution(self.problem, [], memory)
+        self.pending = [(time, 0) for time in reversed(self.schedule.times)]
+
+    def resume(self, file: EvolutionFile) -> None:
+        """Take up the finished steps of a checkpoint, if there is one."""
+        stored = file.load()
+        self.file = file
+        if stored is None:
+            return
+        for row, u, p in stored.steps:
+            problem = self._problem_at(row["time"], self.evolution.memory, self._u_0)
+            step_fields = file.fields(problem, row, u, p)
+            self._append(EvolutionStep(step_fields, StepRecord.from_row(row)))
+        self.pending = [(time, level) for time, level in stored.pending]
+
+    def advance(self) -> None:
+        """Solve the pending steps, cutting those that fail."""
+        try:
+            while self.pending:
+                time, level = self.pending.pop()
+                status, message = self._solve(time, level)
+                if status is Status.CONVERGED:
+                    continue
+                if status is Status.STOPPED or level >= self.cuts:
+                    self.pending.append((time, level))
+                    self._end(status, f"In the step to time {time:g}: {message}")
+                    return
+                middle = 0.5 * (self._now + time)
+                log.info("step to time %g failed (%s): cut at %g", time, status.label, middle)
+                self.pending += [(time, level + 1), (middle, level + 1)]
+        except (StopIteration, KeyboardInterrupt):
+            self._end(Status.STOPPED, f"After {len(self.evolution.steps)} steps.")
+
+    @property
+    def _now(self) -> float:
+        steps = self.evolution.steps
+        return steps[-1].record.time if steps else self.schedule.begin
+
+    def _end(self, status: Status, message: str) -> None:
+        self.evolution.status, self.evolution.message = status, message
+
+    def _problem_at(self, time: float, memory: Memory, u_0: GridFunction | None = None) -> Problem:
+        changes = dict(check_changes(self.schedule.changes(time), time))
+        rough = changes.get("friction", self.problem.friction) is not None
+        if rough and u_0 is not None:
+            changes["initial_displacement"] = u_0
+        return memory.problem(self.problem, changes)
+
+    @property
+    def _u_0(self) -> GridFunction | None:
+        steps = self.evolution.steps
+        return steps[-1].fields.displacement if steps else None
+
+    def _solve(self, time: float, level: int) -> tuple[Status, str]:
+        start = self._u_0
+        problem = self._problem_at(time, self.evolution.memory, start)
+        result = self.solver(problem, start=start)
+        if result.status is not Status.CONVERGED:
+            return result.status, result.message
+        increment = interpolated(problem, result.plastic_increment)
+        step_fields = Fields(problem, result.displacement, increment)
+        step = EvolutionStep(step_fields, StepRecord.of(result, step_fields, time, level))
+        self._append(step)
+        if self.file is not None:
+            self.file.save(self.evolution.steps, self.pending)
+        if self.monitor is not None:
+            self.monitor(step)
+        return result.status, ""
+
+    def _append(self, step: EvolutionStep) -> None:
+        self.evolution.memory = self.evolution.memory.after(step.fields)
+        self.evolution.steps.append(step)

@@ -1,0 +1,106 @@
+"""Parameters and inner stopping rule of Algorithm 7.2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+
+from ngepc.checks.arguments import require_integer, require_number
+from ngepc.newton import NewtonOptions
+from ngepc.results import IterationRecord
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathOptions:
+    """How Algorithm 7.2 is run; the defaults are those of Table 3.
+
+    Parameters
+    ----------
+    gamma_start, growth
+        gamma_0 > 0 and theta > 1: gamma_k = gamma_0 theta^k.
+    inner_tolerance
+        tau_in > 0.  Problem k is solved until ||Psi_z|| < c max(h_c, tau_in / sqrt(gamma_k)) and
+        ||Psi_q|| < c max(h, tau_in / sqrt(gamma_k)), after one Newton step at least.
+    inner_scale
+        c > 0.  With c = 1 as printed the start v = 0 of Example (b) passes; 0.1 is the plastic
+        residual there (docs/reading.md).
+    outer_tolerance
+        tau_out > 0: the path ends when V_gamma changes by less than the fraction tau_out h.
+    gamma_end
+        Follow the path up to this gamma instead, whatever V_gamma does.
+    residual_tolerance, reduction
+        The safeguard of section 7: a path that ends with ||Psi_gamma|| above the tolerance goes
+        on with tau_out times ``reduction`` in (0, 1).  From there on the inner tolerances are
+        at most this one; alone they stay above c h, however far the path is followed.  None for
+        no such check.
+    max_outer_iterations
+        Most values of gamma.
+    newton
+        Limits, quadrature, line search and direct solver of Algorithm 7.1.  Its tolerance is the
+        residual that counts as zero: it ends a problem without a step.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an option is out of its range.
+    """
+
+    gamma_start: float = 10.0
+    growth: float = 7.0
+    inner_tolerance: float = 10.0
+    inner_scale: float = 0.1
+    outer_tolerance: float = 0.7
+    gamma_end: float | None = None
+    residual_tolerance: float | None = None
+    reduction: float = 0.5
+    max_outer_iterations: int = 30
+    newton: NewtonOptions = field(default_factory=partial(NewtonOptions, max_iterations=1000))
+
+    def __post_init__(self) -> None:
+        for name in ("gamma_start", "inner_tolerance", "inner_scale", "outer_tolerance"):
+            require_number(name, getattr(self, name), 0, strict=True)
+        require_number("growth", self.growth, 1, strict=True)
+        require_number("reduction", self.reduction, 0, strict=True)
+        if self.reduction >= 1:
+            raise ValueError(f"reduction={self.reduction!r}: a number in (0, 1) is needed")
+        require_integer("max_outer_iterations", self.max_outer_iterations, 1)
+        if self.gamma_end is not None:
+            require_number("gamma_end", self.gamma_end, self.gamma_start)
+            if self.residual_tolerance is not None:
+                raise ValueError("gamma_end and residual_tolerance: give one of them, not both")
+        if self.residual_tolerance is not None:
+            require_number("residual_tolerance", self.residual_tolerance, 0, strict=True)
+        if not isinstance(self.newton, NewtonOptions):
+            raise TypeError(f"newton={self.newton!r}: NewtonOptions are needed")
+
+    def gamma(self, k: int) -> float:
+        """gamma_k; the last one is ``gamma_end`` where that is given."""
+        gamma = self.gamma_start * self.growth**k
+        return gamma if self.gamma_end is None else min(gamma, self.gamma_end)
+
+
+@dataclass(frozen=True)
+class InnerRule:
+    """Step (iv)(a) of Algorithm 7.2: separate bounds for both residuals, at least one step.
+
+    Parameters
+    ----------
+    contact, plastic
+        Bounds for ||Psi_z|| and ||Psi_q||.
+    zero
+        A start with a residual norm below it needs no step.
+    """
+
+    contact: float
+    plastic: float
+    zero: float
+
+    def met(self, record: IterationRecord) -> bool:
+        """Whether both residuals are below their bounds."""
+        if record.iteration == 0:
+            return record.residual_norm < self.zero
+        below = record.contact_residual_norm < self.contact
+        return below and record.plastic_residual_norm < self.plastic
+
+    def __str__(self) -> str:
+        return f"the tolerances {self.contact:.3g} (contact) and {self.plastic:.3g} (plastic)"

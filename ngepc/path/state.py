@@ -1,0 +1,211 @@
+"""What a path has reached after some values of gamma, and how it is kept on disk."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ngsolve import Integrate
+from ngsolve.la import BaseVector
+
+from ngepc._version import __version__
+from ngepc.blocks import LinearBlocks
+from ngepc.dual_result import DualResult
+from ngepc.functional import DualFunctional
+from ngepc.iterates import Iterate
+from ngepc.problem import as_scalar
+from ngepc.results import History, IterationRecord, Status
+from ngepc.storage import checkpoint
+from ngepc.storage.files import check_writable
+
+LIMITS = ("max_outer_iterations", "max_iterations")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathStep:
+    """One value of gamma on a path.
+
+    Parameters
+    ----------
+    gamma
+        gamma_k.
+    iterations
+        Newton steps.
+    path_value
+        V_gamma, the energy J*_gamma at the inexact solution (force times length).
+    change
+        |V_gamma_k - V_gamma_(k-1)| / |V_gamma_(k-1)|, None for the first gamma.
+    residual_norm, contact_residual_norm, plastic_residual_norm
+        ||Psi_gamma||_{H*} and its parts, at the end.
+    halvings
+        Halvings of the step length.
+    status
+        How the inner iteration ended.
+    """
+
+    gamma: float
+    iterations: int
+    path_value: float
+    change: float | None
+    residual_norm: float
+    contact_residual_norm: float
+    plastic_residual_norm: float
+    halvings: int
+    status: Status
+
+
+@dataclass(frozen=True, eq=False)
+class PathState:
+    """The records so far, the dual variable reached, and the last Newton history.
+
+    Parameters
+    ----------
+    steps
+        Records of the values of gamma done.
+    v
+        Start for the next gamma.
+    history
+        Records of the last inner iteration.
+    """
+
+    steps: list[PathStep]
+    v: BaseVector
+    history: list[IterationRecord]
+
+    def after(self, result: DualResult, gamma: float) -> PathState:
+        """The state after one more gamma."""
+        here = Iterate.at(result.functional, result.v)
+        last = here.record(result.functional, result.iterations)
+        step = PathStep(
+            gamma=gamma,
+            iterations=result.iterations,
+            path_value=last.energy,
+            change=relative_change(self.steps, last.energy),
+            residual_norm=last.residual_norm,
+            contact_residual_norm=last.contact_residual_norm,
+            plastic_residual_norm=last.plastic_residual_norm,
+            halvings=result.history.halvings,
+            status=result.status,
+        )
+        return PathState([*self.steps, step], result.v, result.history.records)
+
+    def result(self, functional: DualFunctional) -> DualResult:
+        """The last result as ``semismooth_newton`` gives it."""
+        y = functional.blocks.load.CreateVector()
+        functional.blocks.primal_of(self.v, y)
+        status = self.steps[-1].status
+        return DualResult(functional, y, self.v, status, "", History(list(self.history)))
+
+
+def relative_change(steps: list[PathStep], value: float) -> float | None:
+    """The quotient in step (iv) of Algorithm 7.2, None for the first value."""
+    if not steps:
+        return None
+    before = steps[-1].path_value
+    if value == before:
+        return 0.0
+    return abs(value - before) / abs(before) if before else float("inf")
+
+
+class PathStore:
+    """The checkpoint of a path.
+
+    Parameters
+    ----------
+    path
+        File name, None to keep nothing.
+    options
+        Those of the path; everything in them but limits belongs to the fingerprint.
+    functional
+        J*_gamma for the first gamma: two of its values stand for the data of the problem.
+    start
+        The start of the path.
+    """
+
+    def __init__(
+        self,
+        path: Path | str | None,
+        options: Any,
+        functional: DualFunctional,
+        start: DualResult | None,
+    ) -> None:
+        self._path = None if path is None else Path(path)
+        self._fingerprint: Mapping = {}
+        if self._path is not None:
+            if not self._path.parent.is_dir():
+                raise FileNotFoundError(f"checkpoint {self._path}: there is no such folder")
+            check_writable(self._path)
+            self._fingerprint = fingerprint(options, functional, start)
+
+    def load(self, blocks: LinearBlocks) -> PathState | None:
+        """The state on disk, None if there is none.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged or belongs to other work.
+        """
+        if self._path is None:
+            return None
+        saved = checkpoint.load(self._path, self._fingerprint)
+        if saved is None:
+            return None
+        try:
+            steps = [
+                PathStep(**{**s, "status": Status[s["status"]]}) for s in saved.record["steps"]
+            ]
+            history = [IterationRecord(**record) for record in saved.record["history"]]
+            v = blocks.H_vector()
+            v.FV().NumPy()[:] = saved.arrays["v"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(
+                f"checkpoint {self._path} is damaged ({error}): move it away"
+            ) from error
+        return PathState(steps, v, history)
+
+    def save(self, state: PathState) -> None:
+        """Write the state, whole or not at all."""
+        if self._path is None:
+            return
+        record = {
+            "steps": [{**asdict(s), "status": s.status.name} for s in state.steps],
+            "history": [asdict(r) for r in state.history],
+        }
+        arrays = {"v": np.array(state.v.FV().NumPy())}
+        checkpoint.save(self._path, self._fingerprint, record, arrays)
+
+
+def fingerprint(options: Any, functional: DualFunctional, start: DualResult | None) -> dict:
+    """What must agree for a path to be continued."""
+    kept = {k: v for k, v in asdict(options).items() if k not in LIMITS}
+    kept["newton"] = {k: v for k, v in kept["newton"].items() if k not in LIMITS}
+    digest = None
+    if start is not None:
+        digest = hashlib.sha256(np.array(start.v.FV().NumPy()).tobytes()).hexdigest()
+    return {
+        "kind": "path",
+        "version": __version__,
+        "mesh": checkpoint.mesh_fingerprint(functional.blocks.problem.mesh),
+        "problem": probes(functional),
+        "start": digest,
+        **kept,
+    }
+
+
+def probes(functional: DualFunctional) -> list[str]:
+    """J*_gamma at 0 and at a wavy v beyond the yield bound, to nine digits."""
+    problem = functional.blocks.problem
+    area = Integrate(1.0, problem.mesh)
+    mean_bound = Integrate(as_scalar(problem.beta), problem.mesh) / area
+    v = functional.blocks.H_vector()
+    free = np.array(functional.blocks.H.FreeDofs(), dtype=float)
+    wavy = 2 * mean_bound * np.sin(1.0 + np.arange(len(free))) * free
+    values = []
+    for coefficients in (0 * free, wavy):
+        v.FV().NumPy()[:] = coefficients
+        values.append(f"{Iterate.at(functional, v).energy:.8e}")
+    return values
