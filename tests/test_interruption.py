@@ -249,15 +249,18 @@ def test_ctrl_c_writes_the_state_of_a_solve(tmp_path):
     assert len(record["residual_norms"]) in (record["iterations"] + 1, record["iterations"] + 2)
 
 
-def test_ctrl_c_ends_a_study_between_cells_and_a_rerun_completes_it(uninterrupted, tmp_path):
-    """A cell that was stopped half-way is not kept as if it were finished."""
-    arguments = [*TABLE, "--out", str(tmp_path)]
-    log = tmp_path / "log"
-    assert interrupted_at("[2/4]", arguments, log) == 1
+def test_ctrl_c_ends_a_study_between_cells_and_a_rerun_completes_it(tmp_path):
+    """A cell that was stopped half-way (the long one, 1e5) is not kept as if it were finished."""
+    study, log = (
+        ["study", "table1", "--levels", "1", "--rows", "1e0,1e5", "--out"],
+        tmp_path / "log",
+    )
+    assert interrupted_at("[1/2]", [*study, str(tmp_path / "cut")], log) == 1
     assert "ngepc study: interrupted" in log.read_text()
     assert "Traceback" not in log.read_text()
-    assert main(arguments) == 0
-    assert_same_cells(tmp_path, uninterrupted)
+    assert main([*study, str(tmp_path / "cut")]) == 0
+    assert main([*study, str(tmp_path / "whole")]) == 0
+    assert_same_cells(tmp_path / "cut", tmp_path / "whole")
 
 
 def test_stopped_cell_is_not_stored(tmp_path, monkeypatch):
