@@ -23,7 +23,7 @@ benchmark: $(VENV)/.run
 	$(BIN)/ngepc benchmark --levels 5 --out results
 
 docs: $(VENV)/.docs
-	NGEPC_DOCS_EXECUTE=cache $(BIN)/sphinx-build -W --keep-going -b html docs out/docs
+	NGEPC_DOCS_EXECUTE=force $(BIN)/sphinx-build -W --keep-going -d out/doctrees -b html docs out/docs
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -38,8 +38,8 @@ $(VENV)/.run: $(BIN)/python setup.cfg pyproject.toml
 	touch $@
 
 $(VENV)/.test: $(BIN)/python setup.cfg pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[html,notebook,test]"
-	touch $@ $(VENV)/.run
+	$(BIN)/python -m pip install --quiet --editable ".[html,notebook,test,docs]"
+	touch $@ $(VENV)/.run $(VENV)/.docs
 
 $(VENV)/.docs: $(BIN)/python setup.cfg pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[notebook,docs]"

@@ -1,7 +1,7 @@
 """Sphinx: the documentation site, built without network by ``make docs``.
 
 The notebooks and the tables of ``results/`` are copied beside the pages before the build.  With
-NGEPC_DOCS_EXECUTE=cache in the environment the notebooks are run, and kept until they change.
+NGEPC_DOCS_EXECUTE=force in the environment, as ``make docs`` has it, the notebooks are run.
 """
 
 import os
@@ -53,7 +53,6 @@ nb_execution_mode = os.environ.get("NGEPC_DOCS_EXECUTE", "off")
 nb_execution_timeout = 300
 nb_ipywidgets_js = {}  # the views need no widgets, and those would come from the network
 nb_execution_raise_on_error = True
-nb_execution_cache_path = str(HERE / "_build" / "notebooks")
 nb_merge_streams = True
 nb_output_stderr = "remove"
 
@@ -66,6 +65,7 @@ toc_object_entries = False
 maximum_signature_line_length = 80
 
 html_theme = "sphinx_book_theme"
+html_context = {"default_mode": "auto"}
 html_static_path = ["_static"]
 html_css_files = ["ngepc.css"]
 html_show_sourcelink = False

@@ -1,57 +1,186 @@
-"""The documentation: its first page runs, its links lead somewhere, every public name is in it."""
+"""The documentation: its snippets run, its links lead somewhere, every public name is in it."""
 
-import os
 import re
+import runpy
 import subprocess
 import sys
 import zlib
+from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pytest
+from browser import Browser, chromium
 
 import ngepc
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = sorted(p for p in (ROOT / "docs").rglob("*.md") if "results" not in p.parts)
+DOCS = ROOT / "docs"
+COPIED = ("notebooks", "results")
+"""Folders that the build copies beside the pages."""
+PAGES = [
+    *sorted(ROOT.glob("*.md")),
+    *sorted(p for p in DOCS.rglob("*.md") if p.relative_to(DOCS).parts[0] not in COPIED),
+]
+SNIPPET = re.compile(r"(<!-- not run: [^>]+ -->\n)?^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+WITH_SNIPPETS = [p for p in PAGES if SNIPPET.search(p.read_text(encoding="utf-8"))]
+ON_THEIR_OWN = ("README.md", "docs/first_steps.md", "docs/balanced.md")
+"""Pages whose snippets need nothing; the others begin where the first steps end."""
 
 
-def test_first_steps_lead_to_a_picture_and_a_page(tmp_path):
-    page = (ROOT / "docs" / "first_steps.md").read_text(encoding="utf-8")
-    (tmp_path / "block.py").write_text(re.search(r"```python\n(.*?)```", page, re.DOTALL)[1])
-    paths = filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])
-    run = subprocess.run(
-        [sys.executable, "block.py"],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths), "NGS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert run.returncode == 0, run.stderr
-    assert "Newton steps" in run.stdout
-    assert (tmp_path / "block.png").stat().st_size > 10_000
-    assert (tmp_path / "block.html").stat().st_size > 100_000
+def name(path):
+    return path.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda p: p.relative_to(ROOT / "docs").as_posix())
-def test_links_lead_somewhere(path):
+def snippets(path):
+    found = SNIPPET.findall(path.read_text(encoding="utf-8"))
+    return [code for not_run, code in found if not not_run]
+
+
+@pytest.fixture(scope="module")
+def first_steps(tmp_path_factory):
+    """What the file of the first steps leaves behind: its folder and its names."""
+    folder = tmp_path_factory.mktemp("empty")
+    (folder / "block.py").write_text(snippets(DOCS / "first_steps.md")[0])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        return folder, runpy.run_path("block.py")
+
+
+def test_first_steps_lead_to_a_picture_and_a_page(first_steps):
+    folder, names = first_steps
+    assert names["result"].contact_force > 0
+    assert (folder / "block.png").stat().st_size > 10_000
+    assert (folder / "block.html").stat().st_size > 100_000
+
+
+@pytest.mark.parametrize("path", WITH_SNIPPETS, ids=name)
+def test_snippets_run_one_after_the_other(path, first_steps, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = {} if name(path) in ON_THEIR_OWN else dict(first_steps[1])
+    for number, code in enumerate(snippets(path), 1):
+        exec(compile(code, f"{name(path)}, snippet {number}", "exec"), names)
+
+
+def test_what_is_not_run_is_rare():
+    every = [found for path in PAGES for found in SNIPPET.findall(path.read_text("utf-8"))]
+    assert len(every) > 15
+    assert sum(bool(not_run) for not_run, _ in every) <= 1
+
+
+@pytest.mark.parametrize("path", PAGES, ids=name)
+def test_links_of_the_sources_lead_somewhere(path):
+    """GitHub shows the sources: there a link to a page has to be one to its file."""
     for target in re.findall(r"\]\(([^)#\s]+?)(?:#[^)]*)?\)", path.read_text(encoding="utf-8")):
         if target.startswith(("http:", "https:", "ngepc.")):
             continue
         beside = (path.parent / target).resolve()
-        in_root = ROOT / beside.relative_to(ROOT / "docs") if "docs" in beside.parts else beside
+        in_root = ROOT / beside.relative_to(DOCS) if DOCS in beside.parents else beside
         assert beside.exists() or in_root.exists(), f"{path.name} links to {target}"
 
 
-def test_site_builds_without_warnings_and_has_every_public_name(tmp_path):
-    pytest.importorskip("myst_nb", reason="needs the extra docs")
-    pytest.importorskip("sphinx_book_theme", reason="needs the extra docs")
-    command = [sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", str(ROOT / "docs")]
-    run = subprocess.run([*command, str(tmp_path)], capture_output=True, text=True, timeout=300)
+class Page(HTMLParser):
+    """What a page of the site links to, loads, and offers as anchors."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.links, self.loads, self.anchors, self.shown = set(), set(), {""}, set()
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attributes):
+        values = {key: value or "" for key, value in attributes}
+        self.anchors |= {values[key] for key in ("id", "name") if key in values}
+        if tag == "a" and "href" in values:
+            self.links.add(values["href"])
+        elif tag == "link" and values.get("rel") in ("stylesheet", "preload", "icon"):
+            self.loads.add(values["href"])
+        elif "src" in values:
+            self.loads.add(values["src"])
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The documentation built without warnings, notebooks not executed."""
+    for needed in ("myst_nb", "sphinx_book_theme"):
+        pytest.importorskip(needed, reason="needs the extra docs, which make test installs")
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
+    places = ["-d", str(tmp_path_factory.mktemp("doctrees")), str(DOCS), str(folder)]
+    run = subprocess.run([*command, *places], capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
-    pages = [p.read_text(encoding="utf-8") for p in tmp_path.rglob("*.html")]
-    assert not [p for p in pages if re.search(r'src="https?:', p)]
-    inventory = (tmp_path / "objects.inv").read_bytes().split(b"\n", 4)[4]
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pages(site):
+    """The pages of the site, without the templates that the theme leaves in its folder."""
+    paths = (path.relative_to(site) for path in sorted(site.rglob("*.html")))
+    return {path: Page(site / path) for path in paths if path.parts[0] != "_static"}
+
+
+def test_site_has_every_public_name(site):
+    inventory = (site / "objects.inv").read_bytes().split(b"\n", 4)[4]
     documented = {line.split()[0] for line in zlib.decompress(inventory).decode().splitlines()}
     public = {f"ngepc.{name}" for name in ngepc.__all__ if not name.startswith("_")}
     assert public <= documented
+
+
+def test_links_of_the_site_lead_somewhere(site, pages):
+    broken = []
+    for path, page in pages.items():
+        for link in page.links | page.loads:
+            parts = urlsplit(link)
+            if parts.scheme in ("http", "https", "mailto", "data"):
+                continue
+            target = path if not parts.path else path.parent / unquote(parts.path)
+            target = (site / target).resolve()
+            other = pages.get(target.relative_to(site.resolve()))
+            if not target.exists() or (other and unquote(parts.fragment) not in other.anchors):
+                broken.append(f"{path}: {link}")
+    assert not broken
+
+
+def test_links_to_other_sites_are_well_formed(pages):
+    outside = {link for page in pages.values() for link in page.links if ":" in link}
+    for link in outside:
+        parts = urlsplit(link)
+        assert parts.scheme == "https", link
+        assert re.fullmatch(r"([\w-]+\.)+[a-z]{2,}", parts.netloc), link
+        assert not re.search(r"\s", link), link
+
+
+def test_every_page_is_reached_from_the_first_one(pages):
+    seen, left = set(), {Path("index.html")}
+    while left:
+        path = left.pop()
+        seen.add(path)
+        inside = (urlsplit(link) for link in pages[path].links if ":" not in link)
+        found = {Path(*_normal(path.parent / unquote(p.path)).parts) for p in inside if p.path}
+        left |= (found & set(pages)) - seen
+    made_by_sphinx = {Path("genindex.html"), Path("py-modindex.html"), Path("search.html")}
+    assert set(pages) - seen <= made_by_sphinx
+
+
+def _normal(path):
+    parts = []
+    for part in path.parts:
+        parts = parts[:-1] if part == ".." else [*parts, part]
+    return Path(*parts)
+
+
+def test_site_loads_nothing_from_the_network(site, pages):
+    assert not [load for page in pages.values() for load in page.loads if "//" in load]
+    sheets = [p.read_text(encoding="utf-8") for p in site.rglob("*.css")]
+    outside = re.compile(r"(@import|url\()\s*['\"]?(https?:)?//")
+    assert not [sheet for sheet in sheets if outside.search(sheet)]
+
+
+@pytest.mark.skipif(chromium() is None, reason="needs Chromium")
+@pytest.mark.parametrize("page", ["index", "method/algorithm", "notebooks/01_first_solve"])
+def test_site_works_in_a_browser_without_network(site, page):
+    with Browser() as browser:
+        seen = browser.open(site / f"{page}.html")
+        if page == "method/algorithm":
+            browser.wait_for("document.querySelectorAll('mjx-container').length > 5")
+        assert seen.requests == []
+        assert seen.errors == []
