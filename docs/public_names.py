@@ -1,7 +1,7 @@
 """Sphinx extension: the directive ``public-names``, and docstrings that are plain text.
 
 ``.. public-names::`` documents what ``ngepc`` itself exports; with a module as its argument, what
-is defined in that module without a leading underscore.
+is defined in that module, or offered by that package, without a leading underscore.
 """
 
 import importlib
@@ -23,13 +23,14 @@ def names_of(module: str) -> list[str]:
     """The documented names of a module, or of the package itself."""
     if module == "ngepc":
         return [name for name in ngepc.__all__ if not name.startswith("_")]
-    members = vars(importlib.import_module(module)).items()
+    home = importlib.import_module(module)
+    inside = (module, f"{module}.") if hasattr(home, "__path__") else (module,)
     return [
         name
-        for name, value in members
+        for name, value in vars(home).items()
         if not name.startswith("_")
         and (inspect.isclass(value) or inspect.isfunction(value))
-        and value.__module__ == module
+        and (value.__module__ == module or value.__module__.startswith(inside[1:]))
     ]
 
 
@@ -47,7 +48,7 @@ class PublicNames(Directive):
             kind = "class" if inspect.isclass(getattr(home, name)) else "function"
             lines += [f".. auto{kind}:: {module}.{name}"]
             if kind == "class":
-                lines += ["   :members:"]
+                lines += ["   :members:", "   :exclude-members: set"]
             lines += [""]
         container = nodes.container()
         self.state.nested_parse(StringList(lines, source="public-names"), 0, container)

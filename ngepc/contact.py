@@ -55,8 +55,8 @@ class ContactConstraint:
         return 0.0 if self.values(z).max(initial=0.0) <= 0 else np.inf
 
     def active(self, z: BaseVector) -> float:
-        """Measure of the nodes with z_i = 0, the open gap."""
-        return float(self.masses[self.values(z) >= 0].sum())
+        """Measure of the nodes with z_i < 0: contact."""
+        return float(self.masses[self.values(z) < 0].sum())
 
     def gradient(self, z: BaseVector) -> BaseVector:
         """Zero: the multipliers are added by ``stationary``."""

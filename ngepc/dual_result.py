@@ -24,6 +24,7 @@ from ngepc.friction import slip, tangent
 from ngepc.functional import DualFunctional
 from ngepc.problem import Problem, as_scalar
 from ngepc.recovery import Fields, Recovered
+from ngepc.regularisation import plastic_threshold
 from ngepc.results import History, SolverError, Status
 
 
@@ -181,6 +182,12 @@ class DualResult(Recovered):
         on_contact = ds("|".join(self.problem.contact_names))
         t = self.friction_stress
         return tuple(Integrate(t[i] * on_contact, self.problem.mesh) for i in range(self.problem.N))
+
+    @property
+    def yield_excess(self) -> CoefficientFunction:
+        """|q| + nu^/gamma - beta_gamma with the q of J*_gamma (stress): > 0 on the active set."""
+        threshold = plastic_threshold(self.problem, self.functional.regularisation)
+        return Norm(self.state.components[-1]) - as_scalar(threshold)
 
     @property
     def sliding(self) -> CoefficientFunction:

@@ -102,7 +102,7 @@ class DualFunctional:
         return conjugate + self.tichonov(v, v) / 2
 
     def active(self, v: BaseVector) -> dict[str, float]:
-        """Part name -> measure of the set where its Newton derivative is not zero."""
+        """Part name -> measure of its active set: contact, yielding, slip."""
         return {
             part.name: M.active(self.blocks.part_of(v, i))
             for i, (part, M) in enumerate(zip(self.blocks.parts, self.penalties, strict=True))

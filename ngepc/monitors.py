@@ -1,7 +1,9 @@
 """Monitors: callables that see each ``IterationRecord`` while a solver runs.
 
 Any ``record -> None`` will do; raising StopIteration in one ends the run with Status.STOPPED and
-keeps the state.  Those here print a table or a progress line, or draw growing curves.
+keeps the state.  ``record.snapshot()`` is the result of a run that had stopped at that iterate,
+for monitors that look at fields; it costs nothing until it is called.  Those here print a table or
+a progress line, or draw the run as it grows.
 """
 
 from __future__ import annotations
@@ -17,8 +19,8 @@ from matplotlib.figure import Figure
 from ngepc.checks.arguments import require_number
 from ngepc.dual_result import DualResult
 from ngepc.newton import NewtonOptions, semismooth_newton
-from ngepc.plotting import Picture
-from ngepc.plotting.curves import draw_active, draw_history
+from ngepc.plotting import Picture, plot_progress
+from ngepc.plotting.curves import draw_runs
 from ngepc.plotting.page import EXTRA
 from ngepc.problem import Problem
 from ngepc.regularisation import Regularisation
@@ -118,54 +120,70 @@ def progress_monitor(label: str = "", stream: TextIO | None = None) -> ProgressM
 
 
 class LivePlotMonitor:
-    """A monitor whose figure grows in a notebook: residuals, step lengths, active sets.
+    """A monitor whose figure grows in a notebook: active sets on the body, residuals, steps.
+
+    A run that begins while the monitor is in use goes on where the last one ended, so that as
+    ``newton_monitor`` of ``follow_path`` it shows the whole path; ``with`` begins anew.
 
     Parameters
     ----------
     interval
-        Least time between two drawings (seconds); leaving the ``with`` block draws the last.
+        Least time between two drawings (seconds); drawing takes a fifth of the time at most.
+        Leaving the ``with`` block draws the last step.
     tolerance
         Drawn as a line; the step that falls below it is drawn at once.
+
+    Attributes
+    ----------
+    runs
+        Histories of the runs seen.
     """
 
     def __init__(self, interval: float = 0.3, tolerance: float | None = None) -> None:
         self.interval = require_number("interval", interval, 0.0)
-        self.tolerance, self.history = tolerance, History()
-        self._handle, self._drawn = None, float("-inf")
+        self.tolerance, self.runs = tolerance, []
+        self._last: IterationRecord | None = None
+        self._handle, self._next = None, float("-inf")
 
     def __call__(self, record: IterationRecord) -> None:
         """Add a step, and draw if the last drawing is old enough."""
         if record.iteration == 0:
-            self.history = History()
-        self.history.append(record)
-        last = self.tolerance is not None and record.residual_norm < self.tolerance
-        if last or time.monotonic() - self._drawn >= self.interval:
+            self.runs.append(History())
+        self.runs[-1].append(replace(record, snapshot=None))
+        self._last = record
+        done = self.tolerance is not None and record.residual_norm < self.tolerance
+        if done or time.monotonic() >= self._next:
             self.draw()
 
-    def figure(self) -> Picture:
-        """The figure of the steps seen so far."""
-        figure = Picture(figsize=(9.0, 2.8), layout="constrained")
-        panels = figure.subplots(1, 3)
-        draw_history(panels[0], panels[1], {"": self.history}, self.tolerance)
-        draw_active(panels[2], self.history)
+    def figure(self) -> Figure:
+        """The figure of the steps seen so far; without the body for records without snapshot."""
+        if self._last is not None and self._last.snapshot is not None:
+            return plot_progress(self._last.snapshot(), runs=self.runs, tolerance=self.tolerance)
+        figure = Picture(figsize=(6.4, 2.8), layout="constrained")
+        draw_runs(*figure.subplots(1, 2), self.runs, self.tolerance)
         return figure
 
     def draw(self) -> None:
         """Show the figure, in the place where it was shown first."""
+        begin = time.monotonic()
         if self._handle is None:
             self._handle = _display(self.figure())
         else:
             self._handle.update(self.figure())
-        self._drawn = time.monotonic()
+        end = time.monotonic()
+        self._next = end + max(self.interval, 4 * (end - begin))
 
     def __enter__(self) -> LivePlotMonitor:
-        """The monitor itself."""
+        """The monitor itself, with nothing seen."""
+        self.runs, self._last = [], None
+        self._handle, self._next = None, float("-inf")
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Draw the last step."""
-        if self.history.records:
+        """Draw the last step and let its iterate go."""
+        if self._last is not None:
             self.draw()
+            self._last = None
 
 
 def live_plot_monitor(interval: float = 0.3, tolerance: float | None = None) -> LivePlotMonitor:

@@ -201,7 +201,7 @@ def run(
                 *(record.iteration, record.residual_norm, record.energy, record.step_length),
             )
             if monitor is not None:
-                monitor(record)
+                monitor(watched(record, functional, here, history))
             if not math.isfinite(record.residual_norm + record.energy):
                 here, status = before, Status.NONFINITE
             elif rule.met(record) and rule.met(refreshed(here, functional, record)):
@@ -227,6 +227,18 @@ def run(
         last = refreshed(here, functional, last)
     message = describe(status, history, last, rule, recent, cause)
     return DualResult(functional, here.y, here.v, status, message, history)
+
+
+def watched(
+    record: IterationRecord, functional: DualFunctional, here: Iterate, history: History
+) -> IterationRecord:
+    """The record as monitors get it, with the result of a run that had stopped here."""
+
+    def snapshot() -> DualResult:
+        seen = History(history.records[: record.iteration + 1])
+        return DualResult(functional, here.y, here.v, Status.STOPPED, "", seen)
+
+    return replace(record, snapshot=snapshot)
 
 
 def refreshed(

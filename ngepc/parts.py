@@ -31,7 +31,7 @@ class Penalty(Protocol):
         ...
 
     def active(self, v: BaseVector) -> float:
-        """Measure of the set where the Newton derivative is not zero."""
+        """Measure of the active set: contact, yielding, slip."""
         ...
 
     def gradient(self, v: BaseVector) -> BaseVector:

@@ -22,7 +22,7 @@ from ngsolve.la import BaseVector, SparseMatrixd
 from ngepc.checks.arguments import is_number
 from ngepc.problem import Problem, as_scalar
 from ngepc.quadrature import ElementSplit, boundary_rules, fine_rules, smooth_rules
-from ngepc.regularisation import Regularisation
+from ngepc.regularisation import Regularisation, plastic_threshold
 
 TINY = 1e-290
 
@@ -52,7 +52,7 @@ class ContactPenalty:
             intrules=boundary_rules(problem.N, quadrature_points),
         )
         mu = mu_hat + gamma * z  # (OC2_gamma): mu = [mu^ + gamma z]^+
-        self._densities = (IfPos(mu, mu * mu, 0) / (2 * gamma), IfPos(mu, 1.0, 0.0))
+        self._densities = (IfPos(mu, mu * mu, 0) / (2 * gamma), IfPos(-mu, 1.0, 0.0))
         dz, w = Z.TnT()
         self._gradient = LinearForm(Z)
         self._gradient += IfPos(mu, mu, 0) * w * self._ds
@@ -65,7 +65,7 @@ class ContactPenalty:
         return Integrate(self._densities[0] * self._ds, self._mesh)
 
     def active(self, z: BaseVector) -> float:
-        """Measure of the set where z + mu^/gamma > 0."""
+        """Measure of the set where z + mu^/gamma < 0: contact."""
         self._z.vec.data = z
         return Integrate(self._densities[1] * self._ds, self._mesh)
 
@@ -103,8 +103,8 @@ class PlasticPenalty:
         self, problem: Problem, regularisation: Regularisation, R: FESpace, quadrature_points: int
     ) -> None:
         mesh = problem.mesh
-        gamma, nu_hat = regularisation.gamma_plastic(problem), regularisation.plastic_shift
-        threshold = regularisation.yield_bound(problem) - nu_hat / gamma
+        gamma = regularisation.gamma_plastic(problem)
+        threshold = plastic_threshold(problem, regularisation)
         if is_number(threshold):
             threshold = float(threshold)
         fine = fine_rules(problem.N, quadrature_points)

@@ -184,6 +184,12 @@ class Coupled:
         return self.beta_gamma
 
 
+def plastic_threshold(problem: Problem, regularisation: Regularisation) -> Coefficient:
+    """beta_gamma - nu^ / gamma_q (stress): the plastic term is active where |q| exceeds it."""
+    nu_hat, gamma = regularisation.plastic_shift, regularisation.gamma_plastic(problem)
+    return regularisation.yield_bound(problem) - nu_hat / gamma
+
+
 def check_shifts(problem: Problem, regularisation: Regularisation) -> None:
     """Shifts that are >= 0, and beta_gamma - nu^/gamma > 0 as Lemma 6.3 asks for.
 
@@ -198,8 +204,7 @@ def check_shifts(problem: Problem, regularisation: Regularisation) -> None:
         _require_nonnegative("contact_shift", values)
     _require_nonnegative("plastic_shift", require_finite("plastic_shift", nu_hat, problem.mesh))
     name = "beta_gamma - plastic_shift / gamma"
-    threshold = regularisation.yield_bound(problem) - nu_hat / regularisation.gamma_plastic(problem)
-    least = require_finite(name, threshold, problem.mesh).min()
+    least = require_finite(name, plastic_threshold(problem, regularisation), problem.mesh).min()
     if least <= 0:
         raise ValueError(f"{name} falls to {least:g}: > 0 is needed, a smaller shift")
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
@@ -48,8 +49,11 @@ class IterationRecord:
     back_substitutions
         Solves with the factors of the matrix of that step; more than one with exact contact.
     contact_active, plastic_active, friction_active
-        Measures (length or area or volume) of the sets where the Newton derivative of the
-        contact, of the plastic and of the friction max term is not zero.
+        Measures (length or area or volume) of the active sets: the part of Gamma_c that the
+        obstacle pushes, the part of the body that yields, the part of Gamma_c that slips.
+    snapshot
+        The result of a run that had stopped at this iterate, made when it is called.  Monitors
+        get it with the record; histories keep the numbers only.
     """
 
     iteration: int
@@ -64,6 +68,12 @@ class IterationRecord:
     contact_active: float = 0.0
     plastic_active: float = 0.0
     friction_active: float = 0.0
+    snapshot: Callable[[], Result] | None = field(default=None, compare=False, repr=False)
+
+    def as_row(self) -> dict:
+        """The numbers by their names, for tables and files."""
+        names = [field.name for field in fields(self) if field.name != "snapshot"]
+        return {name: getattr(self, name) for name in names}
 
 
 @dataclass
@@ -102,7 +112,7 @@ class History:
 
     def as_rows(self) -> list[dict]:
         """The records as dictionaries, for tables."""
-        return [asdict(record) for record in self.records]
+        return [record.as_row() for record in self.records]
 
 
 class Result(Protocol):
@@ -136,6 +146,8 @@ class Result(Protocol):
     back_stress: CoefficientFunction
     hardening_variable: CoefficientFunction
     yield_function: CoefficientFunction
+    yield_excess: CoefficientFunction
+    """Positive where the body yields in this step: the plastic active set."""
 
     contact_pressure: CoefficientFunction
     """On Gamma_c, positive in compression."""

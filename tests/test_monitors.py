@@ -4,10 +4,20 @@ import io
 
 import pytest
 from ngepc.geometries import lshape
+from ngsolve import IfPos, Integrate
 from solved import lshape_dual
 
-from ngepc import Status, lshape_problem, monitors, semismooth_newton
+from ngepc import (
+    PathOptions,
+    Status,
+    follow_path,
+    lshape_problem,
+    monitors,
+    primal_newton,
+    semismooth_newton,
+)
 from ngepc.monitors import (
+    LivePlotMonitor,
     combine,
     live_plot_monitor,
     newton_sequence,
@@ -125,11 +135,115 @@ def test_live_plot_draws_convergence_at_once(screen):
     assert screen.drawings == 2
 
 
-def test_live_plot_begins_anew_with_each_run(screen):
+def test_live_plot_begins_anew_with_each_block_and_not_with_each_run(screen):
     monitor = live_plot_monitor(interval=0.0)
-    for record in [*RECORDS, RECORDS[0]]:
-        monitor(record)
-    assert monitor.history == History([RECORDS[0]])
+    with monitor:
+        for record in [*RECORDS, *RECORDS[:2]]:
+            monitor(record)
+    assert monitor.runs == [History(RECORDS), History(RECORDS[:2])]
+    first, second = screen.places[-1].axes[0].lines
+    assert list(first.get_xdata()) == [0, 1, 2, 3]
+    assert list(second.get_xdata()) == [3, 4]
+    with monitor:
+        monitor(RECORDS[0])
+    assert monitor.runs == [History(RECORDS[:1])]
+    assert len(screen.places) == 2
+
+
+def test_live_plot_leaves_most_of_the_time_to_the_solver(screen, monkeypatch):
+    clock = iter(range(1000))  # a step takes a second, so does a drawing
+    monkeypatch.setattr(monitors.time, "monotonic", lambda: float(next(clock)))
+    monitor = live_plot_monitor(interval=0.0)
+    for k in range(40):
+        monitor(IterationRecord(iteration=k, residual_norm=1.0))
+    assert 8 <= screen.drawings <= 10
+
+
+def dual(problem, monitor):
+    return semismooth_newton(problem, 1e4, monitor=monitor)
+
+
+def balanced(problem, monitor):
+    return semismooth_newton(problem, monitor=monitor)
+
+
+def primal(problem, monitor):
+    return primal_newton(problem, monitor=monitor)
+
+
+def path(problem, monitor):
+    options = PathOptions(gamma_end=1e4)
+    return follow_path(problem, options, newton_monitor=monitor).result
+
+
+@pytest.mark.parametrize("solver", [dual, balanced, primal, path])
+def test_snapshots_are_the_iterates_whenever_they_are_made(problem, solver):
+    seen = []
+    result = solver(problem, seen.append)
+    for record in seen[1::4]:
+        stopped = record.snapshot()
+        assert stopped.status is Status.STOPPED
+        assert stopped.history.records[-1] == record
+        assert stopped.residual_norm == pytest.approx(record.residual_norm, rel=1e-6, abs=1e-12)
+    last = seen[-1].snapshot()
+    assert last.iterations == result.iterations
+    assert last.contact_force == pytest.approx(result.contact_force, rel=1e-9)
+    assert (last.displacement.vec - result.displacement.vec).Evaluate().Norm() < 1e-9
+
+
+@pytest.mark.parametrize("solver", [dual, balanced, primal])
+def test_zones_of_snapshots_have_the_measures_of_the_record(problem, solver):
+    def compare(record):
+        state, mesh = record.snapshot(), problem.mesh
+        plastic = Integrate(IfPos(state.yield_excess, 1.0, 0.0), mesh, order=20)
+        assert plastic == pytest.approx(record.plastic_active, rel=0.03, abs=0.01)
+        on_contact = mesh.Boundaries("contact")
+        contact = Integrate(state.contact_zone(), mesh, definedon=on_contact, order=20)
+        assert abs(contact - record.contact_active) < 1.6 / 8
+
+    history = solver(problem, compare).history
+    assert 1e-3 < history.records[-1].plastic_active < 0.74
+    assert 0.05 < history.records[-1].contact_active < 1.0
+
+
+def test_records_are_numbers_in_tables_and_files(problem):
+    result = semismooth_newton(problem, 10.0, monitor=lambda record: None)
+    row = result.history.as_rows()[-1]
+    assert IterationRecord(**row) == result.history.records[-1]
+    assert all(isinstance(value, float | int) for value in row.values())
+    assert result.history.records[-1].snapshot is None
+
+
+@pytest.mark.parametrize("solver", [dual, balanced, primal, path])
+def test_live_plot_shows_the_active_sets_on_the_body(problem, screen, solver):
+    with live_plot_monitor() as monitor:
+        result = solver(problem, monitor)
+    body, residuals, steps = screen.places[-1].axes
+    dark = (body.collections[0].get_array() > 0.5).mean() * 0.75  # the area of the body
+    plastic = result.history.records[-1].plastic_active
+    assert dark == pytest.approx(plastic, rel=0.02, abs=2e-3)
+    contact = body.collections[-1].get_segments()
+    assert 0 < len(contact) < 8
+    assert len(residuals.lines) == len(monitor.runs)
+    assert sum(len(line.get_xdata()) for line in steps.lines) == sum(
+        len(run.step_lengths) for run in monitor.runs
+    )
+
+
+@pytest.mark.parametrize("solver", [dual, primal, path])
+def test_interrupting_while_the_plot_is_drawn_keeps_the_state(problem, screen, solver):
+    class Impatient(LivePlotMonitor):
+        def draw(self):
+            super().draw()
+            if self.runs[-1].records[-1].iteration == 2:
+                raise KeyboardInterrupt
+
+    monitor = Impatient(tolerance=1e9)  # every step is drawn at once
+    result = solver(problem, monitor)
+    assert result.status is Status.STOPPED
+    assert result.iterations == 2
+    assert result.displacement.vec.Norm() > 0
+    assert result.history == monitor.runs[-1]
 
 
 def test_single_steps_pass_through_the_iterates_of_the_run(problem):

@@ -11,6 +11,7 @@ from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc import lshape_problem
 from ngepc.plotting import (
+    plot_active_sets,
     plot_comparison,
     plot_contact_pressure,
     plot_counts,
@@ -52,6 +53,8 @@ FIGURES = {
     "mesh": lambda: plot_mesh(lshape_primal()),
     "comparison": lambda: plot_comparison({"dual": lshape_dual(), "primal": lshape_primal()}),
     "progress": lambda: plot_progress(lshape_dual()),
+    "active sets": lambda: plot_active_sets(lshape_primal(), deformation_scale=1.0),
+    "active sets in 3D": lambda: plot_active_sets(block_primal()),
     "history": lambda: plot_history({"d": lshape_dual().history, "p": lshape_primal().history}),
     "pressure": lambda: plot_contact_pressure(
         {"dual": lshape_dual(), "primal": lshape_primal()}, units=UnitNames("m", "Pa")

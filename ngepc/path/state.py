@@ -173,7 +173,7 @@ class PathStore:
             return
         record = {
             "steps": [{**asdict(s), "status": s.status.name} for s in state.steps],
-            "history": [asdict(r) for r in state.history],
+            "history": [record.as_row() for record in state.history],
         }
         arrays = {"v": np.array(state.v.FV().NumPy())}
         checkpoint.save(self._path, self._fingerprint, record, arrays)

@@ -49,37 +49,45 @@ def draw_history(
     left: Axes, right: Axes, histories: Mapping[str, History], tolerance: float | None = None
 ) -> None:
     """Residual norms into the left axes, step lengths into the right ones."""
+    _history_axes(left, right, tolerance)
+    for index, (label, history) in enumerate(histories.items()):
+        style = {"label": label or None, **_style(index, len(history.records))}
+        _draw_run(left, right, history, 0, style)
+    right.set_ylim(top=1.4)
+
+
+def draw_runs(
+    left: Axes, right: Axes, runs: Sequence[History], tolerance: float | None = None
+) -> None:
+    """Runs one after the other as in ``draw_history``: the last in colour, those before grey."""
+    _history_axes(left, right, tolerance)
+    first = 0
+    for number, history in enumerate(runs):
+        style = _style(0, len(history.records))
+        if number < len(runs) - 1:
+            style |= {"color": "#a7b0b9"}
+        _draw_run(left, right, history, first, style)
+        first += len(history.step_lengths)
+    right.set_ylim(top=1.4)
+
+
+def _history_axes(left: Axes, right: Axes, tolerance: float | None) -> None:
     for axes in (left, right):
         _plain(axes)
         _iterations_axis(axes)
-    for index, (label, history) in enumerate(histories.items()):
-        residuals = np.maximum(history.residual_norms, np.finfo(float).tiny)
-        style = _style(index, len(residuals))
-        left.semilogy(range(len(residuals)), residuals, label=label or None, **style)
-        steps = history.step_lengths
-        right.plot(range(1, len(steps) + 1), steps, label=label or None, **style)
+    left.set_yscale("log")
+    left.set_ylabel(r"residual norm $\|\Psi_\gamma\|_{H^*}$", fontsize=9)
     if tolerance is not None:
         left.axhline(tolerance, color="#808890", linewidth=0.8, linestyle=":")
-    left.set_ylabel(r"residual norm $\|\Psi_\gamma\|_{H^*}$", fontsize=9)
     right.set_yscale("log", base=2)
-    right.set_ylim(top=1.4)
     right.set_ylabel(r"step length $\alpha^j$", fontsize=9)
 
 
-def draw_active(axes: Axes, history: History) -> None:
-    """Measures of the plastic and of the contact active set over the steps."""
-    _plain(axes)
-    _iterations_axis(axes)
-    steps = history.column("iteration")
-    for index, (name, label) in enumerate(
-        {"plastic_active": "plastic", "contact_active": "contact"}.items()
-    ):
-        values = history.column(name)
-        style = {**_style(index, len(values)), "drawstyle": "steps-mid"}
-        axes.plot(steps, values, label=label, **style)
-    axes.set_ylim(bottom=0)
-    axes.set_ylabel("measure of active set", fontsize=9)
-    axes.legend(fontsize=8, frameon=False)
+def _draw_run(left: Axes, right: Axes, history: History, first: int, style: dict) -> None:
+    residuals = np.maximum(history.residual_norms, np.finfo(float).tiny)
+    left.plot(range(first, first + len(residuals)), residuals, **style)
+    steps = history.step_lengths
+    right.plot(range(first + 1, first + 1 + len(steps)), steps, **style)
 
 
 def plot_counts(

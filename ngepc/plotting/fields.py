@@ -7,6 +7,7 @@ Curves (histories, counts, pressures) are in ``ngepc.plotting.curves``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -19,7 +20,6 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import require_number
-from ngepc.plotting.curves import draw_history
 from ngepc.plotting.drawable import UnitNames, drawable, fields_of
 from ngepc.plotting.picture import Picture
 from ngepc.plotting.sampling import (
@@ -29,11 +29,13 @@ from ngepc.plotting.sampling import (
     boundary_corners,
     colour_range,
     contact_offset,
+    sample_corners,
 )
 from ngepc.recovery import Fields
 
 ZONE_COLOURS = ("#dfe3e8", "#26323f")
-OUTLINE, OBSTACLE = "#9aa3ad", "#b3402e"
+OUTLINE, OBSTACLE, CONTACT = "#9aa3ad", "#b3402e", "#2f7fc1"
+SET_COLOURS = (*ZONE_COLOURS, CONTACT)
 
 
 def plot_field(
@@ -188,23 +190,57 @@ def plot_mesh(
     return axes.figure
 
 
-def plot_progress(result: object, *, deformation_scale: float = 1.0) -> Figure:
-    """Where a run stands: the set {phi > 0} on the body dark, residual norms, step lengths.
+def plot_active_sets(
+    result: object,
+    *,
+    deformation_scale: float = 0.0,
+    title: str | None = None,
+    units: UnitNames | None = None,
+    axes: Axes | None = None,
+) -> Figure:
+    """The active sets on the body: dark where it yields in this step, blue where it is in contact.
 
-    For ``monitors.watch``; ``result`` is any iterate of a solver on a 2D body.
+    Parameters
+    ----------
+    result
+        A result of a solver, or the snapshot of an iterate.
+    deformation_scale
+        Factor >= 0 on the displacement; by default the body before the deformation, which stays
+        where it is while iterates come and go.
+    title, units, axes
+        As for ``plot_field``.
+
+    Raises
+    ------
+    ValueError
+        If ``deformation_scale`` is negative.
     """
     scale = require_number("deformation_scale", deformation_scale, 0.0)
     fields = fields_of(result)
-    sampled = body_corners(fields, drawable(result, "yield_function").coefficient)
-    active = np.repeat((sampled.values.max(axis=1) > 0.0)[:, None], 3, axis=1)
-    corners = Corners(sampled.points, sampled.displacement, active.astype(float))
-    figure = Picture(figsize=(9.6, 3.0), layout="constrained")
-    body, left, right = figure.subplots(1, 3)
-    _draw_body(body, corners, ColourRange(0.0, 1.0), ListedColormap(ZONE_COLOURS), scale, False)
-    _decorate(body, fields, scale, UnitNames())
-    body.set_title(r"active set $\phi > 0$ (dark)", fontsize=9)
-    draw_history(left, right, {"": result.history})
-    return figure
+    cuts = max(1, round(math.sqrt(16_000 / fields.problem.mesh.ne)))
+    sampled = body_corners(fields, result.yield_excess, cuts)
+    classes = (sampled.values.mean(axis=1) > 0.0).astype(float)
+    if fields.problem.N == 3:
+        classes[_touching(fields, result, cuts).values.mean(axis=1) > 0.0] = 2.0
+    corners = Corners(sampled.points, sampled.displacement, np.repeat(classes[:, None], 3, axis=1))
+    axes = axes if axes is not None else _body_figure(corners, scale, bar=False)
+    _draw_body(axes, corners, ColourRange(0.0, 2.0), ListedColormap(SET_COLOURS), scale, False)
+    _decorate(axes, fields, scale, units or UnitNames())
+    if fields.problem.N == 2:
+        sampled = _touching(fields, result, 1)
+        lines = sampled.deformed(scale)[sampled.values.mean(axis=1) > 0.0]
+        axes.add_collection(LineCollection(lines, colors=CONTACT, linewidths=3.0, zorder=5))
+    words = "yields (dark), in contact (blue)" if fields.problem.contact_names else "yields (dark)"
+    axes.set_title(title or words, fontsize=10)
+    return axes.figure
+
+
+def _touching(fields: Fields, result: object, cuts: int) -> Corners:
+    """The contact pressure on the whole boundary, zero where there is no contact boundary."""
+    mesh, names = fields.problem.mesh, fields.problem.contact_names
+    pressures = dict.fromkeys(names, result.contact_pressure) if names else {}
+    pressure = mesh.BoundaryCF(pressures, default=0.0)
+    return sample_corners(mesh, mesh.Boundaries(".*"), fields.displacement, pressure, cuts)
 
 
 def _body_size(corners: Corners, scale: float) -> tuple[float, float]:

@@ -24,11 +24,36 @@ from ngepc.checks.arguments import require_number
 from ngepc.normals import outward_normal
 from ngepc.recovery import Fields
 
-_CORNERS = {
-    ET.SEGM: ([(0.0,), (1.0,)], [(0, 1)]),
-    ET.TRIG: ([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], [(0, 1, 2)]),
-    ET.QUAD: ([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)], [(0, 1, 2), (0, 2, 3)]),
-}
+
+def _segments(n: int) -> tuple[list[tuple], list[tuple]]:
+    """The points that cut the reference segment into n parts, and the parts as point numbers."""
+    return [(i / n,) for i in range(n + 1)], [(i, i + 1) for i in range(n)]
+
+
+def _triangles(n: int) -> tuple[list[tuple], list[tuple]]:
+    """The same for the reference triangle, cut into n^2 triangles."""
+    cells = [(i, j) for j in range(n + 1) for i in range(n + 1 - j)]
+    number = {cell: k for k, cell in enumerate(cells)}
+    corners = [((i, j), (i + 1, j), (i, j + 1)) for i, j in cells if i + j < n]
+    corners += [((i + 1, j), (i + 1, j + 1), (i, j + 1)) for i, j in cells if i + j < n - 1]
+    return [(i / n, j / n) for i, j in cells], [
+        tuple(number[c] for c in three) for three in corners
+    ]
+
+
+def _squares(n: int) -> tuple[list[tuple], list[tuple]]:
+    """The same for the reference square, cut into 2 n^2 triangles."""
+    cells = [(i, j) for j in range(n + 1) for i in range(n + 1)]
+    number = {cell: k for k, cell in enumerate(cells)}
+    inner = [(i, j) for i, j in cells if i < n and j < n]
+    corners = [((i, j), (i + 1, j), (i + 1, j + 1)) for i, j in inner]
+    corners += [((i, j), (i + 1, j + 1), (i, j + 1)) for i, j in inner]
+    return [(i / n, j / n) for i, j in cells], [
+        tuple(number[c] for c in three) for three in corners
+    ]
+
+
+_PARTS = {ET.SEGM: _segments, ET.TRIG: _triangles, ET.QUAD: _squares}
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +106,15 @@ def surface_value(mesh: Mesh, coefficient: CoefficientFunction) -> CoefficientFu
     return BoundaryFromVolumeCF(coefficient) if mesh.dim == 3 else coefficient
 
 
-def body_corners(fields: Fields, coefficient: CoefficientFunction) -> Corners:
-    """The field at the corners of the triangles of the body (2D) or of its surface (3D)."""
+def body_corners(fields: Fields, coefficient: CoefficientFunction, cuts: int = 1) -> Corners:
+    """The field at the corners of the triangles of the body (2D) or of its surface (3D).
+
+    Each edge is cut into ``cuts`` parts.
+    """
     mesh = fields.problem.mesh
     region = mesh.Materials(".*") if mesh.dim == 2 else mesh.Boundaries(".*")
-    return sample_corners(mesh, region, fields.displacement, surface_value(mesh, coefficient))
+    value = surface_value(mesh, coefficient)
+    return sample_corners(mesh, region, fields.displacement, value, cuts)
 
 
 def boundary_corners(
@@ -117,10 +146,15 @@ def sample_corners(
     region: Region,
     displacement: GridFunction,
     coefficient: CoefficientFunction,
+    cuts: int = 1,
 ) -> Corners:
-    """Evaluate position, displacement and a scalar at the corners of the elements of ``region``."""
+    """Position, displacement and a scalar at the corners of the elements of ``region``.
+
+    The elements are cut into triangles or segments, each edge into ``cuts`` parts.
+    """
     elements = list(region.Elements())
-    rules = {t: IntegrationRule(c, [0.0] * len(c)) for t, (c, _) in _CORNERS.items()}
+    parts = {shape: cut(cuts) for shape, cut in _PARTS.items()}
+    rules = {shape: IntegrationRule(c, [0.0] * len(c)) for shape, (c, _) in parts.items()}
     dim = mesh.dim if region.VB() == VOL else mesh.dim - 1
     legal = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD)}[dim]
     points = mesh.MapToAllElements({t: rules[t] for t in legal}, region)
@@ -128,11 +162,11 @@ def sample_corners(
     data = np.hstack(
         [_evaluated(c, points) for c in (CF((x, y, z)[:N]), displacement, coefficient)]
     )
-    counts = np.array([len(_CORNERS[element.type][0]) for element in elements])
+    counts = np.array([len(parts[element.type][0]) for element in elements])
     first = np.r_[0, np.cumsum(counts)[:-1]]
     rows = [
         first[counts == len(corners)][:, None] + np.array(split)
-        for corners, splits in (_CORNERS[t] for t in legal)
+        for corners, splits in (parts[t] for t in legal)
         for split in splits
     ]
     data = data[np.vstack(rows)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import H1, GridFunction
+from ngsolve import H1, CoefficientFunction, GridFunction, Norm
 
 from ngepc.equilibrium import Equilibrium
 from ngepc.primal.contact import NodalContact
@@ -145,6 +145,8 @@ class PrimalResult(Recovered):
         equilibrium = Equilibrium(energy.problem, energy.load, -pushes, missing, energy.free)
         first_order = energy.first_order_energy(state.u)
         work = np.vdot(equilibrium.reaction, state.u) - state.multipliers @ contact.gaps
+        displacement = GridFunction(energy.space, name="displacement")
+        energy.array(displacement)[:] = state.u
         return cls(
             status=status,
             message=message,
@@ -153,7 +155,7 @@ class PrimalResult(Recovered):
             residual_norm=state.residual_norm,
             primal_energy=state.energy,
             dual_energy=-0.5 * (first_order + work),
-            displacement=energy.displacement,
+            displacement=displacement,
             plastic_increment=interpolated(energy.problem, energy.mapping.plastic_increment),
             contact=contact,
             nodal_contact_forces=state.multipliers,
@@ -183,6 +185,11 @@ class PrimalResult(Recovered):
         np.add.at(mass, self.contact.vertices, self.contact.masses)
         pressure.vec.FV().NumPy()[mass > 0] = force[mass > 0] / mass[mass > 0]
         return pressure
+
+    @property
+    def yield_excess(self) -> CoefficientFunction:
+        """|p| of this step: positive where the body yields, the plastic active set."""
+        return Norm(self.plastic_increment)
 
     def raise_for_status(self) -> PrimalResult:
         """Return the result itself if it converged.

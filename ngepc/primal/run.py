@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +13,7 @@ import numpy as np
 from ngepc.primal.complementarity import solve_complementarity
 from ngepc.primal.contact import NodalContact, nodal_contact
 from ngepc.primal.energy import ReducedEnergy
-from ngepc.primal.result import State
+from ngepc.primal.result import PrimalResult, State
 from ngepc.problem import Problem
 from ngepc.results import History, IterationRecord, Status
 
@@ -231,7 +233,13 @@ class Run:
         self.history.append(record)
         log.info("it:%(iteration)d residual:%(residual_norm).3e energy:%(energy).9e", vars(record))
         if self.monitor is not None:
-            self.monitor(record)
+            self.monitor(replace(record, snapshot=partial(self._stopped, state, record.iteration)))
+
+    def _stopped(self, state: State, iteration: int) -> PrimalResult:
+        """The result of a run that had stopped at this iterate."""
+        history = History(self.history.records[: iteration + 1])
+        message = f"after {iteration} steps"
+        return PrimalResult.at(self.energy, self.contact, state, history, Status.STOPPED, message)
 
     def _advice(self) -> str:
         last = self.history.records[-1]
