@@ -122,20 +122,21 @@ class Balanced:
     def resolved(self, problem: Problem) -> Balanced:
         """With numbers for gamma and units: gamma_T = FINENESS (2 mu_2 + h) / h_mesh^2.
 
-        The smoothing length ((2 mu_2 + h) / gamma_T)^(1/2) of the Tichonov term is then a fixed
-        small part of the mean element width h_mesh.  The units are those in which 2 mu_2 + h has
-        the size it has in Example (a) and the body the extent 1, so that nothing depends on the
-        units of the problem.
+        1 / h_mesh^2 is the mean of 1 / h_T^2 over the elements T, with h_T = |T|^(1/N): where a
+        mesh is graded most elements are small, and those decide.  The smoothing length
+        ((2 mu_2 + h) / gamma_T)^(1/2) of the Tichonov term is then a fixed small part of h_mesh.
+        The units are those in which 2 mu_2 + h has the size it has in Example (a) and the body
+        the extent 1, so that nothing depends on the units of the problem.
         """
         if self.gamma is not None:
             return self
         mesh, N = problem.mesh, problem.N
-        volume = Integrate(1.0, mesh)
+        volumes = np.array(Integrate(1.0, mesh, element_wise=True))
         stiffness = as_scalar(2 * problem.material.lame_mu + problem.material.effective_hardening)
-        mean = Integrate(stiffness, mesh) / volume
+        mean = Integrate(stiffness, mesh) / volumes.sum()
         extent = np.ptp(np.asarray(mesh.ngmesh.Coordinates())[:, :N], axis=0).max()
         units = self.units or Units(stress=mean / REFERENCE_STIFFNESS, length=float(extent))
-        gamma_T = FINENESS * mean / (volume / mesh.ne) ** (2 / N)
+        gamma_T = FINENESS * mean * np.mean(volumes ** (-2 / N))
         return replace(self, gamma=gamma_T * units.length**2 / units.stress, units=units)
 
     @property

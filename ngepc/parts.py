@@ -19,8 +19,8 @@ from ngepc.normals import outward_normal
 from ngepc.penalty import ContactPenalty, PlasticPenalty
 from ngepc.problem import Problem
 from ngepc.regularisation import Regularisation
-from ngepc.simplex_penalty import SimplexPenalty, constants, has_straight_simplices
-from ngepc.spaces import contact_space, plastic_dual_space
+from ngepc.simplex_penalty import SimplexPenalty, constants
+from ngepc.spaces import contact_space, has_straight_simplices, plastic_dual_space
 
 
 class Penalty(Protocol):

@@ -6,7 +6,7 @@ S(y, v) of functional.py leaves the local, strictly convex problem
 
     min over q:  int |Pi q + e|^2 / (2 c) + M^2(q) + b(q, q) / (2 gamma_T),
 
-with c = 2 mu_2 + h_F, e = 2 mu_2 dev(eps(u) - p_0) - alpha_0 and Pi the mean on each element: the
+with c = 2 mu_2 + h_F, e = 2 mu_2 dev(eps(u) - p_0) - alpha_0 and Pi the projection onto Q_h: the
 return mapping of plasticity.  Lumped to the vertices it has a closed form, and few Newton steps
 with a mass matrix do the rest.  docs/balanced.md shows what it is worth.
 """
@@ -16,13 +16,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import BilinearForm, GridFunction, InnerProduct, IntegrationRule, LinearForm, dx
+from ngsolve import BilinearForm, GridFunction, InnerProduct, LinearForm, dx
 from ngsolve.la import BaseVector
 
 from ngepc.assembly import Placed, SparseSum
-from ngepc.checks.arguments import ELEMENT_TYPES, require_number
+from ngepc.checks.arguments import require_number
 from ngepc.functional import DualFunctional
 from ngepc.iterates import Iterate, Line
+from ngepc.primal.return_mapping import at_plastic_points
 from ngepc.problem import as_scalar
 from ngepc.tensors import coordinates, coordinates_count, strain
 
@@ -133,18 +134,18 @@ class LocalProblem:
 
     def _assemble(self, R) -> None:
         blocks, problem = self._functional.blocks, self._functional.blocks.problem
-        means = dx(intrules={s: IntegrationRule(s, 1) for s in ELEMENT_TYPES[problem.N]})
+        on_points = at_plastic_points(problem, dx)
         two_mu = 2 * as_scalar(problem.material.lame_mu)
         c = two_mu + as_scalar(blocks.h_F)
         q, w = R.TnT()
         self._mass = BilinearForm(R, symmetric=True, symmetric_storage=True)
-        self._mass += InnerProduct(q, w) / c * means
+        self._mass += InnerProduct(q, w) / c * on_points
         self._mass.Assemble()
         self._y = GridFunction(blocks.Y)
         e = two_mu * coordinates(strain(self._y.components[0]) - problem.p_0, problem.N)
         e -= coordinates(problem.alpha_0[1], problem.N)
         self._load = LinearForm(R)
-        self._load += -1 / c * e * w * means
+        self._load += -1 / c * e * w * on_points
         total = sum(w[i] for i in range(coordinates_count(problem.N)))
         gamma = as_scalar(self._functional.regularisation.gamma_plastic(problem))
         self._lumped = [

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import ET, FESpace, GridFunction, Integrate, IntegrationRule, Mesh
+from ngsolve import ET, FESpace, GridFunction, Integrate, IntegrationRule
 from ngsolve.la import BaseVector, SparseMatrixd
 
 from ngepc.checks.arguments import is_number
@@ -230,10 +230,3 @@ def constants(problem: Problem, regularisation: Regularisation) -> tuple[float, 
     if all(is_number(value) for value in (gamma, nu_hat, bound)):
         return float(gamma), float(bound - nu_hat / gamma)
     return None
-
-
-def has_straight_simplices(mesh: Mesh) -> bool:
-    """Whether all elements are triangles or tetrahedra with constant Jacobian."""
-    elements = element_vertices(mesh)
-    straight = mesh.GetCurveOrder() == 1 and mesh.deformation is None
-    return straight and len(elements) == 1 and elements[0].shape[1] == mesh.dim + 1

@@ -3,6 +3,9 @@
 Y_h = V_h x Q_h :  u in vector P1, zero on Gamma_d;  p in P0, d trace-free coordinates,
 H_h = Z_h x R_h :  z in P1(Gamma_c), q in P1(Omega)^d, with the boundary conditions that
                    the Tichonov choice asks for.
+
+On elements whose strains vary, quadrilaterals and hexahedra first of all, p is discontinuous of
+order one and follows them; constant p would leave all bending of an element elastic.
 """
 
 from ngsolve import (
@@ -17,6 +20,7 @@ from ngsolve import (
 )
 
 from ngepc.checks.arguments import boundary_names
+from ngepc.checks.support import element_vertices
 from ngepc.problem import Problem, as_scalar
 from ngepc.tensors import coordinates_count
 
@@ -63,9 +67,24 @@ def _copy_dofs(target: GridFunction, source: GridFunction, V: FESpace, axis: int
             target.vec[first + i] = source.vec[first + i]
 
 
+def has_straight_simplices(mesh: Mesh) -> bool:
+    """Whether all elements are triangles or tetrahedra with constant Jacobian.
+
+    The strain of a P1 displacement is then constant on each of them.
+    """
+    shapes = {vertices.shape[1] for vertices in element_vertices(mesh)}
+    return shapes == {mesh.dim + 1} and mesh.GetCurveOrder() <= 1 and mesh.deformation is None
+
+
+def plastic_order(mesh: Mesh) -> int:
+    """Order of the plastic strain on each element: that of the strain, 0 on straight simplices."""
+    return 0 if has_straight_simplices(mesh) else 1
+
+
 def plastic_space(problem: Problem) -> FESpace:
-    """Q_h: piecewise constant plastic strains in d orthonormal coordinates."""
-    return VectorValued(L2(problem.mesh, order=0), coordinates_count(problem.N))
+    """Q_h: discontinuous plastic strains of ``plastic_order`` in d orthonormal coordinates."""
+    mesh = problem.mesh
+    return VectorValued(L2(mesh, order=plastic_order(mesh)), coordinates_count(problem.N))
 
 
 def outer_boundaries(mesh: Mesh) -> set[str]:

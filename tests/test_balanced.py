@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
-from ngepc.geometries import lshape, wrench
+from ngepc.geometries import block, lshape, wrench
 from ngsolve import InnerProduct, Integrate, Mesh, Norm, specialcf
 
 from ngepc import (
@@ -24,6 +24,7 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
+from ngepc.balanced import FINENESS
 from ngepc.blocks import LinearBlocks
 from ngepc.contact_newton import ConstrainedSystem
 from ngepc.functional import DualFunctional
@@ -32,6 +33,7 @@ from ngepc.predictor import LocalProblem
 from ngepc.primal.solver import primal_newton
 
 BALANCED = Balanced(1e9)
+ELASTIC = {"lame_lambda": 1e3, "lame_mu": 1e3, "yield_stress": 1.25, "hardening": 100.0}
 
 
 def problem(name, nodes):
@@ -228,6 +230,18 @@ def test_default_gamma_grows_with_the_square_of_the_mesh():
     gammas = [Balanced().resolved(problem("a", n)).gamma_tichonov for n in (113, 417, 1601)]
     assert [b / a for a, b in itertools.pairwise(gammas)] == pytest.approx([4, 4])
     assert BALANCED.resolved(problem("a", 113)) is BALANCED
+
+
+def test_default_gamma_follows_the_small_elements_of_a_graded_mesh():
+    """Mean of 1/h_T^2: half of the elements ten times smaller count as 50 times more."""
+    mesh = block.structured_mesh(4, 2, simplices=True).ngmesh
+    for point in mesh.Points():
+        point[0] = 0.1 * min(point.p[0], 0.5) + max(point.p[0] - 0.5, 0.0)
+    graded = Problem(Mesh(mesh), Material.kinematic(**ELASTIC), traction={"contact": (0, -1)})
+    areas = np.array(Integrate(1.0, graded.mesh, element_wise=True))
+    assert areas.max() == pytest.approx(10 * areas.min())
+    expected = FINENESS * 2100 * np.mean(1 / areas)
+    assert Balanced().resolved(graded).gamma_tichonov == pytest.approx(expected)
 
 
 def test_fields_are_those_of_the_primal_solver_to_discretisation_accuracy():

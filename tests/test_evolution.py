@@ -15,6 +15,7 @@ from ngsolve import IfPos, InnerProduct, Integrate, ds, specialcf, x
 from ngepc.balanced import Balanced
 from ngepc.evolution.load_path import Schedule, load_cycle
 from ngepc.evolution.memory import Memory
+from ngepc.evolution.result import StepRecord
 from ngepc.evolution.solver import cold_start, evolve
 from ngepc.material import Material
 from ngepc.newton import semismooth_newton
@@ -386,3 +387,51 @@ def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():
         )
     }
     assert len(digests) == 3
+
+
+@pytest.fixture(scope="module")
+def rolled():
+    """A square between rollers and an obstacle, pulled and pushed; its history and its file."""
+    mesh = block.structured_mesh(3, 3, simplices=True)
+    problem = Problem(
+        mesh,
+        MATERIALS["combined"],
+        clamped="clamped",
+        prescribed={"left": (0, None)},
+        traction={"right": (3.0, 0.5)},
+        contact="contact",
+        gap=-0.001,
+    )
+    return problem, load_cycle(problem, [1, -1], steps=2)
+
+
+@pytest.mark.parametrize("solver", [primal_newton, cold_start(semismooth_newton)])
+def test_records_tell_the_force_of_every_support(rolled, solver):
+    """Loads, obstacles and supports balance in every step; the rollers hold one component."""
+    problem, schedule = rolled
+    evolution = evolve(problem, schedule, solver).raise_for_status()
+    supports = evolution.reactions("clamped") + evolution.reactions("left")
+    assert supports == pytest.approx(np.array(evolution.column("reaction")), abs=1e-12)
+    total = supports + evolution.column("applied_force") + evolution.column("contact_resultant")
+    assert total == pytest.approx(np.zeros((4, 2)), abs=1e-9)
+    pushes = np.array(evolution.column("contact_resultant"))[:, 1]
+    assert pushes == pytest.approx(-np.array(evolution.column("contact_force")), rel=1e-9)
+    assert pushes.min() < -0.5
+    with pytest.raises(ValueError, match=r"support='right'.* of clamped, left"):
+        evolution.reactions("right")
+
+
+def test_reactions_come_back_from_a_checkpoint_and_may_be_missing(rolled, tmp_path):
+    problem, schedule = rolled
+    file = tmp_path / "steps.npz"
+    whole = evolve(problem, schedule, checkpoint=file)
+    again = evolve(problem, schedule, checkpoint=file)
+    assert again.as_rows() == whole.as_rows()
+    assert (again.reactions("left") == whole.reactions("left")).all()
+    row = whole.as_rows()[0]
+    old = StepRecord.from_row(
+        {k: v for k, v in row.items() if k not in ("reactions", "contact_resultant")}
+    )
+    assert old.reaction == row["reaction"]
+    assert old.reactions is None
+    assert old.contact_resultant is None

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, cook, lshape, plate, punch, ring, wrench
+from ngepc.geometries import block, cook, lshape, plate, punch, quarter_cube, ring, wrench
 from ngsolve import CF, Integrate, ds
 
 from ngepc.checks.support import check_conforming, element_facets
@@ -229,8 +229,29 @@ def test_punch():
     assert mesh.ne < 2 * 32 / 0.05**2 / 10
 
 
+@pytest.mark.parametrize("simplices", [False, True])
+@pytest.mark.parametrize("grading", [0.0, 3.0])
+def test_quarter_cube(grading, simplices):
+    """Cells under the middle of the top are smaller by sinh(s)/s."""
+    mesh = quarter_cube.mesh(4, 6, grading=grading, simplices=simplices)
+    assert measure(mesh) == pytest.approx(0.25, rel=1e-11)
+    expected = {"clamped": 0.25, "contact": 0.25}
+    expected |= dict.fromkeys(("mirror_x", "mirror_y", "side_x", "side_y"), 0.5)
+    assert lengths(mesh) == pytest.approx(expected, rel=1e-10)
+    x = np.asarray(mesh.ngmesh.Coordinates())
+    where = {"mirror_x": (0, 0.5), "side_x": (0, 1), "mirror_y": (1, 0.5), "side_y": (1, 1)}
+    for name, (axis, value) in (where | {"clamped": (2, 0), "contact": (2, 1)}).items():
+        nodes = {v.nr for el in mesh.Boundaries(name).Elements() for v in el.vertices}
+        assert x[sorted(nodes), axis] == pytest.approx(value, abs=1e-14)
+    first = np.diff(np.unique(x[:, 0]))[0]
+    equal = 0.5 / 4
+    graded = math.sinh(grading / 4) / math.sinh(grading) / 2 if grading else equal
+    assert first == pytest.approx(graded)
+
+
 ALL = {
     "punch": punch.mesh,
+    "quarter cube": lambda: quarter_cube.mesh(3),
     "lshape": lambda: lshape.mesh(0.1),
     "lshape paper": lambda: lshape.paper_mesh(113),
     "wrench": lambda: wrench.mesh(0.4),

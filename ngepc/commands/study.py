@@ -12,6 +12,7 @@ STUDIES = {
     "duality": "the duality gap and its parts along paths in gamma",
     "differentiability": "the norm gap of Definition 6.1, counts without the Tichonov term",
     "solvers": "coupled, balanced and primal side by side, cold and nested",
+    "step42": "dual against primal on the body of step-42, with both errors",
     "fuzz": "random problems by the primal and by the dual method, judged",
     "robustness": "data at their extremes: iterations and statuses of all methods",
 }

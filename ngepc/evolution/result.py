@@ -14,6 +14,8 @@ from ngepc.problem import Problem
 from ngepc.recovery import Fields
 from ngepc.results import SolverError, Status
 
+Force = tuple[float, ...]
+
 
 @dataclass(frozen=True, kw_only=True)
 class StepRecord:
@@ -29,8 +31,13 @@ class StepRecord:
         Newton steps.
     contact_force
         Resultant of the normal contact pressure, positive in compression (force).
+    contact_resultant
+        Force of the obstacles on the body, with friction, N numbers; this and the next three are
+        None if the solver, or a checkpoint of an earlier version, does not tell.
     reaction, applied_force
-        Forces of supports and loads on the body, N numbers; None if the solver does not tell.
+        Forces of all supports and of the loads on the body, N numbers.
+    reactions
+        Name of each clamped or prescribed boundary -> its force on the body, N numbers.
     primal_energy
         J(u, p) of the step, (2.14).
     elastic_energy
@@ -45,8 +52,10 @@ class StepRecord:
     cuts: int
     iterations: int
     contact_force: float
-    reaction: tuple[float, ...] | None
-    applied_force: tuple[float, ...] | None
+    contact_resultant: Force | None
+    reaction: Force | None
+    reactions: dict[str, Force] | None
+    applied_force: Force | None
     primal_energy: float
     elastic_energy: float
     dissipation: float
@@ -66,8 +75,7 @@ class StepRecord:
             cuts=cuts,
             iterations=result.iterations,
             contact_force=float(result.contact_force),
-            reaction=_floats(getattr(result, "reaction", None)),
-            applied_force=_floats(getattr(result, "applied_force", None)),
+            **_forces(result),
             primal_energy=float(result.primal_energy),
             elastic_energy=float(Integrate(stored * on_points, mesh)),
             dissipation=float(Integrate(lost * on_points, mesh)),
@@ -77,12 +85,27 @@ class StepRecord:
     @classmethod
     def from_row(cls, row: Mapping) -> StepRecord:
         """The record from its dictionary, as a checkpoint keeps it."""
-        data = {f.name: row[f.name] for f in fields(cls)}
-        forces = {name: _floats(data[name]) for name in ("reaction", "applied_force")}
-        return cls(**data | forces)
+        data = {f.name: row[f.name] for f in fields(cls) if f.name not in _FORCES}
+        forces = {name: _force(row.get(name)) for name in _FORCES[:-1]}
+        reactions = row.get("reactions")
+        if reactions is not None:
+            reactions = {name: _force(value) for name, value in reactions.items()}
+        return cls(**data, **forces, reactions=reactions)
 
 
-def _floats(values: Iterable | None) -> tuple[float, ...] | None:
+_FORCES = ("contact_resultant", "reaction", "applied_force", "reactions")
+
+
+def _forces(result: object) -> dict:
+    """What the result tells of ``_FORCES``."""
+    told = {name: _force(getattr(result, name, None)) for name in _FORCES[:-1]}
+    equilibrium = getattr(result, "equilibrium", None)
+    if equilibrium is None:
+        return told | {"reactions": None}
+    return told | {"reactions": {name: _force(f) for name, f in equilibrium.reactions.items()}}
+
+
+def _force(values: Iterable | None) -> Force | None:
     return None if values is None else tuple(float(v) for v in values)
 
 
@@ -137,6 +160,31 @@ class Evolution:
     def values(self, quantity: Callable[[Fields], object]) -> list:
         """``quantity(fields)`` of all steps, such as a displacement at a point, for hysteresis."""
         return [quantity(step.fields) for step in self.steps]
+
+    def reactions(self, support: str) -> np.ndarray:
+        """The force of one support on the body in all steps, shape (steps, N).
+
+        Parameters
+        ----------
+        support
+            Name of a clamped or prescribed boundary.
+
+        Raises
+        ------
+        ValueError
+            If a step has no such support, or its solver did not tell.
+        """
+        forces = []
+        for step in self.steps:
+            told = step.record.reactions or {}
+            if support not in told:
+                names = ", ".join(sorted(told)) or "none"
+                raise ValueError(
+                    f"support={support!r}: the step to time {step.record.time:g} tells the "
+                    f"reactions of {names}"
+                )
+            forces.append(told[support])
+        return np.array(forces).reshape(len(forces), self.problem.N)
 
     def raise_for_status(self) -> Evolution:
         """Return the evolution itself if all steps were done.

@@ -32,18 +32,12 @@ from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from ngsolve.fem import CacheCF
 
 from ngepc.checks.arguments import ELEMENT_TYPES
-from ngepc.checks.support import element_vertices
 from ngepc.problem import Problem, as_scalar
+from ngepc.spaces import has_straight_simplices, plastic_order
 from ngepc.tensors import coordinates, strain, tensor
 
 _FLAT_ORDER = {ET.TRIG: 1, ET.TET: 1}
 _ORDER = {ET.TRIG: 2, ET.QUAD: 3, ET.TET: 2, ET.HEX: 3, ET.PRISM: 2, ET.PYRAMID: 2}
-
-
-def has_constant_strains(mesh: Mesh) -> bool:
-    """Whether all elements are flat simplices, on which the strain of a P1 field is constant."""
-    shapes = {vertices.shape[1] for vertices in element_vertices(mesh)}
-    return shapes == {mesh.dim + 1} and mesh.GetCurveOrder() <= 1
 
 
 def plastic_points(mesh: Mesh) -> dict[ET, IntegrationRule]:
@@ -51,7 +45,7 @@ def plastic_points(mesh: Mesh) -> dict[ET, IntegrationRule]:
 
     Simplices that are curved or stand beside other shapes get a rule of order two.
     """
-    order = _FLAT_ORDER if has_constant_strains(mesh) else _ORDER
+    order = _FLAT_ORDER if has_straight_simplices(mesh) else _ORDER
     return {s: IntegrationRule(s, order[s]) for s in ELEMENT_TYPES[mesh.dim] if s in order}
 
 
@@ -61,7 +55,7 @@ def interpolated(problem: Problem, value: CoefficientFunction) -> GridFunction:
     Piecewise constant on flat simplices, (multi)linear on each element otherwise: it takes the
     values at the points to round-off (on pyramids in the least-squares sense).
     """
-    order = 0 if has_constant_strains(problem.mesh) else 1
+    order = plastic_order(problem.mesh)
     components = max(1, value.dim)
     scalar = L2(problem.mesh, order=order)
     space = scalar if components == 1 else VectorValued(scalar, components)
