@@ -17,7 +17,7 @@ from ngsolve import (
     Trace,
     dx,
 )
-from ngsolve.la import BaseVector
+from ngsolve.la import BaseVector, SparseMatrixd
 
 from ngepc.equilibrium import external_work
 from ngepc.friction import friction_energy
@@ -26,6 +26,11 @@ from ngepc.problem import Problem, as_scalar
 from ngepc.regularisation import Regularisation
 from ngepc.spaces import displacement_space, plastic_space, prescribed_displacement
 from ngepc.tensors import coordinates, strain, tensor
+
+REFINEMENTS = 1
+"""Corrections of y by the residual of D y = Lambda* v - l; a second one is rounding."""
+
+EPSILON = float(np.finfo(float).eps)
 
 
 def elastic_terms(problem: Problem, h, u, p, v, r) -> list:
@@ -92,6 +97,8 @@ class LinearBlocks:
         First degree of freedom of each dual part within H, and their total number.
     saddle
         Condensed form of [[-D, Lambda*], [Lambda, 0]].
+    D
+        D: Y -> Y* as a matrix, neither condensed nor factorised.
     Lambda, load, psi
         Lambda: Y -> H as a matrix; -l and [psi, 0] as functionals.
     B, B_inverse
@@ -133,11 +140,10 @@ class LinearBlocks:
 
     def _assemble_primal(self) -> None:
         (u, p), (du, dp) = self.Y.TnT()
-        self.D = BilinearForm(self.Y, symmetric=True, symmetric_storage=True, condense=True)
+        D = BilinearForm(self.Y, symmetric=True, symmetric_storage=True)
         for term in elastic_terms(self.problem, self.h_F, u, p, du, dp):
-            self.D += term.Compile() * dx
-        self.D.Assemble()
-        self.D_inverse = self.D.mat.Inverse(self.Y.FreeDofs(coupling=True), inverse=self.inverse)
+            D += term.Compile() * dx
+        self.D = D.Assemble().mat
         load = LinearForm(self.Y)
         for term in load_terms(self.problem, du, dp):
             load += term
@@ -145,10 +151,20 @@ class LinearBlocks:
         self.lift = GridFunction(self.Y)
         V = self.Y.components[0]
         self.lift.components[0].vec.data = prescribed_displacement(self.problem, V).vec
-        self.D_lift = self.lift.vec.CreateVector()
-        self.D_lift[:] = 0.0
-        if self.problem.prescribed:
-            self.D.Apply(self.lift.vec, self.D_lift)
+        self.D_lift = (self.D * self.lift.vec).Evaluate()
+        self._condense(V)
+
+    def _condense(self, V: FESpace) -> None:
+        """Factorise D without p, which is constant on elements: its block of D is diagonal."""
+        self._p_dofs, ones = slice(V.ndof, self.Y.ndof), self.load.CreateVector()
+        ones[:] = 0.0
+        ones.FV().NumPy()[self._p_dofs] = 1.0
+        self._D_p = (self.D * ones).Evaluate().FV().NumPy()[self._p_dofs].copy()
+        values, columns, starts = (np.asarray(a) for a in self.saddle.mat.CSR())
+        n, last = V.ndof, int(starts[V.ndof])  # the first rows of the lower triangle
+        rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(starts[: n + 1].astype(np.int64)))
+        S = SparseMatrixd.CreateFromCOO(rows, columns[:last], -values[:last], n, n)
+        self._S_inverse = S.Inverse(V.FreeDofs(), inverse=self.inverse)
 
     def _assemble_coupling(self) -> None:
         u, p = self.Y.TrialFunction()
@@ -174,15 +190,39 @@ class LinearBlocks:
         """View of the component ``number`` of a vector on H."""
         return v.Range(int(self.firsts[number]), int(self.firsts[number + 1]))
 
-    def primal_of(self, v: BaseVector, y: BaseVector) -> None:
-        """Solve D y = Lambda* v - l with the prescribed displacements; overwrites ``y``."""
-        r = y.CreateVector()
-        r.data = self.Lambda.T * v + self.load - self.D_lift
-        r.data += self.D.harmonic_extension_trans * r
-        y.data = self.D_inverse * r
-        y.data += self.D.harmonic_extension * y
-        y.data += self.D.inner_solve * r
-        y.data += self.lift.vec
+    def primal_of(self, v: BaseVector, y: BaseVector, refinements: int = REFINEMENTS) -> None:
+        """Solve D y = Lambda* v - l with the prescribed displacements; overwrites ``y``.
+
+        The factors of the condensed D find y, the residual formed with D itself corrects it: where
+        h is small beside the elastic moduli, condensation alone would lose digits.
+        """
+        right, r = y.CreateVector(), y.CreateVector()
+        right.data = self.Lambda.T * v + self.load
+        y.data = self.lift.vec
+        for _ in range(1 + refinements):
+            r.data = right - self.D * y
+            y += self.primal_response(r)
+
+    def primal_response(self, r: BaseVector) -> BaseVector:
+        """The y with D y = r, zero at the supports, by the factors of the condensed D."""
+        rest, y = r.CreateVector(), r.CreateVector()
+        y[:] = 0.0
+        y.FV().NumPy()[self._p_dofs] = r.FV().NumPy()[self._p_dofs] / self._D_p
+        rest.data = r - self.D * y
+        y[:] = 0.0
+        u = y.Range(0, self._p_dofs.start)
+        u.data = self._S_inverse * rest.Range(0, self._p_dofs.start)
+        rest.data = r - self.D * y
+        y.FV().NumPy()[self._p_dofs] = rest.FV().NumPy()[self._p_dofs] / self._D_p
+        return y
+
+    def rounding_of(self, y: BaseVector) -> BaseVector:
+        """EPSILON |D| |y|: how uncertain each entry of D y is, in whatever way D is assembled."""
+        sizes, rounding, D = y.CreateVector(), y.CreateVector(), self.D.CreateMatrix()
+        D.AsVector().FV().NumPy()[:] = np.abs(self.D.AsVector().FV().NumPy())
+        sizes.FV().NumPy()[:] = np.abs(y.FV().NumPy())
+        rounding.data = EPSILON * (D * sizes)
+        return rounding
 
     def conjugate(self, y: BaseVector, v: BaseVector) -> float:
         """F*(Lambda* v) = <Lambda* v - l, y> - 1/2 <D y, y>, where D y = Lambda* v - l."""

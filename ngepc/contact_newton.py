@@ -101,10 +101,11 @@ class ConstrainedSystem(NewtonSystem):
             return _slack(c.dz, c.change, fixed) * unit_x[i] / unit_s
 
         q = _slack(z + free.dz, psi + free.change, fixed) / unit_s
-        x = solve_complementarity(column, q, self._bound != fixed, np.zeros(len(z)))
-        if x is None:
+        solution = solve_complementarity(column, q, self._bound != fixed, np.zeros(len(z)))
+        if solution is None:
             free.dv[:] = np.nan
             return free.dy, free.dv
+        x = solution.values
         for i in np.flatnonzero(x):
             free.dy.data += float(x[i] * unit_x[i]) * self._columns[i].dy
             free.dv.data += float(x[i] * unit_x[i]) * self._columns[i].dv

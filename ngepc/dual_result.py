@@ -70,6 +70,14 @@ class DualResult(Recovered):
         return self.functional.stationarity_norms(self.v, residual).total
 
     @property
+    def residual_rounding(self) -> float:
+        """What rounding leaves of ``residual_norm``, in whatever way that is computed.
+
+        A tolerance below it cannot be met, see ``ngepc.stopping``.
+        """
+        return self.functional.rounding(self.y).total
+
+    @property
     def dual_energy(self) -> float:
         """J*_gamma(v) (force times length)."""
         return self.functional.smooth_energy(self.y, self.v) + self.functional.penalty(self.v)
@@ -114,8 +122,7 @@ class DualResult(Recovered):
         """Nodal forces of loads, obstacles (Lambda* v) and supports."""
         blocks, V = self.functional.blocks, self.functional.blocks.Y.components[0]
         internal, contact = self.y.CreateVector(), self.y.CreateVector()
-        blocks.D.Apply(self.y, internal)
-        internal -= blocks.load
+        internal.data = blocks.D * self.y - blocks.load
         contact.data = blocks.Lambda.T * self.v
         applied = applied_forces(self.problem, V)
         internal, contact = (

@@ -12,8 +12,10 @@ with the first row negated: symmetric and quasi-definite, so that LDL^T needs no
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 
+import numpy as np
 from ngsolve import InnerProduct
 from ngsolve.la import BaseVector
 
@@ -21,6 +23,8 @@ from ngepc.assembly import Placed, SparseSum
 from ngepc.blocks import LinearBlocks
 from ngepc.contact import ContactConstraint
 from ngepc.regularisation import Regularisation, check_shifts
+
+ROUNDING_SAMPLES = 2
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,21 @@ class DualFunctional:
         r = self.linear_residual(y, v)
         r += self.penalty_gradient(v)
         return r
+
+    def rounding(self, y: BaseVector) -> ResidualNorms:
+        """What rounding in D y = Lambda* v - l leaves of the residual, whatever solver finds y.
+
+        Each entry of D y is uncertain by EPSILON |D| |y|, and D^(-1) may amplify that by lambda/h.
+        The norms of Lambda D^(-1) e are averaged over a few e of that size with random signs.
+        """
+        sizes, signs = self.blocks.rounding_of(y), np.random.default_rng(0)
+        e, squares = y.CreateVector(), Counter()
+        for _ in range(ROUNDING_SAMPLES):
+            e.FV().NumPy()[:] = sizes.FV().NumPy() * signs.choice((-1.0, 1.0), len(sizes))
+            image = (self.blocks.Lambda * self.blocks.primal_response(e)).Evaluate()
+            by_part = self.residual_norms(image).by_part
+            squares.update({name: norm**2 / ROUNDING_SAMPLES for name, norm in by_part.items()})
+        return ResidualNorms({name: math.sqrt(square) for name, square in squares.items()})
 
     def stationarity_norms(self, v: BaseVector, r: BaseVector) -> ResidualNorms:
         """Norms of the residual r at v, with the multiplier of exact contact added."""

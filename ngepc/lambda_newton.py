@@ -46,8 +46,9 @@ class MultiplierEquation:
         self._minus_w_hat = functional.linear_residual(self._primal(zero), zero)
 
     def _primal(self, v: BaseVector) -> BaseVector:
+        """D^(-1)(Lambda* v - l) by the condensed D that ``N_inverse`` has, roundings included."""
         y = self.blocks.load.CreateVector()
-        self.blocks.primal_of(v, y)
+        self.blocks.primal_of(v, y, refinements=0)
         return y
 
     def N(self, v: BaseVector) -> BaseVector:

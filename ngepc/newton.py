@@ -6,7 +6,6 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 from ngsolve import InnerProduct
 from ngsolve.la import BaseVector
@@ -26,6 +25,7 @@ from ngepc.problem import Problem
 from ngepc.prolongation import prolongate
 from ngepc.regularisation import Coupled, Regularisation
 from ngepc.results import History, IterationRecord, Status
+from ngepc.stopping import ResidualBelow, StoppingRule, judge
 
 logger = logging.getLogger(__name__)
 
@@ -35,33 +35,6 @@ ROUNDING_STEPS = 8
 
 TRUE_RESIDUAL = (Status.ITERATION_LIMIT, Status.LINESEARCH_FAILED, Status.STAGNATED)
 """Statuses whose message quotes the residual computed afresh."""
-
-
-class StoppingRule(Protocol):
-    """When the loop of Algorithm 7.1 has done enough; its text is shown when it has not."""
-
-    def met(self, record: IterationRecord) -> bool:
-        """Whether the iterate with this record will do."""
-        ...
-
-    def __str__(self) -> str:
-        """The rule as a text with its bounds."""
-        ...
-
-
-@dataclass(frozen=True)
-class ResidualBelow:
-    """||Psi_gamma||_{H*} < tolerance, the rule of Algorithm 7.1."""
-
-    tolerance: float
-
-    def met(self, record: IterationRecord) -> bool:
-        """Whether the residual norm is below the tolerance."""
-        return record.residual_norm < self.tolerance
-
-    def __str__(self) -> str:
-        """The tolerance."""
-        return f"the tolerance {self.tolerance:.3g}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,15 +175,13 @@ def run(
             )
             if monitor is not None:
                 monitor(watched(record, functional, here, history))
-            if not math.isfinite(record.residual_norm + record.energy):
-                here, status = before, Status.NONFINITE
-            elif rule.met(record) and rule.met(refreshed(here, functional, record)):
-                status = Status.CONVERGED
-            elif record.iteration == options.max_iterations:
+            found = judge(functional, system, here, before, record, rule)
+            here, status, cause = found.iterate, found.status, found.cause
+            if status is None and record.iteration == options.max_iterations:
                 status = Status.ITERATION_LIMIT
-            elif drowned >= ROUNDING_STEPS:
+            elif status is None and drowned >= ROUNDING_STEPS:
                 status = Status.STAGNATED
-            else:
+            elif status is None:
                 following = newton_step(functional, system, here, options)
                 if isinstance(following, Status):
                     status = following
@@ -224,7 +195,8 @@ def run(
         status, cause = Status.NONFINITE, f"{error}."
     last = history.records[-1] if history.records else None
     if status in TRUE_RESIDUAL:
-        last = refreshed(here, functional, last)
+        here.refresh(functional)
+        last = here.record(functional, last.iteration)
     message = describe(status, history, last, rule, recent, cause)
     return DualResult(functional, here.y, here.v, status, message, history)
 
@@ -239,14 +211,6 @@ def watched(
         return DualResult(functional, here.y, here.v, Status.STOPPED, "", seen)
 
     return replace(record, snapshot=snapshot)
-
-
-def refreshed(
-    here: Iterate, functional: DualFunctional, record: IterationRecord
-) -> IterationRecord:
-    """The record of ``here`` with y solved for and the residual computed afresh."""
-    here.refresh(functional)
-    return here.record(functional, record.iteration)
 
 
 def newton_step(

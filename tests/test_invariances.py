@@ -16,6 +16,7 @@ from ngepc import (
     Balanced,
     Coupled,
     Material,
+    NewtonOptions,
     PenaltyContact,
     Problem,
     Status,
@@ -26,6 +27,8 @@ from ngepc.primal.solver import primal_newton
 
 STRESS, LENGTH = 2e8, 0.25
 NODES = 113
+SHARP = NewtonOptions(tolerance=1e-12)
+"""So that what is left of the residual is rounding."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,9 +92,13 @@ def problem(motion=None, mesh=None):
 
 METHODS = {
     "primal": lambda p, units: primal_newton(p),
-    "coupled": lambda p, units: semismooth_newton(p, regularisation=Coupled(1e3, units=units)),
+    "coupled": lambda p, units: semismooth_newton(
+        p, regularisation=Coupled(1e3, units=units), options=SHARP
+    ),
     "balanced": lambda p, units: semismooth_newton(
-        p, regularisation=Balanced(1e6, contact=PenaltyContact(gamma=10.0), units=units)
+        p,
+        regularisation=Balanced(1e6, contact=PenaltyContact(gamma=10.0), units=units),
+        options=SHARP,
     ),
 }
 

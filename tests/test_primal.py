@@ -340,7 +340,7 @@ def test_complementarity_solver_finds_the_solution_among_all_active_sets():
         W = A @ A.T + 1e-3 * np.eye(6)
         x0 = np.maximum(rng.normal(size=6), 0)
         start = rng.random(6) < 0.5
-        found = solve_complementarity(lambda i, W=W: W[:, i], q + W @ x0, start, x0)
+        found = solve_complementarity(lambda i, W=W: W[:, i], q + W @ x0, start, x0).values
         candidates = []
         for active in itertools.product([False, True], repeat=6):
             s = np.array(active)

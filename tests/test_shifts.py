@@ -357,7 +357,7 @@ def test_shift_may_be_a_grid_function():
     """A P1 field as nu^, as an update stored on the mesh would be."""
     problem = lshape_225()
     field = GridFunction(H1(problem.mesh, order=1))
-    field.Set(20 * exp(-10 * ((x - 0.5) ** 2 + (y - 0.5) ** 2)))
+    field.Set(800 * exp(-10 * ((x - 0.5) ** 2 + (y - 0.5) ** 2)))
     a = solved(problem, Coupled(1e3, plastic_shift=field))
     b = solved(problem, Coupled(1e3, plastic_shift=1.0 * field + 0.0))
     assert a.dual_energy == pytest.approx(b.dual_energy, rel=1e-12)

@@ -1,6 +1,7 @@
 """The linear complementarity problem of contact: principal pivoting that needs few columns."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,12 +9,19 @@ _PATIENCE = 10
 """Exchanges without progress before those of Murty's rule take over."""
 
 
+class Multipliers(NamedTuple):
+    """A solution x, shape (m,), and its change x - x_0 without the cancellation of both."""
+
+    values: np.ndarray
+    change: np.ndarray
+
+
 def solve_complementarity(
     column: Callable[[int], np.ndarray],
     q: np.ndarray,
     start: np.ndarray,
     reference: np.ndarray,
-) -> np.ndarray | None:
+) -> Multipliers | None:
     """Multipliers x >= 0 with w = q + W (x - x_0) >= 0 and x . w = 0, W positive definite.
 
     Columns are dear, each of them is a solve.  The active set x_i > 0 grows by the index with the
@@ -34,8 +42,8 @@ def solve_complementarity(
 
     Returns
     -------
-    numpy.ndarray or None
-        x, shape (m,); None if a number became NaN or infinite or the exchanges did not end.
+    Multipliers or None
+        x and x - x_0; None if a number became NaN or infinite or the exchanges did not end.
     """
     m = len(q)
     W = np.zeros((m, m))
@@ -58,7 +66,7 @@ def solve_complementarity(
         wrong = np.where(active, x < -1e-13 * np.abs(x).max(initial=0.0), w < -slack)
         count = np.count_nonzero(wrong)
         if count == 0:
-            return np.maximum(x, 0.0)
+            return Multipliers(np.maximum(x, 0.0), np.where(x > 0, change, -reference))
         if count < fewest:
             fewest, patience = count, _PATIENCE
         else:

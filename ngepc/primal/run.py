@@ -43,6 +43,9 @@ class Interrupted(Exception):
 class Bracket:
     """Where the slope of a convex function changes sign, narrowed by safeguarded secants.
 
+    The slope may jump, as where a soft plastic element turns elastic: secants then creep towards
+    the jump from one side, so that the second trial in a row on a side is followed by the middle.
+
     Parameters
     ----------
     slope
@@ -52,16 +55,18 @@ class Bracket:
     def __init__(self, slope: float) -> None:
         self._low, self._low_slope = 0.0, slope
         self._high, self._high_slope = 1.0, None
-        self.trial = 1.0
+        self.trial, self._side = 1.0, 0
 
     def narrow(self, slope: float) -> None:
         """Take note of the slope at ``trial`` and choose the next trial."""
-        if not slope <= 0:  # NaN counts as too far
+        before, self._side = self._side, 1 if not slope <= 0 else -1  # NaN counts as too far
+        if self._side > 0:
             self._high, self._high_slope = self.trial, slope
         else:
             self._low, self._low_slope = self.trial, slope
         width = self._high - self._low
-        if self._high_slope is None or not np.isfinite(self._high_slope):
+        creeps = self._side == before
+        if creeps or self._high_slope is None or not np.isfinite(self._high_slope):
             self.trial = self._low + 0.5 * width
             return
         secant = self._low - self._low_slope * width / (self._high_slope - self._low_slope)
@@ -147,8 +152,8 @@ class Run:
             raise Interrupted(
                 Status.NONFINITE, "the contact conditions of neighbouring nodes are dependent"
             )
-        self.active = forces > 0
-        return free - energy.solve(contact.nodal_forces(forces - multipliers, vertices))
+        self.active = forces.values > 0
+        return free - energy.solve(contact.nodal_forces(forces.change, vertices))
 
     def _line_search(self, direction: np.ndarray) -> tuple[float, int]:
         """Move along ``direction`` to where phi is low enough; returns length and evaluations."""
