@@ -39,6 +39,17 @@ def repeated(A: SparseMatrixd, times: int) -> SparseMatrixd:
     )
 
 
+def diagonal_block(A: SparseMatrixd, first: int, last: int, factor: float = 1.0) -> SparseMatrixd:
+    """Rows and columns ``first`` to ``last`` - 1 of a symmetric matrix, times ``factor``."""
+    values, columns, starts = (np.asarray(a) for a in A.CSR())
+    starts = starts.astype(np.int64)[first : last + 1]
+    rows = np.repeat(np.arange(last - first, dtype=np.int32), np.diff(starts))
+    values, columns = values[starts[0] : starts[-1]], columns[starts[0] : starts[-1]]
+    inside = columns >= first  # the lower triangle ends at the diagonal
+    n, columns = last - first, (columns[inside] - first).astype(np.int32)
+    return SparseMatrixd.CreateFromCOO(rows[inside], columns, factor * values[inside], n, n)
+
+
 def sorted_once(keys: np.ndarray) -> np.ndarray:
     """The different keys in ascending order; for many integers faster than ``np.unique``."""
     keys = np.sort(keys)

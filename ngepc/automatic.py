@@ -24,8 +24,9 @@ from ngsolve import Mesh
 
 from ngepc.balanced import Balanced
 from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.kinds import require_instance
 from ngepc.dual_result import DualResult
-from ngepc.newton import NewtonOptions, semismooth_newton
+from ngepc.newton import NewtonOptions, checked_options, semismooth_newton
 from ngepc.problem import Problem
 from ngepc.results import SolverError, Status
 
@@ -141,12 +142,11 @@ def solve_automatically(
     TypeError, ValueError
         If an argument is not legal.
     """
-    if not isinstance(problem, Problem):
-        raise TypeError(f"problem={problem!r}: a Problem is needed")
+    require_instance("problem", problem, Problem, "a Problem")
     if require_number("tolerance", tolerance, 0, strict=True) >= 1:
         raise ValueError(f"tolerance={tolerance!r}: a number in (0, 1) is needed")
     require_integer("max_nodes", max_nodes, 1)
-    options = NewtonOptions() if options is None else options
+    options = checked_options(options)
     levels: list[Level] = []
     result = None
     while True:

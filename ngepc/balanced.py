@@ -14,11 +14,12 @@ import numpy as np
 from ngsolve import Integrate
 
 from ngepc.checks.arguments import Coefficient, require_number
+from ngepc.checks.kinds import require_attributes, require_instance
 from ngepc.linesearch import NearMinimum
 from ngepc.predictor import ReturnMapping
 from ngepc.problem import Problem, as_scalar
 from ngepc.regularisation import Units
-from ngepc.tichonov import FullProduct, Tichonov
+from ngepc.tichonov import FullProduct, Tichonov, require_tichonov
 
 FINENESS = 500.0
 """gamma_T h_mesh^2 / (2 mu_2 + h) where gamma is not given: regularisation below 10 percent of
@@ -97,7 +98,7 @@ class Balanced:
     Raises
     ------
     TypeError, ValueError
-        If gamma or the share is out of range.
+        If gamma or the share is out of range, or another argument of the wrong kind.
     """
 
     gamma: float | None = None
@@ -118,6 +119,14 @@ class Balanced:
                 object.__setattr__(self, "units", Units())
         if require_number("share", self.share, 0, strict=True) >= 1:
             raise ValueError(f"share={self.share!r}: a number in (0, 1) is needed")
+        kinds = (ExactContact, PenaltyContact)
+        require_instance("contact", self.contact, kinds, "ExactContact() or PenaltyContact()")
+        require_tichonov(self.tichonov)
+        if self.units is not None:
+            require_instance("units", self.units, Units, "Units(...) or None")
+        if self.predictor is not None:
+            needed = "ReturnMapping() or None"
+            require_attributes("predictor", self.predictor, ("improved", "start"), needed)
 
     def resolved(self, problem: Problem) -> Balanced:
         """With numbers for gamma and units: gamma_T = FINENESS (2 mu_2 + h) / h_mesh^2.

@@ -17,8 +17,9 @@ from ngsolve import (
     Trace,
     dx,
 )
-from ngsolve.la import BaseVector, SparseMatrixd
+from ngsolve.la import BaseVector
 
+from ngepc.assembly import diagonal_block
 from ngepc.equilibrium import external_work
 from ngepc.friction import friction_energy
 from ngepc.parts import dual_parts
@@ -155,16 +156,12 @@ class LinearBlocks:
         self._condense(V)
 
     def _condense(self, V: FESpace) -> None:
-        """Factorise D without p, which is constant on elements: its block of D is diagonal."""
-        self._p_dofs, ones = slice(V.ndof, self.Y.ndof), self.load.CreateVector()
-        ones[:] = 0.0
-        ones.FV().NumPy()[self._p_dofs] = 1.0
-        self._D_p = (self.D * ones).Evaluate().FV().NumPy()[self._p_dofs].copy()
-        values, columns, starts = (np.asarray(a) for a in self.saddle.mat.CSR())
-        n, last = V.ndof, int(starts[V.ndof])  # the first rows of the lower triangle
-        rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(starts[: n + 1].astype(np.int64)))
-        S = SparseMatrixd.CreateFromCOO(rows, columns[:last], -values[:last], n, n)
-        self._S_inverse = S.Inverse(V.FreeDofs(), inverse=self.inverse)
+        """Factors of D without p, which lives inside the elements, and of its block for p."""
+        self._displacements, self._strains = (0, V.ndof), (V.ndof, self.Y.ndof)
+        block = diagonal_block(self.D, *self._strains)
+        self._p_inverse = block.Inverse(inverse=self.inverse)
+        condensed = diagonal_block(self.saddle.mat, *self._displacements, factor=-1.0)
+        self._u_inverse = condensed.Inverse(V.FreeDofs(), inverse=self.inverse)
 
     def _assemble_coupling(self) -> None:
         u, p = self.Y.TrialFunction()
@@ -206,14 +203,14 @@ class LinearBlocks:
     def primal_response(self, r: BaseVector) -> BaseVector:
         """The y with D y = r, zero at the supports, by the factors of the condensed D."""
         rest, y = r.CreateVector(), r.CreateVector()
+        u, p = y.Range(*self._displacements), y.Range(*self._strains)
         y[:] = 0.0
-        y.FV().NumPy()[self._p_dofs] = r.FV().NumPy()[self._p_dofs] / self._D_p
+        p.data = self._p_inverse * r.Range(*self._strains)
         rest.data = r - self.D * y
         y[:] = 0.0
-        u = y.Range(0, self._p_dofs.start)
-        u.data = self._S_inverse * rest.Range(0, self._p_dofs.start)
+        u.data = self._u_inverse * rest.Range(*self._displacements)
         rest.data = r - self.D * y
-        y.FV().NumPy()[self._p_dofs] = rest.FV().NumPy()[self._p_dofs] / self._D_p
+        p.data = self._p_inverse * rest.Range(*self._strains)
         return y
 
     def rounding_of(self, y: BaseVector) -> BaseVector:

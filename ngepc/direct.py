@@ -18,7 +18,7 @@ def require_direct_solver(name: str, value: object) -> None:
     ValueError
         If the name is unknown or the solver is missing.
     """
-    if value not in DIRECT_SOLVERS:
+    if not isinstance(value, str) or value not in DIRECT_SOLVERS:
         raise ValueError(f"{name}={value!r}: one of {', '.join(DIRECT_SOLVERS)} is needed")
     if value in SHIPPED:
         return

@@ -2,6 +2,7 @@
 
 from ngsolve import Mesh
 
+from ngepc.checks.kinds import require_mesh
 from ngepc.material import Material
 from ngepc.normals import outward_normal
 from ngepc.problem import Problem
@@ -14,7 +15,13 @@ def lshape_problem(mesh: Mesh) -> Problem:
     ----------
     mesh
         A mesh of ``ngepc.geometries.lshape``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If ``mesh`` is no mesh in two dimensions, or lacks the boundaries of the example.
     """
+    require_mesh("mesh", mesh, (2,))
     n = outward_normal(mesh)
     material = Material.kinematic(
         lame_lambda=1.0e3, lame_mu=1.0e3, yield_stress=1.25, hardening=100.0
@@ -29,7 +36,13 @@ def wrench_problem(mesh: Mesh) -> Problem:
     ----------
     mesh
         A mesh of ``ngepc.geometries.wrench``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If ``mesh`` is no mesh in two dimensions, or lacks the boundaries of the example.
     """
+    require_mesh("mesh", mesh, (2,))
     n = outward_normal(mesh)
     material = Material.isotropic(
         lame_lambda=1.15e1,

@@ -13,6 +13,7 @@ from ngsolve.la import BaseVector
 from ngepc.balanced import Balanced
 from ngepc.blocks import LinearBlocks
 from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.kinds import require_function, require_instance
 from ngepc.contact_newton import newton_system
 from ngepc.diagnosis import RecentDuals, describe
 from ngepc.direct import require_direct_solver
@@ -23,7 +24,7 @@ from ngepc.linesearch import ROUNDING, ByRegularisation, FullSteps, LineSearch
 from ngepc.primal.solver import nodal_values
 from ngepc.problem import Problem
 from ngepc.prolongation import prolongate
-from ngepc.regularisation import Coupled, Regularisation
+from ngepc.regularisation import Coupled, Regularisation, require_regularisation
 from ngepc.results import History, IterationRecord, Status
 from ngepc.stopping import ResidualBelow, StoppingRule, judge
 
@@ -77,6 +78,13 @@ class NewtonOptions:
             raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
 
 
+def checked_options(options: NewtonOptions | None) -> NewtonOptions:
+    """The options, the defaults for None; TypeError for anything else."""
+    options = NewtonOptions() if options is None else options
+    require_instance("options", options, NewtonOptions, "NewtonOptions(...)")
+    return options
+
+
 def semismooth_newton(
     problem: Problem,
     gamma: float | None = None,
@@ -114,19 +122,14 @@ def semismooth_newton(
     TypeError, ValueError
         If an argument is not legal.
     """
-    if not isinstance(problem, Problem):
-        raise TypeError(f"problem={problem!r}: a Problem is needed")
-    if options is not None and not isinstance(options, NewtonOptions):
-        raise TypeError(f"options={options!r}: NewtonOptions are needed")
-    if monitor is not None and not callable(monitor):
-        raise TypeError(f"monitor={monitor!r}: a function of a record is needed")
+    require_instance("problem", problem, Problem, "a Problem")
+    options = checked_options(options)
+    require_function("monitor", monitor, "a record", optional=True)
     if gamma is not None and regularisation is not None:
         raise ValueError(f"gamma={gamma!r}: give either gamma or regularisation")
     if regularisation is None:
         regularisation = Balanced() if gamma is None else Coupled(gamma)
-    if not hasattr(regularisation, "resolved"):
-        raise TypeError(f"regularisation={regularisation!r}: Coupled(...) or Balanced(...)")
-    options = NewtonOptions() if options is None else options
+    require_regularisation(regularisation)
     if start is not None and not isinstance(start, DualResult):
         raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
     blocks = LinearBlocks(problem, regularisation, options.inverse)

@@ -15,6 +15,8 @@ from ngsolve import (
     specialcf,
 )
 
+from ngepc.checks.kinds import require_mesh
+
 
 def outward_normal(mesh: Mesh) -> CoefficientFunction:
     """The outer unit normal n of the body on its boundary, however its elements are oriented.
@@ -27,7 +29,13 @@ def outward_normal(mesh: Mesh) -> CoefficientFunction:
     CoefficientFunction
         N components, to be evaluated on boundary elements (``ds``); NGSolve keeps it valid when
         the mesh is refined or curved.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If ``mesh`` is no mesh in two or three dimensions.
     """
+    require_mesh("mesh", mesh)
     N = mesh.dim
     n = specialcf.normal(N)
     interior = CF((1 / (N + 1),) * N)

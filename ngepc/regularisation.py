@@ -22,9 +22,10 @@ from ngepc.checks.arguments import (
     require_finite,
     require_number,
 )
+from ngepc.checks.kinds import require_attributes, require_instance
 from ngepc.linesearch import Armijo, LineSearch
 from ngepc.problem import Problem, as_scalar
-from ngepc.tichonov import SurfaceGradient, Tichonov
+from ngepc.tichonov import SurfaceGradient, Tichonov, require_tichonov
 
 if TYPE_CHECKING:
     from ngsolve.la import BaseVector
@@ -125,7 +126,7 @@ class Coupled:
     Raises
     ------
     TypeError, ValueError
-        If gamma or a shift is out of range.
+        If gamma, a shift or beta_gamma is out of range, or another argument of the wrong kind.
     """
 
     gamma: float
@@ -146,6 +147,10 @@ class Coupled:
             require_coefficient(name, getattr(self, name))
             if is_number(getattr(self, name)):
                 require_number(name, getattr(self, name), 0)
+        require_tichonov(self.tichonov)
+        if self.beta_gamma is not None:
+            require_coefficient("beta_gamma", self.beta_gamma)
+        require_instance("units", self.units, Units, "Units(...)")
 
     def resolved(self, problem: Problem) -> Coupled:
         """Itself."""
@@ -169,7 +174,6 @@ class Coupled:
         """beta_gamma, checked against its conditions in section 4 (stress)."""
         if self.beta_gamma is None:
             return problem.beta
-        require_coefficient("beta_gamma", self.beta_gamma)
         bound = as_scalar(self.beta_gamma)
         above = require_finite("beta_gamma", bound - problem.material.yield_stress, problem.mesh)
         below = require_finite("beta_gamma", as_scalar(problem.beta) - bound, problem.mesh)
@@ -188,6 +192,18 @@ def plastic_threshold(problem: Problem, regularisation: Regularisation) -> Coeff
     """beta_gamma - nu^ / gamma_q (stress): the plastic term is active where |q| exceeds it."""
     nu_hat, gamma = regularisation.plastic_shift, regularisation.gamma_plastic(problem)
     return regularisation.yield_bound(problem) - nu_hat / gamma
+
+
+def require_regularisation(value: object) -> None:
+    """Accept a regularisation.
+
+    Raises
+    ------
+    TypeError
+        If it is none.
+    """
+    needed = "Coupled(...) or Balanced(...)"
+    require_attributes("regularisation", value, ("resolved", "tichonov"), needed)
 
 
 def check_shifts(problem: Problem, regularisation: Regularisation) -> None:

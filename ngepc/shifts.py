@@ -20,6 +20,7 @@ from dataclasses import replace
 from ngsolve import CoefficientFunction, IfPos, Norm
 
 from ngepc.checks.arguments import require_integer
+from ngepc.checks.kinds import require_instance
 from ngepc.dual_result import DualResult
 from ngepc.newton import NewtonOptions, semismooth_newton
 from ngepc.problem import Problem, as_scalar
@@ -81,8 +82,10 @@ def augmented_lagrangian(
     TypeError, ValueError
         If an argument is not legal.
     """
+    require_instance("regularisation", regularisation, Coupled, "Coupled(gamma, ...)")
+    require_integer("updates", updates, 0)
     results = [semismooth_newton(problem, options=options, regularisation=regularisation)]
-    for _ in range(require_integer("updates", updates, 0)):
+    for _ in range(int(updates)):
         last = results[-1]
         if last.status is not Status.CONVERGED:
             break

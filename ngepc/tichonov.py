@@ -17,6 +17,7 @@ from typing import Protocol
 from ngsolve import BND, BilinearForm, FESpace, InnerProduct, ds, dx, grad
 from ngsolve.la import SparseMatrixd
 
+from ngepc.checks.kinds import require_attributes
 from ngepc.fractional import contact_seminorm, from_dense, to_dense
 from ngepc.problem import Problem
 
@@ -46,6 +47,31 @@ class Tichonov(Protocol):
 
     contact: ContactProduct
     plastic: PlasticProduct
+
+
+def require_products(contact: object, plastic: object) -> None:
+    """Accept a product on Gamma_c and one in Omega.
+
+    Raises
+    ------
+    TypeError
+        If one is none.
+    """
+    on_contact, inside = ("matrix", "ends_fixed"), ("matrix", "boundary_fixed")
+    require_attributes("contact", contact, on_contact, "a product such as ContactGradient()")
+    require_attributes("plastic", plastic, inside, "a product such as PlasticGradient()")
+
+
+def require_tichonov(value: object) -> None:
+    """Accept a Tichonov choice.
+
+    Raises
+    ------
+    TypeError
+        If it is none.
+    """
+    needed = "SurfaceGradient(), Fractional() or FullProduct()"
+    require_attributes("tichonov", value, ("contact", "plastic"), needed)
 
 
 @dataclass(frozen=True)
@@ -139,6 +165,9 @@ class SurfaceGradient:
     contact: ContactProduct = ContactGradient()
     plastic: PlasticProduct = PlasticGradient()
 
+    def __post_init__(self) -> None:
+        require_products(self.contact, self.plastic)
+
 
 @dataclass(frozen=True)
 class Fractional:
@@ -149,6 +178,9 @@ class Fractional:
 
     contact: ContactProduct = ContactSlobodeckij()
     plastic: PlasticProduct = PlasticGradient()
+
+    def __post_init__(self) -> None:
+        require_products(self.contact, self.plastic)
 
 
 @dataclass(frozen=True)
@@ -161,6 +193,9 @@ class FullProduct:
 
     contact: ContactProduct = ContactSobolev()
     plastic: PlasticProduct = PlasticSobolev()
+
+    def __post_init__(self) -> None:
+        require_products(self.contact, self.plastic)
 
 
 def closed_somewhere(problem: Problem, Z: FESpace) -> bool:

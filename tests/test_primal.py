@@ -28,10 +28,12 @@ from ngepc.primal.complementarity import solve_complementarity
 from ngepc.primal.contact import nodal_contact
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.return_mapping import at_plastic_points, interpolated, plastic_points
+from ngepc.primal.run import Bracket
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.problem import Problem
 from ngepc.results import SolverError, Status
 from ngepc.spaces import displacement_space
+from ngepc.studies.random_problems import Draw, build
 from ngepc.tensors import tensor
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
@@ -446,3 +448,55 @@ def test_a_start_follows_its_mesh_through_refinement():
     assert coarse.displacement(problem.mesh(0.1, 0.8)) == pytest.approx(before, rel=1e-12)
     fine = primal_newton(example_a(problem.mesh), start=coarse).raise_for_status()
     assert fine.primal_energy < coarse.primal_energy
+
+
+SOFT_CORNER = Draw(  # one plastic element held by its contact force alone
+    body="strip",
+    maxh=0.14146355695226748,
+    stress_unit=2.1306228016269007,
+    length_unit=0.16150178723784236,
+    poisson=0.4999,
+    yield_bound=-3.8891792267627734,
+    hardening=math.log10(2e-6),
+    kind="isotropic",
+    load=8.21834012881301,
+    angle=0.9130592570624303,
+    gap="near",
+    gap_size=4.16761373643151,
+    history=0.0,
+    method="coupled",
+)
+JUMPING_SLOPE = Draw(  # soft plastic elements turn elastic in the middle of a step
+    body="wrench",
+    maxh=0.10606787656652866,
+    stress_unit=-1.8023393691179104,
+    length_unit=-1.1345791196262573,
+    poisson=0.4999,
+    yield_bound=-2.0870908785440587,
+    hardening=math.log10(2e-6),
+    kind="isotropic",
+    load=0.39270523905240245,
+    angle=5.952805560886258,
+    gap="touching",
+    gap_size=0.1265114747103373,
+    history=1.0480462305880969,
+    method="balanced (R2)",
+)
+
+
+@pytest.mark.parametrize("draw", [SOFT_CORNER, JUMPING_SLOPE])
+def test_nearly_perfect_plasticity_and_nearly_incompressible(draw):
+    """h/mu = 2e-6 and nu = 0.4999: what random problems found, kept."""
+    result = primal_newton(build(draw))
+    assert result.status is Status.CONVERGED
+
+
+def test_bracket_finds_a_jump_of_the_slope():
+    """Slope -1 before 1e-3, 0.1 after it: the trials close in on the jump from both sides."""
+    bracket, low, high = Bracket(-1.0), 0.0, 1.0
+    for _ in range(30):
+        slope = -1.0 if bracket.trial < 1e-3 else 0.1
+        low, high = (bracket.trial, high) if slope < 0 else (low, bracket.trial)
+        bracket.narrow(slope)
+    assert low < 1e-3 <= high
+    assert high - low < 1e-4

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.kinds import require_function, require_instance
 from ngepc.problem import Problem, as_vector
 
 Changes = Mapping[str, object]
@@ -44,8 +45,8 @@ class Schedule:
     begin: float = 0.0
 
     def __post_init__(self) -> None:
-        if not callable(self.changes):
-            raise TypeError(f"changes={self.changes!r}: a function of time is needed")
+        require_function("changes", self.changes, "time")
+        require_number("begin", self.begin)
         object.__setattr__(self, "times", increasing_times(self.times, self.begin))
 
 
@@ -84,15 +85,24 @@ def as_schedule(steps: object) -> Schedule | ListedSteps:
 
 def increasing_times(times: Sequence[float], begin: float) -> tuple[float, ...]:
     """The times as floats, at least one, each after the one before and after ``begin``."""
-    if isinstance(times, str) or not hasattr(times, "__iter__"):
-        raise TypeError(f"times={times!r}: a sequence of numbers is needed")
-    times = tuple(require_number("times", float(t) if np.isscalar(t) else t) for t in times)
+    times = numbers_in("times", times)
     if not times:
         raise ValueError(f"times={times!r}: at least one time is needed")
     for before, after in zip((begin, *times), times, strict=False):
         if not before < after:
-            raise ValueError(f"times={times!r}: {after:g} does not come after {before:g}")
+            begins = f" (begin={begin:g})" if before == begin else ""
+            raise ValueError(
+                f"times={times!r}: increasing numbers are needed, {after:g} does not come after "
+                f"{before:g}{begins}"
+            )
     return times
+
+
+def numbers_in(name: str, values: object) -> tuple[float, ...]:
+    """``values``, a sequence of finite numbers, as floats."""
+    if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str | bytes):
+        raise TypeError(f"{name}={values!r}: a sequence of numbers is needed")
+    return tuple(require_number(f"{name}[{i}]", value) for i, value in enumerate(values))
 
 
 def check_changes(changes: object, time: float) -> Changes:
@@ -133,8 +143,9 @@ def load_cycle(
     TypeError, ValueError
         If an argument is not legal.
     """
-    steps = require_integer("steps", steps, 1)
-    corners = [0.0, *(require_number("factors", f) for f in factors)]
+    require_instance("problem", problem, Problem, "a Problem")
+    steps, begin = require_integer("steps", steps, 1), require_number("begin", begin)
+    corners = [0.0, *numbers_in("factors", factors)]
     if len(corners) < 2:
         raise ValueError(f"factors={factors!r}: at least one number is needed")
     knots = begin + np.arange(len(corners))

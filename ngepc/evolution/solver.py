@@ -15,6 +15,7 @@ from typing import Protocol
 from ngsolve import GridFunction
 
 from ngepc.checks.arguments import require_integer
+from ngepc.checks.kinds import require_function, require_instance, require_path
 from ngepc.evolution.file import EvolutionFile
 from ngepc.evolution.load_path import ListedSteps, Schedule, as_schedule, check_changes
 from ngepc.evolution.memory import Memory
@@ -39,7 +40,13 @@ def cold_start(solver: Callable, **settings: object) -> StepSolver:
     """A step solver that calls ``solver(problem, **settings)`` and ignores the start.
 
     ``evolve(problem, steps, cold_start(semismooth_newton, gamma=1e4))`` runs the dual method.
+
+    Raises
+    ------
+    TypeError
+        If ``solver`` is no function.
     """
+    require_function("solver", solver, "a problem and the settings")
 
     def solve(problem: Problem, start: GridFunction | None) -> object:
         return solver(problem, **settings)
@@ -90,14 +97,14 @@ def evolve(
     OSError
         If the checkpoint cannot be written, before any work.
     """
-    if not isinstance(problem, Problem):
-        raise TypeError(f"problem={problem!r}: a Problem is needed")
-    if not callable(solver):
-        raise TypeError(f"solver={solver!r}: a function of problem and start is needed")
+    require_instance("problem", problem, Problem, "a Problem")
+    require_function("solver", solver, "problem and start")
+    require_function("monitor", monitor, "a step", optional=True)
+    path = None if checkpoint is None else require_path("checkpoint", checkpoint)
     schedule, cuts = as_schedule(steps), require_integer("cuts", cuts, 0, 30)
     run = _Run(problem, schedule, solver, cuts if isinstance(schedule, Schedule) else 0, monitor)
-    if checkpoint is not None:
-        run.resume(EvolutionFile(Path(checkpoint), problem, schedule, solver))
+    if path is not None:
+        run.resume(EvolutionFile(path, problem, schedule, solver))
     run.advance()
     return run.evolution
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ngepc.blocks import LinearBlocks
+from ngepc.checks.kinds import require_function, require_instance
 from ngepc.contact_newton import newton_system
 from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional, NewtonSystem
@@ -16,7 +17,7 @@ from ngepc.path.options import InnerRule, PathOptions
 from ngepc.path.result import PathResult
 from ngepc.path.state import PathState, PathStep, PathStore
 from ngepc.problem import Problem
-from ngepc.regularisation import Coupled, Regularisation
+from ngepc.regularisation import Coupled, Regularisation, require_regularisation
 from ngepc.results import Status
 from ngepc.widths import contact_mesh_width, mesh_width
 
@@ -73,6 +74,12 @@ def follow_path(
     """
     options = PathOptions() if options is None else options
     check_arguments(problem, options, start, regularisation)
+    for name, watcher in (
+        ("monitor", monitor),
+        ("newton_monitor", newton_monitor),
+        ("observer", observer),
+    ):
+        require_function(name, watcher, "what it is shown", optional=True)
     walk = _Walk(problem, options, regularisation)
     store = PathStore(checkpoint, options, walk.functional, start)
     state = store.load(walk.blocks)
@@ -103,14 +110,12 @@ def follow_path(
 
 def check_arguments(problem: object, options: object, start: object, regularisation: object):
     """Refuse arguments of the wrong kind before any work."""
-    if not isinstance(problem, Problem):
-        raise TypeError(f"problem={problem!r}: a Problem is needed")
-    if not isinstance(options, PathOptions):
-        raise TypeError(f"options={options!r}: PathOptions are needed")
+    require_instance("problem", problem, Problem, "a Problem")
+    require_instance("options", options, PathOptions, "PathOptions(...)")
     if start is not None and not isinstance(start, DualResult):
         raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
-    if not callable(regularisation):
-        raise TypeError(f"regularisation={regularisation!r}: a function of gamma is needed")
+    require_function("regularisation", regularisation, "gamma")
+    require_regularisation(regularisation(options.gamma_start))
 
 
 class _Walk:

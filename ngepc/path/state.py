@@ -14,6 +14,7 @@ from ngsolve.la import BaseVector
 
 from ngepc._version import __version__
 from ngepc.blocks import LinearBlocks
+from ngepc.checks.kinds import require_path
 from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional
 from ngepc.iterates import Iterate
@@ -133,7 +134,7 @@ class PathStore:
         functional: DualFunctional,
         start: DualResult | None,
     ) -> None:
-        self._path = None if path is None else Path(path)
+        self._path = None if path is None else require_path("checkpoint", path)
         self._fingerprint: Mapping = {}
         if self._path is not None:
             if not self._path.parent.is_dir():

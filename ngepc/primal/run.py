@@ -29,6 +29,8 @@ _TOUCHING = 1e-12
 _ROUNDING = 1e-13
 """Changes of the energy below this part of its terms are rounding."""
 _ROUNDING_STEPS = 5
+_IN_A_ROW = 3
+"""Trials on one side of a minimum after which secants are taken to creep."""
 _ASK_FOR_LESS = "it is at the level of rounding, ask for a larger tolerance."
 
 
@@ -44,7 +46,7 @@ class Bracket:
     """Where the slope of a convex function changes sign, narrowed by safeguarded secants.
 
     The slope may jump, as where a soft plastic element turns elastic: secants then creep towards
-    the jump from one side, so that the second trial in a row on a side is followed by the middle.
+    the jump from one side, so that many trials in a row on a side are followed by the middle.
 
     Parameters
     ----------
@@ -55,18 +57,19 @@ class Bracket:
     def __init__(self, slope: float) -> None:
         self._low, self._low_slope = 0.0, slope
         self._high, self._high_slope = 1.0, None
-        self.trial, self._side = 1.0, 0
+        self.trial, self._row = 1.0, 0
 
     def narrow(self, slope: float) -> None:
         """Take note of the slope at ``trial`` and choose the next trial."""
-        before, self._side = self._side, 1 if not slope <= 0 else -1  # NaN counts as too far
-        if self._side > 0:
+        if not slope <= 0:  # NaN counts as too far
             self._high, self._high_slope = self.trial, slope
+            self._row = max(self._row, 0) + 1
         else:
             self._low, self._low_slope = self.trial, slope
+            self._row = min(self._row, 0) - 1
         width = self._high - self._low
-        creeps = self._side == before
-        if creeps or self._high_slope is None or not np.isfinite(self._high_slope):
+        sloped = self._high_slope is not None and np.isfinite(self._high_slope)
+        if not sloped or abs(self._row) > _IN_A_ROW:
             self.trial = self._low + 0.5 * width
             return
         secant = self._low - self._low_slope * width / (self._high_slope - self._low_slope)

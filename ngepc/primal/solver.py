@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import GridFunction
 
+from ngepc.checks.kinds import require_function, require_instance
 from ngepc.primal.options import PrimalOptions
 from ngepc.primal.result import PrimalResult
 from ngepc.primal.run import Monitor, Run
@@ -53,15 +54,14 @@ def primal_newton(
     ValueError
         If the problem has friction.
     """
-    if not isinstance(problem, Problem):
-        raise TypeError(f"problem={problem!r}: a Problem is needed")
+    require_instance("problem", problem, Problem, "a Problem")
+    require_function("monitor", monitor, "a record", optional=True)
     options = PrimalOptions() if options is None else options
     if problem.friction is not None:
         raise ValueError(
             f"friction={problem.friction!r}: this solver has none, use semismooth_newton"
         )
-    if not isinstance(options, PrimalOptions):
-        raise TypeError(f"options={options!r}: PrimalOptions are needed")
+    require_instance("options", options, PrimalOptions, "PrimalOptions(...)")
     run = Run(problem, None if start is None else nodal_values(start, problem), options, monitor)
     status, message = run.iterate()
     return PrimalResult.at(run.energy, run.contact, run.state, run.history, status, message)
