@@ -22,6 +22,7 @@ from ngepc.blocks import primal_energy
 from ngepc.equilibrium import Equilibrium, applied_forces
 from ngepc.friction import slip, tangent
 from ngepc.functional import DualFunctional
+from ngepc.primal.return_mapping import ReturnMapping, interpolated
 from ngepc.problem import Problem, as_scalar
 from ngepc.recovery import Fields, Recovered
 from ngepc.regularisation import plastic_threshold
@@ -84,7 +85,7 @@ class DualResult(Recovered):
 
     @cached_property
     def primal_energy(self) -> float:
-        """J(u, p) of (2.14) (force times length)."""
+        """J(u, p) of (2.14) with (u, p) = y (force times length)."""
         return primal_energy(self.problem, *self._primal.components)
 
     @cached_property
@@ -108,14 +109,29 @@ class DualResult(Recovered):
         return self._primal.components[0]
 
     @property
-    def plastic_increment(self) -> GridFunction:
-        """Coordinates of the plastic strain p gained in this step, d components."""
+    def balanced_increment(self) -> GridFunction:
+        """The p of y, d components: with it the stress is in equilibrium, and the energies hold."""
         return self._primal.components[1]
 
     @cached_property
+    def plastic_increment(self) -> GridFunction:
+        """Coordinates of the plastic strain p gained in this step, d components.
+
+        The p of y is constant on each element, but bounded by |q| <= beta in the mean with P1
+        functions only, and carries what these do not see.  Where the plastic term is exact (the
+        hardening is split) p is therefore the return mapping of u, the p with the least J(u, p);
+        docs/balanced.md has the errors of both.  Otherwise it is that of y.
+        """
+        if self.functional.regularisation.hardening_share == 1:
+            return self.balanced_increment
+        mapping = ReturnMapping(self.problem, self.displacement)
+        return interpolated(self.problem, mapping.plastic_increment)
+
+    @cached_property
     def fields(self) -> Fields:
-        """All fields that follow from (u, p)."""
-        return Fields(self.problem, self.displacement, self.plastic_increment)
+        """All fields that follow from (u, p); the stress from y."""
+        increments = self.plastic_increment, self.balanced_increment
+        return Fields(self.problem, self.displacement, *increments)
 
     @cached_property
     def equilibrium(self) -> Equilibrium:
@@ -137,7 +153,7 @@ class DualResult(Recovered):
             1 - self.functional.regularisation.hardening_share
         )
         q = self.state.components[-1]
-        return q + h_G * self.plastic_increment
+        return q + h_G * self.balanced_increment
 
     @property
     def yield_function(self) -> CoefficientFunction:

@@ -136,7 +136,7 @@ def _energies(result: DualResult) -> dict[str, float]:
         n: InnerProduct(blocks.part_of(image, i), blocks.part_of(v, i)) for i, n in enumerate(names)
     }
     penalties = {n: f.penalties[i].energy(blocks.part_of(v, i)) for i, n in enumerate(names)}
-    p = result.plastic_increment
+    p = result.balanced_increment
     h_G = problem.effective_hardening * (1 - f.regularisation.hardening_share)
     dissipation = Integrate(as_scalar(problem.beta) * Norm(p) + h_G / 2 * p * p, problem.mesh)
     return {
@@ -193,7 +193,7 @@ def _plasticity(result: DualResult) -> dict[str, float]:
     def size(field: CoefficientFunction) -> float:
         return math.sqrt(Integrate(InnerProduct(field, field) * measure, mesh))
 
-    q, p, N = result.plastic_dual, result.plastic_increment, problem.N
+    q, p, N = result.plastic_dual, result.balanced_increment, problem.N
     dev_stress, hardening = result.fields.deviatoric_stress, problem.effective_hardening
     residual_stress = coordinates(problem.alpha_0[1] - dev_stress, N)
     deviation = q - (hardening * p + residual_stress)

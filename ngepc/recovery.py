@@ -36,11 +36,14 @@ class Fields:
         u, vector-valued (length).
     plastic_increment
         Coordinates of the plastic strain p gained in this step (1), d components.
+    balanced_increment
+        The p that the stress refers to; None for ``plastic_increment``.
     """
 
     problem: Problem
     displacement: GridFunction
     plastic_increment: CoefficientFunction
+    balanced_increment: CoefficientFunction | None = None
 
     @property
     def strain(self) -> CoefficientFunction:
@@ -54,9 +57,11 @@ class Fields:
 
     @property
     def stress(self) -> CoefficientFunction:
-        """Sigma = C (eps(u) - plastic_strain), N x N (stress), (2.7)."""
+        """Sigma = C (eps(u) - p_0 - p), N x N (stress), (2.7), with ``balanced_increment``."""
         m, N = self.problem.material, self.problem.N
-        e = self.strain - self.plastic_strain
+        p = self.balanced_increment
+        p = self.plastic_increment if p is None else p
+        e = self.strain - self.problem.p_0 - tensor(p, N)
         return m.lame_lambda * Trace(e) * Id(N) + 2 * m.lame_mu * e
 
     @property
@@ -126,7 +131,7 @@ class Recovered:
 
     @property
     def stress(self) -> CoefficientFunction:
-        """Sigma = C (eps(u) - plastic_strain), N x N (stress)."""
+        """Sigma = C (eps(u) - p_0 - p), N x N (stress); its p see ``Fields.balanced_increment``."""
         return self.fields.stress
 
     @property

@@ -435,3 +435,11 @@ def test_reactions_come_back_from_a_checkpoint_and_may_be_missing(rolled, tmp_pa
     assert old.reaction == row["reaction"]
     assert old.reactions is None
     assert old.contact_resultant is None
+
+
+def test_elastic_unloading_takes_one_newton_step():
+    """The state that a step leaves is on the yield surface: rounding must not count as yielding."""
+    problem = bar(MATERIALS["kinematic"], block.structured_mesh(4, 4, simplices=True), load=4.0)
+    evolution = evolve(problem, load_cycle(problem, [1, 0.4], steps=3)).raise_for_status()
+    assert evolution.column("iterations")[3:] == [1, 1, 1]
+    assert max(evolution.column("dissipation")[3:]) < 1e-15

@@ -4,8 +4,8 @@ import inspect
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, plate, ring
-from ngsolve import CF, Id, Integrate, Norm, ds, x, y, z
+from ngepc.geometries import block, lshape, plate, ring, wrench
+from ngsolve import CF, GridFunction, Id, IfPos, Integrate, Norm, ds, x, y, z
 
 from ngepc import (
     Balanced,
@@ -15,10 +15,13 @@ from ngepc import (
     Problem,
     lshape_problem,
     semismooth_newton,
+    wrench_problem,
 )
+from ngepc.blocks import primal_energy
 from ngepc.primal.solver import PrimalOptions, primal_newton
+from ngepc.recovery import Fields
 from ngepc.results import Result, SolverError, Status
-from ngepc.tensors import deviator
+from ngepc.tensors import deviator, tensor
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 METHODS = ("primal", "dual")
@@ -226,7 +229,8 @@ def test_recovered_fields_are_those_of_the_formulas(results, method):
     result = results["shaken", method]
     problem, mesh = result.problem, result.problem.mesh
     point = mesh(0.41, 0.37, 0.83)
-    elastic = result.strain - result.plastic_strain
+    of_stress = getattr(result, "balanced_increment", result.plastic_increment)
+    elastic = result.strain - problem.p_0 - tensor(of_stress, 3)
     sigma = 1e3 * (elastic[0] + elastic[4] + elastic[8]) * Id(3) + 2e3 * elastic
     assert result.stress(point) == pytest.approx(sigma(point), rel=1e-12)
     trace = sum(result.deviatoric_stress(point)[i] for i in (0, 4, 8))
@@ -265,3 +269,50 @@ def test_a_run_that_is_stopped_raises_on_request():
     with pytest.raises(SolverError, match="stopped") as caught:
         result.raise_for_status()
     assert caught.value.result is result
+
+
+@pytest.fixture(scope="module")
+def turned():
+    """Example (b), where P1 functions q miss most of the constant strains on the handle."""
+    problem = wrench_problem(wrench.paper_mesh(873))
+    return solved("dual", problem), solved("primal", problem)
+
+
+def test_plastic_strain_of_the_dual_method_is_the_one_of_least_energy(turned):
+    """For the displacement at hand: any other p costs more, that of y for one."""
+    dual, primal = turned
+    problem, u, p = dual.problem, dual.displacement, dual.plastic_increment
+    least = primal_energy(problem, u, p)
+    generator = np.random.default_rng(3)
+    for size in (1e-5, 1e-3):
+        other = GridFunction(p.space)
+        other.vec.FV().NumPy()[:] = p.vec.FV().NumPy()
+        other.vec.FV().NumPy()[:] += size * generator.standard_normal(len(p.vec))
+        assert primal_energy(problem, u, other) > least
+    worth = primal.primal_energy
+    assert worth <= least < worth + 0.03 * abs(worth)
+    assert dual.primal_energy > worth + 0.5 * abs(worth)
+    returned = Fields(problem, u, p)
+    assert Integrate(IfPos(returned.yield_function - 1e-12, 1.0, 0.0), problem.mesh) == 0.0
+
+
+def test_plastic_strain_of_the_dual_method_is_close_to_the_primal_one(turned):
+    """In L2 and in the dissipation; that of y is noise where the body is elastic."""
+    dual, primal = turned
+    mesh, q = dual.problem.mesh, primal.plastic_increment
+
+    def distance(p):
+        return (Integrate((p - q) * (p - q), mesh) / Integrate(q * q, mesh)) ** 0.5
+
+    assert distance(dual.plastic_increment) < 0.25
+    assert distance(dual.balanced_increment) > 0.6
+    lengths = [
+        Integrate(Norm(p), mesh) for p in (dual.plastic_increment, dual.balanced_increment, q)
+    ]
+    assert lengths[0] < 1.3 * lengths[2]
+    assert lengths[1] > 6 * lengths[2]
+
+
+def test_coupled_regularisation_keeps_the_plastic_strain_of_y():
+    result = semismooth_newton(lshape_problem(lshape.paper_mesh(113)), 1e3)
+    assert result.plastic_increment is result.balanced_increment

@@ -9,6 +9,8 @@ smallest at  p = [|s| - beta]_+ / (2 mu_2 + h) s/|s|,  which leaves a differenti
 displacement alone.  Its slanting function is the tangent of the radial return.
 """
 
+import math
+
 from ngsolve import (
     ET,
     L2,
@@ -37,23 +39,45 @@ from ngepc.spaces import has_straight_simplices, plastic_order
 from ngepc.tensors import coordinates, strain, tensor
 
 _FLAT_ORDER = {ET.TRIG: 1, ET.TET: 1}
-_ORDER = {ET.TRIG: 2, ET.QUAD: 3, ET.TET: 2, ET.HEX: 3, ET.PRISM: 2, ET.PYRAMID: 2}
+_ORDER = {ET.TRIG: 2, ET.QUAD: 3, ET.TET: 2, ET.HEX: 3, ET.PRISM: 2}
+
+ROUNDING = 1e-9
+"""Part of beta by which |s| has to exceed beta, for the tangent of an elastic point to change."""
 
 
 def plastic_points(mesh: Mesh) -> dict[ET, IntegrationRule]:
     """The points that carry plastic strain: one per simplex, 2 x 2 (x 2) Gauss points otherwise.
 
-    Simplices that are curved or stand beside other shapes get a rule of order two.
+    Simplices that are curved or stand beside other shapes, prisms and pyramids get a rule of order
+    two.  Each has as many points as there are polynomials in ``spaces.plastic_space``.
     """
-    order = _FLAT_ORDER if has_straight_simplices(mesh) else _ORDER
-    return {s: IntegrationRule(s, order[s]) for s in ELEMENT_TYPES[mesh.dim] if s in order}
+    if has_straight_simplices(mesh):
+        return {s: IntegrationRule(s, order) for s, order in _FLAT_ORDER.items()}
+    rules = {s: IntegrationRule(s, _ORDER[s]) for s in ELEMENT_TYPES[mesh.dim] if s in _ORDER}
+    return rules | ({ET.PYRAMID: pyramid_rule()} if mesh.dim == 3 else {})
+
+
+def pyramid_rule() -> IntegrationRule:
+    """Five points of degree two on the pyramid with base (0, 1)^2 and apex (0, 0, 1).
+
+    The section at z has the area (1 - z)^2, whose Gauss points are c, d = 1/3 -+ (2/45)^(1/2).  The
+    weight at c is shared by the corners of a square that has the second moments of x and y,
+    1/60 about the middle of the sections; the other one stays on the axis.
+    """
+    c, d = (1 / 3 + sign * math.sqrt(2 / 45) for sign in (-1, 1))
+    upper = (1 / 12 - c / 3) / (d - c)
+    lower = 1 / 3 - upper
+    half, middle = 1 / math.sqrt(60 * lower), (1 - c) / 2
+    square = [(middle + i * half, middle + j * half, c) for i in (-1, 1) for j in (-1, 1)]
+    axis = ((1 - d) / 2, (1 - d) / 2, d)
+    return IntegrationRule([*square, axis], [lower / 4] * 4 + [upper])
 
 
 def interpolated(problem: Problem, value: CoefficientFunction) -> GridFunction:
     """A piecewise polynomial with the values of the vector ``value`` at the plastic points.
 
     Piecewise constant on flat simplices, (multi)linear on each element otherwise: it takes the
-    values at the points to round-off (on pyramids in the least-squares sense).
+    values at the points to round-off.
     """
     order = plastic_order(problem.mesh)
     components = max(1, value.dim)
@@ -131,8 +155,12 @@ class ReturnMapping:
 
     @property
     def plastic(self) -> CoefficientFunction:
-        """1 where the body yields in this step, 0 elsewhere."""
-        return IfPos(Norm(self.trial) - self.problem.beta, 1.0, 0.0)
+        """1 where the body yields in this step, 0 elsewhere.
+
+        A load step starts with |s| = beta wherever the last one has yielded, up to rounding.  These
+        points count as elastic: unloading then needs one Newton step.
+        """
+        return IfPos(Norm(self.trial) - (1 + ROUNDING) * self.problem.beta, 1.0, 0.0)
 
     def power(self, v: ProxyFunction) -> CoefficientFunction:
         """Sigma : eps(v), the integrand of the internal forces."""

@@ -211,7 +211,7 @@ def distance_bound(primal: PrimalResult, dual: DualResult) -> tuple[float, float
         gap = problem.psi - u * problem.normal
         on_contact = ds("|".join(problem.contact_names))
         worth += Integrate(gap * gap / (2 * R.gamma_contact) * on_contact, mesh)
-    du, dp = u - dual.displacement, p - dual.plastic_increment
+    du, dp = u - dual.displacement, p - dual.balanced_increment
     distance = Integrate(elastic_product(problem, share * h, du, dp, du, dp), mesh) / 2
     return distance, worth + dual.dual_energy
 
