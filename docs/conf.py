@@ -34,6 +34,7 @@ project = "ngepc"
 author = "the ngepc authors"
 release = version = ngepc.__version__
 html_title = "ngepc"
+smartquotes = False
 
 extensions = [
     "myst_nb",
@@ -75,4 +76,5 @@ html_theme_options = {
     "home_page_in_toc": True,
     "use_download_button": False,
     "use_fullscreen_button": False,
+    "navbar_persistent": [],
 }

@@ -1,5 +1,7 @@
 """Pictures: what they show agrees with the fields, and the colour scale with its rules."""
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from ngsolve import CF, L2, GridFunction, InnerProduct, Integrate, sqrt, x, y
 from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc import lshape_problem
+from ngepc.obstacles import Disc
 from ngepc.plotting import (
     plot_active_sets,
     plot_comparison,
@@ -26,7 +29,7 @@ from ngepc.plotting import (
 from ngepc.plotting.curves import chains, pressure_curves
 from ngepc.plotting.drawable import KINDS, UnitNames, drawable
 from ngepc.plotting.picture import beside
-from ngepc.plotting.sampling import Corners, body_corners, colour_range
+from ngepc.plotting.sampling import Corners, body_corners, colour_range, obstacle_lines
 from ngepc.primal.solver import primal_newton
 from ngepc.recovery import Fields
 from ngepc.results import History
@@ -106,6 +109,18 @@ def test_obstacle_stays_outside_on_meshes_with_turned_edges():
     lines = plot_field(result).axes[0].collections
     obstacle = next(line for line in lines if np.allclose(line.get_linewidth(), 1.4))
     np.testing.assert_allclose(np.array(obstacle.get_segments())[..., 1], 1.1, rtol=1e-14)
+
+
+def test_obstacle_is_left_out_where_there_is_none():
+    mesh = lshape.mesh(maxh=0.05)
+    disc = Disc(centre=(0.5, 1.3), radius=0.25)  # half as wide as the contact boundary
+    problem = replace(lshape_problem(mesh), gap=disc.gap(mesh))
+    elastic = replace(problem.material, yield_stress=1e9)
+    fields = primal_newton(replace(problem, material=elastic)).fields
+    lines = obstacle_lines(fields, 1.0)
+    assert 0.2 < np.ptp(lines[..., 0]) <= 0.5
+    assert lines[..., 1].min() == pytest.approx(1.05, abs=1e-3)
+    assert lines[..., 1].max() <= 1.3
 
 
 @pytest.mark.parametrize("threshold", [0.0, 0.02, 0.1])

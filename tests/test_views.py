@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 from solved import block_primal, lshape_dual, lshape_primal
 
+from ngepc import primal_newton
 from ngepc.plotting import page, plot_field, views
+from ngepc.plotting.scenes import _peak
 from ngepc.plotting.views import View, ViewOptions, compare, export_html, show, slide, slide_figures
 
 needs_browser = pytest.mark.skipif(
@@ -152,6 +155,14 @@ def test_figures_slide_without_the_viewer(browser, tmp_path, monkeypatch):
     browser.evaluate(f"{MOVE}(1)")
     browser.settle()
     assert np.abs(first - browser.pixels()).mean() > 0.005
+
+
+def test_pressures_of_rounding_size_are_not_drawn():
+    touching = lshape_primal()
+    greatest = touching.contact_pressure.vec.FV().NumPy().max()
+    assert _peak({"touching": touching}) == pytest.approx(greatest)
+    far_away = primal_newton(replace(touching.problem, gap=10.0))
+    assert _peak({"far away": far_away}) == 0.0
 
 
 @needs_viewer

@@ -28,7 +28,7 @@ from ngepc.plotting.sampling import (
     body_corners,
     boundary_corners,
     colour_range,
-    contact_offset,
+    obstacle_lines,
     sample_corners,
 )
 from ngepc.recovery import Fields
@@ -163,11 +163,17 @@ def plot_comparison(
     first = next(iter(what.values()))
     limits = colour_range(*corners.values(), vmin=vmin, vmax=vmax, symmetric=first.signed)
     width, height = _body_size(next(iter(corners.values())), scale)
-    width = min(width, 3.6) if len(sources) > 2 else width
-    figure = Picture(figsize=(width * len(sources) + 0.8, height), layout="compressed")
+    rows = math.ceil(len(sources) / 3)
+    columns = math.ceil(len(sources) / rows)
+    shrink = min(1.0, 3.6 / width) if columns > 2 else 1.0
+    size = (shrink * width * columns + 0.8, shrink * height * rows)
+    figure = Picture(figsize=size, layout="compressed")
     three = next(iter(corners.values())).points.shape[2] == 3
     projection = {"projection": "3d"} if three else {}
-    panels = figure.subplots(1, len(sources), squeeze=False, subplot_kw=projection)[0]
+    panels = figure.subplots(rows, columns, squeeze=False, subplot_kw=projection).ravel()
+    for panel in panels[len(sources) :]:
+        panel.set_axis_off()
+    panels = panels[: len(sources)]
     for panel, (title, sampled) in zip(panels, corners.items(), strict=True):
         patch = _draw_body(panel, sampled, limits, first.colormap, scale, False)
         _decorate(panel, fields_of(sources[title]), scale, units or UnitNames())
@@ -310,7 +316,7 @@ def _decorate(axes: Axes, fields: Fields, scale: float, units: UnitNames) -> Non
         LineCollection(outline.deformed(scale), colors="#3b4650", linewidths=0.6, zorder=3)
     )
     if fields.problem.contact_names and scale > 0:
-        obstacle = contact_offset(fields, scale * fields.problem.psi, 0.0)
+        obstacle = obstacle_lines(fields, scale)
         axes.add_collection(LineCollection(obstacle, colors=OBSTACLE, linewidths=1.4, zorder=4))
     axes.set_aspect("equal")
     axes.autoscale_view()

@@ -38,10 +38,10 @@ header { padding: .5rem .9rem .35rem; display: flex; flex-wrap: wrap; gap: .2rem
 h1 { font-size: 1rem; margin: 0; font-weight: 600; }
 main { flex: 1; min-height: 0; display: flex; flex-wrap: wrap; gap: 1px; background: var(--line); }
 figure { flex: 1 1 18rem; min-height: 12rem; margin: 0; display: flex; flex-direction: column;
-         background: var(--paper); }
+         background: var(--paper); container-type: inline-size; }
 figcaption { padding: .2rem .9rem; font-size: .85rem; color: var(--soft); }
-.place { flex: 1; min-height: 0; position: relative; overflow: hidden; background: #ffffff;
-         color: #1c2733; }
+.place { flex: 1; min-height: 0; max-height: 90cqw; position: relative; overflow: hidden;
+         background: #ffffff; color: #1c2733; }
 .place > div { position: absolute; inset: 0; }
 .place img { width: 100%; height: 100%; object-fit: contain; display: block; }
 .place p { color: #1c2733; padding: 1rem; }
@@ -139,7 +139,8 @@ class Legend:
         step = (self.most - self.least) / 4
         size = max(abs(self.least), abs(self.most))
         values = [self.least + k * step for k in range(5)]
-        texts = [f"{0.0 if abs(v) < 1e-9 * size else v:.3g}" for v in values]
+        form = ".0f" if 1e3 <= size < 1e5 else ".3g"
+        texts = [format(0.0 if abs(v) < 1e-9 * size else v, form) for v in values]
         texts[0] = ("≤ " if self.below else "") + texts[0]
         texts[-1] = ("≥ " if self.above else "") + texts[-1]
         ticks = "".join(f"<span>{text.replace('-', '−')}</span>" for text in texts)

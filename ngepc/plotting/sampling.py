@@ -53,6 +53,9 @@ def _squares(n: int) -> tuple[list[tuple], list[tuple]]:
     ]
 
 
+NO_OBSTACLE = 5.0
+"""A gap of more than this many times the size of the body stands for no obstacle."""
+
 _PARTS = {ET.SEGM: _segments, ET.TRIG: _triangles, ET.QUAD: _squares}
 
 
@@ -139,6 +142,25 @@ def contact_offset(fields: Fields, distance: CoefficientFunction, scale: float) 
     names = fields.problem.contact_names
     place = [boundary_corners(fields, names, reach[i]) for i in range(2)]
     return place[0].deformed(scale) + np.stack([c.values for c in place], axis=-1)
+
+
+def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
+    """The obstacle, ``scale`` psi away from the 2D contact boundary, where a picture has room.
+
+    Left out are parts farther away than a quarter of the body, unless all are, and those whose
+    gap stands for no obstacle.
+
+    Returns
+    -------
+    numpy.ndarray
+        Segments, shape (segments, 2, 2).
+    """
+    psi = fields.problem.psi
+    gaps = boundary_corners(fields, fields.problem.contact_names, psi).values.max(axis=1)
+    extent = np.ptp(boundary_corners(fields).points.reshape(-1, 2), axis=0).max()
+    room = max(0.25 * extent, 1.2 * scale * gaps.min())
+    shown = (scale * gaps <= room) & (gaps < NO_OBSTACLE * extent)
+    return contact_offset(fields, scale * psi, 0.0)[shown]
 
 
 def sample_corners(

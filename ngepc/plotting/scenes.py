@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
-from ngsolve import CF, CoefficientFunction
+from ngsolve import CF, CoefficientFunction, Integrate
 
 from ngepc.checks.arguments import require_number
 from ngepc.plotting.curves import pressure_curves
@@ -21,9 +21,14 @@ from ngepc.plotting.sampling import (
     boundary_corners,
     colour_range,
     contact_offset,
+    obstacle_lines,
     surface_value,
 )
+from ngepc.problem import as_scalar
 from ngepc.recovery import Fields
+
+NOISE = 1e-3
+"""Contact pressures below this part of the yield bound are not drawn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,7 +182,7 @@ def _contact_lines(source: object, options: ViewOptions, peak: float) -> list[di
     pressure = _pressure(source)
     distance = CF(0.0) if pressure is None or peak <= 0 else 0.15 * extent / peak * pressure
     return [
-        _lines("obstacle", "#b3402e", contact_offset(fields, scale * problem.psi, 0.0)),
+        _lines("obstacle", "#b3402e", obstacle_lines(fields, scale)),
         _lines("contact pressure", "#1f5a8c", contact_offset(fields, distance, scale)),
     ]
 
@@ -188,16 +193,16 @@ def _pressure(source: object) -> CoefficientFunction | None:
 
 
 def _peak(sources: Mapping[str, object]) -> float:
-    """Greatest contact pressure of all two-dimensional sources, 0 if there is none."""
-    curves = [
-        values
-        for source in sources.values()
-        if _pressure(source) is not None
-        and fields_of(source).problem.N == 2
-        and fields_of(source).problem.contact_names
-        for _, values in pressure_curves(source)
-    ]
-    return max((float(np.abs(values).max()) for values in curves), default=0.0)
+    """Greatest contact pressure of all two-dimensional sources, 0 if there is none to speak of."""
+    greatest = bound = 0.0
+    for source in sources.values():
+        problem = fields_of(source).problem
+        if _pressure(source) is None or problem.N != 2 or not problem.contact_names:
+            continue
+        greatest = max(greatest, *(float(p.max()) for _, p in pressure_curves(source)))
+        mesh = problem.mesh
+        bound = max(bound, Integrate(as_scalar(problem.beta), mesh) / Integrate(1.0, mesh))
+    return greatest if greatest > NOISE * bound else 0.0
 
 
 def _lines(name: str, colour: str, segments: np.ndarray) -> dict:
