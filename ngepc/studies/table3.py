@@ -140,10 +140,12 @@ class Table3:
             "finest mesh, the last column is what we count.",
         ]
         rows = [_row(record) for record in table]
-        name = "table3" if o.inner_scale == PathOptions().inner_scale else f"table3_{self._scale}"
+        usual = o.inner_scale == PathOptions().inner_scale
+        name = "table3" if usual else f"table3_{self._scale}"
+        title = "Table 3" if usual else f"Table 3 with c = {o.inner_scale:g}"
         return write_table(
             self.folder,
-            Table(name=name, title="Table 3", head=head, rows=rows, notes=notes, cells=table),
+            Table(name=name, title=title, head=head, rows=rows, notes=notes, cells=table),
         )
 
 
