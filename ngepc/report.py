@@ -14,6 +14,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from ngepc.checks.arguments import is_number
@@ -21,6 +22,9 @@ from ngepc.plotting.page import STYLE, frame
 from ngepc.plotting.views import View, png_address
 from ngepc.problem import Problem
 from ngepc.storage.records import write_text
+
+WIDE = 1.9
+"""Width over height from which a figure has a row to itself."""
 
 _REPORT_STYLE = """
 body { padding: 1.5rem 1rem 4rem; }
@@ -38,6 +42,9 @@ th { font-weight: 600; border-bottom-color: var(--soft); }
 td.text, th.text { text-align: left; }
 td.text { white-space: normal; }
 figure { margin: 1rem 0; }
+figure.half { display: inline-block; vertical-align: top; width: calc(50% - .6rem);
+              min-width: 20rem; margin-right: .5rem; }
+@media (max-width: 44rem) { figure.half { width: 100%; } }
 figure img { max-width: 100%; height: auto; background: #fff; border-radius: 4px; display: block; }
 figcaption, footer { color: var(--soft); font-size: .88rem; }
 figcaption { padding-top: .3rem; }
@@ -121,16 +128,18 @@ class Report:
     def add_figure(self, figure: Figure | str | os.PathLike, caption: str = "") -> Report:
         """Add a matplotlib figure, or a picture from a PNG file.
 
+        Figures that are not wide stand two in a row where there is room.
+
         Raises
         ------
         OSError
             If the file cannot be read.
         """
         address = png_address(figure if isinstance(figure, Figure) else Path(figure))
-        self._add(
-            f'<figure><img src="{address}" alt="{html.escape(caption or "figure")}">'
-            f"{_caption(caption)}</figure>"
-        )
+        half = isinstance(figure, Figure) and np.divide(*figure.get_size_inches()) < WIDE
+        tag = '<figure class="half">' if half else "<figure>"
+        picture = f'<img src="{address}" alt="{html.escape(caption or "figure")}">'
+        self._add(f"{tag}{picture}{_caption(caption)}</figure>")
         return self
 
     def add_view(self, view: View, caption: str = "", height: int | None = None) -> Report:

@@ -37,13 +37,13 @@ def run_report(record: dict, result: object, path: Path) -> Path:
     report = Report(f"{name}: {record['method']} method on {record['nodes']} nodes")
     report.add_problem(result.problem)
     report.add_section("Numbers")
-    report.add_table([{"what": key, "value": record[key]} for key in NUMBERS])
+    report.add_table([{"what": key.replace("_", " "), "value": record[key]} for key in NUMBERS])
     if record["message"]:
         report.add_text(record["message"])
     report.add_section("The deformed body")
-    report.add_view(show(result), "Plastic strain |p|_F; drag to turn, scroll to zoom.")
+    report.add_view(show(result), "Plastic strain |p|_F; drag to move, scroll to zoom.")
     report.add_figure(plot_field(result), "Plastic strain")
-    report.add_figure(plot_yield_function(result), "Yield function")
+    report.add_figure(plot_yield_function(result), "Yield function: zero where it yields")
     report.add_figure(plot_plastic_zone(result, THRESHOLDS[name]), "Plastic zone")
     if result.problem.contact_names:
         report.add_figure(plot_contact_pressure(result), "Contact pressure")

@@ -16,6 +16,7 @@ from ngepc.plotting import (
 from ngepc.plotting.figures import THRESHOLDS, save, write_figures
 from ngepc.plotting.views import show
 from ngepc.report import Report
+from ngepc.storage import records
 from ngepc.studies.table1 import Table1, cell_gamma, paper_value
 from ngepc.studies.tables import Cell
 
@@ -73,7 +74,10 @@ def folder_report(folder: Path, path: Path) -> Path:
 
 
 def _page(study: Table1, table: list[dict], cell: Cell, result: DualResult, path: Path) -> Path:
-    report = Report("Example (a): the L-shape and mesh independence")
+    report = Report(
+        "Example (a): the L-shape and mesh independence",
+        "Table 1 of Hintermüller and Rösel, mesh by mesh, and the last of its solutions.",
+    )
     report.add_problem(result.problem)
     report.add_section("Newton steps")
     rows = [
@@ -90,11 +94,17 @@ def _page(study: Table1, table: list[dict], cell: Cell, result: DualResult, path
     histories = {f"{n} nodes": study.result(Cell(cell.row, n)).history for n in study.nodes}
     report.add_figure(plot_history(histories), f"Residuals at gamma = {cell.row}.")
     report.add_section(f"The solution at gamma = {cell.row} on {cell.nodes} nodes")
-    report.add_view(show(result), "Deformed body with |p|_F; drag to turn, scroll to zoom.")
-    report.add_figure(plot_yield_function(result), "Yield function")
+    report.add_text(
+        "As long as `gamma` is moderate the Tichonov term leaves the body too soft, and it enters "
+        "the ceiling, the red line; only as `gamma` grows does it approach the problem itself. "
+        "Balanced regularisation (`docs/balanced.md`) is right at once."
+    )
+    report.add_view(show(result), "Deformed body with |p|_F; drag to move, scroll to zoom.")
+    report.add_figure(plot_yield_function(result), "Yield function: zero where it yields")
     report.add_figure(plot_plastic_zone(result, THRESHOLDS["lshape"]), "Plastic zone")
     report.add_figure(plot_contact_pressure(result), "Contact pressure")
-    return report.write(path)
+    made_with = ", ".join(f"{key} {value}" for key, value in records.provenance().items())
+    return report.write(path, footer=made_with)
 
 
 def _count(table: list[dict], row: str, nodes: int) -> int:
