@@ -23,6 +23,7 @@ _HOME = {
     "Material": "material",
     "NearMinimum": "linesearch",
     "NewtonOptions": "newton",
+    "NodalContact": "balanced",
     "PathOptions": "path.options",
     "PathResult": "path.result",
     "PenaltyContact": "balanced",

@@ -73,6 +73,15 @@ class ExactContact:
         require_number("friction_gamma", self.friction_gamma, 0, strict=True)
 
 
+@dataclass(frozen=True, kw_only=True)
+class NodalContact(ExactContact):
+    """``ExactContact`` with (u.n - psi, z) integrated at the vertices of Gamma_c.
+
+    u.n <= psi then holds at the nodes and z_i times the lumped area is the force on node i, as in
+    the primal method: pressures are smoother and contact zones of few cells better, docs/step42.md.
+    """
+
+
 @dataclass(frozen=True)
 class Balanced:
     """Hardening split for the plastic term, gamma for the Tichonov term only.
@@ -86,7 +95,7 @@ class Balanced:
         h_F / h, the share of the hardening that stays in F, in (0, 1).  q stands for
         dev(h_F p) - dev sigma.
     contact
-        How z <= 0 is imposed: ``ExactContact()`` or ``PenaltyContact(gamma)``.
+        How z <= 0 is imposed: ``ExactContact()``, ``NodalContact()`` or ``PenaltyContact(gamma)``.
     tichonov
         The space H and its product; without boundary conditions by default, docs/balanced.md.
     units
@@ -120,7 +129,9 @@ class Balanced:
         if require_number("share", self.share, 0, strict=True) >= 1:
             raise ValueError(f"share={self.share!r}: a number in (0, 1) is needed")
         kinds = (ExactContact, PenaltyContact)
-        require_instance("contact", self.contact, kinds, "ExactContact() or PenaltyContact()")
+        require_instance(
+            "contact", self.contact, kinds, "ExactContact(), NodalContact() or PenaltyContact()"
+        )
         require_tichonov(self.tichonov)
         if self.units is not None:
             require_instance("units", self.units, Units, "Units(...) or None")
@@ -157,6 +168,11 @@ class Balanced:
     def exact_contact(self) -> bool:
         """Whether z <= 0 is a constraint."""
         return isinstance(self.contact, ExactContact)
+
+    @property
+    def nodal_contact(self) -> bool:
+        """Whether the contact integrals have the vertices as points."""
+        return isinstance(self.contact, NodalContact)
 
     @property
     def gamma_tichonov(self) -> float:

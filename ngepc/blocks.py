@@ -107,8 +107,9 @@ class LinearBlocks:
     """
 
     def __init__(self, problem: Problem, regularisation: Regularisation, inverse: str) -> None:
-        self.problem, self.parts, self.inverse = problem, dual_parts(problem), inverse
+        self.problem, self.inverse = problem, inverse
         regularisation = regularisation.resolved(problem)
+        self.parts = dual_parts(problem, regularisation)
         self.h_F = problem.effective_hardening * regularisation.hardening_share
         self.spaces = [part.space(problem, regularisation) for part in self.parts]
         V, Q = displacement_space(problem), plastic_space(problem)

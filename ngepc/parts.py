@@ -18,6 +18,7 @@ from ngepc.friction import FrictionPart
 from ngepc.normals import outward_normal
 from ngepc.penalty import ContactPenalty, PlasticPenalty
 from ngepc.problem import Problem
+from ngepc.quadrature import vertex_rules
 from ngepc.regularisation import Regularisation
 from ngepc.simplex_penalty import SimplexPenalty, constants
 from ngepc.spaces import contact_space, has_straight_simplices, plastic_dual_space
@@ -79,9 +80,20 @@ class DualPart(Protocol):
 
 @dataclass(frozen=True)
 class ContactPart:
-    """z, the normal stress on Gamma_c: (u.n, z) - (psi, z) + M^1(z)."""
+    """z, the normal stress on Gamma_c: (u.n, z) - (psi, z) + M^1(z).
 
+    Parameters
+    ----------
+    at_nodes
+        Whether (u.n - psi, z) is integrated with the vertices as points.
+    """
+
+    at_nodes: bool = False
     name: str = "contact"
+
+    def _measure(self, problem: Problem):
+        rules = {"intrules": vertex_rules(problem.N)} if self.at_nodes else {}
+        return ds("|".join(problem.contact_names), **rules)
 
     def space(self, problem: Problem, regularisation: Regularisation) -> FESpace:
         """Z_h."""
@@ -90,11 +102,11 @@ class ContactPart:
     def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
         """(tau_n u, w) on Gamma_c."""
         n = outward_normal(problem.mesh)
-        return (u * n) * w * ds("|".join(problem.contact_names))
+        return (u * n) * w * self._measure(problem)
 
     def offset(self, problem: Problem, w) -> CoefficientFunction:
         """(psi, w) on Gamma_c."""
-        return problem.psi * w * ds("|".join(problem.contact_names))
+        return problem.psi * w * self._measure(problem)
 
     def tichonov(
         self, problem: Problem, regularisation: Regularisation, space: FESpace
@@ -146,8 +158,8 @@ class PlasticPart:
         return kind(problem, regularisation, space, points)
 
 
-def dual_parts(problem: Problem) -> list[DualPart]:
+def dual_parts(problem: Problem, regularisation: Regularisation) -> list[DualPart]:
     """The parts that a problem has: contact and friction where it names them, plasticity last."""
-    contact = [ContactPart()] if problem.contact_names else []
+    contact = [ContactPart(regularisation.nodal_contact)] if problem.contact_names else []
     friction = [] if problem.friction is None else [FrictionPart()]
     return [*contact, *friction, PlasticPart()]

@@ -54,6 +54,17 @@ def boundary_rules(dim: int, points: int) -> dict[ET, IntegrationRule]:
     return {s: IntegrationRule(s, order) for s in ELEMENT_TYPES[dim - 1]}
 
 
+def vertex_rules(dim: int) -> dict[ET, IntegrationRule]:
+    """The rules on boundary elements whose points are the vertices, equally weighted."""
+    if dim == 2:
+        return {ET.SEGM: IntegrationRule([(0.0,), (1.0,)], [1 / 2] * 2)}
+    triangle = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]
+    return {
+        ET.TRIG: IntegrationRule(triangle, [1 / 6] * 3),
+        ET.QUAD: IntegrationRule([*triangle, (1.0, 1.0)], [1 / 4] * 4),
+    }
+
+
 def smooth_rules(dim: int) -> dict[ET, IntegrationRule]:
     """Rules for elements without a kink."""
     return {s: IntegrationRule(s, SMOOTH_ORDER) for s in ELEMENT_TYPES[dim]}

@@ -79,6 +79,7 @@ class Regularisation(Protocol):
     contact_shift: Coefficient
     plastic_shift: Coefficient
     exact_contact: bool
+    nodal_contact: bool
     linesearch: LineSearch
     predictor: Predictor | None
 
@@ -138,6 +139,7 @@ class Coupled:
 
     hardening_share = 1.0
     exact_contact = False
+    nodal_contact = False
     linesearch = Armijo()
     predictor = None
 

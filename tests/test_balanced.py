@@ -15,6 +15,7 @@ from ngepc import (
     ExactContact,
     Material,
     NearMinimum,
+    NodalContact,
     PenaltyContact,
     Problem,
     ReturnMapping,
@@ -105,6 +106,25 @@ def test_contact_conditions_hold_exactly(solved_lshape):
     touching, open_gap = z < 0, -residual / f.constraint.masses
     assert np.abs(open_gap[touching]).max() < 1e-9
     assert open_gap[~touching].min() > 1e-4
+
+
+def test_nodal_contact_keeps_every_node_at_its_gap(solved_lshape):
+    """u.n <= psi at the nodes, equality where z < 0, up to the Tichonov term of z."""
+    p = solved_lshape.problem
+    result = semismooth_newton(p, regularisation=Balanced(1e9, contact=NodalContact()))
+    assert result.status is Status.CONVERGED
+    assert result.iterations <= 9
+    nodes = sorted({v.nr for e in p.mesh.Boundaries("contact").Elements() for v in e.vertices})
+    u = result.displacement.components[1].vec.FV().NumPy()[nodes]
+    pressure = -result.normal_stress.vec.FV().NumPy()[nodes]
+    touching = pressure > 1e-9 * pressure.max()
+    assert 3 <= touching.sum() < len(nodes)
+    assert np.abs(u[touching] - p.gap).max() < 5e-6
+    assert (u[~touching] < p.gap).all()
+    masses = result.functional.constraint.masses
+    assert masses @ pressure == pytest.approx(result.contact_force, rel=1e-12)
+    assert result.contact_resultant[1] == pytest.approx(-result.contact_force, rel=1e-12)
+    assert result.contact_force == pytest.approx(primal_newton(p).contact_force, rel=0.01)
 
 
 def test_solution_is_the_minimiser_over_the_feasible_set(solved_lshape):

@@ -6,7 +6,7 @@ import json
 import pytest
 from ngepc.geometries import block, quarter_cube
 
-from ngepc import primal_newton, semismooth_newton
+from ngepc import Balanced, NodalContact, primal_newton, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.studies.step42 import WHOLE, compare, relative, step42_problem
 
@@ -47,9 +47,27 @@ def test_energies_of_the_methods_close_in(tetrahedra):
 
 def test_every_run_takes_a_dozen_steps(tetrahedra):
     for record in tetrahedra:
-        assert {record[m]["status"] for m in ("primal", "dual", "sharper")} == {"converged"}
+        assert {record[m]["status"] for m in ("primal", "dual", "sharper", "nodal")} == {
+            "converged"
+        }
         assert record["primal"]["iterations"] <= 8
-        assert max(record[m]["iterations"] for m in ("dual", "sharper")) <= 14
+        assert max(record[m]["iterations"] for m in ("dual", "sharper", "nodal")) <= 14
+
+
+def test_contact_at_the_nodes_has_the_peak_pressure_of_the_primal_method(tetrahedra):
+    for record in tetrahedra:
+        assert relative(record, "nodal", "primal", "peak_pressure") < 0.05
+        assert relative(record, "dual", "primal", "peak_pressure") > 0.15
+
+
+def test_methods_agree_on_the_cells_of_the_tutorial():
+    """One node touches: they differ by less than the third that finer meshes differ from both."""
+    problem = step42_problem(quarter_cube.mesh(4, 8, grading=0.0, simplices=False))
+    finer = primal_newton(step42_problem(quarter_cube.mesh(8, simplices=False)))
+    primal = primal_newton(problem)
+    dual = semismooth_newton(problem, regularisation=Balanced(contact=NodalContact()))
+    error = abs(primal.contact_force / finer.contact_force - 1)
+    assert abs(dual.contact_force / primal.contact_force - 1) < 0.15 < 0.35 < error
 
 
 def test_plastic_strain_of_hexahedra_follows_their_bending():

@@ -23,5 +23,5 @@ def run(args: argparse.Namespace) -> int:
     study = Step42(args.out, args.levels, say)
     table = study.run()
     sys.stdout.write("".join(f"wrote {path}\n" for path in study.write(table)))
-    runs = [record[name] for record in table for name in ("primal", "dual", "sharper")]
+    runs = [record[name] for record in table for name in ("primal", "dual", "sharper", "nodal")]
     return 0 if all(run["status"] == "converged" for run in runs) else 1
