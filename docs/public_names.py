@@ -69,6 +69,7 @@ def list_notes(app: Sphinx, docname: str, source: list[str]) -> None:
     """Put the pages that no other page lists into notes.md, and links to results/ right."""
     listed = re.compile(r"^[\w/]+$", re.MULTILINE)
     if docname == "notes":
+        app.env.note_reread()  # it depends on which pages there are
         pages = {p.stem: p.read_text(encoding="utf-8") for p in Path(app.srcdir).glob("*.md")}
         known = {name for text in pages.values() for name in listed.findall(text)}
         source[0] += "\n".join(sorted(set(pages) - known - {"index"})) + "\n```\n"

@@ -77,7 +77,7 @@ def draw(number: int, result: DualResult) -> Figure:
         5: (lambda axes: plot_mesh(result, axes=axes), strain),
         6: (excess, zone),
     }
-    figure = beside(*panels[number], height=4.0 if BODY[number] == "lshape" else 3.6)
+    figure = beside(*panels[number], height=4.0 if BODY[number] == "lshape" else 2.6)
     if number == 5:
         before, after = figure.axes[:2]
         before.set(xlim=after.get_xlim(), ylim=after.get_ylim())
