@@ -8,6 +8,7 @@ import importlib
 import logging
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 from ngepc._version import __version__
 
@@ -21,9 +22,17 @@ COMMANDS = {
 }
 
 
+class OneLineParser(argparse.ArgumentParser):
+    """A parser that says what is wrong in one line, without the usage in front."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with status 2."""
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
 def parser() -> argparse.ArgumentParser:
     """The argument parser with all subcommands."""
-    top = argparse.ArgumentParser(
+    top = OneLineParser(
         prog="ngepc", description="Elasto-plastic contact by semismooth Newton methods."
     )
     top.add_argument("--version", action="version", version=f"ngepc {__version__}")

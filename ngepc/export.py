@@ -17,6 +17,8 @@ from xml.sax.saxutils import quoteattr
 
 from ngsolve import CF, CoefficientFunction, VTKOutput
 
+from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_path
 from ngepc.plotting.drawable import KINDS, field_of, fields_of
 from ngepc.storage.records import write_text
 
@@ -51,12 +53,13 @@ def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = 
 
     Raises
     ------
-    ValueError
-        If ``path`` does not end in '.vtu' or a field is unknown.
+    TypeError, ValueError
+        If ``path`` does not end in '.vtu', a field is unknown, or an argument of the wrong kind.
     OSError
         If the file could not be written completely.
     """
-    path = _checked(path, ".vtu")
+    path = require_path("path", path, ".vtu")
+    check_names(fields)
     unknown = [name for name in fields if name not in KINDS]
     if unknown:
         raise ValueError(f"fields={list(fields)!r}: {unknown[0]!r} is none of {', '.join(KINDS)}")
@@ -98,10 +101,16 @@ def export_series(
     ValueError
         If there are no results, or ``path`` does not end in '.pvd'.
     """
-    path = _checked(path, ".pvd")
+    path = require_path("path", path, ".pvd")
+    check_names(fields)
+    if not isinstance(sources, Mapping | Sequence) or isinstance(sources, str | bytes):
+        raise TypeError(f"sources={sources!r}: a sequence or mapping of results is needed")
+    if not sources:
+        raise ValueError(f"sources={sources!r}: at least one result is needed")
     steps = dict(sources) if isinstance(sources, Mapping) else dict(enumerate(sources))
-    if not steps:
-        raise ValueError("sources is empty: at least one result is needed")
+    for time, source in steps.items():
+        require_number("times in sources", time)
+        fields_of(source, f"sources[{time!r}]")
     lines = []
     for number, (time, source) in enumerate(steps.items()):
         name = f"{path.stem}_{number:04d}.vtu"
@@ -126,11 +135,13 @@ def in_space(coefficient: CoefficientFunction, N: int) -> CoefficientFunction:
     return CF(tuple(coefficient[i, j] if known else 0.0 for known, i, j in inside))
 
 
-def _checked(path: str | os.PathLike, suffix: str) -> Path:
-    path = Path(path)
-    if path.suffix != suffix:
-        raise ValueError(f"path={str(path)!r}: a name that ends in {suffix!r} is needed")
-    return path
+def check_names(fields: object) -> None:
+    """Refuse anything but a sequence of at least one text."""
+    texts = isinstance(fields, Sequence) and not isinstance(fields, str | bytes)
+    if not texts or not all(isinstance(name, str) for name in fields):
+        raise TypeError(f"fields={fields!r}: a sequence of names of fields is needed")
+    if not fields:
+        raise ValueError(f"fields={fields!r}: at least one of {', '.join(KINDS)} is needed")
 
 
 def _check_complete(written: Path, path: Path, elements: int, fields: Sequence[str]) -> None:

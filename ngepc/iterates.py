@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from ngsolve import InnerProduct
 from ngsolve.la import BaseVector
 
+from ngepc.blocks import REFINEMENTS
 from ngepc.functional import DualFunctional
 from ngepc.linesearch import Step
 from ngepc.results import IterationRecord
@@ -63,9 +64,9 @@ class Iterate:
         """Size of the terms that the energy is summed from."""
         return abs(self.smooth_energy) + abs(self.penalty)
 
-    def refresh(self, functional: DualFunctional) -> float:
+    def refresh(self, functional: DualFunctional, refinements: int = REFINEMENTS) -> float:
         """Solve for y and the residual afresh; returns the norm of the new residual."""
-        functional.blocks.primal_of(self.v, self.y)
+        functional.blocks.primal_of(self.v, self.y, refinements)
         self.residual = functional.residual(self.y, self.v)
         return functional.stationarity_norms(self.v, self.residual).total
 

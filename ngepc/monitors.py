@@ -17,8 +17,9 @@ from typing import TextIO
 from matplotlib.figure import Figure
 
 from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_attributes, require_function, require_text
 from ngepc.dual_result import DualResult
-from ngepc.newton import NewtonOptions, semismooth_newton
+from ngepc.newton import NewtonOptions, checked_options, semismooth_newton
 from ngepc.plotting import Picture, plot_progress
 from ngepc.plotting.curves import draw_runs
 from ngepc.plotting.page import EXTRA
@@ -45,6 +46,8 @@ COLUMNS = (
 
 def combine(*monitors: Monitor) -> Monitor:
     """One monitor that calls several in order."""
+    for number, monitor in enumerate(monitors):
+        require_function(f"monitors[{number}]", monitor, "a record")
 
     def both(record: IterationRecord) -> None:
         for monitor in monitors:
@@ -53,11 +56,23 @@ def combine(*monitors: Monitor) -> Monitor:
     return both
 
 
+def check_stream(stream: object) -> None:
+    """Refuse what cannot be written to; None stands for standard error."""
+    if stream is not None:
+        require_attributes("stream", stream, ("write", "flush"), "an open text file or None")
+
+
 def table_monitor(stream: TextIO | None = None) -> Monitor:
     """A monitor that writes one aligned line for each iterate, with a heading at the start.
 
     ``stream`` is where to; standard error by default.
+
+    Raises
+    ------
+    TypeError
+        If ``stream`` cannot be written to.
     """
+    check_stream(stream)
     widths = [int(form.split(".")[0].rstrip("defg")) for _, _, form in COLUMNS]
 
     def write(record: IterationRecord) -> None:
@@ -85,6 +100,8 @@ class ProgressMonitor:
     """
 
     def __init__(self, label: str = "", stream: TextIO | None = None) -> None:
+        require_text("label", label)
+        check_stream(stream)
         self.label, self.stream, self.line = label, stream, ""
 
     def __call__(self, record: IterationRecord) -> None:
@@ -141,6 +158,8 @@ class LivePlotMonitor:
 
     def __init__(self, interval: float = 0.3, tolerance: float | None = None) -> None:
         self.interval = require_number("interval", interval, 0.0)
+        if tolerance is not None:
+            require_number("tolerance", tolerance, 0, strict=True)
         self.tolerance, self.runs = tolerance, []
         self._last: IterationRecord | None = None
         self._handle, self._next = None, float("-inf")
@@ -206,6 +225,8 @@ def watch(results: Iterable[object], draw: Callable[[object], Figure]) -> object
     ValueError
         If there was no result.
     """
+    require_attributes("results", results, ("__iter__",), "a sequence of results")
+    require_function("draw", draw, "a result")
     handle = result = None
     for result in results:
         figure = draw(result)
@@ -214,7 +235,7 @@ def watch(results: Iterable[object], draw: Callable[[object], Figure]) -> object
         else:
             handle.update(figure)
     if result is None:
-        raise ValueError("results is empty: nothing to watch")
+        raise ValueError(f"results={results!r}: at least one result is needed")
     return result
 
 
@@ -231,7 +252,7 @@ def newton_sequence(
     Algorithm 7.1 has no memory, so that a run of single steps passes through the same iterates;
     each history begins with the first.  It costs a new assembly for each step.
     """
-    options = NewtonOptions() if options is None else options
+    options = checked_options(options)
     single = replace(options, max_iterations=1)
     history, result = History(), start
     for _ in range(options.max_iterations):

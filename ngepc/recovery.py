@@ -14,9 +14,11 @@ from ngsolve import (
     sqrt,
 )
 
+from ngepc.checks.arguments import require_coefficient
+from ngepc.checks.kinds import require_instance
 from ngepc.equilibrium import Equilibrium
 from ngepc.problem import Problem, as_scalar
-from ngepc.tensors import deviator, strain, tensor
+from ngepc.tensors import coordinates_count, deviator, strain, tensor
 
 
 def frobenius(A: CoefficientFunction) -> CoefficientFunction:
@@ -44,6 +46,15 @@ class Fields:
     displacement: GridFunction
     plastic_increment: CoefficientFunction
     balanced_increment: CoefficientFunction | None = None
+
+    def __post_init__(self) -> None:
+        require_instance("problem", self.problem, Problem, "a Problem")
+        N = self.problem.N
+        require_coefficient("displacement", self.displacement, [(N,)])
+        d = coordinates_count(N)
+        require_coefficient("plastic_increment", self.plastic_increment, [(d,)])
+        if self.balanced_increment is not None:
+            require_coefficient("balanced_increment", self.balanced_increment, [(d,)])
 
     @property
     def strain(self) -> CoefficientFunction:

@@ -152,6 +152,8 @@ class Coupled:
         require_tichonov(self.tichonov)
         if self.beta_gamma is not None:
             require_coefficient("beta_gamma", self.beta_gamma)
+            if is_number(self.beta_gamma):
+                require_number("beta_gamma", self.beta_gamma, 0, strict=True)
         require_instance("units", self.units, Units, "Units(...)")
 
     def resolved(self, problem: Problem) -> Coupled:

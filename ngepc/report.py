@@ -17,7 +17,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ngepc.checks.arguments import is_number
+from ngepc.checks.arguments import is_number, require_integer, require_number
+from ngepc.checks.kinds import (
+    require_instance,
+    require_path,
+    require_sequence,
+    require_text,
+)
 from ngepc.plotting.page import STYLE, frame
 from ngepc.plotting.views import View, png_address
 from ngepc.problem import Problem
@@ -67,21 +73,27 @@ class Report:
     """
 
     def __init__(self, title: str, subtitle: str = "") -> None:
+        require_text("title", title)
+        require_text("subtitle", subtitle)
         self.title, self.subtitle = title, subtitle
         self._sections: list[list[str]] = [[]]
 
     def add_section(self, heading: str) -> Report:
         """Begin a new section; returns the report, as all these methods do."""
+        require_text("heading", heading)
         self._sections.append([f"<h2>{html.escape(heading)}</h2>"])
         return self
 
     def add_text(self, *paragraphs: str) -> Report:
         """Add paragraphs of plain text; `code` stands between backquotes."""
+        for number, paragraph in enumerate(paragraphs):
+            require_text(f"paragraphs[{number}]", paragraph)
         self._add(*(f"<p>{_inline(paragraph)}</p>" for paragraph in paragraphs))
         return self
 
     def add_code(self, text: str) -> Report:
         """Add preformatted text, such as a command."""
+        require_text("text", text)
         self._add(f"<pre>{html.escape(text)}</pre>")
         return self
 
@@ -104,9 +116,14 @@ class Report:
         ValueError
             If there are no rows.
         """
-        rows = list(rows)
-        if not rows:
-            raise ValueError("rows=[]: a table needs at least one row")
+        require_text("caption", caption)
+        require_integer("digits", digits, 1, 17)
+        rows = rows if hasattr(rows, "__len__") or not hasattr(rows, "__iter__") else list(rows)
+        require_sequence("rows", rows, "mappings")
+        if len(rows) == 0:
+            raise ValueError(f"rows={rows!r}: at least one row is needed")
+        for number_of_row, row in enumerate(rows):
+            require_instance(f"rows[{number_of_row}]", row, Mapping, "a mapping")
         columns = list(dict.fromkeys(key for row in rows for key in row))
         text = {c for c in columns if any(isinstance(row.get(c), str) for row in rows)}
         head = "".join(_cell("th", html.escape(str(c)), c in text) for c in columns)
@@ -135,7 +152,10 @@ class Report:
         OSError
             If the file cannot be read.
         """
-        address = png_address(figure if isinstance(figure, Figure) else Path(figure))
+        require_text("caption", caption)
+        address = png_address(
+            figure if isinstance(figure, Figure) else require_path("figure", figure)
+        )
         half = isinstance(figure, Figure) and np.divide(*figure.get_size_inches()) < WIDE
         tag = '<figure class="half">' if half else "<figure>"
         picture = f'<img src="{address}" alt="{html.escape(caption or "figure")}">'
@@ -144,11 +164,16 @@ class Report:
 
     def add_view(self, view: View, caption: str = "", height: int | None = None) -> Report:
         """Add an interactive view from ``ngepc.plotting.views``."""
+        require_instance("view", view, View, "a View of ngepc.plotting.views")
+        require_text("caption", caption)
+        if height is not None:
+            require_number("height", height, 1)
         self._add(f"<figure>{frame(view.html, height or view.height)}{_caption(caption)}</figure>")
         return self
 
     def add_problem(self, problem: Problem) -> Report:
         """Add a table of the data of a problem."""
+        require_instance("problem", problem, Problem, "a Problem")
         return self.add_table(describe_problem(problem), "The problem")
 
     def html(self, footer: str = "") -> str:
@@ -167,8 +192,9 @@ class Report:
 
     def write(self, path: str | os.PathLike, footer: str = "") -> Path:
         """Write the report in one go; returns the path."""
-        write_text(Path(path), self.html(footer))
-        return Path(path)
+        path = require_path("path", path)
+        write_text(path, self.html(footer))
+        return path
 
     def _add(self, *pieces: str) -> None:
         self._sections[-1].extend(pieces)
@@ -200,15 +226,28 @@ def write_report(
 
     Raises
     ------
-    TypeError
-        If a piece is none of these.
+    TypeError, ValueError
+        If a piece is none of these, or another argument is not legal.
     """
-    report = Report(title, subtitle)
-    for heading, contents in sections:
+    path, report = require_path("path", path), Report(title, subtitle)
+    require_text("footer", footer)
+    for number, section in enumerate(sections):
+        heading, contents = _section(number, section)
         report.add_section(heading)
         for piece in contents:
             _add_piece(report, piece)
     return report.write(path, footer)
+
+
+def _section(number: int, section: object) -> tuple[str, Iterable]:
+    """The heading and the contents of a section."""
+    pair = isinstance(section, tuple | list) and len(section) == 2
+    if not pair or isinstance(section[1], str) or not isinstance(section[1], Iterable):
+        raise TypeError(
+            f"sections[{number}]={section!r}: a pair of a heading and a list of contents is needed"
+        )
+    require_text(f"sections[{number}][0]", section[0])
+    return section
 
 
 def _add_piece(report: Report, piece: object) -> None:
@@ -224,7 +263,8 @@ def _add_piece(report: Report, piece: object) -> None:
         report.add_table(piece)
     else:
         raise TypeError(
-            f"{piece!r}: text, a list of dictionaries, a figure, a view or a problem is needed"
+            f"contents {piece!r}: text, a list of dictionaries, a figure, a view or a problem is "
+            "needed"
         )
 
 

@@ -336,7 +336,7 @@ def test_memory_of_the_initial_state_is_what_was_given():
 @pytest.mark.parametrize(
     ("steps", "message"),
     [
-        ([], "at least one time"),
+        ([], "at least one step"),
         ([(1.0, {}), (1.0, {})], "does not come after"),
         ([(1.0, {"gaps": 0.1})], "name 'gaps'"),
         ([(1.0, {"mesh": None})], "name 'mesh'"),

@@ -269,5 +269,5 @@ def test_watch_draws_each_result_in_one_place(screen):
     results = [lshape_dual(113, 10.0), lshape_dual(113, 1e3)]
     assert watch(iter(results), plot_progress) is results[-1]
     assert (len(screen.places), screen.drawings) == (1, 2)
-    with pytest.raises(ValueError, match="nothing to watch"):
+    with pytest.raises(ValueError, match="at least one result"):
         watch([], plot_progress)

@@ -103,6 +103,19 @@ def require_path(name: str, value: object, suffix: str = "") -> Path:
     return path
 
 
+def require_sequence(name: str, value: object, of: str) -> None:
+    """Accept anything that has a length and is iterated by position, but no text and no mapping.
+
+    Raises
+    ------
+    TypeError
+        If it is none; ``of`` says what it is a sequence of.
+    """
+    listed = hasattr(value, "__len__") and hasattr(value, "__getitem__")
+    if not listed or isinstance(value, str | bytes | Mapping | type):
+        raise TypeError(f"{name}={value!r}: a sequence of {of} is needed")
+
+
 def require_mapping(name: str, value: object, needed: str) -> None:
     """Accept a mapping with at least one entry.
 

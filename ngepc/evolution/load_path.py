@@ -79,15 +79,17 @@ def as_schedule(steps: object) -> Schedule | ListedSteps:
         raise TypeError(
             f"steps={steps!r}: a Schedule or pairs (time, changes) are needed"
         ) from None
+    if not pairs:
+        raise ValueError(f"steps={steps!r}: at least one step is needed")
     times = increasing_times([time for time, _ in pairs], -math.inf)
     return ListedSteps(times, tuple(changes for _, changes in pairs))
 
 
 def increasing_times(times: Sequence[float], begin: float) -> tuple[float, ...]:
     """The times as floats, at least one, each after the one before and after ``begin``."""
-    times = numbers_in("times", times)
+    given, times = times, numbers_in("times", times)
     if not times:
-        raise ValueError(f"times={times!r}: at least one time is needed")
+        raise ValueError(f"times={given!r}: at least one time is needed")
     for before, after in zip((begin, *times), times, strict=False):
         if not before < after:
             begins = f" (begin={begin:g})" if before == begin else ""

@@ -180,6 +180,9 @@ class _Run:
         start = self._u_0
         problem = self._problem_at(time, self.evolution.memory, start)
         result = self.solver(problem, start=start)
+        needed = "function that returns a result with status, displacement and plastic_increment"
+        if not hasattr(result, "status"):
+            raise TypeError(f"solver={self.solver!r} returned {result!r}: a {needed} is needed")
         if result.status is not Status.CONVERGED:
             return result.status, result.message
         increment = interpolated(problem, result.plastic_increment)

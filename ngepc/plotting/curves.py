@@ -9,7 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ngepc.plotting.drawable import UnitNames, fields_of
+from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_instance, require_mapping, require_sequence
+from ngepc.plotting.drawable import UnitNames, fields_of, require_sources, unit_names
 from ngepc.plotting.picture import Picture
 from ngepc.plotting.sampling import boundary_corners
 from ngepc.results import History
@@ -32,10 +34,12 @@ def plot_history(
 
     Raises
     ------
-    ValueError
-        If there is no history, or one without a record.
+    TypeError, ValueError
+        If there is no history, or one without a record, or the tolerance is no number > 0.
     """
     histories = _labelled(histories)
+    if tolerance is not None:
+        require_number("tolerance", tolerance, 0, strict=True)
     figure, (left, right) = _figure(7.6, 3.3, 2)
     draw_history(left, right, histories, tolerance)
     if len(histories) > 1:
@@ -106,8 +110,15 @@ def plot_counts(
     ValueError
         If ``counts`` is empty.
     """
-    if not counts:
-        raise ValueError("counts={}: at least one row is needed")
+    require_mapping("counts", counts, "label -> (number of nodes -> steps)")
+    paper = {} if paper is None else paper
+    for name, rows in (("counts", counts), ("paper", paper)):
+        require_instance(name, rows, Mapping, "a mapping of label -> (number of nodes -> steps)")
+        for label, row in rows.items():
+            require_mapping(f"{name}[{label!r}]", row, "number of nodes -> steps")
+            for nodes, steps in row.items():
+                require_number(f"nodes in {name}[{label!r}]", nodes, 0, strict=True)
+                require_number(f"steps in {name}[{label!r}]", steps, 0)
     figure, (axes,) = _figure(5.6, 3.6, 1)
     for index, (label, row) in enumerate(counts.items()):
         style = _style(index, len(row))
@@ -118,9 +129,7 @@ def plot_counts(
     nodes = sorted({n for row in counts.values() for n in row})
     axes.set_xscale("log")
     axes.set_yscale("symlog", linthresh=1.0, linscale=0.3)
-    most = max(
-        steps for row in (*counts.values(), *(paper or {}).values()) for steps in row.values()
-    )
+    most = max(steps for row in (*counts.values(), *paper.values()) for steps in row.values())
     axes.set_ylim(0, 1.3 * max(most, 2))
     ticks = [0, 1, *(m * 10**k for k in range(4) for m in (2, 5, 10))]
     axes.set_yticks([t for t in ticks if t <= 1.3 * most])
@@ -141,8 +150,11 @@ def plot_quotients(quotients: Mapping[str, Sequence[float]]) -> Figure:
     ValueError
         If ``quotients`` is empty.
     """
-    if not quotients:
-        raise ValueError("quotients={}: at least one sequence is needed")
+    require_mapping("quotients", quotients, "label -> numbers")
+    for label, values in quotients.items():
+        require_sequence(f"quotients[{label!r}]", values, "numbers")
+        for value in values:
+            require_number(f"quotients[{label!r}]", value, 0)
     figure, (axes,) = _figure(5.6, 3.4, 1)
     for index, (label, values) in enumerate(quotients.items()):
         style = _style(index, len(values))
@@ -173,8 +185,11 @@ def plot_contact_pressure(
     ValueError
         For problems without contact boundary and for 3D bodies.
     """
-    units = units or UnitNames()
-    sources = sources if isinstance(sources, Mapping) else {"": sources}
+    units = unit_names(units)
+    if not isinstance(sources, Mapping):
+        fields_of(sources, "sources")
+        sources = {"": sources}
+    require_sources(sources)
     figure, (axes,) = _figure(5.6, 3.2, 1)
     for index, (label, source) in enumerate(sources.items()):
         colour = COLOURS[index % len(COLOURS)]
@@ -196,9 +211,12 @@ def pressure_curves(source: object) -> list[tuple[np.ndarray, np.ndarray]]:
     fields = fields_of(source)
     problem = fields.problem
     if not problem.contact_names:
-        raise ValueError("this problem has no contact boundary: there is no contact pressure")
+        raise ValueError("sources: a problem with a contact boundary is needed, one has none")
     if problem.N != 2:
-        raise ValueError("the body is 3D: show its contact pressure with ngepc.plotting.views")
+        raise ValueError(
+            "sources: bodies of dimension 2 are needed, one is 3D: show its contact pressure with "
+            "ngepc.plotting.views"
+        )
     corners = boundary_corners(fields, problem.contact_names, source.contact_pressure)
     return [_along(corners.points, corners.values, chain) for chain in chains(corners.points)]
 
@@ -237,9 +255,9 @@ def _along(
 
 def _labelled(histories: History | Mapping[str, History]) -> Mapping[str, History]:
     histories = {"": histories} if isinstance(histories, History) else histories
-    if not histories:
-        raise ValueError("histories={}: at least one History is needed")
+    require_mapping("histories", histories, "label -> History, or a History")
     for label, history in histories.items():
+        require_instance(f"histories[{label!r}]", history, History, "a History")
         if not history.records:
             raise ValueError(f"histories[{label!r}] has no records: a run fills them")
     return histories

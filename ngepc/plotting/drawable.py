@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from ngsolve import CoefficientFunction, InnerProduct, sqrt
 
+from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.recovery import Fields
 
 AXES = "xyz"
@@ -21,6 +22,10 @@ class UnitNames:
 
     length: str = "length"
     stress: str = "stress"
+
+    def __post_init__(self) -> None:
+        require_text("length", self.length)
+        require_text("stress", self.stress)
 
     def of(self, quantity: str) -> str:
         """The unit of 'length', 'stress' or '1'."""
@@ -88,6 +93,13 @@ class Drawable:
     colormap: str = "viridis"
 
 
+def unit_names(units: UnitNames | None) -> UnitNames:
+    """The names of the units, the plain ones for None; TypeError for anything else."""
+    units = UnitNames() if units is None else units
+    require_instance("units", units, UnitNames, "UnitNames(...) or None")
+    return units
+
+
 def drawable(
     source: object, field: str | CoefficientFunction, units: UnitNames | None = None
 ) -> Drawable:
@@ -101,7 +113,7 @@ def drawable(
     TypeError, ValueError
         If ``field`` is neither a coefficient nor the name of a field of ``source``.
     """
-    units = units or UnitNames()
+    units = unit_names(units)
     if isinstance(field, CoefficientFunction):
         return Drawable(scalar(field), "value", "value")
     if not isinstance(field, str):
@@ -153,8 +165,10 @@ def _plain(kind: Kind, component: str) -> str:
     return f"{kind.title} |{symbol}|" if kind.rank else f"{kind.title} {symbol}"
 
 
-def fields_of(source: object) -> Fields:
+def fields_of(source: object, name: str = "source") -> Fields:
     """The recovered fields of a result, or ``source`` itself if it is ``Fields``.
+
+    ``name`` is what an error calls it.
 
     Raises
     ------
@@ -163,8 +177,21 @@ def fields_of(source: object) -> Fields:
     """
     fields = source if isinstance(source, Fields) else getattr(source, "fields", None)
     if not isinstance(fields, Fields):
-        raise TypeError(f"{source!r}: the result of a solver or its Fields are needed")
+        raise TypeError(f"{name}={source!r}: the result of a solver or its Fields are needed")
     return fields
+
+
+def require_sources(sources: object) -> None:
+    """Accept a mapping of text -> result or ``Fields``, with at least one entry.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is none, or empty.
+    """
+    require_mapping("sources", sources, "text -> result")
+    for label, source in sources.items():
+        fields_of(source, f"sources[{label!r}]")
 
 
 def field_of(source: object, name: str) -> CoefficientFunction:

@@ -11,16 +11,23 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import require_number
-from ngepc.plotting.drawable import UnitNames, drawable, fields_of
+from ngepc.checks.kinds import (
+    require_attributes,
+    require_flag,
+    require_instance,
+    require_text,
+)
+from ngepc.plotting.drawable import UnitNames, drawable, fields_of, require_sources, unit_names
 from ngepc.plotting.picture import Picture
 from ngepc.plotting.sampling import (
     ColourRange,
@@ -82,20 +89,38 @@ def plot_field(
     Raises
     ------
     TypeError, ValueError
-        For an unknown field, a negative scale or vmin >= vmax.
+        For an unknown field or colour map, a negative scale, vmin >= vmax, or an argument of the
+        wrong kind.
     """
-    scale = require_number("deformation_scale", deformation_scale, 0.0)
+    scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
+    check_drawing(axes, label=label, title=title, colormap=colormap)
+    require_flag("mesh_lines", mesh_lines)
     what = drawable(source, field, units)
     fields = fields_of(source)
     corners = body_corners(fields, what.coefficient)
     limits = colour_range(corners, vmin=vmin, vmax=vmax, symmetric=what.signed)
     axes = axes if axes is not None else _body_figure(corners, scale, bar=True)
     patch = _draw_body(axes, corners, limits, colormap or what.colormap, scale, mesh_lines)
-    _decorate(axes, fields, scale, units or UnitNames())
+    _decorate(axes, fields, scale, units)
     _colour_bar(axes, patch, limits, label or what.label)
     if title:
         axes.set_title(title, fontsize=10)
     return axes.figure
+
+
+def check_drawing(axes: object, *, colormap: object = None, **texts: object) -> None:
+    """Refuse axes that are none, texts that are none, and colour maps that nobody knows."""
+    if axes is not None:
+        require_instance("axes", axes, Axes, "matplotlib Axes or None")
+    for name, text in texts.items():
+        require_text(name, text, optional=True)
+    if colormap is not None and not isinstance(colormap, Colormap):
+        require_text("colormap", colormap)
+        if colormap not in colormaps:
+            raise ValueError(
+                f"colormap={colormap!r}: the name of a matplotlib colour map is needed, such as "
+                "'viridis' or 'RdBu_r'"
+            )
 
 
 def plot_yield_function(source: object, **options: object) -> Figure:
@@ -122,14 +147,15 @@ def plot_plastic_zone(
         If ``threshold`` or ``deformation_scale`` is negative.
     """
     threshold = require_number("threshold", threshold, 0.0)
-    scale = require_number("deformation_scale", deformation_scale, 0.0)
+    scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
+    check_drawing(axes, title=title)
     fields = fields_of(source)
     sampled = body_corners(fields, drawable(source, "equivalent_plastic_strain").coefficient)
     inside = np.repeat((sampled.values.mean(axis=1) > threshold)[:, None], 3, axis=1)
     corners = Corners(sampled.points, sampled.displacement, inside.astype(float))
     axes = axes if axes is not None else _body_figure(corners, scale, bar=False)
     _draw_body(axes, corners, ColourRange(0.0, 1.0), ListedColormap(ZONE_COLOURS), scale, False)
-    _decorate(axes, fields, scale, units or UnitNames())
+    _decorate(axes, fields, scale, units)
     axes.set_title(title or rf"plastic zone (dark): $|p|_F > {threshold:g}$", fontsize=10)
     return axes.figure
 
@@ -155,9 +181,8 @@ def plot_comparison(
     ValueError
         If there is nothing to compare.
     """
-    if not sources:
-        raise ValueError("sources={}: at least one result is needed")
-    scale = require_number("deformation_scale", deformation_scale, 0.0)
+    require_sources(sources)
+    scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
     what = {title: drawable(source, field, units) for title, source in sources.items()}
     corners = {t: body_corners(fields_of(s), what[t].coefficient) for t, s in sources.items()}
     first = next(iter(what.values()))
@@ -176,7 +201,7 @@ def plot_comparison(
     panels = panels[: len(sources)]
     for panel, (title, sampled) in zip(panels, corners.items(), strict=True):
         patch = _draw_body(panel, sampled, limits, first.colormap, scale, False)
-        _decorate(panel, fields_of(sources[title]), scale, units or UnitNames())
+        _decorate(panel, fields_of(sources[title]), scale, units)
         panel.set_title(title, fontsize=10)
     bar = figure.colorbar(patch, ax=list(panels), extend=limits.extend, shrink=0.85, aspect=30)
     _label_bar(bar, first.label)
@@ -187,12 +212,13 @@ def plot_mesh(
     source: object, *, units: UnitNames | None = None, axes: Axes | None = None
 ) -> Figure:
     """The mesh before the deformation, the initial configuration of Figure 5."""
-    fields = fields_of(source)
+    fields, units = fields_of(source), unit_names(units)
+    check_drawing(axes)
     sampled = body_corners(fields, CoefficientFunction(0.0))
     axes = axes if axes is not None else _body_figure(sampled, 0.0, bar=False)
     colours = ListedColormap(["#eef1f4"])
     _draw_body(axes, sampled, ColourRange(0.0, 1.0), colours, 0.0, True)
-    _decorate(axes, fields, 0.0, units or UnitNames())
+    _decorate(axes, fields, 0.0, units)
     return axes.figure
 
 
@@ -221,7 +247,9 @@ def plot_active_sets(
     ValueError
         If ``deformation_scale`` is negative.
     """
-    scale = require_number("deformation_scale", deformation_scale, 0.0)
+    scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
+    check_drawing(axes, title=title)
+    require_attributes("result", result, ("fields", "yield_excess"), "a result of a solver")
     fields = fields_of(result)
     cuts = max(1, round(math.sqrt(16_000 / fields.problem.mesh.ne)))
     sampled = body_corners(fields, result.yield_excess, cuts)
@@ -231,7 +259,7 @@ def plot_active_sets(
     corners = Corners(sampled.points, sampled.displacement, np.repeat(classes[:, None], 3, axis=1))
     axes = axes if axes is not None else _body_figure(corners, scale, bar=False)
     _draw_body(axes, corners, ColourRange(0.0, 2.0), ListedColormap(SET_COLOURS), scale, False)
-    _decorate(axes, fields, scale, units or UnitNames())
+    _decorate(axes, fields, scale, units)
     if fields.problem.N == 2:
         sampled = _touching(fields, result, 1)
         lines = sampled.deformed(scale)[sampled.values.mean(axis=1) > 0.0]

@@ -6,6 +6,9 @@ from collections.abc import Callable
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_flag, require_function
+
 
 class Picture(Figure):
     """A Figure with a PNG representation, so that no pyplot is needed to see it."""
@@ -33,11 +36,16 @@ def beside(
 
     Raises
     ------
-    ValueError
-        If there are no panels.
+    TypeError, ValueError
+        If there are no panels, or an argument is not legal.
     """
     if not panels:
         raise ValueError("panels=(): at least one panel is needed")
+    for number, panel in enumerate(panels):
+        require_function(f"panels[{number}]", panel, "axes")
+    require_number("width", width, 0, strict=True)
+    require_number("height", height, 0, strict=True)
+    require_flag("three", three)
     figure = Picture(figsize=(width * len(panels), height), layout="compressed")
     projection = {"projection": "3d"} if three else {}
     every = figure.subplots(1, len(panels), squeeze=False, subplot_kw=projection)[0]

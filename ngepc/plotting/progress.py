@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
+from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_attributes, require_instance, require_sequence
 from ngepc.plotting.curves import draw_runs
 from ngepc.plotting.fields import plot_active_sets
 from ngepc.plotting.picture import Picture
@@ -32,6 +34,14 @@ def plot_progress(
     deformation_scale
         Factor >= 0 on the displacement.
     """
+    require_attributes("result", result, ("problem", "history", "yield_excess"), "a result")
+    histories = [result.history] if runs is None else runs
+    require_sequence("runs", histories, "histories")
+    for number, history in enumerate(histories):
+        require_instance(f"runs[{number}]", history, History, "a History")
+    if tolerance is not None:
+        require_number("tolerance", tolerance, 0, strict=True)
+    require_number("deformation_scale", deformation_scale, 0.0)
     figure = Picture(figsize=(9.6, 3.0), layout="constrained")
     grid = figure.add_gridspec(1, 3, width_ratios=(1.2, 1.0, 1.0))
     three = result.problem.N == 3
@@ -40,5 +50,5 @@ def plot_progress(
     if three:
         body.set_axis_off()
     left, right = figure.add_subplot(grid[1]), figure.add_subplot(grid[2])
-    draw_runs(left, right, [result.history] if runs is None else runs, tolerance)
+    draw_runs(left, right, histories, tolerance)
     return figure

@@ -241,9 +241,12 @@ def colour_range(
 
     Raises
     ------
-    ValueError
-        If ``vmin`` is not below ``vmax``.
+    TypeError, ValueError
+        If a limit is no finite number, or ``vmin`` not below ``vmax``.
     """
+    for name, end in (("vmin", vmin), ("vmax", vmax)):
+        if end is not None:
+            require_number(name, end)
     values = np.concatenate([s.values.mean(axis=1) for s in samples])
     weights = np.concatenate([s.measures for s in samples])
     every = np.concatenate([s.values.ravel() for s in samples])

@@ -11,8 +11,9 @@ from matplotlib.colors import to_hex
 from ngsolve import CF, CoefficientFunction, Integrate
 
 from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_flag
 from ngepc.plotting.curves import pressure_curves
-from ngepc.plotting.drawable import Drawable, UnitNames, drawable, fields_of
+from ngepc.plotting.drawable import Drawable, UnitNames, drawable, fields_of, unit_names
 from ngepc.plotting.page import EXTRA, Legend
 from ngepc.plotting.sampling import (
     ColourRange,
@@ -62,14 +63,18 @@ class ViewOptions:
     def __post_init__(self) -> None:
         require_number("deformation_scale", self.deformation_scale, 0.0)
         require_number("height", self.height, 100)
+        require_flag("mesh_lines", self.mesh_lines)
+        require_flag("contact_lines", self.contact_lines)
+        unit_names(self.units)
+        for name in ("vmin", "vmax"):
+            if getattr(self, name) is not None:
+                require_number(name, getattr(self, name))
 
 
 def scenes_of(
     sources: Mapping[str, object], field: str | CoefficientFunction, options: ViewOptions
 ) -> tuple[dict[str, dict], Legend]:
     """Webgui data of each source on one colour scale, and that scale."""
-    if not sources:
-        raise ValueError("sources={}: at least one result is needed")
     if isinstance(field, str) and field == "contact_pressure":
         what, samples = _pressures(sources, options)
     else:

@@ -16,6 +16,14 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from ngsolve import CoefficientFunction
 
+from ngepc.checks.kinds import (
+    require_flag,
+    require_instance,
+    require_mapping,
+    require_path,
+    require_text,
+)
+from ngepc.plotting.drawable import require_sources
 from ngepc.plotting.page import Panel, frame, page
 from ngepc.plotting.page import viewer_installed as viewer_installed
 from ngepc.plotting.scenes import ViewOptions as ViewOptions
@@ -43,8 +51,9 @@ class View:
 
     def save(self, path: str | os.PathLike) -> Path:
         """Write the page to ``path``, making its folder; returns the path."""
-        write_text(Path(path), self.html)
-        return Path(path)
+        path = require_path("path", path)
+        write_text(path, self.html)
+        return path
 
 
 def show(
@@ -79,10 +88,20 @@ def compare(
     title: str = "",
 ) -> View:
     """Several results side by side on one colour scale; ``sources`` maps captions to results."""
-    options = options or ViewOptions()
+    options = checked(sources, options, title=title)
     scenes, legend = scenes_of(sources, field, options)
     panels = [Panel("scene", caption, [data]) for caption, data in scenes.items()]
     return View(page(title, panels, legend=legend), options.height)
+
+
+def checked(sources: object, options: ViewOptions | None, **texts: object) -> ViewOptions:
+    """The options, the defaults for None, after a look at the other arguments of a view."""
+    require_sources(sources)
+    for name, text in texts.items():
+        require_text(name, text)
+    options = ViewOptions() if options is None else options
+    require_instance("options", options, ViewOptions, "ViewOptions(...) or None")
+    return options
 
 
 def slide(
@@ -101,7 +120,7 @@ def slide(
     name
         What the slider moves through, such as 'gamma'.
     """
-    options = options or ViewOptions()
+    options = checked(sources, options, title=title, name=name)
     scenes, legend = scenes_of(sources, field, options)
     panel = Panel("scene", "", list(scenes.values()))
     return View(page(title, [panel], list(scenes), name, legend), options.height)
@@ -111,8 +130,14 @@ def slide_figures(
     figures: Mapping[str, Figure | Sequence[Figure]], title: str = "", name: str = ""
 ) -> View:
     """A slider through matplotlib figures (one or several side by side); needs no viewer."""
-    rows = [[f] if isinstance(f, Figure) else list(f) for f in figures.values()]
-    if not rows or len({len(row) for row in rows}) != 1:
+    require_mapping("figures", figures, "label -> figure")
+    require_text("title", title)
+    require_text("name", name)
+    rows = [list(f) if isinstance(f, Sequence) else [f] for f in figures.values()]
+    for label, row in zip(figures, rows, strict=True):
+        for figure in row:
+            require_instance(f"figures[{label!r}]", figure, Figure, "a matplotlib Figure")
+    if len({len(row) for row in rows}) != 1:
         raise ValueError(
             f"figures={list(figures)!r}: the same number of figures for each label is needed"
         )
@@ -154,8 +179,13 @@ def export_html(
     ------
     ImportError
         If the viewer is not installed; the message says what to install.
+    TypeError, ValueError
+        If an argument is not legal.
     """
-    options = options or ViewOptions()
+    path = require_path("path", path)
+    require_flag("deformation", deformation)
+    options = ViewOptions() if options is None else options
+    require_instance("options", options, ViewOptions, "ViewOptions(...) or None")
     if not deformation:
         options = replace(options, deformation_scale=0.0)
     draw = slide if isinstance(source, Mapping) else show
