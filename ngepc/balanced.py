@@ -18,7 +18,7 @@ from ngepc.checks.kinds import require_attributes, require_instance
 from ngepc.linesearch import NearMinimum
 from ngepc.predictor import ReturnMapping
 from ngepc.problem import Problem, as_scalar
-from ngepc.regularisation import Units
+from ngepc.regularisation import Coupled, Units
 from ngepc.tichonov import FullProduct, Tichonov, require_tichonov
 
 FINENESS = 500.0
@@ -201,3 +201,35 @@ class Balanced:
     def yield_bound(self, problem: Problem) -> Coefficient:
         """Beta (stress)."""
         return problem.beta
+
+
+def split(regularisation: Coupled, share: float = 0.9) -> Balanced:
+    """The paper's regularisation with the hardening split: the same gamma_T, gamma_z and spaces.
+
+    The plastic term of ``Coupled(gamma)`` is hardening 1/gamma in G.  Here G has (1 - share) h
+    instead, taken from F: the limits in gamma agree, the Newton steps are few.  The multipliers
+    of its solution start the coupled problem (``follow_path(..., closing=Coupled)``).
+
+    Parameters
+    ----------
+    regularisation
+        The coupled one, without shifts or beta_gamma.
+    share
+        h_F / h in (0, 1); the nearer to 1, the nearer to the coupled problem.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not legal.
+    """
+    require_instance("regularisation", regularisation, Coupled, "Coupled(gamma)")
+    shifts = (regularisation.contact_shift, regularisation.plastic_shift)
+    if shifts != (0.0, 0.0) or regularisation.beta_gamma is not None:
+        raise ValueError(f"regularisation={regularisation!r}: no shifts and no beta_gamma here")
+    return Balanced(
+        regularisation.gamma,
+        share=share,
+        contact=PenaltyContact(gamma=regularisation.gamma),
+        tichonov=regularisation.tichonov,
+        units=regularisation.units,
+    )

@@ -224,6 +224,11 @@ class NewtonSystem:
             self._sum.add(B, 1 / functional.gamma_T)
         self._constant = self._sum.entries.copy()
 
+    @property
+    def has_factors(self) -> bool:
+        """Whether there has been a factorisation, so that ``direction`` can be asked for."""
+        return self._inverse is not None
+
     def factorise(self, v: BaseVector | None) -> None:
         """Assemble and factorise the Newton matrix at v; None leaves the nonsmooth terms out.
 

@@ -14,10 +14,11 @@ from dataclasses import dataclass, field, replace
 from ngsolve.la import BaseVector
 
 from ngepc.blocks import LinearBlocks
+from ngepc.carried import carried_over
 from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional, NewtonSystem
 from ngepc.iterates import Iterate
-from ngepc.newton import NewtonOptions, carried_over, newton_step
+from ngepc.newton import NewtonOptions, newton_step
 from ngepc.problem import Problem
 from ngepc.regularisation import Regularisation
 from ngepc.results import Status
@@ -225,7 +226,7 @@ def _prepared(
         )
     blocks = LinearBlocks(problem, regularisation, options.inverse)
     functional = DualFunctional(blocks, regularisation, options.quadrature_points)
-    return functional, blocks.H_vector() if start is None else carried_over(start, blocks)
+    return functional, blocks.H_vector() if start is None else carried_over(start, functional)
 
 
 def _ended(run: Iterates, options: NewtonOptions) -> Status | None:

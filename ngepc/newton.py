@@ -12,6 +12,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.balanced import Balanced
 from ngepc.blocks import LinearBlocks
+from ngepc.carried import carried_over
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.contact_newton import newton_system
@@ -23,7 +24,6 @@ from ngepc.iterates import Iterate, Line
 from ngepc.linesearch import ROUNDING, ByRegularisation, FullSteps, LineSearch
 from ngepc.primal.solver import nodal_values
 from ngepc.problem import Problem
-from ngepc.prolongation import prolongate
 from ngepc.regularisation import Coupled, Regularisation, require_regularisation
 from ngepc.results import History, IterationRecord, Status
 from ngepc.stopping import ResidualBelow, StoppingRule, judge
@@ -134,21 +134,12 @@ def semismooth_newton(
         raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
     blocks = LinearBlocks(problem, regularisation, options.inverse)
     functional = DualFunctional(blocks, regularisation, options.quadrature_points)
-    v = blocks.H_vector() if start is None else carried_over(start, blocks)
+    v = blocks.H_vector() if start is None else carried_over(start, functional)
     if start is not None and start.problem.mesh is not problem.mesh and regularisation.predictor:
         u = nodal_values(start, problem)
         v = regularisation.predictor.start(functional, v, u, options.inverse)
     system = newton_system(functional, options.inverse)
     return run(functional, system, v, options, monitor)
-
-
-def carried_over(start: DualResult, blocks: LinearBlocks) -> BaseVector:
-    """The dual variable of an earlier result on the spaces of ``blocks``."""
-    v, old = blocks.H_vector(), start.functional.blocks
-    for i, (source, target) in enumerate(zip(old.spaces, blocks.spaces, strict=True)):
-        values = prolongate(source, old.part_of(start.v, i), target)
-        blocks.part_of(v, i).FV().NumPy()[:] = values
-    return v
 
 
 def run(

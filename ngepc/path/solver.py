@@ -5,14 +5,18 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+from ngsolve.la import BaseVector
+
 from ngepc.blocks import LinearBlocks
+from ngepc.carried import carried_over
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.contact_newton import newton_system
 from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional, NewtonSystem
-from ngepc.newton import Monitor, carried_over, run
+from ngepc.newton import Monitor, run
 from ngepc.path.options import InnerRule, PathOptions
 from ngepc.path.result import PathResult
 from ngepc.path.state import PathState, PathStep, PathStore
@@ -33,6 +37,7 @@ def follow_path(
     *,
     start: DualResult | None = None,
     regularisation: Callable[[float], Regularisation] = Coupled,
+    closing: Callable[[float], Regularisation] | None = None,
     checkpoint: Path | str | None = None,
     newton_monitor: Monitor | None = None,
     observer: Callable[[DualResult], None] | None = None,
@@ -52,6 +57,11 @@ def follow_path(
     regularisation
         Maps gamma to a regularisation.  Its Tichonov choice, units and hardening share must not
         depend on gamma.
+    closing
+        Maps gamma to the regularisation of one last problem, solved at the gamma where the path
+        ends, from its multipliers and to the same tolerances.  With
+        ``regularisation=lambda gamma: split(Coupled(gamma))`` and ``closing=Coupled`` the
+        paper's problem is reached along its hardening split, docs/balanced.md.
     checkpoint
         File that is written after each gamma.  A later call with the same problem and options
         goes on from there, to the same digits when it uses one thread.
@@ -84,7 +94,7 @@ def follow_path(
     store = PathStore(checkpoint, options, walk.functional, start)
     state = store.load(walk.blocks)
     if state is None:
-        v = walk.blocks.H_vector() if start is None else carried_over(start, walk.blocks)
+        v = walk.blocks.H_vector() if start is None else carried_over(start, walk.functional)
         state = PathState([], v, [])
     status = walk.verdict(state.steps)
     result = walk.restored(state)
@@ -92,10 +102,12 @@ def follow_path(
         while status is None:
             result = walk.solve(state, newton_monitor)
             state = state.after(result, walk.gamma)
+            status = walk.verdict(state.steps)
+            if status is None and options.predictor is not None:
+                state = replace(state, start=walk.predicted(state))
             if result.status is Status.CONVERGED:
                 store.save(state)
             logger.info("gamma %.4g: %s", walk.gamma, state.steps[-1])
-            status = walk.verdict(state.steps)
             if observer is not None:
                 observer(result)
             if monitor is not None:
@@ -105,7 +117,20 @@ def follow_path(
             raise  # there is no state yet
         status = Status.STOPPED
     message = describe(status, state.steps, result.message, options)
-    return PathResult(status, message, tuple(state.steps), result)
+    path = PathResult(status, message, tuple(state.steps), result)
+    if closing is None or status is not Status.CONVERGED:
+        return path
+    return closed(path, _Walk(problem, options, closing), newton_monitor)
+
+
+def closed(path: PathResult, walk: _Walk, monitor: Monitor | None) -> PathResult:
+    """The path with one more problem, that of ``walk`` at the gamma where the path has ended."""
+    walk.move_to(path.gamma_end)
+    state = PathState(list(path.steps), carried_over(path.result, walk.functional), [])
+    result = walk.solve_here(state, monitor)
+    state = state.after(result, walk.gamma)
+    message = describe(result.status, state.steps, result.message, walk.options)
+    return PathResult(result.status, message, tuple(state.steps), result)
 
 
 def check_arguments(problem: object, options: object, start: object, regularisation: object):
@@ -149,15 +174,29 @@ class _Walk:
         bounds = [min(o.inner_scale * max(h, loose), most) * unit for h in widths]
         return InnerRule(*bounds, zero=o.newton.tolerance * unit)
 
+    def move_to(self, gamma: float) -> None:
+        """Make J*_gamma for this gamma the functional in use."""
+        self.gamma = gamma
+        self.functional = self._functional(self._regularisation(gamma))
+
     def solve(self, state: PathState, monitor: Monitor | None) -> DualResult:
         """The next problem (D_gamma_k), inexactly."""
-        self.gamma = self.options.gamma(len(state.steps))
-        self.functional = self._functional(self._regularisation(self.gamma))
+        self.move_to(self.options.gamma(len(state.steps)))
+        return self.solve_here(state, monitor)
+
+    def solve_here(self, state: PathState, monitor: Monitor | None) -> DualResult:
+        """The problem for the gamma in use, from the v of ``state``."""
+        v = self.blocks.H_vector()
+        v.data = state.v if state.start is None else state.start
         self._renew_system()
         rule = self.inner_rule(guarded=self._reductions(state.steps) > 0)
-        v = self.blocks.H_vector()
-        v.data = state.v
         return run(self.functional, self._system, v, self.options.newton, monitor, rule)
+
+    def predicted(self, state: PathState) -> BaseVector:
+        """The predictor's start for the next gamma, by the last factors."""
+        gamma = self.options.gamma(len(state.steps))
+        following = self._functional(self._regularisation(gamma))
+        return self.options.predictor.start(self._system, following, state.v)
 
     def _renew_system(self) -> None:
         """The system of the last gamma where it has no memory of its iterates, else a new one."""
@@ -205,8 +244,7 @@ class _Walk:
         """The result that a checkpoint stands for, None at the start of a path."""
         if not state.steps:
             return None
-        self.gamma = state.steps[-1].gamma
-        self.functional = self._functional(self._regularisation(self.gamma))
+        self.move_to(state.steps[-1].gamma)
         return state.result(self.functional)
 
 

@@ -68,14 +68,17 @@ class PathState:
     steps
         Records of the values of gamma done.
     v
-        Start for the next gamma.
+        The dual variable reached.
     history
         Records of the last inner iteration.
+    start
+        Start for the next gamma, None for ``v``.
     """
 
     steps: list[PathStep]
     v: BaseVector
     history: list[IterationRecord]
+    start: BaseVector | None = None
 
     def after(self, result: DualResult, gamma: float) -> PathState:
         """The state after one more gamma."""
@@ -160,13 +163,14 @@ class PathStore:
                 PathStep(**{**s, "status": Status[s["status"]]}) for s in saved.record["steps"]
             ]
             history = [IterationRecord(**record) for record in saved.record["history"]]
-            v = blocks.H_vector()
+            v, start = blocks.H_vector(), blocks.H_vector()
             v.FV().NumPy()[:] = saved.arrays["v"]
+            start.FV().NumPy()[:] = saved.arrays["start"]
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(
                 f"checkpoint {self._path} is damaged ({error}): move it away"
             ) from error
-        return PathState(steps, v, history)
+        return PathState(steps, v, history, start)
 
     def save(self, state: PathState) -> None:
         """Write the state, whole or not at all."""
@@ -176,7 +180,8 @@ class PathStore:
             "steps": [{**asdict(s), "status": s.status.name} for s in state.steps],
             "history": [record.as_row() for record in state.history],
         }
-        arrays = {"v": np.array(state.v.FV().NumPy())}
+        start = state.v if state.start is None else state.start
+        arrays = {"v": np.array(state.v.FV().NumPy()), "start": np.array(start.FV().NumPy())}
         checkpoint.save(self._path, self._fingerprint, record, arrays)
 
 

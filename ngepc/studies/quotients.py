@@ -20,11 +20,12 @@ import numpy as np
 from ngsolve.la import BaseVector
 
 from ngepc.blocks import LinearBlocks
+from ngepc.carried import carried_over
 from ngepc.contact_newton import newton_system
 from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional
 from ngepc.iterates import Iterate
-from ngepc.newton import NewtonOptions, carried_over, newton_step
+from ngepc.newton import NewtonOptions, newton_step
 from ngepc.problem import Problem
 from ngepc.regularisation import Coupled
 from ngepc.results import Status
@@ -92,7 +93,7 @@ def convergence_quotients(
     regularisation = Coupled(gamma)
     blocks = LinearBlocks(problem, regularisation, options.inverse)
     functional = DualFunctional(blocks, regularisation, options.quadrature_points)
-    v = blocks.H_vector() if start is None else carried_over(start, blocks)
+    v = blocks.H_vector() if start is None else carried_over(start, functional)
     steps = iterates(functional, v, options)
     kept: deque[np.ndarray] = deque(maxlen=LAST)
     omega, residual = -1, math.inf
