@@ -10,6 +10,7 @@ from ngepc.geometries import lshape, wrench
 
 from ngepc import (
     Balanced,
+    Chord,
     NewtonOptions,
     PathOptions,
     SolverError,
@@ -20,6 +21,9 @@ from ngepc import (
     wrench_problem,
 )
 from ngepc.__main__ import main
+from ngepc.contact_newton import newton_system
+from ngepc.functional import DualFunctional
+from ngepc.iterates import Iterate
 from ngepc.widths import contact_mesh_width, mesh_width
 
 
@@ -248,3 +252,42 @@ def test_command_writes_the_records(tmp_path, capsys):
     assert "growth" in capsys.readouterr().err
     assert main([*command[:4], "--max-outer-iterations", "2"]) == 1
     assert main([*command[:4], "--growth", "0.5"]) == 2
+
+
+def balanced_path(problem, **options):
+    options = {"gamma_start": 1e3, "growth": 100, "gamma_end": 1e9, "inner_scale": 1e-7} | options
+    newton = {k: options.pop(k) for k in ("checkpoint", "monitor") if k in options}
+    return follow_path(problem, PathOptions(**options), regularisation=Balanced, **newton)
+
+
+def test_chord_ends_where_the_path_without_it_ends_and_costs_no_more_steps(problem):
+    plain, chord = (balanced_path(problem, predictor=p) for p in (None, Chord()))
+    assert chord.status is Status.CONVERGED
+    assert chord.total_inner_iterations <= plain.total_inner_iterations
+    assert chord.path_values == pytest.approx(plain.path_values, rel=1e-9)
+
+
+def test_chord_is_taken_only_where_it_lowers_the_energy(problem):
+    result = semismooth_newton(problem, regularisation=Balanced(1e5))
+    blocks = result.functional.blocks
+    following = DualFunctional(blocks, Balanced(1e6), 400)
+    system = newton_system(result.functional, "sparsecholesky")
+    assert Chord().start(system, following, result.v) is result.v  # no factors, no prediction
+    system.step(result.v, result.functional.residual(result.y, result.v))
+    predicted = Chord().start(system, following, result.v)
+    energies = [Iterate.at(following, v).energy for v in (predicted, result.v)]
+    assert energies[0] < energies[1]
+
+
+def test_path_with_chord_resumes_to_the_same_digits(problem, tmp_path):
+    whole = balanced_path(problem, predictor=Chord())
+    kept = {"predictor": Chord(), "checkpoint": tmp_path / "path.npz"}
+    balanced_path(problem, monitor=stop_after(2), **kept)
+    resumed = balanced_path(problem, **kept)
+    assert resumed.path_values == whole.path_values
+    assert (resumed.v.FV().NumPy() == whole.v.FV().NumPy()).all()
+
+
+def test_predictor_of_the_wrong_kind_is_refused():
+    with pytest.raises(TypeError, match=r"predictor='tangent': Chord\(\) or None is needed"):
+        PathOptions(predictor="tangent")
