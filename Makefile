@@ -1,5 +1,6 @@
 # make demo: the main job, Example (a) over a family of meshes.   make test: all tests.
-# make docs: this project's site in out/docs.   make benchmark: what a Newton step costs.
+# make docs: this project's site in out/docs.   make benchmark: what a Newton step costs,
+# make benchmark-pieces: its pieces.
 PYTHON ?= python3
 VENV ?= .venv
 LEVELS ?= 3
@@ -11,7 +12,7 @@ export MPLBACKEND := Agg
 export NGS_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint docs benchmark clean
+.PHONY: demo test lint docs benchmark benchmark-pieces clean
 
 demo: $(VENV)/.run
 	$(BIN)/ngepc study table1 --levels $(LEVELS) --rows $(ROWS) --figures --out $(OUT)
@@ -21,6 +22,9 @@ test: $(VENV)/.test
 
 benchmark: $(VENV)/.run
 	$(BIN)/ngepc benchmark --levels 5 --out results
+
+benchmark-pieces: $(VENV)/.test $(VENV)/.dev
+	$(BIN)/python -m pytest benchmarks
 
 docs: $(VENV)/.docs
 	NGEPC_DOCS_EXECUTE=force $(BIN)/sphinx-build -W --keep-going -d out/doctrees -b html docs out/docs

@@ -1,0 +1,93 @@
+"""The pieces of a Newton step on Example (a) with 6273 nodes, timed by pytest-benchmark.
+
+    make benchmark-pieces      or      python -m pytest benchmarks
+
+``ngepc benchmark`` measures whole steps against an elastic solve; here one sees which piece has
+become dearer.  The times of one run compare with each other; nothing is asserted about them.
+"""
+
+import pytest
+from ngepc.geometries import lshape
+from ngsolve import SetNumThreads
+
+from ngepc import Balanced, Coupled, lshape_problem, primal_newton, semismooth_newton
+from ngepc.benchmark import elastic_solve
+from ngepc.blocks import LinearBlocks
+from ngepc.contact_newton import newton_system
+from ngepc.functional import DualFunctional
+from ngepc.iterates import Iterate, Line
+
+REGULARISATIONS = {"balanced": Balanced(), "coupled": Coupled(1e4)}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    SetNumThreads(1)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return lshape_problem(lshape.paper_mesh(6273))
+
+
+class Pieces:
+    """A functional with a plastified iterate, its Newton system and direction."""
+
+    def __init__(self, problem, regularisation):
+        result = semismooth_newton(problem, regularisation=regularisation)
+        self.functional, self.here = result.functional, Iterate.at(result.functional, result.v)
+        self.system = newton_system(self.functional, "sparsecholesky")
+        self.dy, self.dv = self.system.step(self.here.v, self.here.residual)
+
+
+@pytest.fixture(scope="module", params=REGULARISATIONS)
+def pieces(request, problem):
+    return Pieces(problem, REGULARISATIONS[request.param])
+
+
+def test_elastic_solve(benchmark, problem):
+    benchmark(elastic_solve, problem)
+
+
+def test_linear_blocks(benchmark, problem):
+    benchmark(LinearBlocks, problem, REGULARISATIONS["balanced"], "sparsecholesky")
+
+
+def test_functional_on_given_blocks(benchmark, pieces):
+    f = pieces.functional
+    benchmark(DualFunctional, f.blocks, f.regularisation, 400)
+
+
+def test_nonsmooth_energy(benchmark, pieces):
+    benchmark(pieces.functional.penalty, pieces.here.v)
+
+
+def test_nonsmooth_gradient(benchmark, pieces):
+    benchmark(pieces.functional.penalty_gradient, pieces.here.v)
+
+
+def test_assembly_and_factorisation(benchmark, pieces):
+    benchmark(pieces.system.factorise, pieces.here.v)
+
+
+def test_direction_with_given_factors(benchmark, pieces):
+    benchmark(pieces.system.direction, pieces.here.v, pieces.here.residual)
+
+
+def test_energy_along_a_line(benchmark, pieces):
+    line = Line(pieces.functional, pieces.here, pieces.dy, pieces.dv)
+    benchmark(lambda: line.functional.penalty(line.dual(0.5)))
+
+
+def test_residual_norms(benchmark, pieces):
+    benchmark(pieces.functional.stationarity_norms, pieces.here.v, pieces.here.residual)
+
+
+def test_whole_balanced_solve(benchmark, problem):
+    benchmark.extra_info["iterations"] = semismooth_newton(problem).iterations
+    benchmark.pedantic(semismooth_newton, (problem,), rounds=2)
+
+
+def test_whole_primal_solve(benchmark, problem):
+    benchmark.extra_info["iterations"] = primal_newton(problem).iterations
+    benchmark.pedantic(primal_newton, (problem,), rounds=2)

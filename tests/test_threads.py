@@ -1,0 +1,48 @@
+"""The library sets no threads; ``with TaskManager()`` around user code changes rounding only."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from ngepc.geometries import lshape
+from ngsolve import SetNumThreads, TaskManager
+
+from ngepc import Balanced, Coupled, lshape_problem, primal_newton, semismooth_newton
+
+METHODS = {
+    "balanced": lambda problem: semismooth_newton(problem, regularisation=Balanced()),
+    "coupled": lambda problem: semismooth_newton(problem, regularisation=Coupled(1e3)),
+    "primal": primal_newton,
+}
+
+
+@pytest.fixture
+def two_threads():
+    SetNumThreads(2)
+    yield
+    SetNumThreads(1)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_two_threads_take_the_steps_of_one_to_the_same_energy(method, two_threads):
+    problem, solve = lshape_problem(lshape.paper_mesh(833)), METHODS[method]
+    one = solve(problem)
+    with TaskManager():
+        two = solve(problem)
+    assert two.status is one.status
+    assert abs(two.iterations - one.iterations) <= 1
+    assert two.primal_energy == pytest.approx(one.primal_energy, rel=1e-9)
+
+
+def test_no_solve_changes_the_number_of_threads():
+    """In a process of its own, where the calls that set threads end it."""
+    code = (
+        "import ngsolve, ngepc; from ngepc.geometries import lshape\n"
+        "def refuse(*a, **k): raise SystemExit('the library set threads')\n"
+        "ngsolve.SetNumThreads = ngsolve.TaskManager = refuse\n"
+        "problem = ngepc.lshape_problem(lshape.paper_mesh(113))\n"
+        "ngepc.semismooth_newton(problem); ngepc.primal_newton(problem)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment, timeout=120)
