@@ -13,6 +13,7 @@ import pytest
 from browser import Browser, chromium
 
 import ngepc
+from ngepc import plotting
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -122,7 +123,9 @@ def test_site_has_every_public_name(site):
     inventory = (site / "objects.inv").read_bytes().split(b"\n", 4)[4]
     documented = {line.split()[0] for line in zlib.decompress(inventory).decode().splitlines()}
     public = {f"ngepc.{name}" for name in ngepc.__all__ if not name.startswith("_")}
-    assert public <= documented
+    drawing = {name for name, value in vars(plotting).items() if callable(value)}
+    assert len(drawing) > 10
+    assert public | {f"ngepc.plotting.{name}" for name in drawing} <= documented
 
 
 def test_links_of_the_site_lead_somewhere(site, pages):
