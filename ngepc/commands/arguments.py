@@ -3,6 +3,7 @@
 import argparse
 import math
 import sys
+from pathlib import Path
 
 PROBLEMS = ("lshape", "wrench")
 
@@ -27,6 +28,18 @@ def count(text: str) -> int:
     if value <= 0:
         raise argparse.ArgumentTypeError(f"{text!r}: an integer > 0 is needed")
     return value
+
+
+def file_name(text: str) -> str:
+    """The name of a file or folder, not empty; '-' may stand for standard output."""
+    if not text:
+        raise argparse.ArgumentTypeError(f"{text!r}: the name of a file or folder is needed")
+    return text
+
+
+def location(text: str) -> Path:
+    """The same as a Path."""
+    return Path(file_name(text))
 
 
 def add_body(parser: argparse.ArgumentParser) -> None:

@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from ngepc.commands.arguments import count, say
+from ngepc.commands.arguments import count, file_name, location, say
 
 MODES = ("balanced", "coupled")
 
@@ -14,8 +14,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument("--levels", type=count, default=3, help="meshes, 1 to 7, default 3")
     parser.add_argument("--mode", choices=MODES, action="append", help="default both")
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder, default out")
-    parser.add_argument("--json", metavar="FILE", help="also write the records there, - for stdout")
+    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+    parser.add_argument(
+        "--json", metavar="FILE", type=file_name, help="also write the records there, - for stdout"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -25,9 +27,11 @@ def run(args: argparse.Namespace) -> int:
     from ngepc.benchmark import NODES, Cell, run_cells
     from ngepc.benchmark_output import write_benchmark
     from ngepc.storage import records
+    from ngepc.storage.files import check_folder
 
     if args.levels > len(NODES):
         raise ValueError(f"--levels {args.levels}: 1 to {len(NODES)} are available")
+    check_folder(args.out)
     if args.json not in (None, "-"):
         records.check_writable(Path(args.json))
     modes = dict.fromkeys(args.mode or MODES)

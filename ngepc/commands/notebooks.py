@@ -6,11 +6,14 @@ import sys
 from pathlib import Path
 
 import ngepc
+from ngepc.commands.arguments import location
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument("folder", metavar="DIR", type=Path, help="where to; it is made if missing")
+    parser.add_argument(
+        "folder", metavar="DIR", type=location, help="where to; it is made if missing"
+    )
     parser.add_argument("--force", action="store_true", help="replace files that are there already")
 
 

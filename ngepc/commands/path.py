@@ -5,7 +5,7 @@ import sys
 import time
 from pathlib import Path
 
-from ngepc.commands.arguments import add_body, build_problem, count, positive
+from ngepc.commands.arguments import add_body, build_problem, count, file_name, positive
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -27,8 +27,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-outer-iterations", type=count, default=30, help="values of gamma, default 30"
     )
-    parser.add_argument("--checkpoint", metavar="FILE", help="kept after each gamma; go on from it")
-    parser.add_argument("--json", metavar="FILE", help="write the result there, - for stdout")
+    parser.add_argument(
+        "--checkpoint", metavar="FILE", type=file_name, help="kept after each gamma; go on from it"
+    )
+    parser.add_argument(
+        "--json", metavar="FILE", type=file_name, help="write the result there, - for stdout"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

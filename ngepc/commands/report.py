@@ -2,15 +2,19 @@
 
 import argparse
 import sys
-from pathlib import Path
+
+from ngepc.commands.arguments import location
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument(
-        "run_file", metavar="RUN", type=Path, help="file of ngepc solve --save, or folder of table1"
+        "run_file",
+        metavar="RUN",
+        type=location,
+        help="file of ngepc solve --save, or folder of table1",
     )
-    parser.add_argument("--out", type=Path, help="the HTML file; default beside RUN")
+    parser.add_argument("--out", type=location, help="the HTML file; default beside RUN")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -5,7 +5,15 @@ import sys
 import time
 from pathlib import Path
 
-from ngepc.commands.arguments import add_body, build_problem, count, positive, say
+from ngepc.commands.arguments import (
+    add_body,
+    build_problem,
+    count,
+    file_name,
+    location,
+    positive,
+    say,
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -36,9 +44,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quadrature-points", type=count, default=400, help="per triangle, default 400"
     )
-    parser.add_argument("--json", metavar="FILE", help="write the result there, - for stdout")
-    parser.add_argument("--save", metavar="FILE", type=Path, help="keep the run for ngepc report")
-    parser.add_argument("--figures", metavar="DIR", type=Path, help="write PNG figures there")
+    parser.add_argument(
+        "--json", metavar="FILE", type=file_name, help="write the result there, - for stdout"
+    )
+    parser.add_argument(
+        "--save", metavar="FILE", type=location, help="keep the run for ngepc report"
+    )
+    parser.add_argument("--figures", metavar="DIR", type=location, help="write PNG figures there")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -30,5 +30,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the chosen study."""
+    """Run the chosen study, after a look at whether its results can be written."""
+    from ngepc.storage.files import check_folder
+
+    check_folder(args.out)
     return args.run_study(args)

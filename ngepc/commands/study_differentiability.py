@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from ngepc.commands.arguments import count, positive, say
+from ngepc.commands.arguments import count, location, positive, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -14,7 +14,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--nodes", type=count, default=1601, help="finest mesh of the counts, default 1601"
     )
     parser.add_argument("--gamma", type=positive, default=1e4, help="of the counts, default 1e4")
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder, default out")
+    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from ngepc.commands.arguments import count, say
+from ngepc.commands.arguments import count, location, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -12,7 +12,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--only", help="numbers of the figures, such as 2,3; default 2,3,5,6")
     parser.add_argument("--lshape-nodes", type=count, default=3201, help="default 3201")
     parser.add_argument("--wrench-nodes", type=count, default=6353, help="default 6353")
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder, default out")
+    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
 
 
 def run(args: argparse.Namespace) -> int:

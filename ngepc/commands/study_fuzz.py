@@ -4,14 +4,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from ngepc.commands.arguments import count, say
+from ngepc.commands.arguments import count, location, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument("--count", type=count, default=200, help="problems, default 200")
     parser.add_argument("--seed", type=count, default=1, help="of the sequence, default 1")
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder, default out")
+    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
 
 
 def run(args: argparse.Namespace) -> int:

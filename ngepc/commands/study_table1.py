@@ -4,14 +4,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from ngepc.commands.arguments import count, positive, say
+from ngepc.commands.arguments import count, location, positive, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument("--levels", type=count, default=3, help="meshes, 1 to 6, default 3")
     parser.add_argument("--rows", help="rows of the table, such as 1e0,1e3,1e5*; default all")
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder, default out")
+    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
     parser.add_argument("--tolerance", type=positive, default=1e-10, help="default 1e-10")
     parser.add_argument("--figures", action="store_true", help="figures and the HTML page too")
 

@@ -4,14 +4,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from ngepc.commands.arguments import count, positive, say
+from ngepc.commands.arguments import count, location, positive, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument("--levels", type=count, default=3, help="meshes, 1 to 6, default 3")
     parser.add_argument("--inner-scale", type=positive, default=0.1, help="c, default 0.1")
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder, default out")
+    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,0 +1,185 @@
+"""Every option of every command with nonsense: exit status 2, one line that names it, no traceback.
+
+The options are read from the parsers themselves, so that a new one is tried too.  What is refused
+while parsing runs inside this process; what only the work can tell has its own table.
+"""
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from ngepc.__main__ import COMMANDS, main, parser
+from ngepc.commands.study import STUDIES
+
+NUMBERS = ["junk", "", "-1", "0", "nan", "inf", "-inf", "1e400", "1,5", "0x10", "1e-400"]
+COUNTS = [*NUMBERS, "1.5", "two", "1e3"]
+
+
+def options(command: argparse.ArgumentParser, path=()):
+    """(path of commands, parser, action) for everything that can be given."""
+    for action in command._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, sub in action.choices.items():
+                yield from options(sub, (*path, name))
+        elif not isinstance(action, argparse._HelpAction | argparse._VersionAction):
+            yield path, command, action
+
+
+def required(command):
+    """Legal values of the positional arguments."""
+    given = (a for a in command._actions if not a.option_strings)
+    return ["lshape" if a.choices else "place" for a in given]
+
+
+def nonsense(action):
+    """Texts that an option must refuse while parsing."""
+    if action.choices:
+        return ["junk", "", next(iter(action.choices)).upper()]
+    kind = getattr(action.type, "__name__", "text")
+    return {"positive": NUMBERS, "count": COUNTS}.get(kind, [""])
+
+
+CASES = [
+    ([*path, *required(command), f"{option}={text}"], option)
+    for path, command, action in options(parser())
+    for option in action.option_strings
+    if action.nargs != 0 and action.dest not in ("rows", "only")
+    for text in nonsense(action)
+]
+CASES += [
+    ([*path, *required(command), f"{option}=junk"], option)
+    for path, command, action in options(parser())
+    for option in action.option_strings
+    if action.nargs == 0 and path
+]
+CASES += [
+    ([*path, *required(command), option], option)
+    for path, command, action in options(parser())
+    for option in action.option_strings
+    if action.nargs != 0
+]
+CASES += [
+    ([*path, *required(command), "--unheard-of=1"], "--unheard-of")
+    for path, command in {path: command for path, command, _ in options(parser())}.items()
+    if path
+]
+
+
+def ends(arguments, capsys):
+    """Exit status, standard output and the lines on standard error."""
+    try:
+        status = main(arguments)
+    except SystemExit as stop:
+        status = stop.code
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err.splitlines()
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_nonsense_for_every_option(capsys, tmp_path):
+    for arguments, option in CASES:
+        status, out, lines = ends(arguments, capsys)
+        assert (status, out, len(lines)) == (2, "", 1), (arguments, lines)
+        assert option in lines[0], (arguments, lines)
+        assert ": error: " in lines[0], (arguments, lines)
+    assert list(tmp_path.iterdir()) == []
+    assert len(CASES) >= 400
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["junk"],
+        [""],
+        ["SOLVE"],
+        *([command] for command in COMMANDS if command != "benchmark"),
+        ["solve", "junk"],
+        ["solve", ""],
+        ["path", "Lshape"],
+        ["study", "junk"],
+        ["study", ""],
+        ["solve", "lshape", "wrench"],
+        ["notebooks", ""],
+        ["report", ""],
+    ],
+)
+def test_commands_that_are_none(arguments, capsys):
+    status, out, lines = ends(arguments, capsys)
+    assert (status, out, len(lines)) == (2, "", 1), lines
+    assert "error: " in lines[0]
+
+
+WORK = {
+    "no such mesh": (["solve", "lshape", "--nodes", "800"], "nodes=800"),
+    "too many nodes": (["solve", "wrench", "--nodes", "99999999999"], "nodes=99999999999"),
+    "mesh too fine": (["solve", "lshape", "--maxh", "1e-9"], "maxh=1e-09"),
+    "mesh width too small": (["path", "wrench", "--maxh", "1e-9"], "maxh=1e-09"),
+    "tolerance below rounding": (["solve", "lshape", "--tolerance", "1e-300"], "tolerance=1e-300"),
+    "too many points": (["solve", "lshape", "--quadrature-points", "901"], "points=901"),
+    "gamma for the primal method": (
+        ["solve", "lshape", "--method", "primal", "--gamma", "3"],
+        "--gamma 3",
+    ),
+    "growth that does not grow": (["path", "lshape", "--growth", "1"], "growth=1.0"),
+    "path backwards": (["path", "lshape", "--gamma-end", "1"], "gamma_end=1.0"),
+    "both ends of a path": (
+        ["path", "lshape", "--gamma-end", "100", "--residual-tolerance", "1"],
+        "give one of them",
+    ),
+    "levels of table 1": (["study", "table1", "--levels", "7"], "--levels 7"),
+    "rows of table 1": (["study", "table1", "--rows", "junk"], "1e0"),
+    "rows of table 2": (["study", "table2", "--rows", ","], "rows"),
+    "levels of table 2": (["study", "table2", "--levels", "99"], "--levels 99"),
+    "levels of table 3": (["study", "table3", "--levels", "99"], "--levels 99"),
+    "levels of figure 4": (["study", "figure4", "--levels", "99"], "levels=99"),
+    "levels of the solvers": (["study", "solvers", "--levels", "99"], "--levels 99"),
+    "levels of step-42": (["study", "step42", "--levels", "99"], "--levels 99"),
+    "levels of the benchmark": (["benchmark", "--levels", "99"], "--levels 99"),
+    "a figure that is none": (["study", "figures", "--only", "1"], "numbers=(1,)"),
+    "figures by name": (["study", "figures", "--only", "two"], "--only two"),
+    "figures by nothing": (["study", "figures", "--only", ""], "--only"),
+    "nodes of a figure": (["study", "figures", "--lshape-nodes", "5"], "nodes=5"),
+    "nodes of the gap": (["study", "duality", "--wrench-nodes", "5"], "nodes=5"),
+    "end of the gap": (["study", "duality", "--gamma-end", "1"], "gamma_end=1.0"),
+    "nodes of the norm gap": (["study", "differentiability", "--nodes", "5"], "nodes=5"),
+    "levels of the norm gap": (["study", "differentiability", "--levels", "99"], "levels=99"),
+    "a row of the robustness": (["study", "robustness", "--rows", "junk"], "rows=['junk']"),
+    "no run to report": (["report", "none.npz"], "no such run"),
+}
+
+
+@pytest.mark.parametrize("name", WORK)
+def test_what_only_the_work_can_tell_is_told_first(name, capsys):
+    arguments, message = WORK[name]
+    status, out, lines = ends(arguments, capsys)
+    assert (status, out, len(lines)) == (2, "", 1), lines
+    assert message in lines[0]
+
+
+WRITERS = [
+    *(["study", study, "--out"] for study in STUDIES),
+    ["solve", "lshape", "--nodes", "24833", "--json"],
+    ["solve", "lshape", "--nodes", "24833", "--save"],
+    ["solve", "lshape", "--nodes", "24833", "--figures"],
+    ["path", "lshape", "--nodes", "24833", "--json"],
+    ["path", "lshape", "--nodes", "33", "--checkpoint"],
+    ["benchmark", "--out"],
+    ["benchmark", "--json"],
+    ["notebooks"],
+]
+
+
+@pytest.mark.parametrize("writer", WRITERS, ids=" ".join)
+@pytest.mark.parametrize("place", ["file/below", "/proc/none/below"])
+def test_results_that_cannot_be_written_are_refused_before_the_work(writer, place, capsys):
+    Path("file").write_text("x")
+    status, out, lines = ends([*writer, place], capsys)
+    assert (status, out, len(lines)) == (2, "", 1), lines
+    assert place.split("/")[-2] in lines[0]
