@@ -119,7 +119,8 @@ def final_check(
         return Finding(here, record, Status.CONVERGED)
     if rule.met(with_residual(record, rounding)):
         return Finding(here, record, None)
-    return Finding(here, record, Status.STAGNATED, out_of_reach(rounding, rule))
+    reach = (record.residual_norm + rounding.total) / functional.residual_unit
+    return Finding(here, record, Status.STAGNATED, out_of_reach(rounding, rule, reach))
 
 
 def with_residual(
@@ -144,10 +145,13 @@ def corrected(functional: DualFunctional, system: NewtonSystem, here: Iterate) -
     return following
 
 
-def out_of_reach(rounding: ResidualNorms, rule: StoppingRule) -> str:
-    """The sentence for a rule that rounding does not let any iterate meet."""
+def out_of_reach(rounding: ResidualNorms, rule: StoppingRule, reach: float) -> str:
+    """The sentences for a rule that rounding does not let any iterate meet.
+
+    ``reach`` is the residual with its rounding in the units of ``NewtonOptions.tolerance``.
+    """
     return (
         f"Rounding alone leaves about {rounding.total:.2g} of the residual, in whatever way it is "
         "computed: the hardening is small beside the elastic moduli, or the loads are large, for "
-        f"{rule}."
+        f"{rule}. A tolerance above {1.1 * reach:.2g} is within reach."
     )

@@ -108,7 +108,7 @@ def _gap(contact: str, mesh: Mesh, top: CoefficientFunction, height: float) -> C
     }[contact]
 
 
-def solve(case: Case, method: str, varied: bool, limit: int):
+def solve(case: Case, method: str, varied: bool, limit: int, cells: int = 12):
     """The result of a method for a case.
 
     Parameters
@@ -121,8 +121,10 @@ def solve(case: Case, method: str, varied: bool, limit: int):
         Whether gamma is the datum that varies.
     limit
         Most Newton steps.
+    cells
+        As for ``build``.
     """
-    problem = build(case)
+    problem = build(case, cells)
     options = NewtonOptions(max_iterations=limit, quadrature_points=100)
     if method == "primal":
         return primal_newton(problem)

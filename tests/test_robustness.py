@@ -1,0 +1,138 @@
+"""The robustness study in small, and what its committed table promises."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ngepc import Status, primal_newton
+from ngepc.studies.robustness import (
+    ASPECT,
+    CONTACT,
+    GAMMA,
+    HARDENING,
+    METHODS,
+    POISSON,
+    Robustness,
+    build,
+    cases,
+    solve,
+)
+from ngepc.studies.witness import dual_residual, primal_residual
+
+LIMIT, CELLS = 60, 6
+RESULTS = Path(__file__).resolve().parent.parent / "results"
+LABELS = {status.label for status in Status}
+
+ROWS = [
+    "usual",
+    *(f"Poisson {value:g}" for value in POISSON[-3:]),
+    *(f"h/mu {value:g}" for value in (1e-1, 1e-4, 1e-6)),
+    *(f"aspect ratio {value:g}" for value in ASPECT[1:]),
+    *(f"contact {value}" for value in CONTACT),
+    *(f"gamma {value:g}" for value in (1e0, 1e3, 1e6, 1e9)),
+]
+DROWNED = {"h/mu 0.0001", "h/mu 1e-06"}
+"""Rows where rounding leaves more than 1e-10 of the dual residual."""
+STEEP = {"gamma 1e+06", "gamma 1e+09"}
+"""Rows that the coupled method need not master from a cold start."""
+
+
+def state(result):
+    """All numbers of the state that a result keeps."""
+    if hasattr(result, "v"):
+        return np.r_[result.y.FV().NumPy(), result.v.FV().NumPy()]
+    return result.displacement.vec.FV().NumPy()
+
+
+def test_the_data_go_to_their_extremes():
+    assert max(POISSON) == 0.4999
+    assert (max(HARDENING), min(HARDENING)) == (1e-1, 1e-6)
+    assert (min(GAMMA), max(GAMMA)) == (1.0, 1e9)
+    assert max(ASPECT) == 1e3
+    assert set(CONTACT) == {"none", "one node", "full", "grazing", "from an end"}
+    assert set(ROWS) <= set(cases())
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("row", ROWS)
+def test_every_cell_ends_in_a_named_status_with_a_state(row, method):
+    result = solve(cases()[row], method, row.startswith("gamma"), LIMIT, CELLS)
+    last = getattr(result, "result", result)
+    assert isinstance(result.status, Status)
+    assert np.isfinite(state(last)).all()
+    assert math.isfinite(last.primal_energy)
+    if result.status is not Status.CONVERGED:
+        assert "residual" in result.message
+    elif method == "primal":  # huge strains cancel at the smallest hardening, PrimalOptions
+        assert primal_residual(last) < (2e-9 if row == "h/mu 1e-06" else 2e-10)
+    elif method != "path":  # its inner tolerances are those of Algorithm 7.2
+        witness = dual_residual(last, 100)
+        assert witness.norm < 1e-10 + 10 * witness.rounding
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_primal_and_balanced_master_every_row(row):
+    primal = solve(cases()[row], "primal", row.startswith("gamma"), LIMIT, CELLS)
+    assert primal.status is Status.CONVERGED
+    assert primal.iterations <= 15
+    for method in METHODS[1:3]:
+        dual = solve(cases()[row], method, row.startswith("gamma"), LIMIT, CELLS)
+        if row in DROWNED:
+            assert dual.status is Status.STAGNATED
+            assert "Rounding alone" in dual.message
+        else:
+            assert dual.status is Status.CONVERGED
+        assert dual.iterations <= 20
+
+
+@pytest.mark.parametrize("row", sorted(set(ROWS) - STEEP - DROWNED))
+def test_coupled_masters_moderate_gamma(row):
+    result = solve(cases()[row], "coupled", row.startswith("gamma"), LIMIT, CELLS)
+    assert result.status is Status.CONVERGED
+
+
+@pytest.mark.parametrize(
+    ("contact", "least", "most"),
+    [
+        ("none", 0.0, 0.0),
+        ("one node", 1e-9, 0.35),
+        ("full", 0.75, 1.1),
+        ("grazing", 0.0, 0.35),
+        ("from an end", 1e-9, 0.6),
+    ],
+)
+def test_contact_states_are_what_they_are_called(contact, least, most):
+    """Measure of the upper side that touches, by the primal solution."""
+    problem = build(cases()[f"contact {contact}"], CELLS)
+    touching = primal_newton(problem).history.records[-1].contact_active
+    assert least <= touching <= most
+
+
+def test_committed_table_has_all_cells_and_no_state_without_a_name():
+    with (RESULTS / "robustness.csv").open(newline="") as stream:
+        table = list(csv.DictReader(stream))
+    stored = json.loads((RESULTS / "robustness.json").read_text())["cells"]
+    assert len(stored) == len(cases()) * len(METHODS)
+    assert {(c["row"], c["method"]) for c in stored} == {(r, m) for r in cases() for m in METHODS}
+    assert list(table[0])[:4] == ["row", "method", "iterations", "status"]
+    assert {"residual", "plastic", "contact_force", "message"} <= set(table[0])
+    assert list(dict.fromkeys(row["row"] for row in table)) == list(cases())
+    for cell in stored:
+        assert cell["status"] in LABELS
+        assert cell["status"] == "converged" or cell["message"]
+        assert math.isfinite(cell["residual"])
+        assert isinstance(cell["iterations"], int)
+    for cell in stored:
+        steep = cell["method"] == "coupled" and cell["row"].startswith("gamma")
+        drowned = cell["row"] in ("h/mu 0.0001", "h/mu 1e-05", "h/mu 1e-06")
+        if not steep and not (drowned and cell["method"] != "primal"):
+            assert cell["status"] == "converged", cell
+
+
+def test_unknown_rows_are_refused():
+    with pytest.raises(ValueError, match=r"rows=\['junk'\]: the table has usual"):
+        Robustness("out", ["junk"])
