@@ -21,6 +21,7 @@ import ngepc
 from ngepc import (
     Armijo,
     Balanced,
+    Chord,
     Coupled,
     ExactContact,
     Fields,
@@ -55,6 +56,7 @@ from ngepc import (
     semismooth_newton,
     show,
     solve_automatically,
+    split,
     table_monitor,
     wrench_problem,
     write_report,
@@ -197,6 +199,8 @@ USES = {
         },
     ),
     "Balanced": Use(Balanced, may={"gamma": POSITIVE, "predictor": {"None"}}),
+    "Chord": Use(Chord),
+    "split": Use(split, {"regularisation": Coupled(10.0)}),
     "Fractional": Use(Fractional),
     "FullProduct": Use(FullProduct),
     "SurfaceGradient": Use(SurfaceGradient),
@@ -227,7 +231,9 @@ USES = {
         follow_path,
         {"problem": PROBLEM, "options": SHORT_PATH},
         {"checkpoint": {"a text"}}
-        | dict.fromkeys(("monitor", "newton_monitor", "observer", "regularisation"), CALLABLE),
+        | dict.fromkeys(
+            ("monitor", "newton_monitor", "observer", "regularisation", "closing"), CALLABLE
+        ),
     ),
     "solve_automatically": Use(
         solve_automatically, {"problem": PROBLEM, "tolerance": 0.5, "max_nodes": 40}

@@ -116,7 +116,7 @@ def test_saved_run_becomes_a_report(method, tmp_path, capsys):
     assert main([*arguments, "--save", str(saved)]) == 0
     assert main(["report", str(saved), "--out", str(page)]) == 0
     text = page.read_text()
-    assert "contact_force" in text
+    assert "contact force" in text
     assert text.count("data:image/png") >= 5
 
 

@@ -4,13 +4,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from ngepc.commands.arguments import count, say
+from ngepc.commands.arguments import count, location, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument("--levels", type=count, default=3, help="meshes, 1 to 6, default 3")
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder, default out")
+    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
 
 
 def run(args: argparse.Namespace) -> int:

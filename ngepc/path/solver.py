@@ -84,6 +84,9 @@ def follow_path(
     """
     options = PathOptions() if options is None else options
     check_arguments(problem, options, start, regularisation)
+    if closing is not None:
+        require_function("closing", closing, "gamma")
+        require_regularisation(closing(options.gamma_start))
     for name, watcher in (
         ("monitor", monitor),
         ("newton_monitor", newton_monitor),
