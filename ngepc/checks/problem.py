@@ -43,6 +43,10 @@ def check_mesh(mesh: Mesh) -> None:
         raise TypeError(f"mesh={mesh!r}: an ngsolve.Mesh is needed")
     if mesh.dim not in (2, 3):
         raise ValueError(f"mesh has dimension {mesh.dim}: 2 or 3 is needed")
+    if mesh.comm.size > 1:
+        raise ValueError(
+            f"mesh is distributed over {mesh.comm.size} processes: a mesh of one process is needed"
+        )
     if mesh.ne == 0:
         raise ValueError("mesh has no elements: a mesh of the body is needed")
     elements = mesh.ngmesh.Elements2D() if mesh.dim == 2 else mesh.ngmesh.Elements3D()
