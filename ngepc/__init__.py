@@ -20,6 +20,7 @@ _HOME = {
     "Fields": "recovery",
     "Fractional": "tichonov",
     "FullProduct": "tichonov",
+    "Krylov": "krylov.solver",
     "Material": "material",
     "NearMinimum": "linesearch",
     "NewtonOptions": "newton",

@@ -20,6 +20,7 @@ from ngsolve import (
 from ngsolve.la import BaseVector
 
 from ngepc.assembly import diagonal_block
+from ngepc.direct import LinearSolver, linear_solver
 from ngepc.equilibrium import external_work
 from ngepc.friction import friction_energy
 from ngepc.parts import dual_parts
@@ -88,7 +89,7 @@ class LinearBlocks:
     regularisation
         Its Tichonov choice, its hardening share and its reference length enter here.
     inverse
-        NGSolve's name of the direct solver for D and B.
+        The solver for D and B: a ``LinearSolver`` or NGSolve's name of a direct one.
 
     Attributes
     ----------
@@ -100,14 +101,18 @@ class LinearBlocks:
         Condensed form of [[-D, Lambda*], [Lambda, 0]].
     D
         D: Y -> Y* as a matrix, neither condensed nor factorised.
+    u_inverse
+        The inverse of D condensed to u.
     Lambda, load, psi
         Lambda: Y -> H as a matrix; -l and [psi, 0] as functionals.
     B, B_inverse
         Blocks of B for each part, and their inverses (the Poisson solves).
     """
 
-    def __init__(self, problem: Problem, regularisation: Regularisation, inverse: str) -> None:
-        self.problem, self.inverse = problem, inverse
+    def __init__(
+        self, problem: Problem, regularisation: Regularisation, inverse: str | LinearSolver
+    ) -> None:
+        self.problem, self.solver = problem, linear_solver(inverse)
         regularisation = regularisation.resolved(problem)
         self.parts = dual_parts(problem, regularisation)
         self.h_F = problem.effective_hardening * regularisation.hardening_share
@@ -124,7 +129,7 @@ class LinearBlocks:
             for part, space in zip(self.parts, self.spaces, strict=True)
         ]
         self.B_inverse = [
-            B.Inverse(space.FreeDofs(), inverse=inverse)
+            self.solver.product_inverse(B, space)
             for B, space in zip(self.B, self.spaces, strict=True)
         ]
 
@@ -160,9 +165,9 @@ class LinearBlocks:
         """Factors of D without p, which lives inside the elements, and of its block for p."""
         self._displacements, self._strains = (0, V.ndof), (V.ndof, self.Y.ndof)
         block = diagonal_block(self.D, *self._strains)
-        self._p_inverse = block.Inverse(inverse=self.inverse)
+        self._p_inverse = block.Inverse(inverse="sparsecholesky")
         condensed = diagonal_block(self.saddle.mat, *self._displacements, factor=-1.0)
-        self._u_inverse = condensed.Inverse(V.FreeDofs(), inverse=self.inverse)
+        self.u_inverse = self.solver.primal_inverse(condensed, V)
 
     def _assemble_coupling(self) -> None:
         u, p = self.Y.TrialFunction()
@@ -209,10 +214,21 @@ class LinearBlocks:
         p.data = self._p_inverse * r.Range(*self._strains)
         rest.data = r - self.D * y
         y[:] = 0.0
-        u.data = self._u_inverse * rest.Range(*self._displacements)
+        u.data = self.u_inverse * rest.Range(*self._displacements)
         rest.data = r - self.D * y
         p.data = self._p_inverse * rest.Range(*self._strains)
         return y
+
+    def primal_change(self, dv: BaseVector, du: BaseVector) -> BaseVector:
+        """dy with D dy = Lambda* dv, from the guess ``du`` of its displacements."""
+        right, r, dy = (self.load.CreateVector() for _ in range(3))
+        right.data = self.Lambda.T * dv
+        dy[:] = 0.0
+        dy.Range(*self._displacements).data = du
+        for _ in range(1 + REFINEMENTS):
+            r.data = right - self.D * dy
+            dy += self.primal_response(r)
+        return dy
 
     def rounding_of(self, y: BaseVector) -> BaseVector:
         """EPSILON |D| |y|: how uncertain each entry of D y is, in whatever way D is assembled."""

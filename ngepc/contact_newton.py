@@ -14,11 +14,12 @@ import numpy as np
 from ngsolve.la import BaseVector
 
 from ngepc.contact import ContactConstraint
+from ngepc.direct import LinearSolver, linear_solver
 from ngepc.functional import DualFunctional, NewtonSystem
 from ngepc.primal.complementarity import solve_complementarity
 
 
-def newton_system(functional: DualFunctional, inverse: str) -> NewtonSystem:
+def newton_system(functional: DualFunctional, inverse: str | LinearSolver) -> NewtonSystem:
     """The system that suits the functional: with the contact constraint or without one.
 
     Parameters
@@ -26,11 +27,9 @@ def newton_system(functional: DualFunctional, inverse: str) -> NewtonSystem:
     functional
         J*_gamma.
     inverse
-        NGSolve's name of the direct solver.
+        A ``LinearSolver`` or NGSolve's name of a direct one.
     """
-    if functional.constraint is None:
-        return NewtonSystem(functional, inverse)
-    return ConstrainedSystem(functional, inverse)
+    return linear_solver(inverse).newton_system(functional)
 
 
 @dataclass(frozen=True)

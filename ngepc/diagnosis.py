@@ -24,6 +24,10 @@ ADVICE = {
     ),
     Status.LINESEARCH_FAILED: "Start from the solution for a smaller gamma or a smaller load step.",
     Status.STAGNATED: "Energies only change by rounding: ask for a tolerance above this residual.",
+    Status.LINEAR_SOLVER_FAILED: (
+        "Raise max_iterations or sweeps of Krylov, start from the solution for a smaller gamma, "
+        "or take a direct solver."
+    ),
     Status.NONFINITE: (
         "Check loads and coefficients for NaN and for values that changed during the run, or "
         "start from the solution for a smaller gamma."

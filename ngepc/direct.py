@@ -1,13 +1,90 @@
-"""Direct solvers by NGSolve's names, and whether they are there."""
+"""Linear solvers as objects; the direct ones by NGSolve's names, and whether they are there."""
 
 from __future__ import annotations
 
-from ngsolve.la import SparseMatrixd
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from ngsolve import FESpace
+from ngsolve.la import BaseMatrix, SparseMatrixd
+
+if TYPE_CHECKING:
+    from ngepc.functional import DualFunctional, NewtonSystem
 
 SHIPPED = ("sparsecholesky", "umfpack")
 """Those that come with NGSolve's wheels."""
 
 DIRECT_SOLVERS = (*SHIPPED, "pardiso", "mumps", "superlu")
+
+
+class LinearSolver(Protocol):
+    """What solves the linear systems of a run: ``Direct`` or ``Krylov``."""
+
+    def primal_inverse(self, condensed: SparseMatrixd, V: FESpace) -> BaseMatrix:
+        """The inverse of D condensed to u by its lower triangle."""
+        ...
+
+    def product_inverse(self, matrix: SparseMatrixd, space: FESpace) -> BaseMatrix:
+        """The inverse of a symmetric positive definite matrix by its lower triangle."""
+        ...
+
+    def newton_system(self, functional: DualFunctional) -> NewtonSystem:
+        """The Newton system (7.1) of a functional."""
+        ...
+
+
+@dataclass(frozen=True)
+class Direct:
+    """A direct solver.
+
+    Parameters
+    ----------
+    name
+        NGSolve's name of it, one that does LDL^T.
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown or the solver is missing.
+    """
+
+    name: str = "sparsecholesky"
+
+    def __post_init__(self) -> None:
+        require_direct_solver("name", self.name)
+
+    def primal_inverse(self, condensed: SparseMatrixd, V: FESpace) -> BaseMatrix:
+        """The factors of the condensed matrix."""
+        return condensed.Inverse(V.FreeDofs(), inverse=self.name)
+
+    def product_inverse(self, matrix: SparseMatrixd, space: FESpace) -> BaseMatrix:
+        """The factors of the matrix."""
+        return matrix.Inverse(space.FreeDofs(), inverse=self.name)
+
+    def newton_system(self, functional: DualFunctional) -> NewtonSystem:
+        """(7.1) with one factorisation for each step."""
+        from ngepc.contact_newton import ConstrainedSystem
+        from ngepc.functional import NewtonSystem
+
+        constrained = functional.constraint is not None
+        return (ConstrainedSystem if constrained else NewtonSystem)(functional, self.name)
+
+
+def linear_solver(inverse: str | LinearSolver) -> LinearSolver:
+    """The object that the option ``inverse`` stands for: ``Direct`` for a name, else itself."""
+    return Direct(inverse) if isinstance(inverse, str) else inverse
+
+
+def require_linear_solver(name: str, value: object) -> None:
+    """Accept a LinearSolver or NGSolve's name of a direct one that this installation has.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    if not hasattr(value, "newton_system"):
+        require_direct_solver(name, value)
 
 
 def require_direct_solver(name: str, value: object) -> None:

@@ -200,7 +200,11 @@ class NewtonSystem:
     ----------
     back_substitutions
         Solves with the factors in the last ``step``.
+    linear_iterations
+        Iterations of a Krylov solver in them: none.
     """
+
+    linear_iterations = 0
 
     def __init__(self, functional: DualFunctional, inverse: str) -> None:
         self._inverse_name, self._inverse, self.back_substitutions = inverse, None, 0

@@ -84,6 +84,7 @@ class Iterate:
             step_length=self.step.length,
             halvings=self.step.halvings,
             back_substitutions=self.step.back_substitutions,
+            linear_iterations=self.step.linear_iterations,
             contact_active=active.get("contact", 0.0),
             plastic_active=active["plastic"],
             friction_active=active.get("friction", 0.0),

@@ -15,6 +15,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.blocks import LinearBlocks
 from ngepc.carried import carried_over
+from ngepc.direct import require_direct_solver
 from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional, NewtonSystem
 from ngepc.iterates import Iterate
@@ -224,6 +225,7 @@ def _prepared(
             f"linesearch={options.linesearch!r}: Algorithms 6.6 and 6.8 take full steps, "
             "linesearch=None is needed (semismooth_newton globalises them)"
         )
+    require_direct_solver("inverse", options.inverse)
     blocks = LinearBlocks(problem, regularisation, options.inverse)
     functional = DualFunctional(blocks, regularisation, options.quadrature_points)
     return functional, blocks.H_vector() if start is None else carried_over(start, functional)

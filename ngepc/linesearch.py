@@ -14,12 +14,16 @@ ROUNDING = 1e-13
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A step length, the energy there, the trials before it, and the solves for its direction."""
+    """A step length, the energy there, the trials before it, and the solves for its direction.
+
+    ``linear_iterations`` counts the iterations of a Krylov solver in those solves.
+    """
 
     length: float
     energy: float
     halvings: int
     back_substitutions: int = 0
+    linear_iterations: int = 0
 
 
 class LineSearch(Protocol):

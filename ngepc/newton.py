@@ -17,10 +17,11 @@ from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.contact_newton import newton_system
 from ngepc.diagnosis import RecentDuals, describe
-from ngepc.direct import require_direct_solver
+from ngepc.direct import LinearSolver, require_linear_solver
 from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional, FactorisationError, NewtonSystem
 from ngepc.iterates import Iterate, Line
+from ngepc.krylov.iterative import KrylovError
 from ngepc.linesearch import ROUNDING, ByRegularisation, FullSteps, LineSearch
 from ngepc.primal.solver import nodal_values
 from ngepc.problem import Problem
@@ -54,7 +55,8 @@ class NewtonOptions:
         ``Armijo()``, ``NearMinimum()`` or None for full steps; by default the regularisation's
         own choice, Armijo for ``Coupled``.
     inverse
-        NGSolve's name of the direct solver, one that does LDL^T.
+        What solves the linear systems: NGSolve's name of a direct solver that does LDL^T, or
+        ``Krylov()`` for large bodies.
 
     Raises
     ------
@@ -66,13 +68,13 @@ class NewtonOptions:
     max_iterations: int = 300
     quadrature_points: int = 400
     linesearch: LineSearch | ByRegularisation | None = field(default_factory=ByRegularisation)
-    inverse: str = "sparsecholesky"
+    inverse: str | LinearSolver = "sparsecholesky"
 
     def __post_init__(self) -> None:
         require_number("tolerance", self.tolerance, 1e-16)
         require_integer("max_iterations", self.max_iterations, 1)
         require_integer("quadrature_points", self.quadrature_points, 1, 900)
-        require_direct_solver("inverse", self.inverse)
+        require_linear_solver("inverse", self.inverse)
         legal = self.linesearch is None or isinstance(self.linesearch, ByRegularisation)
         if not legal and not hasattr(self.linesearch, "search"):
             raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
@@ -187,6 +189,8 @@ def run(
         status = Status.STOPPED
     except FactorisationError as error:
         status, cause = Status.NONFINITE, f"{error}."
+    except KrylovError as error:
+        status, cause = Status.LINEAR_SOLVER_FAILED, f"{error}."
     last = history.records[-1] if history.records else None
     if status in TRUE_RESIDUAL:
         here.refresh(functional)
@@ -231,7 +235,12 @@ def newton_step(
     if step is None:
         sane = math.isfinite(line.derivative(0.0) + functional.penalty(here.v))
         return Status.LINESEARCH_FAILED if sane else Status.NONFINITE
-    following = line.iterate(replace(step, back_substitutions=system.back_substitutions))
+    step = replace(
+        step,
+        back_substitutions=system.back_substitutions,
+        linear_iterations=system.linear_iterations,
+    )
+    following = line.iterate(step)
     predictor = functional.regularisation.predictor
     if predictor is None:
         return following

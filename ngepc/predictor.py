@@ -21,6 +21,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.assembly import Placed, SparseSum
 from ngepc.checks.arguments import require_number
+from ngepc.direct import LinearSolver, linear_solver
 from ngepc.functional import DualFunctional
 from ngepc.iterates import Iterate, Line
 from ngepc.primal.return_mapping import at_plastic_points
@@ -52,7 +53,11 @@ class ReturnMapping:
             raise ValueError(f"accuracy={self.accuracy!r}: a number in (0, 1) is needed")
 
     def improved(
-        self, functional: DualFunctional, line: Line, following: Iterate, inverse: str
+        self,
+        functional: DualFunctional,
+        line: Line,
+        following: Iterate,
+        inverse: str | LinearSolver,
     ) -> Iterate:
         """The one of lower energy: ``following``, or the prediction from the full step.
 
@@ -65,7 +70,7 @@ class ReturnMapping:
         following
             The iterate that the line search chose.
         inverse
-            NGSolve's name of the direct solver.
+            A ``LinearSolver`` or NGSolve's name of a direct one.
         """
         if not line.here.is_start:
             return following
@@ -78,7 +83,7 @@ class ReturnMapping:
         return predicted
 
     def start(
-        self, functional: DualFunctional, v: BaseVector, u: np.ndarray, inverse: str
+        self, functional: DualFunctional, v: BaseVector, u: np.ndarray, inverse: str | LinearSolver
     ) -> BaseVector:
         """The one of lower energy: v, or v with the q that belongs to the displacement u.
 
@@ -91,7 +96,7 @@ class ReturnMapping:
         u
             Nodal displacements carried over, shape (N, vertices).
         inverse
-            NGSolve's name of the direct solver.
+            A ``LinearSolver`` or NGSolve's name of a direct one.
         """
         functional.make_feasible(v)
         y = functional.blocks.load.CreateVector()
@@ -102,7 +107,7 @@ class ReturnMapping:
         return mapped if energies[1] < energies[0] else v
 
     def _mapped(
-        self, functional: DualFunctional, v: BaseVector, y: BaseVector, inverse: str
+        self, functional: DualFunctional, v: BaseVector, y: BaseVector, inverse: str | LinearSolver
     ) -> BaseVector:
         mapped, blocks = v.CreateVector(), functional.blocks
         mapped.data = v
@@ -119,13 +124,15 @@ class LocalProblem:
     functional
         J*_gamma.
     inverse
-        NGSolve's name of the direct solver.
+        A ``LinearSolver`` or NGSolve's name of a direct one.
     accuracy
         Reduction of the residual that ends the Newton steps.
     """
 
-    def __init__(self, functional: DualFunctional, inverse: str, accuracy: float) -> None:
-        self._functional, self._inverse_name = functional, inverse
+    def __init__(
+        self, functional: DualFunctional, inverse: str | LinearSolver, accuracy: float
+    ) -> None:
+        self._functional, self._solver = functional, linear_solver(inverse)
         self._accuracy, blocks = accuracy, functional.blocks
         self._penalty, self._B = functional.penalties[-1], blocks.B[-1]
         R = self._R = blocks.spaces[-1]
@@ -192,8 +199,7 @@ class LocalProblem:
                 break
             self._assemble_hessian(q)
             if inverse is None:
-                free = self._R.FreeDofs()
-                inverse = self._sum.matrix.Inverse(free, inverse=self._inverse_name)
+                inverse = self._solver.product_inverse(self._sum.matrix, self._R)
             else:
                 inverse.Update()
             dq = q.CreateVector()

@@ -30,6 +30,7 @@ from ngepc.tichonov import SurfaceGradient, Tichonov, require_tichonov
 if TYPE_CHECKING:
     from ngsolve.la import BaseVector
 
+    from ngepc.direct import LinearSolver
     from ngepc.functional import DualFunctional
     from ngepc.iterates import Iterate, Line
 
@@ -58,13 +59,17 @@ class Predictor(Protocol):
     """A guess that competes with the iterate which the line search has chosen."""
 
     def improved(
-        self, functional: DualFunctional, line: Line, following: Iterate, inverse: str
+        self,
+        functional: DualFunctional,
+        line: Line,
+        following: Iterate,
+        inverse: str | LinearSolver,
     ) -> Iterate:
         """``following``, or an iterate of lower energy."""
         ...
 
     def start(
-        self, functional: DualFunctional, v: BaseVector, u: np.ndarray, inverse: str
+        self, functional: DualFunctional, v: BaseVector, u: np.ndarray, inverse: str | LinearSolver
     ) -> BaseVector:
         """v of an earlier result, or a start of lower energy for its nodal displacements u."""
         ...

@@ -24,6 +24,7 @@ class Status(Enum):
     LINESEARCH_FAILED = "No step length along the Newton direction lowers the energy enough."
     STAGNATED = "The energy no longer changes beyond rounding, the tolerance is out of reach."
     NONFINITE = "A factorisation, energy or residual became singular, NaN or infinite."
+    LINEAR_SOLVER_FAILED = "A Krylov solver did not reach its tolerance; the state is the last one."
     STOPPED = "The monitor (or an interrupt) stopped the run; the state is the last one reached."
 
     @property
@@ -47,7 +48,9 @@ class IterationRecord:
     step_length, halvings
         alpha of the step that led here and the trials before it; 1 and 0 at the start.
     back_substitutions
-        Solves with the factors of the matrix of that step; more than one with exact contact.
+        Solves with the matrix of that step; more than one with exact contact.
+    linear_iterations
+        Iterations of a Krylov solver in them; 0 with a direct solver.
     contact_active, plastic_active, friction_active
         Measures (length or area or volume) of the active sets: the part of Gamma_c that the
         obstacle pushes, the part of the body that yields, the part of Gamma_c that slips.
@@ -65,6 +68,7 @@ class IterationRecord:
     step_length: float = 1.0
     halvings: int = 0
     back_substitutions: int = 0
+    linear_iterations: int = 0
     contact_active: float = 0.0
     plastic_active: float = 0.0
     friction_active: float = 0.0

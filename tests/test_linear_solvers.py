@@ -1,0 +1,209 @@
+"""Krylov solvers: the same answers as the direct one, bounded counts, failures with a name."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from ngepc.geometries import block, lshape
+from ngsolve import GridFunction, IfPos, InnerProduct, sin, sqrt, x, y, z
+
+from ngepc import (
+    Balanced,
+    Coupled,
+    Krylov,
+    Material,
+    NewtonOptions,
+    PenaltyContact,
+    Problem,
+    lshape_problem,
+    semismooth_newton,
+)
+from ngepc.assembly import diagonal_block
+from ngepc.blocks import LinearBlocks
+from ngepc.direct import Direct, linear_solver
+from ngepc.functional import DualFunctional
+from ngepc.krylov.hierarchy import prolongations
+from ngepc.krylov.iterative import KrylovError, conjugate_gradients
+from ngepc.krylov.matrices import Mirrored
+from ngepc.krylov.tangent import TangentElasticity
+from ngepc.lambda_newton import newton_in_lambda
+from ngepc.results import Status
+
+STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0)
+
+
+@cache
+def refined_block(refinements: int):
+    mesh = block.mesh(maxh=0.5)
+    for _ in range(refinements):
+        mesh.Refine()
+    return mesh
+
+
+def indented(mesh) -> Problem:
+    """A sphere of radius 1 pressed 0.03 into the top of a block."""
+    gap = 1.0 - sqrt(1.0 - (x - 0.5) ** 2 - (y - 0.5) ** 2) - 0.03
+    return Problem(mesh, STEEL, "clamped", contact="contact", gap=gap)
+
+
+def solved(problem, regularisation, inverse="sparsecholesky"):
+    options = NewtonOptions(quadrature_points=60, inverse=inverse)
+    return semismooth_newton(problem, regularisation=regularisation, options=options)
+
+
+@cache
+def half_plastic(refinements: int, gamma: float):
+    """The functional on a block, and a v whose q exceeds the yield bound in the upper part."""
+    problem = indented(refined_block(refinements))
+    regularisation = Balanced(gamma, contact=PenaltyContact(gamma=1.0))
+    blocks = LinearBlocks(problem, regularisation, Krylov())
+    functional = DualFunctional(blocks, regularisation, 60)
+    v, q = blocks.H_vector(), GridFunction(blocks.spaces[-1])
+    q.components[0].Set(IfPos(z - 0.6, 5.5 + 0.5 * sin(4 * x), sin(4 * x)))
+    blocks.part_of(v, 1).data = q.vec
+    return functional, v
+
+
+@pytest.mark.parametrize(
+    "regularisation",
+    [Balanced(), Balanced(1e5), Balanced(1e9, contact=PenaltyContact(gamma=1.0)), Coupled(10.0)],
+    ids=["balanced", "1e5", "penalty", "coupled"],
+)
+def test_same_solution_as_the_direct_solver(regularisation):
+    problem = indented(refined_block(1))
+    direct, krylov = (solved(problem, regularisation, s) for s in ("sparsecholesky", Krylov()))
+    assert krylov.status is Status.CONVERGED
+    assert krylov.dual_energy == pytest.approx(direct.dual_energy, rel=1e-9)
+    assert krylov.contact_force == pytest.approx(direct.contact_force, rel=1e-6)
+    v, w = (result.v.FV().NumPy() for result in (krylov, direct))
+    assert np.abs(v - w).max() < 1e-5 * np.abs(w).max()
+    assert all(krylov.history.column("linear_iterations")[1:])
+    assert not any(direct.history.column("linear_iterations"))
+
+
+def test_mesh_without_family_and_no_contact():
+    problem = Problem(block.mesh(maxh=0.5), STEEL, "clamped", {"contact": (4.0, 0.0, 3.0)})
+    direct, krylov = (solved(problem, Balanced(), s) for s in ("sparsecholesky", Krylov()))
+    assert krylov.status is Status.CONVERGED
+    assert krylov.dual_energy == pytest.approx(direct.dual_energy, rel=1e-9)
+
+
+def test_two_dimensions_and_bisected_meshes():
+    problem = lshape_problem(lshape.paper_mesh(417))
+    direct, krylov = (solved(problem, Balanced(1e9), s) for s in ("sparsecholesky", Krylov()))
+    assert krylov.status is Status.CONVERGED
+    assert krylov.dual_energy == pytest.approx(direct.dual_energy, rel=1e-9)
+    assert krylov.iterations <= direct.iterations + 4
+
+
+def test_prolongations_carry_linear_functions():
+    """The prolongation of the coarse interpolant of a linear function is the fine one."""
+    for mesh in (refined_block(2), lshape.paper_mesh(417)):
+        points = np.asarray(mesh.ngmesh.Coordinates())[:, : mesh.dim]
+        family = prolongations(mesh)
+        assert family[-1].fine == mesh.nv
+        for P in family:
+            matrix = P.matrix(np.ones(2 * P.fine, dtype=bool))
+            coarse, fine = matrix.CreateRowVector(), matrix.CreateColVector()
+            coarse.FV().NumPy()[:] = points[: P.coarse, :2].T.ravel()
+            fine.data = matrix * coarse
+            assert np.allclose(fine.FV().NumPy(), points[: P.fine, :2].T.ravel())
+
+
+def cycles_for_elasticity(refinements: int, plastic: bool) -> int:
+    """CG steps to 1e-8 for the tangent elasticity, elastic or with a plastic upper part."""
+    functional, v = half_plastic(refinements, 1e7)
+    q = functional.blocks.part_of(v, 1) if plastic else None
+    T, V = TangentElasticity(functional).matrix(q), functional.blocks.Y.components[0]
+    b = T.CreateColVector()
+    b.FV().NumPy()[:] = np.random.default_rng(0).normal(size=len(b))
+    x = b.CreateVector()
+    x[:] = 0.0
+    return conjugate_gradients(T, Krylov().cycle(T, V), b, x, 1e-8, 200)
+
+
+@pytest.mark.parametrize("plastic", [False, True])
+def test_cycles_for_elasticity_are_bounded_over_refinements(plastic):
+    counts = [cycles_for_elasticity(k, plastic) for k in (1, 2, 3)]
+    assert max(counts) <= (35 if plastic else 20)
+
+
+def minres_iterations(refinements: int, gamma: float) -> int:
+    """Iterations of the first solve at a state that is plastic in the upper part."""
+    functional, v = half_plastic(refinements, gamma)
+    blocks = functional.blocks
+    y = blocks.load.CreateVector()
+    blocks.primal_of(v, y)
+    system = Krylov().newton_system(functional)
+    system.step(v, functional.residual(y, v))
+    return system.linear_iterations / system.back_substitutions
+
+
+def test_counts_over_gamma():
+    """One order of magnitude of counts for eight of gamma."""
+    counts = [minres_iterations(2, gamma) for gamma in (1e1, 1e3, 1e5, 1e7, 1e9)]
+    assert max(counts) <= 100
+
+
+def test_counts_over_refinements():
+    counts = [minres_iterations(k, 1e7) for k in (1, 2, 3)]
+    assert max(counts) <= 1.5 * counts[0] <= 75
+
+
+def test_mirrored_is_symmetric_and_follows_its_lower_triangle():
+    lower, _ = condensed_elasticity()
+    mirrored = Mirrored(lower)
+    u, v = (mirrored.matrix.CreateColVector() for _ in range(2))
+    for k, w in enumerate((u, v)):
+        w.FV().NumPy()[:] = np.random.default_rng(k).normal(size=len(w))
+    Au, Av = (mirrored.matrix * w for w in (u, v))
+    assert InnerProduct(v, Au.Evaluate()) == pytest.approx(InnerProduct(u, Av.Evaluate()))
+    before = (mirrored.matrix * u).Evaluate().Norm()
+    lower.AsVector().data *= 2.0
+    mirrored.update(lower)
+    assert (mirrored.matrix * u).Evaluate().Norm() == pytest.approx(2 * before)
+
+
+def test_too_few_iterations_end_the_run_with_a_name():
+    result = solved(indented(refined_block(1)), Balanced(), Krylov(max_iterations=3))
+    assert result.status is Status.LINEAR_SOLVER_FAILED
+    assert "did not converge" in result.message
+    assert "max_iterations" in result.message
+
+
+def condensed_elasticity():
+    """The lower triangle of D on a block, its rows and columns of u, and their space."""
+    blocks = half_plastic(1, 1e5)[0].blocks
+    V = blocks.Y.components[0]
+    return diagonal_block(blocks.D, 0, V.ndof), V
+
+
+def test_an_inaccurate_solve_is_an_error():
+    lower, V = condensed_elasticity()
+    b, x = (lower.CreateColVector() for _ in range(2))
+    b.FV().NumPy()[:] = 1.0
+    inverse = Krylov(max_iterations=2).primal_inverse(lower, V)
+    with pytest.raises(KrylovError, match="CG did not converge"):
+        inverse.Mult(b, x)
+    b[0] = np.nan
+    with pytest.raises(KrylovError):
+        inverse.Mult(b, x)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"forcing": 0.0}, {"forcing": 1.0}, {"accuracy": 2}, {"max_iterations": 0}, {"sweeps": 0}],
+)
+def test_options_out_of_range_are_refused(options):
+    with pytest.raises(ValueError, match=next(iter(options))):
+        Krylov(**options)
+
+
+def test_what_the_option_inverse_takes():
+    assert linear_solver("umfpack") == Direct("umfpack")
+    assert linear_solver(Krylov()) == Krylov()
+    with pytest.raises(ValueError, match="inverse"):
+        NewtonOptions(inverse=3)
+    options = NewtonOptions(inverse=Krylov(), linesearch=None)
+    with pytest.raises(ValueError, match="inverse"):
+        newton_in_lambda(indented(refined_block(0)), Coupled(10.0), options=options)
