@@ -28,7 +28,7 @@ from ngepc.checks.kinds import require_instance
 from ngepc.dual_result import DualResult
 from ngepc.newton import NewtonOptions, checked_options, semismooth_newton
 from ngepc.problem import Problem
-from ngepc.results import SolverError, Status
+from ngepc.results import Ending, Status
 
 logger = logging.getLogger(__name__)
 
@@ -76,7 +76,7 @@ class Level:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AutomaticResult:
+class AutomaticResult(Ending):
     """What ``solve_automatically`` returns.
 
     Parameters
@@ -98,18 +98,6 @@ class AutomaticResult:
     def iterations(self) -> int:
         """Newton steps on all meshes."""
         return sum(level.iterations for level in self.levels)
-
-    def raise_for_status(self) -> AutomaticResult:
-        """Return the result itself if it converged.
-
-        Raises
-        ------
-        SolverError
-            Otherwise; its ``result`` keeps the last state.
-        """
-        if self.status is not Status.CONVERGED:
-            raise SolverError(self)
-        return self
 
 
 def solve_automatically(

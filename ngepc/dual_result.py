@@ -26,11 +26,11 @@ from ngepc.primal.return_mapping import ReturnMapping, interpolated
 from ngepc.problem import Problem, as_scalar
 from ngepc.recovery import Fields, Recovered
 from ngepc.regularisation import plastic_threshold
-from ngepc.results import History, SolverError, Status
+from ngepc.results import Ending, History, Status
 
 
 @dataclass(frozen=True, eq=False)
-class DualResult(Recovered):
+class DualResult(Recovered, Ending):
     """What ``semismooth_newton`` returns; the state is there whatever the status says.
 
     Parameters
@@ -219,15 +219,3 @@ class DualResult(Recovered):
             return CF(1.0)
         t = self.state.components[3]
         return IfPos(InnerProduct(t, t) - as_scalar(self.problem.friction) ** 2, 1.0, 0.0)
-
-    def raise_for_status(self) -> DualResult:
-        """Return the result itself if it converged.
-
-        Raises
-        ------
-        SolverError
-            Otherwise; its ``result`` keeps the last state.
-        """
-        if self.status is not Status.CONVERGED:
-            raise SolverError(self)
-        return self

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -183,3 +183,25 @@ class SolverError(RuntimeError):
     def __init__(self, result: object) -> None:
         super().__init__(f"{result.status.value} {result.message}".strip())
         self.result = result
+
+
+class Ending:
+    """How a run has ended, for those who want an exception; results of all solvers inherit it."""
+
+    status: Status
+    message: str
+
+    def raise_for_status(self: Ended) -> Ended:
+        """Return the result itself if it converged.
+
+        Raises
+        ------
+        SolverError
+            Otherwise; its ``result`` keeps the last state.
+        """
+        if self.status is not Status.CONVERGED:
+            raise SolverError(self)
+        return self
+
+
+Ended = TypeVar("Ended", bound=Ending)

@@ -3,6 +3,7 @@
 import argparse
 import math
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 PROBLEMS = ("lshape", "wrench")
@@ -70,3 +71,30 @@ def say(line: str) -> None:
     """One line of progress on standard error."""
     sys.stderr.write(line + "\n")
     sys.stderr.flush()
+
+
+def add_levels(parser: argparse.ArgumentParser, most: int = 6) -> None:
+    """--levels, the number of meshes."""
+    text = f"meshes, 1 to {most}, default 3"
+    parser.add_argument("--levels", type=count, default=3, help=text)
+
+
+def check_levels(levels: int, most: int) -> None:
+    """Raise ValueError if there are fewer meshes than asked for."""
+    if levels > most:
+        raise ValueError(f"--levels {levels}: 1 to {most} are available")
+
+
+def add_out(parser: argparse.ArgumentParser) -> None:
+    """--out, the folder of the results."""
+    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+
+
+def name_written(paths: Iterable[Path]) -> None:
+    """One line on standard output for each file that was written."""
+    sys.stdout.write("".join(f"wrote {path}\n" for path in paths))
+
+
+def exit_status(table: Iterable[dict]) -> int:
+    """0 if every record of a study has converged, else 1."""
+    return 0 if all(record["status"] == "converged" for record in table) else 1

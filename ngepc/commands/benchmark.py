@@ -5,16 +5,16 @@ import os
 import sys
 from pathlib import Path
 
-from ngepc.commands.arguments import count, file_name, location, say
+from ngepc.commands.arguments import add_levels, add_out, check_levels, file_name, say
 
 MODES = ("balanced", "coupled")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument("--levels", type=count, default=3, help="meshes, 1 to 7, default 3")
+    add_levels(parser, 7)
     parser.add_argument("--mode", choices=MODES, action="append", help="default both")
-    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+    add_out(parser)
     parser.add_argument(
         "--json", metavar="FILE", type=file_name, help="also write the records there, - for stdout"
     )
@@ -29,8 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from ngepc.storage import records
     from ngepc.storage.files import check_folder
 
-    if args.levels > len(NODES):
-        raise ValueError(f"--levels {args.levels}: 1 to {len(NODES)} are available")
+    check_levels(args.levels, len(NODES))
     check_folder(args.out)
     if args.json not in (None, "-"):
         records.check_writable(Path(args.json))

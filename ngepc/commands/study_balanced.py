@@ -1,16 +1,21 @@
 """``ngepc study balanced``: Newton steps of the balanced regularisation on both examples."""
 
 import argparse
-import sys
-from pathlib import Path
 
-from ngepc.commands.arguments import count, location, say
+from ngepc.commands.arguments import (
+    add_levels,
+    add_out,
+    check_levels,
+    exit_status,
+    name_written,
+    say,
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument("--levels", type=count, default=3, help="meshes, 1 to 6, default 3")
-    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+    add_levels(parser)
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -19,9 +24,8 @@ def run(args: argparse.Namespace) -> int:
     from ngepc.storage.files import check_folder
     from ngepc.studies.balanced import count_balanced, write_balanced
 
-    if args.levels > len(lshape.PAPER_NODES):
-        raise ValueError(f"--levels {args.levels}: 1 to {len(lshape.PAPER_NODES)} are available")
+    check_levels(args.levels, len(lshape.PAPER_NODES))
     check_folder(args.out)
     table = count_balanced(args.levels, say)
-    sys.stdout.write("".join(f"wrote {path}\n" for path in write_balanced(args.out, table)))
-    return 0 if all(record["status"] == "converged" for record in table) else 1
+    name_written(write_balanced(args.out, table))
+    return exit_status(table)

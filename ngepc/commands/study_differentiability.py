@@ -1,10 +1,8 @@
 """``ngepc study differentiability``: the norm gap, and counts without the Tichonov term."""
 
 import argparse
-import sys
-from pathlib import Path
 
-from ngepc.commands.arguments import count, location, positive, say
+from ngepc.commands.arguments import add_out, count, name_written, positive, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -14,7 +12,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--nodes", type=count, default=1601, help="finest mesh of the counts, default 1601"
     )
     parser.add_argument("--gamma", type=positive, default=1e4, help="of the counts, default 1e4")
-    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,5 +29,5 @@ def run(args: argparse.Namespace) -> int:
     problems = [lshape_problem(lshape.paper_mesh(n)) for n in family]
     counts = counts_without_tichonov(problems, args.gamma)
     written = write_differentiability(args.out, quotients, counts)
-    sys.stdout.write("".join(f"wrote {path}\n" for path in written))
+    name_written(written)
     return 0

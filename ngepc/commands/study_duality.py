@@ -1,10 +1,8 @@
 """``ngepc study duality``: the duality gap and its parts along the paths of both examples."""
 
 import argparse
-import sys
-from pathlib import Path
 
-from ngepc.commands.arguments import count, location, positive, say
+from ngepc.commands.arguments import add_out, count, exit_status, name_written, positive, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -12,7 +10,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lshape-nodes", type=count, default=833, help="default 833")
     parser.add_argument("--wrench-nodes", type=count, default=873, help="default 873")
     parser.add_argument("--gamma-end", type=positive, default=1e6, help="default 1e6")
-    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -26,5 +24,5 @@ def run(args: argparse.Namespace) -> int:
         body.paper_mesh(nodes)  # a mesh that does not exist is an error before the work
     table = duality_along_path("lshape", args.lshape_nodes, options, say)
     table += duality_along_path("wrench", args.wrench_nodes, options, say)
-    sys.stdout.write("".join(f"wrote {path}\n" for path in write_duality(args.out, table)))
-    return 0 if all(record["status"] == "converged" for record in table) else 1
+    name_written(write_duality(args.out, table))
+    return exit_status(table)

@@ -1,17 +1,22 @@
 """``ngepc study figure4``: convergence quotients of the last Newton steps."""
 
 import argparse
-import sys
-from pathlib import Path
 
-from ngepc.commands.arguments import count, location, positive, say
+from ngepc.commands.arguments import (
+    add_levels,
+    add_out,
+    exit_status,
+    name_written,
+    positive,
+    say,
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument("--levels", type=count, default=3, help="meshes, 1 to 6, default 3")
+    add_levels(parser)
     parser.add_argument("--gamma", type=positive, default=1e4, help="default 1e4")
-    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -20,5 +25,5 @@ def run(args: argparse.Namespace) -> int:
 
     study = Figure4(args.out, args.levels, args.gamma, say)
     table = study.run()
-    sys.stdout.write("".join(f"wrote {path}\n" for path in study.write(table)))
-    return 0 if all(record["status"] == "converged" for record in table) else 1
+    name_written(study.write(table))
+    return exit_status(table)

@@ -1,10 +1,8 @@
 """``ngepc study figures``: Figures 2, 3, 5 and 6."""
 
 import argparse
-import sys
-from pathlib import Path
 
-from ngepc.commands.arguments import count, location, say
+from ngepc.commands.arguments import add_out, count, exit_status, name_written, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -12,7 +10,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--only", help="numbers of the figures, such as 2,3; default 2,3,5,6")
     parser.add_argument("--lshape-nodes", type=count, default=3201, help="default 3201")
     parser.add_argument("--wrench-nodes", type=count, default=6353, help="default 6353")
-    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -28,5 +26,5 @@ def run(args: argparse.Namespace) -> int:
     nodes = {"lshape": args.lshape_nodes, "wrench": args.wrench_nodes}
     study = Figures(args.out, nodes, numbers, say)
     table = study.run()
-    sys.stdout.write("".join(f"wrote {path}\n" for path in study.write(table)))
-    return 0 if all(record["status"] == "converged" for record in table) else 1
+    name_written(study.write(table))
+    return exit_status(table)

@@ -2,16 +2,15 @@
 
 import argparse
 import sys
-from pathlib import Path
 
-from ngepc.commands.arguments import count, location, say
+from ngepc.commands.arguments import add_out, count, name_written, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument("--count", type=count, default=200, help="problems, default 200")
     parser.add_argument("--seed", type=count, default=1, help="of the sequence, default 1")
-    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -20,7 +19,7 @@ def run(args: argparse.Namespace) -> int:
 
     study = Fuzz(args.out, args.count, args.seed, progress=say)
     verdicts = study.run()
-    sys.stdout.write("".join(f"wrote {path}\n" for path in study.write(verdicts)))
+    name_written(study.write(verdicts))
     complaints = sum(bool(verdict.complaints) for verdict in verdicts)
     sys.stdout.write(f"{len(verdicts)} problems, {complaints} with complaints\n")
     return 0 if complaints == 0 else 1

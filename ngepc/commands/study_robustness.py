@@ -1,17 +1,15 @@
 """``ngepc study robustness``: data at their extremes, iterations and statuses."""
 
 import argparse
-import sys
-from pathlib import Path
 
-from ngepc.commands.arguments import count, location, say
+from ngepc.commands.arguments import add_out, count, name_written, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument("--rows", help="rows of the table separated by commas; default all")
     parser.add_argument("--limit", type=count, default=200, help="most Newton steps, default 200")
-    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -21,5 +19,5 @@ def run(args: argparse.Namespace) -> int:
     rows = None if args.rows is None else [row.strip() for row in args.rows.split(",")]
     study = Robustness(args.out, rows, args.limit, progress=say)
     table = study.run()
-    sys.stdout.write("".join(f"wrote {path}\n" for path in study.write(table)))
+    name_written(study.write(table))
     return 0

@@ -1,16 +1,14 @@
 """``ngepc study step42``: the dual method against the primal one on the body of step-42."""
 
 import argparse
-import sys
-from pathlib import Path
 
-from ngepc.commands.arguments import count, location, say
+from ngepc.commands.arguments import add_levels, add_out, check_levels, name_written, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument("--levels", type=count, default=3, help="meshes, 1 to 5, default 3")
-    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+    add_levels(parser, 5)
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -18,10 +16,9 @@ def run(args: argparse.Namespace) -> int:
     from ngepc.studies.step42 import CELLS, Step42
 
     most = max(map(len, CELLS.values()))
-    if args.levels > most:
-        raise ValueError(f"--levels {args.levels}: 1 to {most} are available")
+    check_levels(args.levels, most)
     study = Step42(args.out, args.levels, say)
     table = study.run()
-    sys.stdout.write("".join(f"wrote {path}\n" for path in study.write(table)))
+    name_written(study.write(table))
     runs = [record[name] for record in table for name in ("primal", "dual", "sharper", "nodal")]
     return 0 if all(run["status"] == "converged" for run in runs) else 1

@@ -1,17 +1,23 @@
 """``ngepc study table1``: Newton steps over meshes and gamma for Example (a)."""
 
 import argparse
-import sys
-from pathlib import Path
 
-from ngepc.commands.arguments import count, location, positive, say
+from ngepc.commands.arguments import (
+    add_levels,
+    add_out,
+    check_levels,
+    exit_status,
+    name_written,
+    positive,
+    say,
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument("--levels", type=count, default=3, help="meshes, 1 to 6, default 3")
+    add_levels(parser)
     parser.add_argument("--rows", help="rows of the table, such as 1e0,1e3,1e5*; default all")
-    parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
+    add_out(parser)
     parser.add_argument("--tolerance", type=positive, default=1e-10, help="default 1e-10")
     parser.add_argument("--figures", action="store_true", help="figures and the HTML page too")
 
@@ -22,8 +28,7 @@ def run(args: argparse.Namespace) -> int:
     from ngepc.newton import NewtonOptions
     from ngepc.studies.table1 import ROWS, Table1
 
-    if args.levels > len(lshape.PAPER_NODES):
-        raise ValueError(f"--levels {args.levels}: 1 to {len(lshape.PAPER_NODES)} are available")
+    check_levels(args.levels, len(lshape.PAPER_NODES))
     options = NewtonOptions(tolerance=args.tolerance, max_iterations=2000)
     rows = ROWS if args.rows is None else tuple(args.rows.split(","))
     nodes = lshape.PAPER_NODES[: args.levels]
@@ -34,5 +39,5 @@ def run(args: argparse.Namespace) -> int:
         from ngepc.studies.pictures import table1_pictures
 
         written += table1_pictures(study, table)
-    sys.stdout.write("".join(f"wrote {path}\n" for path in written))
-    return 0 if all(record["status"] == "converged" for record in table) else 1
+    name_written(written)
+    return exit_status(table)

@@ -12,7 +12,7 @@ from ngepc.evolution.memory import Memory
 from ngepc.primal.return_mapping import at_plastic_points, plastic_points
 from ngepc.problem import Problem
 from ngepc.recovery import Fields
-from ngepc.results import SolverError, Status
+from ngepc.results import Ending, Status
 
 Force = tuple[float, ...]
 
@@ -123,7 +123,7 @@ class EvolutionStep:
 
 
 @dataclass(eq=False)
-class Evolution:
+class Evolution(Ending):
     """What ``evolve`` returns: the finished steps, and how the run ended.
 
     Parameters
@@ -185,15 +185,3 @@ class Evolution:
                 )
             forces.append(told[support])
         return np.array(forces).reshape(len(forces), self.problem.N)
-
-    def raise_for_status(self) -> Evolution:
-        """Return the evolution itself if all steps were done.
-
-        Raises
-        ------
-        SolverError
-            Otherwise; its ``result`` keeps the finished steps.
-        """
-        if self.status is not Status.CONVERGED:
-            raise SolverError(self)
-        return self

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from ngepc.dual_result import DualResult
 from ngepc.path.state import PathStep
-from ngepc.results import SolverError, Status
+from ngepc.results import Ending, Status
 
 
 @dataclass(frozen=True, eq=False)
-class PathResult:
+class PathResult(Ending):
     """What ``follow_path`` returns; fields, energies and forces are those of the last result.
 
     Parameters
@@ -74,8 +74,3 @@ class PathResult:
         if name.startswith("_") or name == "result":
             raise AttributeError(name)
         return getattr(self.result, name)
-
-    def raise_for_status(self) -> None:
-        """Raise SolverError, which keeps this result, unless the path converged."""
-        if self.status is not Status.CONVERGED:
-            raise SolverError(self)

@@ -13,7 +13,7 @@ from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.return_mapping import interpolated
 from ngepc.problem import Problem
 from ngepc.recovery import Fields, Recovered
-from ngepc.results import History, SolverError, Status
+from ngepc.results import Ending, History, Status
 
 ROUNDING_SCALE = 4e-6
 """Part of ``ReducedEnergy.trial_forces`` that residuals are compared with at least.
@@ -81,7 +81,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PrimalResult(Recovered):
+class PrimalResult(Recovered, Ending):
     """The last state of ``primal_newton``.
 
     Parameters
@@ -190,15 +190,3 @@ class PrimalResult(Recovered):
     def yield_excess(self) -> CoefficientFunction:
         """|p| of this step: positive where the body yields, the plastic active set."""
         return Norm(self.plastic_increment)
-
-    def raise_for_status(self) -> PrimalResult:
-        """Return the result itself if it converged.
-
-        Raises
-        ------
-        SolverError
-            Otherwise; its ``result`` keeps the last state.
-        """
-        if self.status is not Status.CONVERGED:
-            raise SolverError(self)
-        return self
