@@ -65,7 +65,7 @@ def test_converged_means_an_independent_residual_below_the_tolerance(small, name
     assert result.status is Status.CONVERGED
     assert result.message == ""
     assert witness.rounding < 1e-11
-    assert witness.norm < tolerance + 10 * witness.rounding
+    assert witness.norm < tolerance + witness.rounding
     assert result.residual_norm == pytest.approx(witness.norm, rel=1e-4, abs=1e-11)
 
 
@@ -421,7 +421,7 @@ def test_hard_problems_end_in_a_status(name, method):
         options = NewtonOptions(max_iterations=60)
         result = semismooth_newton(problem, regularisation=R, options=options)
         witness = dual_residual(result)
-        residual, tolerance = witness.norm, 2e-10 + 20 * witness.rounding
+        residual, tolerance = witness.norm, 1e-10 + witness.rounding
     assert isinstance(result.status, Status)
     assert np.isfinite(state_of(result)).all()
     assert result.status is not Status.CONVERGED or residual < tolerance
