@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from netgen.meshing import NgException
 from ngsolve import FESpace
 from ngsolve.la import BaseMatrix, SparseMatrixd
 
@@ -15,6 +16,10 @@ SHIPPED = ("sparsecholesky", "umfpack")
 """Those that come with NGSolve's wheels."""
 
 DIRECT_SOLVERS = (*SHIPPED, "pardiso", "mumps", "superlu")
+
+SOLVER_ERRORS = (NgException, RuntimeError, MemoryError)
+"""What assembly and factorisation raise: NGSolve's own exception, RuntimeError where a library is
+missing or gives up, MemoryError where the fill-in does not fit."""
 
 
 class LinearSolver(Protocol):
@@ -102,7 +107,7 @@ def require_direct_solver(name: str, value: object) -> None:
     one = SparseMatrixd.CreateFromCOO([0], [0], [1.0], 1, 1)
     try:
         one.Inverse(inverse=value)
-    except Exception as error:  # NGSolve raises bare exceptions
+    except SOLVER_ERRORS as error:
         raise ValueError(
             f"{name}={value!r}: this installation lacks it ({error}); {' and '.join(SHIPPED)} "
             "come with NGSolve"

@@ -22,6 +22,7 @@ from ngsolve.la import BaseVector
 from ngepc.assembly import Placed, SparseSum
 from ngepc.blocks import LinearBlocks
 from ngepc.contact import ContactConstraint
+from ngepc.direct import SOLVER_ERRORS
 from ngepc.regularisation import Regularisation, check_shifts
 
 ROUNDING_SAMPLES = 2
@@ -248,7 +249,7 @@ class NewtonSystem:
         self._finish()
         try:
             self._invert()
-        except Exception as error:  # NGSolve raises bare exceptions
+        except SOLVER_ERRORS as error:
             raise FactorisationError(
                 f"{self._inverse_name} could not factorise the Newton matrix: {error}"
             ) from error

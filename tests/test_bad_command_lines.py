@@ -89,7 +89,7 @@ def test_nonsense_for_every_option(capsys, tmp_path):
         assert option in lines[0], (arguments, lines)
         assert ": error: " in lines[0], (arguments, lines)
     assert list(tmp_path.iterdir()) == []
-    assert len(CASES) >= 400
+    assert len(CASES) >= 600
 
 
 @pytest.mark.parametrize(

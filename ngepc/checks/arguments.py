@@ -5,6 +5,7 @@ import numbers
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from netgen.meshing import NgException
 from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule, Mesh
 from ngsolve.fem import ElementTopology
 
@@ -13,6 +14,9 @@ Coefficient = float | CoefficientFunction
 
 ELEMENT_TYPES = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD), 3: (ET.TET, ET.HEX, ET.PRISM, ET.PYRAMID)}
 """Element shapes by dimension."""
+
+EVALUATION_ERRORS = (NgException, RuntimeError, TypeError, ValueError)
+"""What the evaluation of a coefficient raises: NGSolve's own exception or one of Python's."""
 
 _REGEX_SIGNS = frozenset("\\^$.*+?()[]{}|")
 
@@ -182,7 +186,7 @@ def require_finite(
         samples = sample(value, mesh, boundaries)
         if corners:
             samples = np.vstack([samples, sample(value, mesh, boundaries, corners=True)])
-    except Exception as error:  # NGSolve raises bare exceptions
+    except EVALUATION_ERRORS as error:
         raise ValueError(f"{name} cannot be evaluated on {where}: {error}") from error
     if not np.isfinite(samples).all():
         raise ValueError(

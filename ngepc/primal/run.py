@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ngepc.direct import SOLVER_ERRORS
 from ngepc.primal.complementarity import solve_complementarity
 from ngepc.primal.contact import NodalContact, nodal_contact
 from ngepc.primal.energy import ReducedEnergy
@@ -139,7 +140,7 @@ class Run:
         energy, contact, u = self.energy, self.contact, self.state.u
         try:
             energy.factorise(u)
-        except Exception as error:  # NGSolve raises bare exceptions for singular matrices
+        except SOLVER_ERRORS as error:
             raise Interrupted(Status.NONFINITE, f"the factorisation failed: {error}") from error
         vertices, multipliers = u.shape[1], self.state.multipliers
         free = energy.solve(-self.state.gradient - contact.nodal_forces(multipliers, vertices))

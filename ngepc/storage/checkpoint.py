@@ -110,7 +110,7 @@ def _read(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
                 raise ValueError("its digest is wrong")
             if not isinstance(header["fingerprint"], dict) or "record" not in header:
                 raise ValueError("it is incomplete")
-    except Exception as error:
+    except Exception as error:  # see above: damage shows as almost anything
         raise ValueError(
             f"checkpoint {path} is damaged or no checkpoint ({error}): move it away"
         ) from error

@@ -83,6 +83,6 @@ def replace_contents(path: Path, content: bytes) -> None:
             os.fsync(stream.fileno())
         Path(name).chmod(0o644)
         Path(name).replace(path)
-    except BaseException:
+    except BaseException:  # after Ctrl-C too the unfinished file goes; what was raised goes on
         Path(name).unlink(missing_ok=True)
         raise

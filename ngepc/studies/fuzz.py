@@ -101,7 +101,7 @@ def examine(draw: Draw) -> Verdict:
         options = NewtonOptions(quadrature_points=POINTS)
         dual = semismooth_newton(problem, regularisation=R, options=options)
         return _judge(draw, primal, dual, options)
-    except Exception as error:  # that is what is looked for
+    except Exception as error:  # any exception at all is a complaint: that is what is looked for
         return Verdict(draw=draw, complaints=(f"{type(error).__name__}: {error}",))
 
 
