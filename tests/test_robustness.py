@@ -36,7 +36,7 @@ ROWS = [
     *(f"gamma {value:g}" for value in (1e0, 1e3, 1e6, 1e9)),
 ]
 DROWNED = {"h/mu 0.0001", "h/mu 1e-06"}
-"""Rows where rounding leaves more than 1e-10 of the dual residual."""
+"""Rows where rounding leaves more than 1e-10 of the dual residual; in the last of the primal."""
 STEEP = {"gamma 1e+06", "gamma 1e+09"}
 """Rows that the coupled method need not master from a cold start."""
 
@@ -67,8 +67,8 @@ def test_every_cell_ends_in_a_named_status_with_a_state(row, method):
     assert math.isfinite(last.primal_energy)
     if result.status is not Status.CONVERGED:
         assert "residual" in result.message
-    elif method == "primal":  # huge strains cancel at the smallest hardening, PrimalOptions
-        assert primal_residual(last) < (2e-9 if row == "h/mu 1e-06" else 2e-10)
+    elif method == "primal":
+        assert primal_residual(last) < 2e-10
     elif method != "path":  # its inner tolerances are those of Algorithm 7.2
         witness = dual_residual(last, 100)
         assert witness.norm < 1e-10 + witness.rounding
@@ -77,7 +77,11 @@ def test_every_cell_ends_in_a_named_status_with_a_state(row, method):
 @pytest.mark.parametrize("row", ROWS)
 def test_primal_and_balanced_master_every_row(row):
     primal = solve(cases()[row], "primal", row.startswith("gamma"), LIMIT, CELLS)
-    assert primal.status is Status.CONVERGED
+    if row == "h/mu 1e-06":
+        assert primal.status is Status.STAGNATED
+        assert "Rounding alone" in primal.message
+    else:
+        assert primal.status is Status.CONVERGED
     assert primal.iterations <= 15
     for method in METHODS[1:3]:
         dual = solve(cases()[row], method, row.startswith("gamma"), LIMIT, CELLS)
@@ -129,7 +133,7 @@ def test_committed_table_has_all_cells_and_no_state_without_a_name():
     for cell in stored:
         steep = cell["method"] == "coupled" and cell["row"].startswith("gamma")
         drowned = cell["row"] in ("h/mu 0.0001", "h/mu 1e-05", "h/mu 1e-06")
-        if not steep and not (drowned and cell["method"] != "primal"):
+        if not steep and not drowned:
             assert cell["status"] == "converged", cell
 
 

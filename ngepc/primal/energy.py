@@ -46,6 +46,8 @@ class ReducedEnergy:
         Prescribed boundary values, zero elsewhere, shape (N, vertices).
     load
         Nodal forces of tractions and body force, shape (N, vertices).
+    yield_forces
+        Norm of nodal forces of size beta/h, those of stresses at the yield bound.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -65,7 +67,8 @@ class ReducedEnergy:
         self._tangent += self.mapping.tangent(u, v) * self._dx
         self._density = self.mapping.energy_density.Compile()
         self._plastic = self.mapping.plastic.Compile()
-        self._stiffness, self._initial_forces = self._assemble_trial_forces()
+        self._stiffness, self._initial_forces, yielding = self._assemble_trial_forces()
+        self.yield_forces = float(np.linalg.norm(yielding))
         self._inverse = None
 
     def array(self, function: GridFunction) -> np.ndarray:
@@ -134,14 +137,15 @@ class ReducedEnergy:
         stored = Integrate(density.Compile() * self._dx, problem.mesh)
         return float(stored - np.vdot(self.load, u))
 
-    def _assemble_trial_forces(self) -> tuple[np.ndarray, np.ndarray]:
+    def _assemble_trial_forces(self) -> list[np.ndarray]:
         problem, h = self.problem, specialcf.mesh_size
         modulus = problem.N * as_scalar(problem.material.lame_lambda)
         modulus = IfPos(modulus, modulus, 0.0) + 2 * as_scalar(problem.material.lame_mu)
         p_0 = InnerProduct(problem.p_0, problem.p_0)
         nodal = []
-        for density in (modulus / (h * h), modulus * sqrt(p_0) / h):
+        beta = as_scalar(problem.beta)
+        for density in (modulus / (h * h), modulus * sqrt(p_0) / h, beta / h):
             form = LinearForm(H1(problem.mesh, order=1))
             form += density * form.space.TestFunction() * self._dx
             nodal.append(form.Assemble().vec.FV().NumPy().copy())
-        return nodal[0], nodal[1]
+        return nodal

@@ -14,8 +14,8 @@ class PrimalOptions:
     tolerance
         Bound for ``residual_norm``: the Euclidean norm of the nodal forces out of balance,
         contact forces >= 0 at touching nodes included, relative to the larger of the norms of
-        the applied and of the internal nodal forces (or to 4e-6 |C| |u|/h, where huge strains
-        cancel and rounding leaves no more); within [1e-13, 1).
+        the applied and of the internal nodal forces, or to the smaller of beta/h and
+        4e-6 |C| |u|/h, where strains cancel in a body without forces; within [1e-13, 1).
     max_iterations
         Newton steps before the run gives up, >= 1.
     decrease

@@ -16,10 +16,9 @@ from ngepc.recovery import Fields, Recovered
 from ngepc.results import Ending, History, Status
 
 ROUNDING_SCALE = 4e-6
-"""Part of ``ReducedEnergy.trial_forces`` that residuals are compared with at least.
+"""Part of ``ReducedEnergy.trial_forces`` of which rounding leaves ROUNDING."""
 
-It makes a tolerance of 1e-10 a few times what rounding leaves when huge strains cancel.
-"""
+ROUNDING = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +39,8 @@ class State:
         Nodal contact forces >= 0, one for each contact row; zero where the gap is open.
     residual_norm
         Forces out of balance, relative; infinite if an obstacle is penetrated.
+    rounding
+        What rounding leaves of ``residual_norm``.
     """
 
     u: np.ndarray
@@ -48,6 +49,7 @@ class State:
     gradient: np.ndarray
     multipliers: np.ndarray
     residual_norm: float
+    rounding: float
 
     @classmethod
     def at(
@@ -59,16 +61,18 @@ class State:
         open_gap = contact.open_gap(u)
         multipliers = contact.multipliers(gradient, open_gap <= distance)
         balance = gradient + np.where(energy.free, contact.nodal_forces(multipliers, u.shape[1]), 0)
+        trial = ROUNDING_SCALE * energy.trial_forces(u)
         scale = max(
             np.linalg.norm(energy.load),
             np.linalg.norm(forces),
-            ROUNDING_SCALE * energy.trial_forces(u),
+            min(trial, energy.yield_forces),
         )
         residual = float(np.linalg.norm(balance))
         relative = 0.0 if residual == 0 else residual / scale
+        rounding = ROUNDING * trial / scale if trial > 0 else 0.0
         if open_gap.min(initial=0.0) < -distance:
             relative = float("inf")
-        return cls(u, value, forces, gradient, multipliers, relative)
+        return cls(u, value, forces, gradient, multipliers, relative, rounding)
 
     @property
     def size(self) -> float:

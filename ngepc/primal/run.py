@@ -114,6 +114,8 @@ class Run:
             while self.state.residual_norm > self.options.tolerance:
                 if len(self.history.records) > self.options.max_iterations:
                     return Status.ITERATION_LIMIT, self._advice()
+                if self.state.residual_norm <= self.state.rounding:
+                    return Status.STAGNATED, self._drowned_in_rounding()
                 self._step()
         except Interrupted as stop:
             return stop.status, str(stop)
@@ -249,6 +251,16 @@ class Run:
         history = History(self.history.records[: iteration + 1])
         message = f"after {iteration} steps"
         return PrimalResult.at(self.energy, self.contact, state, history, Status.STOPPED, message)
+
+    def _drowned_in_rounding(self) -> str:
+        state = self.state
+        return (
+            f"After {len(self.history.records) - 1} steps the relative residual is "
+            f"{state.residual_norm:.3g}. Rounding alone leaves about {state.rounding:.2g} of it "
+            "where strains as huge as these cancel: the hardening is small beside the elastic "
+            "moduli. "
+            f"A tolerance above {1.1 * state.rounding:.2g} is within reach."
+        )
 
     def _advice(self) -> str:
         last = self.history.records[-1]
