@@ -111,11 +111,13 @@ class Run:
         try:
             self._record(1.0, 0)
             self._require_finite(self.state)
+            last = np.inf
             while self.state.residual_norm > self.options.tolerance:
                 if len(self.history.records) > self.options.max_iterations:
                     return Status.ITERATION_LIMIT, self._advice()
-                if self.state.residual_norm <= self.state.rounding:
+                if self._in_rounding and self.state.residual_norm > 0.5 * last:
                     return Status.STAGNATED, self._drowned_in_rounding()
+                last = self.state.residual_norm
                 self._step()
         except Interrupted as stop:
             return stop.status, str(stop)
@@ -196,6 +198,8 @@ class Run:
             f"In step {len(self.history.records)} the slope is {slope:.3g} and the relative "
             f"residual {self.state.residual_norm:.3g}: "
         )
+        if self._in_rounding:
+            return Interrupted(Status.STAGNATED, self._drowned_in_rounding())
         if abs(slope) <= _ROUNDING * self.state.size:
             return Interrupted(Status.STAGNATED, seen + _ASK_FOR_LESS)
         return Interrupted(
@@ -251,6 +255,11 @@ class Run:
         history = History(self.history.records[: iteration + 1])
         message = f"after {iteration} steps"
         return PrimalResult.at(self.energy, self.contact, state, history, Status.STOPPED, message)
+
+    @property
+    def _in_rounding(self) -> bool:
+        """Whether the residual is no more than what rounding may leave of it."""
+        return self.state.residual_norm <= self.state.rounding
 
     def _drowned_in_rounding(self) -> str:
         state = self.state
