@@ -1,0 +1,130 @@
+"""Counts of the Krylov solvers on a block under a sphere, over refinements and gamma."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ngsolve import sqrt, x, y
+
+from ngepc.balanced import Balanced
+from ngepc.dual_result import DualResult
+from ngepc.geometries import block
+from ngepc.krylov.solver import Krylov
+from ngepc.material import Material
+from ngepc.newton import NewtonOptions, semismooth_newton
+from ngepc.problem import Problem
+from ngepc.studies.output import Table, write_table
+
+GAMMAS = (None, 1e5, 1e7, 1e9)
+"""gamma_T of ``Balanced``; None chooses it by the mesh."""
+
+DIRECT_NODES = 2000
+"""The largest mesh on which the direct solver runs beside."""
+
+QUADRATURE_POINTS = 60
+TOLERANCE = 1e-8
+
+
+def indented_block(refinements: int) -> Problem:
+    """A sphere of radius 1 pressed 0.03 into a unit block; 55, 281, 1745, 12,193, ... nodes."""
+    mesh = block.mesh(maxh=0.4)
+    for _ in range(refinements):
+        mesh.Refine()
+    steel = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0)
+    gap = 1.0 - sqrt(1.0 - (x - 0.5) ** 2 - (y - 0.5) ** 2) - 0.03
+    return Problem(mesh, steel, "clamped", contact="contact", gap=gap)
+
+
+def count_iterations(
+    levels: int, progress: Callable[[str], None] = lambda line: None
+) -> list[dict]:
+    """Solve on ``levels`` meshes, all gamma on all but the last of three or more.
+
+    Parameters
+    ----------
+    levels
+        Number of meshes; the first has 281 nodes.
+    progress
+        Called with a line of text after each solve.
+
+    Returns
+    -------
+    list of dict
+        gamma, nodes, status, Newton steps, MINRES solves, the iterations of each step, energy,
+        its relative difference to the direct solver's where that has run, processor time, memory.
+    """
+    table = []
+    for level in range(1, levels + 1):
+        problem = indented_block(level)
+        for gamma in GAMMAS if level < max(levels, 3) else GAMMAS[:1]:
+            clock = time.process_time()
+            result = _solve(problem, gamma, Krylov())
+            cell = _cell(result, gamma, time.process_time() - clock)
+            if problem.mesh.nv <= DIRECT_NODES:
+                direct = _solve(problem, gamma, "sparsecholesky")
+                cell["difference"] = abs(result.dual_energy / direct.dual_energy - 1)
+                cell["steps_direct"] = direct.iterations
+            table.append(cell)
+            progress(
+                f"{cell['nodes']} nodes, gamma {gamma}: {cell['steps']} steps, {cell['status']}"
+            )
+    return table
+
+
+def _solve(problem: Problem, gamma: float | None, inverse: str | Krylov) -> DualResult:
+    options = NewtonOptions(
+        tolerance=TOLERANCE, quadrature_points=QUADRATURE_POINTS, inverse=inverse
+    )
+    return semismooth_newton(problem, regularisation=Balanced(gamma), options=options)
+
+
+def _cell(result: DualResult, gamma: float | None, seconds: float) -> dict:
+    history = result.history
+    return {
+        "gamma": gamma,
+        "nodes": result.problem.mesh.nv,
+        "status": result.status.label,
+        "steps": result.iterations,
+        "solves": sum(history.column("back_substitutions")),
+        "iterations": history.column("linear_iterations")[1:],
+        "dual_energy": result.dual_energy,
+        "difference": None,
+        "steps_direct": None,
+        "cpu_s": seconds,
+        "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
+
+
+def write_krylov(folder: Path, table: Sequence[dict]) -> list[Path]:
+    """Write the table of counts."""
+    nodes = list(dict.fromkeys(cell["nodes"] for cell in table))
+    rows = []
+    for gamma in dict.fromkeys(cell["gamma"] for cell in table):
+        cells = {c["nodes"]: c for c in table if c["gamma"] == gamma}
+        name = "chosen by the mesh" if gamma is None else f"{gamma:g}"
+        rows.append([name, *(_text(cells[n]) if n in cells else "" for n in nodes)])
+    notes = [
+        "A sphere pressed into a block, Balanced(gamma), cold, tolerance "
+        f"{TOLERANCE:g}: Newton steps (those with the direct solver), MINRES iterations for one "
+        "solve (mean; most in one Newton step), processor time of one thread, and the relative "
+        "difference of J*_gamma to the direct solver's."
+    ]
+    head = ["gamma_T", *(f"{n} nodes" for n in nodes)]
+    title = "Krylov solvers in three dimensions"
+    return write_table(
+        folder,
+        Table(name="krylov", title=title, head=head, rows=rows, notes=notes, cells=table),
+    )
+
+
+def _text(cell: dict) -> str:
+    mean = sum(cell["iterations"]) / max(1, cell["solves"])
+    done = "" if cell["status"] == "converged" else f" {cell['status']}"
+    beside, check = "", ""
+    if cell["difference"] is not None:
+        beside, check = f" ({cell['steps_direct']})", f", {cell['difference']:.0e}"
+    most = max(cell["iterations"], default=0)
+    return f"{cell['steps']}{beside}{done}; {mean:.0f}; {most}; {cell['cpu_s']:.0f} s{check}"
