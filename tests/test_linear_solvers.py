@@ -174,6 +174,12 @@ def test_too_few_iterations_end_the_run_with_a_name():
     assert "max_iterations" in result.message
 
 
+def test_too_few_iterations_for_the_start_are_an_error():
+    problem = Problem(refined_block(2), STEEL, "clamped", {"contact": (1.0, 0.0, 0.0)})
+    with pytest.raises(KrylovError, match="CG did not converge"):
+        solved(problem, Balanced(), Krylov(max_iterations=2))
+
+
 def condensed_elasticity():
     """The lower triangle of D on a block, its rows and columns of u, and their space."""
     blocks = half_plastic(2, 1e5)[0].blocks

@@ -36,7 +36,8 @@ class Krylov:
     accuracy
         Relative residual of the CG solves with D, in (0, 1); each of them is corrected once more.
     max_iterations
-        Most iterations of one Krylov solve; more end the run with LINEAR_SOLVER_FAILED.
+        Most iterations of one Krylov solve; more end the run with LINEAR_SOLVER_FAILED, or raise
+        ``KrylovError`` where there is no iterate yet.
     sweeps
         Gauss-Seidel sweeps before and after each coarse correction.
 
