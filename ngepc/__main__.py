@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from ngepc._version import __version__
+from ngepc.commands.interrupt import remembered
 
 COMMANDS = {
     "solve": "solve one regularised problem on one mesh",
@@ -52,7 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     level = logging.INFO if args.verbose else logging.WARNING
     logging.basicConfig(stream=sys.stderr, level=level, format="%(name)s: %(message)s")
     try:
-        return args.run(args)
+        with remembered():
+            return args.run(args)
     except (ValueError, TypeError, OSError) as error:
         sys.stderr.write(f"ngepc {args.command}: error: {error}\n")
         return 2

@@ -138,7 +138,13 @@ def solve_automatically(
     levels: list[Level] = []
     result = None
     while True:
-        result, level = _solve_level(problem, result, levels, tolerance, options)
+        try:
+            result, level = _solve_level(problem, result, levels, tolerance, options)
+        except KeyboardInterrupt:
+            if result is None:
+                raise  # there is no result yet
+            status = Status.STOPPED
+            break
         levels.append(level)
         logger.info("nodes:%d relative error:%.2e", level.nodes, level.relative_error)
         status = result.status
@@ -212,6 +218,7 @@ def regularisation_part(result: DualResult, options: NewtonOptions) -> tuple[flo
     f = result.functional
     less = replace(f.regularisation, gamma=f.regularisation.gamma / 10)
     smoother = semismooth_newton(result.problem, start=result, options=options, regularisation=less)
+    smoother.or_interrupted()
     here, there = (r.functional.tichonov(r.v, r.v) / 2 for r in (result, smoother))
     if not 0 < here < there:
         return here, smoother.iterations
@@ -237,6 +244,8 @@ def _describe(
     if result.status is not Status.CONVERGED:
         return result.message
     last = levels[-1]
+    if status is Status.STOPPED:
+        return f"The result is that on {last.nodes} nodes."
     return (
         f"On {last.nodes} nodes the estimated relative error is {last.relative_error:.2g} "
         f"(regularisation {last.regularisation / abs(last.energy):.2g}, discretisation "

@@ -234,6 +234,7 @@ def counts_without_tichonov(
         row: dict = {"nodes": problem.mesh.nv}
         for suffix, kind in (("", Coupled), ("_without", PenaltyOnly)):
             result = semismooth_newton(problem, options=options, regularisation=kind(gamma))
+            result.or_interrupted()
             row[f"iterations{suffix}"] = result.iterations
             row[f"halvings{suffix}"] = result.history.halvings
             row[f"status{suffix}"] = result.status.label

@@ -203,5 +203,17 @@ class Ending:
             raise SolverError(self)
         return self
 
+    def or_interrupted(self: Ended) -> Ended:
+        """Return the result itself unless it was stopped: a stop ends a series of runs as well.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If the status is STOPPED.
+        """
+        if self.status is Status.STOPPED:
+            raise KeyboardInterrupt
+        return self
+
 
 Ended = TypeVar("Ended", bound=Ending)

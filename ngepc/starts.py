@@ -31,5 +31,5 @@ def coarse_start(name: str, gamma: float, options: NewtonOptions) -> DualResult:
     problem, result = coarse_problem(name), None
     gammas = [g for g in (1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9) if g < gamma]
     for value in (*gammas, gamma):
-        result = semismooth_newton(problem, value, result, options)
+        result = semismooth_newton(problem, value, result, options).or_interrupted()
     return result

@@ -19,8 +19,9 @@ import numpy as np
 import pytest
 from ngepc.geometries import block, lshape
 
-from ngepc import Material, Problem, lshape_problem
+from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
 from ngepc.__main__ import main
+from ngepc.commands.arguments import say
 from ngepc.evolution.solver import evolve
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
@@ -261,6 +262,41 @@ def test_ctrl_c_ends_a_study_between_cells_and_a_rerun_completes_it(tmp_path):
     assert main([*study, str(tmp_path / "cut")]) == 0
     assert main([*study, str(tmp_path / "whole")]) == 0
     assert_same_cells(tmp_path / "cut", tmp_path / "whole")
+
+
+def test_ctrl_c_that_gets_lost_ends_the_study_at_its_next_line(tmp_path, monkeypatch):
+    """The bindings clear an exception raised while they convert arguments; here a test does."""
+    progress = []
+
+    def swallowing(line):
+        progress.append(line)
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        say(line)
+
+    monkeypatch.setattr("ngepc.commands.study_solvers.say", swallowing)
+    before = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert main(["study", "solvers", "--levels", "1", "--out", str(tmp_path)]) == 1
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert len(progress) == 1
+
+
+def test_series_of_runs_ends_with_the_run_that_was_stopped():
+    problem = lshape_problem(lshape.paper_mesh(113))
+
+    def stop(record):
+        raise KeyboardInterrupt
+
+    stopped = semismooth_newton(problem, 1.0, monitor=stop)
+    assert stopped.status is Status.STOPPED
+    with pytest.raises(KeyboardInterrupt):
+        stopped.or_interrupted()
+    done = semismooth_newton(problem, 1.0)
+    assert done.or_interrupted() is done
 
 
 def test_stopped_cell_is_not_stored(tmp_path, monkeypatch):

@@ -6,6 +6,8 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from ngepc.commands.interrupt import raise_if_pressed
+
 PROBLEMS = ("lshape", "wrench")
 
 
@@ -68,9 +70,16 @@ def build_problem(name: str, nodes: int | None, maxh: float | None):
 
 
 def say(line: str) -> None:
-    """One line of progress on standard error."""
+    """One line of progress on standard error.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If Ctrl-C has been pressed and was lost on its way.
+    """
     sys.stderr.write(line + "\n")
     sys.stderr.flush()
+    raise_if_pressed()
 
 
 def add_levels(parser: argparse.ArgumentParser, most: int = 6) -> None:

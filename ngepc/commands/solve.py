@@ -113,6 +113,7 @@ def _dual(args: argparse.Namespace):
     if args.start == "coarse" and balanced:
         coarse = coarse_problem(args.problem)
         start = semismooth_newton(coarse, options=options, regularisation=regularisation)
+        start.or_interrupted()
     elif args.start == "coarse":
         start = coarse_start(args.problem, gamma, options)
     return semismooth_newton(problem, start=start, options=options, regularisation=regularisation)
@@ -125,7 +126,9 @@ def _primal(args: argparse.Namespace):
     if args.gamma is not None:
         raise ValueError(f"--gamma {args.gamma:g}: the primal method has no regularisation")
     problem = build_problem(args.problem, args.nodes, args.maxh)
-    start = primal_newton(coarse_problem(args.problem)) if args.start == "coarse" else None
+    start = None
+    if args.start == "coarse":
+        start = primal_newton(coarse_problem(args.problem)).or_interrupted()
     return primal_newton(problem, start)
 
 

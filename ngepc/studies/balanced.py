@@ -47,6 +47,7 @@ def count_balanced(levels: int, progress: Callable[[str], None] = lambda line: N
                 for start in ("cold", "nested"):
                     begin, clock = coarser if start == "nested" else None, time.process_time()
                     result = semismooth_newton(problem, start=begin, regularisation=regularisation)
+                    result.or_interrupted()
                     key = {"example": example, "regularisation": name, "start": start, "nodes": n}
                     table.append({**key, **_measured(result, clock)})
                     progress(f"{example} {name} {start} {n} nodes: {result.iterations} steps")

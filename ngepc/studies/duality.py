@@ -49,7 +49,7 @@ def duality_along_path(
         options,
         lambda s: progress(f"{name} gamma {s.gamma:9.4g}: {s.iterations} steps"),
         observer=lambda result: reports.append(duality_report(result).as_dict()),
-    )
+    ).or_interrupted()
     return [
         {
             "example": name,

@@ -142,7 +142,7 @@ class Figures:
                 f"{name} gamma {s.gamma:9.4g}: {s.iterations} steps, {s.status.label}"
             ),
             checkpoint=cells / f"figures-{name}-{self.nodes[name]}.npz",
-        )
+        ).or_interrupted()
 
     def run(self) -> list[dict]:
         """Draw the figures as figureN.png; returns one record for each."""

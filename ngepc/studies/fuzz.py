@@ -96,10 +96,10 @@ def examine(draw: Draw) -> Verdict:
     """Solve a random problem by both methods and judge the results; never raises."""
     try:
         problem = build(draw)
-        primal = primal_newton(problem, options=PrimalOptions())
+        primal = primal_newton(problem, options=PrimalOptions()).or_interrupted()
         R = regularisation(draw, problem)
         options = NewtonOptions(quadrature_points=POINTS)
-        dual = semismooth_newton(problem, regularisation=R, options=options)
+        dual = semismooth_newton(problem, regularisation=R, options=options).or_interrupted()
         return _judge(draw, primal, dual, options)
     except Exception as error:  # any exception at all is a complaint: that is what is looked for
         return Verdict(draw=draw, complaints=(f"{type(error).__name__}: {error}",))

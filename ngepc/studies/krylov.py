@@ -78,7 +78,8 @@ def _solve(problem: Problem, gamma: float | None, inverse: str | Krylov) -> Dual
     options = NewtonOptions(
         tolerance=TOLERANCE, quadrature_points=QUADRATURE_POINTS, inverse=inverse
     )
-    return semismooth_newton(problem, regularisation=Balanced(gamma), options=options)
+    result = semismooth_newton(problem, regularisation=Balanced(gamma), options=options)
+    return result.or_interrupted()
 
 
 def _cell(result: DualResult, gamma: float | None, seconds: float) -> dict:

@@ -195,6 +195,7 @@ class Robustness:
 
     def _solve(self, row: str, method: str) -> Outcome:
         result = solve(self.cases[row], method, row.startswith("gamma"), self.limit)
+        result.or_interrupted()
         last = getattr(result, "result", result)
         counts = getattr(result, "total_inner_iterations", last.iterations)
         primal = method == "primal"

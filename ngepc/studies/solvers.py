@@ -46,12 +46,13 @@ def compare_solvers(
     table = []
     for method, solve in METHODS.items():
         previous = solve(lshape_problem(lshape.paper_mesh(lshape.COARSE_NODES)), None)
+        previous.or_interrupted()
         for n in nodes:
             problem = lshape_problem(lshape.paper_mesh(n))
             runs = {}
             for start, begin in (("cold", None), ("nested", previous)):
                 clock = time.process_time()
-                runs[start] = result = solve(problem, begin)
+                runs[start] = result = solve(problem, begin).or_interrupted()
                 table.append(
                     {
                         "method": method,

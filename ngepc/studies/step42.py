@@ -91,7 +91,7 @@ def compare(problem: Problem) -> dict:
     runs, found = {}, {}
     for name, solve in solvers.items():
         clock = time.process_time()
-        runs[name] = result = solve()
+        runs[name] = result = solve().or_interrupted()
         found[name] = _numbers(result) | {"cpu_s": time.process_time() - clock}
     u, w = (_nodal(runs[name]) for name in ("dual", "primal"))
     found["displacement_difference"] = float(np.linalg.norm(u - w, axis=0).max() / DEPTH)
