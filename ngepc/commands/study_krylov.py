@@ -1,18 +1,24 @@
 """``ngepc study krylov``: counts of the Krylov solvers in three dimensions."""
 
 import argparse
-import sys
-from pathlib import Path
 
-from ngepc.commands.arguments import count, say
+from ngepc.commands.arguments import (
+    add_out,
+    check_levels,
+    count,
+    exit_status,
+    name_written,
+    say,
+)
+
+MESHES = 4
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument(
-        "--levels", type=count, default=1, help="meshes: 281, 1745, 12193, ... nodes, default 1"
-    )
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder, default out")
+    text = f"meshes: 281, 1745, 12193, ... nodes; 1 to {MESHES}, default 1"
+    parser.add_argument("--levels", type=count, default=1, help=text)
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -20,9 +26,8 @@ def run(args: argparse.Namespace) -> int:
     from ngepc.storage.files import check_folder
     from ngepc.studies.krylov import count_iterations, write_krylov
 
-    if args.levels > 4:
-        raise ValueError(f"--levels {args.levels}: 1 to 4 are available")
+    check_levels(args.levels, MESHES)
     check_folder(args.out)
     table = count_iterations(args.levels, say)
-    sys.stdout.write("".join(f"wrote {path}\n" for path in write_krylov(args.out, table)))
-    return 0 if all(cell["status"] == "converged" for cell in table) else 1
+    name_written(write_krylov(args.out, table))
+    return exit_status(table)

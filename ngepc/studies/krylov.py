@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 from ngsolve import sqrt, x, y
 
 from ngepc.balanced import Balanced
+from ngepc.benchmark import peak_memory
 from ngepc.dual_result import DualResult
 from ngepc.geometries import block
 from ngepc.krylov.solver import Krylov
@@ -95,7 +95,7 @@ def _cell(result: DualResult, gamma: float | None, seconds: float) -> dict:
         "difference": None,
         "steps_direct": None,
         "cpu_s": seconds,
-        "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "memory_mb": peak_memory(),
     }
 
 
