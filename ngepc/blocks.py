@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import (
     BilinearForm,
+    CoefficientFunction,
     FESpace,
     GridFunction,
     InnerProduct,
@@ -20,6 +21,7 @@ from ngsolve import (
 from ngsolve.la import BaseVector
 
 from ngepc.assembly import diagonal_block
+from ngepc.checks.arguments import Coefficient
 from ngepc.direct import LinearSolver, linear_solver
 from ngepc.equilibrium import external_work
 from ngepc.friction import friction_energy
@@ -35,7 +37,14 @@ REFINEMENTS = 1
 EPSILON = float(np.finfo(float).eps)
 
 
-def elastic_terms(problem: Problem, h, u, p, v, r) -> list:
+def elastic_terms(
+    problem: Problem,
+    h: Coefficient,
+    u: CoefficientFunction,
+    p: CoefficientFunction,
+    v: CoefficientFunction,
+    r: CoefficientFunction,
+) -> list[CoefficientFunction]:
     """The integrand of <D (u, p), (v, r)>, C (eps(u) - p) : (eps(v) - r) + h p . r, in parts.
 
     Each part has one trial and one test function: that is several times cheaper to assemble.
@@ -50,7 +59,7 @@ def elastic_terms(problem: Problem, h, u, p, v, r) -> list:
     ]
 
 
-def load_terms(problem: Problem, v, r) -> list:
+def load_terms(problem: Problem, v: CoefficientFunction, r: CoefficientFunction) -> list:
     """The integrals of -l(v, r) in (2.15) and (2.16): loads, back stress, initial strain."""
     m, N = problem.material, problem.N
     terms = external_work(problem, v)

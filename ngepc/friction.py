@@ -93,11 +93,17 @@ class FrictionPart:
         Z = contact_space(problem, ends_fixed=regularisation.tichonov.contact.ends_fixed)
         return Z if problem.N == 2 else VectorValued(Z, problem.N)
 
-    def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
+    def coupling(
+        self,
+        problem: Problem,
+        u: CoefficientFunction,
+        p: CoefficientFunction,
+        w: CoefficientFunction,
+    ) -> CoefficientFunction:
         """(u_t, w) on Gamma_c."""
         return InnerProduct(slip(problem, u), w) * ds("|".join(problem.contact_names))
 
-    def offset(self, problem: Problem, w) -> CoefficientFunction | None:
+    def offset(self, problem: Problem, w: CoefficientFunction) -> CoefficientFunction | None:
         """(u_0,t, w) on Gamma_c."""
         return None if problem.u_0 is None else self.coupling(problem, problem.u_0, None, w)
 

@@ -165,10 +165,7 @@ def run(
             record = here.record(functional, len(history.records))
             history.append(record)
             recent.append(here.v)
-            logger.info(
-                "it:%4d residual:%.3e energy:%.12e step:%.4g",
-                *(record.iteration, record.residual_norm, record.energy, record.step_length),
-            )
+            log(record)
             if monitor is not None:
                 monitor(watched(record, functional, here, history))
             found = judge(functional, system, here, before, record, rule)
@@ -209,6 +206,14 @@ def watched(
         return DualResult(functional, here.y, here.v, Status.STOPPED, "", seen)
 
     return replace(record, snapshot=snapshot)
+
+
+def log(record: IterationRecord) -> None:
+    """One line for each iterate."""
+    logger.info(
+        "it:%4d residual:%.3e energy:%.12e step:%.4g",
+        *(record.iteration, record.residual_norm, record.energy, record.step_length),
+    )
 
 
 def newton_step(

@@ -57,11 +57,17 @@ class DualPart(Protocol):
         """Its finite element space."""
         ...
 
-    def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
+    def coupling(
+        self,
+        problem: Problem,
+        u: CoefficientFunction,
+        p: CoefficientFunction,
+        w: CoefficientFunction,
+    ) -> CoefficientFunction:
         """Its row of <Lambda (u, p), w> as an integral."""
         ...
 
-    def offset(self, problem: Problem, w) -> CoefficientFunction | None:
+    def offset(self, problem: Problem, w: CoefficientFunction) -> CoefficientFunction | None:
         """Its row of ([psi, 0], w) as an integral, None for zero."""
         ...
 
@@ -99,12 +105,18 @@ class ContactPart:
         """Z_h."""
         return contact_space(problem, ends_fixed=regularisation.tichonov.contact.ends_fixed)
 
-    def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
+    def coupling(
+        self,
+        problem: Problem,
+        u: CoefficientFunction,
+        p: CoefficientFunction,
+        w: CoefficientFunction,
+    ) -> CoefficientFunction:
         """(tau_n u, w) on Gamma_c."""
         n = outward_normal(problem.mesh)
         return (u * n) * w * self._measure(problem)
 
-    def offset(self, problem: Problem, w) -> CoefficientFunction:
+    def offset(self, problem: Problem, w: CoefficientFunction) -> CoefficientFunction:
         """(psi, w) on Gamma_c."""
         return problem.psi * w * self._measure(problem)
 
@@ -134,11 +146,17 @@ class PlasticPart:
         fixed = regularisation.tichonov.plastic.boundary_fixed
         return plastic_dual_space(problem, boundary_fixed=fixed)
 
-    def coupling(self, problem: Problem, u, p, w) -> CoefficientFunction:
+    def coupling(
+        self,
+        problem: Problem,
+        u: CoefficientFunction,
+        p: CoefficientFunction,
+        w: CoefficientFunction,
+    ) -> CoefficientFunction:
         """(p, w) in Omega."""
         return p * w * dx
 
-    def offset(self, problem: Problem, w) -> None:
+    def offset(self, problem: Problem, w: CoefficientFunction) -> None:
         """Zero."""
         return None
 

@@ -42,6 +42,7 @@ class _Part:
 
     @property
     def k(self) -> float:
+        """|dev eps| over the difference of radial and hoop strain."""
         return math.sqrt((self.N - 1) / self.N)
 
     def over_r(self, r, logarithm):

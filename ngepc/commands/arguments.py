@@ -1,12 +1,18 @@
 """Arguments that several commands share, and types that check as they parse."""
 
+from __future__ import annotations
+
 import argparse
 import math
 import sys
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ngepc.commands.interrupt import raise_if_pressed
+
+if TYPE_CHECKING:
+    from ngepc.problem import Problem
 
 PROBLEMS = ("lshape", "wrench")
 
@@ -53,7 +59,7 @@ def add_body(parser: argparse.ArgumentParser) -> None:
     mesh.add_argument("--maxh", type=positive, help="CSG mesh of this width instead")
 
 
-def build_problem(name: str, nodes: int | None, maxh: float | None):
+def build_problem(name: str, nodes: int | None, maxh: float | None) -> Problem:
     """The example's problem on the mesh asked for; by default the first of the paper's table.
 
     Raises

@@ -99,14 +99,28 @@ def follow_path(
     if state is None:
         v = walk.blocks.H_vector() if start is None else carried_over(start, walk.functional)
         state = PathState([], v, [])
-    status = walk.verdict(state.steps)
-    result = walk.restored(state)
+    path = followed(walk, store, state, newton_monitor, (observer, monitor))
+    if closing is None or path.status is not Status.CONVERGED:
+        return path
+    return closed(path, _Walk(problem, options, closing), newton_monitor)
+
+
+def followed(
+    walk: _Walk,
+    store: PathStore,
+    state: PathState,
+    newton_monitor: Monitor | None,
+    watchers: tuple[Callable[[DualResult], None] | None, PathMonitor | None],
+) -> PathResult:
+    """The path from ``state`` to its end; ``watchers`` are shown each result, each record."""
+    observer, monitor = watchers
+    status, result = walk.verdict(state.steps), walk.restored(state)
     try:
         while status is None:
             result = walk.solve(state, newton_monitor)
             state = state.after(result, walk.gamma)
             status = walk.verdict(state.steps)
-            if status is None and options.predictor is not None:
+            if status is None and walk.options.predictor is not None:
                 state = replace(state, start=walk.predicted(state))
             if result.status is Status.CONVERGED:
                 store.save(state)
@@ -119,11 +133,8 @@ def follow_path(
         if result is None:
             raise  # there is no state yet
         status = Status.STOPPED
-    message = describe(status, state.steps, result.message, options)
-    path = PathResult(status, message, tuple(state.steps), result)
-    if closing is None or status is not Status.CONVERGED:
-        return path
-    return closed(path, _Walk(problem, options, closing), newton_monitor)
+    message = describe(status, state.steps, result.message, walk.options)
+    return PathResult(status, message, tuple(state.steps), result)
 
 
 def closed(path: PathResult, walk: _Walk, monitor: Monitor | None) -> PathResult:
@@ -136,7 +147,9 @@ def closed(path: PathResult, walk: _Walk, monitor: Monitor | None) -> PathResult
     return PathResult(result.status, message, tuple(state.steps), result)
 
 
-def check_arguments(problem: object, options: object, start: object, regularisation: object):
+def check_arguments(
+    problem: object, options: object, start: object, regularisation: object
+) -> None:
     """Refuse arguments of the wrong kind before any work."""
     require_instance("problem", problem, Problem, "a Problem")
     require_instance("options", options, PathOptions, "PathOptions(...)")

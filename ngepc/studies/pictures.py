@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from ngepc.dual_result import DualResult
 from ngepc.plotting import (
     plot_contact_pressure,
@@ -27,7 +29,7 @@ def finest(study: Table1) -> Cell:
     return Cell(row, study.nodes[-1])
 
 
-def counts_figure(study: Table1, table: list[dict]):
+def counts_figure(study: Table1, table: list[dict]) -> Figure:
     """Newton steps over nodes, rows from gamma = 1e3 on, with the paper's dashed."""
     rows = [row for row in study.rows if float(row.rstrip("*")) >= 1e3]
     ours = {

@@ -10,6 +10,7 @@ from ngepc.dual_result import DualResult
 from ngepc.examples import lshape_problem
 from ngepc.geometries import lshape
 from ngepc.newton import NewtonOptions, semismooth_newton
+from ngepc.problem import Problem
 from ngepc.regularisation import Coupled
 from ngepc.results import History, IterationRecord, Status
 from ngepc.storage import records
@@ -71,7 +72,7 @@ class Table1:
         self.store = CellStore(self.folder / "cells", settings)
         self._problems: dict = {}
 
-    def problem(self, nodes: int):
+    def problem(self, nodes: int) -> Problem:
         """Example (a) on the mesh with so many nodes."""
         if nodes not in self._problems:
             self._problems[nodes] = lshape_problem(lshape.paper_mesh(nodes))
