@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -113,3 +113,19 @@ def name_written(paths: Iterable[Path]) -> None:
 def exit_status(table: Iterable[dict]) -> int:
     """0 if every record of a study has converged, else 1."""
     return 0 if all(record["status"] == "converged" for record in table) else 1
+
+
+def run_on_levels(
+    args: argparse.Namespace,
+    most: int,
+    measure: Callable[[], list[dict]],
+    write: Callable[[Path, list[dict]], list[Path]],
+) -> int:
+    """Check --levels and --out, measure, write; the exit status of a study of solvers."""
+    from ngepc.storage.files import check_folder
+
+    check_levels(args.levels, most)
+    check_folder(args.out)
+    table = measure()
+    name_written(write(args.out, table))
+    return exit_status(table)

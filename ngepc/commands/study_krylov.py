@@ -2,14 +2,7 @@
 
 import argparse
 
-from ngepc.commands.arguments import (
-    add_out,
-    check_levels,
-    count,
-    exit_status,
-    name_written,
-    say,
-)
+from ngepc.commands.arguments import add_out, count, run_on_levels, say
 
 MESHES = 4
 
@@ -23,11 +16,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the study and name what it wrote."""
-    from ngepc.storage.files import check_folder
     from ngepc.studies.krylov import count_iterations, write_krylov
 
-    check_levels(args.levels, MESHES)
-    check_folder(args.out)
-    table = count_iterations(args.levels, say)
-    name_written(write_krylov(args.out, table))
-    return exit_status(table)
+    return run_on_levels(args, MESHES, lambda: count_iterations(args.levels, say), write_krylov)

@@ -2,14 +2,7 @@
 
 import argparse
 
-from ngepc.commands.arguments import (
-    add_levels,
-    add_out,
-    check_levels,
-    exit_status,
-    name_written,
-    say,
-)
+from ngepc.commands.arguments import add_levels, add_out, run_on_levels, say
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -21,11 +14,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the study and name what it wrote."""
     from ngepc.geometries import lshape
-    from ngepc.storage.files import check_folder
     from ngepc.studies.solvers import compare_solvers, write_solvers
 
-    check_levels(args.levels, len(lshape.PAPER_NODES))
-    check_folder(args.out)
-    table = compare_solvers(lshape.PAPER_NODES[: args.levels], say)
-    name_written(write_solvers(args.out, table))
-    return exit_status(table)
+    nodes = lshape.PAPER_NODES
+    return run_on_levels(
+        args, len(nodes), lambda: compare_solvers(nodes[: args.levels], say), write_solvers
+    )
