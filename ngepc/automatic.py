@@ -4,14 +4,13 @@ The user asks for an accuracy of the energy and names neither gamma nor a mesh w
 solved with the gamma that ``Balanced`` derives from stiffness and mesh width.  Two parts of the
 error of V are estimated from what was computed:
 
-* Regularisation.  V as a function of 1/gamma_T is concave with the derivative b(v, v) / 2.  The
-  Tichonov term b(v, v) / (2 gamma_T) at gamma_T and at gamma_T / 10 shows the power s with which
-  it decays; V - V_inf is then that term divided by s.  If the part is too large beside the other
-  one, gamma_T grows by 100 on the same mesh.
+* Regularisation: by ``regularisation_error``, from the factors of the last Newton step.  If the
+  part is too large beside the other one, gamma_T grows on the same mesh by what the power of the
+  error asks for; the same factors predict the start.
 * Discretisation.  If energies converge like h^r, the error on the finer of two meshes is
-  |V_h - V_2h| / (2^r - 1).  RATE = 0.8 is assumed: corners and the edge of the contact zone leave
-  P1 elements rates of 0.8 to 1.  Bisecting every element halves h after N levels, so that V is
-  compared with the one N levels before.
+  |V_h - V_2h| / (2^r - 1), without their regularisation parts.  RATE = 0.8 is assumed: corners
+  and the edge of the contact zone leave P1 elements rates of 0.8 to 1.  Bisecting every element
+  halves h after N levels, so that V is compared with the one N levels before.
 """
 
 from __future__ import annotations
@@ -23,17 +22,25 @@ from dataclasses import asdict, dataclass, replace
 from ngsolve import Mesh
 
 from ngepc.balanced import Balanced
+from ngepc.blocks import LinearBlocks
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_instance
+from ngepc.contact_newton import newton_system
 from ngepc.dual_result import DualResult
-from ngepc.newton import NewtonOptions, checked_options, semismooth_newton
+from ngepc.functional import DualFunctional
+from ngepc.newton import NewtonOptions, checked_options, run, start_vector
+from ngepc.path.chord import Chord
 from ngepc.problem import Problem
+from ngepc.regularisation_error import regularisation_part
 from ngepc.results import Ending, Status
 
 logger = logging.getLogger(__name__)
 
 REGULARISATION_PART = 0.2
 """Largest regularisation part beside the discretisation part, or beside the tolerance."""
+
+SMALLEST_FACTOR, LARGEST_FACTOR = 10.0, 1e4
+"""By what gamma_T grows on a mesh at once."""
 
 RATE = 0.8
 """Power of h with which the discretisation error of V is assumed to fall."""
@@ -66,9 +73,20 @@ class Level:
     discretisation: float
 
     @property
+    def limit(self) -> float:
+        """V without its regularisation part: the estimate for large gamma_T on this mesh."""
+        return self.energy - self.regularisation
+
+    @property
     def relative_error(self) -> float:
         """Both parts over |V|."""
-        return (self.regularisation + self.discretisation) / abs(self.energy)
+        return self.relative(self.regularisation + self.discretisation)
+
+    def relative(self, part: float) -> float:
+        """A part over |V|; infinite where V = 0 and the part is not."""
+        if part == 0:
+            return 0.0
+        return part / abs(self.energy) if self.energy else math.inf
 
     def as_row(self) -> dict:
         """Numbers by name, for tables and JSON."""
@@ -170,6 +188,32 @@ def bisected(mesh: Mesh) -> Mesh:
     return finer
 
 
+class _OnMesh:
+    """The problem on one mesh: its matrices, and the results for one gamma at a time."""
+
+    def __init__(self, problem: Problem, options: NewtonOptions) -> None:
+        self.options, self.regularisation = options, Balanced().resolved(problem)
+        self._blocks = LinearBlocks(problem, self.regularisation, options.inverse)
+        self._functional = self._with(self.regularisation)
+        self.system = newton_system(self._functional, options.inverse)
+
+    def _with(self, regularisation: Balanced) -> DualFunctional:
+        return DualFunctional(self._blocks, regularisation, self.options.quadrature_points)
+
+    def solve(self, start: DualResult | None) -> DualResult:
+        """The result for the gamma of the mesh."""
+        v = start_vector(self._functional, start, self.options)
+        return run(self._functional, self.system, v, self.options)
+
+    def sharpen(self, result: DualResult, factor: float) -> DualResult:
+        """The result for a gamma larger by ``factor``, predicted by the factors at hand."""
+        self.regularisation = replace(self.regularisation, gamma=factor * self.regularisation.gamma)
+        functional = self._with(self.regularisation)
+        v = Chord().start(self.system, functional, result.v)
+        self.system = newton_system(functional, self.options.inverse)
+        return run(functional, self.system, v, self.options)
+
+
 def _solve_level(
     problem: Problem,
     start: DualResult | None,
@@ -178,58 +222,35 @@ def _solve_level(
     options: NewtonOptions,
 ) -> tuple[DualResult, Level]:
     """The solution on one mesh, with gamma raised until its error counts little."""
-    regularisation, iterations = Balanced().resolved(problem), 0
+    mesh = _OnMesh(problem, options)
+    result, iterations = mesh.solve(start), 0
     while True:
-        result = semismooth_newton(
-            problem, start=start, options=options, regularisation=regularisation
-        )
         iterations += result.iterations
-        V = result.dual_energy
-        part, more = regularisation_part(result, options)
-        iterations += more
-        discretisation = _discretisation_part(V, levels, problem.N)
-        known = discretisation if math.isfinite(discretisation) else tolerance * abs(V)
+        part, power = regularisation_part(result, mesh.system)
         level = Level(
             nodes=problem.mesh.nv,
-            gamma_tichonov=regularisation.gamma_tichonov,
+            gamma_tichonov=mesh.regularisation.gamma_tichonov,
             iterations=iterations,
-            energy=V,
+            energy=result.dual_energy,
             regularisation=part,
-            discretisation=discretisation,
+            discretisation=math.inf,
         )
-        enough = part <= REGULARISATION_PART * max(known, tolerance * abs(V))
-        if enough or result.status is not Status.CONVERGED:
+        level = replace(level, discretisation=_discretisation_part(level.limit, levels, problem.N))
+        allowed = REGULARISATION_PART * max(level.discretisation, tolerance * abs(level.energy))
+        if part <= allowed or result.status is not Status.CONVERGED:
             return result, level
-        regularisation, start = replace(regularisation, gamma=100 * regularisation.gamma), result
+        result = mesh.sharpen(result, _factor(part / allowed if allowed else math.inf, power))
 
 
-def regularisation_part(result: DualResult, options: NewtonOptions) -> tuple[float, int]:
-    """The estimate of V - V_inf for a balanced result, and the Newton steps that it took.
-
-    Parameters
-    ----------
-    result
-        A result with ``Balanced``.
-    options
-        Newton options for the solve with gamma_T / 10.
-    """
-    if result.status is not Status.CONVERGED:
-        return math.inf, 0
-    f = result.functional
-    less = replace(f.regularisation, gamma=f.regularisation.gamma / 10)
-    smoother = semismooth_newton(result.problem, start=result, options=options, regularisation=less)
-    smoother.or_interrupted()
-    here, there = (r.functional.tichonov(r.v, r.v) / 2 for r in (result, smoother))
-    if not 0 < here < there:
-        return here, smoother.iterations
-    power = min(1.0, max(0.1, math.log10(there / here)))
-    return here / power, smoother.iterations
+def _factor(excess: float, power: float) -> float:
+    """The factor for gamma that takes the part from ``excess`` times the allowed one to half."""
+    return min(max((2 * excess) ** (1 / power), SMALLEST_FACTOR), LARGEST_FACTOR)
 
 
-def _discretisation_part(V: float, levels: list[Level], N: int) -> float:
+def _discretisation_part(limit: float, levels: list[Level], N: int) -> float:
     if len(levels) < N:
         return math.inf
-    return abs(V - levels[-N].energy) / (2**RATE - 1)
+    return abs(limit - levels[-N].limit) / (2**RATE - 1)
 
 
 def _describe(
@@ -248,7 +269,7 @@ def _describe(
         return f"The result is that on {last.nodes} nodes."
     return (
         f"On {last.nodes} nodes the estimated relative error is {last.relative_error:.2g} "
-        f"(regularisation {last.regularisation / abs(last.energy):.2g}, discretisation "
-        f"{last.discretisation / abs(last.energy):.2g}), the tolerance {tolerance:g}; the next "
+        f"(regularisation {last.relative(last.regularisation):.2g}, discretisation "
+        f"{last.relative(last.discretisation):.2g}), the tolerance {tolerance:g}; the next "
         f"mesh has more than max_nodes={max_nodes} nodes."
     )

@@ -157,7 +157,7 @@ class Balanced:
         extent = np.ptp(np.asarray(mesh.ngmesh.Coordinates())[:, :N], axis=0).max()
         units = self.units or Units(stress=mean / REFERENCE_STIFFNESS, length=float(extent))
         gamma_T = FINENESS * mean * np.mean(volumes ** (-2 / N))
-        return replace(self, gamma=gamma_T * units.length**2 / units.stress, units=units)
+        return replace(self, gamma=float(gamma_T * units.length**2 / units.stress), units=units)
 
     @property
     def hardening_share(self) -> float:

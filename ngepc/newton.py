@@ -136,12 +136,22 @@ def semismooth_newton(
         raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
     blocks = LinearBlocks(problem, regularisation, options.inverse)
     functional = DualFunctional(blocks, regularisation, options.quadrature_points)
-    v = blocks.H_vector() if start is None else carried_over(start, functional)
-    if start is not None and start.problem.mesh is not problem.mesh and regularisation.predictor:
-        u = nodal_values(start, problem)
-        v = regularisation.predictor.start(functional, v, u, options.inverse)
+    v = start_vector(functional, start, options)
     system = newton_system(functional, options.inverse)
     return run(functional, system, v, options, monitor)
+
+
+def start_vector(
+    functional: DualFunctional, start: DualResult | None, options: NewtonOptions
+) -> BaseVector:
+    """v = 0, or an earlier result carried over, with the predictor's help from another mesh."""
+    if start is None:
+        return functional.blocks.H_vector()
+    problem, predictor = functional.blocks.problem, functional.regularisation.predictor
+    v = carried_over(start, functional)
+    if start.problem.mesh is problem.mesh or predictor is None:
+        return v
+    return predictor.start(functional, v, nodal_values(start, problem), options.inverse)
 
 
 def run(

@@ -8,6 +8,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.functional import DualFunctional, NewtonSystem
 from ngepc.iterates import Iterate
+from ngepc.krylov.iterative import KrylovError
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,10 @@ class Chord:
         if not system.has_factors:
             return v
         here = Iterate.at(functional, v)
-        _, dv = system.direction(v, here.residual)
+        try:
+            _, dv = system.direction(v, here.residual)
+        except KrylovError:
+            return v
         predicted = v.CreateVector()
         predicted.data = v + dv
         functional.make_feasible(predicted)
