@@ -16,6 +16,7 @@ from ngsolve import Integrate
 from ngepc.checks.arguments import Coefficient, require_number
 from ngepc.checks.kinds import require_attributes, require_instance
 from ngepc.linesearch import NearMinimum
+from ngepc.parallel import gathered, vertex_coordinates
 from ngepc.predictor import ReturnMapping
 from ngepc.problem import Problem, as_scalar
 from ngepc.regularisation import Coupled, Units
@@ -151,10 +152,10 @@ class Balanced:
         if self.gamma is not None:
             return self
         mesh, N = problem.mesh, problem.N
-        volumes = np.array(Integrate(1.0, mesh, element_wise=True))
+        volumes = gathered(np.array(Integrate(1.0, mesh, element_wise=True)), mesh)
         stiffness = as_scalar(2 * problem.material.lame_mu + problem.material.effective_hardening)
         mean = Integrate(stiffness, mesh) / volumes.sum()
-        extent = np.ptp(np.asarray(mesh.ngmesh.Coordinates())[:, :N], axis=0).max()
+        extent = np.ptp(vertex_coordinates(mesh), axis=0).max()
         units = self.units or Units(stress=mean / REFERENCE_STIFFNESS, length=float(extent))
         gamma_T = FINENESS * mean * np.mean(volumes ** (-2 / N))
         return replace(self, gamma=float(gamma_T * units.length**2 / units.stress), units=units)

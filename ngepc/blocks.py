@@ -18,13 +18,14 @@ from ngsolve import (
     Trace,
     dx,
 )
-from ngsolve.la import BaseVector
+from ngsolve.la import PARALLEL_STATUS, BaseVector
 
 from ngepc.assembly import diagonal_block
 from ngepc.checks.arguments import Coefficient
 from ngepc.direct import LinearSolver, linear_solver
 from ngepc.equilibrium import external_work
 from ngepc.friction import friction_energy
+from ngepc.parallel import integral
 from ngepc.parts import dual_parts
 from ngepc.problem import Problem, as_scalar
 from ngepc.regularisation import Regularisation
@@ -85,7 +86,7 @@ def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
     strain_energy = Integrate(sum(elastic_terms(problem, h, u, p, u, p)) / 2, mesh)
     dissipation = Integrate(as_scalar(problem.beta) * Norm(p), mesh)
     dissipation += friction_energy(problem, u)
-    return strain_energy + dissipation - sum(Integrate(t, mesh) for t in load_terms(problem, u, p))
+    return strain_energy + dissipation - sum(integral(t, mesh) for t in load_terms(problem, u, p))
 
 
 class LinearBlocks:
@@ -173,9 +174,10 @@ class LinearBlocks:
     def _condense(self, V: FESpace) -> None:
         """Factors of D without p, which lives inside the elements, and of its block for p."""
         self._displacements, self._strains = (0, V.ndof), (V.ndof, self.Y.ndof)
-        block = diagonal_block(self.D, *self._strains)
+        block = diagonal_block(self.D.local_mat, *self._strains)
         self._p_inverse = block.Inverse(inverse="sparsecholesky")
-        condensed = diagonal_block(self.saddle.mat, *self._displacements, factor=-1.0)
+        saddle = self.saddle.mat.local_mat
+        condensed = diagonal_block(saddle, *self._displacements, factor=-1.0)
         self.u_inverse = self.solver.primal_inverse(condensed, V)
 
     def _assemble_coupling(self) -> None:
@@ -192,15 +194,31 @@ class LinearBlocks:
                 psi += offset
         self.psi = psi.Assemble().vec
 
+    def Y_vector(self) -> BaseVector:
+        """Zero in Y."""
+        y = self.load.CreateVector()
+        y[:] = 0.0
+        return y
+
     def H_vector(self) -> BaseVector:
-        """A zero vector on H."""
+        """Zero in H."""
         v = self.psi.CreateVector()
         v[:] = 0.0
         return v
 
+    def H_functional(self) -> BaseVector:
+        """Zero as a functional on H."""
+        f = self.psi.CreateVector()
+        f[:] = 0.0
+        f.SetParallelStatus(PARALLEL_STATUS.DISTRIBUTED)
+        return f
+
     def part_of(self, v: BaseVector, number: int) -> BaseVector:
-        """View of the component ``number`` of a vector on H."""
-        return v.Range(int(self.firsts[number]), int(self.firsts[number + 1]))
+        """View of the component ``number`` of a vector on H, what this process has of it.
+
+        ``v`` has to outlive the view.
+        """
+        return v.local_vec.Range(int(self.firsts[number]), int(self.firsts[number + 1]))
 
     def primal_of(self, v: BaseVector, y: BaseVector, refinements: int = REFINEMENTS) -> None:
         """Solve D y = Lambda* v - l with the prescribed displacements; overwrites ``y``.
@@ -217,32 +235,34 @@ class LinearBlocks:
 
     def primal_response(self, r: BaseVector) -> BaseVector:
         """The y with D y = r, zero at the supports, by the factors of the condensed D."""
-        rest, y = r.CreateVector(), r.CreateVector()
-        u, p = y.Range(*self._displacements), y.Range(*self._strains)
-        y[:] = 0.0
-        p.data = self._p_inverse * r.Range(*self._strains)
+        rest, y = r.CreateVector(), self.Y_vector()
+        u, p = (y.local_vec.Range(*part) for part in (self._displacements, self._strains))
+        p.data = self._p_inverse * r.local_vec.Range(*self._strains)
         rest.data = r - self.D * y
         y[:] = 0.0
-        u.data = self.u_inverse * rest.Range(*self._displacements)
+        u.data = self.u_inverse * rest.local_vec.Range(*self._displacements)
         rest.data = r - self.D * y
-        p.data = self._p_inverse * rest.Range(*self._strains)
+        p.data = self._p_inverse * rest.local_vec.Range(*self._strains)
         return y
 
     def primal_change(self, dv: BaseVector, du: BaseVector) -> BaseVector:
         """dy with D dy = Lambda* dv, from the guess ``du`` of its displacements."""
-        right, r, dy = (self.load.CreateVector() for _ in range(3))
+        right, r, dy = self.load.CreateVector(), self.load.CreateVector(), self.Y_vector()
         right.data = self.Lambda.T * dv
-        dy[:] = 0.0
-        dy.Range(*self._displacements).data = du
+        dy.local_vec.Range(*self._displacements).data = du
         for _ in range(1 + REFINEMENTS):
             r.data = right - self.D * dy
             dy += self.primal_response(r)
         return dy
 
     def rounding_of(self, y: BaseVector) -> BaseVector:
-        """EPSILON |D| |y|: how uncertain each entry of D y is, in whatever way D is assembled."""
-        sizes, rounding, D = y.CreateVector(), y.CreateVector(), self.D.CreateMatrix()
-        D.AsVector().FV().NumPy()[:] = np.abs(self.D.AsVector().FV().NumPy())
+        """EPSILON |D| |y|: how uncertain each entry of D y is, in whatever way D is assembled.
+
+        On a distributed mesh it is what this process contributes, a vector of its own.
+        """
+        D = self.D.local_mat.CreateMatrix()
+        sizes, rounding = D.CreateRowVector(), D.CreateColVector()
+        D.AsVector().FV().NumPy()[:] = np.abs(self.D.local_mat.AsVector().FV().NumPy())
         sizes.FV().NumPy()[:] = np.abs(y.FV().NumPy())
         rounding.data = EPSILON * (D * sizes)
         return rounding

@@ -15,8 +15,10 @@ from ngsolve.la import BaseVector
 from ngepc.checks.arguments import Coefficient, is_number
 from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional
+from ngepc.parallel import from_all
 from ngepc.problem import as_scalar
 from ngepc.prolongation import prolongate
+from ngepc.tensors import coordinates_count
 
 
 def carried_over(start: DualResult, functional: DualFunctional) -> BaseVector:
@@ -38,7 +40,7 @@ def carried_over(start: DualResult, functional: DualFunctional) -> BaseVector:
     same_mesh, v = old.problem.mesh is new.problem.mesh, new.H_vector()
     for i, (source, target) in enumerate(zip(old.spaces, new.spaces, strict=True)):
         values = old.part_of(start.v, i)
-        if same_mesh and source.ndof == target.ndof:
+        if same_mesh and source.ndofglobal == target.ndofglobal:
             carried = values.FV().NumPy() * np.array(target.FreeDofs(), dtype=float)
         else:
             carried = prolongate(source, values, target)
@@ -53,10 +55,10 @@ def _keep_multipliers(old: DualFunctional, new: DualFunctional, v: BaseVector) -
     mesh, q = problem.mesh, new.blocks.part_of(v, len(new.blocks.parts) - 1).FV().NumPy()
     ratio = nodal(before.gamma_plastic(old.blocks.problem), mesh)
     ratio = ratio / nodal(after.gamma_plastic(problem), mesh)
-    if np.any(ratio != 1):
+    if any(from_all(bool(np.any(ratio != 1)), mesh)):
         shift = as_scalar(before.plastic_shift) / as_scalar(before.gamma_plastic(problem))
         threshold = nodal(as_scalar(before.yield_bound(problem)) - shift, mesh)
-        q[:] = scaled_excess(q.reshape(-1, mesh.nv), threshold, ratio).ravel()
+        q[:] = scaled_excess(q.reshape(coordinates_count(problem.N), -1), threshold, ratio).ravel()
     penalties = not (before.exact_contact or after.exact_contact)
     if problem.contact_names and penalties:
         z = new.blocks.part_of(v, 0).FV().NumPy()

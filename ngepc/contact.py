@@ -11,9 +11,10 @@ and lambda_i is the open gap (psi - u.n, phi_i).  See docs/balanced.md.
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import FESpace, GridFunction, LinearForm, ds
+from ngsolve import FESpace, LinearForm, ds
 from ngsolve.la import BaseVector, SparseMatrixd
 
+from ngepc.parallel import Nodes
 from ngepc.problem import Problem
 
 EPSILON = float(np.finfo(float).eps)
@@ -31,8 +32,8 @@ class ContactConstraint:
 
     Attributes
     ----------
-    dofs
-        Free degrees of freedom of Z, the nodes where z_i <= 0 is asked for, shape (m,).
+    nodes
+        Free degrees of freedom of Z, the m nodes where z_i <= 0 is asked for.
     masses
         Their lumped boundary mass (length or area), shape (m,).
     """
@@ -42,13 +43,14 @@ class ContactConstraint:
         w, diagonal = Z.TestFunction(), np.arange(Z.ndof, dtype=np.int32)
         zeros = np.zeros(Z.ndof)
         self._zero = SparseMatrixd.CreateFromCOO(diagonal, diagonal, zeros, Z.ndof, Z.ndof)
-        self._no_gradient = GridFunction(Z).vec
-        self.dofs = np.flatnonzero(np.array(Z.FreeDofs(), dtype=bool))
-        self.masses = np.array(LinearForm(w * on_contact).Assemble().vec.FV().NumPy())[self.dofs]
+        self._no_gradient = BaseVector(Z.ndof)
+        self._no_gradient[:] = 0.0
+        self.nodes = Nodes(Z, np.array(Z.FreeDofs(), dtype=bool))
+        self.masses = self.nodes.of_functional(LinearForm(w * on_contact).Assemble().vec)
 
     def values(self, z: BaseVector) -> np.ndarray:
         """The values z_i at the nodes, shape (m,)."""
-        return z.FV().NumPy()[self.dofs]
+        return self.nodes.of_function(z)
 
     def energy(self, z: BaseVector) -> float:
         """0 where z <= 0 holds, infinity elsewhere."""
@@ -78,15 +80,14 @@ class ContactConstraint:
         """
         natural = r.CreateVector()
         natural.data = r
-        entries = natural.FV().NumPy()
-        bound = self.dofs[self.values(z) >= 0]
-        entries[bound] = np.maximum(entries[bound], 0.0)
+        positive = np.maximum(self.nodes.of_functional(r), 0.0)
+        self.nodes.set_functional(natural, positive, self.values(z) >= 0)
         return natural
 
     def project(self, z: BaseVector) -> None:
         """Replace z_i by min(z_i, 0), in place."""
         entries = z.FV().NumPy()
-        entries[self.dofs] = np.minimum(entries[self.dofs], 0.0)
+        entries[self.nodes.dofs] = np.minimum(entries[self.nodes.dofs], 0.0)
 
     def longest_step(self, z: BaseVector, dz: BaseVector) -> float:
         """The largest alpha with z + alpha dz <= 0 for feasible z, infinity if there is none.

@@ -66,7 +66,8 @@ class ConstrainedSystem(NewtonSystem):
     def __init__(self, functional: DualFunctional, inverse: str) -> None:
         super().__init__(functional, inverse)
         self._number = functional.penalties.index(functional.constraint)
-        self._dofs = int(self.blocks.firsts[self._number]) + functional.constraint.dofs
+        self._first = self.blocks.Y.ndof + int(self.blocks.firsts[self._number])
+        self._nodes = functional.constraint.nodes
         self._bound: np.ndarray | None = None
 
     @property
@@ -74,22 +75,27 @@ class ConstrainedSystem(NewtonSystem):
         """The constraint of the functional in use."""
         return self.functional.constraint
 
+    def _part(self, v: BaseVector) -> BaseVector:
+        """The component z of a vector on H."""
+        return self.blocks.part_of(v, self._number)
+
     def _finish(self) -> None:
         """Fix the nodes at z_i = 0 in the assembled matrix."""
         self._columns: dict[int, Response] = {}
         self._fixed = self._bound
         if self._fixed is not None:
-            self._sum.decouple(self.blocks.Y.ndof + self._dofs[self._fixed])
+            self._sum.decouple(self._first + self._nodes.among(self._fixed))
 
     def factorise(self, v: BaseVector | None) -> None:
         """Assemble and factorise the Newton matrix at v with the nodes at the bound fixed."""
         if self._bound is None:
-            self._bound = v.FV().NumPy()[self._dofs] >= 0
+            self._bound = self._nodes.of_function(self._part(v)) >= 0
         super().factorise(v)
 
     def direction(self, v: BaseVector, r: BaseVector) -> tuple[BaseVector, BaseVector]:
         """The step from v to the minimiser over z <= 0 of the quadratic model with gradient r."""
-        z, psi = (w.FV().NumPy()[self._dofs].copy() for w in (v, r))
+        z = self._nodes.of_function(self._part(v))
+        psi = self._nodes.of_functional(self._part(r))
         fixed = self._fixed
         free = self._response((-r).Evaluate(), -z)
         units = _scale(z + free.dz), _scale(psi + free.change)
@@ -114,35 +120,38 @@ class ConstrainedSystem(NewtonSystem):
 
     def _settle(self, dv: BaseVector, z: np.ndarray) -> None:
         """Remove rounding: z_i + dz_i = 0 exactly at the bound, <= 0 elsewhere."""
-        entries = dv.FV().NumPy()
-        entries[self._dofs] = np.where(self._bound, -z, np.minimum(entries[self._dofs], -z))
+        part = self._part(dv)
+        dz = np.minimum(self._nodes.of_function(part), -z)
+        everywhere = np.ones(len(z), dtype=bool)
+        self._nodes.set_function(part, np.where(self._bound, -z, dz), everywhere)
 
     def _column(self, i: int) -> Response:
         """The response to node i changing sides: w_i = 1 if it is fixed, else lambda_i = 1."""
         if i not in self._columns:
-            r, dz = self.blocks.H_vector(), np.zeros(len(self._dofs))
+            r, dz = self.blocks.H_functional(), np.zeros(len(self._fixed))
             if self._fixed[i]:
                 dz[i] = -1.0
             else:
-                r.FV().NumPy()[self._dofs[i]] = -1.0
+                only_i = np.arange(len(dz)) == i
+                self._nodes.set_functional(self._part(r), -1.0 * only_i, only_i)
             self._columns[i] = self._response(r, dz)
         return self._columns[i]
 
     def _response(self, r: BaseVector, dz: np.ndarray) -> Response:
         """Solve (7.1) with right-hand side (0, r), but dz_i given at the fixed nodes."""
         blocks, functional = self.blocks, self.functional
-        fixed = self._dofs[self._fixed]
         given = blocks.H_vector()
-        given.FV().NumPy()[fixed] = dz[self._fixed]
+        self._nodes.set_function(self._part(given), dz, self._fixed)
         right, load = r.CreateVector(), blocks.load.CreateVector()
         right.data = r - functional.tichonov_gradient(given)
-        right.FV().NumPy()[fixed] = dz[self._fixed]
+        # the row of a fixed node is 1 z_i = dz_i on each process
+        self._nodes.set_function(self._part(right), dz, self._fixed)
         load.data = -1 * (blocks.Lambda.T * given)
         dy, dv = self.solve(right, load)
         change = functional.tichonov_gradient(dv)
         change.data += blocks.Lambda * dy
-        values = dv.FV().NumPy()[self._dofs].copy()
-        return Response(dy, dv, values, change.FV().NumPy()[self._dofs].copy())
+        values = self._nodes.of_function(self._part(dv))
+        return Response(dy, dv, values, self._nodes.of_functional(self._part(change)))
 
 
 def _slack(z: np.ndarray, psi: np.ndarray, bound: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.checks.arguments import is_number
 from ngepc.functional import DualFunctional
+from ngepc.parallel import gathered, vertex_coordinates, vertex_numbers
 from ngepc.prolongation import vertex_dofs
 from ngepc.results import History, IterationRecord, Status
 
@@ -110,25 +111,24 @@ class RecentDuals:
         parts = self._functional.blocks.parts
         changes = [self._changed(number) for number in range(len(parts))]
         most = max(range(len(parts)), key=lambda number: len(changes[number][0]))
-        vertices, count = changes[most]
+        points, count = changes[most]
         steps = f"the last {len(self._duals) - 1} steps"
-        if len(vertices) == 0:
+        if len(points) == 0:
             return f"No vertex changed sides in {steps}."
-        mesh = self._functional.blocks.problem.mesh
-        points = np.asarray(mesh.ngmesh.Coordinates())[vertices, : mesh.dim]
         centre = ", ".join(f"{x:.3g}" for x in points.mean(axis=0))
         return (
-            f"In {steps} {len(vertices)} of {count} vertices entered or left the active set of "
+            f"In {steps} {len(points)} of {count} vertices entered or left the active set of "
             f"the {parts[most].name} term, around ({centre})."
         )
 
     def _changed(self, number: int) -> tuple[np.ndarray, int]:
-        """Vertices of a part that changed sides in the last steps, and how many it has."""
+        """Points of the vertices of a part that changed sides lately, and how many it has."""
         blocks = self._functional.blocks
+        mesh = blocks.problem.mesh
         space, name = blocks.spaces[number], blocks.parts[number].name
         components = GridFunction(space).dim
         scalar = space if components == 1 else space.components[0]
-        vertices, dofs = vertex_dofs(scalar, blocks.problem.mesh)
+        vertices, dofs = vertex_dofs(scalar, mesh)
         sets = []
         for v in self._duals:
             values = np.array(blocks.part_of(v, number).FV().NumPy()).reshape(components, -1)
@@ -136,7 +136,11 @@ class RecentDuals:
         changed = np.zeros(len(vertices), dtype=bool)
         for before, after in pairwise(sets):
             changed |= before != after
-        return vertices[changed], len(vertices)
+        numbers, _ = vertex_numbers(mesh)
+        of_part, moved = (
+            np.unique(gathered(numbers[some], mesh)) for some in (vertices, vertices[changed])
+        )
+        return vertex_coordinates(mesh)[moved], len(of_part)
 
     def _active(self, name: str, values: np.ndarray, vertices: np.ndarray) -> np.ndarray:
         """Where the max term of a part is active at the vertices; values have shape (d, m)."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from netgen.meshing import NgException
 from ngsolve import FESpace
 from ngsolve.la import BaseMatrix, SparseMatrixd
+
+from ngepc.factors import SOLVER_ERRORS, factors
 
 if TYPE_CHECKING:
     from ngepc.functional import DualFunctional, NewtonSystem
@@ -16,10 +17,6 @@ SHIPPED = ("sparsecholesky", "umfpack")
 """Those that come with NGSolve's wheels."""
 
 DIRECT_SOLVERS = (*SHIPPED, "pardiso", "mumps", "superlu")
-
-SOLVER_ERRORS = (NgException, RuntimeError, MemoryError)
-"""What assembly and factorisation raise: NGSolve's own exception, RuntimeError where a library is
-missing or gives up, MemoryError where the fill-in does not fit."""
 
 
 class LinearSolver(Protocol):
@@ -60,11 +57,11 @@ class Direct:
 
     def primal_inverse(self, condensed: SparseMatrixd, V: FESpace) -> BaseMatrix:
         """The factors of the condensed matrix."""
-        return condensed.Inverse(V.FreeDofs(), inverse=self.name)
+        return factors(condensed, V, V.FreeDofs(), self.name)
 
     def product_inverse(self, matrix: SparseMatrixd, space: FESpace) -> BaseMatrix:
         """The factors of the matrix."""
-        return matrix.Inverse(space.FreeDofs(), inverse=self.name)
+        return factors(matrix, space, space.FreeDofs(), self.name)
 
     def newton_system(self, functional: DualFunctional) -> NewtonSystem:
         """(7.1) with one factorisation for each step."""

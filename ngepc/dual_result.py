@@ -12,7 +12,6 @@ from ngsolve import (
     GridFunction,
     IfPos,
     InnerProduct,
-    Integrate,
     Norm,
     ds,
 )
@@ -22,6 +21,7 @@ from ngepc.blocks import primal_energy
 from ngepc.equilibrium import Equilibrium, applied_forces
 from ngepc.friction import slip, tangent
 from ngepc.functional import DualFunctional
+from ngepc.parallel import integral
 from ngepc.primal.return_mapping import ReturnMapping, interpolated
 from ngepc.problem import Problem, as_scalar
 from ngepc.recovery import Fields, Recovered
@@ -93,8 +93,9 @@ class DualResult(Recovered, Ending):
         """(u, p, z, t, q) in the compound space; no z without contact, no t without friction."""
         blocks = self.functional.blocks
         state = GridFunction(blocks.X)
-        state.vec.Range(0, blocks.Y.ndof).data = self.y
-        state.vec.Range(blocks.Y.ndof, blocks.X.ndof).data = self.v
+        own = state.vec.local_vec
+        own.Range(0, blocks.Y.ndof).data = self.y.local_vec
+        own.Range(blocks.Y.ndof, blocks.X.ndof).data = self.v.local_vec
         return state
 
     @cached_property
@@ -184,7 +185,7 @@ class DualResult(Recovered, Ending):
         if not self.problem.contact_names:
             return 0.0
         on_contact = ds("|".join(self.problem.contact_names))
-        return Integrate(self.contact_pressure * on_contact, self.problem.mesh)
+        return integral(self.contact_pressure * on_contact, self.problem.mesh)
 
     @property
     def friction_stress(self) -> CoefficientFunction:
@@ -204,7 +205,7 @@ class DualResult(Recovered, Ending):
             return (0.0,) * self.problem.N
         on_contact = ds("|".join(self.problem.contact_names))
         t = self.friction_stress
-        return tuple(Integrate(t[i] * on_contact, self.problem.mesh) for i in range(self.problem.N))
+        return tuple(integral(t[i] * on_contact, self.problem.mesh) for i in range(self.problem.N))
 
     @property
     def yield_excess(self) -> CoefficientFunction:

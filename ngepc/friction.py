@@ -27,7 +27,6 @@ from ngsolve import (
     Id,
     IfPos,
     InnerProduct,
-    Integrate,
     LinearForm,
     Mesh,
     Norm,
@@ -42,6 +41,7 @@ from ngepc.assembly import repeated
 from ngepc.checks.arguments import Coefficient
 from ngepc.material import Material
 from ngepc.normals import outward_normal
+from ngepc.parallel import integral
 from ngepc.penalty import TINY
 from ngepc.problem import Problem, as_scalar
 from ngepc.quadrature import boundary_rules
@@ -71,7 +71,7 @@ def friction_energy(problem: Problem, u: CoefficientFunction) -> float:
         return 0.0
     gained = u if problem.u_0 is None else u - problem.u_0
     density = as_scalar(problem.friction) * _size(slip(problem, gained))
-    return Integrate(density * _on_contact(problem, ENERGY_POINTS), problem.mesh)
+    return integral(density * _on_contact(problem, ENERGY_POINTS), problem.mesh)
 
 
 def _size(t: CoefficientFunction) -> CoefficientFunction:
@@ -162,27 +162,27 @@ class FrictionPenalty:
 
     def energy(self, t: BaseVector) -> float:
         """M^3(t)."""
-        self._t.vec.data = t
-        return Integrate(self._density * self._ds, self._mesh)
+        self._t.vec.local_vec.data = t
+        return integral(self._density * self._ds, self._mesh)
 
     def active(self, t: BaseVector) -> float:
         """Measure of the set where |t| > F, the part of Gamma_c that slips."""
-        self._t.vec.data = t
-        return Integrate(self._inside * self._ds, self._mesh)
+        self._t.vec.local_vec.data = t
+        return integral(self._inside * self._ds, self._mesh)
 
     def gradient(self, t: BaseVector) -> BaseVector:
         """([gamma (|t| - F)]^+ t/|t|, .) as a functional."""
-        self._t.vec.data = t
-        return self._gradient.Assemble().vec
+        self._t.vec.local_vec.data = t
+        return self._gradient.Assemble().vec.local_vec
 
     def pattern(self) -> SparseMatrixd:
         """A matrix with all entries that ``hessian`` may ever have."""
-        return self._hessian.Assemble(reallocate=True).mat
+        return self._hessian.Assemble(reallocate=True).mat.local_mat
 
     def hessian(self, t: BaseVector) -> SparseMatrixd:
         """gamma (chi_{|t| > F} M(t) ., .) with M(t) of (6.1)."""
-        self._t.vec.data = t
-        return self._hessian.Assemble(reallocate=True).mat
+        self._t.vec.local_vec.data = t
+        return self._hessian.Assemble(reallocate=True).mat.local_mat
 
 
 def pressed_block_problem(mesh: Mesh, friction: Coefficient | None = 5.0) -> Problem:

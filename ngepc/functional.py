@@ -22,7 +22,8 @@ from ngsolve.la import BaseVector
 from ngepc.assembly import Placed, SparseSum
 from ngepc.blocks import LinearBlocks
 from ngepc.contact import ContactConstraint
-from ngepc.direct import SOLVER_ERRORS
+from ngepc.factors import SOLVER_ERRORS, factors
+from ngepc.parallel import total
 from ngepc.regularisation import Regularisation, check_shifts
 
 ROUNDING_SAMPLES = 2
@@ -96,7 +97,7 @@ class DualFunctional:
 
     def tichonov_gradient(self, v: BaseVector) -> BaseVector:
         """B v / gamma_T as a functional on H."""
-        g = v.CreateVector()
+        g = self.blocks.psi.CreateVector()
         for i, B in enumerate(self.blocks.B):
             self.blocks.part_of(g, i).data = 1 / self.gamma_T * (B * self.blocks.part_of(v, i))
         return g
@@ -121,7 +122,7 @@ class DualFunctional:
 
     def penalty_gradient(self, v: BaseVector) -> BaseVector:
         """M(v) as a functional on H."""
-        g = v.CreateVector()
+        g = self.blocks.psi.CreateVector()
         for i, M in enumerate(self.penalties):
             self.blocks.part_of(g, i).data = M.gradient(self.blocks.part_of(v, i))
         return g
@@ -139,7 +140,7 @@ class DualFunctional:
         The norms of Lambda D^(-1) e are averaged over a few e of that size with random signs.
         """
         sizes, signs = self.blocks.rounding_of(y), np.random.default_rng(0)
-        e, squares = y.CreateVector(), Counter()
+        e, squares = self.blocks.load.CreateVector(), Counter()
         for _ in range(ROUNDING_SAMPLES):
             e.FV().NumPy()[:] = sizes.FV().NumPy() * signs.choice((-1.0, 1.0), len(sizes))
             image = (self.blocks.Lambda * self.blocks.primal_response(e)).Evaluate()
@@ -179,7 +180,8 @@ class DualFunctional:
             component = self.blocks.part_of(r, i)
             riesz = component.CreateVector()
             riesz.data = inverse * component
-            norms[part.name] = math.sqrt(max(0.0, InnerProduct(riesz, component)))
+            square = total(InnerProduct(riesz, component), self.blocks.problem.mesh)
+            norms[part.name] = math.sqrt(max(0.0, square))
         return ResidualNorms(norms)
 
 
@@ -214,7 +216,7 @@ class NewtonSystem:
         patterns = [
             Placed(M.pattern(), f) for M, f in zip(functional.penalties, self._firsts, strict=True)
         ]
-        self._sum = SparseSum(blocks.saddle.mat, [*self._tichonov(), *patterns])
+        self._sum = SparseSum(blocks.saddle.mat.local_mat, [*self._tichonov(), *patterns])
         self.use(functional)
 
     def _tichonov(self) -> list[Placed]:
@@ -224,7 +226,7 @@ class NewtonSystem:
         """Switch to another regularisation on the same blocks."""
         self.functional = functional
         self._sum.entries[:] = 0.0
-        self._sum.add(Placed(self.blocks.saddle.mat))
+        self._sum.add(Placed(self.blocks.saddle.mat.local_mat))
         for B in self._tichonov():
             self._sum.add(B, 1 / functional.gamma_T)
         self._constant = self._sum.entries.copy()
@@ -256,8 +258,9 @@ class NewtonSystem:
 
     def _invert(self) -> None:
         if self._inverse is None:
-            free = self.blocks.X.FreeDofs(coupling=True)
-            self._inverse = self._sum.matrix.Inverse(free, inverse=self._inverse_name)
+            X = self.blocks.X
+            free = X.FreeDofs(coupling=True)
+            self._inverse = factors(self._sum.matrix, X, free, self._inverse_name)
         else:
             self._inverse.Update()
 
@@ -285,11 +288,11 @@ class NewtonSystem:
         rhs[:] = 0.0
         ny, n = blocks.Y.ndof, blocks.X.ndof
         if load is not None:
-            rhs.Range(0, ny).data = load
-        rhs.Range(ny, n).data = r
+            rhs.Range(0, ny).data = load.local_vec
+        rhs.Range(ny, n).data = r.local_vec
         x = rhs.CreateVector()
         x.data = self._inverse * rhs
-        x.data += blocks.saddle.harmonic_extension * x
-        dy, dv = blocks.D_lift.CreateVector(), r.CreateVector()
-        dy.data, dv.data = x.Range(0, ny), x.Range(ny, n)
+        x.data += blocks.saddle.harmonic_extension.local_mat * x
+        dy, dv = blocks.Y_vector(), blocks.H_vector()
+        dy.local_vec.data, dv.local_vec.data = x.Range(0, ny), x.Range(ny, n)
         return dy, dv

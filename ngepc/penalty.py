@@ -10,7 +10,6 @@ from ngsolve import (
     Id,
     IfPos,
     InnerProduct,
-    Integrate,
     LinearForm,
     Norm,
     OuterProduct,
@@ -20,6 +19,7 @@ from ngsolve import (
 from ngsolve.la import BaseVector, SparseMatrixd
 
 from ngepc.checks.arguments import is_number
+from ngepc.parallel import integral
 from ngepc.problem import Problem, as_scalar
 from ngepc.quadrature import ElementSplit, boundary_rules, fine_rules, smooth_rules
 from ngepc.regularisation import Regularisation, plastic_threshold
@@ -61,27 +61,27 @@ class ContactPenalty:
 
     def energy(self, z: BaseVector) -> float:
         """M^1(z)."""
-        self._z.vec.data = z
-        return Integrate(self._densities[0] * self._ds, self._mesh)
+        self._z.vec.local_vec.data = z
+        return integral(self._densities[0] * self._ds, self._mesh)
 
     def active(self, z: BaseVector) -> float:
         """Measure of the set where z + mu^/gamma < 0: contact."""
-        self._z.vec.data = z
-        return Integrate(self._densities[1] * self._ds, self._mesh)
+        self._z.vec.local_vec.data = z
+        return integral(self._densities[1] * self._ds, self._mesh)
 
     def gradient(self, z: BaseVector) -> BaseVector:
         """([mu^ + gamma z]^+, .) as a functional on Z."""
-        self._z.vec.data = z
-        return self._gradient.Assemble().vec
+        self._z.vec.local_vec.data = z
+        return self._gradient.Assemble().vec.local_vec
 
     def pattern(self) -> SparseMatrixd:
         """A matrix with all entries that ``hessian`` may ever have."""
-        return self._hessian.Assemble(reallocate=True).mat
+        return self._hessian.Assemble(reallocate=True).mat.local_mat
 
     def hessian(self, z: BaseVector) -> SparseMatrixd:
         """gamma (chi_{z + mu^/gamma > 0} ., .)."""
-        self._z.vec.data = z
-        return self._hessian.Assemble(reallocate=True).mat
+        self._z.vec.local_vec.data = z
+        return self._hessian.Assemble(reallocate=True).mat.local_mat
 
 
 class PlasticPenalty:
@@ -137,7 +137,7 @@ class PlasticPenalty:
 
     def _set(self, q: BaseVector) -> None:
         """Evaluate the forms at q; the elements are sorted anew only where q has changed."""
-        self._q.vec.data = q
+        self._q.vec.local_vec.data = q
         values = self._q.vec.FV().NumPy()
         if self._split_at is None or not np.array_equal(values, self._split_at):
             self._split.update(values.reshape(self._q.dim, -1).T)
@@ -146,25 +146,25 @@ class PlasticPenalty:
     def energy(self, q: BaseVector) -> float:
         """M^2(q)."""
         self._set(q)
-        return Integrate(self._energy, self._mesh)
+        return integral(self._energy, self._mesh)
 
     def active(self, q: BaseVector) -> float:
         """Measure of the set where |q| + nu^/gamma > beta_gamma, by a low order: for records."""
         self._set(q)
-        return Integrate(self._measure, self._mesh)
+        return integral(self._measure, self._mesh)
 
     def gradient(self, q: BaseVector) -> BaseVector:
         """([nu^ + gamma (|q| - beta_gamma)]^+ q/|q|, .) as a functional on R."""
         self._set(q)
-        return self._gradient.Assemble().vec
+        return self._gradient.Assemble().vec.local_vec
 
     def pattern(self) -> SparseMatrixd:
         """A matrix with all entries that ``hessian`` may ever have."""
         self._split.smooth.Set()
         self._split_at = None
-        return self._hessian.Assemble(reallocate=True).mat
+        return self._hessian.Assemble(reallocate=True).mat.local_mat
 
     def hessian(self, q: BaseVector) -> SparseMatrixd:
         """gamma (chi_Q M(q) ., .) with M(q) of (6.1)."""
         self._set(q)
-        return self._hessian.Assemble(reallocate=True).mat
+        return self._hessian.Assemble(reallocate=True).mat.local_mat

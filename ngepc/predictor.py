@@ -24,6 +24,7 @@ from ngepc.checks.arguments import require_number
 from ngepc.direct import LinearSolver, linear_solver
 from ngepc.functional import DualFunctional
 from ngepc.iterates import Iterate, Line
+from ngepc.parallel import accumulated, entries
 from ngepc.primal.return_mapping import at_plastic_points
 from ngepc.problem import as_scalar
 from ngepc.tensors import coordinates, coordinates_count, strain
@@ -99,8 +100,7 @@ class ReturnMapping:
             A ``LinearSolver`` or NGSolve's name of a direct one.
         """
         functional.make_feasible(v)
-        y = functional.blocks.load.CreateVector()
-        y[:] = 0.0
+        y = functional.blocks.Y_vector()
         y.FV().NumPy()[: u.size] = u.ravel()
         mapped = self._mapped(functional, v, y, inverse)
         energies = [Iterate.at(functional, w).energy for w in (v, mapped)]
@@ -111,8 +111,8 @@ class ReturnMapping:
     ) -> BaseVector:
         mapped, blocks = v.CreateVector(), functional.blocks
         mapped.data = v
-        problem = LocalProblem(functional, inverse, self.accuracy)
-        blocks.part_of(mapped, len(blocks.parts) - 1).data = problem.solve(y)
+        q = LocalProblem(functional, inverse, self.accuracy).solve(y)
+        blocks.part_of(mapped, len(blocks.parts) - 1).data = q.local_vec
         return mapped
 
 
@@ -156,7 +156,7 @@ class LocalProblem:
         total = sum(w[i] for i in range(coordinates_count(problem.N)))
         gamma = as_scalar(self._functional.regularisation.gamma_plastic(problem))
         self._lumped = [
-            np.array(LinearForm(density * total * dx).Assemble().vec.FV().NumPy())
+            entries(LinearForm(density * total * dx).Assemble().vec)
             for density in (1 / c, gamma, gamma * as_scalar(problem.beta))
         ]
 
@@ -171,15 +171,16 @@ class LocalProblem:
         return np.where(self._free, (factor * t).ravel(), 0.0)
 
     def _energy(self, q: BaseVector) -> float:
-        linear = q.CreateVector()
+        linear = self._load.vec.CreateVector()
         linear.data = 0.5 * (self._mass.mat * q) - self._load.vec
-        linear.data += 0.5 / self._functional.gamma_T * (self._B * q)
-        return InnerProduct(linear, q) + self._penalty.energy(q)
+        linear.local_vec.data += 0.5 / self._functional.gamma_T * (self._B * q.local_vec)
+        return InnerProduct(linear, q) + self._penalty.energy(q.local_vec)
 
     def _gradient(self, q: BaseVector) -> BaseVector:
-        g = q.CreateVector()
-        g.data = self._mass.mat * q - self._load.vec + self._penalty.gradient(q)
-        g.data += 1 / self._functional.gamma_T * (self._B * q)
+        g = self._load.vec.CreateVector()
+        g.data = self._mass.mat * q - self._load.vec
+        g.local_vec.data += self._penalty.gradient(q.local_vec)
+        g.local_vec.data += 1 / self._functional.gamma_T * (self._B * q.local_vec)
         g.FV().NumPy()[~self._free] = 0.0
         return g
 
@@ -187,13 +188,15 @@ class LocalProblem:
         """The coefficients of q in R_h for the displacement in ``y``."""
         self._y.vec.data = y
         self._load.Assemble()
-        q = self._load.vec.CreateVector()
-        q.FV().NumPy()[:] = self._lumped_mapping(self._load.vec.FV().NumPy())
-        self._sum = SparseSum(self._penalty.pattern(), [Placed(self._mass.mat), Placed(self._B)])
+        q = GridFunction(self._R).vec
+        q.FV().NumPy()[:] = self._lumped_mapping(entries(self._load.vec))
+        self._sum = SparseSum(
+            self._penalty.pattern(), [Placed(self._mass.mat.local_mat), Placed(self._B)]
+        )
         inverse, first = None, None
         for _ in range(MOST_STEPS):
             g = self._gradient(q)
-            size = g.Norm()
+            size = accumulated(g).Norm()
             first = size if first is None else first
             if size <= self._accuracy * first:
                 break
@@ -203,13 +206,13 @@ class LocalProblem:
             else:
                 inverse.Update()
             dq = q.CreateVector()
-            dq.data = -1 * (inverse * g)
+            dq.local_vec.data = -1 * (inverse * g.local_vec)
             q = self._descended(q, dq, InnerProduct(g, dq))
         return q
 
     def _assemble_hessian(self, q: BaseVector) -> None:
         self._sum.entries[:] = 0.0
-        self._sum.add(Placed(self._mass.mat))
+        self._sum.add(Placed(self._mass.mat.local_mat))
         self._sum.add(Placed(self._B), 1 / self._functional.gamma_T)
         self._sum.add(Placed(self._penalty.hessian(q)))
 

@@ -12,7 +12,7 @@ import numpy as np
 from ngsolve import ET, VOL, BitArray, IntegrationRule, Mesh
 
 from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient, is_number
-from ngepc.checks.support import element_vertices
+from ngepc.elements import element_numbers, element_vertices
 
 SMOOTH_ORDER = 9
 SMOOTH_VARIATION = 0.1
@@ -123,14 +123,6 @@ class ElementSplit:
             kinked[numbers[touched[~no_kink]]] = True
         _assign(self.kinked, kinked)
         _assign(self.smooth, smooth)
-
-
-def element_numbers(mesh: Mesh) -> list[np.ndarray]:
-    """Element numbers, one array for each number of vertices, matching ``element_vertices``."""
-    netgen_mesh = mesh.ngmesh
-    elements = netgen_mesh.Elements2D() if mesh.dim == 2 else netgen_mesh.Elements3D()
-    count = (elements.NumPy()["nodes"][:, : 2**mesh.dim] > 0).sum(axis=1)
-    return [np.flatnonzero(count == k) for k in np.unique(count)]
 
 
 def _assign(bits: BitArray, values: np.ndarray) -> None:

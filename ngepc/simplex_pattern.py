@@ -39,7 +39,7 @@ class SimplexPattern:
         once = dx(intrules={shape: IntegrationRule(shape, 0)})
         form = BilinearForm(self._space, symmetric=True, symmetric_storage=True)
         form += InnerProduct(q, r) * once
-        return form.Assemble().mat
+        return form.Assemble().mat.local_mat
 
     @cached_property
     def _starts(self) -> np.ndarray:
@@ -50,7 +50,7 @@ class SimplexPattern:
     @cached_property
     def _pairs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Vertex i, place among its neighbours and neighbour j of all pairs (i, j), by rows."""
-        below = np.diff(self._starts[0], append=self._starts[1, 0])
+        below = np.diff(self._starts[0], append=self._length(0))
         degree = np.diff(self._starts[1], append=self._length(1)) - below
         i = np.repeat(np.arange(len(degree)), degree)
         place = np.arange(len(i)) - np.repeat(np.cumsum(degree) - degree, degree)
@@ -59,9 +59,7 @@ class SimplexPattern:
 
     def _length(self, component: int) -> int:
         """Number of entries in the rows of the components up to this one."""
-        if component + 1 < self.components:
-            return int(self._starts[component + 1, 0])
-        return self.matrix.nze
+        return int(np.asarray(self.matrix.CSR()[2])[(component + 1) * self._starts.shape[1]])
 
     @cached_property
     def _entry(self) -> np.ndarray:

@@ -12,16 +12,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import ET, FESpace, GridFunction, Integrate, IntegrationRule
+from ngsolve import ET, FESpace, Integrate, IntegrationRule
 from ngsolve.la import BaseVector, SparseMatrixd
 
 from ngepc.checks.arguments import is_number
-from ngepc.checks.support import element_vertices
+from ngepc.elements import element_vertices
+from ngepc.parallel import total
 from ngepc.penalty import TINY
 from ngepc.problem import Problem, as_scalar
 from ngepc.quadrature import HIGHEST_ORDER, SMOOTH_ORDER, SMOOTH_VARIATION, order_with_points
 from ngepc.regularisation import Regularisation
 from ngepc.simplex_pattern import SimplexPattern
+from ngepc.tensors import coordinates_count
 
 GENTLE = ((SMOOTH_VARIATION, SMOOTH_ORDER), (0.25, 15), (0.5, 21))
 """(variation of q, order): what integrates a function of |q| without a kink to rounding."""
@@ -103,7 +105,8 @@ class SimplexPenalty:
     ) -> None:
         self._gamma, self._threshold = constants(problem, regularisation)
         mesh, N = problem.mesh, problem.N
-        (self._nodes,) = element_vertices(mesh)
+        nodes = element_vertices(mesh)
+        self._nodes = nodes[0] if nodes else np.zeros((0, N + 1), int)
         self._volumes = np.array(Integrate(as_scalar(1.0), mesh, element_wise=True))
         self._vertices = mesh.nv
         shape = ET.TRIG if N == 2 else ET.TET
@@ -112,14 +115,14 @@ class SimplexPenalty:
         self._variations = np.array([variation for variation, _ in gentle])
         orders = [*(order for _, order in gentle), fine]
         self._rules = [Barycentric.of_order(N, order) for order in orders]
-        self._q = GridFunction(R).vec
-        self._components = len(self._q) // mesh.nv
+        self._mesh, self._q = mesh, BaseVector(R.ndof)
+        self._components = coordinates_count(N)
         self._pattern = SimplexPattern(R, self._nodes, self._components)
         self._sorted_at: np.ndarray | None = None
 
     def _batches(self, q: BaseVector, rules: list[Barycentric] | None = None) -> Iterator[Batch]:
         """The elements beyond the threshold, by the rule they need, in pieces."""
-        values = np.asarray(q.FV()).reshape(-1, self._vertices).T
+        values = np.asarray(q.FV()).reshape(self._components, -1).T
         if self._sorted_at is None or not np.array_equal(values, self._sorted_at):
             self._classes = self._sort(values)
             self._sorted_at = values.copy()
@@ -159,35 +162,34 @@ class SimplexPenalty:
 
     def energy(self, q: BaseVector) -> float:
         """M^2(q)."""
-        total = 0.0
+        energy = 0.0
         for batch in self._batches(q):
             s = self._overshoot(batch)[2]
             s *= s
-            total += batch.volumes @ (s @ batch.rule.weights)
-        return float(self._gamma / 2 * total)
+            energy += batch.volumes @ (s @ batch.rule.weights)
+        return float(self._gamma / 2 * total(energy, self._mesh))
 
     def active(self, q: BaseVector) -> float:
         """Measure of the set where |q| + nu^/gamma > beta_gamma, by a low order: for records."""
         low = [self._rules[0]] * len(self._rules)
-        return float(
-            sum(
-                batch.volumes @ ((self._overshoot(batch)[2] > 0) @ batch.rule.weights)
-                for batch in self._batches(q, low)
-            )
+        measure = sum(
+            batch.volumes @ ((self._overshoot(batch)[2] > 0) @ batch.rule.weights)
+            for batch in self._batches(q, low)
         )
+        return total(float(measure), self._mesh)
 
     def gradient(self, q: BaseVector) -> BaseVector:
         """([nu^ + gamma (|q| - beta_gamma)]^+ q/|q|, .) as a functional on R."""
-        total = np.zeros((self._components, self._vertices))
+        forces = np.zeros((self._components, self._vertices))
         for batch in self._batches(q):
             components, size, s = self._overshoot(batch)
             s *= self._gamma / (size + TINY)
             nodes, moments = self._nodes[batch.elements].ravel(), batch.rule.first_moments()
             for a, component in enumerate(components):
                 local = batch.volumes[:, None] * ((s * component) @ moments)
-                total[a] += np.bincount(nodes, local.ravel(), self._vertices)
+                forces[a] += np.bincount(nodes, local.ravel(), self._vertices)
         g = self._q.CreateVector()
-        g.FV().NumPy()[:] = total.ravel()
+        g.FV().NumPy()[:] = forces.ravel()
         return g
 
     def pattern(self) -> SparseMatrixd:
@@ -196,13 +198,13 @@ class SimplexPenalty:
 
     def hessian(self, q: BaseVector) -> SparseMatrixd:
         """gamma (chi_Q M(q) ., .) with M(q) of (6.1)."""
-        total = self._pattern.zeros()
+        values = self._pattern.zeros()
         for batch in self._batches(q):
             moments = batch.rule.second_moments()
             for block, M in self._newton_derivative(batch):
                 local = batch.volumes[:, None] * (M @ moments)
-                self._pattern.add(total[block], batch.elements, local)
-        return self._pattern.write(total)
+                self._pattern.add(values[block], batch.elements, local)
+        return self._pattern.write(values)
 
     def _newton_derivative(self, batch: Batch) -> Iterator[tuple[tuple[int, int], np.ndarray]]:
         """The components b <= a of gamma chi_Q M(q) at the points.

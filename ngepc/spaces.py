@@ -8,10 +8,12 @@ On elements whose strains vary, quadrilaterals and hexahedra first of all, p is 
 order one and follows them; constant p would leave all bending of an element elastic.
 """
 
+import numpy as np
 from ngsolve import (
     H1,
     L2,
     Compress,
+    FacetFESpace,
     FESpace,
     GridFunction,
     Mesh,
@@ -20,7 +22,8 @@ from ngsolve import (
 )
 
 from ngepc.checks.arguments import boundary_names
-from ngepc.checks.support import element_vertices
+from ngepc.elements import element_vertices
+from ngepc.parallel import from_all, is_distributed, somewhere
 from ngepc.problem import Problem, as_scalar
 from ngepc.tensors import coordinates_count
 
@@ -62,9 +65,10 @@ def prescribed_displacement(problem: Problem, V: FESpace) -> GridFunction:
 
 def _copy_dofs(target: GridFunction, source: GridFunction, V: FESpace, axis: int, region) -> None:
     first = V.Range(axis).start
-    for i, on_boundary in enumerate(V.components[axis].GetDofs(region)):
-        if on_boundary:
-            target.vec[first + i] = source.vec[first + i]
+    component = V.components[axis]
+    mask = somewhere(np.array(component.GetDofs(region), dtype=bool), component)
+    dofs = first + np.flatnonzero(mask)
+    target.vec.FV().NumPy()[dofs] = source.vec.FV().NumPy()[dofs]
 
 
 def has_straight_simplices(mesh: Mesh) -> bool:
@@ -72,7 +76,8 @@ def has_straight_simplices(mesh: Mesh) -> bool:
 
     The strain of a P1 displacement is then constant on each of them.
     """
-    shapes = {vertices.shape[1] for vertices in element_vertices(mesh)}
+    own = {vertices.shape[1] for vertices in element_vertices(mesh)}
+    shapes = set().union(*from_all(own, mesh))
     return shapes == {mesh.dim + 1} and mesh.GetCurveOrder() <= 1 and mesh.deformation is None
 
 
@@ -89,15 +94,25 @@ def plastic_space(problem: Problem) -> FESpace:
 
 def outer_boundaries(mesh: Mesh) -> set[str]:
     """Names of the boundaries of the body, without the interfaces between materials."""
-    facets = "edges" if mesh.dim == 2 else "faces"
-    return {
+    facets, shared = "edges" if mesh.dim == 2 else "faces", shared_facets(mesh)
+    own = {
         name
         for name in set(mesh.GetBoundaries())
         if any(
-            len(mesh[getattr(element, facets)[0]].elements) == 1
+            len(mesh[facet].elements) == 1 and facet.nr not in shared
             for element in mesh.Boundaries(name).Elements()
+            for facet in getattr(element, facets)[:1]
         )
     }
+    return set().union(*from_all(own, mesh))
+
+
+def shared_facets(mesh: Mesh) -> set[int]:
+    """Numbers of the facets with an element of another process on their other side."""
+    if not is_distributed(mesh):
+        return set()
+    dofs = FacetFESpace(mesh, order=0).ParallelDofs()
+    return {facet for facet in range(dofs.ndoflocal) if len(dofs.Dof2Proc(facet))}
 
 
 def other_boundaries(problem: Problem) -> str:

@@ -95,7 +95,8 @@ class ContactGradient:
                 "(R1) or tichonov=FullProduct()"
             )
         z, w = Z.TnT()
-        return BilinearForm(length * _gradients(z, w) * _on_contact(problem)).Assemble().mat
+        product = length * _gradients(z, w)
+        return BilinearForm(product * _on_contact(problem)).Assemble().mat.local_mat
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ class ContactSobolev:
         """B_z."""
         z, w = Z.TnT()
         product = length * _gradients(z, w) + z * w / length
-        return BilinearForm(product * _on_contact(problem)).Assemble().mat
+        return BilinearForm(product * _on_contact(problem)).Assemble().mat.local_mat
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ class ContactSlobodeckij:
             In three dimensions, or if Gamma_c touches itself.
         """
         z, w = Z.TnT()
-        mass = BilinearForm(z * w / length * _on_contact(problem)).Assemble().mat
+        mass = BilinearForm(z * w / length * _on_contact(problem)).Assemble().mat.local_mat
         return from_dense(contact_seminorm(problem, Z) + to_dense(mass))
 
 
@@ -142,7 +143,7 @@ class PlasticGradient:
     def matrix(self, problem: Problem, R: FESpace, length: float) -> SparseMatrixd:
         """B_q."""
         q, r = R.TnT()
-        return BilinearForm(InnerProduct(grad(q), grad(r)) * dx).Assemble().mat
+        return BilinearForm(InnerProduct(grad(q), grad(r)) * dx).Assemble().mat.local_mat
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,7 @@ class PlasticSobolev:
         """B_q."""
         q, r = R.TnT()
         product = InnerProduct(grad(q), grad(r)) + InnerProduct(q, r) / length**2
-        return BilinearForm(product * dx).Assemble().mat
+        return BilinearForm(product * dx).Assemble().mat.local_mat
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ def test_contact_conditions_hold_exactly(solved_lshape):
     """z <= 0, lambda >= 0 and lambda z = 0 node by node; the gap is open where z = 0."""
     f = solved_lshape.functional
     z = f.constraint.values(f.blocks.part_of(solved_lshape.v, 0))
-    residual = f.residual(solved_lshape.y, solved_lshape.v).FV().NumPy()[f.constraint.dofs]
+    residual = f.residual(solved_lshape.y, solved_lshape.v).FV().NumPy()[f.constraint.nodes.dofs]
     assert z.max() <= 0
     assert (z < 0).any()
     assert (z == 0).any()
@@ -173,13 +173,13 @@ def test_newton_step_minimises_the_model_over_the_feasible_set(functional):
 def test_feasible_steps_are_measured(functional):
     constraint, blocks = functional.constraint, functional.blocks
     z, dz = (blocks.part_of(blocks.H_vector(), 0) for _ in range(2))
-    z.FV().NumPy()[constraint.dofs] = -2.0
+    z.FV().NumPy()[constraint.nodes.dofs] = -2.0
     assert constraint.longest_step(z, dz) == math.inf
-    dz.FV().NumPy()[constraint.dofs[0]] = 4.0
-    dz.FV().NumPy()[constraint.dofs[1]] = -1.0
+    dz.FV().NumPy()[constraint.nodes.dofs[0]] = 4.0
+    dz.FV().NumPy()[constraint.nodes.dofs[1]] = -1.0
     assert constraint.longest_step(z, dz) == pytest.approx(0.5)
     assert constraint.energy(z) == 0.0
-    z.FV().NumPy()[constraint.dofs[0]] = 1e-12
+    z.FV().NumPy()[constraint.nodes.dofs[0]] = 1e-12
     assert constraint.energy(z) == math.inf
     constraint.project(z)
     assert constraint.energy(z) == 0.0

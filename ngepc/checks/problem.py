@@ -18,8 +18,10 @@ from ngepc.checks.arguments import (
     require_finite,
     sample,
 )
-from ngepc.checks.support import check_support, element_vertices, vertices_of
+from ngepc.checks.support import check_support, vertices_of
+from ngepc.elements import element_nodes
 from ngepc.material import Material
+from ngepc.parallel import gathered
 
 if TYPE_CHECKING:
     from ngepc.problem import Problem
@@ -47,10 +49,10 @@ def check_mesh(mesh: Mesh) -> None:
         raise ValueError(
             f"mesh is distributed over {mesh.comm.size} processes: a mesh of one process is needed"
         )
-    if mesh.ne == 0:
+    nodes = gathered(element_nodes(mesh), mesh)
+    if len(nodes) == 0:
         raise ValueError("mesh has no elements: a mesh of the body is needed")
-    elements = mesh.ngmesh.Elements2D() if mesh.dim == 2 else mesh.ngmesh.Elements3D()
-    if (elements.NumPy()["nodes"][:, 2**mesh.dim :] > 0).any():
+    if (nodes[:, 2**mesh.dim :] >= 0).any():
         raise ValueError(
             "mesh has elements of second order: leave SecondOrder() out (mesh.Curve bends elements)"
         )
@@ -58,7 +60,7 @@ def check_mesh(mesh: Mesh) -> None:
     size = sample(determinant, mesh)
     if not np.isfinite(size).all() or np.abs(size).min() <= 1e-14 * np.abs(size).max():
         raise ValueError("mesh has degenerate elements (zero area or volume)")
-    if any(nodes.shape[1] == 2**mesh.dim for nodes in element_vertices(mesh)):
+    if (nodes[:, 2**mesh.dim - 1] >= 0).any():
         corner = sample(determinant, mesh, corners=True)
         size = np.append(size, corner[np.abs(corner) > 1e-12 * np.abs(size).max()])
     if size.min() < 0 < size.max():

@@ -3,6 +3,9 @@
 On a conforming P1 mesh eps(u) = 0 leaves one rigid motion for each part of the mesh whose
 elements hang together by facets.  The parts are coupled at the vertices they share, so that two
 blocks joined along an edge are found to hinge.
+
+All this looks at the whole body, so that on a distributed mesh every process finds the same.
+Vertices have the numbers of ``ngepc.parallel.vertex_numbers``.
 """
 
 from __future__ import annotations
@@ -14,7 +17,9 @@ import numpy as np
 from ngsolve import CoefficientFunction, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number, sample
+from ngepc.elements import body_elements
 from ngepc.normals import outward_normal
+from ngepc.parallel import gathered, vertex_coordinates, vertex_numbers
 
 if TYPE_CHECKING:
     from ngepc.problem import Problem
@@ -69,8 +74,7 @@ def check_outer(problem: Problem, keys: np.ndarray) -> None:
     """Contact takes place on the outer boundary, not on an interface inside the body."""
     mesh = problem.mesh
     for name in problem.contact_names:
-        nodes = [sorted(v.nr for v in el.vertices) for el in mesh.Boundaries(name).Elements()]
-        wanted = combine(np.array([n[: mesh.dim] for n in nodes], dtype=np.int64), mesh)
+        wanted = combine(facets_of(mesh, name), mesh)
         if not np.isin(wanted, keys).all():
             raise ValueError(f"contact={name!r} is not a boundary of elements of the mesh")
         if np.isin(keys, wanted).sum() > len(np.unique(wanted)):
@@ -96,8 +100,9 @@ def held_values(problem: Problem) -> np.ndarray:
         for i, value in enumerate(components)
         if value is not None
     ]
-    held = np.full((mesh.nv, N), np.nan)
-    owner = np.full((mesh.nv, N), "", dtype=object)
+    _, count = vertex_numbers(mesh)
+    held = np.full((count, N), np.nan)
+    owner = np.full((count, N), "", dtype=object)
     for argument, name, i, value in given:
         vertices, values = boundary_values(value, mesh, name)
         old = held[vertices, i]
@@ -126,14 +131,27 @@ def at_corners(
     value: CoefficientFunction, mesh: Mesh, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and values at the corners of all boundary elements, once for each element."""
+    return corner_vertices(mesh, names), sample(value, mesh, names, corners=True)
+
+
+def facets_of(mesh: Mesh, name: str) -> np.ndarray:
+    """The N lowest vertex numbers of each element of a boundary, sorted, shape (elements, N)."""
+    numbers = vertex_numbers(mesh)[0].tolist()
+    elements = mesh.Boundaries(name).Elements()
+    own = [sorted(numbers[v.nr] for v in el.vertices)[: mesh.dim] for el in elements]
+    return gathered(np.array(own, dtype=np.int64).reshape(-1, mesh.dim), mesh)
+
+
+def corner_vertices(mesh: Mesh, names: Sequence[str]) -> np.ndarray:
+    """Numbers of the vertices at the corners of all boundary elements, one after the other."""
     region = mesh.Boundaries("|".join(names))
-    vertices = np.array([v.nr for el in region.Elements() for v in el.vertices], dtype=int)
-    return vertices, sample(value, mesh, names, corners=True)
+    own = np.array([v.nr for el in region.Elements() for v in el.vertices], dtype=int)
+    return gathered(vertex_numbers(mesh)[0][own], mesh)
 
 
-def vertices_of(mesh: Mesh, names: tuple[str, ...]) -> set[int]:
+def vertices_of(mesh: Mesh, names: Sequence[str]) -> set[int]:
     """Numbers of the vertices on the named boundaries, ends included."""
-    return {v.nr for el in mesh.Boundaries("|".join(names)).Elements() for v in el.vertices}
+    return set(corner_vertices(mesh, names).tolist())
 
 
 def check_free_normal(problem: Problem, held: np.ndarray) -> None:
@@ -144,7 +162,7 @@ def check_free_normal(problem: Problem, held: np.ndarray) -> None:
     vertices, normal = at_corners(outward_normal(mesh), mesh, contact)
     free = np.linalg.norm(np.where(held[vertices], 0.0, normal), axis=1)
     if free.min() < FREE_NORMAL:
-        where = np.asarray(mesh.ngmesh.Coordinates())[vertices[free.argmin()], : problem.N]
+        where = vertex_coordinates(mesh)[vertices[free.argmin()]]
         raise ValueError(
             f"prescribed={problem.prescribed!r} holds the normal displacement of "
             f"contact={problem.contact!r} at {where.round(6).tolist()}: where they meet, the "
@@ -157,8 +175,7 @@ def check_rigid_motions(problem: Problem, held: np.ndarray, pairs: np.ndarray) -
 
     ``pairs`` are those of ``part_vertices``; parts with common vertices are looked at together.
     """
-    mesh, N = problem.mesh, problem.N
-    x = np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, :N]
+    x = vertex_coordinates(problem.mesh)
     scaled = x / np.ptp(x[pairs[:, 1]], axis=0).max()
     parts = pairs[-1, 0] + 1
     by_vertex = pairs[np.argsort(pairs[:, 1], kind="stable")]
@@ -227,25 +244,25 @@ def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
     ``a`` and ``b`` are the pairs of elements that share a facet, as ``element_facets`` counts.
     """
-    elements = element_vertices(mesh)
+    elements, (_, count) = body_elements(mesh), vertex_numbers(mesh)
     label = connected(sum(len(nodes) for nodes in elements), a, b)
     _, part = np.unique(label, return_inverse=True)
     pairs, start = [], 0
     for nodes in elements:
         of_corner = np.repeat(part[start : start + len(nodes)], nodes.shape[1])
-        pairs.append(of_corner * mesh.nv + nodes.ravel())
+        pairs.append(of_corner * count + nodes.ravel())
         start += len(nodes)
-    return np.column_stack(np.divmod(np.unique(np.concatenate(pairs)), mesh.nv))
+    return np.column_stack(np.divmod(np.unique(np.concatenate(pairs)), count))
 
 
 def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """An integer for each facet of each element, and the number of the element.
 
-    Elements are counted in the order of ``element_vertices``.  The N lowest vertex numbers of a
+    Elements are counted in the order of ``body_elements``.  The N lowest vertex numbers of a
     facet identify it.
     """
     keys, owners, start = [], [], 0
-    for nodes in element_vertices(mesh):
+    for nodes in body_elements(mesh):
         numbers = np.arange(start, start + len(nodes))
         for facet in _FACETS[mesh.dim, nodes.shape[1]]:
             keys.append(combine(np.sort(nodes[:, facet], axis=1)[:, : mesh.dim], mesh))
@@ -256,9 +273,9 @@ def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 def combine(vertices: np.ndarray, mesh: Mesh) -> np.ndarray:
     """One integer for each row of sorted vertex numbers."""
-    keys = vertices[:, 0].astype(np.int64)
+    keys, (_, count) = vertices[:, 0].astype(np.int64), vertex_numbers(mesh)
     for column in vertices.T[1:]:
-        keys = keys * mesh.nv + column
+        keys = keys * count + column
     return keys
 
 
@@ -273,12 +290,3 @@ def connected(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         np.minimum.at(label, label[b], smallest)
         while (label[label] != label).any():
             label = label[label]
-
-
-def element_vertices(mesh: Mesh) -> list[np.ndarray]:
-    """Vertex numbers of the elements, an array (elements, vertices) for each shape."""
-    netgen_mesh = mesh.ngmesh
-    elements = netgen_mesh.Elements2D() if mesh.dim == 2 else netgen_mesh.Elements3D()
-    nodes = elements.NumPy()["nodes"].astype(int)[:, : 2**mesh.dim] - 1
-    count = (nodes >= 0).sum(axis=1)
-    return [nodes[count == k][:, :k] for k in np.unique(count)]

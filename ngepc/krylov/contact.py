@@ -31,7 +31,7 @@ class ConstrainedKrylovSystem(KrylovSystem):
     def __init__(self, functional: DualFunctional, solver: Krylov) -> None:
         super().__init__(functional, solver)
         self._number = functional.penalties.index(functional.constraint)
-        self._dofs = functional.constraint.dofs
+        self._dofs = functional.constraint.nodes.dofs
         self._bound: np.ndarray | None = None
 
     def direction(self, v: BaseVector, r: BaseVector) -> tuple[BaseVector, BaseVector]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ngepc.direct import SOLVER_ERRORS
+from ngepc.factors import SOLVER_ERRORS
 from ngepc.primal.complementarity import solve_complementarity
 from ngepc.primal.contact import NodalContact, nodal_contact
 from ngepc.primal.energy import ReducedEnergy
