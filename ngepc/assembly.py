@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from ngsolve.la import SparseMatrixd
+from pyngcore import Array_D_S, Array_I_S
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,21 @@ class Placed:
         return (keys, values) if lower.all() else (keys[lower], values[lower])
 
 
+def from_entries(
+    rows: np.ndarray, columns: np.ndarray, values: np.ndarray, height: int, width: int
+) -> SparseMatrixd:
+    """The sparse matrix with these entries.
+
+    ``SparseMatrixd.CreateFromCOO`` reads numpy arrays one Python number at a time, which takes ten
+    times as long as all else that it does.
+    """
+    kinds = (Array_I_S, Array_I_S, Array_D_S)
+    arrays = [kind(len(rows)) for kind in kinds]
+    for array, given in zip(arrays, (rows, columns, values), strict=True):
+        array.NumPy()[:] = given
+    return SparseMatrixd.CreateFromCOO(*arrays, height, width)
+
+
 def repeated(A: SparseMatrixd, times: int) -> SparseMatrixd:
     """The block-diagonal matrix with ``times`` copies of A."""
     values, columns, starts = (np.asarray(a) for a in A.CSR())
@@ -34,9 +50,7 @@ def repeated(A: SparseMatrixd, times: int) -> SparseMatrixd:
     rows = np.repeat(np.arange(n), np.diff(starts.astype(np.int64)))
     shifts = n * np.repeat(np.arange(times), len(values))
     i, j = (np.tile(index, times) + shifts for index in (rows, columns.astype(np.int64)))
-    return SparseMatrixd.CreateFromCOO(
-        i.astype(np.int32), j.astype(np.int32), np.tile(values, times), times * n, times * n
-    )
+    return from_entries(i, j, np.tile(values, times), times * n, times * n)
 
 
 def diagonal_block(A: SparseMatrixd, first: int, last: int, factor: float = 1.0) -> SparseMatrixd:
@@ -46,8 +60,8 @@ def diagonal_block(A: SparseMatrixd, first: int, last: int, factor: float = 1.0)
     rows = np.repeat(np.arange(last - first, dtype=np.int32), np.diff(starts))
     values, columns = values[starts[0] : starts[-1]], columns[starts[0] : starts[-1]]
     inside = columns >= first  # the lower triangle ends at the diagonal
-    n, columns = last - first, (columns[inside] - first).astype(np.int32)
-    return SparseMatrixd.CreateFromCOO(rows[inside], columns, factor * values[inside], n, n)
+    n = last - first
+    return from_entries(rows[inside], columns[inside] - first, factor * values[inside], n, n)
 
 
 def sorted_once(keys: np.ndarray) -> np.ndarray:
@@ -76,9 +90,8 @@ class SparseSum:
             self.matrix = largest.CreateMatrix()
             return
         self._keys = sorted_once(np.concatenate([self._keys, *more]))
-        rows = (self._keys // size).astype(np.int32)
-        columns = (self._keys % size).astype(np.int32)
-        self.matrix = SparseMatrixd.CreateFromCOO(rows, columns, np.zeros(len(rows)), size, size)
+        rows, columns = np.divmod(self._keys, size)
+        self.matrix = from_entries(rows, columns, np.zeros(len(rows)), size, size)
 
     def _has(self, keys: np.ndarray) -> np.ndarray:
         where = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)

@@ -12,6 +12,7 @@ from netgen.meshing import NgException
 from ngsolve import BitArray, FESpace
 from ngsolve.la import BaseMatrix, BaseVector, SparseMatrixd
 
+from ngepc.ordering import OrderedFactors, swept
 from ngepc.parallel import is_distributed
 
 SOLVER_ERRORS = (NgException, RuntimeError, MemoryError)
@@ -43,7 +44,7 @@ def factors(matrix: SparseMatrixd, space: FESpace, free: BitArray, name: str) ->
     """
     if is_distributed(space.mesh):
         return GatheredFactors(matrix, space, free, name)
-    return matrix.Inverse(free, inverse=name)
+    return OrderedFactors(matrix, swept(space, free), name)
 
 
 class GatheredFactors(BaseMatrix):
