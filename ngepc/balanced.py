@@ -17,6 +17,7 @@ from ngepc.checks.arguments import Coefficient, require_number
 from ngepc.checks.kinds import require_attributes, require_instance
 from ngepc.linesearch import NearMinimum
 from ngepc.parallel import gathered, vertex_coordinates
+from ngepc.plastic_strain import ElementwisePlasticStrain, PlasticStrain, require_plastic_strain
 from ngepc.predictor import ReturnMapping
 from ngepc.problem import Problem, as_scalar
 from ngepc.regularisation import Coupled, Units
@@ -99,6 +100,8 @@ class Balanced:
         How z <= 0 is imposed: ``ExactContact()``, ``NodalContact()`` or ``PenaltyContact(gamma)``.
     tichonov
         The space H and its product; without boundary conditions by default, docs/balanced.md.
+    plastic_strain
+        ``ElementwisePlasticStrain()`` as in the paper, or ``PointwisePlasticStrain()``.
     units
         Reference units of gamma and of the tolerance; None stands for Units() beside a given
         gamma and for units of the problem otherwise.
@@ -115,6 +118,7 @@ class Balanced:
     share: float = 0.5
     contact: ExactContact | PenaltyContact = field(default_factory=ExactContact)
     tichonov: Tichonov = field(default_factory=FullProduct)
+    plastic_strain: PlasticStrain = field(default_factory=ElementwisePlasticStrain)
     units: Units | None = None
     predictor: ReturnMapping | None = field(default_factory=ReturnMapping)
 
@@ -134,6 +138,7 @@ class Balanced:
             "contact", self.contact, kinds, "ExactContact(), NodalContact() or PenaltyContact()"
         )
         require_tichonov(self.tichonov)
+        require_plastic_strain(self.plastic_strain)
         if self.units is not None:
             require_instance("units", self.units, Units, "Units(...) or None")
         if self.predictor is not None:
@@ -232,5 +237,6 @@ def split(regularisation: Coupled, share: float = 0.9) -> Balanced:
         share=share,
         contact=PenaltyContact(gamma=regularisation.gamma),
         tichonov=regularisation.tichonov,
+        plastic_strain=regularisation.plastic_strain,
         units=regularisation.units,
     )

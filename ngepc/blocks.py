@@ -18,14 +18,14 @@ from ngsolve import (
     Trace,
     dx,
 )
-from ngsolve.la import PARALLEL_STATUS, BaseVector
+from ngsolve.la import PARALLEL_STATUS, BaseVector, SparseMatrixd
 
 from ngepc.assembly import diagonal_block
 from ngepc.checks.arguments import Coefficient
 from ngepc.direct import LinearSolver, linear_solver
 from ngepc.equilibrium import external_work
 from ngepc.friction import friction_energy
-from ngepc.parallel import integral
+from ngepc.parallel import integral, total
 from ngepc.parts import dual_parts
 from ngepc.problem import Problem, as_scalar
 from ngepc.regularisation import Regularisation
@@ -115,6 +115,8 @@ class LinearBlocks:
         The inverse of D condensed to u.
     Lambda, load, psi
         Lambda: Y -> H as a matrix; -l and [psi, 0] as functionals.
+    completion
+        The matrix of s on R_h, ``ngepc.plastic_strain``; None for zero.
     B, B_inverse
         Blocks of B for each part, and their inverses (the Poisson solves).
     """
@@ -125,6 +127,7 @@ class LinearBlocks:
         self.problem, self.solver = problem, linear_solver(inverse)
         regularisation = regularisation.resolved(problem)
         self.parts = dual_parts(problem, regularisation)
+        self._plastic_strain = regularisation.plastic_strain
         self.h_F = problem.effective_hardening * regularisation.hardening_share
         self.spaces = [part.space(problem, regularisation) for part in self.parts]
         V, Q = displacement_space(problem), plastic_space(problem)
@@ -134,6 +137,7 @@ class LinearBlocks:
         self._assemble_saddle()
         self._assemble_primal()
         self._assemble_coupling()
+        self.completion = self._assemble_completion()
         self.B = [
             part.tichonov(problem, regularisation, space)
             for part, space in zip(self.parts, self.spaces, strict=True)
@@ -153,7 +157,22 @@ class LinearBlocks:
             self.saddle += (-term).Compile() * dx
         for term in (*self._couplings(u, p, dv), *self._couplings(du, dp, v)):
             self.saddle += term
+        for term in self._completion(v[-1], dv[-1]):
+            self.saddle += term
         self.saddle.Assemble()
+
+    def _completion(self, q, r) -> list:
+        return self._plastic_strain.completion(self.problem, self.h_F, q, r)
+
+    def _assemble_completion(self) -> SparseMatrixd | None:
+        R = self.spaces[-1]
+        terms = self._completion(*R.TnT())
+        if not terms:
+            return None
+        form = BilinearForm(R, symmetric=True, symmetric_storage=True)
+        for term in terms:
+            form += term
+        return form.Assemble().mat.local_mat
 
     def _assemble_primal(self) -> None:
         (u, p), (du, dp) = self.Y.TnT()
@@ -268,9 +287,28 @@ class LinearBlocks:
         return rounding
 
     def conjugate(self, y: BaseVector, v: BaseVector) -> float:
-        """F*(Lambda* v) = <Lambda* v - l, y> - 1/2 <D y, y>, where D y = Lambda* v - l."""
+        """F*(Lambda* v) = <Lambda* v - l, y> - 1/2 <D y, y> + s(q, q) / 2.
+
+        There D y = Lambda* v - l.
+        """
         r, y_0 = y.CreateVector(), y.CreateVector()
         r.data = self.Lambda.T * v + self.load
         y_0.data = y - self.lift.vec
         twice_energy = InnerProduct(r, y_0) + InnerProduct(self.D_lift, y)  # <D y, y>
-        return InnerProduct(r, y) - twice_energy / 2
+        return InnerProduct(r, y) - twice_energy / 2 + self._completed(v) / 2
+
+    def conjugate_gradient(self, y: BaseVector, v: BaseVector) -> BaseVector:
+        """Lambda y + s(q, .), the derivative of F*(Lambda* v) where D y = Lambda* v - l."""
+        g = self.psi.CreateVector()
+        g.data = self.Lambda * y
+        if self.completion is not None:
+            last = len(self.parts) - 1
+            self.part_of(g, last).data += self.completion * self.part_of(v, last)
+        return g
+
+    def _completed(self, v: BaseVector) -> float:
+        """s(q, q)."""
+        if self.completion is None:
+            return 0.0
+        q = self.part_of(v, len(self.parts) - 1)
+        return total(InnerProduct((self.completion * q).Evaluate(), q), self.problem.mesh)

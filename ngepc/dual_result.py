@@ -85,8 +85,8 @@ class DualResult(Recovered, Ending):
 
     @cached_property
     def primal_energy(self) -> float:
-        """J(u, p) of (2.14) with (u, p) = y (force times length)."""
-        return primal_energy(self.problem, *self._primal.components)
+        """J(u, p) of (2.14) with the (u, p) that F* is attained at (force times length)."""
+        return primal_energy(self.problem, self.displacement, self.balanced_increment)
 
     @cached_property
     def state(self) -> GridFunction:
@@ -109,10 +109,12 @@ class DualResult(Recovered, Ending):
         """u (length)."""
         return self._primal.components[0]
 
-    @property
-    def balanced_increment(self) -> GridFunction:
+    @cached_property
+    def balanced_increment(self) -> CoefficientFunction:
         """The p of y, d components: with it the stress is in equilibrium, and the energies hold."""
-        return self._primal.components[1]
+        blocks, choice = self.functional.blocks, self.functional.regularisation.plastic_strain
+        p, q = self._primal.components[1], self.state.components[-1]
+        return choice.increment(self.problem, blocks.h_F, p, q)
 
     @cached_property
     def plastic_increment(self) -> GridFunction:

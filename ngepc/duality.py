@@ -131,7 +131,7 @@ def _energies(result: DualResult) -> dict[str, float]:
     blocks, v = f.blocks, result.v
     names = [part.name for part in blocks.parts]
     image = v.CreateVector()
-    image.data = blocks.Lambda * result.y - blocks.psi
+    image.data = blocks.conjugate_gradient(result.y, v) - blocks.psi
     terms = {
         n: InnerProduct(blocks.part_of(image, i), blocks.part_of(v, i)) for i, n in enumerate(names)
     }

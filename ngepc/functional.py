@@ -115,9 +115,10 @@ class DualFunctional:
         }
 
     def linear_residual(self, y: BaseVector, v: BaseVector) -> BaseVector:
-        """Lambda y - [psi, 0] + B v / gamma_T."""
+        """Lambda y + s(q, .) - [psi, 0] + B v / gamma_T."""
         r = v.CreateVector()
-        r.data = self.blocks.Lambda * y - self.blocks.psi + self.tichonov_gradient(v)
+        r.data = self.blocks.conjugate_gradient(y, v) - self.blocks.psi
+        r += self.tichonov_gradient(v)
         return r
 
     def penalty_gradient(self, v: BaseVector) -> BaseVector:

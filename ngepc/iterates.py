@@ -108,8 +108,7 @@ class Line:
         self, functional: DualFunctional, here: Iterate, dy: BaseVector, dv: BaseVector
     ) -> None:
         self.functional, self.here, self.dy, self.dv = functional, here, dy, dv
-        image = dv.CreateVector()
-        image.data = functional.blocks.Lambda * dy
+        image = functional.blocks.conjugate_gradient(dy, dv)
         self.slope = InnerProduct(functional.linear_residual(here.y, here.v), dv)
         self.curvature = InnerProduct(image, dv) + functional.tichonov(dv, dv)
         self._penalties: dict[float, float] = {}

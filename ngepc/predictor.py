@@ -4,7 +4,7 @@ From v = 0 the first Newton step meets no active max term, and its full length l
 solution, whose q lies far beyond the yield bound.  For a fixed displacement u the saddle function
 S(y, v) of functional.py leaves the local, strictly convex problem
 
-    min over q:  int |Pi q + e|^2 / (2 c) + M^2(q) + b(q, q) / (2 gamma_T),
+    min over q:  int |Pi q + e|^2 / (2 c) + s(q, q) / 2 + M^2(q) + b(q, q) / (2 gamma_T),
 
 with c = 2 mu_2 + h_F, e = 2 mu_2 dev(eps(u) - p_0) - alpha_0 and Pi the projection onto Q_h: the
 return mapping of plasticity.  Lumped to the vertices it has a closed form, and few Newton steps
@@ -148,6 +148,8 @@ class LocalProblem:
         self._mass = BilinearForm(R, symmetric=True, symmetric_storage=True)
         self._mass += InnerProduct(q, w) / c * on_points
         self._mass.Assemble()
+        if blocks.completion is not None:
+            self._mass.mat.local_mat.AsVector().data += blocks.completion.AsVector()
         self._y = GridFunction(blocks.Y)
         e = two_mu * coordinates(strain(self._y.components[0]) - problem.p_0, problem.N)
         e -= coordinates(problem.alpha_0[1], problem.N)

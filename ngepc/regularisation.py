@@ -24,6 +24,7 @@ from ngepc.checks.arguments import (
 )
 from ngepc.checks.kinds import require_attributes, require_instance
 from ngepc.linesearch import Armijo, LineSearch
+from ngepc.plastic_strain import ElementwisePlasticStrain, PlasticStrain, require_plastic_strain
 from ngepc.problem import Problem, as_scalar
 from ngepc.tichonov import SurfaceGradient, Tichonov, require_tichonov
 
@@ -79,6 +80,7 @@ class Regularisation(Protocol):
     """What the dual functional asks of a regularisation."""
 
     tichonov: Tichonov
+    plastic_strain: PlasticStrain
     units: Units
     hardening_share: float
     contact_shift: Coefficient
@@ -126,6 +128,8 @@ class Coupled:
     beta_gamma
         Replacement of the yield bound with sigma_y <= beta_gamma <= beta and
         ||beta_gamma - beta|| <= 1/gamma; None for beta itself.
+    plastic_strain
+        ``ElementwisePlasticStrain()`` as in the paper, or ``PointwisePlasticStrain()``.
     units
         Reference units of gamma.
 
@@ -140,6 +144,7 @@ class Coupled:
     contact_shift: Coefficient = 0.0
     plastic_shift: Coefficient = 0.0
     beta_gamma: Coefficient | None = None
+    plastic_strain: PlasticStrain = field(default_factory=ElementwisePlasticStrain)
     units: Units = field(default_factory=Units)
 
     hardening_share = 1.0
@@ -155,6 +160,7 @@ class Coupled:
             if is_number(getattr(self, name)):
                 require_number(name, getattr(self, name), 0)
         require_tichonov(self.tichonov)
+        require_plastic_strain(self.plastic_strain)
         if self.beta_gamma is not None:
             require_coefficient("beta_gamma", self.beta_gamma)
             if is_number(self.beta_gamma):

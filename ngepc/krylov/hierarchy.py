@@ -7,10 +7,11 @@ coarser mesh have the mean of its values there, and the vertices of coarser mesh
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from ngsolve import Mesh
+from ngsolve import FESpace, Mesh
 from ngsolve.la import SparseMatrixd
 
 
@@ -78,3 +79,50 @@ def prolongations(mesh: Mesh) -> tuple[Prolongation, ...]:
     return tuple(
         Prolongation(int(first), parents[first:last]) for first, last in pairwise(ends[1:])
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One mesh of a family for vector-valued P1 with boundary conditions.
+
+    Parameters
+    ----------
+    free
+        Free degrees of freedom, component by component, boolean.
+    prolongation
+        From the next coarser mesh; None on the coarsest.
+    """
+
+    free: np.ndarray
+    prolongation: Prolongation | None
+
+    @cached_property
+    def P(self) -> SparseMatrixd:
+        """The prolongation to this mesh."""
+        return self.prolongation.matrix(self.free)
+
+    @cached_property
+    def P_T(self) -> SparseMatrixd:
+        """Its transpose."""
+        return self.P.CreateTranspose()
+
+    @cached_property
+    def vertex_blocks(self) -> list[list[int]]:
+        """The free degrees of freedom at each vertex that has any."""
+        components = self.free.reshape(-1, self.prolongation.fine)
+        numbers = np.arange(self.free.size).reshape(components.shape)
+        if components.all():
+            return numbers.T.tolist()
+        blocks = (n[f].tolist() for n, f in zip(numbers.T, components.T, strict=True))
+        return [block for block in blocks if block]
+
+
+def levels(space: FESpace) -> tuple[Level, ...]:
+    """The meshes of a P1 space, finest first; a single one for spaces on a part of the mesh."""
+    free = np.array(space.FreeDofs(), dtype=bool)
+    whole = space.ndof % space.mesh.nv == 0
+    found = []
+    for prolongation in reversed(prolongations(space.mesh) if whole else ()):
+        found.append(Level(free, prolongation))
+        free = prolongation.coarse_part(free)
+    return (*found, Level(free, None))

@@ -8,7 +8,9 @@ import numpy as np
 from ngsolve import BitArray
 from ngsolve.la import BaseMatrix, BaseVector, SparseMatrixd
 
-from ngepc.krylov.hierarchy import Prolongation
+from ngepc.fractional import to_dense
+from ngepc.krylov.hierarchy import Level
+from ngepc.krylov.matrices import entries
 
 
 class VCycle(BaseMatrix):
@@ -20,30 +22,30 @@ class VCycle(BaseMatrix):
 
     Parameters
     ----------
-    A
-        The matrix, both triangles, degrees of freedom component by component.
-    free
-        Its free degrees of freedom, boolean; the others are zero in the result.
+    matrices
+        The matrix, both triangles, degrees of freedom component by component.  More than one:
+        on the next coarser meshes the others take its place, and the last one on the rest.
     family
-        Prolongations, coarsest first.
+        The meshes, finest first.  Degrees of freedom that are not free are zero in the result.
     sweeps
         Gauss-Seidel sweeps before and after each coarse correction.
     """
 
     def __init__(
-        self, A: SparseMatrixd, free: np.ndarray, family: Sequence[Prolongation], sweeps: int
+        self, matrices: Sequence[SparseMatrixd], family: Sequence[Level], sweeps: int
     ) -> None:
         super().__init__()
+        A, *others = matrices
         self._A, self._sweeps, self._coarse = A, sweeps, None
-        if not family:
-            self._inverse = A.Inverse(BitArray(free.tolist()), inverse="sparsecholesky")
+        self._level, *coarser = family
+        if not coarser:
+            free = BitArray(self._level.free.tolist())
+            self._inverse = A.Inverse(free, inverse="sparsecholesky")
             return
-        *coarser, last = family
-        self._P = last.matrix(free)
-        self._P_T = self._P.CreateTranspose()
-        self._smoother = A.CreateBlockSmoother(_vertex_blocks(free, last.fine))
-        coarse_free = last.coarse_part(free)
-        self._coarse = VCycle(self._P_T @ (A @ self._P), coarse_free, coarser, sweeps)
+        self._P, self._P_T = self._level.P, self._level.P_T
+        self._smoother = A.CreateBlockSmoother(self._level.vertex_blocks)
+        coarse = [self._P_T @ (M @ self._P) for M in others or [A]]
+        self._coarse = VCycle(coarse, coarser, sweeps)
         self._residual = A.CreateColVector()
         self._right, self._correction = (self._P.CreateRowVector() for _ in range(2))
 
@@ -60,6 +62,46 @@ class VCycle(BaseMatrix):
         x.data += self._P * self._correction
         self._smoother.SmoothBack(x, b, self._sweeps)
 
+    def compliance(self, L: SparseMatrixd) -> np.ndarray:
+        """L C L^T, dense, with the additive counterpart C of the cycle (Bramble, Pasciak, Xu).
+
+        C is the sum over the levels of P D^(-1) P^T, D the blocks of the vertices, P the
+        prolongation to the finest mesh, and of the inverse on the coarsest level.  It is
+        spectrally equivalent to A^(-1) whatever the mesh width.
+
+        Parameters
+        ----------
+        L
+            A matrix with as many columns as A.
+        """
+        if self._coarse is not None:
+            return to_dense(L @ self._block_inverse() @ L.CreateTranspose()) + (
+                self._coarse.compliance(L @ self._P)
+            )
+        result = np.zeros((L.height, L.height))
+        e, x = L.CreateColVector(), L.CreateRowVector()
+        for column in range(L.height):
+            e[:] = 0.0
+            e[column] = 1.0
+            x.data = self._inverse * (L.T * e)
+            e.data = L * x
+            result[:, column] = e.FV().NumPy()
+        return result
+
+    def _block_inverse(self) -> SparseMatrixd:
+        """D^(-1), zero where a degree of freedom is not free."""
+        free, n = self._level.free, self._level.prolongation.fine
+        i, j, values = entries(self._A)
+        inside = (i % n == j % n) & free[i] & free[j]
+        i, j, values = i[inside], j[inside], values[inside]
+        d = len(free) // n
+        D = np.zeros((n, d, d))
+        D[i % n, i // n, j // n] = values
+        fixed = np.flatnonzero(~free)
+        D[fixed % n, fixed // n, fixed // n] = 1.0
+        inverse = np.linalg.inv(D)[i % n, i // n, j // n]
+        return SparseMatrixd.CreateFromCOO(i, j, inverse, len(free), len(free))
+
     def Height(self) -> int:
         """Number of rows."""
         return self._A.height
@@ -75,13 +117,3 @@ class VCycle(BaseMatrix):
     def IsComplex(self) -> bool:
         """False."""
         return False
-
-
-def _vertex_blocks(free: np.ndarray, vertices: int) -> list[list[int]]:
-    """The free degrees of freedom at each vertex that has any."""
-    components = free.reshape(-1, vertices)
-    numbers = np.arange(free.size).reshape(components.shape)
-    if components.all():
-        return numbers.T.tolist()
-    blocks = (n[f].tolist() for n, f in zip(numbers.T, components.T, strict=True))
-    return [block for block in blocks if block]

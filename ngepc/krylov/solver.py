@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 from ngsolve import FESpace
 from ngsolve.la import BaseMatrix, BaseVector, SparseMatrixd
 
 from ngepc.checks.arguments import require_integer, require_number
-from ngepc.krylov.hierarchy import Prolongation, prolongations
+from ngepc.krylov.hierarchy import levels
 from ngepc.krylov.iterative import conjugate_gradients
 from ngepc.krylov.matrices import Mirrored
 from ngepc.krylov.multigrid import VCycle
@@ -75,17 +73,6 @@ class Krylov:
         constrained = functional.constraint is not None
         return (ConstrainedKrylovSystem if constrained else KrylovSystem)(functional, self)
 
-    def cycle(self, A: SparseMatrixd, space: FESpace, free: np.ndarray | None = None) -> VCycle:
-        """The V-cycle for a matrix with both triangles on vector-valued P1."""
-        free = np.array(space.FreeDofs(), dtype=bool) if free is None else free
-        return VCycle(A, free, family_of(space), self.sweeps)
-
-
-def family_of(space: FESpace) -> Sequence[Prolongation]:
-    """The coarser meshes of a P1 space on the whole body; none for a surface space."""
-    whole = space.ndof % space.mesh.nv == 0
-    return prolongations(space.mesh) if whole else ()
-
 
 class ConjugateGradients(BaseMatrix):
     """An inverse by CG, for vectors whose first entries belong to the space.
@@ -105,21 +92,24 @@ class ConjugateGradients(BaseMatrix):
     ----------
     A
         The matrix with both triangles.
+    family
+        The meshes of the cycle, finest first.
     """
 
     def __init__(
         self, lower: SparseMatrixd, space: FESpace, solver: Krylov, accuracy: float
     ) -> None:
         super().__init__()
-        self._lower, self._space, self._solver, self._accuracy = lower, space, solver, accuracy
+        self._lower, self._solver, self._accuracy = lower, solver, accuracy
         self._mirrored = Mirrored(lower)
         self.A = self._mirrored.matrix
-        self._P = solver.cycle(self.A, space)
+        self.family = levels(space)
+        self._P = VCycle([self.A], self.family, solver.sweeps)
 
     def Update(self) -> None:
         """Take new values of the matrix."""
         self._mirrored.update(self._lower)
-        self._P = self._solver.cycle(self.A, self._space)
+        self._P = VCycle([self.A], self.family, self._solver.sweeps)
 
     def Mult(self, b: BaseVector, x: BaseVector) -> None:
         """x = A^(-1) b; entries beyond the space become zero."""

@@ -13,7 +13,6 @@ and S themselves the eigenvalues would lie in [-1, -0.61] and [1, 1.62] whatever
 
 from __future__ import annotations
 
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -22,8 +21,10 @@ from ngsolve.la import BaseMatrix, BaseVector, BlockMatrix, BlockVector, SparseM
 from ngepc.assembly import Placed, SparseSum
 from ngepc.functional import DualFunctional
 from ngepc.krylov import surface
+from ngepc.krylov.hierarchy import levels
 from ngepc.krylov.iterative import minres
 from ngepc.krylov.matrices import Mirrored, block
+from ngepc.krylov.multigrid import VCycle
 from ngepc.krylov.solver import Krylov
 from ngepc.krylov.tangent import TangentElasticity
 
@@ -92,14 +93,11 @@ class KrylovSystem:
         self._L = [block(saddle, part, u) for part in ranges]
         parts = zip(ranges, blocks.B, functional.penalties, strict=True)
         self._S = [DualBlock(block(saddle, k, k), B, M.pattern()) for k, B, M in parts]
+        self._family = levels(blocks.spaces[-1])
         self._preconditioner: BlockMatrix | None = None
         self._free = [np.array(space.FreeDofs(), dtype=bool) for space in blocks.spaces]
         self._matrix = _saddle(self._A, self._L, [S.matrix for S in self._S])
         self.use(functional)
-
-    @cached_property
-    def _half_space(self) -> np.ndarray:
-        return surface.half_space(self.blocks.problem, self.blocks.spaces[0])
 
     def use(self, functional: DualFunctional) -> None:
         """Switch to another regularisation on the same blocks."""
@@ -118,13 +116,11 @@ class KrylovSystem:
         for i, (S, M) in enumerate(zip(self._S, self.functional.penalties, strict=True)):
             S.update(None if v is None else M.hessian(self.blocks.part_of(v, i)))
         q = None if v is None else self.blocks.part_of(v, len(self._S) - 1)
-        T, V = self._tangent.matrix(q), self.blocks.Y.components[0]
-        self._schur = [
-            self._half_space if part.name == "contact" and V.dim == 3 else surface.diagonal(L, T)
-            for part, L in zip(self.blocks.parts[:-1], self._L[:-1], strict=True)
-        ]
-        self._elastic = self._solver.cycle(T, V)
-        self._plastic = self._solver.cycle(self._S[-1].matrix, self.blocks.spaces[-1])
+        family = self.blocks.u_inverse.family
+        T = self._tangent.matrices(q, len(family))
+        self._elastic = VCycle(T, family, self._solver.sweeps)
+        self._schur = [surface.schur_complement(L, self._elastic) for L in self._L[:-1]]
+        self._plastic = VCycle([self._S[-1].matrix], self._family, 1)
         self._precondition(self._free)
 
     def _precondition(self, free: list[np.ndarray]) -> None:

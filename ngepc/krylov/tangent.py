@@ -5,20 +5,27 @@ leaves the modulus 2 mu_2 h_F / c of the deviator, soft everywhere.  q gives sti
 
     e . (2 mu_2 / c)^2 (1/c + G + t)^(-1) e,    G = M'(q) of (6.1),
 
-in full where G = 0; t stands for the Tichonov term at the frequency of the mesh.  That is the
-consistent tangent of plasticity, and cheap to assemble.
+in full where G = 0.  That is the consistent tangent of plasticity, and cheap to assemble.  t stands
+for the Tichonov term, k^2 / gamma_T for a displacement of frequency k: on each mesh of a multigrid
+cycle k is the frequency of that mesh, so that there is a matrix T for each of them.
 """
 
 from __future__ import annotations
 
+import math
+
 from ngsolve import (
     ET,
+    L2,
     BilinearForm,
+    CoefficientFunction,
     GridFunction,
     IfPos,
     InnerProduct,
     IntegrationRule,
+    Mesh,
     Norm,
+    Parameter,
     Trace,
     dx,
     grad,
@@ -33,6 +40,9 @@ from ngepc.tensors import strain, tensor
 
 FREQUENCY = 20.0
 """|grad q|^2 h_mesh^2 / |q|^2 of rough P1 functions."""
+
+NEGLIGIBLE = 0.1
+"""A c t below which the coarser meshes share the matrix."""
 
 ORDERS = {ET.TRIG: 1, ET.TET: 1, ET.QUAD: 3, ET.HEX: 3, ET.PRISM: 3, ET.PYRAMID: 3}
 """Of the rules that are just fine enough for a regular matrix."""
@@ -58,7 +68,10 @@ class TangentElasticity:
         q = self._q = GridFunction(R)
         size = Norm(q) + TINY
         s = size - threshold
-        elastic = 1 / c + FREQUENCY / (functional.gamma_T * specialcf.mesh_size**2)
+        self._frequency = Parameter(FREQUENCY)
+        tichonov = self._frequency / (functional.gamma_T * specialcf.mesh_size**2)
+        elastic = 1 / c + tichonov
+        self._tichonov = largest(c * tichonov, problem.mesh)
         coupling = (two_mu / c) * (two_mu / c)
         across = coupling / (elastic + IfPos(s, gamma_q * s / size, 0))
         along = coupling / (elastic + IfPos(s, gamma_q, 0))
@@ -76,9 +89,38 @@ class TangentElasticity:
         for term in terms:
             self._form += term.Compile() * means
 
-    def matrix(self, q: BaseVector | None) -> SparseMatrixd:
-        """The matrix at q, both triangles; None leaves the nonsmooth term out."""
+    def matrices(self, q: BaseVector | None, levels: int) -> list[SparseMatrixd]:
+        """The matrices at q on this mesh, both triangles.
+
+        Parameters
+        ----------
+        q
+            The coefficients; None leaves the nonsmooth term out.
+        levels
+            Number of meshes.
+
+        Returns
+        -------
+        list of SparseMatrixd
+            T with the frequency of this mesh, of the next coarser one and so on; the last one
+            serves all coarser meshes.
+        """
         self._q.vec[:] = 0.0
         if q is not None:
             self._q.vec.data = q
-        return self._form.Assemble().mat
+        differing = math.log(max(1.0, self._tichonov / NEGLIGIBLE), 4)
+        return [self._matrix(level) for level in range(min(levels, 1 + math.ceil(differing)))]
+
+    def _matrix(self, level: int) -> SparseMatrixd:
+        self._frequency.Set(FREQUENCY / 4**level)
+        assembled = self._form.Assemble().mat
+        T = assembled.CreateMatrix()
+        T.AsVector().data = assembled.AsVector()
+        return T
+
+
+def largest(coefficient: CoefficientFunction, mesh: Mesh) -> float:
+    """The largest mean of a coefficient over an element."""
+    means = GridFunction(L2(mesh, order=0))
+    means.Set(coefficient)
+    return float(means.vec.FV().NumPy().max())

@@ -11,6 +11,7 @@ from ngepc.dual_result import DualResult
 from ngepc.examples import lshape_problem, wrench_problem
 from ngepc.geometries import lshape, wrench
 from ngepc.newton import semismooth_newton
+from ngepc.plastic_strain import PointwisePlasticStrain
 from ngepc.problem import Problem
 from ngepc.studies.output import Table, write_table
 
@@ -19,7 +20,11 @@ EXAMPLES: dict[str, tuple[tuple[int, ...], Callable[[int], Problem]]] = {
     "(b)": (wrench.PAPER_NODES, lambda nodes: wrench_problem(wrench.paper_mesh(nodes))),
 }
 
-REGULARISATIONS = {"Balanced(1e9)": Balanced(1e9), "Balanced()": Balanced()}
+REGULARISATIONS = {
+    "Balanced(1e9)": Balanced(1e9),
+    "Balanced()": Balanced(),
+    "Balanced(1e9), p at every point": Balanced(1e9, plastic_strain=PointwisePlasticStrain()),
+}
 
 
 def count_balanced(levels: int, progress: Callable[[str], None] = lambda line: None) -> list[dict]:
