@@ -62,8 +62,9 @@ autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 napoleon_google_docstring = False
 napoleon_use_rtype = False
+napoleon_attr_annotations = False  # the signature has the types
 toc_object_entries = False
-maximum_signature_line_length = 80
+maximum_signature_line_length = 88
 
 html_theme = "sphinx_book_theme"
 html_context = {"default_mode": "auto"}

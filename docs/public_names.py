@@ -16,6 +16,7 @@ from sphinx.application import Sphinx
 
 import ngepc
 
+COLON = "\ue000"  # stands for a colon until napoleon is done
 MARKUP = re.compile(r"(``.+?``|:\w+:`.+?`)")
 
 
@@ -34,8 +35,17 @@ def names_of(module: str) -> list[str]:
     ]
 
 
+def overview(module: str) -> list[str]:
+    """A definition list: each public name, linked, with the first paragraph of its docstring."""
+    home, lines = importlib.import_module(module), [".. container:: overview", ""]
+    for name in names_of(module):
+        summary = " ".join(inspect.getdoc(getattr(home, name)).split("\n\n")[0].split())
+        lines += [f"   :py:obj:`{name} <{module}.{name}>`", f"      {without_markup(summary)}", ""]
+    return lines
+
+
 class PublicNames(Directive):
-    """Autodoc entries for all public names of a module."""
+    """Autodoc entries for all public names of a module; those of the package with an overview."""
 
     optional_arguments = 1
 
@@ -43,7 +53,7 @@ class PublicNames(Directive):
         """The entries, those of the package under the package's name."""
         module = self.arguments[0] if self.arguments else "ngepc"
         home = importlib.import_module(module)
-        lines = []
+        lines = overview(module) if module == "ngepc" else []
         for name in names_of(module):
             kind = "class" if inspect.isclass(getattr(home, name)) else "function"
             lines += [f".. auto{kind}:: {module}.{name}"]
@@ -57,12 +67,23 @@ class PublicNames(Directive):
 
 def plain_text(app, what, name, obj, options, lines: list[str]) -> None:
     """Keep |q|, x*, u_ and the like from being read as markup."""
-    for i, line in enumerate(lines):
-        parts = MARKUP.split(line)
-        for k in range(0, len(parts), 2):
-            text = re.sub(r"([|*`])", r"\\\1", parts[k])
-            parts[k] = re.sub(r"(?<=\w)_(?=\W|$)", r"\\_", text)
-        lines[i] = re.sub(r"(?<=\w``)(?=\w)", r"\\ ", "".join(parts))
+    lines[:] = [without_markup(line) for line in lines]
+    if what in ("property", "attribute") and lines:
+        lines[0] = lines[0].replace(":", COLON)
+
+
+def colons_back(app, what, name, obj, options, lines: list[str]) -> None:
+    """Undo what kept napoleon from taking the words before a colon for a type."""
+    lines[:] = [line.replace(COLON, ":") for line in lines]
+
+
+def without_markup(line: str) -> str:
+    """The line with what would be read as markup escaped, but for code and roles."""
+    parts = MARKUP.split(line)
+    for k in range(0, len(parts), 2):
+        text = re.sub(r"([|*`])", r"\\\1", parts[k])
+        parts[k] = re.sub(r"(?<=\w)_(?=\W|$)", r"\\_", text)
+    return re.sub(r"(?<=\w``)(?=\w)", r"\\ ", "".join(parts))
 
 
 def list_notes(app: Sphinx, docname: str, source: list[str]) -> None:
@@ -82,4 +103,5 @@ def setup(app: Sphinx) -> dict:
     app.connect("source-read", list_notes)
     app.add_directive("public-names", PublicNames)
     app.connect("autodoc-process-docstring", plain_text, priority=400)
+    app.connect("autodoc-process-docstring", colons_back, priority=600)
     return {"parallel_read_safe": True}

@@ -11,10 +11,10 @@ Lemma 6.3, or H1 -> H^(-1) for H_2 = H^1_0.
 
 Two families of directions on shrinking discs, both of fixed height:
 
-    plateau    1 on r/2, linear to 0 at r.  Null sequence in L2 and L6; its H1 norm does not change,
-               so that H1 does not see it as a small direction at all.
-    log        min(1, log(|x|/R) / log(r/R)), null sequence in H1 as well, though only as fast as
-               log(1/r)^(-1/2).
+- plateau: 1 on r/2, linear to 0 at r.  Null sequence in L2 and L6; its H1 norm does not change,
+  so that H1 does not see it as a small direction at all.
+- log: min(1, log(|x|/R) / log(r/R)), null sequence in H1 as well, though only as fast as
+  log(1/r)^(-1/2).
 
 Without the Tichonov term H is L2, there is no gap, and Newton counts grow with the mesh:
 ``counts_without_tichonov``.

@@ -1,5 +1,6 @@
 """The notebooks: stripped in the repository, complete, and run from top to bottom."""
 
+import ast
 import json
 import os
 from pathlib import Path
@@ -52,6 +53,13 @@ def test_no_outputs_are_kept(path):
         assert cell.execution_count is None
 
 
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=name)
+def test_code_fits_the_page(path):
+    """Cells of the site are 88 characters wide where the window is narrow."""
+    lines = [line for cell in code_cells(path) for line in cell.source.split("\n")]
+    assert [line for line in lines if len(line) > 88] == []
+
+
 @pytest.mark.parametrize("path", LECTURES, ids=name)
 def test_notation_comes_first_and_a_check_last(path):
     cells = nbformat.read(path, as_version=4).cells
@@ -67,7 +75,12 @@ def test_notation_comes_first_and_a_check_last(path):
 def test_exercises_have_hints_and_the_solutions_ask_the_same(path):
     solution = FOLDER / "solutions" / path.name
     questions = [
-        {line for cell in code_cells(p) for line in cell.source.split("\n") if "check(" in line}
+        [
+            ast.unparse(n)
+            for cell in code_cells(p)
+            for n in ast.walk(ast.parse(cell.source))
+            if isinstance(n, ast.Call) and ast.unparse(n.func) == "check"
+        ]
         for p in (path, solution)
     ]
     assert len(questions[0]) >= 4
