@@ -4,6 +4,8 @@ The constant part of (7.1) is assembled once; the Newton derivatives live on the
 alone and are added in place, so that the pattern and its symbolic factorisation stay.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -108,15 +110,39 @@ class SparseSum:
         if len(keys):
             self.entries[self._where(keys)] += factor * values
 
-    def decouple(self, dofs: np.ndarray) -> None:
-        """Replace the rows and columns ``dofs`` by those of the identity."""
+    def cross(self, dofs: np.ndarray) -> Cross:
+        """The rows and columns ``dofs``."""
         chosen = np.zeros(self._size, dtype=bool)
         chosen[dofs] = True
         rows, columns = np.divmod(self._keys, self._size)
-        entries = self.entries
-        entries[chosen[rows] | chosen[columns]] = 0.0
-        entries[chosen[rows] & (rows == columns)] = 1.0
+        where = np.flatnonzero(chosen[rows] | chosen[columns])
+        return Cross(self, where, rows[where], columns[where])
 
     def _where(self, keys: np.ndarray) -> np.ndarray:
         first, last = np.searchsorted(self._keys, (keys[0], keys[-1]))
         return first + np.searchsorted(self._keys[first : last + 1], keys)
+
+
+@dataclass(frozen=True)
+class Cross:
+    """Some rows and columns of a sum.
+
+    Parameters
+    ----------
+    sum
+        The sum.
+    where, rows, columns
+        Numbers of the entries among those of the sum, their rows and columns.
+    """
+
+    sum: SparseSum
+    where: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+
+    def decouple(self, dofs: np.ndarray) -> None:
+        """Replace the rows and columns ``dofs``, some of these, by those of the identity."""
+        i, j = np.isin(self.rows, dofs), np.isin(self.columns, dofs)
+        entries = self.sum.entries
+        entries[self.where[i | j]] = 0.0
+        entries[self.where[i & (self.rows == self.columns)]] = 1.0

@@ -68,6 +68,7 @@ class ConstrainedSystem(NewtonSystem):
         self._number = functional.penalties.index(functional.constraint)
         self._first = self.blocks.Y.ndof + int(self.blocks.firsts[self._number])
         self._nodes = functional.constraint.nodes
+        self._cross = self._sum.cross(self._first + self._nodes.dofs)
         self._bound: np.ndarray | None = None
 
     @property
@@ -84,7 +85,7 @@ class ConstrainedSystem(NewtonSystem):
         self._columns: dict[int, Response] = {}
         self._fixed = self._bound
         if self._fixed is not None:
-            self._sum.decouple(self._first + self._nodes.among(self._fixed))
+            self._cross.decouple(self._first + self._nodes.among(self._fixed))
 
     def factorise(self, v: BaseVector | None) -> None:
         """Assemble and factorise the Newton matrix at v with the nodes at the bound fixed."""

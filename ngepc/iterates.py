@@ -112,6 +112,7 @@ class Line:
         self.slope = InnerProduct(functional.linear_residual(here.y, here.v), dv)
         self.curvature = InnerProduct(image, dv) + functional.tichonov(dv, dv)
         self._penalties: dict[float, float] = {}
+        self._gradient: tuple[float, BaseVector] | None = None
 
     def dual(self, alpha: float) -> BaseVector:
         """v + alpha dv."""
@@ -130,9 +131,15 @@ class Line:
             self._penalties[alpha] = self.functional.penalty(self.dual(alpha))
         return self._penalties[alpha]
 
+    def penalty_gradient(self, alpha: float) -> BaseVector:
+        """M'(v + alpha dv) as a functional on H; the last one is kept for the next iterate."""
+        if self._gradient is None or self._gradient[0] != alpha:
+            self._gradient = alpha, self.functional.penalty_gradient(self.dual(alpha))
+        return self._gradient[1]
+
     def derivative(self, alpha: float) -> float:
         """d/d alpha J*_gamma(v + alpha dv)."""
-        gradient = self.functional.penalty_gradient(self.dual(alpha))
+        gradient = self.penalty_gradient(alpha)
         return self.slope + alpha * self.curvature + InnerProduct(gradient, self.dv)
 
     def iterate(self, step: Step) -> Iterate:
@@ -140,5 +147,6 @@ class Line:
         y, v = self.dy.CreateVector(), self.dual(step.length)
         y.data = self.here.y + step.length * self.dy
         smooth = self.functional.smooth_energy(y, v)
-        residual = self.functional.residual(y, v)
+        residual = self.functional.linear_residual(y, v)
+        residual += self.penalty_gradient(step.length)
         return Iterate(y, v, residual, smooth, self.penalty(step.length), step)

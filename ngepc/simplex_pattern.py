@@ -80,11 +80,16 @@ class SimplexPattern:
 
     def add(self, values: np.ndarray, elements: np.ndarray, local: np.ndarray) -> None:
         """Add symmetric element matrices, entries i <= j given in rows of ``local``."""
+        np.add.at(values, self._entry[elements].ravel(), local[:, self._mirrored].ravel())
+
+    @cached_property
+    def _mirrored(self) -> np.ndarray:
+        """Number of the entry i <= j for all entries of an element matrix, shape ((N+1)^2,)."""
         vertices = self._nodes.shape[1]
         i, j = np.triu_indices(vertices)
         full = np.empty((vertices, vertices), int)
         full[i, j] = full[j, i] = np.arange(len(i))
-        np.add.at(values, self._entry[elements].ravel(), local[:, full.ravel()].ravel())
+        return full.ravel()
 
     def write(self, values: dict[tuple[int, int], np.ndarray]) -> SparseMatrixd:
         """The matrix with these values."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from ngsolve import ET, FESpace, Integrate, IntegrationRule
@@ -54,14 +55,16 @@ class Barycentric:
         x, w = np.array(rule.points), np.array(rule.weights)
         return cls(np.column_stack([x, 1 - x.sum(axis=1)]), w / w.sum())
 
+    @cached_property
     def first_moments(self) -> np.ndarray:
         """Weights times each coordinate, shape (n, N+1)."""
         return self.weights[:, None] * self.points
 
+    @cached_property
     def second_moments(self) -> np.ndarray:
         """Weights times the products of coordinates i <= j, shape (n, (N+1)(N+2)/2)."""
         i, j = np.triu_indices(self.points.shape[1])
-        return self.first_moments()[:, i] * self.points[:, j]
+        return self.first_moments[:, i] * self.points[:, j]
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class Batch:
     rule
         The rule.
     values
-        q at their vertices, shape (elements, N+1, d).
+        q at their vertices, shape (d, elements, N+1).
     volumes
         Their volumes.
     """
@@ -87,8 +90,7 @@ class Batch:
 
     def at_points(self) -> list[np.ndarray]:
         """Each component of q at the points, shape (elements, n)."""
-        weights = np.ascontiguousarray(self.rule.points.T)
-        return [self.values[:, :, a] @ weights for a in range(self.values.shape[2])]
+        return [component @ self.rule.points.T for component in self.values]
 
 
 class SimplexPenalty:
@@ -122,7 +124,7 @@ class SimplexPenalty:
 
     def _batches(self, q: BaseVector, rules: list[Barycentric] | None = None) -> Iterator[Batch]:
         """The elements beyond the threshold, by the rule they need, in pieces."""
-        values = np.asarray(q.FV()).reshape(self._components, -1).T
+        values = np.asarray(q.FV()).reshape(self._components, -1)
         if self._sorted_at is None or not np.array_equal(values, self._sorted_at):
             self._classes = self._sort(values)
             self._sorted_at = values.copy()
@@ -130,7 +132,7 @@ class SimplexPenalty:
             size = max(1, CHUNK_POINTS // len(rule.weights))
             for first in range(0, len(elements), size):
                 piece = elements[first : first + size]
-                yield Batch(piece, rule, values[self._nodes[piece]], self._volumes[piece])
+                yield Batch(piece, rule, values[:, self._nodes[piece]], self._volumes[piece])
 
     def _sort(self, values: np.ndarray) -> list[np.ndarray]:
         """Element numbers for each rule; those below the threshold are in none.
@@ -138,16 +140,17 @@ class SimplexPenalty:
         |q| is convex, so that vertex values bound it from above; along the mean direction q is
         affine, so that they bound it from below.
         """
-        beyond = np.sqrt((values * values).sum(axis=1)) > self._threshold
+        beyond = np.sqrt((values * values).sum(axis=0)) > self._threshold
         if not beyond.any():
             return [np.zeros(0, int) for _ in self._rules]
         touched = np.flatnonzero(beyond[self._nodes].any(axis=1))
-        corner = values[self._nodes[touched]]
+        corner = values[:, self._nodes[touched].T]  # components, vertices, elements
         mean = corner.mean(axis=1)
-        length = np.sqrt((mean * mean).sum(axis=1)) + 1e-300
-        along = np.einsum("evd,ed->ev", corner, mean / length[:, None]).min(axis=1)
-        spread = np.sqrt(((corner - mean[:, None, :]) ** 2).sum(axis=2)).max(axis=1)
-        rank = (spread[:, None] >= self._variations * along[:, None]).sum(axis=1)
+        mean /= np.sqrt((mean * mean).sum(axis=0)) + 1e-300
+        along = (corner * mean[:, None]).sum(axis=0).min(axis=0)
+        corner -= corner.mean(axis=1, keepdims=True)
+        spread = np.sqrt((corner * corner).sum(axis=0).max(axis=0))
+        rank = sum((spread >= variation * along).astype(int) for variation in self._variations)
         rank[along <= self._threshold] = len(self._variations)
         return [touched[rank == k] for k in range(len(self._rules))]
 
@@ -184,10 +187,10 @@ class SimplexPenalty:
         for batch in self._batches(q):
             components, size, s = self._overshoot(batch)
             s *= self._gamma / (size + TINY)
-            nodes, moments = self._nodes[batch.elements].ravel(), batch.rule.first_moments()
+            nodes, moments = self._nodes[batch.elements].ravel(), batch.rule.first_moments
             for a, component in enumerate(components):
                 local = batch.volumes[:, None] * ((s * component) @ moments)
-                forces[a] += np.bincount(nodes, local.ravel(), self._vertices)
+                np.add.at(forces[a], nodes, local.ravel())
         g = self._q.CreateVector()
         g.FV().NumPy()[:] = forces.ravel()
         return g
@@ -200,7 +203,7 @@ class SimplexPenalty:
         """gamma (chi_Q M(q) ., .) with M(q) of (6.1)."""
         values = self._pattern.zeros()
         for batch in self._batches(q):
-            moments = batch.rule.second_moments()
+            moments = batch.rule.second_moments
             for block, M in self._newton_derivative(batch):
                 local = batch.volumes[:, None] * (M @ moments)
                 self._pattern.add(values[block], batch.elements, local)
