@@ -132,13 +132,23 @@ class Cross:
     sum
         The sum.
     where, rows, columns
-        Numbers of the entries among those of the sum, their rows and columns.
+        Numbers of the stored entries among those of the sum, their rows and columns.
     """
 
     sum: SparseSum
     where: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
+
+    def values(self) -> np.ndarray:
+        """A copy of the entries."""
+        return self.sum.entries[self.where]
+
+    def add_product(self, values: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
+        """Add C x to y, where C has these entries, on both sides of the diagonal, and no others."""
+        below = self.rows != self.columns
+        np.add.at(y, self.rows, values * x[self.columns])
+        np.add.at(y, self.columns[below], (values * x[self.rows])[below])
 
     def decouple(self, dofs: np.ndarray) -> None:
         """Replace the rows and columns ``dofs``, some of these, by those of the identity."""

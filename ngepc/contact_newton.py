@@ -3,12 +3,12 @@
 One factorisation serves the whole step.  The nodes that the last step left at z_i = 0 keep that
 value in the factorised matrix; which nodes leave or join them is a linear complementarity problem
 for the pairs w_i = -(z_i + dz_i) >= 0, lambda_i >= 0, and each node that changes sides costs one
-back-substitution.
+back-substitution, and all together one more.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from ngsolve.la import BaseVector
@@ -32,22 +32,9 @@ def newton_system(functional: DualFunctional, inverse: str | LinearSolver) -> Ne
     return linear_solver(inverse).newton_system(functional)
 
 
-@dataclass(frozen=True)
-class Response:
-    """A solution (dy, dv) of (7.1) with what it means for the contact nodes.
+class Column(NamedTuple):
+    """What the exchange of one node does at all of them: changes of z_i and of Psi_i."""
 
-    Parameters
-    ----------
-    dy, dv
-        Primal and dual step.
-    dz
-        Change of z_i at the nodes, shape (m,).
-    change
-        Change of Psi_i at the nodes, shape (m,).
-    """
-
-    dy: BaseVector
-    dv: BaseVector
     dz: np.ndarray
     change: np.ndarray
 
@@ -67,6 +54,7 @@ class ConstrainedSystem(NewtonSystem):
         super().__init__(functional, inverse)
         self._number = functional.penalties.index(functional.constraint)
         self._first = self.blocks.Y.ndof + int(self.blocks.firsts[self._number])
+        self._last = self._first + self.blocks.spaces[self._number].ndof
         self._nodes = functional.constraint.nodes
         self._cross = self._sum.cross(self._first + self._nodes.dofs)
         self._bound: np.ndarray | None = None
@@ -82,8 +70,8 @@ class ConstrainedSystem(NewtonSystem):
 
     def _finish(self) -> None:
         """Fix the nodes at z_i = 0 in the assembled matrix."""
-        self._columns: dict[int, Response] = {}
-        self._fixed = self._bound
+        self._columns: dict[int, Column] = {}
+        self._fixed, self._rows = self._bound, self._cross.values()
         if self._fixed is not None:
             self._cross.decouple(self._first + self._nodes.among(self._fixed))
 
@@ -97,27 +85,28 @@ class ConstrainedSystem(NewtonSystem):
         """The step from v to the minimiser over z <= 0 of the quadratic model with gradient r."""
         z = self._nodes.of_function(self._part(v))
         psi = self._nodes.of_functional(self._part(r))
-        fixed = self._fixed
-        free = self._response((-r).Evaluate(), -z)
-        units = _scale(z + free.dz), _scale(psi + free.change)
+        fixed, nothing = self._fixed, np.zeros(len(z))
+        x = self._solution(-r, -z, nothing)
+        dz, change = self._at_nodes(x)
+        units = _scale(z + dz), _scale(psi + change)
         unit_x, unit_s = (np.where(fixed, *u) for u in (units, units[::-1]))
 
         def column(i: int) -> np.ndarray:
             c = self._column(i)
             return _slack(c.dz, c.change, fixed) * unit_x[i] / unit_s
 
-        q = _slack(z + free.dz, psi + free.change, fixed) / unit_s
-        solution = solve_complementarity(column, q, self._bound != fixed, np.zeros(len(z)))
+        q = _slack(z + dz, psi + change, fixed) / unit_s
+        solution = solve_complementarity(column, q, self._bound != fixed, nothing)
         if solution is None:
-            free.dv[:] = np.nan
-            return free.dy, free.dv
-        x = solution.values
-        for i in np.flatnonzero(x):
-            free.dy.data += float(x[i] * unit_x[i]) * self._columns[i].dy
-            free.dv.data += float(x[i] * unit_x[i]) * self._columns[i].dv
-        self._bound = np.where(fixed, x <= 0, x > 0)
-        self._settle(free.dv, z)
-        return free.dy, free.dv
+            x[:] = np.nan
+            return self._completed(x)
+        exchanged = solution.values * unit_x
+        if exchanged.any():
+            x = self._solution(-r, -z, exchanged)
+        self._bound = fixed != (exchanged > 0)
+        dy, dv = self._completed(x)
+        self._settle(dv, z)
+        return dy, dv
 
     def _settle(self, dv: BaseVector, z: np.ndarray) -> None:
         """Remove rounding: z_i + dz_i = 0 exactly at the bound, <= 0 elsewhere."""
@@ -126,33 +115,44 @@ class ConstrainedSystem(NewtonSystem):
         everywhere = np.ones(len(z), dtype=bool)
         self._nodes.set_function(part, np.where(self._bound, -z, dz), everywhere)
 
-    def _column(self, i: int) -> Response:
+    def _column(self, i: int) -> Column:
         """The response to node i changing sides: w_i = 1 if it is fixed, else lambda_i = 1."""
         if i not in self._columns:
-            r, dz = self.blocks.H_functional(), np.zeros(len(self._fixed))
-            if self._fixed[i]:
-                dz[i] = -1.0
-            else:
-                only_i = np.arange(len(dz)) == i
-                self._nodes.set_functional(self._part(r), -1.0 * only_i, only_i)
-            self._columns[i] = self._response(r, dz)
+            only_i = np.zeros(len(self._fixed))
+            only_i[i] = 1.0
+            x = self._solution(self.blocks.H_functional(), np.zeros(len(only_i)), only_i)
+            self._columns[i] = self._at_nodes(x)
         return self._columns[i]
 
-    def _response(self, r: BaseVector, dz: np.ndarray) -> Response:
-        """Solve (7.1) with right-hand side (0, r), but dz_i given at the fixed nodes."""
-        blocks, functional = self.blocks, self.functional
-        given = blocks.H_vector()
-        self._nodes.set_function(self._part(given), dz, self._fixed)
-        right, load = r.CreateVector(), blocks.load.CreateVector()
-        right.data = r - functional.tichonov_gradient(given)
-        # the row of a fixed node is 1 z_i = dz_i on each process
-        self._nodes.set_function(self._part(right), dz, self._fixed)
-        load.data = -1 * (blocks.Lambda.T * given)
-        dy, dv = self.solve(right, load)
-        change = functional.tichonov_gradient(dv)
-        change.data += blocks.Lambda * dy
-        values = self._nodes.of_function(self._part(dv))
-        return Response(dy, dv, values, self._nodes.of_functional(self._part(change)))
+    def _solution(self, r: BaseVector, dz: np.ndarray, exchanged: np.ndarray) -> BaseVector:
+        """Solve (7.1) for (0, r - lambda), where the fixed z_i change by dz_i - w_i.
+
+        Parameters
+        ----------
+        r
+            A functional on H, or an expression for one.
+        dz
+            Shape (m,).
+        exchanged
+            w_i at the fixed nodes, lambda_i at the others, shape (m,).
+        """
+        multipliers = self.blocks.H_functional()
+        self._nodes.set_functional(self._part(multipliers), exchanged, ~self._fixed)
+        right = self._right_hand_side((r - multipliers).Evaluate())
+        entries, given = right.FV().NumPy(), np.zeros(len(right))
+        fixed = self._first + self._nodes.among(self._fixed)
+        given[fixed] = (dz - exchanged)[self._nodes.numbers][self._fixed[self._nodes.numbers]]
+        self._cross.add_product(self._rows, -given, entries)
+        entries[fixed] = given[fixed]  # the row of a fixed node is 1 z_i = dz_i on each process
+        return self._back_substitution(right)
+
+    def _at_nodes(self, x: BaseVector) -> Column:
+        """Changes of z_i and of Psi_i along a solution x of (7.1)."""
+        psi = x.CreateVector()
+        psi[:] = 0.0
+        self._cross.add_product(self._rows, x.FV().NumPy(), psi.FV().NumPy())
+        dz, change = (w.Range(self._first, self._last) for w in (x, psi))
+        return Column(self._nodes.of_function(dz), self._nodes.of_functional(change))
 
 
 def _slack(z: np.ndarray, psi: np.ndarray, bound: np.ndarray) -> np.ndarray:

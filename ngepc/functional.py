@@ -278,22 +278,28 @@ class NewtonSystem:
         """(delta y, delta v) at v, where the residual is r, with the last factors."""
         return self.solve((-r).Evaluate())
 
-    def solve(self, r: BaseVector, load: BaseVector | None = None) -> tuple[BaseVector, BaseVector]:
-        """(delta y, delta v) of (7.1) for the right hand side (load, r), with the last factors.
+    def solve(self, r: BaseVector) -> tuple[BaseVector, BaseVector]:
+        """(delta y, delta v) of (7.1) for the right hand side (0, r), with the last factors."""
+        return self._completed(self._back_substitution(self._right_hand_side(r)))
 
-        ``load`` has to vanish for the plastic strains; None stands for zero.
-        """
-        blocks = self.blocks
+    def _right_hand_side(self, r: BaseVector) -> BaseVector:
+        """(0, r) as one vector."""
+        right = self._sum.matrix.CreateColVector()
+        right[:] = 0.0
+        right.Range(self.blocks.Y.ndof, self.blocks.X.ndof).data = r.local_vec
+        return right
+
+    def _back_substitution(self, right: BaseVector) -> BaseVector:
+        """The solution (u, 0, v), without the plastic strains inside the elements."""
         self.back_substitutions += 1
-        rhs = self._sum.matrix.CreateColVector()
-        rhs[:] = 0.0
-        ny, n = blocks.Y.ndof, blocks.X.ndof
-        if load is not None:
-            rhs.Range(0, ny).data = load.local_vec
-        rhs.Range(ny, n).data = r.local_vec
-        x = rhs.CreateVector()
-        x.data = self._inverse * rhs
+        x = right.CreateVector()
+        x.data = self._inverse * right
+        return x
+
+    def _completed(self, x: BaseVector) -> tuple[BaseVector, BaseVector]:
+        """(delta y, delta v) from the solution without plastic strains."""
+        blocks, ny = self.blocks, self.blocks.Y.ndof
         x.data += blocks.saddle.harmonic_extension.local_mat * x
         dy, dv = blocks.Y_vector(), blocks.H_vector()
-        dy.local_vec.data, dv.local_vec.data = x.Range(0, ny), x.Range(ny, n)
+        dy.local_vec.data, dv.local_vec.data = x.Range(0, ny), x.Range(ny, blocks.X.ndof)
         return dy, dv
