@@ -8,10 +8,15 @@ import importlib
 import logging
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn
 
 from ngepc._version import __version__
 from ngepc.commands.interrupt import remembered
+from ngepc.storage.files import no_empty_folders
+
+PLACES = ("out", "figures", "save", "json", "checkpoint")
+"""Arguments that name files or folders to be written."""
 
 COMMANDS = {
     "solve": "solve one regularised problem on one mesh",
@@ -52,8 +57,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = parser().parse_args(arguments)
     level = logging.INFO if args.verbose else logging.WARNING
     logging.basicConfig(stream=sys.stderr, level=level, format="%(name)s: %(message)s")
+    named = (vars(args).get(name) for name in PLACES)
+    places = [Path(name) for name in named if isinstance(name, str | Path)]
     try:
-        with remembered():
+        with remembered(), no_empty_folders(places):
             return args.run(args)
     except (ValueError, TypeError, OSError) as error:
         sys.stderr.write(f"ngepc {args.command}: error: {error}\n")

@@ -163,6 +163,24 @@ def test_what_only_the_work_can_tell_is_told_first(name, capsys):
     assert message in lines[0]
 
 
+WITH_OUT = {name: words for name, (words, _) in WORK.items() if words[0] in ("study", "benchmark")}
+
+
+@pytest.mark.parametrize("name", WITH_OUT)
+def test_refused_work_leaves_no_folder(name, tmp_path, capsys):
+    (tmp_path / "mine").mkdir()
+    for folder in ("new/results", "mine"):
+        ends([*WITH_OUT[name], "--out", str(tmp_path / folder)], capsys)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_refused_solve_leaves_no_folder(tmp_path, capsys):
+    words = ["solve", "lshape", "--nodes", "5"]
+    for option, place in (("--json", "a/run.json"), ("--save", "b/c/run"), ("--figures", "d")):
+        ends([*words, option, str(tmp_path / place)], capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
 WRITERS = [
     *(["study", study, "--out"] for study in STUDIES),
     ["solve", "lshape", "--nodes", "24833", "--json"],

@@ -121,11 +121,8 @@ def run_on_levels(
     measure: Callable[[], list[dict]],
     write: Callable[[Path, list[dict]], list[Path]],
 ) -> int:
-    """Check --levels and --out, measure, write; the exit status of a study of solvers."""
-    from ngepc.storage.files import check_folder
-
+    """Check --levels, measure, write; the exit status of a study of solvers."""
     check_levels(args.levels, most)
-    check_folder(args.out)
     table = measure()
     name_written(write(args.out, table))
     return exit_status(table)

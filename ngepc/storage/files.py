@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 ROOM = 1 << 20
@@ -54,6 +56,18 @@ def check_folder(folder: Path, room: int = ROOM) -> None:
         raise type(error)(
             error.errno, f"folder {folder} cannot be written: {error.strerror or error}"
         ) from error
+
+
+@contextmanager
+def no_empty_folders(paths: Iterable[Path]) -> Iterator[None]:
+    """Whatever happens inside, folders made for ``paths`` go again if nothing was put into them."""
+    new = [p for path in paths for p in (path, *path.parents) if not p.exists()]
+    try:
+        yield
+    finally:
+        for folder in new:
+            with suppress(OSError):  # it is not empty, or a file, or was never made
+                folder.rmdir()
 
 
 def is_special(path: Path) -> bool:

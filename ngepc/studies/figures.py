@@ -133,10 +133,10 @@ class Figures:
 
     def path(self, name: str) -> PathResult:
         """The path of an example, from disk or followed now."""
-        cells = self.folder / "cells"
+        problem, cells = example(name, self.nodes[name]), self.folder / "cells"
         cells.mkdir(parents=True, exist_ok=True)
         return follow_path(
-            example(name, self.nodes[name]),
+            problem,
             PATHS[name],
             lambda s: self.progress(
                 f"{name} gamma {s.gamma:9.4g}: {s.iterations} steps, {s.status.label}"
