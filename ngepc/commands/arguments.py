@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from ngepc.commands.interrupt import raise_if_pressed
 
 if TYPE_CHECKING:
     from ngepc.problem import Problem
+    from ngepc.studies.count_table import CountTable
 
 PROBLEMS = ("lshape", "wrench")
 
@@ -105,9 +106,54 @@ def add_out(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=location, default=Path("out"), help="folder, default out")
 
 
+def add_count_table(parser: argparse.ArgumentParser, example: str) -> None:
+    """Arguments of a table of Newton steps; ``example`` shows what rows are called."""
+    add_levels(parser)
+    parser.add_argument("--rows", help=f"rows of the table, such as {example}; default all")
+    add_out(parser)
+    parser.add_argument("--tolerance", type=positive, default=1e-10, help="default 1e-10")
+
+
+def count_table(kind: type[CountTable], args: argparse.Namespace) -> CountTable:
+    """The study that the arguments of ``add_count_table`` ask for."""
+    from ngepc.newton import NewtonOptions
+
+    check_levels(args.levels, len(kind.family))
+    options = NewtonOptions(tolerance=args.tolerance, max_iterations=2000)
+    rows = None if args.rows is None else args.rows.split(",")
+    return kind(args.out, kind.family[: args.levels], rows, options, progress=say)
+
+
 def name_written(paths: Iterable[Path]) -> None:
     """One line on standard output for each file that was written."""
     sys.stdout.write("".join(f"wrote {path}\n" for path in paths))
+
+
+def report(record: dict, keys: Sequence[str], target: str | None) -> None:
+    """Some entries of a record and its message on standard output, all of it as JSON in a file.
+
+    Parameters
+    ----------
+    record
+        The whole record.
+    keys
+        Those to be printed.
+    target
+        The file; '-' puts the JSON on standard output instead, None leaves it out.
+    """
+    from ngepc.storage import records
+
+    if target == "-":
+        sys.stdout.write(records.to_json(record))
+        return
+    width = max(map(len, keys))
+    lines = [f"{key:{width}s} {record[key]}" for key in keys]
+    if record["message"]:
+        lines.append(record["message"])
+    if target is not None:
+        records.write_text(Path(target), records.to_json(record))
+        lines.append(f"wrote {target}")
+    sys.stdout.write("".join(f"{line}\n" for line in lines))
 
 
 def exit_status(table: Iterable[dict]) -> int:

@@ -5,7 +5,26 @@ import sys
 import time
 from pathlib import Path
 
-from ngepc.commands.arguments import add_body, build_problem, count, file_name, positive
+from ngepc.commands.arguments import (
+    add_body,
+    build_problem,
+    count,
+    file_name,
+    positive,
+    report,
+)
+
+REPORTED = (
+    "status",
+    "outer_iterations",
+    "inner_iterations",
+    "total_inner_iterations",
+    "gamma_end",
+    "dual_energy",
+    "primal_energy",
+    "contact_force",
+)
+"""Entries of the record that are printed."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     begin = time.perf_counter()
     path = follow_path(problem, options, _say, checkpoint=args.checkpoint)
     record = path_record(args.problem, path, time.perf_counter() - begin)
-    _report({**record, **records.provenance()}, args.json)
+    report({**record, **records.provenance()}, REPORTED, args.json)
     return 0 if path.status.label == "converged" else 1
 
 
@@ -99,27 +118,3 @@ def _say(step: object) -> None:
         f"residual {step.residual_norm:.3g}{change}\n"
     )
     sys.stderr.flush()
-
-
-def _report(record: dict, target: str | None) -> None:
-    from ngepc.storage import records
-
-    if target == "-":
-        sys.stdout.write(records.to_json(record))
-        return
-    for key in (
-        "status",
-        "outer_iterations",
-        "inner_iterations",
-        "total_inner_iterations",
-        "gamma_end",
-        "dual_energy",
-        "primal_energy",
-        "contact_force",
-    ):
-        sys.stdout.write(f"{key:22s} {record[key]}\n")
-    if record["message"]:
-        sys.stdout.write(f"{record['message']}\n")
-    if target is not None:
-        records.write_text(Path(target), records.to_json(record))
-        sys.stdout.write(f"wrote {target}\n")

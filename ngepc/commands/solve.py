@@ -1,7 +1,6 @@
 """``ngepc solve``: one regularised problem on one mesh."""
 
 import argparse
-import sys
 import time
 from pathlib import Path
 
@@ -12,8 +11,19 @@ from ngepc.commands.arguments import (
     file_name,
     location,
     positive,
+    report,
     say,
 )
+
+REPORTED = (
+    "status",
+    "iterations",
+    "residual_norm",
+    "dual_energy",
+    "primal_energy",
+    "contact_force",
+)
+"""Entries of the record that are printed."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -76,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         "start": args.start,
         **records.provenance(),
     }
-    _report(record, args.json)
+    report(record, REPORTED, args.json)
     if args.save is not None:
         from ngepc.storage.runs import save_run
 
@@ -130,25 +140,3 @@ def _primal(args: argparse.Namespace):
     if args.start == "coarse":
         start = primal_newton(coarse_problem(args.problem)).or_interrupted()
     return primal_newton(problem, start)
-
-
-def _report(record: dict, target: str | None) -> None:
-    from ngepc.storage import records
-
-    if target == "-":
-        sys.stdout.write(records.to_json(record))
-        return
-    for key in (
-        "status",
-        "iterations",
-        "residual_norm",
-        "dual_energy",
-        "primal_energy",
-        "contact_force",
-    ):
-        sys.stdout.write(f"{key:15s} {record[key]}\n")
-    if record["message"]:
-        sys.stdout.write(f"{record['message']}\n")
-    if target is not None:
-        records.write_text(Path(target), records.to_json(record))
-        sys.stdout.write(f"wrote {target}\n")

@@ -19,7 +19,8 @@ from ngepc.plotting.figures import THRESHOLDS, save, write_figures
 from ngepc.plotting.views import show
 from ngepc.report import Report
 from ngepc.storage import records
-from ngepc.studies.table1 import Table1, cell_gamma, paper_value
+from ngepc.studies.count_table import cell_gamma
+from ngepc.studies.table1 import Table1
 from ngepc.studies.tables import Cell
 
 
@@ -36,7 +37,9 @@ def counts_figure(study: Table1, table: list[dict]) -> Figure:
         f"gamma = {row}": {r["nodes"]: r["iterations"] for r in table if r["row"] == row}
         for row in rows
     }
-    paper = {f"gamma = {row}": {n: paper_value(Cell(row, n)) for n in study.nodes} for row in rows}
+    paper = {
+        f"gamma = {row}": {n: study.paper_value(Cell(row, n)) for n in study.nodes} for row in rows
+    }
     return plot_counts(ours, paper)
 
 
@@ -86,7 +89,7 @@ def _page(study: Table1, table: list[dict], cell: Cell, result: DualResult, path
         {
             "gamma": row,
             **{
-                f"{n} nodes": f"{_count(table, row, n)} ({paper_value(Cell(row, n))})"
+                f"{n} nodes": f"{_count(table, row, n)} ({study.paper_value(Cell(row, n))})"
                 for n in study.nodes
             },
         }
