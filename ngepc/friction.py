@@ -35,6 +35,7 @@ from ngsolve import (
     ds,
     sqrt,
 )
+from ngsolve.comp import DifferentialSymbol
 from ngsolve.la import BaseVector, SparseMatrixd
 
 from ngepc.assembly import repeated
@@ -78,7 +79,7 @@ def _size(t: CoefficientFunction) -> CoefficientFunction:
     return Norm(t) if t.dims else sqrt(t * t)
 
 
-def _on_contact(problem: Problem, points: int):
+def _on_contact(problem: Problem, points: int) -> DifferentialSymbol:
     return ds("|".join(problem.contact_names), intrules=boundary_rules(problem.N, points))
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ngsolve import CoefficientFunction, FESpace, ds, dx
+from ngsolve.comp import DifferentialSymbol
 from ngsolve.la import BaseVector, SparseMatrixd
 
 from ngepc.contact import ContactConstraint
@@ -97,7 +98,7 @@ class ContactPart:
     at_nodes: bool = False
     name: str = "contact"
 
-    def _measure(self, problem: Problem):
+    def _measure(self, problem: Problem) -> DifferentialSymbol:
         rules = {"intrules": vertex_rules(problem.N)} if self.at_nodes else {}
         return ds("|".join(problem.contact_names), **rules)
 

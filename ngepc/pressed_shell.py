@@ -27,6 +27,9 @@ from ngepc.material import Material
 
 BISECTIONS = 80
 
+Radius = float | CoefficientFunction
+"""A radius or a function of it: a number, or a coefficient."""
+
 
 @dataclass(frozen=True)
 class _Part:
@@ -45,8 +48,8 @@ class _Part:
         """|dev eps| over the difference of radial and hoop strain."""
         return math.sqrt((self.N - 1) / self.N)
 
-    def over_r(self, r, logarithm):
-        """U / r."""
+    def over_r(self, r: Radius, logarithm: Radius) -> Radius:
+        """U / r, from r and ln r."""
         return self.A + self.B * r ** (-self.N) + self.C * logarithm
 
     def shear(self, r: np.ndarray | float) -> np.ndarray | float:

@@ -14,7 +14,17 @@ gradient, so a body of another size needs L = its size to give the scaled result
 from dataclasses import dataclass
 from typing import Protocol
 
-from ngsolve import BND, BilinearForm, FESpace, InnerProduct, ds, dx, grad
+from ngsolve import (
+    BND,
+    BilinearForm,
+    CoefficientFunction,
+    FESpace,
+    InnerProduct,
+    ds,
+    dx,
+    grad,
+)
+from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from ngsolve.la import SparseMatrixd
 
 from ngepc.checks.kinds import require_attributes
@@ -217,9 +227,9 @@ def closed_somewhere(problem: Problem, Z: FESpace) -> bool:
     return False
 
 
-def _gradients(z, w):
+def _gradients(z: ProxyFunction, w: ProxyFunction) -> CoefficientFunction:
     return grad(z).Trace() * grad(w).Trace()
 
 
-def _on_contact(problem: Problem):
+def _on_contact(problem: Problem) -> DifferentialSymbol:
     return ds("|".join(problem.contact_names))

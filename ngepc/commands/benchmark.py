@@ -1,11 +1,17 @@
 """``ngepc benchmark``: what a Newton step costs, in linear-elastic solves on the same mesh."""
 
+from __future__ import annotations
+
 import argparse
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ngepc.commands.arguments import add_levels, add_out, check_levels, file_name, say
+
+if TYPE_CHECKING:
+    from ngepc.benchmark import Measurement
 
 MODES = ("balanced", "coupled")
 
@@ -51,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     return 0 if all(m.status == "converged" for m in measurements) else 1
 
 
-def _line(m) -> str:
+def _line(m: Measurement) -> str:
     return (
         f"{m.mode:9s} {m.nodes:6d} nodes: {m.iterations} steps, {m.status}; a step costs "
         f"{m.step_ratio:.2f} elastic solves (mean {m.mean_ratio:.2f}, largest "

@@ -1,8 +1,11 @@
 """``ngepc solve``: one regularised problem on one mesh."""
 
+from __future__ import annotations
+
 import argparse
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ngepc.commands.arguments import (
     add_body,
@@ -14,6 +17,10 @@ from ngepc.commands.arguments import (
     report,
     say,
 )
+
+if TYPE_CHECKING:
+    from ngepc.dual_result import DualResult
+    from ngepc.primal.result import PrimalResult
 
 REPORTED = (
     "status",
@@ -105,7 +112,7 @@ def _gamma(args: argparse.Namespace) -> float | None:
     return 1e4 if args.gamma is None and args.regularisation == "coupled" else args.gamma
 
 
-def _dual(args: argparse.Namespace):
+def _dual(args: argparse.Namespace) -> DualResult:
     from ngepc.balanced import Balanced
     from ngepc.newton import NewtonOptions, semismooth_newton
     from ngepc.regularisation import Coupled
@@ -129,7 +136,7 @@ def _dual(args: argparse.Namespace):
     return semismooth_newton(problem, start=start, options=options, regularisation=regularisation)
 
 
-def _primal(args: argparse.Namespace):
+def _primal(args: argparse.Namespace) -> PrimalResult:
     from ngepc.primal.solver import primal_newton
     from ngepc.starts import coarse_problem
 

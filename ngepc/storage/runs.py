@@ -10,7 +10,9 @@ from ngsolve import GridFunction
 from ngepc.balanced import Balanced
 from ngepc.commands.arguments import build_problem
 from ngepc.newton import NewtonOptions
+from ngepc.primal.result import PrimalResult
 from ngepc.primal.solver import primal_newton
+from ngepc.problem import Problem
 from ngepc.regularisation import Coupled
 from ngepc.results import History, IterationRecord, Status
 from ngepc.storage import checkpoint
@@ -68,7 +70,7 @@ def load_run(path: Path) -> tuple[dict, object]:
     return stored.record["record"], result
 
 
-def _primal(problem, state: np.ndarray):
+def _primal(problem: Problem, state: np.ndarray) -> PrimalResult:
     """The primal solver started where it ended, which takes no step or one."""
     from ngepc.spaces import displacement_space
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from ngsolve import Integrate
 
@@ -61,13 +62,13 @@ def draw(number: int, result: DualResult) -> Figure:
     """Figure 2, 3, 5 or 6 from a result for its example."""
     threshold = THRESHOLDS[BODY[number]]
 
-    def zone(axes):
+    def zone(axes: Axes) -> Figure:
         return plot_plastic_zone(result, threshold, axes=axes)
 
-    def strain(axes):
+    def strain(axes: Axes) -> Figure:
         return plot_field(result, vmin=0.0, vmax=HIGHEST_STRAIN[BODY[number]], axes=axes)
 
-    def excess(axes):
+    def excess(axes: Axes | None) -> Figure:
         return plot_yield_function(result, vmin=-result.problem.beta, vmax=0.0, axes=axes)
 
     if number == 3:

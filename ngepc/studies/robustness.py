@@ -13,11 +13,14 @@ from pathlib import Path
 from ngsolve import BND, CF, CoefficientFunction, IfPos, Mesh, x
 
 from ngepc.balanced import Balanced
+from ngepc.dual_result import DualResult
 from ngepc.geometries import block
 from ngepc.material import Material
 from ngepc.newton import NewtonOptions, semismooth_newton
 from ngepc.path.options import PathOptions
+from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
+from ngepc.primal.result import PrimalResult
 from ngepc.primal.solver import primal_newton
 from ngepc.problem import Problem
 from ngepc.studies.output import Table, write_table
@@ -108,7 +111,9 @@ def _gap(contact: str, mesh: Mesh, top: CoefficientFunction, height: float) -> C
     }[contact]
 
 
-def solve(case: Case, method: str, varied: bool, limit: int, cells: int = 12):
+def solve(
+    case: Case, method: str, varied: bool, limit: int, cells: int = 12
+) -> PrimalResult | DualResult | PathResult:
     """The result of a method for a case.
 
     Parameters

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import (
     BilinearForm,
+    CoefficientFunction,
     FESpace,
     GridFunction,
     IfPos,
@@ -23,19 +24,28 @@ from ngsolve import (
     ds,
     dx,
 )
+from ngsolve.comp import ProxyFunction
+from ngsolve.la import BaseMatrix, BaseVector
 
 from ngepc.blocks import load_terms
+from ngepc.checks.arguments import Coefficient
 from ngepc.dual_result import DualResult
 from ngepc.primal.result import PrimalResult
 from ngepc.problem import Problem, as_scalar
 from ngepc.quadrature import boundary_rules, fine_rules
+from ngepc.regularisation import Regularisation
 from ngepc.spaces import prescribed_displacement
 from ngepc.tensors import strain, tensor
 
 POINTS = 400
 
+Field = ProxyFunction | GridFunction
+"""A displacement or a plastic strain."""
 
-def elastic_product(problem: Problem, h, u, p, v, r):
+
+def elastic_product(
+    problem: Problem, h: Coefficient, u: Field, p: Field, v: Field, r: Field
+) -> CoefficientFunction:
     """The integrand of <D (u, p), (v, r)>: C (eps(u) - p) : (eps(v) - r) + h p . r."""
     m, N = problem.material, problem.N
     e, d = strain(u) - tensor(p, N), strain(v) - tensor(r, N)
@@ -101,13 +111,15 @@ def dual_residual(result: DualResult, points: int = POINTS) -> Residual:
     return Residual(math.sqrt(total), math.sqrt(rounding))
 
 
-def _norm_squared(r, inverse) -> float:
+def _norm_squared(r: BaseVector, inverse: BaseMatrix) -> float:
     riesz = r.CreateVector()
     riesz.data = inverse * r
     return max(0.0, InnerProduct(riesz, r))
 
 
-def _primal_of(problem: Problem, share: float, Y: FESpace, parts: list, solver: str):
+def _primal_of(
+    problem: Problem, share: float, Y: FESpace, parts: list, solver: str
+) -> GridFunction:
     """(u, p) with D (u, p) = Lambda* v - l, by an uncondensed solve."""
     (u, p), (du, dp) = Y.TnT()
     h = problem.effective_hardening * share
@@ -128,14 +140,14 @@ def _primal_of(problem: Problem, share: float, Y: FESpace, parts: list, solver: 
     return y
 
 
-def _overlap(problem: Problem, y: GridFunction, z: GridFunction):
+def _overlap(problem: Problem, y: GridFunction, z: GridFunction) -> BaseVector:
     """(u.n - psi, w)."""
     w, on_contact = z.space.TestFunction(), ds("|".join(problem.contact_names))
     overlap = y.components[0] * problem.normal - problem.psi
     return LinearForm(overlap * w * on_contact).Assemble().vec
 
 
-def _pull(problem: Problem, R, z: GridFunction, points: int):
+def _pull(problem: Problem, R: Regularisation, z: GridFunction, points: int) -> BaseVector:
     """(M^1)'(z)."""
     rules = boundary_rules(problem.N, points)
     on_contact = ds("|".join(problem.contact_names), intrules=rules)
@@ -144,12 +156,12 @@ def _pull(problem: Problem, R, z: GridFunction, points: int):
     return LinearForm(pull * on_contact).Assemble().vec
 
 
-def _increment(problem: Problem, y: GridFunction, q: GridFunction):
+def _increment(problem: Problem, y: GridFunction, q: GridFunction) -> BaseVector:
     """(p, r)."""
     return LinearForm(y.components[1] * q.space.TestFunction() * dx).Assemble().vec
 
 
-def _flow(problem: Problem, R, q: GridFunction, points: int):
+def _flow(problem: Problem, R: Regularisation, q: GridFunction, points: int) -> BaseVector:
     """(M^2)'(q)."""
     gamma, size = as_scalar(R.gamma_plastic(problem)), Norm(q) + 1e-300
     excess = R.plastic_shift + gamma * (size - R.yield_bound(problem))
@@ -160,7 +172,7 @@ def _flow(problem: Problem, R, q: GridFunction, points: int):
 _contact_terms, _plastic_terms = (_overlap, _pull), (_increment, _flow)
 
 
-def _make_natural(r, z: GridFunction) -> None:
+def _make_natural(r: BaseVector, z: GridFunction) -> None:
     """Psi_i at nodes with z_i < 0, its positive part where z_i = 0; infinite where z_i > 0."""
     values, entries = z.vec.FV().NumPy(), r.FV().NumPy()
     free = np.array(list(z.space.FreeDofs()), dtype=bool)
