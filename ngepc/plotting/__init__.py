@@ -1,11 +1,11 @@
 """Pictures: fields and curves for papers (matplotlib); ``ngepc.plotting.views`` for the screen."""
 
+from ngepc.plotting.active_sets import plot_active_sets as plot_active_sets
 from ngepc.plotting.curves import plot_contact_pressure as plot_contact_pressure
 from ngepc.plotting.curves import plot_counts as plot_counts
 from ngepc.plotting.curves import plot_history as plot_history
 from ngepc.plotting.curves import plot_quotients as plot_quotients
 from ngepc.plotting.drawable import UnitNames as UnitNames
-from ngepc.plotting.fields import plot_active_sets as plot_active_sets
 from ngepc.plotting.fields import plot_comparison as plot_comparison
 from ngepc.plotting.fields import plot_field as plot_field
 from ngepc.plotting.fields import plot_mesh as plot_mesh

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_attributes, require_instance, require_sequence
+from ngepc.plotting.active_sets import plot_active_sets
 from ngepc.plotting.curves import draw_runs
-from ngepc.plotting.fields import plot_active_sets
 from ngepc.plotting.picture import Picture
 from ngepc.results import History
 
