@@ -7,17 +7,14 @@ and dark; it is written in one go.
 from __future__ import annotations
 
 import html
-import math
-import numbers
 import os
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from ngepc.checks.arguments import is_number, require_integer, require_number
+from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import (
     require_instance,
     require_path,
@@ -27,38 +24,11 @@ from ngepc.checks.kinds import (
 from ngepc.plotting.page import STYLE, frame
 from ngepc.plotting.views import View, png_address
 from ngepc.problem import Problem
+from ngepc.report_pieces import REPORT_STYLE, describe_problem, figcaption, html_table, inline
 from ngepc.storage.records import write_text
 
 WIDE = 1.9
 """Width over height from which a figure has a row to itself."""
-
-_REPORT_STYLE = """
-body { padding: 1.5rem 1rem 4rem; }
-body > * { max-width: 60rem; margin-left: auto; margin-right: auto; }
-h1 { font-size: 1.7rem; line-height: 1.2; margin-bottom: .3rem; }
-h2 { font-size: 1.2rem; margin-top: 2.4rem; padding-top: .8rem; border-top: 1px solid var(--line); }
-p { max-width: 44rem; margin: .6rem auto .6rem 0; }
-section > p:first-of-type { margin-top: .4rem; }
-.wide { overflow-x: auto; margin: .9rem 0; }
-table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; }
-caption { text-align: left; color: var(--soft); padding-bottom: .35rem; font-size: .88rem; }
-th, td { padding: .28rem .8rem; border-bottom: 1px solid var(--line); text-align: right;
-         white-space: nowrap; }
-th { font-weight: 600; border-bottom-color: var(--soft); }
-td.text, th.text { text-align: left; }
-td.text { white-space: normal; }
-figure { margin: 1rem 0; }
-figure.half { display: inline-block; vertical-align: top; width: calc(50% - .6rem);
-              min-width: 20rem; margin-right: .5rem; }
-@media (max-width: 44rem) { figure.half { width: 100%; } }
-figure img { max-width: 100%; height: auto; background: #fff; border-radius: 4px; display: block; }
-figcaption, footer { color: var(--soft); font-size: .88rem; }
-figcaption { padding-top: .3rem; }
-code, pre { font: .86rem/1.45 ui-monospace, Menlo, Consolas, monospace; }
-pre { overflow-x: auto; padding: .7rem .9rem; border: 1px solid var(--line); border-radius: 4px; }
-footer { margin-top: 3rem; border-top: 1px solid var(--line); padding-top: .7rem; }
-@media print { iframe { display: none; } }
-"""
 
 
 class Report:
@@ -88,7 +58,7 @@ class Report:
         """Add paragraphs of plain text; `code` stands between backquotes."""
         for number, paragraph in enumerate(paragraphs):
             require_text(f"paragraphs[{number}]", paragraph)
-        self._add(*(f"<p>{_inline(paragraph)}</p>" for paragraph in paragraphs))
+        self._add(*(f"<p>{inline(paragraph)}</p>" for paragraph in paragraphs))
         return self
 
     def add_code(self, text: str) -> Report:
@@ -124,22 +94,7 @@ class Report:
             raise ValueError(f"rows={rows!r}: at least one row is needed")
         for number_of_row, row in enumerate(rows):
             require_instance(f"rows[{number_of_row}]", row, Mapping, "a mapping")
-        columns = list(dict.fromkeys(key for row in rows for key in row))
-        text = {c for c in columns if any(isinstance(row.get(c), str) for row in rows)}
-        head = "".join(_cell("th", html.escape(str(c)), c in text) for c in columns)
-        body = "".join(
-            "<tr>"
-            + "".join(
-                _cell("td", html.escape(number(row.get(c), digits)), c in text) for c in columns
-            )
-            + "</tr>"
-            for row in rows
-        )
-        title = f"<caption>{_inline(caption)}</caption>" if caption else ""
-        self._add(
-            f'<div class="wide"><table>{title}<thead><tr>{head}</tr></thead>'
-            f"<tbody>{body}</tbody></table></div>"
-        )
+        self._add(html_table(rows, caption, digits))
         return self
 
     def add_figure(self, figure: Figure | str | os.PathLike, caption: str = "") -> Report:
@@ -159,7 +114,7 @@ class Report:
         half = isinstance(figure, Figure) and np.divide(*figure.get_size_inches()) < WIDE
         tag = '<figure class="half">' if half else "<figure>"
         picture = f'<img src="{address}" alt="{html.escape(caption or "figure")}">'
-        self._add(f"{tag}{picture}{_caption(caption)}</figure>")
+        self._add(f"{tag}{picture}{figcaption(caption)}</figure>")
         return self
 
     def add_view(self, view: View, caption: str = "", height: int | None = None) -> Report:
@@ -168,7 +123,9 @@ class Report:
         require_text("caption", caption)
         if height is not None:
             require_number("height", height, 1)
-        self._add(f"<figure>{frame(view.html, height or view.height)}{_caption(caption)}</figure>")
+        self._add(
+            f"<figure>{frame(view.html, height or view.height)}{figcaption(caption)}</figure>"
+        )
         return self
 
     def add_problem(self, problem: Problem) -> Report:
@@ -180,13 +137,13 @@ class Report:
         """The whole page."""
         head = f"<h1>{html.escape(self.title)}</h1>"
         if self.subtitle:
-            head += f"<p>{_inline(self.subtitle)}</p>"
+            head += f"<p>{inline(self.subtitle)}</p>"
         parts = "".join(f"<section>{''.join(section)}</section>" for section in self._sections)
-        foot = f"<footer>{_inline(footer)}</footer>" if footer else ""
+        foot = f"<footer>{inline(footer)}</footer>" if footer else ""
         return (
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f"<title>{html.escape(self.title)}</title><style>{STYLE}{_REPORT_STYLE}</style></head>"
+            f"<title>{html.escape(self.title)}</title><style>{STYLE}{REPORT_STYLE}</style></head>"
             f"<body><header>{head}</header>{parts}{foot}</body></html>\n"
         )
 
@@ -266,50 +223,3 @@ def _add_piece(report: Report, piece: object) -> None:
             f"contents {piece!r}: text, a list of dictionaries, a figure, a view or a problem is "
             "needed"
         )
-
-
-def describe_problem(problem: Problem) -> list[dict[str, str]]:
-    """The data of a problem as rows 'what', 'value', for a table."""
-    mesh, m = problem.mesh, problem.material
-    rows = {
-        "body": f"{problem.N} dimensions, {mesh.nv} nodes, {mesh.ne} elements",
-        "elasticity": f"mu_1 = {_data(m.lame_lambda)}, mu_2 = {_data(m.lame_mu)}",
-        "yield stress": _data(m.yield_stress),
-        "hardening": f"kinematic {_data(m.hardening)}, isotropic H = {_data(m.hardening_modulus)}, "
-        f"k_1 = {_data(m.hardening_stiffness)}",
-        "clamped": ", ".join(problem.clamped_names),
-        "loaded": ", ".join(problem.tractions),
-        "contact": ", ".join(problem.contact_names),
-        "gap": _data(problem.gap) if is_number(problem.gap) or problem.gap is None else "varies",
-    }
-    return [{"what": key, "value": value or "none"} for key, value in rows.items()]
-
-
-def _data(value: object) -> str:
-    if value is None:
-        return "none"
-    return f"{value:g}" if is_number(value) else "varies"
-
-
-def number(value: object, digits: int = 4) -> str:
-    """A table entry: integers in full, other numbers with ``digits`` significant digits."""
-    if value is None:
-        return ""
-    if isinstance(value, bool | str) or not isinstance(value, numbers.Real):
-        return str(value)
-    if isinstance(value, numbers.Integral):
-        return str(int(value))
-    text = f"{float(value):.{digits}g}" if math.isfinite(value) else str(float(value))
-    return text.replace("-", "\N{MINUS SIGN}")
-
-
-def _cell(tag: str, content: str, text: bool) -> str:
-    return f'<{tag} class="text">{content}</{tag}>' if text else f"<{tag}>{content}</{tag}>"
-
-
-def _caption(caption: str) -> str:
-    return f"<figcaption>{_inline(caption)}</figcaption>" if caption else ""
-
-
-def _inline(text: str) -> str:
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", html.escape(text))

@@ -9,7 +9,8 @@ from solved import lshape_dual, lshape_primal
 
 from ngepc.plotting import plot_field
 from ngepc.plotting.views import slide, viewer_installed
-from ngepc.report import Report, number, write_report
+from ngepc.report import Report, write_report
+from ngepc.report_pieces import number
 
 ROWS = [
     {"gamma": 1e3, "paper": 8, "here": 7, "status": "converged"},
