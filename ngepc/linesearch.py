@@ -1,4 +1,4 @@
-"""Armijo's step length rule for a convex energy along a descent direction."""
+"""Step length rules for a convex energy along a descent direction."""
 
 from __future__ import annotations
 
@@ -26,31 +26,43 @@ class Step:
     linear_iterations: int = 0
 
 
+@dataclass(frozen=True, kw_only=True)
+class Descent:
+    """A convex function phi of the step length alpha, with phi'(0) < 0.
+
+    Parameters
+    ----------
+    energy, derivative
+        phi and phi' as functions of alpha.
+    energy_0, slope_0
+        phi(0) and phi'(0) < 0.
+    magnitude
+        Size of the terms that phi is summed from; its rounding is ROUNDING times that.
+    longest
+        Largest alpha where phi is finite, >= 1.
+    """
+
+    energy: Callable[[float], float]
+    derivative: Callable[[float], float]
+    energy_0: float
+    slope_0: float
+    magnitude: float
+    longest: float = math.inf
+
+    def is_rounding(self, change: float) -> bool:
+        """Whether a change of phi of this size may be nothing but rounding."""
+        return abs(change) <= ROUNDING * self.magnitude
+
+    def step(self, alpha: float, halvings: int = 0) -> Step:
+        """The step of length alpha, found after so many trials."""
+        return Step(length=alpha, energy=self.energy(alpha), halvings=halvings)
+
+
 class LineSearch(Protocol):
-    """A rule for the step length alpha of a convex function phi with phi'(0) < 0."""
+    """A rule for the step length."""
 
-    def search(
-        self,
-        energy: Callable[[float], float],
-        derivative: Callable[[float], float],
-        energy_0: float,
-        slope_0: float,
-        magnitude: float,
-        longest: float = math.inf,
-    ) -> Step | None:
-        """The accepted step length, None if there is none.
-
-        Parameters
-        ----------
-        energy, derivative
-            phi and phi' as functions of alpha.
-        energy_0, slope_0
-            phi(0) and phi'(0) < 0.
-        magnitude
-            Size of the terms that phi is summed from; its rounding is ROUNDING times that.
-        longest
-            Largest alpha where phi is finite, >= 1.
-        """
+    def search(self, phi: Descent) -> Step | None:
+        """The accepted step length, None if there is none."""
         ...
 
 
@@ -93,43 +105,28 @@ class Armijo:
                     f"{name}={getattr(self, name)!r}: a number in (0, {most:g}) is needed"
                 )
 
-    def search(
-        self,
-        energy: Callable[[float], float],
-        derivative: Callable[[float], float],
-        energy_0: float,
-        slope_0: float,
-        magnitude: float,
-        longest: float = math.inf,
-    ) -> Step | None:
+    def search(self, phi: Descent) -> Step | None:
         """The first accepted step length, None if all are refused; see ``LineSearch``."""
         alpha, halvings = 1.0, 0
         while alpha >= self.smallest:
-            value = energy(alpha)
-            if value <= energy_0 + self.slope * alpha * slope_0:
-                return Step(length=alpha, energy=value, halvings=halvings)
-            drowned = abs(value - energy_0) <= ROUNDING * magnitude
-            if drowned and derivative(alpha) <= (1 - 2 * self.slope) * abs(slope_0):
+            value = phi.energy(alpha)
+            enough = value <= phi.energy_0 + self.slope * alpha * phi.slope_0
+            if enough or (phi.is_rounding(value - phi.energy_0) and self._flat(phi, alpha)):
                 return Step(length=alpha, energy=value, halvings=halvings)
             alpha, halvings = alpha * self.shrink, halvings + 1
         return None
+
+    def _flat(self, phi: Descent, alpha: float) -> bool:
+        return phi.derivative(alpha) <= (1 - 2 * self.slope) * abs(phi.slope_0)
 
 
 @dataclass(frozen=True)
 class FullSteps:
     """No globalisation: alpha = 1 always, so that one can see what Armijo buys."""
 
-    def search(
-        self,
-        energy: Callable[[float], float],
-        derivative: Callable[[float], float],
-        energy_0: float,
-        slope_0: float,
-        magnitude: float,
-        longest: float = math.inf,
-    ) -> Step:
+    def search(self, phi: Descent) -> Step:
         """alpha = 1."""
-        return Step(length=1.0, energy=energy(1.0), halvings=0)
+        return phi.step(1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,30 +163,22 @@ class NearMinimum:
         require_number("most", self.most, 1)
         require_integer("evaluations", self.evaluations, 2)
 
-    def search(
-        self,
-        energy: Callable[[float], float],
-        derivative: Callable[[float], float],
-        energy_0: float,
-        slope_0: float,
-        magnitude: float,
-        longest: float = math.inf,
-    ) -> Step | None:
+    def search(self, phi: Descent) -> Step | None:
         """The accepted step length, None if phi does not fall; see ``LineSearch``."""
-        if -slope_0 <= ROUNDING * magnitude:
-            return Step(length=1.0, energy=energy(1.0), halvings=0)
-        bracket = Bracket(slope_0, max(1.0, min(self.most, longest)))
+        if phi.is_rounding(phi.slope_0):
+            return phi.step(1.0)
+        bracket = Bracket(phi.slope_0, max(1.0, min(self.most, phi.longest)))
         for trials in range(self.evaluations):
             alpha = bracket.trial
-            slope = derivative(alpha)
-            flat = abs(slope) <= self.flatness * abs(slope_0)
+            slope = phi.derivative(alpha)
+            flat = abs(slope) <= self.flatness * abs(phi.slope_0)
             if flat or (slope < 0 and alpha == bracket.most):
-                return Step(length=alpha, energy=energy(alpha), halvings=trials)
+                return phi.step(alpha, trials)
             bracket.narrow(slope)
-        value = energy(bracket.low)
-        if bracket.low == 0 or not value < energy_0:
+        if bracket.low == 0:
             return None
-        return Step(length=bracket.low, energy=value, halvings=self.evaluations)
+        last = phi.step(bracket.low, self.evaluations)
+        return last if last.energy < phi.energy_0 else None
 
 
 class Bracket:

@@ -22,7 +22,7 @@ from ngepc.dual_result import DualResult
 from ngepc.functional import DualFunctional, FactorisationError, NewtonSystem
 from ngepc.iterates import Iterate, Line
 from ngepc.krylov.iterative import KrylovError
-from ngepc.linesearch import ROUNDING, ByRegularisation, FullSteps, LineSearch
+from ngepc.linesearch import ROUNDING, ByRegularisation, Descent, FullSteps, LineSearch
 from ngepc.primal.solver import nodal_values
 from ngepc.problem import Problem
 from ngepc.regularisation import Coupled, Regularisation, require_regularisation
@@ -243,10 +243,15 @@ def newton_step(
     if slope >= 0:
         return Status.STAGNATED if slope <= ROUNDING * here.magnitude else Status.LINESEARCH_FAILED
     line = Line(functional, here, dy, dv)
-    longest = functional.longest_step(here.v, dv)
-    step = line_search(functional, options).search(
-        line.energy, line.derivative, here.energy, slope, here.magnitude, longest
+    phi = Descent(
+        energy=line.energy,
+        derivative=line.derivative,
+        energy_0=here.energy,
+        slope_0=slope,
+        magnitude=here.magnitude,
+        longest=functional.longest_step(here.v, dv),
     )
+    step = line_search(functional, options).search(phi)
     if step is None:
         sane = math.isfinite(line.derivative(0.0) + functional.penalty(here.v))
         return Status.LINESEARCH_FAILED if sane else Status.NONFINITE

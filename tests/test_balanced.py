@@ -30,6 +30,7 @@ from ngepc.blocks import LinearBlocks
 from ngepc.contact_newton import ConstrainedSystem
 from ngepc.functional import DualFunctional
 from ngepc.iterates import Iterate, Line
+from ngepc.linesearch import Descent
 from ngepc.predictor import LocalProblem
 from ngepc.primal.solver import primal_newton
 
@@ -331,8 +332,15 @@ def search(minimum, stiffness_beyond=1.0, longest=math.inf):
     def value(t):
         return slope(t) * (t - minimum) / 2
 
-    rule = NearMinimum(flatness=0.1)
-    return rule.search(value, slope, value(0.0), slope(0.0), value(0.0), longest)
+    phi = Descent(
+        energy=value,
+        derivative=slope,
+        energy_0=value(0.0),
+        slope_0=slope(0.0),
+        magnitude=value(0.0),
+        longest=longest,
+    )
+    return NearMinimum(flatness=0.1).search(phi)
 
 
 @pytest.mark.parametrize(
