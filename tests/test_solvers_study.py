@@ -3,6 +3,7 @@
 import json
 
 from ngepc.__main__ import main
+from ngepc.studies.balanced import REGULARISATIONS
 
 
 def test_solvers_study_writes_its_table(tmp_path, capsys):
@@ -23,7 +24,7 @@ def test_balanced_study_counts_cold_and_nested(tmp_path, capsys):
     assert {(c["example"], c["regularisation"], c["start"]) for c in cells} == {
         (e, r, s)
         for e in ("(a)", "(b)")
-        for r in ("Balanced(1e9)", "Balanced()")
+        for r in REGULARISATIONS
         for s in ("cold", "nested")
     }
     assert max(c["iterations"] for c in cells if c["example"] == "(a)") <= 15
