@@ -22,10 +22,7 @@ def test_balanced_study_counts_cold_and_nested(tmp_path, capsys):
     assert main(["study", "balanced", "--levels", "2", "--out", str(tmp_path)]) == 0
     cells = json.loads((tmp_path / "balanced.json").read_text())["cells"]
     assert {(c["example"], c["regularisation"], c["start"]) for c in cells} == {
-        (e, r, s)
-        for e in ("(a)", "(b)")
-        for r in REGULARISATIONS
-        for s in ("cold", "nested")
+        (e, r, s) for e in ("(a)", "(b)") for r in REGULARISATIONS for s in ("cold", "nested")
     }
     assert max(c["iterations"] for c in cells if c["example"] == "(a)") <= 15
     assert max(c["iterations"] for c in cells if c["example"] == "(b)") <= 12
