@@ -36,14 +36,14 @@ from ngsolve import (
     sqrt,
 )
 from ngsolve.comp import DifferentialSymbol
-from ngsolve.la import BaseVector, SparseMatrixd
+from ngsolve.la import SparseMatrixd
 
 from ngepc.assembly import repeated
 from ngepc.checks.arguments import Coefficient
 from ngepc.material import Material
 from ngepc.normals import outward_normal
 from ngepc.parallel import integral
-from ngepc.penalty import TINY
+from ngepc.penalty import TINY, AssembledPenalty
 from ngepc.problem import Problem, as_scalar
 from ngepc.quadrature import boundary_rules
 from ngepc.regularisation import Regularisation
@@ -124,10 +124,11 @@ class FrictionPart:
         return FrictionPenalty(problem, regularisation, space, points)
 
 
-class FrictionPenalty:
+class FrictionPenalty(AssembledPenalty):
     """M^3(t) = gamma/2 int_Gc ([|t| - F]^+)^2 with the gamma of the contact term, Lemma 6.3.
 
-    F = 0 is allowed: then M^3 is gamma/2 |t|^2.
+    Gradient [gamma (|t| - F)]^+ t/|t|, Newton derivative gamma chi M(t) where |t| > F, the part of
+    Gamma_c that slips, with M(t) of (6.1).  F = 0 is allowed: then M^3 is gamma/2 |t|^2.
 
     Parameters
     ----------
@@ -147,43 +148,19 @@ class FrictionPenalty:
         quadrature_points: int,
     ) -> None:
         gamma = regularisation.gamma_contact
-        self._t = t = GridFunction(space)
-        self._mesh = problem.mesh
-        self._ds = _on_contact(problem, quadrature_points)
+        t = GridFunction(space)
+        on_contact = _on_contact(problem, quadrature_points)
         size = _size(t) + TINY
         s = size - as_scalar(problem.friction)
         rho, unit = s / size, t / size
-        self._density, self._inside = IfPos(s, gamma / 2 * s * s, 0), IfPos(s, 1.0, 0.0)
         M = rho * Id(t.dim) + (1 - rho) * OuterProduct(unit, unit) if t.dims else CF(1.0)  # (6.1)
         dt, w = space.TnT()
-        self._gradient = LinearForm(space)
-        self._gradient += InnerProduct(IfPos(s, gamma * s, 0) * unit, w) * self._ds
-        self._hessian = BilinearForm(space, symmetric=True, symmetric_storage=True)
-        self._hessian += InnerProduct(IfPos(s, gamma, 0) * M * dt, w) * self._ds
-
-    def energy(self, t: BaseVector) -> float:
-        """M^3(t)."""
-        self._t.vec.local_vec.data = t
-        return integral(self._density * self._ds, self._mesh)
-
-    def active(self, t: BaseVector) -> float:
-        """Measure of the set where |t| > F, the part of Gamma_c that slips."""
-        self._t.vec.local_vec.data = t
-        return integral(self._inside * self._ds, self._mesh)
-
-    def gradient(self, t: BaseVector) -> BaseVector:
-        """([gamma (|t| - F)]^+ t/|t|, .) as a functional."""
-        self._t.vec.local_vec.data = t
-        return self._gradient.Assemble().vec.local_vec
-
-    def pattern(self) -> SparseMatrixd:
-        """A matrix with all entries that ``hessian`` may ever have."""
-        return self._hessian.Assemble(reallocate=True).mat.local_mat
-
-    def hessian(self, t: BaseVector) -> SparseMatrixd:
-        """gamma (chi_{|t| > F} M(t) ., .) with M(t) of (6.1)."""
-        self._t.vec.local_vec.data = t
-        return self._hessian.Assemble(reallocate=True).mat.local_mat
+        gradient = LinearForm(space)
+        gradient += InnerProduct(IfPos(s, gamma * s, 0) * unit, w) * on_contact
+        hessian = BilinearForm(space, symmetric=True, symmetric_storage=True)
+        hessian += InnerProduct(IfPos(s, gamma, 0) * M * dt, w) * on_contact
+        energy = IfPos(s, gamma / 2 * s * s, 0) * on_contact
+        super().__init__(t, energy, IfPos(s, 1.0, 0.0) * on_contact, gradient, hessian)
 
 
 def pressed_block_problem(mesh: Mesh, friction: Coefficient | None = 5.0) -> Problem:

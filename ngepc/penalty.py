@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import (
     BilinearForm,
+    CoefficientFunction,
     FESpace,
     GridFunction,
     Id,
@@ -27,8 +28,64 @@ from ngepc.regularisation import Regularisation, plastic_threshold
 TINY = 1e-290
 
 
-class ContactPenalty:
+class AssembledPenalty:
+    """A nonsmooth term M by forms around the state at which they are assembled.
+
+    Parameters
+    ----------
+    state
+        The grid function in the forms.
+    energy, active
+        M and the measure of its active set as integrals.
+    gradient, hessian
+        M' and its Newton derivative.
+    """
+
+    def __init__(
+        self,
+        state: GridFunction,
+        energy: CoefficientFunction,
+        active: CoefficientFunction,
+        gradient: LinearForm,
+        hessian: BilinearForm,
+    ) -> None:
+        self._state, self._energy, self._active = state, energy, active
+        self._gradient, self._hessian = gradient, hessian
+
+    def _set(self, v: BaseVector) -> None:
+        """Make v the state of the forms."""
+        self._state.vec.local_vec.data = v
+
+    def energy(self, v: BaseVector) -> float:
+        """M(v)."""
+        self._set(v)
+        return integral(self._energy, self._state.space.mesh)
+
+    def active(self, v: BaseVector) -> float:
+        """Measure of the active set."""
+        self._set(v)
+        return integral(self._active, self._state.space.mesh)
+
+    def gradient(self, v: BaseVector) -> BaseVector:
+        """M'(v) as a functional."""
+        self._set(v)
+        return self._gradient.Assemble().vec.local_vec
+
+    def pattern(self) -> SparseMatrixd:
+        """A matrix with all entries that ``hessian`` may ever have."""
+        return self._hessian.Assemble(reallocate=True).mat.local_mat
+
+    def hessian(self, v: BaseVector) -> SparseMatrixd:
+        """The Newton derivative of M' at v."""
+        self._set(v)
+        return self._hessian.Assemble(reallocate=True).mat.local_mat
+
+
+class ContactPenalty(AssembledPenalty):
     """M^1(z) = 1/(2 gamma) |[mu^ + gamma z]^+|^2 on Gamma_c, with Lemma 6.2.
+
+    M^1'(z) = [mu^ + gamma z]^+, its Newton derivative gamma chi on the set where that is positive;
+    active is the contact, z + mu^/gamma < 0.
 
     Parameters
     ----------
@@ -45,49 +102,27 @@ class ContactPenalty:
     ) -> None:
         gamma = regularisation.gamma_contact
         mu_hat = as_scalar(regularisation.contact_shift)
-        self._z = z = GridFunction(Z)
-        self._mesh = problem.mesh
-        self._ds = ds(
+        z = GridFunction(Z)
+        on_contact = ds(
             "|".join(problem.contact_names),
             intrules=boundary_rules(problem.N, quadrature_points),
         )
         mu = mu_hat + gamma * z  # (OC2_gamma): mu = [mu^ + gamma z]^+
-        self._densities = (IfPos(mu, mu * mu, 0) / (2 * gamma), IfPos(-mu, 1.0, 0.0))
         dz, w = Z.TnT()
-        self._gradient = LinearForm(Z)
-        self._gradient += IfPos(mu, mu, 0) * w * self._ds
-        self._hessian = BilinearForm(Z, symmetric=True, symmetric_storage=True)
-        self._hessian += IfPos(mu, gamma, 0.0) * dz * w * self._ds
-
-    def energy(self, z: BaseVector) -> float:
-        """M^1(z)."""
-        self._z.vec.local_vec.data = z
-        return integral(self._densities[0] * self._ds, self._mesh)
-
-    def active(self, z: BaseVector) -> float:
-        """Measure of the set where z + mu^/gamma < 0: contact."""
-        self._z.vec.local_vec.data = z
-        return integral(self._densities[1] * self._ds, self._mesh)
-
-    def gradient(self, z: BaseVector) -> BaseVector:
-        """([mu^ + gamma z]^+, .) as a functional on Z."""
-        self._z.vec.local_vec.data = z
-        return self._gradient.Assemble().vec.local_vec
-
-    def pattern(self) -> SparseMatrixd:
-        """A matrix with all entries that ``hessian`` may ever have."""
-        return self._hessian.Assemble(reallocate=True).mat.local_mat
-
-    def hessian(self, z: BaseVector) -> SparseMatrixd:
-        """gamma (chi_{z + mu^/gamma > 0} ., .)."""
-        self._z.vec.local_vec.data = z
-        return self._hessian.Assemble(reallocate=True).mat.local_mat
+        gradient = LinearForm(Z)
+        gradient += IfPos(mu, mu, 0) * w * on_contact
+        hessian = BilinearForm(Z, symmetric=True, symmetric_storage=True)
+        hessian += IfPos(mu, gamma, 0.0) * dz * w * on_contact
+        energy = IfPos(mu, mu * mu, 0) / (2 * gamma) * on_contact
+        super().__init__(z, energy, IfPos(-mu, 1.0, 0.0) * on_contact, gradient, hessian)
 
 
-class PlasticPenalty:
+class PlasticPenalty(AssembledPenalty):
     """M^2(q) = int 1/(2 gamma) ([nu^ + gamma (|q| - beta_gamma)]^+)^2, with Lemma 6.3.
 
-    With the overshoot s = |q| - (beta_gamma - nu^/gamma) the density is gamma/2 ([s]^+)^2.
+    With the overshoot s = |q| - (beta_gamma - nu^/gamma) the density is gamma/2 ([s]^+)^2, the
+    gradient gamma [s]^+ q/|q|, its Newton derivative gamma chi M(q) where s > 0, with M(q) of
+    (6.1).  The measure of that set is of a low order: for records.
 
     Parameters
     ----------
@@ -108,8 +143,7 @@ class PlasticPenalty:
         if is_number(threshold):
             threshold = float(threshold)
         fine = fine_rules(problem.N, quadrature_points)
-        self._mesh = mesh
-        self._q = q = GridFunction(R)
+        q = GridFunction(R)
         self._split = ElementSplit(mesh, threshold, fine)
         measures = (
             dx(definedonelements=self._split.kinked, intrules=fine),
@@ -122,49 +156,29 @@ class PlasticPenalty:
         M = rho * Id(q.dim) + (1 - rho) * OuterProduct(q, q) / (size * size)  # (6.1)
         r, dq = R.TestFunction(), R.TrialFunction()
         density = IfPos(s, gamma / 2 * s * s, 0).Compile()
-        gradient = (IfPos(s, gamma * rho, 0) * q).Compile()
-        hessian = (IfPos(s, gamma, 0) * M).Compile()
+        slope = (IfPos(s, gamma * rho, 0) * q).Compile()
+        curvature = (IfPos(s, gamma, 0) * M).Compile()
         inside = IfPos(s, 1.0, 0.0)
         coarse = dx(definedonelements=self._split.kinked, intrules=smooth_rules(problem.N))
-        self._energy = density * measures[0] + density * measures[1]
-        self._measure = inside * coarse + inside * measures[1]
-        self._gradient = LinearForm(R)
-        self._hessian = BilinearForm(R, symmetric=True, symmetric_storage=True)
+        gradient = LinearForm(R)
+        hessian = BilinearForm(R, symmetric=True, symmetric_storage=True)
         for m in measures:
-            self._gradient += InnerProduct(gradient, r) * m
-            self._hessian += InnerProduct(hessian * dq, r) * m
+            gradient += InnerProduct(slope, r) * m
+            hessian += InnerProduct(curvature * dq, r) * m
+        energy = density * measures[0] + density * measures[1]
+        super().__init__(q, energy, inside * coarse + inside * measures[1], gradient, hessian)
         self._split_at: np.ndarray | None = None
 
-    def _set(self, q: BaseVector) -> None:
-        """Evaluate the forms at q; the elements are sorted anew only where q has changed."""
-        self._q.vec.local_vec.data = q
-        values = self._q.vec.FV().NumPy()
+    def _set(self, v: BaseVector) -> None:
+        """The elements are sorted anew only where q has changed."""
+        super()._set(v)
+        values = self._state.vec.FV().NumPy()
         if self._split_at is None or not np.array_equal(values, self._split_at):
-            self._split.update(values.reshape(self._q.dim, -1).T)
+            self._split.update(values.reshape(self._state.dim, -1).T)
             self._split_at = values.copy()
-
-    def energy(self, q: BaseVector) -> float:
-        """M^2(q)."""
-        self._set(q)
-        return integral(self._energy, self._mesh)
-
-    def active(self, q: BaseVector) -> float:
-        """Measure of the set where |q| + nu^/gamma > beta_gamma, by a low order: for records."""
-        self._set(q)
-        return integral(self._measure, self._mesh)
-
-    def gradient(self, q: BaseVector) -> BaseVector:
-        """([nu^ + gamma (|q| - beta_gamma)]^+ q/|q|, .) as a functional on R."""
-        self._set(q)
-        return self._gradient.Assemble().vec.local_vec
 
     def pattern(self) -> SparseMatrixd:
         """A matrix with all entries that ``hessian`` may ever have."""
         self._split.smooth.Set()
         self._split_at = None
-        return self._hessian.Assemble(reallocate=True).mat.local_mat
-
-    def hessian(self, q: BaseVector) -> SparseMatrixd:
-        """gamma (chi_Q M(q) ., .) with M(q) of (6.1)."""
-        self._set(q)
-        return self._hessian.Assemble(reallocate=True).mat.local_mat
+        return super().pattern()
