@@ -21,7 +21,7 @@ MARKUP = re.compile(r"(``.+?``|:\w+:`.+?`)")
 
 
 def names_of(module: str) -> list[str]:
-    """The documented names of a module, or of the package itself."""
+    """The documented names of a module, or of the package itself; checks of arguments are none."""
     if module == "ngepc":
         return [name for name in ngepc.__all__ if not name.startswith("_")]
     home = importlib.import_module(module)
@@ -29,7 +29,7 @@ def names_of(module: str) -> list[str]:
     return [
         name
         for name, value in vars(home).items()
-        if not name.startswith("_")
+        if not name.startswith(("_", "check", "require_"))
         and (inspect.isclass(value) or inspect.isfunction(value))
         and (value.__module__ == module or value.__module__.startswith(inside[1:]))
     ]
