@@ -42,7 +42,7 @@ $(VENV)/.run: $(BIN)/python setup.cfg pyproject.toml
 	touch $@
 
 $(VENV)/.test: $(BIN)/python setup.cfg pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[html,notebook,test,docs]"
+	$(BIN)/python -m pip install --quiet --editable ".[html,notebook,test,mpi,docs]"
 	touch $@ $(VENV)/.run $(VENV)/.docs
 
 $(VENV)/.docs: $(BIN)/python setup.cfg pyproject.toml

@@ -24,6 +24,7 @@ from ngsolve import Mesh
 from ngepc.balanced import Balanced
 from ngepc.blocks import LinearBlocks
 from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.distributed import require_one_process
 from ngepc.checks.kinds import require_instance
 from ngepc.contact_newton import newton_system
 from ngepc.dual_result import DualResult
@@ -149,6 +150,7 @@ def solve_automatically(
         If an argument is not legal.
     """
     require_instance("problem", problem, Problem, "a Problem")
+    require_one_process("problem", problem.mesh, "semismooth_newton takes such a mesh")
     if require_number("tolerance", tolerance, 0, strict=True) >= 1:
         raise ValueError(f"tolerance={tolerance!r}: a number in (0, 1) is needed")
     require_integer("max_nodes", max_nodes, 1)

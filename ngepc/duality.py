@@ -30,6 +30,7 @@ from ngsolve import (
 
 from ngepc.dual_result import DualResult
 from ngepc.friction import friction_energy
+from ngepc.parallel import integral, total
 from ngepc.problem import as_scalar
 from ngepc.quadrature import boundary_rules, fine_rules
 from ngepc.tensors import coordinates
@@ -133,7 +134,8 @@ def _energies(result: DualResult) -> dict[str, float]:
     image = v.CreateVector()
     image.data = blocks.conjugate_gradient(result.y, v) - blocks.psi
     terms = {
-        n: InnerProduct(blocks.part_of(image, i), blocks.part_of(v, i)) for i, n in enumerate(names)
+        n: total(InnerProduct(blocks.part_of(image, i), blocks.part_of(v, i)), problem.mesh)
+        for i, n in enumerate(names)
     }
     penalties = {n: f.penalties[i].energy(blocks.part_of(v, i)) for i, n in enumerate(names)}
     p = result.balanced_increment
@@ -164,11 +166,11 @@ def _contact(result: DualResult) -> dict[str, float]:
     rules = boundary_rules(problem.N, POINTS)
     measure = ds("|".join(problem.contact_names), intrules=rules)
 
-    def integral(density: CoefficientFunction) -> float:
-        return Integrate(density * measure, problem.mesh)
+    def integrated(density: CoefficientFunction) -> float:
+        return integral(density * measure, problem.mesh)
 
     def size(field: CoefficientFunction) -> float:
-        return math.sqrt(integral(InnerProduct(field, field)))
+        return math.sqrt(integrated(InnerProduct(field, field)))
 
     n, z = problem.normal, result.normal_stress
     overlap = result.displacement * n - problem.psi
@@ -178,7 +180,7 @@ def _contact(result: DualResult) -> dict[str, float]:
     values = (
         size(IfPos(z, z, 0)),
         size(IfPos(overlap, overlap, 0)),
-        integral(IfPos(product, product, -product)),
+        integrated(IfPos(product, product, -product)),
         size(traction - normal * n - result.friction_stress),
         size(normal),
         size(z - normal),
@@ -191,7 +193,7 @@ def _plasticity(result: DualResult) -> dict[str, float]:
     measure = dx(intrules=fine_rules(problem.N, POINTS))
 
     def size(field: CoefficientFunction) -> float:
-        return math.sqrt(Integrate(InnerProduct(field, field) * measure, mesh))
+        return math.sqrt(integral(InnerProduct(field, field) * measure, mesh))
 
     q, p, N = result.plastic_dual, result.balanced_increment, problem.N
     dev_stress, hardening = result.fields.deviatoric_stress, problem.effective_hardening

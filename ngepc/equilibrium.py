@@ -21,6 +21,7 @@ from ngsolve import CoefficientFunction, FESpace, InnerProduct, LinearForm, ds, 
 from ngsolve.comp import ProxyFunction
 
 from ngepc.checks.arguments import require_vector
+from ngepc.parallel import somewhere, total
 from ngepc.problem import Problem
 from ngepc.spaces import displacement_space, single_prescribed
 
@@ -49,6 +50,8 @@ def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
     """Nodal forces on the body at a solution, arrays of shape (N, vertices).
+
+    On a distributed mesh they are what this process contributes at its vertices, to be summed.
 
     Parameters
     ----------
@@ -97,7 +100,11 @@ class Equilibrium:
         """
         held = self._held()
         share = self.reaction / np.maximum(sum(held.values(), np.zeros(self.free.shape)), 1)
-        return {name: np.where(mask, share, 0.0).sum(axis=1) for name, mask in held.items()}
+        return {name: self.resultant(np.where(mask, share, 0.0)) for name, mask in held.items()}
+
+    def resultant(self, forces: np.ndarray) -> np.ndarray:
+        """The sum of nodal forces over the body, N components (force)."""
+        return total(forces.sum(axis=1), self.problem.mesh)
 
     def moment(self, forces: np.ndarray, about: Sequence[float] | None = None) -> np.ndarray:
         """Sum of (x - about) x F over the nodes (force times length).
@@ -123,8 +130,10 @@ class Equilibrium:
         about = np.array(require_vector("about", (0.0,) * N if about is None else about, (N,)))
         arms = np.asarray(self.problem.mesh.ngmesh.Coordinates())[:nv, :N].T - about[:, None]
         if N == 2:
-            return np.array([np.vdot(arms[0], forces[1]) - np.vdot(arms[1], forces[0])])
-        return np.cross(arms, forces, axis=0).sum(axis=1)
+            own = np.array([np.vdot(arms[0], forces[1]) - np.vdot(arms[1], forces[0])])
+        else:
+            own = np.cross(arms, forces, axis=0).sum(axis=1)
+        return total(own, self.problem.mesh)
 
     def _held(self) -> dict[str, np.ndarray]:
         """Name of each support -> the components it holds, boolean (N, vertices)."""
@@ -137,5 +146,6 @@ class Equilibrium:
             held[name] = np.zeros(self.free.shape, dtype=bool)
             for axis, value in enumerate(values):
                 if value is not None:
-                    held[name][axis] = list(V.components[axis].GetDofs(region))
+                    own = np.array(V.components[axis].GetDofs(region), dtype=bool)
+                    held[name][axis] = somewhere(own, V.components[axis])
         return held

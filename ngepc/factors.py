@@ -12,7 +12,8 @@ from netgen.meshing import NgException
 from ngsolve import BitArray, FESpace
 from ngsolve.la import BaseMatrix, BaseVector, SparseMatrixd
 
-from ngepc.ordering import OrderedFactors, swept
+from ngepc.assembly import from_entries
+from ngepc.ordering import OrderedFactors, dof_points, swept
 from ngepc.parallel import is_distributed
 
 SOLVER_ERRORS = (NgException, RuntimeError, MemoryError)
@@ -69,16 +70,23 @@ class GatheredFactors(BaseMatrix):
         numbers = np.array(numbers, dtype=np.int64)
         self._own = np.flatnonzero(numbers >= 0)
         parts = self._comm.gather(numbers[self._own], root=ROOT)
+        points = self._gather(dof_points(space, numbers >= 0)[self._own])
         keys = self._keys(numbers, int(size))
         self._inverse, self._sum = None, None
         if parts is not None:
             self._dofs, self._ends = np.concatenate(parts), np.cumsum([len(p) for p in parts])[:-1]
             keys, self._where = np.unique(keys, return_inverse=True)
-            rows, columns = (index.astype(np.int32) for index in np.divmod(keys, size))
-            zeros = np.zeros(len(keys))
-            self._sum = SparseMatrixd.CreateFromCOO(rows, columns, zeros, size, size)
+            rows, columns = np.divmod(keys, size)
+            self._sum = from_entries(rows, columns, np.zeros(len(keys)), size, size)
             self._right, self._solution = (self._sum.CreateColVector() for _ in range(2))
+            self._order = self._swept(points, int(size))
         self.Update()
+
+    def _swept(self, points: np.ndarray, size: int) -> np.ndarray:
+        """All degrees of freedom in a sweep by their points, as ``ngepc.ordering`` does it."""
+        places = np.empty((size, points.shape[1]))
+        places[self._dofs] = points
+        return np.lexsort([np.arange(size), *places.T])
 
     def _keys(self, numbers: np.ndarray, size: int) -> np.ndarray | None:
         """Row * size + column of the entries of all processes, within the lower triangle."""
@@ -111,7 +119,7 @@ class GatheredFactors(BaseMatrix):
 
     def _factorise(self) -> None:
         if self._inverse is None:
-            self._inverse = self._sum.Inverse(inverse=self._name)
+            self._inverse = OrderedFactors(self._sum, self._order, self._name)
         else:
             self._inverse.Update()
 

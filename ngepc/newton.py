@@ -14,6 +14,7 @@ from ngepc.balanced import Balanced
 from ngepc.blocks import LinearBlocks
 from ngepc.carried import carried_over
 from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.distributed import check_supported
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.contact_newton import newton_system
 from ngepc.diagnosis import RecentDuals, describe
@@ -134,6 +135,7 @@ def semismooth_newton(
     require_regularisation(regularisation)
     if start is not None and not isinstance(start, DualResult):
         raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
+    check_supported(problem, regularisation, options.inverse, start)
     blocks = LinearBlocks(problem, regularisation, options.inverse)
     functional = DualFunctional(blocks, regularisation, options.quadrature_points)
     v = start_vector(functional, start, options)

@@ -32,6 +32,7 @@ from ngepc.checks.arguments import (
     require_vector,
 )
 from ngepc.normals import outward_normal
+from ngepc.parallel import vertex_coordinates
 
 COORDINATES = (x, y, z)
 
@@ -81,7 +82,7 @@ class Obstacle(ABC):
             legal = " or ".join(map(str, self.dimensions()))
             raise ValueError(f"{self!r} needs a mesh of dimension {legal}, this one has {N}")
         if far is None:
-            far = 10 * float(np.ptp(np.asarray(mesh.ngmesh.Coordinates()), axis=0).max())
+            far = 10 * float(np.ptp(vertex_coordinates(mesh), axis=0).max())
         far = require_number("far", far, 0, strict=True)
         X = CF(COORDINATES[:N])
         if motion is not None:

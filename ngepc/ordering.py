@@ -38,6 +38,15 @@ def swept(space: FESpace, free: BitArray) -> np.ndarray:
     return np.flatnonzero(chosen)[np.argsort(place[vertices], kind="stable")]
 
 
+def dof_points(space: FESpace, chosen: np.ndarray) -> np.ndarray:
+    """The point of each chosen degree of freedom, shape (degrees of freedom, N)."""
+    mesh = space.mesh
+    points = np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, : mesh.dim]
+    result = np.zeros((space.ndof, mesh.dim))
+    result[chosen] = points[vertices_of_dofs(space, chosen)[chosen]]
+    return result
+
+
 def vertices_of_dofs(space: FESpace, chosen: np.ndarray) -> np.ndarray:
     """The vertex of each chosen degree of freedom of a P1 space or a product of such."""
     result, first = np.zeros(space.ndof, dtype=int), 0

@@ -37,9 +37,9 @@ def gathered(rows: np.ndarray, mesh: Mesh) -> np.ndarray:
     return np.concatenate(from_all(rows, mesh)) if is_distributed(mesh) else rows
 
 
-def total(value: float, mesh: Mesh) -> float:
-    """The sum of what the processes give."""
-    return mesh.comm.Sum(value) if is_distributed(mesh) else value
+def total(value: T, mesh: Mesh) -> T:
+    """The sum of what the processes give, numbers or arrays."""
+    return mesh.comm.mpi4py.allreduce(value) if is_distributed(mesh) else value
 
 
 def integral(form: SumOfIntegrals, mesh: Mesh) -> float:

@@ -102,7 +102,7 @@ class ElementSplit:
         count = np.empty(self.mesh.ne, int)
         for nodes, numbers in zip(self._nodes, self._numbers, strict=True):
             count[numbers] = len(self.rules[_SHAPES[self.mesh.dim, nodes.shape[1]]])
-        first = np.r_[0, np.cumsum(count)[:-1]]
+        first = np.cumsum(count) - count
         return np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
 
     def update(self, q: np.ndarray) -> None:

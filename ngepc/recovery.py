@@ -172,12 +172,12 @@ class Recovered:
     @property
     def applied_force(self) -> np.ndarray:
         """Resultant of tractions and body force on the body, N components (force)."""
-        return self.equilibrium.applied.sum(axis=1)
+        return self.equilibrium.resultant(self.equilibrium.applied)
 
     @property
     def contact_resultant(self) -> np.ndarray:
         """Resultant force of the obstacles on the body, with friction, N components (force)."""
-        return self.equilibrium.contact.sum(axis=1)
+        return self.equilibrium.resultant(self.equilibrium.contact)
 
     @property
     def reaction(self) -> np.ndarray:
@@ -186,4 +186,4 @@ class Recovered:
         Each support's own is in ``equilibrium.reactions``.  The applied force, the contact
         resultant and the reaction add up to zero.
         """
-        return self.equilibrium.reaction.sum(axis=1)
+        return self.equilibrium.resultant(self.equilibrium.reaction)

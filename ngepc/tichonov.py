@@ -29,6 +29,7 @@ from ngsolve.la import SparseMatrixd
 
 from ngepc.checks.kinds import require_attributes
 from ngepc.fractional import contact_seminorm, from_dense, to_dense
+from ngepc.parallel import from_all, global_numbers
 from ngepc.problem import Problem
 
 
@@ -211,13 +212,15 @@ class FullProduct:
 
 def closed_somewhere(problem: Problem, Z: FESpace) -> bool:
     """Whether a connected piece of Gamma_c has no fixed degree of freedom of Z."""
-    names = set(problem.contact_names)
-    elements = [
-        [dof for dof in Z.GetDofNrs(element) if dof >= 0]
-        for element in problem.mesh.Elements(BND)
+    mesh, names, numbers = problem.mesh, set(problem.contact_names), global_numbers(Z)[0].tolist()
+    own = [
+        [numbers[dof] for dof in Z.GetDofNrs(element) if dof >= 0]
+        for element in mesh.Elements(BND)
         if element.mat in names
     ]
-    held = {dof for dof, free in enumerate(Z.FreeDofs()) if not free}
+    elements = [dofs for some in from_all(own, mesh) for dofs in some]
+    fixed = {numbers[dof] for dof, free in enumerate(Z.FreeDofs()) if not free}
+    held = set().union(*from_all(fixed, mesh))
     while elements:
         apart = [dofs for dofs in elements if held.isdisjoint(dofs)]
         if len(apart) == len(elements):

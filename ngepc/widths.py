@@ -9,6 +9,8 @@ that on the same meshes, paths end earlier (docs/reading.md).
 import numpy as np
 from ngsolve import BND, VOL, Integrate, Mesh
 
+from ngepc.elements import element_nodes
+from ngepc.parallel import gathered
 from ngepc.problem import Problem
 
 
@@ -17,11 +19,12 @@ def mesh_width(mesh: Mesh) -> float:
 
     Other elements than triangles count as cubes, with width |T|^(1/N).
     """
-    volumes = np.array(Integrate(1.0, mesh, VOL, element_wise=True))
-    corners = [[v.nr for v in element.vertices] for element in mesh.Elements(VOL)]
-    if mesh.dim != 2 or any(len(c) != 3 for c in corners):
+    volumes = gathered(np.array(Integrate(1.0, mesh, VOL, element_wise=True)), mesh)
+    nodes = gathered(element_nodes(mesh), mesh)
+    if mesh.dim != 2 or (nodes[:, 3] >= 0).any():
         return float(volumes.min() ** (1 / mesh.dim))
-    x = np.asarray(mesh.ngmesh.Coordinates())[:, :2][np.array(corners)]
+    corners = np.asarray(mesh.ngmesh.Coordinates())[:, :2][element_nodes(mesh)[:, :3]]
+    x = gathered(corners, mesh)
     longest = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2).max(axis=1)
     return float((2 * volumes / longest).min())
 
@@ -33,4 +36,5 @@ def contact_mesh_width(problem: Problem) -> float:
     mesh = problem.mesh
     region = mesh.Boundaries("|".join(problem.contact_names))
     measures = Integrate(1.0, mesh, BND, definedon=region, element_wise=True)
-    return max(measures) ** (1 / (mesh.dim - 1))
+    measures = gathered(np.array(measures), mesh)
+    return float(measures.max()) ** (1 / (mesh.dim - 1))

@@ -24,7 +24,11 @@ PAGES = [
     *sorted(p for p in DOCS.rglob("*.md") if p.relative_to(DOCS).parts[0] not in COPIED),
 ]
 SNIPPET = re.compile(r"(<!-- not run: [^>]+ -->\n)?^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
-WITH_SNIPPETS = [p for p in PAGES if SNIPPET.search(p.read_text(encoding="utf-8"))]
+NEEDS_MPI = DOCS / "howto" / "distributed.md"
+"""The page whose script test_distributed.py runs."""
+WITH_SNIPPETS = [
+    p for p in PAGES if p != NEEDS_MPI and SNIPPET.search(p.read_text(encoding="utf-8"))
+]
 ON_THEIR_OWN = ("README.md", "docs/first_steps.md", "docs/balanced.md")
 """Pages whose snippets need nothing; the others begin where the first steps end."""
 

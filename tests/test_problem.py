@@ -12,11 +12,11 @@ from ngepc.checks.arguments import boundary_names, require_integer, require_numb
 from ngepc.checks.support import (
     check_conforming,
     connected,
-    element_facets,
     held_values,
     part_vertices,
     rigid_rows,
 )
+from ngepc.elements import element_facets
 
 STEEL = Material.kinematic(lame_lambda=1000.0, lame_mu=800.0, yield_stress=5.0, hardening=100.0)
 SQUARE = block.structured_mesh(4, 4, simplices=True)

@@ -18,8 +18,9 @@ from ngepc.checks.arguments import (
     require_finite,
     sample,
 )
-from ngepc.checks.support import check_support, vertices_of
-from ngepc.elements import element_nodes
+from ngepc.checks.mpi import check_mpi
+from ngepc.checks.support import check_support
+from ngepc.elements import element_nodes, vertices_of
 from ngepc.material import Material
 from ngepc.parallel import gathered
 
@@ -45,10 +46,7 @@ def check_mesh(mesh: Mesh) -> None:
         raise TypeError(f"mesh={mesh!r}: an ngsolve.Mesh is needed")
     if mesh.dim not in (2, 3):
         raise ValueError(f"mesh has dimension {mesh.dim}: 2 or 3 is needed")
-    if mesh.comm.size > 1:
-        raise ValueError(
-            f"mesh is distributed over {mesh.comm.size} processes: a mesh of one process is needed"
-        )
+    check_mpi(mesh)
     nodes = gathered(element_nodes(mesh), mesh)
     if len(nodes) == 0:
         raise ValueError("mesh has no elements: a mesh of the body is needed")

@@ -17,32 +17,22 @@ import numpy as np
 from ngsolve import CoefficientFunction, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number, sample
-from ngepc.elements import body_elements
+from ngepc.elements import (
+    body_elements,
+    combine,
+    corner_vertices,
+    element_facets,
+    facets_of,
+    vertices_of,
+)
 from ngepc.normals import outward_normal
-from ngepc.parallel import gathered, vertex_coordinates, vertex_numbers
+from ngepc.parallel import vertex_coordinates, vertex_numbers
 
 if TYPE_CHECKING:
     from ngepc.problem import Problem
 
 FREE_NORMAL = 0.1
 """Least length of the free part of the unit normal where a held boundary meets contact."""
-
-_FACETS = {
-    (2, 3): ((0, 1), (1, 2), (2, 0)),
-    (2, 4): ((0, 1), (1, 2), (2, 3), (3, 0)),
-    (3, 4): ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
-    (3, 5): ((0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
-    (3, 6): ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
-    (3, 8): (
-        (0, 1, 2, 3),
-        (4, 5, 6, 7),
-        (0, 1, 5, 4),
-        (1, 2, 6, 5),
-        (2, 3, 7, 6),
-        (3, 0, 4, 7),
-    ),
-}
-"""Facets of Netgen's elements by (dimension, number of vertices)."""
 
 
 def check_support(problem: Problem) -> None:
@@ -132,26 +122,6 @@ def at_corners(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and values at the corners of all boundary elements, once for each element."""
     return corner_vertices(mesh, names), sample(value, mesh, names, corners=True)
-
-
-def facets_of(mesh: Mesh, name: str) -> np.ndarray:
-    """The N lowest vertex numbers of each element of a boundary, sorted, shape (elements, N)."""
-    numbers = vertex_numbers(mesh)[0].tolist()
-    elements = mesh.Boundaries(name).Elements()
-    own = [sorted(numbers[v.nr] for v in el.vertices)[: mesh.dim] for el in elements]
-    return gathered(np.array(own, dtype=np.int64).reshape(-1, mesh.dim), mesh)
-
-
-def corner_vertices(mesh: Mesh, names: Sequence[str]) -> np.ndarray:
-    """Numbers of the vertices at the corners of all boundary elements, one after the other."""
-    region = mesh.Boundaries("|".join(names))
-    own = np.array([v.nr for el in region.Elements() for v in el.vertices], dtype=int)
-    return gathered(vertex_numbers(mesh)[0][own], mesh)
-
-
-def vertices_of(mesh: Mesh, names: Sequence[str]) -> set[int]:
-    """Numbers of the vertices on the named boundaries, ends included."""
-    return set(corner_vertices(mesh, names).tolist())
 
 
 def check_free_normal(problem: Problem, held: np.ndarray) -> None:
@@ -253,30 +223,6 @@ def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         pairs.append(of_corner * count + nodes.ravel())
         start += len(nodes)
     return np.column_stack(np.divmod(np.unique(np.concatenate(pairs)), count))
-
-
-def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """An integer for each facet of each element, and the number of the element.
-
-    Elements are counted in the order of ``body_elements``.  The N lowest vertex numbers of a
-    facet identify it.
-    """
-    keys, owners, start = [], [], 0
-    for nodes in body_elements(mesh):
-        numbers = np.arange(start, start + len(nodes))
-        for facet in _FACETS[mesh.dim, nodes.shape[1]]:
-            keys.append(combine(np.sort(nodes[:, facet], axis=1)[:, : mesh.dim], mesh))
-            owners.append(numbers)
-        start += len(nodes)
-    return np.concatenate(keys), np.concatenate(owners)
-
-
-def combine(vertices: np.ndarray, mesh: Mesh) -> np.ndarray:
-    """One integer for each row of sorted vertex numbers."""
-    keys, (_, count) = vertices[:, 0].astype(np.int64), vertex_numbers(mesh)
-    for column in vertices.T[1:]:
-        keys = keys * count + column
-    return keys
 
 
 def connected(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 
 import numpy as np
-from ngsolve import InnerProduct, Integrate, Norm, dx
+from ngsolve import InnerProduct, Norm, dx
 
 from ngepc.evolution.memory import Memory
+from ngepc.parallel import gathered, integral
 from ngepc.primal.return_mapping import at_plastic_points, plastic_points
 from ngepc.problem import Problem
 from ngepc.recovery import Fields
@@ -70,6 +71,7 @@ class StepRecord:
         stored = 0.5 * InnerProduct(step_fields.stress, elastic)
         lost = problem.beta * Norm(step_fields.plastic_increment)
         points = mesh.MapToAllElements(plastic_points(mesh), mesh.Materials(".*"))
+        strains = np.ravel(step_fields.equivalent_plastic_strain(points))
         return cls(
             time=time,
             cuts=cuts,
@@ -77,9 +79,9 @@ class StepRecord:
             contact_force=float(result.contact_force),
             **_forces(result),
             primal_energy=float(result.primal_energy),
-            elastic_energy=float(Integrate(stored * on_points, mesh)),
-            dissipation=float(Integrate(lost * on_points, mesh)),
-            max_plastic_strain=float(np.max(step_fields.equivalent_plastic_strain(points))),
+            elastic_energy=float(integral(stored * on_points, mesh)),
+            dissipation=float(integral(lost * on_points, mesh)),
+            max_plastic_strain=float(gathered(strains, mesh).max()),
         )
 
     @classmethod

@@ -12,6 +12,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.blocks import LinearBlocks
 from ngepc.carried import carried_over
+from ngepc.checks.distributed import check_supported, require_one_process
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.contact_newton import newton_system
 from ngepc.dual_result import DualResult
@@ -84,6 +85,8 @@ def follow_path(
     """
     options = PathOptions() if options is None else options
     check_arguments(problem, options, start, regularisation)
+    if checkpoint is not None:
+        require_one_process(f"checkpoint={checkpoint!r}", problem.mesh, "None is needed")
     if closing is not None:
         require_function("closing", closing, "gamma")
         require_regularisation(closing(options.gamma_start))
@@ -156,7 +159,9 @@ def check_arguments(
     if start is not None and not isinstance(start, DualResult):
         raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
     require_function("regularisation", regularisation, "gamma")
-    require_regularisation(regularisation(options.gamma_start))
+    first = regularisation(options.gamma_start)
+    require_regularisation(first)
+    check_supported(problem, first, options.newton.inverse, start)
 
 
 class _Walk:
