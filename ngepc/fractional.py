@@ -15,6 +15,7 @@ import numpy as np
 from ngsolve import BND, FESpace
 from ngsolve.la import SparseMatrixd
 
+from ngepc.assembly import from_entries
 from ngepc.problem import Problem
 from ngepc.prolongation import vertex_dofs
 
@@ -185,7 +186,7 @@ def contact_seminorm(problem: Problem, Z: FESpace) -> np.ndarray:
 def from_dense(A: np.ndarray) -> SparseMatrixd:
     """A dense symmetric matrix in NGSolve's format, all entries stored."""
     rows, columns = np.indices(A.shape, dtype=np.int32)
-    return SparseMatrixd.CreateFromCOO(rows.ravel(), columns.ravel(), A.ravel(), *A.shape)
+    return from_entries(rows.ravel(), columns.ravel(), A.ravel(), *A.shape)
 
 
 def to_dense(A: SparseMatrixd) -> np.ndarray:

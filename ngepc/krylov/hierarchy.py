@@ -14,6 +14,8 @@ import numpy as np
 from ngsolve import FESpace, Mesh
 from ngsolve.la import SparseMatrixd
 
+from ngepc.assembly import from_entries
+
 
 @dataclass(frozen=True, eq=False)
 class Prolongation:
@@ -57,8 +59,7 @@ class Prolongation:
         i, j, w = i.ravel(), j.ravel(), np.tile(w, len(components))
         kept = free[i] & self.coarse_part(free)[j]
         size = len(free), len(components) * self.coarse
-        indices = (k[kept].astype(np.int32) for k in (i, j))
-        return SparseMatrixd.CreateFromCOO(*indices, w[kept], *size)
+        return from_entries(i[kept], j[kept], w[kept], *size)
 
 
 def prolongations(mesh: Mesh) -> tuple[Prolongation, ...]:

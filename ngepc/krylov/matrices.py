@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from ngsolve.la import SparseMatrixd
 
+from ngepc.assembly import from_entries
+
 
 def entries(matrix: SparseMatrixd) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows, columns and values of the stored entries, row by row."""
@@ -17,8 +19,8 @@ def block(matrix: SparseMatrixd, rows: range, columns: range) -> SparseMatrixd:
     """The stored entries within ``rows`` and ``columns`` as a matrix of that size."""
     i, j, w = entries(matrix)
     kept = (i >= rows.start) & (i < rows.stop) & (j >= columns.start) & (j < columns.stop)
-    i, j = (i[kept] - rows.start).astype(np.int32), (j[kept] - columns.start).astype(np.int32)
-    return SparseMatrixd.CreateFromCOO(i, j, w[kept], len(rows), len(columns))
+    i, j = i[kept] - rows.start, j[kept] - columns.start
+    return from_entries(i, j, w[kept], len(rows), len(columns))
 
 
 class Mirrored:
@@ -43,7 +45,7 @@ class Mirrored:
         rows, columns = np.concatenate([i, j[below]]), np.concatenate([j, i[below]])
         numbers = np.concatenate([number, number[below]])
         size = lower.height
-        self.matrix = SparseMatrixd.CreateFromCOO(rows, columns, numbers.astype(float), size, size)
+        self.matrix = from_entries(rows, columns, numbers, size, size)
         self._number = self._values.astype(np.int64)
         self.update(lower)
 

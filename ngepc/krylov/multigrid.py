@@ -8,6 +8,7 @@ import numpy as np
 from ngsolve import BitArray
 from ngsolve.la import BaseMatrix, BaseVector, SparseMatrixd
 
+from ngepc.assembly import from_entries
 from ngepc.fractional import to_dense
 from ngepc.krylov.hierarchy import Level
 from ngepc.krylov.matrices import entries
@@ -100,7 +101,7 @@ class VCycle(BaseMatrix):
         fixed = np.flatnonzero(~free)
         D[fixed % n, fixed // n, fixed // n] = 1.0
         inverse = np.linalg.inv(D)[i % n, i // n, j // n]
-        return SparseMatrixd.CreateFromCOO(i, j, inverse, len(free), len(free))
+        return from_entries(i, j, inverse, len(free), len(free))
 
     def Height(self) -> int:
         """Number of rows."""
