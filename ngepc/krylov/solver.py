@@ -24,7 +24,8 @@ class Krylov:
     """MINRES for (7.1) and CG for D and B, each block with a multigrid V-cycle.
 
     The meshes of the cycle are those that ``mesh.Refine()`` has made of a coarse one; a mesh that
-    was never refined has one level, whose blocks are factorised.  docs/howto/large_bodies.md
+    was never refined has one level, whose blocks are factorised.  Counts stay bounded over meshes
+    and gamma_T with ``PointwisePlasticStrain()``.  docs/howto/large_bodies.md
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ class Krylov:
         Most iterations of one Krylov solve; more end the run with LINEAR_SOLVER_FAILED, or raise
         ``KrylovError`` where there is no iterate yet.
     sweeps
-        Gauss-Seidel sweeps before and after each coarse correction.
+        Gauss-Seidel sweeps before and after each coarse correction, for displacements; q has one.
 
     Raises
     ------
