@@ -13,6 +13,7 @@ from ngsolve import BitArray, FESpace
 from ngsolve.la import BaseMatrix, BaseVector, SparseMatrixd
 
 from ngepc.assembly import from_entries
+from ngepc.operators import SquareOperator
 from ngepc.ordering import OrderedFactors, dof_points, swept
 from ngepc.parallel import is_distributed
 
@@ -48,7 +49,7 @@ def factors(matrix: SparseMatrixd, space: FESpace, free: BitArray, name: str) ->
     return OrderedFactors(matrix, swept(space, free), name)
 
 
-class GatheredFactors(BaseMatrix):
+class GatheredFactors(SquareOperator):
     """The factors of a sum of contributions of all processes.
 
     Parameters
@@ -63,7 +64,7 @@ class GatheredFactors(BaseMatrix):
     """
 
     def __init__(self, matrix: SparseMatrixd, space: FESpace, free: BitArray, name: str) -> None:
-        super().__init__()
+        super().__init__(matrix)
         self._matrix, self._name = matrix, name
         self._comm = space.mesh.comm.mpi4py
         numbers, size = space.ParallelDofs().EnumerateGlobally(free)
@@ -134,19 +135,3 @@ class GatheredFactors(BaseMatrix):
         entries = y.FV().NumPy()
         entries[:] = 0.0
         entries[self._own] = self._comm.scatter(parts, root=ROOT)
-
-    def Height(self) -> int:
-        """Number of rows on this process."""
-        return self._matrix.height
-
-    def Width(self) -> int:
-        """Number of columns on this process."""
-        return self._matrix.height
-
-    def CreateVector(self, col: bool) -> BaseVector:
-        """A vector of the right size on this process."""
-        return self._matrix.CreateColVector()
-
-    def IsComplex(self) -> bool:
-        """False."""
-        return False

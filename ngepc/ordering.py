@@ -11,9 +11,10 @@ from __future__ import annotations
 import numpy as np
 from netgen.meshing import NgException
 from ngsolve import BitArray, FESpace
-from ngsolve.la import BaseMatrix, BaseVector, SparseMatrixd
+from ngsolve.la import BaseVector, SparseMatrixd
 
 from ngepc.assembly import from_entries
+from ngepc.operators import SquareOperator
 from ngepc.prolongation import vertex_dofs
 
 FROM_LOWER_TRIANGLE = ("sparsecholesky",)
@@ -69,7 +70,7 @@ def components(space: FESpace) -> list[FESpace]:
         return [space]
 
 
-class OrderedFactors(BaseMatrix):
+class OrderedFactors(SquareOperator):
     """The inverse of some rows and columns of a symmetric matrix, zero elsewhere.
 
     Parameters
@@ -83,7 +84,7 @@ class OrderedFactors(BaseMatrix):
     """
 
     def __init__(self, matrix: SparseMatrixd, order: np.ndarray, name: str) -> None:
-        super().__init__()
+        super().__init__(matrix)
         self._matrix, self._order = matrix, order
         _, columns, starts = (np.asarray(a) for a in matrix.CSR())
         place = np.full(matrix.height, -1, dtype=np.int32)
@@ -118,19 +119,3 @@ class OrderedFactors(BaseMatrix):
         self._solution.data = self._inverse * self._right
         y[:] = 0.0
         y.FV().NumPy()[self._order] = self._solution.FV().NumPy()
-
-    def Height(self) -> int:
-        """Number of rows of the matrix."""
-        return self._matrix.height
-
-    def Width(self) -> int:
-        """Number of its columns."""
-        return self._matrix.height
-
-    def CreateVector(self, col: bool) -> BaseVector:
-        """A vector of this size."""
-        return self._matrix.CreateColVector()
-
-    def IsComplex(self) -> bool:
-        """False."""
-        return False

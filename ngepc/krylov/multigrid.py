@@ -6,15 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 from ngsolve import BitArray
-from ngsolve.la import BaseMatrix, BaseVector, SparseMatrixd
+from ngsolve.la import BaseVector, SparseMatrixd
 
 from ngepc.assembly import from_entries
 from ngepc.fractional import to_dense
 from ngepc.krylov.hierarchy import Level
 from ngepc.krylov.matrices import entries
+from ngepc.operators import SquareOperator
 
 
-class VCycle(BaseMatrix):
+class VCycle(SquareOperator):
     """An approximate inverse of a symmetric positive definite matrix on vector-valued P1.
 
     Each level smooths by block Gauss-Seidel, forth before and back after the coarse correction;
@@ -35,8 +36,8 @@ class VCycle(BaseMatrix):
     def __init__(
         self, matrices: Sequence[SparseMatrixd], family: Sequence[Level], sweeps: int
     ) -> None:
-        super().__init__()
         A, *others = matrices
+        super().__init__(A)
         self._A, self._sweeps, self._coarse = A, sweeps, None
         self._level, *coarser = family
         if not coarser:
@@ -102,19 +103,3 @@ class VCycle(BaseMatrix):
         D[fixed % n, fixed // n, fixed // n] = 1.0
         inverse = np.linalg.inv(D)[i % n, i // n, j // n]
         return from_entries(i, j, inverse, len(free), len(free))
-
-    def Height(self) -> int:
-        """Number of rows."""
-        return self._A.height
-
-    def Width(self) -> int:
-        """Number of columns."""
-        return self._A.height
-
-    def CreateVector(self, col: bool) -> BaseVector:
-        """A vector of the right size."""
-        return self._A.CreateColVector()
-
-    def IsComplex(self) -> bool:
-        """False."""
-        return False

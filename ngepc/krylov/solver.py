@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ngsolve import FESpace
-from ngsolve.la import BaseMatrix, BaseVector, SparseMatrixd
+from ngsolve.la import BaseVector, SparseMatrixd
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.krylov.hierarchy import levels
 from ngepc.krylov.iterative import conjugate_gradients
 from ngepc.krylov.matrices import Mirrored
 from ngepc.krylov.multigrid import VCycle
+from ngepc.operators import SquareOperator
 
 if TYPE_CHECKING:
     from ngepc.functional import DualFunctional
@@ -75,7 +76,7 @@ class Krylov:
         return (ConstrainedKrylovSystem if constrained else KrylovSystem)(functional, self)
 
 
-class ConjugateGradients(BaseMatrix):
+class ConjugateGradients(SquareOperator):
     """An inverse by CG, for vectors whose first entries belong to the space.
 
     Parameters
@@ -100,10 +101,10 @@ class ConjugateGradients(BaseMatrix):
     def __init__(
         self, lower: SparseMatrixd, space: FESpace, solver: Krylov, accuracy: float
     ) -> None:
-        super().__init__()
+        mirrored = Mirrored(lower)
+        super().__init__(mirrored.matrix)
         self._lower, self._solver, self._accuracy = lower, solver, accuracy
-        self._mirrored = Mirrored(lower)
-        self.A = self._mirrored.matrix
+        self._mirrored, self.A = mirrored, mirrored.matrix
         self.family = levels(space)
         self._P = VCycle([self.A], self.family, solver.sweeps)
 
@@ -128,19 +129,3 @@ class ConjugateGradients(BaseMatrix):
         own = slice(0, self.A.height)
         most = self._solver.max_iterations
         return conjugate_gradients(self.A, self._P, b[own], x[own], self._accuracy, most)
-
-    def Height(self) -> int:
-        """Number of rows."""
-        return self.A.height
-
-    def Width(self) -> int:
-        """Number of columns."""
-        return self.A.height
-
-    def CreateVector(self, col: bool) -> BaseVector:
-        """A vector of the right size."""
-        return self.A.CreateColVector()
-
-    def IsComplex(self) -> bool:
-        """False."""
-        return False
