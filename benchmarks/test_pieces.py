@@ -11,11 +11,11 @@ from ngepc.geometries import lshape
 from ngsolve import SetNumThreads
 
 from ngepc import Balanced, Coupled, lshape_problem, primal_newton, semismooth_newton
-from ngepc.benchmark import elastic_solve
-from ngepc.blocks import LinearBlocks
-from ngepc.contact_newton import newton_system
-from ngepc.functional import DualFunctional
-from ngepc.iterates import Iterate, Line
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.contact_newton import newton_system
+from ngepc.dual.functional import DualFunctional
+from ngepc.dual.iterates import Iterate, Line
+from ngepc.studies.benchmark import elastic_solve
 
 REGULARISATIONS = {"balanced": Balanced(), "coupled": Coupled(1e4)}
 

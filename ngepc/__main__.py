@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from ngepc._version import __version__
-from ngepc.commands.interrupt import remembered
-from ngepc.storage.files import no_empty_folders
+from ngepc.cli.interrupt import remembered
+from ngepc.results.files import no_empty_folders
 
 PLACES = ("out", "figures", "save", "json", "checkpoint")
 """Arguments that name files or folders to be written."""
@@ -46,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
     subparsers = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in COMMANDS.items():
         sub = subparsers.add_parser(name, help=text, description=text.capitalize() + ".")
-        module = importlib.import_module(f"ngepc.commands.{name}")
+        module = importlib.import_module(f"ngepc.cli.{name}")
         module.configure(sub)
         sub.set_defaults(run=module.run)
     return top

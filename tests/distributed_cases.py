@@ -31,7 +31,7 @@ from ngepc import (
     solve_automatically,
     wrench_problem,
 )
-from ngepc.friction import pressed_block_problem
+from ngepc.dual.friction import pressed_block_problem
 
 
 def example_a(on):

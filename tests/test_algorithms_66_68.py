@@ -15,15 +15,15 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
-from ngepc.blocks import LinearBlocks
-from ngepc.functional import DualFunctional
-from ngepc.lambda_newton import (
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.functional import DualFunctional
+from ngepc.dual.tichonov import Fractional, FullProduct
+from ngepc.theory.lambda_newton import (
     MultiplierEquation,
     compare_algorithms,
     newton_in_lambda,
     newton_in_v,
 )
-from ngepc.tichonov import Fractional, FullProduct
 
 FULL_STEPS = NewtonOptions(linesearch=None, quadrature_points=49, max_iterations=60)
 GLOBALISED = NewtonOptions(linesearch=Armijo(), quadrature_points=49, max_iterations=60)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ngepc.assembly import Placed, SparseSum, from_entries
+from ngepc.linalg.assembly import Placed, SparseSum, from_entries
 
 SIZE, FIRST = 12, 5
 

@@ -18,13 +18,13 @@ from ngepc import (
     solve_automatically,
     wrench_problem,
 )
-from ngepc.automatic import bisected
-from ngepc.blocks import LinearBlocks
-from ngepc.contact_newton import newton_system
-from ngepc.functional import DualFunctional
-from ngepc.newton import run
-from ngepc.normals import outward_normal
-from ngepc.regularisation_error import regularisation_part
+from ngepc.dual.automatic import bisected
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.contact_newton import newton_system
+from ngepc.dual.functional import DualFunctional
+from ngepc.dual.newton import run
+from ngepc.dual.regularisation_error import regularisation_part
+from ngepc.model.normals import outward_normal
 from ngepc.studies.krylov import indented_block
 
 LIMIT = 0.37525
@@ -145,7 +145,7 @@ def test_few_steps_on_each_mesh(automatic):
 
 def test_gamma_grows_where_its_part_is_too_large(problem, monkeypatch):
     """A first gamma that is 1000 times too small is found out by the estimate and raised."""
-    monkeypatch.setattr("ngepc.balanced.FINENESS", 0.5)
+    monkeypatch.setattr("ngepc.dual.balanced.FINENESS", 0.5)
     result = solve_automatically(problem, tolerance=0.02)
     assert result.status is Status.CONVERGED
     for level in result.levels[2:]:

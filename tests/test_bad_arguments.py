@@ -64,10 +64,8 @@ from ngepc import (
     wrench_problem,
     write_report,
 )
-from ngepc.export import export_series
-from ngepc.monitors import combine, newton_sequence, progress_monitor, watch
-from ngepc.obstacles import Cavity, Cylinder, Plane, SignedDistance, Sphere
-from ngepc.plotting import (
+from ngepc.model.obstacles import Cavity, Cylinder, Plane, SignedDistance, Sphere
+from ngepc.pictures import (
     UnitNames,
     plot_active_sets,
     plot_comparison,
@@ -77,9 +75,11 @@ from ngepc.plotting import (
     plot_progress,
     plot_quotients,
 )
-from ngepc.plotting.picture import beside
-from ngepc.plotting.views import View, ViewOptions, compare, slide, slide_figures
-from ngepc.report import Report
+from ngepc.pictures.export import export_series
+from ngepc.pictures.monitors import combine, newton_sequence, progress_monitor, watch
+from ngepc.pictures.picture import beside
+from ngepc.pictures.report import Report
+from ngepc.pictures.views import View, ViewOptions, compare, slide, slide_figures
 
 MESH = lshape.paper_mesh(21)
 PROBLEM = lshape_problem(MESH)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from ngepc.__main__ import COMMANDS, main, parser
-from ngepc.commands.study import STUDIES
+from ngepc.cli.study import STUDIES
 
 NUMBERS = ["junk", "", "-1", "0", "nan", "inf", "-inf", "1e400", "1,5", "0x10", "1e-400"]
 COUNTS = [*NUMBERS, "1.5", "two", "1e3"]

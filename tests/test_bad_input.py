@@ -27,7 +27,7 @@ from ngsolve import (
 from ngsolve.meshes import Make1DMesh
 
 from ngepc import Material, Problem, lame_parameters
-from ngepc.obstacles import Cavity, Cylinder, Disc, Plane, SignedDistance, Sphere
+from ngepc.model.obstacles import Cavity, Cylinder, Disc, Plane, SignedDistance, Sphere
 
 NAN, INF = math.nan, math.inf
 STEEL = {"lame_lambda": 1000.0, "lame_mu": 800.0, "yield_stress": 5.0, "hardening": 100.0}

@@ -25,13 +25,13 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
-from ngepc.balanced import FINENESS
-from ngepc.blocks import LinearBlocks
-from ngepc.contact_newton import ConstrainedSystem
-from ngepc.functional import DualFunctional
-from ngepc.iterates import Iterate, Line
-from ngepc.linesearch import Descent
-from ngepc.predictor import LocalProblem
+from ngepc.dual.balanced import FINENESS
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.contact_newton import ConstrainedSystem
+from ngepc.dual.functional import DualFunctional
+from ngepc.dual.iterates import Iterate, Line
+from ngepc.dual.predictor import LocalProblem
+from ngepc.linalg.linesearch import Descent
 from ngepc.primal.solver import primal_newton
 
 BALANCED = Balanced(1e9)

@@ -8,8 +8,16 @@ from ngepc.geometries import lshape
 
 from ngepc import lshape_problem, semismooth_newton
 from ngepc.__main__ import main
-from ngepc.benchmark import NODES, Cell, Measurement, StepClock, growth, peak_memory, summary
-from ngepc.benchmark_output import plot_benchmark
+from ngepc.studies.benchmark import (
+    NODES,
+    Cell,
+    Measurement,
+    StepClock,
+    growth,
+    peak_memory,
+    summary,
+)
+from ngepc.studies.benchmark_output import plot_benchmark
 
 
 def measurement(nodes, seconds, mode="balanced"):

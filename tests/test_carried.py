@@ -14,9 +14,9 @@ from ngepc import (
     split,
     wrench_problem,
 )
-from ngepc.blocks import LinearBlocks
-from ngepc.carried import carried_over, scaled_excess
-from ngepc.functional import DualFunctional
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.carried import carried_over, scaled_excess
+from ngepc.dual.functional import DualFunctional
 
 
 @pytest.fixture(scope="module")

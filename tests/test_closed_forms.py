@@ -28,12 +28,12 @@ from ngepc import (
     SurfaceGradient,
     outward_normal,
 )
+from ngepc.discretisation.spaces import plastic_dual_space
+from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import load_cycle
 from ngepc.evolution.solver import cold_start, evolve
-from ngepc.newton import semismooth_newton
-from ngepc.pressed_shell import PressedShell
 from ngepc.primal.solver import primal_newton
-from ngepc.spaces import plastic_dual_space
+from ngepc.studies.pressed_shell import PressedShell
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 FULL = Balanced(1e9, tichonov=FullProduct())

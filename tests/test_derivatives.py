@@ -8,13 +8,13 @@ import pytest
 from ngepc.geometries import block
 from ngsolve import CF, InnerProduct, x, y, z
 
-from ngepc.blocks import LinearBlocks
-from ngepc.functional import DualFunctional, NewtonSystem
-from ngepc.iterates import Iterate
-from ngepc.material import Material
-from ngepc.problem import Problem
-from ngepc.regularisation import Coupled, Units
-from ngepc.tichonov import Fractional, FullProduct, PlasticSobolev
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.functional import DualFunctional, NewtonSystem
+from ngepc.dual.iterates import Iterate
+from ngepc.dual.regularisation import Coupled, Units
+from ngepc.dual.tichonov import Fractional, FullProduct, PlasticSobolev
+from ngepc.model.material import Material
+from ngepc.model.problem import Problem
 
 SHIFTS = {"contact_shift": 0.02, "plastic_shift": 0.3}
 BACK_STRESS = {

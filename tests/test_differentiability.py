@@ -9,7 +9,7 @@ from ngepc.geometries import lshape
 from ngsolve import CF, GridFunction, Integrate
 
 from ngepc import NewtonOptions, lshape_problem, semismooth_newton
-from ngepc.differentiability import (
+from ngepc.theory.differentiability import (
     FAMILIES,
     PenaltyOnly,
     YieldMap,

@@ -13,7 +13,7 @@ import pytest
 from browser import Browser, chromium
 
 import ngepc
-from ngepc import plotting
+from ngepc import pictures as plotting
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -129,7 +129,7 @@ def test_site_has_every_public_name(site):
     public = {f"ngepc.{name}" for name in ngepc.__all__ if not name.startswith("_")}
     drawing = {name for name, value in vars(plotting).items() if callable(value)}
     assert len(drawing) > 10
-    assert public | {f"ngepc.plotting.{name}" for name in drawing} <= documented
+    assert public | {f"ngepc.pictures.{name}" for name in drawing} <= documented
 
 
 def test_links_of_the_site_lead_somewhere(site, pages):

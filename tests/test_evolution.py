@@ -12,16 +12,16 @@ import pytest
 from ngepc.geometries import block, lshape
 from ngsolve import IfPos, InnerProduct, Integrate, ds, specialcf, x
 
-from ngepc.balanced import Balanced
+from ngepc.dual.balanced import Balanced
+from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule, load_cycle
 from ngepc.evolution.memory import Memory
 from ngepc.evolution.result import StepRecord
 from ngepc.evolution.solver import cold_start, evolve
-from ngepc.material import Material
-from ngepc.newton import semismooth_newton
+from ngepc.model.material import Material
+from ngepc.model.problem import Problem
 from ngepc.primal.solver import PrimalOptions, primal_newton
-from ngepc.problem import Problem
-from ngepc.results import SolverError, Status
+from ngepc.results.outcome import SolverError, Status
 
 BOUND, K, H, K1 = 1.25, 100.0, 2.0, 8.0
 R = (H * BOUND) ** 2 * K1
@@ -373,7 +373,7 @@ def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():
     from ngepc import semismooth_newton
     from ngepc.evolution.file import problem_fingerprint
     from ngepc.evolution.solver import cold_start
-    from ngepc.examples import lshape_problem
+    from ngepc.model.examples import lshape_problem
 
     names = {cold_start(semismooth_newton, gamma=g).__qualname__ for g in (1e3, 1e4)}
     assert len(names) == 2

@@ -8,9 +8,9 @@ import pytest
 from ngsolve import InnerProduct, Integrate
 from solved import block_primal, lshape_dual, lshape_primal
 
-from ngepc import export
-from ngepc.export import FIELDS, export_series, export_vtu
-from ngepc.storage.records import l2_norm
+from ngepc.pictures import export
+from ngepc.pictures.export import FIELDS, export_series, export_vtu
+from ngepc.results.records import l2_norm
 
 meshio = pytest.importorskip("meshio", reason="meshio reads the files back (extra 'test')")
 

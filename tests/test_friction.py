@@ -18,11 +18,11 @@ from ngepc import (
     Status,
     semismooth_newton,
 )
-from ngepc.duality import duality_report
+from ngepc.dual.friction import friction_energy, pressed_block_problem, slip
 from ngepc.evolution.solver import cold_start, evolve
-from ngepc.friction import friction_energy, pressed_block_problem, slip
+from ngepc.model.tensors import tensor
 from ngepc.primal.solver import primal_newton
-from ngepc.tensors import tensor
+from ngepc.theory.duality import duality_report
 
 MU, HARDENING, LOAD = 100.0, 10.0, 3.0
 QUICK = NewtonOptions(quadrature_points=49)

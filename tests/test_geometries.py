@@ -7,8 +7,8 @@ import pytest
 from ngepc.geometries import block, cook, lshape, plate, punch, quarter_cube, ring, wrench
 from ngsolve import CF, Integrate, ds
 
-from ngepc.checks.support import check_conforming
-from ngepc.elements import element_facets
+from ngepc.discretisation.elements import element_facets
+from ngepc.model.support import check_conforming
 
 PAPER_A = (833, 1601, 3201, 6273, 12545, 24833)
 """Nodes of Example (a), Table 1 of the paper."""

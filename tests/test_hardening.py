@@ -25,10 +25,10 @@ from ngsolve import (
 )
 
 from ngepc import Balanced, FullProduct, Material, Problem, Status, semismooth_newton
-from ngepc.blocks import primal_energy
+from ngepc.dual.blocks import primal_energy
+from ngepc.model.tensors import coordinates_count, deviator, strain, tensor
 from ngepc.primal.solver import primal_newton
-from ngepc.recovery import Fields, frobenius
-from ngepc.tensors import coordinates_count, deviator, strain, tensor
+from ngepc.results.fields import Fields, frobenius
 
 DATA = {
     "lame_lambda": 900.0,

@@ -26,7 +26,7 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
-from ngepc.blocks import elastic_terms
+from ngepc.dual.blocks import elastic_terms
 from ngepc.studies.robustness import Case, build
 from ngepc.studies.witness import elastic_product
 

@@ -21,12 +21,12 @@ from ngepc.geometries import block, lshape
 
 from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
 from ngepc.__main__ import main
-from ngepc.commands.arguments import say
+from ngepc.cli.arguments import say
 from ngepc.evolution.solver import evolve
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
-from ngepc.storage import checkpoint, files
-from ngepc.storage.records import write_text
+from ngepc.results import checkpoint, files
+from ngepc.results.records import write_text
 from ngepc.studies.table1 import Table1
 
 FORK = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
@@ -274,7 +274,7 @@ def test_ctrl_c_that_gets_lost_ends_the_study_at_its_next_line(tmp_path, monkeyp
             signal.raise_signal(signal.SIGINT)
         say(line)
 
-    monkeypatch.setattr("ngepc.commands.study_solvers.say", swallowing)
+    monkeypatch.setattr("ngepc.cli.study_solvers.say", swallowing)
     before = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

@@ -21,10 +21,8 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.__main__ import main
-from ngepc.assembly import diagonal_block
-from ngepc.blocks import LinearBlocks
-from ngepc.direct import Direct, linear_solver
-from ngepc.functional import DualFunctional
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.functional import DualFunctional
 from ngepc.krylov.hierarchy import Level, levels, prolongations
 from ngepc.krylov.iterative import KrylovError, conjugate_gradients
 from ngepc.krylov.matrices import Mirrored
@@ -32,9 +30,11 @@ from ngepc.krylov.matrices import block as block_of
 from ngepc.krylov.multigrid import VCycle
 from ngepc.krylov.surface import schur_complement
 from ngepc.krylov.tangent import TangentElasticity
-from ngepc.lambda_newton import newton_in_lambda
-from ngepc.results import Status
+from ngepc.linalg.assembly import diagonal_block
+from ngepc.linalg.direct import Direct, linear_solver
+from ngepc.results.outcome import Status
 from ngepc.studies import krylov
+from ngepc.theory.lambda_newton import newton_in_lambda
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0)
 

@@ -16,7 +16,9 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
-from ngepc.monitors import (
+from ngepc.dual.newton import NewtonOptions
+from ngepc.pictures import plot_progress
+from ngepc.pictures.monitors import (
     LivePlotMonitor,
     combine,
     live_plot_monitor,
@@ -25,9 +27,7 @@ from ngepc.monitors import (
     table_monitor,
     watch,
 )
-from ngepc.newton import NewtonOptions
-from ngepc.plotting import plot_progress
-from ngepc.results import History, IterationRecord
+from ngepc.results.outcome import History, IterationRecord
 
 RECORDS = [
     IterationRecord(iteration=k, residual_norm=10.0**-k, step_length=0.5**k, halvings=k)

@@ -20,8 +20,8 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
-from ngepc.prolongation import prolongate
-from ngepc.starts import coarse_start
+from ngepc.discretisation.prolongation import prolongate
+from ngepc.dual.starts import coarse_start
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def test_yield_function_of_q_is_that_of_the_stress(solved, example_a):
 
 
 def test_adaptive_quadrature_equals_400_points_everywhere(example_a, solved, monkeypatch):
-    monkeypatch.setattr("ngepc.quadrature.SMOOTH_VARIATION", 0.0)
+    monkeypatch.setattr("ngepc.discretisation.quadrature.SMOOTH_VARIATION", 0.0)
     everywhere = semismooth_newton(example_a, 1e4, start=solved[1e4])
     assert everywhere.dual_energy == pytest.approx(solved[1e4].dual_energy, rel=1e-10)
 
@@ -201,7 +201,7 @@ def test_tolerance_below_rounding_is_named(small):
 
 
 def test_nan_appearing_in_mid_run_is_named(small, monkeypatch):
-    from ngepc.functional import NewtonSystem
+    from ngepc.dual.functional import NewtonSystem
 
     solve = NewtonSystem.solve
 

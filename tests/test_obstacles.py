@@ -24,7 +24,7 @@ from ngsolve import (
 
 from ngepc import Material, Problem, outward_normal
 from ngepc.checks.arguments import sample
-from ngepc.obstacles import Cavity, Cylinder, Disc, Plane, SignedDistance, Sphere
+from ngepc.model.obstacles import Cavity, Cylinder, Disc, Plane, SignedDistance, Sphere
 
 SQUARE = block.structured_mesh(8, 8)
 CUBE = block.structured_mesh(4, 4, 4)

@@ -14,11 +14,11 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
-from ngepc.assembly import from_entries
-from ngepc.blocks import LinearBlocks
-from ngepc.contact_newton import newton_system
-from ngepc.functional import DualFunctional
-from ngepc.ordering import OrderedFactors, swept, vertices_of_dofs
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.contact_newton import newton_system
+from ngepc.dual.functional import DualFunctional
+from ngepc.linalg.assembly import from_entries
+from ngepc.linalg.ordering import OrderedFactors, swept, vertices_of_dofs
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0)
 

@@ -21,10 +21,10 @@ from ngepc import (
     wrench_problem,
 )
 from ngepc.__main__ import main
-from ngepc.contact_newton import newton_system
-from ngepc.functional import DualFunctional
-from ngepc.iterates import Iterate
-from ngepc.widths import contact_mesh_width, mesh_width
+from ngepc.dual.contact_newton import newton_system
+from ngepc.dual.functional import DualFunctional
+from ngepc.dual.iterates import Iterate
+from ngepc.dual.widths import contact_mesh_width, mesh_width
 
 
 @pytest.fixture(scope="module")

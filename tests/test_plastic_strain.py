@@ -7,7 +7,7 @@ from ngepc.geometries import block, lshape, wrench
 from ngsolve import L2, GridFunction, IfPos, InnerProduct, Integrate, Mesh, sqrt, x, y
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
-import ngepc.spaces
+import ngepc.discretisation.spaces
 from ngepc import (
     Balanced,
     Coupled,
@@ -24,10 +24,10 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
-from ngepc.blocks import LinearBlocks
-from ngepc.fractional import to_dense
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.fractional import to_dense
 from ngepc.krylov.matrices import Mirrored
-from ngepc.tensors import coordinates
+from ngepc.model.tensors import coordinates
 
 POINTWISE = Balanced(1e9, plastic_strain=PointwisePlasticStrain())
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0)
@@ -62,7 +62,7 @@ def test_same_solution_as_with_p_discontinuous_of_order_one(name, monkeypatch):
     """There p has room for (q - Pi q) / c; it is only a larger space for the same minimiser."""
     problem = PROBLEMS[name]()
     result = solved(problem, POINTWISE)
-    monkeypatch.setattr(ngepc.spaces, "plastic_order", lambda mesh: 1)
+    monkeypatch.setattr(ngepc.discretisation.spaces, "plastic_order", lambda mesh: 1)
     larger = solved(problem, Balanced(1e9))
     assert result.status is larger.status is Status.CONVERGED
     assert result.y.FV().NumPy().size < larger.y.FV().NumPy().size

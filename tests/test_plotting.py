@@ -12,8 +12,9 @@ from ngsolve import CF, L2, GridFunction, InnerProduct, Integrate, sqrt, x, y
 from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc import lshape_problem
-from ngepc.obstacles import Disc
-from ngepc.plotting import (
+from ngepc.discretisation.spaces import displacement_space, plastic_space
+from ngepc.model.obstacles import Disc
+from ngepc.pictures import (
     plot_active_sets,
     plot_comparison,
     plot_contact_pressure,
@@ -26,14 +27,13 @@ from ngepc.plotting import (
     plot_quotients,
     plot_yield_function,
 )
-from ngepc.plotting.curves import chains, pressure_curves
-from ngepc.plotting.drawable import KINDS, UnitNames, drawable
-from ngepc.plotting.picture import beside
-from ngepc.plotting.sampling import Corners, body_corners, colour_range, obstacle_lines
+from ngepc.pictures.curves import chains, pressure_curves
+from ngepc.pictures.drawable import KINDS, UnitNames, drawable
+from ngepc.pictures.picture import beside
+from ngepc.pictures.sampling import Corners, body_corners, colour_range, obstacle_lines
 from ngepc.primal.solver import primal_newton
-from ngepc.recovery import Fields
-from ngepc.results import History
-from ngepc.spaces import displacement_space, plastic_space
+from ngepc.results.fields import Fields
+from ngepc.results.outcome import History
 
 
 def picture(figure, path):

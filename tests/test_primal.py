@@ -24,19 +24,19 @@ from ngsolve import (
     y,
 )
 
-from ngepc.material import Material, lame_parameters
-from ngepc.primal.complementarity import solve_complementarity
-from ngepc.primal.contact import nodal_contact
+from ngepc.discretisation.contact import nodal_contact
+from ngepc.discretisation.return_mapping import at_plastic_points, interpolated, plastic_points
+from ngepc.discretisation.spaces import displacement_space
+from ngepc.linalg.complementarity import solve_complementarity
+from ngepc.model.material import Material, lame_parameters
+from ngepc.model.problem import Problem
+from ngepc.model.tensors import tensor
 from ngepc.primal.energy import ReducedEnergy
-from ngepc.primal.return_mapping import at_plastic_points, interpolated, plastic_points
 from ngepc.primal.run import Bracket
 from ngepc.primal.solver import PrimalOptions, primal_newton
-from ngepc.problem import Problem
-from ngepc.results import SolverError, Status
-from ngepc.spaces import displacement_space
+from ngepc.results.outcome import SolverError, Status
 from ngepc.studies.random_problems import Draw, build
 from ngepc.studies.witness import primal_residual
-from ngepc.tensors import tensor
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 TRACE_FREE = CF((1e-3 * x, 2e-3, 2e-3, -1e-3 * x), dims=(2, 2))

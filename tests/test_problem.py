@@ -9,14 +9,14 @@ from ngsolve import CF, Integrate, Parameter, ds, x, y, z
 
 from ngepc import Material, Problem, lame_parameters
 from ngepc.checks.arguments import boundary_names, require_integer, require_number, sample
-from ngepc.checks.support import (
+from ngepc.discretisation.elements import element_facets
+from ngepc.model.support import (
     check_conforming,
     connected,
     held_values,
     part_vertices,
     rigid_rows,
 )
-from ngepc.elements import element_facets
 
 STEEL = Material.kinematic(lame_lambda=1000.0, lame_mu=800.0, yield_stress=5.0, hardening=100.0)
 SQUARE = block.structured_mesh(4, 4, simplices=True)

@@ -160,8 +160,8 @@ def test_study_refuses_a_foreign_checkpoint(tmp_path):
 
 
 def test_longest_step_is_feasible_in_floating_point():
-    from ngepc.contact import ContactConstraint
-    from ngepc.spaces import contact_space
+    from ngepc.discretisation.spaces import contact_space
+    from ngepc.dual.contact import ContactConstraint
 
     problem = build(dataclasses.replace(USUAL, body="strip", gap="near"))
     constraint = ContactConstraint(problem, contact_space(problem))

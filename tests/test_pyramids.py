@@ -9,7 +9,7 @@ from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import ET, VOL, IntegrationRule, Mesh
 
 from ngepc import Material, Problem, evolve, load_cycle, primal_newton, semismooth_newton
-from ngepc.primal.return_mapping import ReturnMapping, plastic_points, pyramid_rule
+from ngepc.discretisation.return_mapping import ReturnMapping, plastic_points, pyramid_rule
 
 FACES = {
     "bottom": [(0, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 0)],

@@ -17,11 +17,11 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
-from ngepc.blocks import primal_energy
+from ngepc.dual.blocks import primal_energy
+from ngepc.model.tensors import deviator, tensor
 from ngepc.primal.solver import PrimalOptions, primal_newton
-from ngepc.recovery import Fields
-from ngepc.results import Result, SolverError, Status
-from ngepc.tensors import deviator, tensor
+from ngepc.results.fields import Fields
+from ngepc.results.outcome import Result, SolverError, Status
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 METHODS = ("primal", "dual")

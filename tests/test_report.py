@@ -7,10 +7,10 @@ import pytest
 from browser import Browser, chromium
 from solved import lshape_dual, lshape_primal
 
-from ngepc.plotting import plot_field
-from ngepc.plotting.views import slide, viewer_installed
-from ngepc.report import Report, write_report
-from ngepc.report_pieces import number
+from ngepc.pictures import plot_field
+from ngepc.pictures.report import Report, write_report
+from ngepc.pictures.report_pieces import number
+from ngepc.pictures.views import slide, viewer_installed
 
 ROWS = [
     {"gamma": 1e3, "paper": 8, "here": 7, "status": "converged"},

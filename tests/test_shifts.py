@@ -20,10 +20,10 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
-from ngepc.blocks import LinearBlocks
-from ngepc.functional import DualFunctional
-from ngepc.quadrature import boundary_rules, fine_rules
-from ngepc.shifts import augmented_lagrangian, positive_part, updated_shifts
+from ngepc.discretisation.quadrature import boundary_rules, fine_rules
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.functional import DualFunctional
+from ngepc.theory.shifts import augmented_lagrangian, positive_part, updated_shifts
 
 QUICK = NewtonOptions(quadrature_points=49)
 

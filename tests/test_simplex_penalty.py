@@ -6,11 +6,11 @@ from ngepc.geometries import block, lshape
 from ngsolve import GridFunction, IfPos, x
 
 from ngepc import Balanced, Coupled, Material, Problem, lshape_problem
-from ngepc.assembly import Placed
-from ngepc.parts import PlasticPart
-from ngepc.penalty import PlasticPenalty
-from ngepc.simplex_penalty import SimplexPenalty
-from ngepc.spaces import plastic_dual_space
+from ngepc.discretisation.spaces import plastic_dual_space
+from ngepc.dual.parts import PlasticPart
+from ngepc.dual.penalty import PlasticPenalty
+from ngepc.dual.simplex_penalty import SimplexPenalty
+from ngepc.linalg.assembly import Placed
 
 MATERIAL = Material.kinematic(lame_lambda=1.0e3, lame_mu=1.0e3, yield_stress=1.25, hardening=100.0)
 

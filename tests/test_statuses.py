@@ -23,8 +23,8 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
+from ngepc.dual.functional import NewtonSystem
 from ngepc.evolution.solver import evolve
-from ngepc.functional import NewtonSystem
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
 from ngepc.primal.run import Run
@@ -237,9 +237,9 @@ def test_message_says_which_set_flickers_and_where(small):
 
 def test_flicker_counts_the_vertices_that_changed():
     """Two iterates with |q| above and below beta at known vertices."""
-    from ngepc.blocks import LinearBlocks
-    from ngepc.diagnosis import RecentDuals
-    from ngepc.functional import DualFunctional
+    from ngepc.dual.blocks import LinearBlocks
+    from ngepc.dual.diagnosis import RecentDuals
+    from ngepc.dual.functional import DualFunctional
 
     problem = lshape_problem(lshape.paper_mesh(33))
     R = Coupled(10.0)
@@ -272,7 +272,7 @@ def test_message_names_the_damped_step(small):
 
 
 def test_every_status_has_its_advice():
-    from ngepc.diagnosis import ADVICE
+    from ngepc.dual.diagnosis import ADVICE
 
     assert set(ADVICE) == set(Status) - {Status.CONVERGED, Status.STOPPED}
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ngepc.__main__ import main
-from ngepc.storage import checkpoint
+from ngepc.results import checkpoint
 from ngepc.studies.table1 import Table1
 from ngepc.studies.tables import Cell
 

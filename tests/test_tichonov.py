@@ -16,9 +16,9 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
-from ngepc.blocks import LinearBlocks
-from ngepc.fractional import slobodeckij_matrix
-from ngepc.tichonov import (
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.fractional import slobodeckij_matrix
+from ngepc.dual.tichonov import (
     ContactGradient,
     ContactSobolev,
     Fractional,

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc import primal_newton
-from ngepc.plotting import page, plot_field, views
-from ngepc.plotting.scenes import _peak
-from ngepc.plotting.views import View, ViewOptions, compare, export_html, show, slide, slide_figures
+from ngepc.pictures import page, plot_field, views
+from ngepc.pictures.scenes import _peak
+from ngepc.pictures.views import View, ViewOptions, compare, export_html, show, slide, slide_figures
 
 needs_browser = pytest.mark.skipif(
     chromium() is None, reason="no Chromium or Chrome is installed (Debian: apt install chromium)"
@@ -177,7 +177,7 @@ def test_pages_name_no_address_of_the_network():
 def test_numpy_keeps_its_error_settings():
     code = (
         "import numpy as np; before = np.geterr();"
-        "from ngepc.plotting.scenes import webgui_draw; webgui_draw();"
+        "from ngepc.pictures.scenes import webgui_draw; webgui_draw();"
         "assert np.geterr() == before, np.geterr()"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -11,8 +11,8 @@ from ngepc.geometries import cook
 from shared import check, plain, run, save
 
 from ngepc import Balanced, Material, Problem, semismooth_newton
-from ngepc.plotting import plot_field
-from ngepc.plotting.picture import beside
+from ngepc.pictures import plot_field
+from ngepc.pictures.picture import beside
 from ngepc.primal.solver import primal_newton
 
 TIP, REFERENCE = (48.0, 52.0), 23.96

@@ -15,10 +15,10 @@ from ngsolve import Integrate, ds, x
 from shared import check, plain, run, save
 
 from ngepc import Balanced, Material, Problem, semismooth_newton
-from ngepc.obstacles import Disc
-from ngepc.plotting import plot_field
-from ngepc.plotting.curves import pressure_curves
-from ngepc.plotting.picture import beside
+from ngepc.model.obstacles import Disc
+from ngepc.pictures import plot_field
+from ngepc.pictures.curves import pressure_curves
+from ngepc.pictures.picture import beside
 
 LAME, RADIUS, DEPTH = 1e3, 5.0, 0.02
 PLANE_MODULUS = 4 * LAME * (2 * LAME) / (3 * LAME)

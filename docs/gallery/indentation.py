@@ -13,8 +13,8 @@ from ngepc.geometries import block, quarter_cube
 from shared import check, run, save
 
 from ngepc import primal_newton, semismooth_newton
-from ngepc.plotting import plot_field
-from ngepc.plotting.picture import beside
+from ngepc.pictures import plot_field
+from ngepc.pictures.picture import beside
 from ngepc.studies.step42 import WHOLE, step42_problem
 
 DOCUMENTED = 37.3058

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 from ngsolve import Mesh
 
-from ngepc.direct import Direct, linear_solver
+from ngepc.dual.tichonov import ContactSlobodeckij
+from ngepc.linalg.direct import Direct, linear_solver
 from ngepc.parallel import is_distributed
-from ngepc.tichonov import ContactSlobodeckij
 
 if TYPE_CHECKING:
-    from ngepc.direct import LinearSolver
-    from ngepc.dual_result import DualResult
-    from ngepc.problem import Problem
-    from ngepc.regularisation import Regularisation
+    from ngepc.dual.regularisation import Regularisation
+    from ngepc.dual.result import DualResult
+    from ngepc.linalg.direct import LinearSolver
+    from ngepc.model.problem import Problem
 
 
 def require_one_process(argument: str, mesh: Mesh, legal: str) -> None:

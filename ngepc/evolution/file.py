@@ -12,14 +12,14 @@ from ngsolve import GridFunction
 
 from ngepc._version import __version__
 from ngepc.checks.arguments import boundary_names, sample
+from ngepc.discretisation.return_mapping import interpolated
+from ngepc.discretisation.spaces import displacement_space
 from ngepc.evolution.load_path import ListedSteps, Schedule
-from ngepc.primal.return_mapping import interpolated
-from ngepc.problem import Problem, as_vector
-from ngepc.recovery import Fields
-from ngepc.spaces import displacement_space
-from ngepc.storage.checkpoint import load, mesh_fingerprint, save
-from ngepc.storage.records import check_writable
-from ngepc.tensors import coordinates
+from ngepc.model.problem import Problem, as_vector
+from ngepc.model.tensors import coordinates
+from ngepc.results.checkpoint import load, mesh_fingerprint, save
+from ngepc.results.fields import Fields
+from ngepc.results.records import check_writable
 
 
 @dataclass(frozen=True, eq=False)

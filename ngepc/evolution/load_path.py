@@ -10,7 +10,7 @@ import numpy as np
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.problem import Problem, as_vector
+from ngepc.model.problem import Problem, as_vector
 
 Changes = Mapping[str, object]
 """Field of ``Problem`` -> its value in the step; what is not named is as in the problem."""

@@ -9,10 +9,10 @@ import numpy as np
 from ngsolve import GridFunction, Norm
 
 from ngepc.checks.arguments import is_number
-from ngepc.primal.return_mapping import interpolated
-from ngepc.problem import Problem, as_scalar
-from ngepc.recovery import Fields
-from ngepc.tensors import coordinates, tensor
+from ngepc.discretisation.return_mapping import interpolated
+from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.tensors import coordinates, tensor
+from ngepc.results.fields import Fields
 
 
 @dataclass(frozen=True, eq=False)

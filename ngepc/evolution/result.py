@@ -8,12 +8,12 @@ from dataclasses import asdict, dataclass, fields
 import numpy as np
 from ngsolve import InnerProduct, Norm, dx
 
+from ngepc.discretisation.return_mapping import at_plastic_points, plastic_points
 from ngepc.evolution.memory import Memory
+from ngepc.model.problem import Problem
 from ngepc.parallel import gathered, integral
-from ngepc.primal.return_mapping import at_plastic_points, plastic_points
-from ngepc.problem import Problem
-from ngepc.recovery import Fields
-from ngepc.results import Ending, Status
+from ngepc.results.fields import Fields
+from ngepc.results.outcome import Ending, Status
 
 Force = tuple[float, ...]
 

@@ -17,15 +17,15 @@ from ngsolve import GridFunction
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.distributed import require_one_process
 from ngepc.checks.kinds import require_function, require_instance, require_path
+from ngepc.discretisation.return_mapping import interpolated
 from ngepc.evolution.file import EvolutionFile
 from ngepc.evolution.load_path import ListedSteps, Schedule, as_schedule, check_changes
 from ngepc.evolution.memory import Memory
 from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
-from ngepc.primal.return_mapping import interpolated
+from ngepc.model.problem import Problem
 from ngepc.primal.solver import primal_newton
-from ngepc.problem import Problem
-from ngepc.recovery import Fields
-from ngepc.results import Status
+from ngepc.results.fields import Fields
+from ngepc.results.outcome import Status
 
 log = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve.la import BaseVector
 
-from ngepc.functional import DualFunctional
+from ngepc.dual.functional import DualFunctional
 from ngepc.krylov.solver import Krylov
 from ngepc.krylov.system import KrylovSystem
 

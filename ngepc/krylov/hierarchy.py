@@ -14,7 +14,7 @@ import numpy as np
 from ngsolve import FESpace, Mesh
 from ngsolve.la import SparseMatrixd
 
-from ngepc.assembly import from_entries
+from ngepc.linalg.assembly import from_entries
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve.la import SparseMatrixd
 
-from ngepc.assembly import from_entries
+from ngepc.linalg.assembly import from_entries
 
 
 def entries(matrix: SparseMatrixd) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

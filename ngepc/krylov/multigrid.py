@@ -8,11 +8,11 @@ import numpy as np
 from ngsolve import BitArray
 from ngsolve.la import BaseVector, SparseMatrixd
 
-from ngepc.assembly import from_entries
-from ngepc.fractional import to_dense
+from ngepc.dual.fractional import to_dense
 from ngepc.krylov.hierarchy import Level
 from ngepc.krylov.matrices import entries
-from ngepc.operators import SquareOperator
+from ngepc.linalg.assembly import from_entries
+from ngepc.linalg.operators import SquareOperator
 
 
 class VCycle(SquareOperator):

@@ -13,10 +13,10 @@ from ngepc.krylov.hierarchy import levels
 from ngepc.krylov.iterative import conjugate_gradients
 from ngepc.krylov.matrices import Mirrored
 from ngepc.krylov.multigrid import VCycle
-from ngepc.operators import SquareOperator
+from ngepc.linalg.operators import SquareOperator
 
 if TYPE_CHECKING:
-    from ngepc.functional import DualFunctional
+    from ngepc.dual.functional import DualFunctional
     from ngepc.krylov.system import KrylovSystem
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve.la import SparseMatrixd
 
-from ngepc.fractional import from_dense, to_dense
+from ngepc.dual.fractional import from_dense, to_dense
 from ngepc.krylov.multigrid import VCycle
 
 SCALE = 2.0

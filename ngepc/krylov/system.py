@@ -18,8 +18,7 @@ from itertools import pairwise
 import numpy as np
 from ngsolve.la import BaseMatrix, BaseVector, BlockMatrix, BlockVector, SparseMatrixd
 
-from ngepc.assembly import Placed, SparseSum
-from ngepc.functional import DualFunctional
+from ngepc.dual.functional import DualFunctional
 from ngepc.krylov import surface
 from ngepc.krylov.hierarchy import levels
 from ngepc.krylov.iterative import minres
@@ -27,6 +26,7 @@ from ngepc.krylov.matrices import Mirrored, block
 from ngepc.krylov.multigrid import VCycle
 from ngepc.krylov.solver import Krylov
 from ngepc.krylov.tangent import TangentElasticity
+from ngepc.linalg.assembly import Placed, SparseSum
 
 TIGHTEST = 1e-5
 """The smallest relative residual that MINRES is asked for."""

@@ -33,10 +33,10 @@ from ngsolve import (
 )
 from ngsolve.la import BaseVector, SparseMatrixd
 
-from ngepc.functional import DualFunctional
-from ngepc.penalty import TINY
-from ngepc.problem import as_scalar
-from ngepc.tensors import strain, tensor
+from ngepc.dual.functional import DualFunctional
+from ngepc.dual.penalty import TINY
+from ngepc.model.problem import as_scalar
+from ngepc.model.tensors import strain, tensor
 
 FREQUENCY = 20.0
 """|grad q|^2 h_mesh^2 / |q|^2 of rough P1 functions."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from ngsolve.la import BaseVector
 
-from ngepc.functional import DualFunctional, NewtonSystem
-from ngepc.iterates import Iterate
+from ngepc.dual.functional import DualFunctional, NewtonSystem
+from ngepc.dual.iterates import Iterate
 from ngepc.krylov.iterative import KrylovError
 
 

@@ -7,9 +7,9 @@ from functools import partial
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_attributes
-from ngepc.newton import NewtonOptions
+from ngepc.dual.newton import NewtonOptions
 from ngepc.path.chord import Chord
-from ngepc.results import IterationRecord
+from ngepc.results.outcome import IterationRecord
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ngepc.dual_result import DualResult
+from ngepc.dual.result import DualResult
 from ngepc.path.state import PathStep
-from ngepc.results import Ending, Status
+from ngepc.results.outcome import Ending, Status
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,21 +10,21 @@ from pathlib import Path
 
 from ngsolve.la import BaseVector
 
-from ngepc.blocks import LinearBlocks
-from ngepc.carried import carried_over
 from ngepc.checks.distributed import check_supported, require_one_process
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.contact_newton import newton_system
-from ngepc.dual_result import DualResult
-from ngepc.functional import DualFunctional, NewtonSystem
-from ngepc.newton import Monitor, run
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.carried import carried_over
+from ngepc.dual.contact_newton import newton_system
+from ngepc.dual.functional import DualFunctional, NewtonSystem
+from ngepc.dual.newton import Monitor, run
+from ngepc.dual.regularisation import Coupled, Regularisation, require_regularisation
+from ngepc.dual.result import DualResult
+from ngepc.dual.widths import contact_mesh_width, mesh_width
+from ngepc.model.problem import Problem
 from ngepc.path.options import InnerRule, PathOptions
 from ngepc.path.result import PathResult
 from ngepc.path.state import PathState, PathStep, PathStore
-from ngepc.problem import Problem
-from ngepc.regularisation import Coupled, Regularisation, require_regularisation
-from ngepc.results import Status
-from ngepc.widths import contact_mesh_width, mesh_width
+from ngepc.results.outcome import Status
 
 logger = logging.getLogger(__name__)
 

@@ -13,15 +13,15 @@ from ngsolve import Integrate
 from ngsolve.la import BaseVector
 
 from ngepc._version import __version__
-from ngepc.blocks import LinearBlocks
 from ngepc.checks.kinds import require_path
-from ngepc.dual_result import DualResult
-from ngepc.functional import DualFunctional
-from ngepc.iterates import Iterate
-from ngepc.problem import as_scalar
-from ngepc.results import History, IterationRecord, Status
-from ngepc.storage import checkpoint
-from ngepc.storage.files import check_writable
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.functional import DualFunctional
+from ngepc.dual.iterates import Iterate
+from ngepc.dual.result import DualResult
+from ngepc.model.problem import as_scalar
+from ngepc.results import checkpoint
+from ngepc.results.files import check_writable
+from ngepc.results.outcome import History, IterationRecord, Status
 
 LIMITS = ("max_outer_iterations", "max_iterations")
 

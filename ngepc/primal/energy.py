@@ -15,11 +15,11 @@ from ngsolve import (
     sqrt,
 )
 
-from ngepc.equilibrium import applied_forces
-from ngepc.primal.return_mapping import ReturnMapping, at_plastic_points
-from ngepc.problem import Problem, as_scalar
-from ngepc.spaces import displacement_space, prescribed_displacement
-from ngepc.tensors import coordinates, tensor
+from ngepc.discretisation.return_mapping import ReturnMapping, at_plastic_points
+from ngepc.discretisation.spaces import displacement_space, prescribed_displacement
+from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.tensors import coordinates, tensor
+from ngepc.results.equilibrium import applied_forces
 
 INVERSE = "sparsecholesky"
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import H1, CoefficientFunction, GridFunction, Norm
 
-from ngepc.equilibrium import Equilibrium
-from ngepc.primal.contact import NodalContact
+from ngepc.discretisation.contact import NodalContact
+from ngepc.discretisation.return_mapping import interpolated
+from ngepc.model.problem import Problem
 from ngepc.primal.energy import ReducedEnergy
-from ngepc.primal.return_mapping import interpolated
-from ngepc.problem import Problem
-from ngepc.recovery import Fields, Recovered
-from ngepc.results import Ending, History, Status
+from ngepc.results.equilibrium import Equilibrium
+from ngepc.results.fields import Fields, Recovered
+from ngepc.results.outcome import Ending, History, Status
 
 ROUNDING_SCALE = 4e-6
 """Part of ``ReducedEnergy.trial_forces`` of which rounding leaves ROUNDING."""

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ngepc.factors import SOLVER_ERRORS
-from ngepc.primal.complementarity import solve_complementarity
-from ngepc.primal.contact import NodalContact, nodal_contact
+from ngepc.discretisation.contact import NodalContact, nodal_contact
+from ngepc.linalg.complementarity import solve_complementarity
+from ngepc.linalg.factors import SOLVER_ERRORS
+from ngepc.model.problem import Problem
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.result import PrimalResult, State
-from ngepc.problem import Problem
-from ngepc.results import History, IterationRecord, Status
+from ngepc.results.outcome import History, IterationRecord, Status
 
 if TYPE_CHECKING:
     from ngepc.primal.options import PrimalOptions

@@ -14,11 +14,11 @@ from ngsolve import GridFunction
 
 from ngepc.checks.distributed import require_one_process
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.discretisation.prolongation import at_points
+from ngepc.model.problem import Problem
 from ngepc.primal.options import PrimalOptions
 from ngepc.primal.result import PrimalResult
 from ngepc.primal.run import Monitor, Run
-from ngepc.problem import Problem
-from ngepc.prolongation import at_points
 
 
 def primal_newton(

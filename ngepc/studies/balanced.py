@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ngepc.balanced import Balanced
-from ngepc.dual_result import DualResult
-from ngepc.examples import lshape_problem, wrench_problem
+from ngepc.dual.balanced import Balanced
+from ngepc.dual.newton import semismooth_newton
+from ngepc.dual.plastic_strain import PointwisePlasticStrain
+from ngepc.dual.result import DualResult
 from ngepc.geometries import lshape, wrench
-from ngepc.newton import semismooth_newton
-from ngepc.plastic_strain import PointwisePlasticStrain
-from ngepc.problem import Problem
+from ngepc.model.examples import lshape_problem, wrench_problem
+from ngepc.model.problem import Problem
 from ngepc.studies.output import Table, write_table
 
 EXAMPLES: dict[str, tuple[tuple[int, ...], Callable[[int], Problem]]] = {

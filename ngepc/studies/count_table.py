@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from ngepc.dual_result import DualResult
-from ngepc.newton import NewtonOptions
-from ngepc.storage import records
+from ngepc.dual.newton import NewtonOptions
+from ngepc.dual.result import DualResult
+from ngepc.results import records
 from ngepc.studies.output import Table, write_table
 from ngepc.studies.tables import Cell, CellStore, Outcome
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ngepc.duality import duality_report
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
 from ngepc.studies.figures import example
 from ngepc.studies.output import Table, write_table
+from ngepc.theory.duality import duality_report
 
 Progress = Callable[[str], None]
 

@@ -9,13 +9,13 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ngepc.dual.newton import NewtonOptions
+from ngepc.dual.starts import coarse_start
 from ngepc.geometries import lshape, wrench
-from ngepc.newton import NewtonOptions
-from ngepc.plotting.curves import COLOURS, MARKERS
-from ngepc.plotting.figures import save
-from ngepc.plotting.picture import beside
-from ngepc.starts import coarse_start
-from ngepc.storage import records
+from ngepc.pictures.curves import COLOURS, MARKERS
+from ngepc.pictures.figures import save
+from ngepc.pictures.picture import beside
+from ngepc.results import records
 from ngepc.studies.figures import example
 from ngepc.studies.output import Table, write_table
 from ngepc.studies.quotients import convergence_quotients

@@ -16,17 +16,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from ngsolve import Integrate
 
-from ngepc.dual_result import DualResult
-from ngepc.examples import lshape_problem, wrench_problem
+from ngepc.dual.result import DualResult
 from ngepc.geometries import lshape, wrench
+from ngepc.model.examples import lshape_problem, wrench_problem
+from ngepc.model.problem import Problem
 from ngepc.path.options import PathOptions
 from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
-from ngepc.plotting import plot_field, plot_mesh, plot_plastic_zone, plot_yield_function
-from ngepc.plotting.figures import THRESHOLDS, save
-from ngepc.plotting.picture import beside
-from ngepc.plotting.sampling import body_corners
-from ngepc.problem import Problem
+from ngepc.pictures import plot_field, plot_mesh, plot_plastic_zone, plot_yield_function
+from ngepc.pictures.figures import THRESHOLDS, save
+from ngepc.pictures.picture import beside
+from ngepc.pictures.sampling import body_corners
 from ngepc.studies.output import Table, write_table
 
 Progress = Callable[[str], None]

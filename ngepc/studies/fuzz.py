@@ -22,13 +22,13 @@ import numpy as np
 from ngsolve import Integrate
 
 from ngepc._version import __version__
-from ngepc.dual_result import DualResult
-from ngepc.newton import NewtonOptions, semismooth_newton
+from ngepc.dual.newton import NewtonOptions, semismooth_newton
+from ngepc.dual.result import DualResult
+from ngepc.model.problem import Problem
 from ngepc.primal import PrimalOptions, primal_newton
 from ngepc.primal.result import PrimalResult
-from ngepc.problem import Problem
-from ngepc.results import Status
-from ngepc.storage import checkpoint, records
+from ngepc.results import checkpoint, records
+from ngepc.results.outcome import Status
 from ngepc.studies.output import Table, write_table
 from ngepc.studies.random_problems import BODIES, GAPS, METHODS, Draw, build, draws, regularisation
 from ngepc.studies.witness import (

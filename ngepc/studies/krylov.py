@@ -8,15 +8,15 @@ from pathlib import Path
 
 from ngsolve import sqrt, x, y
 
-from ngepc.balanced import Balanced
-from ngepc.benchmark import peak_memory
-from ngepc.dual_result import DualResult
+from ngepc.dual.balanced import Balanced
+from ngepc.dual.newton import NewtonOptions, semismooth_newton
+from ngepc.dual.plastic_strain import PointwisePlasticStrain
+from ngepc.dual.result import DualResult
 from ngepc.geometries import block
 from ngepc.krylov.solver import Krylov
-from ngepc.material import Material
-from ngepc.newton import NewtonOptions, semismooth_newton
-from ngepc.plastic_strain import PointwisePlasticStrain
-from ngepc.problem import Problem
+from ngepc.model.material import Material
+from ngepc.model.problem import Problem
+from ngepc.studies.benchmark import peak_memory
 from ngepc.studies.output import Table, write_table
 
 POINTWISE = PointwisePlasticStrain()

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ngepc.storage import records
+from ngepc.results import records
 from ngepc.studies.tables import csv_table, markdown_table, provenance_lines
 
 

@@ -7,18 +7,18 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from ngepc.dual_result import DualResult
-from ngepc.plotting import (
+from ngepc.dual.result import DualResult
+from ngepc.pictures import (
     plot_contact_pressure,
     plot_counts,
     plot_history,
     plot_plastic_zone,
     plot_yield_function,
 )
-from ngepc.plotting.figures import THRESHOLDS, save, write_figures
-from ngepc.plotting.views import show
-from ngepc.report import Report
-from ngepc.storage import records
+from ngepc.pictures.figures import THRESHOLDS, save, write_figures
+from ngepc.pictures.report import Report
+from ngepc.pictures.views import show
+from ngepc.results import records
 from ngepc.studies.count_table import cell_gamma
 from ngepc.studies.table1 import Table1
 from ngepc.studies.tables import Cell

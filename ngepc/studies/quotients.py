@@ -19,16 +19,16 @@ from itertools import pairwise
 import numpy as np
 from ngsolve.la import BaseVector
 
-from ngepc.blocks import LinearBlocks
-from ngepc.carried import carried_over
-from ngepc.contact_newton import newton_system
-from ngepc.dual_result import DualResult
-from ngepc.functional import DualFunctional
-from ngepc.iterates import Iterate
-from ngepc.newton import NewtonOptions, newton_step
-from ngepc.problem import Problem
-from ngepc.regularisation import Coupled
-from ngepc.results import Status
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.carried import carried_over
+from ngepc.dual.contact_newton import newton_system
+from ngepc.dual.functional import DualFunctional
+from ngepc.dual.iterates import Iterate
+from ngepc.dual.newton import NewtonOptions, newton_step
+from ngepc.dual.regularisation import Coupled
+from ngepc.dual.result import DualResult
+from ngepc.model.problem import Problem
+from ngepc.results.outcome import Status
 
 LAST = 6
 """Iterates that enter the five quotients."""

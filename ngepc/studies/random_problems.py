@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import CF, Mesh
 
-from ngepc.balanced import Balanced, PenaltyContact
+from ngepc.dual.balanced import Balanced, PenaltyContact
+from ngepc.dual.regularisation import Coupled, Regularisation, Units
+from ngepc.dual.tichonov import FullProduct, SurfaceGradient
 from ngepc.geometries import block, lshape, plate, wrench
-from ngepc.material import Material, lame_parameters
-from ngepc.problem import Problem
-from ngepc.regularisation import Coupled, Regularisation, Units
-from ngepc.tichonov import FullProduct, SurfaceGradient
+from ngepc.model.material import Material, lame_parameters
+from ngepc.model.problem import Problem
 
 
 @dataclass(frozen=True)

@@ -12,21 +12,21 @@ from pathlib import Path
 
 from ngsolve import BND, CF, CoefficientFunction, IfPos, Mesh, x
 
-from ngepc.balanced import Balanced
-from ngepc.dual_result import DualResult
+from ngepc.dual.balanced import Balanced
+from ngepc.dual.newton import NewtonOptions, semismooth_newton
+from ngepc.dual.result import DualResult
+from ngepc.dual.tichonov import FullProduct
 from ngepc.geometries import block
-from ngepc.material import Material
-from ngepc.newton import NewtonOptions, semismooth_newton
+from ngepc.model.material import Material
+from ngepc.model.problem import Problem
 from ngepc.path.options import PathOptions
 from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
 from ngepc.primal.result import PrimalResult
 from ngepc.primal.solver import primal_newton
-from ngepc.problem import Problem
 from ngepc.studies.output import Table, write_table
 from ngepc.studies.tables import Cell, CellStore, Outcome
 from ngepc.studies.witness import dual_residual, primal_residual
-from ngepc.tichonov import FullProduct
 
 LAME_MU, YIELD_STRESS = 1e3, 1.25
 SHEAR = 2.5

@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ngepc.balanced import Balanced
-from ngepc.examples import lshape_problem
+from ngepc.dual.balanced import Balanced
+from ngepc.dual.newton import semismooth_newton
+from ngepc.dual.regularisation import Coupled
 from ngepc.geometries import lshape
-from ngepc.newton import semismooth_newton
+from ngepc.model.examples import lshape_problem
 from ngepc.primal.solver import primal_newton
-from ngepc.regularisation import Coupled
 from ngepc.studies.output import Table, write_table
 
 METHODS: dict[str, Callable] = {

@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 from ngsolve import H1, GridFunction, Mesh
 
-from ngepc.balanced import Balanced, NodalContact
+from ngepc.dual.balanced import Balanced, NodalContact
+from ngepc.dual.newton import semismooth_newton
 from ngepc.geometries import quarter_cube
-from ngepc.material import Material, lame_parameters
-from ngepc.newton import semismooth_newton
-from ngepc.obstacles import Sphere
+from ngepc.model.material import Material, lame_parameters
+from ngepc.model.obstacles import Sphere
+from ngepc.model.problem import Problem
 from ngepc.primal.solver import primal_newton
-from ngepc.problem import Problem
-from ngepc.results import Result
+from ngepc.results.outcome import Result
 from ngepc.studies.output import Table, write_table
 from ngepc.studies.tables import Cell, CellStore, Outcome
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from functools import cache
 
-from ngepc.dual_result import DualResult
-from ngepc.examples import lshape_problem
+from ngepc.dual.newton import semismooth_newton
+from ngepc.dual.regularisation import Coupled
+from ngepc.dual.result import DualResult
 from ngepc.geometries import lshape
-from ngepc.newton import semismooth_newton
-from ngepc.problem import Problem
-from ngepc.regularisation import Coupled
-from ngepc.results import History, IterationRecord, Status
-from ngepc.storage.restore import restore
+from ngepc.model.examples import lshape_problem
+from ngepc.model.problem import Problem
+from ngepc.results.outcome import History, IterationRecord, Status
+from ngepc.results.restore import restore
 from ngepc.studies.count_table import CountTable, cell_gamma
 from ngepc.studies.paper import TABLE_1
 from ngepc.studies.tables import Cell

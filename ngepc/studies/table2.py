@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ngepc.dual_result import DualResult
-from ngepc.examples import wrench_problem
+from ngepc.dual.newton import semismooth_newton
+from ngepc.dual.result import DualResult
 from ngepc.geometries import wrench
-from ngepc.newton import semismooth_newton
+from ngepc.model.examples import wrench_problem
 from ngepc.studies.count_table import CountTable, cell_gamma
 from ngepc.studies.paper import TABLE_2
 from ngepc.studies.tables import Cell

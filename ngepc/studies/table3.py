@@ -7,17 +7,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ngepc.balanced import split
-from ngepc.examples import wrench_problem
+from ngepc.dual.balanced import split
+from ngepc.dual.regularisation import Coupled
+from ngepc.dual.widths import mesh_width
 from ngepc.geometries import wrench
+from ngepc.model.examples import wrench_problem
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
-from ngepc.regularisation import Coupled
-from ngepc.storage import records
+from ngepc.results import records
 from ngepc.studies.output import Table, write_table
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
 from ngepc.studies.tables import Cell, CellStore, Outcome
-from ngepc.widths import mesh_width
 
 Progress = Callable[[str], None]
 

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ngepc.results import Status
-from ngepc.storage import checkpoint, records
-from ngepc.storage.files import check_folder
+from ngepc.results import checkpoint, records
+from ngepc.results.files import check_folder
+from ngepc.results.outcome import Status
 
 logger = logging.getLogger(__name__)
 

@@ -27,15 +27,15 @@ from ngsolve import (
 from ngsolve.comp import ProxyFunction
 from ngsolve.la import BaseMatrix, BaseVector
 
-from ngepc.blocks import load_terms
 from ngepc.checks.arguments import Coefficient
-from ngepc.dual_result import DualResult
+from ngepc.discretisation.quadrature import boundary_rules, fine_rules
+from ngepc.discretisation.spaces import prescribed_displacement
+from ngepc.dual.blocks import load_terms
+from ngepc.dual.regularisation import Regularisation
+from ngepc.dual.result import DualResult
+from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.tensors import strain, tensor
 from ngepc.primal.result import PrimalResult
-from ngepc.problem import Problem, as_scalar
-from ngepc.quadrature import boundary_rules, fine_rules
-from ngepc.regularisation import Regularisation
-from ngepc.spaces import prescribed_displacement
-from ngepc.tensors import strain, tensor
 
 POINTS = 400
 

@@ -1,0 +1,244 @@
+"""What makes a problem well posed, checked before any work is done.
+
+NGSolve accepts misspelt boundaries, singular supports and NaN in silence; here each is an error
+that names the argument, its value and what is legal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from ngsolve import CoefficientFunction, Det, Mesh, specialcf
+
+from ngepc.checks.arguments import (
+    boundary_names,
+    require_coefficient,
+    require_finite,
+    sample,
+)
+from ngepc.checks.mpi import check_mpi
+from ngepc.discretisation.elements import element_nodes, vertices_of
+from ngepc.model.material import Material
+from ngepc.model.support import check_support
+from ngepc.parallel import gathered
+
+if TYPE_CHECKING:
+    from ngepc.model.problem import Problem
+
+
+def check_problem(problem: Problem) -> None:
+    """Raise TypeError or ValueError for the first thing that is wrong with ``problem``."""
+    check_mesh(problem.mesh)
+    check_material(problem.material, problem.mesh)
+    check_boundaries(problem)
+    check_loads(problem)
+    check_gap(problem)
+    check_friction(problem)
+    check_history(problem)
+    check_support(problem)
+
+
+def check_mesh(mesh: Mesh) -> None:
+    """A mesh in two or three dimensions with elements of positive size, all oriented alike."""
+    if not isinstance(mesh, Mesh):
+        raise TypeError(f"mesh={mesh!r}: an ngsolve.Mesh is needed")
+    if mesh.dim not in (2, 3):
+        raise ValueError(f"mesh has dimension {mesh.dim}: 2 or 3 is needed")
+    check_mpi(mesh)
+    nodes = gathered(element_nodes(mesh), mesh)
+    if len(nodes) == 0:
+        raise ValueError("mesh has no elements: a mesh of the body is needed")
+    if (nodes[:, 2**mesh.dim :] >= 0).any():
+        raise ValueError(
+            "mesh has elements of second order: leave SecondOrder() out (mesh.Curve bends elements)"
+        )
+    determinant = Det(specialcf.JacobianMatrix(mesh.dim))
+    size = sample(determinant, mesh)
+    if not np.isfinite(size).all() or np.abs(size).min() <= 1e-14 * np.abs(size).max():
+        raise ValueError("mesh has degenerate elements (zero area or volume)")
+    if (nodes[:, 2**mesh.dim - 1] >= 0).any():
+        corner = sample(determinant, mesh, corners=True)
+        size = np.append(size, corner[np.abs(corner) > 1e-12 * np.abs(size).max()])
+    if size.min() < 0 < size.max():
+        raise ValueError("mesh has inverted elements (Jacobian determinants of both signs)")
+
+
+def check_material(material: Material, mesh: Mesh) -> None:
+    """Elliptic elasticity, positive yield stress and hardening everywhere on the mesh."""
+    if not isinstance(material, Material):
+        raise TypeError(f"material={material!r}: a Material is needed")
+    N = mesh.dim
+    for name in ("lame_lambda", "hardening", "hardening_modulus", "hardening_stiffness"):
+        values = require_finite(name, getattr(material, name), mesh)
+        if name != "lame_lambda" and values.min() < 0:
+            raise ValueError(f"{name} falls to {values.min():g}: values >= 0 are needed")
+    for name in ("lame_mu", "yield_stress"):
+        values = require_finite(name, getattr(material, name), mesh)
+        if values.min() <= 0:
+            raise ValueError(f"{name} falls to {values.min():g}: values > 0 are needed")
+    name = f"{N} lame_lambda + 2 lame_mu"
+    bulk = require_finite(name, N * material.lame_lambda + 2 * material.lame_mu, mesh).min()
+    if bulk <= 0:
+        raise ValueError(
+            f"lame_lambda={material.lame_lambda!r}: the elasticity is not elliptic, "
+            f"{N} lambda + 2 mu falls to {bulk:g}, > 0 is needed in {N} dimensions"
+        )
+    name = "the hardening h = k + (H sigma_y)^2 k_1"
+    h = require_finite(name, material.effective_hardening, mesh).min()
+    if h <= 0:
+        raise ValueError(
+            f"{name} falls to {h:g}: > 0 is needed, "
+            "the method is for hardening plasticity (perfect plasticity is not)"
+        )
+
+
+def check_boundaries(problem: Problem) -> None:
+    """Existing names; nothing both clamped and something else; contact away from clamped."""
+    mesh, clamped, contact = problem.mesh, problem.clamped_names, problem.contact_names
+    for argument in ("traction", "prescribed"):
+        given = getattr(problem, argument)
+        if given is not None and not isinstance(given, Mapping):
+            raise TypeError(f"{argument}={given!r}: a mapping of boundary name -> value is needed")
+    loaded = _keys("traction", problem.traction, mesh)
+    prescribed = _keys("prescribed", problem.prescribed, mesh)
+    for name, others in {"contact": contact, "traction": loaded, "prescribed": prescribed}.items():
+        twice = sorted(set(clamped) & set(others))
+        if twice:
+            raise ValueError(
+                f"{name} and clamped overlap in {', '.join(twice)}: "
+                "a clamped boundary carries nothing else"
+            )
+    if contact and clamped and vertices_of(mesh, clamped) & vertices_of(mesh, contact):
+        raise ValueError(
+            f"contact={problem.contact!r} meets clamped={problem.clamped!r}: the closed "
+            "contact boundary must keep away from the clamped one, (2.2)"
+        )
+
+
+def _keys(argument: str, given: Mapping | None, mesh: Mesh) -> list[str]:
+    keys = [n for names in (given or {}) for n in boundary_names(argument, names, mesh)]
+    twice = sorted({n for n in keys if keys.count(n) > 1})
+    if twice:
+        raise ValueError(f"{argument} names {', '.join(twice)} more than once")
+    return keys
+
+
+def check_loads(problem: Problem) -> None:
+    """Finite vector loads and prescribed displacements of N components."""
+    N, mesh = problem.N, problem.mesh
+    for name, g in (problem.traction or {}).items():
+        for single in boundary_names("traction", name, mesh):
+            _check_vector(f"traction[{single!r}]", g, N)
+            require_finite(f"traction[{single!r}]", problem.tractions[single], mesh, [single])
+    if problem.body_force is not None:
+        _check_vector("body_force", problem.body_force, N)
+        require_finite("body_force", problem.f, mesh)
+    for name, components in (problem.prescribed or {}).items():
+        for single in boundary_names("prescribed", name, mesh):
+            argument = f"prescribed[{single!r}]"
+            if not isinstance(components, tuple | list | np.ndarray) or len(components) != N:
+                raise ValueError(
+                    f"{argument}={components!r}: {N} components are needed, None for a free one"
+                )
+            for c in components:
+                if c is not None:
+                    require_coefficient(argument, c)
+                    require_finite(argument, c, mesh, [single], corners=True)
+            if single in problem.tractions and all(c is not None for c in components):
+                raise ValueError(
+                    f"traction and prescribed overlap in {single}: all components are held "
+                    "there, a load would do nothing"
+                )
+
+
+def _check_vector(argument: str, value: object, N: int) -> None:
+    if isinstance(value, CoefficientFunction):
+        require_coefficient(argument, value, [(N,)])
+    elif isinstance(value, tuple | list | np.ndarray):
+        if len(value) != N:
+            raise ValueError(f"{argument}={value!r}: {N} components are needed")
+        for component in value:
+            require_coefficient(argument, component)
+    else:
+        raise TypeError(f"{argument}={value!r}: a vector of {N} components is needed")
+
+
+def check_gap(problem: Problem) -> None:
+    """A finite gap on the contact boundary, and none without one."""
+    if problem.contact is None:
+        if problem.gap is not None:
+            raise ValueError(
+                f"gap={problem.gap!r}: name the contact boundary too, or leave gap out"
+            )
+        return
+    if problem.gap is None:
+        raise ValueError(f"contact={problem.contact!r} needs a gap: a number or coefficient")
+    names = problem.contact_names
+    if isinstance(problem.gap, Mapping) and set(problem.gap) != set(names):
+        raise ValueError(
+            f"gap names {sorted(map(str, problem.gap))}: the contact boundaries are {sorted(names)}"
+        )
+    gaps = problem.gap if isinstance(problem.gap, Mapping) else dict.fromkeys(names, problem.gap)
+    for name, gap in gaps.items():
+        argument = f"gap[{name!r}]" if isinstance(problem.gap, Mapping) else "gap"
+        require_coefficient(argument, gap)
+        require_finite(argument, gap, problem.mesh, [name], corners=True)
+
+
+def check_friction(problem: Problem) -> None:
+    """A finite friction bound >= 0, none without a contact boundary; no u_0 without friction."""
+    if problem.friction is None:
+        if problem.initial_displacement is not None:
+            raise ValueError(
+                "initial_displacement matters for friction alone: give friction too, or leave "
+                "initial_displacement out"
+            )
+        return
+    if problem.contact is None:
+        raise ValueError(
+            f"friction={problem.friction!r}: name the contact boundary too, or leave friction out"
+        )
+    require_coefficient("friction", problem.friction)
+    bound = require_finite("friction", problem.friction, problem.mesh, problem.contact_names)
+    if bound.min() < 0:
+        raise ValueError(f"friction falls to {bound.min():g}: values >= 0 are needed")
+    if problem.initial_displacement is not None:
+        _check_vector("initial_displacement", problem.initial_displacement, problem.N)
+        require_finite("initial_displacement", problem.u_0, problem.mesh, problem.contact_names)
+
+
+def check_history(problem: Problem) -> None:
+    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
+    from ngepc.model.problem import split_hardening
+
+    N, mesh = problem.N, problem.mesh
+    if problem.initial_plastic_strain is not None:
+        require_coefficient("initial_plastic_strain", problem.initial_plastic_strain, [(N, N)])
+        p = require_finite("initial_plastic_strain", problem.initial_plastic_strain, mesh)
+        _check_symmetric("initial_plastic_strain", p.reshape(-1, N, N))
+        trace, size = np.abs(np.trace(p.reshape(-1, N, N), axis1=1, axis2=2)).max(), np.abs(p).max()
+        if trace > 1e-10 * max(size, 1e-300):
+            raise ValueError(
+                f"initial_plastic_strain has trace up to {trace:g}: plastic strains are trace-free"
+            )
+    if isinstance(problem.initial_hardening, tuple) and len(problem.initial_hardening) != 2:
+        raise ValueError(
+            f"initial_hardening={problem.initial_hardening!r}: a scalar, an {N} x {N} "
+            "coefficient or the pair of both is needed"
+        )
+    scalar, back_stress = split_hardening(problem.initial_hardening)
+    if scalar is not None:
+        require_coefficient("initial_hardening", scalar)
+        if require_finite("initial_hardening", scalar, mesh).min() < 0:
+            raise ValueError("initial_hardening falls below 0: the scalar alpha_1 must be >= 0")
+    if back_stress is not None:
+        require_coefficient("initial_hardening", back_stress, [(N, N)])
+        samples = require_finite("initial_hardening", back_stress, mesh)
+        _check_symmetric("initial_hardening", samples.reshape(-1, N, N))
+
+
+def _check_symmetric(name: str, A: np.ndarray) -> None:
+    if np.abs(A - A.transpose(0, 2, 1)).max() > 1e-10 * np.abs(A).max():
+        raise ValueError(f"{name} is not symmetric")

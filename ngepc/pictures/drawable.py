@@ -1,0 +1,212 @@
+"""What can be drawn of a solution: fields by name, their symbols and units.
+
+Shared by ``plotting`` (matplotlib), ``views`` (webgui) and ``export`` (VTU); imports neither.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from ngsolve import CoefficientFunction, InnerProduct, sqrt
+
+from ngepc.checks.distributed import require_one_process
+from ngepc.checks.kinds import require_instance, require_mapping, require_text
+from ngepc.results.fields import Fields
+
+AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class UnitNames:
+    """Names of the units on axes and colour bars; the data themselves are never converted."""
+
+    length: str = "length"
+    stress: str = "stress"
+
+    def __post_init__(self) -> None:
+        require_text("length", self.length)
+        require_text("stress", self.stress)
+
+    def of(self, quantity: str) -> str:
+        """The unit of 'length', 'stress' or '1'."""
+        return {"length": self.length, "stress": self.stress}.get(quantity, quantity)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A field that has a name: symbol in mathematical text, title, unit, rank, colours."""
+
+    symbol: str
+    title: str
+    quantity: str
+    rank: int = 0
+    colormap: str = "viridis"
+
+
+KINDS = {
+    "equivalent_plastic_strain": Kind(r"|p|_F", "plastic strain", "1", 0, "YlGnBu"),
+    "yield_function": Kind(r"\phi", "yield function", "stress", 0, "cividis"),
+    "displacement": Kind("u", "displacement", "length", 1),
+    "stress": Kind(r"\sigma", "stress", "stress", 2),
+    "deviatoric_stress": Kind(r"\mathrm{dev}\,\sigma", "deviatoric stress", "stress", 2),
+    "plastic_strain": Kind("p", "plastic strain", "1", 2, "YlGnBu"),
+    "strain": Kind(r"\varepsilon", "strain", "1", 2),
+    "back_stress": Kind(r"\alpha_2", "back stress", "stress", 2),
+    "hardening_variable": Kind(r"\alpha_1", "hardening variable", "1"),
+}
+"""Fields of the body that can be drawn by name, with 'stress_xy' for single components."""
+
+VIEWER_SYMBOLS = {
+    r"|p|_F": "|p|",
+    r"\phi": "φ",
+    r"\sigma": "σ",
+    r"\mathrm{dev}\,\sigma": "dev σ",
+    r"\varepsilon": "ε",
+    r"\alpha_1": "α₁",
+    r"\alpha_2": "α₂",
+}
+"""Symbols in plain text, for places that do not typeset mathematics."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawable:
+    """A scalar coefficient on a mesh with what to write beside it.
+
+    Parameters
+    ----------
+    coefficient
+        Scalar coefficient in the body.
+    label
+        Text for the colour bar, mathematics between dollar signs.
+    plain_label
+        The same without mathematics.
+    signed
+        Whether both signs are equally welcome (components of vectors and matrices).
+    colormap
+        Name of the matplotlib colour map that suits it.
+    """
+
+    coefficient: CoefficientFunction
+    label: str
+    plain_label: str
+    signed: bool = False
+    colormap: str = "viridis"
+
+
+def unit_names(units: UnitNames | None) -> UnitNames:
+    """The names of the units, the plain ones for None; TypeError for anything else."""
+    units = UnitNames() if units is None else units
+    require_instance("units", units, UnitNames, "UnitNames(...) or None")
+    return units
+
+
+def drawable(
+    source: object, field: str | CoefficientFunction, units: UnitNames | None = None
+) -> Drawable:
+    """The field called ``field`` of a result or of recovered ``Fields``, or a coefficient.
+
+    Vectors and matrices are drawn by their Euclidean and Frobenius norms, their components by
+    names such as 'displacement_x' and 'stress_xy'.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If ``field`` is neither a coefficient nor the name of a field of ``source``.
+    """
+    units = unit_names(units)
+    if isinstance(field, CoefficientFunction):
+        return Drawable(scalar(field), "value", "value")
+    if not isinstance(field, str):
+        raise TypeError(f"field={field!r}: the name of a field or a CoefficientFunction is needed")
+    name, component = _split(field)
+    if name not in KINDS:
+        raise ValueError(
+            f"field={field!r}: the fields are {', '.join(KINDS)}, "
+            "and components such as displacement_x and stress_xy"
+        )
+    kind, coefficient = KINDS[name], field_of(source, name)
+    symbol = kind.symbol
+    if component:
+        coefficient = _component(field, coefficient, component, kind.rank)
+        symbol = f"{symbol}_{{{component}}}"
+    elif kind.rank:
+        coefficient = scalar(coefficient)
+        symbol = f"|{symbol}|" + ("_F" if kind.rank == 2 else "")
+    unit = units.of(kind.quantity)
+    plain = _plain(kind, component)
+    label = f"{kind.title} ${symbol}$ ({unit})"
+    colormap = "RdBu_r" if component else kind.colormap
+    return Drawable(coefficient, label, f"{plain} ({unit})", bool(component), colormap)
+
+
+def _split(field: str) -> tuple[str, str]:
+    match = re.fullmatch(r"(.+)_([xyz]{1,2})", field)
+    return (match[1], match[2]) if match else (field, "")
+
+
+def _component(
+    field: str, coefficient: CoefficientFunction, component: str, rank: int
+) -> CoefficientFunction:
+    index = [AXES.index(letter) for letter in component]
+    if len(index) != rank or max(index) >= coefficient.dims[0]:
+        raise ValueError(
+            f"field={field!r}: {rank} of the letters {AXES[: coefficient.dims[0]]!r} name a "
+            "component of this field"
+            if rank
+            else f"field={field!r}: this field is a scalar and has no components"
+        )
+    return coefficient[tuple(index)] if rank == 2 else coefficient[index[0]]
+
+
+def _plain(kind: Kind, component: str) -> str:
+    symbol = VIEWER_SYMBOLS.get(kind.symbol, kind.symbol)
+    if component:
+        return f"{kind.title} {symbol}_{component}"
+    return f"{kind.title} |{symbol}|" if kind.rank else f"{kind.title} {symbol}"
+
+
+def fields_of(source: object, name: str = "source") -> Fields:
+    """The recovered fields of a result, or ``source`` itself if it is ``Fields``.
+
+    ``name`` is what an error calls it.
+
+    Raises
+    ------
+    TypeError
+        If ``source`` is neither.
+    ValueError
+        If its mesh is distributed over processes.
+    """
+    fields = source if isinstance(source, Fields) else getattr(source, "fields", None)
+    if not isinstance(fields, Fields):
+        raise TypeError(f"{name}={source!r}: the result of a solver or its Fields are needed")
+    legal = "NGSolve's VTKOutput writes the fields of a result there"
+    require_one_process(name, fields.problem.mesh, legal)
+    return fields
+
+
+def require_sources(sources: object) -> None:
+    """Accept a mapping of text -> result or ``Fields``, with at least one entry.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is none, or empty.
+    """
+    require_mapping("sources", sources, "text -> result")
+    for label, source in sources.items():
+        fields_of(source, f"sources[{label!r}]")
+
+
+def field_of(source: object, name: str) -> CoefficientFunction:
+    """A field by name: the solver's own approximation where it has one, else the recovered one."""
+    own = getattr(source, name, None)
+    return own if isinstance(own, CoefficientFunction) else getattr(fields_of(source), name)
+
+
+def scalar(coefficient: CoefficientFunction) -> CoefficientFunction:
+    """A scalar as it is; the Euclidean or Frobenius norm of anything else."""
+    if coefficient.dim == 1:
+        return coefficient
+    return sqrt(InnerProduct(coefficient, coefficient))

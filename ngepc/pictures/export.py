@@ -1,0 +1,165 @@
+"""VTU files for ParaView, and PVD collections of load histories.
+
+NGSolve's VTKOutput says nothing when it cannot write; here the file is checked before its name is
+returned.  All fields are point data on each element's own corners, so that jumps stay.  Vectors
+have three and tensors nine components, as ParaView expects, also in two dimensions.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
+from ngsolve import CF, CoefficientFunction, VTKOutput
+
+from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_path
+from ngepc.pictures.drawable import KINDS, field_of, fields_of
+from ngepc.results.records import write_text
+
+FIELDS = (
+    "displacement",
+    "plastic_strain",
+    "equivalent_plastic_strain",
+    "stress",
+    "yield_function",
+)
+
+
+_DATA = b'<AppendedData encoding="raw">\n_'
+
+
+def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = FIELDS) -> Path:
+    """Write the fields of a result to a VTU file.
+
+    Parameters
+    ----------
+    source
+        Result of a solver, or ``Fields``.
+    path
+        The file, ending in '.vtu'; its folder is made.
+    fields
+        Names of fields, see ``drawable.KINDS``.
+
+    Returns
+    -------
+    Path
+        The file, which exists and has the mesh and all the fields.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If ``path`` does not end in '.vtu', a field is unknown, or an argument of the wrong kind.
+    OSError
+        If the file could not be written completely.
+    """
+    path = require_path("path", path, ".vtu")
+    check_names(fields)
+    unknown = [name for name in fields if name not in KINDS]
+    if unknown:
+        raise ValueError(f"fields={list(fields)!r}: {unknown[0]!r} is none of {', '.join(KINDS)}")
+    mesh = fields_of(source).problem.mesh
+    coefficients = [in_space(field_of(source, name), mesh.dim) for name in fields]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        stem = Path(folder) / "out"
+        VTKOutput(mesh, coefs=coefficients, names=list(fields), filename=str(stem)).Do()
+        written = stem.with_suffix(".vtu")
+        _check_complete(written, path, mesh.ne, fields)
+        written.replace(path)
+    return path
+
+
+def export_series(
+    sources: Sequence[object] | Mapping[float, object],
+    path: str | os.PathLike,
+    fields: Sequence[str] = FIELDS,
+) -> Path:
+    """Write a load history: a PVD file that lists one VTU file for each step.
+
+    Parameters
+    ----------
+    sources
+        Results in order, at times 0, 1, 2, ..., or a mapping of time -> result.
+    path
+        The collection, ending in '.pvd'; the steps stand beside it as '<stem>_0000.vtu', ...
+    fields
+        Names of fields.
+
+    Returns
+    -------
+    Path
+        The collection.
+
+    Raises
+    ------
+    ValueError
+        If there are no results, or ``path`` does not end in '.pvd'.
+    """
+    path = require_path("path", path, ".pvd")
+    check_names(fields)
+    if not isinstance(sources, Mapping | Sequence) or isinstance(sources, str | bytes):
+        raise TypeError(f"sources={sources!r}: a sequence or mapping of results is needed")
+    if not sources:
+        raise ValueError(f"sources={sources!r}: at least one result is needed")
+    steps = dict(sources) if isinstance(sources, Mapping) else dict(enumerate(sources))
+    for time, source in steps.items():
+        require_number("times in sources", time)
+        fields_of(source, f"sources[{time!r}]")
+    lines = []
+    for number, (time, source) in enumerate(steps.items()):
+        name = f"{path.stem}_{number:04d}.vtu"
+        export_vtu(source, path.with_name(name), fields)
+        lines.append(f'    <DataSet timestep="{float(time)!r}" part="0" file={quoteattr(name)}/>')
+    text = (
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        + "\n".join(lines)
+        + "\n  </Collection>\n</VTKFile>\n"
+    )
+    write_text(path, text)
+    return path
+
+
+def in_space(coefficient: CoefficientFunction, N: int) -> CoefficientFunction:
+    """A scalar as it is, a vector with 3 and a matrix with 9 components, zero where N = 2."""
+    if coefficient.dim == 1:
+        return coefficient
+    if len(coefficient.dims) == 1:
+        return CF(tuple(coefficient[i] if i < N else 0.0 for i in range(3)))
+    inside = [(i < N and j < N, i, j) for i in range(3) for j in range(3)]
+    return CF(tuple(coefficient[i, j] if known else 0.0 for known, i, j in inside))
+
+
+def check_names(fields: object) -> None:
+    """Refuse anything but a sequence of at least one text."""
+    texts = isinstance(fields, Sequence) and not isinstance(fields, str | bytes)
+    if not texts or not all(isinstance(name, str) for name in fields):
+        raise TypeError(f"fields={fields!r}: a sequence of names of fields is needed")
+    if not fields:
+        raise ValueError(f"fields={fields!r}: at least one of {', '.join(KINDS)} is needed")
+
+
+def _check_complete(written: Path, path: Path, elements: int, fields: Sequence[str]) -> None:
+    """Parse the header and compare the size of the raw data behind it with what it announces."""
+    if not written.is_file():
+        raise OSError(f"{path}: NGSolve wrote no file")
+    header, mark, data = written.read_bytes().partition(_DATA)
+    try:
+        root = ElementTree.fromstring(header + b"</VTKFile>")
+    except ElementTree.ParseError as error:
+        raise OSError(f"{path}: the file is not complete ({error})") from error
+    piece = root.find("./UnstructuredGrid/Piece")
+    arrays = list(root.iterfind(".//PointData/DataArray"))
+    if piece is None or int(piece.get("NumberOfCells", "0")) != elements:
+        raise OSError(f"{path}: the file lacks elements")
+    if not mark or {array.get("Name") for array in arrays} != set(fields):
+        raise OSError(f"{path}: the file lacks fields")
+    last = max(int(array.get("offset")) for array in root.iterfind(".//DataArray"))
+    size = int.from_bytes(data[last : last + 4], sys.byteorder)
+    if data[last + 4 + size :].split() != [b"</AppendedData>", b"</VTKFile>"]:
+        raise OSError(f"{path}: the file breaks off")

@@ -1,0 +1,275 @@
+"""Monitors: callables that see each ``IterationRecord`` while a solver runs.
+
+Any ``record -> None`` will do; raising StopIteration in one ends the run with Status.STOPPED and
+keeps the state.  ``record.snapshot()`` is the result of a run that had stopped at that iterate,
+for monitors that look at fields; it costs nothing until it is called.  Those here print a table or
+a progress line, or draw the run as it grows.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from typing import TextIO
+
+from matplotlib.figure import Figure
+
+from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_attributes, require_function, require_text
+from ngepc.dual.newton import NewtonOptions, checked_options, semismooth_newton
+from ngepc.dual.regularisation import Regularisation
+from ngepc.dual.result import DualResult
+from ngepc.model.problem import Problem
+from ngepc.pictures import Picture, plot_progress
+from ngepc.pictures.curves import draw_runs
+from ngepc.pictures.page import EXTRA
+from ngepc.results.outcome import History, IterationRecord, Status
+
+Monitor = Callable[[IterationRecord], None]
+"""What solvers call with the record of each iterate, start included."""
+
+COLUMNS = (
+    ("step", "iteration", "4d"),
+    ("residual", "residual_norm", "11.3e"),
+    ("on contact", "contact_residual_norm", "11.3e"),
+    ("in body", "plastic_residual_norm", "11.3e"),
+    ("energy", "energy", "19.10e"),
+    ("length", "step_length", "9.2e"),
+    ("halved", "halvings", "6d"),
+    ("in contact", "contact_active", "10.4g"),
+    ("plastic", "plastic_active", "10.4g"),
+)
+"""Heading, field of the record and format of the columns of the table."""
+
+
+def combine(*monitors: Monitor) -> Monitor:
+    """One monitor that calls several in order."""
+    for number, monitor in enumerate(monitors):
+        require_function(f"monitors[{number}]", monitor, "a record")
+
+    def both(record: IterationRecord) -> None:
+        for monitor in monitors:
+            monitor(record)
+
+    return both
+
+
+def check_stream(stream: object) -> None:
+    """Refuse what cannot be written to; None stands for standard error."""
+    if stream is not None:
+        require_attributes("stream", stream, ("write", "flush"), "an open text file or None")
+
+
+def table_monitor(stream: TextIO | None = None) -> Monitor:
+    """A monitor that writes one aligned line for each iterate, with a heading at the start.
+
+    ``stream`` is where to; standard error by default.
+
+    Raises
+    ------
+    TypeError
+        If ``stream`` cannot be written to.
+    """
+    check_stream(stream)
+    widths = [int(form.split(".")[0].rstrip("defg")) for _, _, form in COLUMNS]
+
+    def write(record: IterationRecord) -> None:
+        out = sys.stderr if stream is None else stream
+        if record.iteration == 0:
+            headings = zip(COLUMNS, widths, strict=True)
+            out.write("  ".join(f"{text:>{width}}" for (text, _, _), width in headings) + "\n")
+        out.write("  ".join(format(getattr(record, name), form) for _, name, form in COLUMNS))
+        out.write("\n")
+        out.flush()
+
+    return write
+
+
+class ProgressMonitor:
+    """A monitor that keeps one line up to date; a context manager that ends the line.
+
+    Parameters
+    ----------
+    label
+        Text in front.
+    stream
+        Where to; standard error by default.  Without a terminal behind it only the last line is
+        written, at the end of the ``with`` block.
+    """
+
+    def __init__(self, label: str = "", stream: TextIO | None = None) -> None:
+        require_text("label", label)
+        check_stream(stream)
+        self.label, self.stream, self.line = label, stream, ""
+
+    def __call__(self, record: IterationRecord) -> None:
+        """Write the newest step over the line."""
+        old = len(self.line)
+        self.line = (
+            f"{self.label}{': ' if self.label else ''}step {record.iteration}, "
+            f"residual {record.residual_norm:.2e}, step length {record.step_length:.2g}"
+        )
+        out = self._out()
+        if out.isatty():
+            out.write("\r" + self.line.ljust(old))
+            out.flush()
+
+    def __enter__(self) -> ProgressMonitor:
+        """The monitor itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the line."""
+        out = self._out()
+        if self.line:
+            out.write("\n" if out.isatty() else self.line + "\n")
+            out.flush()
+
+    def _out(self) -> TextIO:
+        return sys.stderr if self.stream is None else self.stream
+
+
+def progress_monitor(label: str = "", stream: TextIO | None = None) -> ProgressMonitor:
+    """A line that shows step, residual norm and step length; see ``ProgressMonitor``."""
+    return ProgressMonitor(label, stream)
+
+
+class LivePlotMonitor:
+    """A monitor whose figure grows in a notebook: active sets on the body, residuals, steps.
+
+    A run that begins while the monitor is in use goes on where the last one ended, so that as
+    ``newton_monitor`` of ``follow_path`` it shows the whole path; ``with`` begins anew.
+
+    Parameters
+    ----------
+    interval
+        Least time between two drawings (seconds); drawing takes a fifth of the time at most.
+        Leaving the ``with`` block draws the last step.
+    tolerance
+        Drawn as a line; the step that falls below it is drawn at once.
+
+    Attributes
+    ----------
+    runs
+        Histories of the runs seen.
+    """
+
+    def __init__(self, interval: float = 0.3, tolerance: float | None = None) -> None:
+        self.interval = require_number("interval", interval, 0.0)
+        if tolerance is not None:
+            require_number("tolerance", tolerance, 0, strict=True)
+        self.tolerance, self.runs = tolerance, []
+        self._last: IterationRecord | None = None
+        self._handle, self._next = None, float("-inf")
+
+    def __call__(self, record: IterationRecord) -> None:
+        """Add a step, and draw if the last drawing is old enough."""
+        if record.iteration == 0:
+            self.runs.append(History())
+        self.runs[-1].append(replace(record, snapshot=None))
+        self._last = record
+        done = self.tolerance is not None and record.residual_norm < self.tolerance
+        if done or time.monotonic() >= self._next:
+            self.draw()
+
+    def figure(self) -> Figure:
+        """The figure of the steps seen so far; without the body for records without snapshot."""
+        if self._last is not None and self._last.snapshot is not None:
+            return plot_progress(self._last.snapshot(), runs=self.runs, tolerance=self.tolerance)
+        figure = Picture(figsize=(6.4, 2.8), layout="constrained")
+        draw_runs(*figure.subplots(1, 2), self.runs, self.tolerance)
+        return figure
+
+    def draw(self) -> None:
+        """Show the figure, in the place where it was shown first."""
+        begin = time.monotonic()
+        if self._handle is None:
+            self._handle = _display(self.figure())
+        else:
+            self._handle.update(self.figure())
+        end = time.monotonic()
+        self._next = end + max(self.interval, 4 * (end - begin))
+
+    def __enter__(self) -> LivePlotMonitor:
+        """The monitor itself, with nothing seen."""
+        self.runs, self._last = [], None
+        self._handle, self._next = None, float("-inf")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Draw the last step and let its iterate go."""
+        if self._last is not None:
+            self.draw()
+            self._last = None
+
+
+def live_plot_monitor(interval: float = 0.3, tolerance: float | None = None) -> LivePlotMonitor:
+    """A figure that grows while the solver runs, for notebooks; see ``LivePlotMonitor``."""
+    return LivePlotMonitor(interval, tolerance)
+
+
+def watch(results: Iterable[object], draw: Callable[[object], Figure]) -> object:
+    """Draw each result as it comes, in one place of a notebook, and return the last one.
+
+    Parameters
+    ----------
+    results
+        Results one after the other: ``newton_sequence``, load steps, a path.
+    draw
+        What to draw of each, such as ``plotting.plot_progress``.
+
+    Raises
+    ------
+    ValueError
+        If there was no result.
+    """
+    require_attributes("results", results, ("__iter__",), "a sequence of results")
+    require_function("draw", draw, "a result")
+    handle = result = None
+    for result in results:
+        figure = draw(result)
+        if handle is None:
+            handle = _display(figure)
+        else:
+            handle.update(figure)
+    if result is None:
+        raise ValueError(f"results={results!r}: at least one result is needed")
+    return result
+
+
+def newton_sequence(
+    problem: Problem,
+    gamma: float | None = None,
+    start: DualResult | None = None,
+    options: NewtonOptions | None = None,
+    *,
+    regularisation: Regularisation | None = None,
+) -> Iterator[DualResult]:
+    """The results after 1, 2, 3, ... Newton steps of ``semismooth_newton``, for sliders.
+
+    Algorithm 7.1 has no memory, so that a run of single steps passes through the same iterates;
+    each history begins with the first.  It costs a new assembly for each step.
+    """
+    options = checked_options(options)
+    single = replace(options, max_iterations=1)
+    history, result = History(), start
+    for _ in range(options.max_iterations):
+        result = semismooth_newton(problem, gamma, result, single, regularisation=regularisation)
+        new = result.history.records[1 if history.records else 0 :]
+        count = len(history.records)
+        for k, record in enumerate(new):
+            history.append(replace(record, iteration=count + k))
+        yield replace(result, history=History(list(history.records)))
+        if result.status is not Status.ITERATION_LIMIT:
+            return
+
+
+def _display(figure: Figure) -> object:
+    """Show a figure in the running notebook; returns the handle that updates it."""
+    try:
+        from IPython.display import display
+    except ImportError as error:
+        raise ImportError(f"live figures need a notebook: {EXTRA}") from error
+    return display(figure, display_id=True)

@@ -1,0 +1,215 @@
+"""Webgui data of results: the deformed body coloured by a field, obstacle and pressure lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+from ngsolve import CF, CoefficientFunction, Integrate
+
+from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_flag
+from ngepc.model.problem import as_scalar
+from ngepc.pictures.curves import pressure_curves
+from ngepc.pictures.drawable import Drawable, UnitNames, drawable, fields_of, unit_names
+from ngepc.pictures.page import EXTRA, Legend
+from ngepc.pictures.sampling import (
+    ColourRange,
+    Corners,
+    body_corners,
+    boundary_corners,
+    colour_range,
+    contact_offset,
+    obstacle_lines,
+    surface_value,
+)
+from ngepc.results.fields import Fields
+
+NOISE = 1e-3
+"""Contact pressures below this part of the yield bound are not drawn."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions:
+    """How scenes are drawn.
+
+    Parameters
+    ----------
+    deformation_scale
+        Factor >= 0 on the displacement; 0 draws the body before the deformation.
+    vmin, vmax
+        Ends of the colour scale; by default as in ``plotting.plot_field``.
+    mesh_lines
+        Whether to draw the edges of the elements.
+    contact_lines
+        In 2D: whether to draw the obstacle and the contact pressure as lines.
+    units
+        Names of the units in captions.
+    height
+        Height of the frame in a notebook (pixels).
+    """
+
+    deformation_scale: float = 1.0
+    vmin: float | None = None
+    vmax: float | None = None
+    mesh_lines: bool = False
+    contact_lines: bool = True
+    units: UnitNames | None = None
+    height: int = 480
+
+    def __post_init__(self) -> None:
+        require_number("deformation_scale", self.deformation_scale, 0.0)
+        require_number("height", self.height, 100)
+        require_flag("mesh_lines", self.mesh_lines)
+        require_flag("contact_lines", self.contact_lines)
+        unit_names(self.units)
+        for name in ("vmin", "vmax"):
+            if getattr(self, name) is not None:
+                require_number(name, getattr(self, name))
+
+
+def scenes_of(
+    sources: Mapping[str, object], field: str | CoefficientFunction, options: ViewOptions
+) -> tuple[dict[str, dict], Legend]:
+    """Webgui data of each source on one colour scale, and that scale."""
+    if isinstance(field, str) and field == "contact_pressure":
+        what, samples = _pressures(sources, options)
+    else:
+        what = {k: drawable(s, field, options.units) for k, s in sources.items()}
+        samples = [body_corners(fields_of(s), what[k].coefficient) for k, s in sources.items()]
+        what = {k: _on_surface(fields_of(s), what[k]) for k, s in sources.items()}
+    first = next(iter(what.values()))
+    limits = colour_range(*samples, vmin=options.vmin, vmax=options.vmax, symmetric=first.signed)
+    colours = colormaps[first.colormap](np.linspace(0.0, 1.0, 64))[:, :3]
+    peak = _peak(sources)
+    scenes = {
+        k: scene_data(s, what[k].coefficient, limits, options, peak) | {"colors": colours.tolist()}
+        for k, s in sources.items()
+    }
+    shades = [to_hex(colour) for colour in colours[::7]]
+    ends = (limits.least, limits.most)
+    return scenes, Legend(first.plain_label, *ends, shades, limits.below, limits.above)
+
+
+def _on_surface(fields: Fields, what: Drawable) -> Drawable:
+    return replace(what, coefficient=surface_value(fields.problem.mesh, what.coefficient))
+
+
+def _pressures(
+    sources: Mapping[str, object], options: ViewOptions
+) -> tuple[dict[str, Drawable], list[Corners]]:
+    """The contact pressure on the contact boundary, zero elsewhere, and its samples."""
+    label = f"contact pressure ({(options.units or UnitNames()).stress})"
+    what, samples = {}, []
+    for key, source in sources.items():
+        fields, pressure = fields_of(source), source.contact_pressure
+        names = fields.problem.contact_names
+        if not names:
+            raise ValueError("field='contact_pressure': this problem has no contact boundary")
+        everywhere = fields.problem.mesh.BoundaryCF(dict.fromkeys(names, pressure), default=0.0)
+        what[key] = Drawable(everywhere, label, label, colormap="YlGnBu")
+        samples.append(boundary_corners(fields, names, pressure))
+    return what, samples
+
+
+def scene_data(
+    source: object,
+    coefficient: CoefficientFunction,
+    limits: ColourRange,
+    options: ViewOptions,
+    peak: float = 0.0,
+) -> dict:
+    """What webgui needs to draw a scalar on the deformed body, ready for JSON.
+
+    ``peak`` is the contact pressure drawn at full height in 2D, 0 for none.
+
+    Raises
+    ------
+    ImportError
+        If NGSolve's webgui cannot be imported.
+    """
+    draw = webgui_draw()
+    fields = fields_of(source)
+    deformation = options.deformation_scale * fields.displacement
+    if fields.problem.N == 2:
+        deformation = CF((deformation[0], deformation[1], 0.0))
+    scene = draw(
+        coefficient,
+        fields.problem.mesh,
+        show=False,
+        order=1,
+        draw_vol=False,
+        deformation=deformation,
+        min=limits.least,
+        max=limits.most,
+        autoscale=False,
+        objects=_contact_lines(source, options, peak),
+        settings=_settings(fields.problem.N, options),
+    )
+    return scene.GetData()
+
+
+def _settings(N: int, options: ViewOptions) -> dict:
+    settings = {
+        "Objects": {"Wireframe": options.mesh_lines, "Edges": True, "Colorbar": False},
+        "Colormap": {"ncolors": 64},
+    }
+    ambient = 1.0 if N == 2 else 0.65
+    light = {"ambient": ambient, "diffuse": 1.0 - ambient, "shininess": 10, "specularity": 0.0}
+    camera = {} if N == 2 else {"camera": {"euler_angles": [-65.0, 0.0, -30.0]}}
+    return {**settings, "Light": light, **camera}
+
+
+def webgui_draw() -> object:
+    """NGSolve's Draw for notebooks, imported without its change of numpy's error state."""
+    with np.errstate():
+        try:
+            from ngsolve.webgui import Draw
+        except ImportError as error:
+            raise ImportError(f"interactive views need NGSolve's webgui: {EXTRA}") from error
+    return Draw
+
+
+def _contact_lines(source: object, options: ViewOptions, peak: float) -> list[dict]:
+    """The obstacle and the pressure curve over the deformed contact boundary of a 2D body.
+
+    Every scene of a slider has the same lines: webgui keeps the list of the first one.
+    """
+    fields = fields_of(source)
+    problem = fields.problem
+    if problem.N != 2 or not problem.contact_names or not options.contact_lines:
+        return []
+    scale = options.deformation_scale
+    extent = np.ptp(boundary_corners(fields).points.reshape(-1, 2), axis=0).max()
+    pressure = _pressure(source)
+    distance = CF(0.0) if pressure is None or peak <= 0 else 0.15 * extent / peak * pressure
+    return [
+        _lines("obstacle", "#b3402e", obstacle_lines(fields, scale)),
+        _lines("contact pressure", "#1f5a8c", contact_offset(fields, distance, scale)),
+    ]
+
+
+def _pressure(source: object) -> CoefficientFunction | None:
+    pressure = getattr(source, "contact_pressure", None)
+    return pressure if isinstance(pressure, CoefficientFunction) else None
+
+
+def _peak(sources: Mapping[str, object]) -> float:
+    """Greatest contact pressure of all two-dimensional sources, 0 if there is none to speak of."""
+    greatest = bound = 0.0
+    for source in sources.values():
+        problem = fields_of(source).problem
+        if _pressure(source) is None or problem.N != 2 or not problem.contact_names:
+            continue
+        greatest = max(greatest, *(float(p.max()) for _, p in pressure_curves(source)))
+        mesh = problem.mesh
+        bound = max(bound, Integrate(as_scalar(problem.beta), mesh) / Integrate(1.0, mesh))
+    return greatest if greatest > NOISE * bound else 0.0
+
+
+def _lines(name: str, colour: str, segments: np.ndarray) -> dict:
+    position = np.concatenate([segments, np.zeros((len(segments), 2, 1))], axis=2)
+    return {"type": "lines", "name": name, "color": colour, "position": position.ravel().tolist()}

@@ -1,0 +1,151 @@
+"""The forces on the body: loads, obstacles and supports, node by node.
+
+For every continuous P1 displacement v, also one that moves the supports, the weak form of (2.14)
+reads
+
+    int sigma : eps(v) = [int_Gn g . v + int f . v] + <contact, v> + <reaction, v>,
+
+so the reactions are what the stress needs at the held components beyond loads and contact.
+Rigid motions have no strain: the three forces add up to zero, up to the imbalance that the solver
+has left at the free components.  So do their moments where rotations are P1 displacements, on
+straight elements; curved ones leave an error of higher order in h.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from ngsolve import CoefficientFunction, FESpace, InnerProduct, LinearForm, ds, dx
+from ngsolve.comp import ProxyFunction
+
+from ngepc.checks.arguments import require_vector
+from ngepc.discretisation.spaces import displacement_space, single_prescribed
+from ngepc.model.problem import Problem
+from ngepc.parallel import somewhere, total
+
+BONUS_ORDER = 3
+
+
+def external_work(problem: Problem, v: CoefficientFunction | ProxyFunction) -> list:
+    """The integrals of int_Gn g . v + int f . v, with points for loads that vary."""
+    work = [
+        InnerProduct(g, v) * ds(name, bonus_intorder=BONUS_ORDER)
+        for name, g in problem.tractions.items()
+    ]
+    if problem.f is not None:
+        work.append(InnerProduct(problem.f, v) * dx(bonus_intorder=BONUS_ORDER))
+    return work
+
+
+def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
+    """Nodal forces of tractions and body force, shape (N, vertices)."""
+    load = LinearForm(V)
+    for term in external_work(problem, V.TestFunction()):
+        load += term
+    return load.Assemble().vec.FV().NumPy().reshape(problem.N, -1).copy()
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """Nodal forces on the body at a solution, arrays of shape (N, vertices).
+
+    On a distributed mesh they are what this process contributes at its vertices, to be summed.
+
+    Parameters
+    ----------
+    problem
+        The problem that was solved.
+    applied
+        Forces of tractions and body force.
+    contact
+        Forces of the obstacles, with friction if there is any.
+    missing
+        Internal minus applied minus contact forces: reactions at the held components, what the
+        solver has left at the free ones.
+    free
+        Boolean, the components that no support holds.
+    """
+
+    problem: Problem
+    applied: np.ndarray
+    contact: np.ndarray
+    missing: np.ndarray
+    free: np.ndarray
+
+    @classmethod
+    def of(
+        cls, problem: Problem, applied: np.ndarray, contact: np.ndarray, missing: np.ndarray
+    ) -> Equilibrium:
+        """The equilibrium with ``free`` from the supports of the problem."""
+        free = np.array(list(displacement_space(problem).FreeDofs()), dtype=bool)
+        return cls(problem, applied, contact, missing, free.reshape(applied.shape))
+
+    @property
+    def reaction(self) -> np.ndarray:
+        """Forces of the supports, zero at free components."""
+        return np.where(self.free, 0.0, self.missing)
+
+    @property
+    def imbalance(self) -> np.ndarray:
+        """Forces out of balance, zero at held components."""
+        return np.where(self.free, self.missing, 0.0)
+
+    @property
+    def reactions(self) -> dict[str, np.ndarray]:
+        """Name of each support -> its force on the body, N components.
+
+        A component that several supports hold at a node is shared equally among them.
+        """
+        held = self._held()
+        share = self.reaction / np.maximum(sum(held.values(), np.zeros(self.free.shape)), 1)
+        return {name: self.resultant(np.where(mask, share, 0.0)) for name, mask in held.items()}
+
+    def resultant(self, forces: np.ndarray) -> np.ndarray:
+        """The sum of nodal forces over the body, N components (force)."""
+        return total(forces.sum(axis=1), self.problem.mesh)
+
+    def moment(self, forces: np.ndarray, about: Sequence[float] | None = None) -> np.ndarray:
+        """Sum of (x - about) x F over the nodes (force times length).
+
+        Parameters
+        ----------
+        forces
+            Nodal forces, shape (N, vertices).
+        about
+            A point, N numbers; None for the origin.
+
+        Returns
+        -------
+        ndarray
+            Three components; for N = 2 one, positive counterclockwise.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If ``about`` is no point.
+        """
+        N, nv = self.applied.shape
+        about = np.array(require_vector("about", (0.0,) * N if about is None else about, (N,)))
+        arms = np.asarray(self.problem.mesh.ngmesh.Coordinates())[:nv, :N].T - about[:, None]
+        if N == 2:
+            own = np.array([np.vdot(arms[0], forces[1]) - np.vdot(arms[1], forces[0])])
+        else:
+            own = np.cross(arms, forces, axis=0).sum(axis=1)
+        return total(own, self.problem.mesh)
+
+    def _held(self) -> dict[str, np.ndarray]:
+        """Name of each support -> the components it holds, boolean (N, vertices)."""
+        problem = self.problem
+        components = {name: (0.0,) * problem.N for name in problem.clamped_names}
+        held = {}
+        V = displacement_space(problem)
+        for name, values in (components | single_prescribed(problem)).items():
+            region = problem.mesh.Boundaries(name)
+            held[name] = np.zeros(self.free.shape, dtype=bool)
+            for axis, value in enumerate(values):
+                if value is not None:
+                    own = np.array(V.components[axis].GetDofs(region), dtype=bool)
+                    held[name][axis] = somewhere(own, V.components[axis])
+        return held

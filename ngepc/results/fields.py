@@ -1,0 +1,189 @@
+"""What follows from a solution: stresses, yield function, zones and forces."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from ngsolve import (
+    CoefficientFunction,
+    GridFunction,
+    Id,
+    IfPos,
+    InnerProduct,
+    Norm,
+    Trace,
+    sqrt,
+)
+
+from ngepc.checks.arguments import require_coefficient
+from ngepc.checks.kinds import require_instance
+from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.tensors import coordinates_count, deviator, strain, tensor
+from ngepc.results.equilibrium import Equilibrium
+
+
+def frobenius(A: CoefficientFunction) -> CoefficientFunction:
+    """|A|_F of a matrix-valued coefficient."""
+    return sqrt(InnerProduct(A, A))
+
+
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """Everything that (u, p) says about the body at the end of the step, as drawable coefficients.
+
+    Parameters
+    ----------
+    problem
+        The problem that was solved.
+    displacement
+        u, vector-valued (length).
+    plastic_increment
+        Coordinates of the plastic strain p gained in this step (1), d components.
+    balanced_increment
+        The p that the stress refers to; None for ``plastic_increment``.
+    """
+
+    problem: Problem
+    displacement: GridFunction
+    plastic_increment: CoefficientFunction
+    balanced_increment: CoefficientFunction | None = None
+
+    def __post_init__(self) -> None:
+        require_instance("problem", self.problem, Problem, "a Problem")
+        N = self.problem.N
+        require_coefficient("displacement", self.displacement, [(N,)])
+        d = coordinates_count(N)
+        require_coefficient("plastic_increment", self.plastic_increment, [(d,)])
+        if self.balanced_increment is not None:
+            require_coefficient("balanced_increment", self.balanced_increment, [(d,)])
+
+    @property
+    def strain(self) -> CoefficientFunction:
+        """eps(u), N x N."""
+        return strain(self.displacement)
+
+    @property
+    def plastic_strain(self) -> CoefficientFunction:
+        """Total plastic strain p_0 + p, N x N."""
+        return self.problem.p_0 + tensor(self.plastic_increment, self.problem.N)
+
+    @property
+    def stress(self) -> CoefficientFunction:
+        """Sigma = C (eps(u) - p_0 - p), N x N (stress), (2.7), with ``balanced_increment``."""
+        m, N = self.problem.material, self.problem.N
+        p = self.balanced_increment
+        p = self.plastic_increment if p is None else p
+        e = self.strain - self.problem.p_0 - tensor(p, N)
+        return m.lame_lambda * Trace(e) * Id(N) + 2 * m.lame_mu * e
+
+    @property
+    def deviatoric_stress(self) -> CoefficientFunction:
+        """Dev sigma, N x N (stress)."""
+        return deviator(self.stress, self.problem.N)
+
+    @property
+    def back_stress(self) -> CoefficientFunction:
+        """Kinematic hardening variable alpha_2 = alpha_2,0 + k p, N x N (stress)."""
+        _, alpha_2 = self.problem.alpha_0
+        p = tensor(self.plastic_increment, self.problem.N)
+        return alpha_2 + as_scalar(self.problem.material.hardening) * p
+
+    @property
+    def hardening_variable(self) -> CoefficientFunction:
+        """Isotropic hardening variable alpha_1 = alpha_1,0 + k_1 H sigma_y |p|, scalar."""
+        m = self.problem.material
+        alpha_1, _ = self.problem.alpha_0
+        factor = m.hardening_stiffness * m.hardening_modulus * m.yield_stress
+        return alpha_1 + as_scalar(factor) * Norm(self.plastic_increment)
+
+    @property
+    def yield_function(self) -> CoefficientFunction:
+        """Phi = |dev sigma - alpha_2|_F - sigma_y (1 + H alpha_1), scalar (stress), <= 0."""
+        bound = self.problem.material.yield_bound(self.hardening_variable)
+        return frobenius(self.deviatoric_stress - self.back_stress) - bound
+
+    @property
+    def equivalent_plastic_strain(self) -> CoefficientFunction:
+        """|p_0 + p|_F, scalar (1); the paper's |p|_F when p_0 = 0."""
+        return frobenius(self.plastic_strain)
+
+    def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
+        """1 where |p_0 + p|_F exceeds ``threshold``, 0 elsewhere."""
+        return IfPos(self.equivalent_plastic_strain - threshold, 1.0, 0.0)
+
+
+class Recovered:
+    """Fields and forces that every result offers under the same names.
+
+    A result that inherits has ``fields``, ``equilibrium`` and ``contact_pressure``.
+    """
+
+    fields: Fields
+    equilibrium: Equilibrium
+    contact_pressure: CoefficientFunction
+
+    @property
+    def strain(self) -> CoefficientFunction:
+        """eps(u), N x N."""
+        return self.fields.strain
+
+    @property
+    def plastic_strain(self) -> CoefficientFunction:
+        """Total plastic strain p_0 + p, N x N."""
+        return self.fields.plastic_strain
+
+    @property
+    def equivalent_plastic_strain(self) -> CoefficientFunction:
+        """|p_0 + p|_F, scalar (1)."""
+        return self.fields.equivalent_plastic_strain
+
+    def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
+        """1 where |p_0 + p|_F exceeds ``threshold``, 0 elsewhere."""
+        return self.fields.plastic_zone(threshold)
+
+    @property
+    def stress(self) -> CoefficientFunction:
+        """Sigma = C (eps(u) - p_0 - p), N x N (stress); its p see ``Fields.balanced_increment``."""
+        return self.fields.stress
+
+    @property
+    def deviatoric_stress(self) -> CoefficientFunction:
+        """Dev sigma, N x N (stress)."""
+        return self.fields.deviatoric_stress
+
+    @property
+    def back_stress(self) -> CoefficientFunction:
+        """Back stress alpha_2, N x N (stress)."""
+        return self.fields.back_stress
+
+    @property
+    def hardening_variable(self) -> CoefficientFunction:
+        """Isotropic hardening variable alpha_1, scalar."""
+        return self.fields.hardening_variable
+
+    @property
+    def yield_function(self) -> CoefficientFunction:
+        """Phi of (sigma, alpha), scalar (stress), <= 0 where the solver is exact."""
+        return self.fields.yield_function
+
+    def contact_zone(self, threshold: float = 0.0) -> CoefficientFunction:
+        """1 on Gamma_c where the contact pressure exceeds ``threshold`` (stress), 0 elsewhere."""
+        return IfPos(self.contact_pressure - threshold, 1.0, 0.0)
+
+    @property
+    def applied_force(self) -> np.ndarray:
+        """Resultant of tractions and body force on the body, N components (force)."""
+        return self.equilibrium.resultant(self.equilibrium.applied)
+
+    @property
+    def contact_resultant(self) -> np.ndarray:
+        """Resultant force of the obstacles on the body, with friction, N components (force)."""
+        return self.equilibrium.resultant(self.equilibrium.contact)
+
+    @property
+    def reaction(self) -> np.ndarray:
+        """Resultant force of the supports on the body, N components (force).
+
+        Each support's own is in ``equilibrium.reactions``.  The applied force, the contact
+        resultant and the reaction add up to zero.
+        """
+        return self.equilibrium.resultant(self.equilibrium.reaction)

@@ -1,0 +1,219 @@
+"""What a solver gives back: a named status, the history of its steps, the fields."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from enum import Enum
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+    from ngsolve import CoefficientFunction, GridFunction
+
+    from ngepc.model.problem import Problem
+    from ngepc.results.equilibrium import Equilibrium
+    from ngepc.results.fields import Fields
+
+
+class Status(Enum):
+    """How a run ended; the value is the sentence for the user."""
+
+    CONVERGED = "The residual, computed afresh at the end, meets the tolerance."
+    ITERATION_LIMIT = "The iteration limit was reached before the residual met the tolerance."
+    LINESEARCH_FAILED = "No step length along the Newton direction lowers the energy enough."
+    STAGNATED = "The energy no longer changes beyond rounding, the tolerance is out of reach."
+    NONFINITE = "A factorisation, energy or residual became singular, NaN or infinite."
+    LINEAR_SOLVER_FAILED = "A Krylov solver did not reach its tolerance; the state is the last one."
+    STOPPED = "The monitor (or an interrupt) stopped the run; the state is the last one reached."
+
+    @property
+    def label(self) -> str:
+        """Short name for tables and files: 'converged', 'iteration_limit', ..."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True, kw_only=True)
+class IterationRecord:
+    """One Newton iterate: what monitors receive and histories keep.
+
+    Parameters
+    ----------
+    iteration
+        Number of Newton steps done so far; 0 is the start.
+    residual_norm, contact_residual_norm, plastic_residual_norm, friction_residual_norm
+        ||Psi_gamma||_{H*} and its parts on Gamma_c (z), in Omega (q) and on Gamma_c (t).
+    energy
+        J*_gamma(v) (dual methods) or J (primal ones), force times length.
+    step_length, halvings
+        alpha of the step that led here and the trials before it; 1 and 0 at the start.
+    back_substitutions
+        Solves with the matrix of that step; more than one with exact contact.
+    linear_iterations
+        Iterations of a Krylov solver in them; 0 with a direct solver.
+    contact_active, plastic_active, friction_active
+        Measures (length or area or volume) of the active sets: the part of Gamma_c that the
+        obstacle pushes, the part of the body that yields, the part of Gamma_c that slips.
+    snapshot
+        The result of a run that had stopped at this iterate, made when it is called.  Monitors
+        get it with the record; histories keep the numbers only.
+    """
+
+    iteration: int
+    residual_norm: float
+    contact_residual_norm: float = 0.0
+    plastic_residual_norm: float = 0.0
+    friction_residual_norm: float = 0.0
+    energy: float = float("nan")
+    step_length: float = 1.0
+    halvings: int = 0
+    back_substitutions: int = 0
+    linear_iterations: int = 0
+    contact_active: float = 0.0
+    plastic_active: float = 0.0
+    friction_active: float = 0.0
+    snapshot: Callable[[], Result] | None = field(default=None, compare=False, repr=False)
+
+    def as_row(self) -> dict:
+        """The numbers by their names, for tables and files."""
+        names = [field.name for field in fields(self) if field.name != "snapshot"]
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass
+class History:
+    """The records of a run, start included; columns are lists, see ``IterationRecord``."""
+
+    records: list[IterationRecord] = field(default_factory=list)
+
+    def append(self, record: IterationRecord) -> None:
+        """Add the record of the newest iterate."""
+        self.records.append(record)
+
+    def column(self, name: str) -> list:
+        """One field of all records."""
+        return [getattr(record, name) for record in self.records]
+
+    @property
+    def residual_norms(self) -> list[float]:
+        """||Psi_gamma||_{H*} of the iterates, start included."""
+        return self.column("residual_norm")
+
+    @property
+    def step_lengths(self) -> list[float]:
+        """Step lengths alpha^j of the Newton steps, one for each step."""
+        return self.column("step_length")[1:]
+
+    @property
+    def energies(self) -> list[float]:
+        """Energies of the iterates, start included."""
+        return self.column("energy")
+
+    @property
+    def halvings(self) -> int:
+        """Halvings of the step length in the whole run."""
+        return sum(self.column("halvings"))
+
+    def as_rows(self) -> list[dict]:
+        """The records as dictionaries, for tables."""
+        return [record.as_row() for record in self.records]
+
+
+class Result(Protocol):
+    """What the results of the dual and of the primal method have in common.
+
+    Scalars are numbers, fields are coefficients on the mesh, forces have N components.  Everything
+    is there whatever the status says.
+    """
+
+    problem: Problem
+    status: Status
+    message: str
+    history: History
+    iterations: int
+    residual_norm: float
+
+    primal_energy: float
+    """J(u, p) of (2.14)."""
+    dual_energy: float
+    """J*_gamma(v), or -J by the identity that a primal minimum satisfies."""
+
+    displacement: GridFunction
+    plastic_increment: CoefficientFunction
+    """Coordinates of the plastic strain gained in this step."""
+    fields: Fields
+    strain: CoefficientFunction
+    plastic_strain: CoefficientFunction
+    equivalent_plastic_strain: CoefficientFunction
+    stress: CoefficientFunction
+    deviatoric_stress: CoefficientFunction
+    back_stress: CoefficientFunction
+    hardening_variable: CoefficientFunction
+    yield_function: CoefficientFunction
+    yield_excess: CoefficientFunction
+    """Positive where the body yields in this step: the plastic active set."""
+
+    contact_pressure: CoefficientFunction
+    """On Gamma_c, positive in compression."""
+    contact_force: float
+    """Resultant of the contact pressure, positive in compression."""
+
+    equilibrium: Equilibrium
+    """Nodal forces of loads, obstacles and supports."""
+    applied_force: np.ndarray
+    contact_resultant: np.ndarray
+    reaction: np.ndarray
+
+    def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
+        """1 where |p_0 + p|_F exceeds ``threshold``, 0 elsewhere."""
+        ...
+
+    def contact_zone(self, threshold: float = 0.0) -> CoefficientFunction:
+        """1 on Gamma_c where the contact pressure exceeds ``threshold``, 0 elsewhere."""
+        ...
+
+    def raise_for_status(self) -> Result:
+        """The result itself if it converged, otherwise a SolverError."""
+        ...
+
+
+class SolverError(RuntimeError):
+    """A run that did not converge, raised on request; ``result`` keeps its last state."""
+
+    def __init__(self, result: object) -> None:
+        super().__init__(f"{result.status.value} {result.message}".strip())
+        self.result = result
+
+
+class Ending:
+    """How a run has ended, for those who want an exception; results of all solvers inherit it."""
+
+    status: Status
+    message: str
+
+    def raise_for_status(self: Ended) -> Ended:
+        """Return the result itself if it converged.
+
+        Raises
+        ------
+        SolverError
+            Otherwise; its ``result`` keeps the last state.
+        """
+        if self.status is not Status.CONVERGED:
+            raise SolverError(self)
+        return self
+
+    def or_interrupted(self: Ended) -> Ended:
+        """Return the result itself unless it was stopped: a stop ends a series of runs as well.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If the status is STOPPED.
+        """
+        if self.status is Status.STOPPED:
+            raise KeyboardInterrupt
+        return self
+
+
+Ended = TypeVar("Ended", bound=Ending)

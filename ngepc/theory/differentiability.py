@@ -1,0 +1,242 @@
+"""Newton differentiability made visible: the norm gap of Assumption 6.4, and life without it.
+
+Definition 6.1 asks of M(q) = gamma [|q| - beta]^+ q/|q| that
+
+    E(h) = M(q + h) - M(q) - G(q + h) h    has    ||E(h)||_Y / ||h||_X -> 0    as ||h||_X -> 0.
+
+With X = Y = L2 that is false.  Take q just inside the yield surface and let h lift it across on a
+disc of radius r: |h| stays, ||h||_L2 goes to zero with r, and E(h) is as large as h where it
+lives, so that the quotient stays.  Where X is stronger than Y it goes to zero: L6 -> L2 of
+Lemma 6.3, or H1 -> H^(-1) for H_2 = H^1_0.
+
+Two families of directions on shrinking discs, both of fixed height:
+
+- plateau: 1 on r/2, linear to 0 at r.  Null sequence in L2 and L6; its H1 norm does not change,
+  so that H1 does not see it as a small direction at all.
+- log: min(1, log(|x|/R) / log(r/R)), null sequence in H1 as well, though only as fast as
+  log(1/r)^(-1/2).
+
+Without the Tichonov term H is L2, there is no gap, and Newton counts grow with the mesh:
+``counts_without_tichonov``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from ngsolve import (
+    H1,
+    BilinearForm,
+    CoefficientFunction,
+    FESpace,
+    GridFunction,
+    Id,
+    IfPos,
+    InnerProduct,
+    Integrate,
+    LinearForm,
+    Mesh,
+    Norm,
+    OuterProduct,
+    VectorValued,
+    dx,
+    grad,
+)
+from ngsolve.la import BaseMatrix
+from ngsolve.meshes import MakeStructured2DMesh
+
+from ngepc.checks.arguments import require_integer
+from ngepc.discretisation.quadrature import fine_rules
+from ngepc.dual.newton import NewtonOptions, semismooth_newton
+from ngepc.dual.regularisation import Coupled
+from ngepc.model.problem import Problem
+
+CELLS = 8
+POINTS = 100
+LARGEST_RADIUS = 0.25
+WITHOUT = 1e12
+"""gamma_T of a Tichonov term that no longer acts."""
+
+
+def graded_mesh(levels: int) -> Mesh:
+    """The unit square, triangles halved ``levels`` times towards its centre.
+
+    Within 2^(1-k)/4 of the centre the mesh width is about 2^(-k)/8.
+    """
+    mesh = MakeStructured2DMesh(quads=False, nx=CELLS, ny=CELLS)
+    for k in range(2 * levels):
+        radius = 2 * LARGEST_RADIUS * 2.0 ** (-k / 2)
+        for element in mesh.Elements():
+            centre = np.mean([mesh[v].point for v in element.vertices], axis=0)
+            near = math.hypot(centre[0] - 0.5, centre[1] - 0.5) < radius
+            mesh.SetRefinementFlag(element, bool(near))
+        mesh.Refine(onlyonce=True)
+    return mesh
+
+
+@dataclass(frozen=True, eq=False)
+class YieldMap:
+    """M and its Newton derivative G of Lemma 6.3 on P1 fields with two components.
+
+    Parameters
+    ----------
+    space
+        P1 with two components, zero on the boundary.
+    inverse
+        Inverse of the gradient product there: the H^(-1) norm is <E, inverse E>^(1/2).
+    gamma, beta
+        The data of M.
+    """
+
+    space: FESpace
+    inverse: BaseMatrix
+    gamma: float
+    beta: float
+
+    @classmethod
+    def on(cls, mesh: Mesh, gamma: float, beta: float) -> YieldMap:
+        """The map on a mesh."""
+        space = VectorValued(H1(mesh, order=1, dirichlet=".*"), 2)
+        q, r = space.TnT()
+        B = BilinearForm(InnerProduct(grad(q), grad(r)) * dx).Assemble().mat
+        return cls(space, B.Inverse(space.FreeDofs(), inverse="sparsecholesky"), gamma, beta)
+
+    def value(self, q: CoefficientFunction) -> CoefficientFunction:
+        """M(q)."""
+        size = Norm(q) + 1e-290
+        s = size - self.beta
+        return IfPos(s, self.gamma * s / size, 0.0) * q
+
+    def derivative(self, q: CoefficientFunction) -> CoefficientFunction:
+        """G(q), a 2 x 2 matrix."""
+        size = Norm(q) + 1e-290
+        rho = (size - self.beta) / size
+        M = rho * Id(2) + (1 - rho) * OuterProduct(q, q) / (size * size)  # (6.1)
+        return IfPos(size - self.beta, self.gamma, 0.0) * M
+
+    def quotients(self, q: CoefficientFunction, h: GridFunction) -> dict[str, float]:
+        """Norms of h, and ||E(h)||_Y / ||h||_X for the pairs L2 -> L2, L6 -> L2, H1 -> H^(-1).
+
+        The quotients are divided by gamma, so that they do not depend on it.
+        """
+        mesh, measure = self.space.mesh, dx(intrules=fine_rules(2, POINTS))
+        E = self.value(q + h) - self.value(q) - self.derivative(q + h) * h
+        defect = LinearForm(InnerProduct(E, self.space.TestFunction()) * measure).Assemble().vec
+        riesz = defect.CreateVector()
+        riesz.data = self.inverse * defect
+        E_dual = math.sqrt(max(0.0, InnerProduct(riesz, defect))) / self.gamma
+        E_L2 = math.sqrt(Integrate(InnerProduct(E, E) * measure, mesh)) / self.gamma
+        square = InnerProduct(h, h)
+        h_L2 = math.sqrt(Integrate(square * measure, mesh))
+        h_L6 = Integrate(square**3 * measure, mesh) ** (1 / 6)
+        h_H1 = math.sqrt(Integrate(InnerProduct(grad(h), grad(h)) * measure, mesh))
+        return {
+            **{"h_L2": h_L2, "h_L6": h_L6, "h_H1": h_H1},
+            **{"L2_L2": E_L2 / h_L2, "L6_L2": E_L2 / h_L6, "H1_dual": E_dual / h_H1},
+        }
+
+
+def plateau(distance: np.ndarray, radius: float) -> np.ndarray:
+    """1 up to radius/2, linear to 0 at radius."""
+    return np.clip(2 - 2 * distance / radius, 0.0, 1.0)
+
+
+def logarithmic(distance: np.ndarray, radius: float) -> np.ndarray:
+    """The capacity potential of the disc of that radius in the one of LARGEST_RADIUS."""
+    ratio = np.log(np.maximum(distance, radius) / LARGEST_RADIUS)
+    return np.clip(ratio / math.log(radius / LARGEST_RADIUS), 0.0, 1.0)
+
+
+FAMILIES = {"plateau": plateau, "log": logarithmic}
+
+
+def difference_quotients(
+    levels: int = 7, gamma: float = 1e3, beta: float = 1.0, mesh: Mesh | None = None
+) -> list[dict]:
+    """The quotients of Definition 6.1 along both families of shrinking directions.
+
+    q = (0.9 beta, 0) is constant and h = 0.5 beta (0.8, 0.6) times the shape, so that
+    |q + h| > beta where the shape exceeds about a quarter.
+
+    Parameters
+    ----------
+    levels
+        The radii are 1/8, 1/16, ..., 2^(-2-levels), >= 1.
+    gamma, beta
+        The data of M; the rows do not depend on them.
+    mesh
+        A mesh of the unit square that resolves the smallest radius; None for ``graded_mesh``.
+
+    Returns
+    -------
+    list of dict
+        ``family``, ``radius``, the norms ``h_L2``, ``h_L6``, ``h_H1`` of h (times 1/beta), and the
+        quotients ``L2_L2``, ``L6_L2``, ``H1_dual`` (divided by gamma).
+    """
+    require_integer("levels", levels, 1, 12)
+    mesh = graded_mesh(levels + 3) if mesh is None else mesh
+    M = YieldMap.on(mesh, gamma, beta)
+    points = np.asarray(mesh.ngmesh.Coordinates())[:, :2]
+    distance = np.hypot(points[:, 0] - 0.5, points[:, 1] - 0.5)
+    q = CoefficientFunction((0.9 * beta, 0.0))
+    rows = []
+    for family, shape in FAMILIES.items():
+        for k in range(levels):
+            radius = LARGEST_RADIUS / 2 ** (k + 1)
+            h = GridFunction(M.space)
+            values = shape(distance, radius)
+            h.vec.FV().NumPy()[:] = 0.5 * beta * np.concatenate([0.8 * values, 0.6 * values])
+            quotients = M.quotients(q, h)
+            for norm in ("h_L2", "h_L6", "h_H1"):
+                quotients[norm] /= beta
+            rows.append({"family": family, "radius": radius, **quotients})
+    return rows
+
+
+@dataclass(frozen=True)
+class PenaltyOnly(Coupled):
+    """``Coupled`` with the Tichonov term all but dropped: gamma_T = 1e12 in reference units.
+
+    What is left is the Moreau-Yosida regularisation alone, whose max functions map L2 to L2.
+    """
+
+    @property
+    def gamma_tichonov(self) -> float:
+        """gamma_T (stress / length^2), without effect on the solution."""
+        return WITHOUT * self.units.stress / self.units.length**2
+
+
+def counts_without_tichonov(
+    problems: Iterable[Problem], gamma: float = 1e3, options: NewtonOptions | None = None
+) -> list[dict]:
+    """Newton steps from v = 0 with and without the Tichonov term on a family of meshes.
+
+    Parameters
+    ----------
+    problems
+        The same body on finer and finer meshes.
+    gamma
+        The gamma of ``Coupled`` and of the penalties of ``PenaltyOnly``.
+    options
+        As for ``semismooth_newton``.
+
+    Returns
+    -------
+    list of dict
+        ``nodes``; ``iterations``, ``halvings`` and ``status`` with the term, and the same names
+        with ``_without`` for none.
+    """
+    rows = []
+    for problem in problems:
+        row: dict = {"nodes": problem.mesh.nv}
+        for suffix, kind in (("", Coupled), ("_without", PenaltyOnly)):
+            result = semismooth_newton(problem, options=options, regularisation=kind(gamma))
+            result.or_interrupted()
+            row[f"iterations{suffix}"] = result.iterations
+            row[f"halvings{suffix}"] = result.history.halvings
+            row[f"status{suffix}"] = result.status.label
+        rows.append(row)
+    return rows

@@ -1,0 +1,211 @@
+"""Duality at a regularised solution: J(y_gamma) + J*_gamma(v_gamma), (3.8), (3.9), (2.10)-(2.13).
+
+Where D y = Lambda* v - l, F(y) + F*(Lambda* v) = <Lambda y, v>, so that
+
+    J(y) + J*_gamma(v) = (z, u.n - psi) + [int beta |p| + (q, p)] + M^1(z) + M^2(q) + T(v).
+
+As gamma grows the penalties, T and both brackets vanish: (z, u.n - psi) = 0 is (2.12), and the
+second bracket is zero where p points against q with |q| = beta, or p = 0.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from ngsolve import (
+    L2,
+    BoundaryFromVolumeCF,
+    CoefficientFunction,
+    GridFunction,
+    IfPos,
+    InnerProduct,
+    Integrate,
+    Norm,
+    VectorValued,
+    ds,
+    dx,
+)
+
+from ngepc.discretisation.quadrature import boundary_rules, fine_rules
+from ngepc.dual.friction import friction_energy
+from ngepc.dual.result import DualResult
+from ngepc.model.problem import as_scalar
+from ngepc.model.tensors import coordinates
+from ngepc.parallel import integral, total
+
+if TYPE_CHECKING:
+    from ngepc.path.result import PathResult
+
+POINTS = 400
+
+
+@dataclass(frozen=True, kw_only=True)
+class DualityReport:
+    """What ``duality_report`` measures; energies are force times length.
+
+    Parameters
+    ----------
+    primal_energy, dual_energy, gap
+        J(y), J*_gamma(v) and their sum.
+    contact_term, plastic_term
+        (z, u.n - psi), and int beta |p| + h_G/2 |p|^2 + (q, p) with h_G = 0 unless the hardening
+        is split; zero at a solution of (EPC) and (D).
+    friction_term, friction_penalty
+        int F |u_t| + (t, u_t) and M^3(t); zero without friction.
+    contact_penalty, plastic_penalty, tichonov
+        M^1(z), M^2(q), T(v).
+    tension, overshoot
+        L2 norms of [z]^+ on Gamma_c, (2.11), and of [|q| - beta]^+ in the body (force terms).
+    penetration
+        L2 norm of [u.n - psi]^+ on Gamma_c, (2.13).
+    complementarity
+        int |z (u.n - psi)| on Gamma_c, (2.12).
+    shear
+        L2 norm on Gamma_c of the tangential part of sigma n less the friction stress, (2.10).
+    normal_stress, normal_stress_deviation
+        L2 norms on Gamma_c of (sigma n).n and of z - (sigma n).n.
+    deviatoric_stress
+        L2 norm of dev sigma.
+    stress_deviation, mean_stress_deviation
+        (3.8): L2 norm of q - (h p + dev alpha_0 - dev sigma), and of the element means of that.
+    yield_deviation
+        (3.9): L2 norm of |q| - beta minus the yield function of (sigma, alpha).
+    """
+
+    primal_energy: float
+    dual_energy: float
+    gap: float
+    contact_term: float
+    plastic_term: float
+    friction_term: float
+    contact_penalty: float
+    plastic_penalty: float
+    friction_penalty: float
+    tichonov: float
+    tension: float
+    overshoot: float
+    penetration: float
+    complementarity: float
+    shear: float
+    normal_stress: float
+    normal_stress_deviation: float
+    deviatoric_stress: float
+    stress_deviation: float
+    mean_stress_deviation: float
+    yield_deviation: float
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """The terms that add up to the gap."""
+        kinds = ("contact", "plastic", "friction")
+        names = [f"{kind}_{what}" for what in ("term", "penalty") for kind in kinds]
+        return {name: getattr(self, name) for name in (*names, "tichonov")}
+
+    def as_dict(self) -> dict[str, float]:
+        """All numbers by name, for tables and JSON."""
+        return asdict(self)
+
+
+def duality_report(result: DualResult | PathResult) -> DualityReport:
+    """Measure the duality gap, its parts, and how well (2.10)-(2.13), (3.8), (3.9) hold.
+
+    Parameters
+    ----------
+    result
+        A result of the dual method or of path-following.
+
+    Raises
+    ------
+    TypeError
+        If ``result`` is none of them.
+    """
+    result = getattr(result, "result", result)
+    if not isinstance(result, DualResult):
+        raise TypeError(f"result={result!r}: a result of the dual method is needed")
+    return DualityReport(**_energies(result), **_contact(result), **_plasticity(result))
+
+
+def _energies(result: DualResult) -> dict[str, float]:
+    f, problem = result.functional, result.problem
+    blocks, v = f.blocks, result.v
+    names = [part.name for part in blocks.parts]
+    image = v.CreateVector()
+    image.data = blocks.conjugate_gradient(result.y, v) - blocks.psi
+    terms = {
+        n: total(InnerProduct(blocks.part_of(image, i), blocks.part_of(v, i)), problem.mesh)
+        for i, n in enumerate(names)
+    }
+    penalties = {n: f.penalties[i].energy(blocks.part_of(v, i)) for i, n in enumerate(names)}
+    p = result.balanced_increment
+    h_G = problem.effective_hardening * (1 - f.regularisation.hardening_share)
+    dissipation = Integrate(as_scalar(problem.beta) * Norm(p) + h_G / 2 * p * p, problem.mesh)
+    return {
+        "primal_energy": result.primal_energy,
+        "dual_energy": result.dual_energy,
+        "gap": result.primal_energy + result.dual_energy,
+        "contact_term": terms.get("contact", 0.0),
+        "plastic_term": dissipation + terms["plastic"],
+        "contact_penalty": penalties.get("contact", 0.0),
+        "plastic_penalty": penalties["plastic"],
+        "friction_term": terms.get("friction", 0.0) + friction_energy(problem, result.displacement),
+        "friction_penalty": penalties.get("friction", 0.0),
+        "tichonov": f.tichonov(v, v) / 2,
+    }
+
+
+def _contact(result: DualResult) -> dict[str, float]:
+    problem = result.problem
+    names = (
+        *("tension", "penetration", "complementarity"),
+        *("shear", "normal_stress", "normal_stress_deviation"),
+    )
+    if not problem.contact_names:
+        return dict.fromkeys(names, 0.0)
+    rules = boundary_rules(problem.N, POINTS)
+    measure = ds("|".join(problem.contact_names), intrules=rules)
+
+    def integrated(density: CoefficientFunction) -> float:
+        return integral(density * measure, problem.mesh)
+
+    def size(field: CoefficientFunction) -> float:
+        return math.sqrt(integrated(InnerProduct(field, field)))
+
+    n, z = problem.normal, result.normal_stress
+    overlap = result.displacement * n - problem.psi
+    traction = BoundaryFromVolumeCF(result.stress) * n
+    normal = InnerProduct(traction, n)
+    product = z * overlap
+    values = (
+        size(IfPos(z, z, 0)),
+        size(IfPos(overlap, overlap, 0)),
+        integrated(IfPos(product, product, -product)),
+        size(traction - normal * n - result.friction_stress),
+        size(normal),
+        size(z - normal),
+    )
+    return dict(zip(names, values, strict=True))
+
+
+def _plasticity(result: DualResult) -> dict[str, float]:
+    problem, mesh = result.problem, result.problem.mesh
+    measure = dx(intrules=fine_rules(problem.N, POINTS))
+
+    def size(field: CoefficientFunction) -> float:
+        return math.sqrt(integral(InnerProduct(field, field) * measure, mesh))
+
+    q, p, N = result.plastic_dual, result.balanced_increment, problem.N
+    dev_stress, hardening = result.fields.deviatoric_stress, problem.effective_hardening
+    residual_stress = coordinates(problem.alpha_0[1] - dev_stress, N)
+    deviation = q - (hardening * p + residual_stress)
+    means = GridFunction(VectorValued(L2(mesh, order=0), q.dim))
+    means.Set(deviation)
+    excess = result.yield_function
+    return {
+        "overshoot": size(IfPos(excess, excess, 0)),
+        "deviatoric_stress": size(dev_stress),
+        "stress_deviation": size(deviation),
+        "mean_stress_deviation": size(means),
+        "yield_deviation": size(excess - result.fields.yield_function),
+    }
