@@ -15,7 +15,7 @@ from browser import Browser, chromium
 import ngepc
 from ngepc import pictures as plotting
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 COPIED = ("notebooks", "results")
 """Folders that the build copies beside the pages."""

@@ -24,7 +24,7 @@ from ngepc.studies.robustness import (
 from ngepc.studies.witness import dual_residual, primal_residual
 
 LIMIT, CELLS = 60, 6
-RESULTS = Path(__file__).resolve().parent.parent / "results"
+RESULTS = Path(__file__).resolve().parent.parent.parent / "results"
 LABELS = {status.label for status in Status}
 
 ROWS = [

@@ -12,7 +12,7 @@ from nbclient import NotebookClient
 
 from ngepc.__main__ import main
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "notebooks"
 NOTEBOOKS = sorted(FOLDER.rglob("*.ipynb"))
 LECTURES = sorted(FOLDER.glob("*.ipynb"))

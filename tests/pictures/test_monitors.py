@@ -12,12 +12,11 @@ from ngepc import (
     Status,
     follow_path,
     lshape_problem,
-    monitors,
     primal_newton,
     semismooth_newton,
 )
 from ngepc.dual.newton import NewtonOptions
-from ngepc.pictures import plot_progress
+from ngepc.pictures import monitors, plot_progress
 from ngepc.pictures.monitors import (
     LivePlotMonitor,
     combine,
