@@ -13,7 +13,6 @@ from ngsolve.la import BaseVector
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.distributed import check_supported
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.dual.balanced import Balanced
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
 from ngepc.dual.contact_newton import newton_system
@@ -26,6 +25,7 @@ from ngepc.dual.stopping import ResidualBelow, StoppingRule, judge
 from ngepc.krylov.iterative import KrylovError
 from ngepc.linalg.direct import LinearSolver, require_linear_solver
 from ngepc.linalg.linesearch import ROUNDING, ByRegularisation, Descent, FullSteps, LineSearch
+from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import nodal_values
 from ngepc.results.outcome import History, IterationRecord, Status
@@ -130,8 +130,11 @@ def semismooth_newton(
     require_function("monitor", monitor, "a record", optional=True)
     if gamma is not None and regularisation is not None:
         raise ValueError(f"gamma={gamma!r}: give either gamma or regularisation")
+    if regularisation is None and gamma is None:
+        tolerance, limit = options.tolerance, options.max_iterations
+        return solve_exactly(problem, start, tolerance, limit, options.inverse, monitor)
     if regularisation is None:
-        regularisation = Balanced() if gamma is None else Coupled(gamma)
+        regularisation = Coupled(gamma)
     require_regularisation(regularisation)
     if start is not None and not isinstance(start, DualResult):
         raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
