@@ -181,8 +181,9 @@ class State:
     def force_scale(self) -> float:
         """The force that residuals are relative to."""
         trial = ROUNDING_SCALE * self.trial_forces
-        sizes = [np.linalg.norm(self.discrete.load), np.linalg.norm(self.internal_forces)]
-        return float(max(*sizes, min(trial, self.discrete.yield_forces)))
+        forces = (self.discrete.load, self.internal_forces, self.contact_defect)
+        sizes = [float(np.linalg.norm(given)) for given in forces]
+        return max(*sizes, min(trial, self.discrete.yield_forces))
 
     @cached_property
     def trial_forces(self) -> float:
