@@ -49,3 +49,11 @@ class PointFunctions:
         result = GridFunction(space, name=name)
         result.vec.FV().NumPy()[:] = coefficients.T.ravel()
         return result
+
+    def transposed(self, slope: np.ndarray, components: int) -> np.ndarray:
+        """Derivatives by the values at the points, (points, components), from those by ``vec``."""
+        columns = slope.reshape(components, -1).T
+        values = np.empty_like(columns)
+        for block, inverse in zip(self.points.blocks, self._inverses, strict=True):
+            values[block.points] = inverse.swapaxes(1, 2) @ columns[self._dofs(block.points)]
+        return values

@@ -56,6 +56,10 @@ class Stiffness:
         keys = np.maximum(i, j) * np.int64(self.points.scalar.ndof) + np.minimum(i, j)
         return a, b, np.searchsorted(self._keys, keys), i < j
 
+    def diagonal_places(self, nodes: np.ndarray) -> np.ndarray:
+        """Where in ``entries`` the diagonal blocks of these nodes are."""
+        return np.searchsorted(self._keys, nodes * np.int64(self.points.scalar.ndof + 1))
+
     def fill(self, moduli: Moduli) -> None:
         """Assemble the entries for these moduli at the points."""
         entries = np.zeros((self.N**2, len(self._keys)))
