@@ -109,20 +109,22 @@ def gradient(
         value = slope.value if value is None else value
         found.append(biactive_set(state))
         system = HeldSystem(state, np.flatnonzero(state.multipliers > 0))
-        slopes = derivative_by_data(state, system, with_memory(state, slope, later))
+        constants = Constants(state.discrete)
+        slope = with_memory(state, constants, slope, later)
+        slopes = derivative_by_data(state, system, slope)
         for name, direction in wanted.items():
             if number == 0 or not direction.inherited:
-                change = changed_data(state.discrete, direction)
+                change = changed_data(constants, direction)
                 derivatives[name] += paired(state.discrete.points, slopes, change)
-        later = inherited(state, slopes, later)
+        later = inherited(constants, slopes, later)
     return Gradient(derivatives, value, tuple(reversed(found)))
 
 
-def with_memory(state: State, slope: Slope, later: Data) -> Slope:
+def with_memory(state: State, constants: Constants, slope: Slope, later: Data) -> Slope:
     """The slope of a step's functional plus what later steps depend on through its memory."""
     if not later:
         return slope
-    at, constants = state.at, Constants(state.discrete)
+    at = state.at
     on_size = constants.growth * later["alpha_1"]
     p = later["initial"] + constants.k[:, None] * later["back"] + on_size[:, None] * at.direction
     explicit = {
@@ -134,7 +136,7 @@ def with_memory(state: State, slope: Slope, later: Data) -> Slope:
     return replace(slope, p=slope.p + p, explicit=summed(slope.explicit, explicit))
 
 
-def inherited(state: State, slopes: Data, later: Data) -> Data:
+def inherited(constants: Constants, slopes: Data, later: Data) -> Data:
     """The derivative with respect to p_0, dev alpha_2 and alpha_1 at the begin of a step."""
-    remembered = later.get("alpha_1", 0.0) + Constants(state.discrete).memory * slopes["beta"]
+    remembered = later.get("alpha_1", 0.0) + constants.memory * slopes["beta"]
     return {"initial": slopes["initial"], "back": slopes["back"], "alpha_1": remembered}

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from ngsolve import CF
 
-from ngepc.checks.arguments import Coefficient, is_number
+from ngepc.checks.arguments import Coefficient, boundary_names, is_number
 from ngepc.checks.kinds import require_instance
-from ngepc.discretisation.loads import Supports, applied_forces
+from ngepc.discretisation.loads import Supports, forces_of
 from ngepc.discretisation.rows import contact_rows
 from ngepc.local.system import DiscreteProblem
+from ngepc.model.problem import as_vector
 from ngepc.sensitivity.radial import Data
 
 
@@ -68,8 +69,8 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
     return dict(parameters)
 
 
-def changed_data(discrete: DiscreteProblem, direction: Direction) -> Data:
-    """The change of the discrete data per unit of a direction.
+def changed_data(constants: Constants, direction: Direction) -> Data:
+    """The change of the data of a discrete problem per unit of a direction.
 
     Raises
     ------
@@ -78,28 +79,19 @@ def changed_data(discrete: DiscreteProblem, direction: Direction) -> Data:
     """
     datum, _, boundary = direction.datum.partition(":")
     if datum in MATERIAL:
-        return _material(discrete, datum, direction.change)
-    return _CHANGES[datum](discrete, boundary, direction.change)
-
-
-def _material(discrete: DiscreteProblem, name: str, change: Coefficient | None) -> Data:
-    value = getattr(discrete.problem.material, name)
-    if change is None:
-        change = 1.0 if is_number(value) else value
-    amount = discrete.points.at(change)
-    return {key: slope * amount for key, slope in MATERIAL[name](Constants(discrete)).items()}
+        return _material(constants, datum, direction.change)
+    return _CHANGES[datum](constants.discrete, boundary, direction.change)
 
 
 class Constants:
-    """Material constants and alpha_1,0 at the points, under the letters of section 2."""
+    """The material constants of a discrete problem at its points, by the letters of section 2."""
 
     def __init__(self, discrete: DiscreteProblem) -> None:
         material, at = discrete.problem.material, discrete.points.at
-        self.sigma_y = at(material.yield_stress)
+        self.discrete, self.size = discrete, discrete.points.kinematics.size
+        self.sigma_y, self.k = at(material.yield_stress), at(material.hardening)
         self.H, self.k_1 = at(material.hardening_modulus), at(material.hardening_stiffness)
-        self.k = at(material.hardening)
         self.alpha_1 = at(discrete.problem.alpha_0[0])
-        self.size = discrete.points.kinematics.size
 
     @property
     def growth(self) -> np.ndarray:
@@ -110,6 +102,14 @@ class Constants:
     def memory(self) -> np.ndarray:
         """d beta / d alpha_1,0."""
         return self.sigma_y * self.H
+
+
+def _material(constants: Constants, name: str, change: Coefficient | None) -> Data:
+    value = getattr(constants.discrete.problem.material, name)
+    if change is None:
+        change = 1.0 if is_number(value) else value
+    amount = constants.discrete.points.at(change)
+    return {key: slope * amount for key, slope in MATERIAL[name](constants).items()}
 
 
 MATERIAL: dict[str, Callable[[Constants], dict]] = {
@@ -148,18 +148,20 @@ def _of_boundary(name: str, given: Mapping | None, boundary: str) -> Mapping:
 
 
 def _traction(discrete: DiscreteProblem, boundary: str, change: Mapping | None) -> Data:
-    given = discrete.problem.tractions if change is None else change
-    given = _of_boundary("traction", given, boundary)
-    problem = replace(discrete.problem, traction=given, body_force=None)
-    return {"load": applied_forces(problem, discrete.supports.space)}
+    problem, V = discrete.problem, discrete.supports.space
+    given = {
+        name: as_vector(g)
+        for names, g in (problem.tractions if change is None else change).items()
+        for name in boundary_names("traction", names, problem.mesh)
+    }
+    return {"load": forces_of(problem, V, _of_boundary("traction", given, boundary), None)}
 
 
 def _body_force(discrete: DiscreteProblem, boundary: str, change: object) -> Data:
-    f = discrete.problem.f if change is None else change
+    f = discrete.problem.f if change is None else as_vector(change)
     if f is None:
         raise ValueError("parameters='body_force': the problem has none")
-    problem = replace(discrete.problem, traction=None, body_force=f)
-    return {"load": applied_forces(problem, discrete.supports.space)}
+    return {"load": forces_of(discrete.problem, discrete.supports.space, {}, f)}
 
 
 def _gap(discrete: DiscreteProblem, boundary: str, change: object) -> Data:
@@ -177,6 +179,8 @@ def _gap(discrete: DiscreteProblem, boundary: str, change: object) -> Data:
 def _prescribed(discrete: DiscreteProblem, boundary: str, change: Mapping | None) -> Data:
     problem = discrete.problem
     given = problem.prescribed if change is None else change
+    if given and change is None and not boundary:
+        return {"values": discrete.supports.values}
     moved = _of_boundary("prescribed", given, boundary)
     rest = {n: c for n, c in (problem.prescribed or {}).items() if n not in moved}
     still = {n: tuple(None if c is None else 0.0 for c in cs) for n, cs in rest.items()}

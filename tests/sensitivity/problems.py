@@ -1,0 +1,1 @@
+"""Random problems and their functionals, for derivatives."""
