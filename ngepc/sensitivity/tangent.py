@@ -1,4 +1,4 @@
-"""Directional derivatives of a solution of one time step, one-sided where it is biactive.
+"""Directional derivatives of solutions, step by step, one-sided where they are biactive.
 
 In a direction the biactive rows and points choose their side: the derivative of the solution has
 
@@ -19,9 +19,7 @@ import numpy as np
 from ngsolve import GridFunction
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_instance
 from ngepc.local.factors import TangentError
-from ngepc.local.result import ExactResult
 from ngepc.local.system import State
 from ngepc.sensitivity.adjoint import paired, summed
 from ngepc.sensitivity.biactive import Biactive, biactive_set
@@ -29,7 +27,7 @@ from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Constants, Direction, changed_data, directions
 from ngepc.sensitivity.radial import Data, RadialDerivative
-from ngepc.sensitivity.states import states_of
+from ngepc.sensitivity.states import Solution, states_of
 
 EXCHANGES = 50
 """Most exchanges of sides."""
@@ -86,18 +84,20 @@ class TangentResult:
         return result + paired(points, slope.explicit, self.data)
 
 
-def tangent(
-    result: ExactResult, parameters: str | Mapping[str, float | tuple[float, Direction]]
-) -> TangentResult:
+Rates = str | Mapping[str, float | tuple[float, Direction]]
+"""Name of a datum, or name -> rate: {"gap": -1.0, "hardening": 5.0}, or -> (rate, Direction)."""
+
+
+def tangent(result: Solution, parameters: Rates) -> TangentResult:
     """The derivative of the solution in a direction; at biactive solutions the one-sided one.
 
     Parameters
     ----------
     result
-        A converged result of ``semismooth_newton`` without gamma.
+        A converged result of ``semismooth_newton`` without gamma, or of ``evolve``, of which the
+        derivative of the last step is returned.
     parameters
-        The name of a datum, or name -> rate: {"gap": -1.0, "hardening": 5.0}; with a pair
-        (rate, Direction) the name is free.
+        The name of a datum, or name -> rate, or name -> (rate, Direction), then the name is free.
 
     Raises
     ------
@@ -108,36 +108,61 @@ def tangent(
     TangentError
         If the tangent is singular, or the sides of biactive rows and points were not found.
     """
-    require_instance("result", result, ExactResult, "a result of semismooth_newton without gamma")
-    (give_state,) = states_of(result)
-    state = give_state()
-    data = total_change(state, {parameters: 1.0} if isinstance(parameters, str) else parameters)
-    biactive = biactive_set(state)
-    held = state.multipliers > 0
+    return tangents(result, parameters)[-1]
+
+
+def tangents(result: Solution, parameters: Rates) -> list[TangentResult]:
+    """The derivatives of the solutions of all time steps, see ``tangent``."""
+    rates = {parameters: 1.0} if isinstance(parameters, str) else parameters
+    found: list[TangentResult] = []
+    memory: Data = {}
+    for number, give_state in enumerate(states_of(result)):
+        state = give_state()
+        constants = Constants(state.discrete)
+        data = summed(total_change(constants, rates, number == 0), memory)
+        data["beta"] = data.get("beta", 0.0) + constants.memory * data.pop("alpha_1", 0.0)
+        found.append(change_of(state, data))
+        memory = left_behind(found[-1], constants, memory)
+    return found
+
+
+def change_of(state: State, data: Data) -> TangentResult:
+    """The derivative of a solution for a change of its data, with sides that fit."""
+    biactive, held = biactive_set(state), state.multipliers > 0
     for _ in range(EXCHANGES):
         found = change_with_sides(state, held, data, biactive)
         held, yields = chosen_sides(found, held, data)
         if (held == found.state.active).all() and (yields == state.at.yields).all():
             return found
-        state = with_sides(state, yields)
+        state = replace(state, at=replace(state.at, yields=yields)).on_sphere()
     raise TangentError(f"the sides of biactive rows and points did not settle: {biactive.message}")
 
 
-def total_change(state: State, rates: Mapping[str, float | tuple[float, Direction]]) -> Data:
-    """The change of the discrete data with the rates of several parameters."""
+def left_behind(found: TangentResult, constants: Constants, memory: Data) -> Data:
+    """The change of p_0, dev alpha_2 and alpha_1 that a step leaves to the next one."""
+    at, data, p = found.state.at, found.data, found.plastic_strain
+    size = np.einsum("pd,pd->p", at.direction, p)
+    back = constants.k[:, None] * p
+    back = back + np.reshape(data.get("kinematic", 0.0), (-1, 1)) * at.plastic_strain
+    scalar = constants.growth * size + data.get("isotropic", 0.0) * at.gained
+    return {
+        "initial": data.get("initial", 0.0) + p,
+        "back": data.get("back", 0.0) + back,
+        "alpha_1": memory.get("alpha_1", 0.0) + scalar,
+    }
+
+
+def total_change(constants: Constants, rates: Mapping, first: bool) -> dict[str, np.ndarray]:
+    """The change of the discrete data with the rates of several parameters, in one time step."""
     pairs = {n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()}
     legal = directions({name: direction for name, (_, direction) in pairs.items()})
-    constants, changes = Constants(state.discrete), []
+    changes = []
     for name, direction in legal.items():
         rate = require_number(f"parameters[{name!r}]", pairs[name][0])
-        change = changed_data(constants, direction)
-        changes.append({key: rate * value for key, value in change.items()})
+        if first or not direction.inherited:
+            change = changed_data(constants, direction)
+            changes.append({key: rate * value for key, value in change.items()})
     return reduce(summed, changes, {})
-
-
-def with_sides(state: State, yields: np.ndarray) -> State:
-    """The state with other points taken as yielding."""
-    return replace(state, at=replace(state.at, yields=yields)).on_sphere()
 
 
 def change_with_sides(
