@@ -14,11 +14,12 @@ from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.evolution.load_path import Schedule
 from ngepc.evolution.result import Evolution
 from ngepc.evolution.solver import evolve
+from ngepc.local.system import State
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.parameters import MATERIAL
-from ngepc.sensitivity.states import restored_state
-from ngepc.sensitivity.tangent import tangents
+from ngepc.sensitivity.states import states_of
+from ngepc.sensitivity.tangent import tangents_at
 
 ILL_CONDITIONED = 1e8
 """Condition of the Gauss-Newton matrix above which the data do not identify all constants."""
@@ -65,21 +66,10 @@ class Curve:
         noise = 1.0 if self.noise is None else np.asarray(self.noise, dtype=float)
         return np.ones(len(self.measured)) / noise
 
-    def steps(self, evolution: Evolution) -> list[int]:
+    def measured_steps(self, evolution: Evolution) -> list[int]:
         """The steps at whose ends was measured; others come from cuts."""
         times = evolution.times
         return [times.index(time) for time in self.schedule.times]
-
-    def predicted(self, evolution: Evolution) -> np.ndarray:
-        """The functional at the times of the schedule."""
-        functional = as_functional(self.functional)
-        steps = [evolution.steps[number] for number in self.steps(evolution)]
-        return np.array([functional.slope(restored_state(step)).value for step in steps])
-
-    def slopes(self, evolution: Evolution, name: str) -> np.ndarray:
-        """The derivatives of ``predicted`` with respect to a material constant."""
-        found = tangents(evolution, name)
-        return np.array([found[number].of(self.functional) for number in self.steps(evolution)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +86,6 @@ class Calibration:
         The problem with these constants.
     residuals
         (predicted - measured) / noise.
-    correlation
-        Of the logarithms, shape (unknowns, unknowns), in the order of ``values``.
     condition
         Of the Gauss-Newton matrix J' J in the logarithms; 1 is best.
     evaluations
@@ -112,7 +100,6 @@ class Calibration:
     intervals: dict[str, tuple[float, float]]
     problem: Problem
     residuals: np.ndarray
-    correlation: np.ndarray
     condition: float
     evaluations: int
     converged: bool
@@ -157,7 +144,8 @@ def calibrate(
     """
     require_instance("problem", problem, Problem, "a Problem")
     curves = [curves] if isinstance(curves, Curve) else list(curves)
-    confidence = require_number("confidence", confidence, 0.0, 1.0)
+    if not 0 < require_number("confidence", confidence) < 1:
+        raise ValueError(f"confidence={confidence!r}: a number in (0, 1) is needed")
     limit = require_integer("max_evaluations", max_evaluations, 1)
     search = _Search(problem, curves, tuple(checked_start(start)))
     count = sum(len(curve.measured) for curve in curves)
@@ -167,6 +155,7 @@ def calibrate(
         search.residuals,
         np.log(list(start.values())),
         search.jacobian,
+        method="dogbox",  # shortest Gauss-Newton steps where the data do not identify a constant
         max_nfev=limit,
         ftol=tolerance,
         xtol=tolerance,
@@ -185,6 +174,41 @@ def checked_start(start: Mapping[str, float]) -> Mapping[str, float]:
     return start
 
 
+@dataclass(frozen=True, eq=False)
+class SolvedPath:
+    """A load path solved with some constants, beside the curve measured along it."""
+
+    curve: Curve
+    states: list[State]
+    steps: list[int]
+
+    @classmethod
+    def of(cls, problem: Problem, curve: Curve) -> SolvedPath:
+        """Solve the load path of a curve.
+
+        Raises
+        ------
+        SolverError
+            If a step does not converge.
+        """
+        run = evolve(problem, curve.schedule)
+        states = [give_state() for give_state in states_of(run)]
+        return cls(curve, states, curve.measured_steps(run))
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """(predicted - measured) / noise."""
+        functional = as_functional(self.curve.functional)
+        predicted = [functional.slope(self.states[step]).value for step in self.steps]
+        return (np.array(predicted) - self.curve.measured) * self.curve.weights
+
+    def slopes(self, name: str) -> np.ndarray:
+        """The derivatives of the residuals with respect to a material constant."""
+        found = tangents_at(self.states, {name: 1.0})
+        slopes = [found[step].of(self.curve.functional) for step in self.steps]
+        return np.array(slopes) * self.curve.weights
+
+
 @dataclass(eq=False)
 class _Search:
     """The residuals at logarithms of the constants, and their Jacobian at the same point."""
@@ -192,7 +216,7 @@ class _Search:
     problem: Problem
     curves: list[Curve]
     names: tuple[str, ...]
-    evolutions: list[Evolution] = field(default_factory=list)
+    paths: list[SolvedPath] = field(default_factory=list)
     evaluations: int = 0
     at: np.ndarray | None = None
 
@@ -203,42 +227,39 @@ class _Search:
         material = replace(self.problem.material, **self.values(logarithms))
         return replace(self.problem, material=material)
 
-    def solve(self, logarithms: np.ndarray) -> list[Evolution]:
+    def solve(self, logarithms: np.ndarray) -> list[SolvedPath]:
         if self.at is None or (self.at != logarithms).any():
             problem = self.problem_at(logarithms)
-            runs = [evolve(problem, curve.schedule) for curve in self.curves]
-            self.evolutions = [run.raise_for_status() for run in runs]
+            self.paths = [SolvedPath.of(problem, curve) for curve in self.curves]
             self.at, self.evaluations = logarithms.copy(), self.evaluations + 1
-        return self.evolutions
+        return self.paths
 
     def residuals(self, logarithms: np.ndarray) -> np.ndarray:
-        pairs = zip(self.curves, self.solve(logarithms), strict=True)
-        return np.concatenate(
-            [(curve.predicted(run) - curve.measured) * curve.weights for curve, run in pairs]
-        )
+        return np.concatenate([path.residuals for path in self.solve(logarithms)])
 
     def jacobian(self, logarithms: np.ndarray) -> np.ndarray:
-        values, rows = self.values(logarithms), []
-        for curve, run in zip(self.curves, self.solve(logarithms), strict=True):
-            columns = [value * curve.slopes(run, name) for name, value in values.items()]
-            rows.append(np.stack(columns, axis=1) * curve.weights[:, None])
-        return np.concatenate(rows)
+        paths, values = self.solve(logarithms), self.values(logarithms)
+        columns = [
+            value * np.concatenate([path.slopes(name) for path in paths])
+            for name, value in values.items()
+        ]
+        return np.stack(columns, axis=1)
 
     def calibration(self, found: OptimizeResult, confidence: float) -> Calibration:
         """Statistics of the linearised problem at the end of the search."""
         m, n = found.jac.shape
-        singular = np.linalg.svd(found.jac, compute_uv=False)
-        condition = float((singular[0] / singular[-1]) ** 2) if singular[-1] > 0 else np.inf
-        covariance = np.linalg.pinv(found.jac.T @ found.jac)
-        known = all(curve.noise is not None for curve in self.curves)
+        _, singular, right = np.linalg.svd(found.jac, full_matrices=False)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            condition = float((singular[0] / singular[-1]) ** 2)
+            error = np.sqrt(np.nan_to_num((right / singular[:, None]) ** 2, posinf=np.inf).sum(0))
         factor = stats.norm.ppf(0.5 + confidence / 2)
-        if not known:
-            covariance = covariance * (2 * found.cost / max(m - n, 1))
+        if any(curve.noise is None for curve in self.curves):
+            error = error * np.sqrt(2 * found.cost / max(m - n, 1))
             factor = stats.t.ppf(0.5 + confidence / 2, max(m - n, 1))
-        error = np.sqrt(np.diag(covariance))
-        ends = np.exp(found.x + factor * np.outer([-1, 1], error)).T.tolist()
+        with np.errstate(over="ignore"):
+            ends = np.exp(found.x + factor * np.outer([-1, 1], error)).T.tolist()
         texts = [found.message]
-        if condition > ILL_CONDITIONED:
+        if not condition <= ILL_CONDITIONED:
             texts.append(
                 f"The data do not identify all of {', '.join(self.names)}: the Gauss-Newton "
                 f"matrix has condition {condition:.2g}."
@@ -248,7 +269,6 @@ class _Search:
             intervals={name: tuple(end) for name, end in zip(self.names, ends, strict=True)},
             problem=self.problem_at(found.x),
             residuals=found.fun,
-            correlation=covariance / np.outer(error, error),
             condition=condition,
             evaluations=self.evaluations,
             converged=bool(found.success),

@@ -156,12 +156,11 @@ class Reaction:
         problem = discrete.problem
         component = require_integer("component", self.component, 0, problem.N - 1)
         (name,) = boundary_names("support", self.support, problem.mesh)
+        region = problem.mesh.Boundaries(name)
+        there = np.array(discrete.supports.space.components[component].GetDofs(region), dtype=bool)
+        there[problem.mesh.nv :] = False
         motion = np.zeros_like(state.u)
-        nodes = np.array(
-            discrete.supports.space.components[component].GetDofs(problem.mesh.Boundaries(name))
-        )
-        motion[nodes, component] = 1.0
-        motion[discrete.supports.free] = 0.0
+        motion[there, component] = ~discrete.supports.free[there, component]
         if not motion.any():
             raise ValueError(f"support={self.support!r}: it does not hold component {component}")
         missing = state.internal_forces + state.contact_forces - discrete.load

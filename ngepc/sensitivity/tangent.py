@@ -11,7 +11,7 @@ until none does.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -113,11 +113,15 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
 
 def tangents(result: Solution, parameters: Rates) -> list[TangentResult]:
     """The derivatives of the solutions of all time steps, see ``tangent``."""
-    rates = {parameters: 1.0} if isinstance(parameters, str) else parameters
+    states = (give_state() for give_state in states_of(result))
+    return tangents_at(states, {parameters: 1.0} if isinstance(parameters, str) else parameters)
+
+
+def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
+    """The derivatives of the solutions of time steps, in time."""
     found: list[TangentResult] = []
     memory: Data = {}
-    for number, give_state in enumerate(states_of(result)):
-        state = give_state()
+    for number, state in enumerate(states):
         constants = Constants(state.discrete)
         data = summed(total_change(constants, rates, number == 0), memory)
         data["beta"] = data.get("beta", 0.0) + constants.memory * data.pop("alpha_1", 0.0)

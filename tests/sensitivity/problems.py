@@ -1,1 +1,0 @@
-"""Random problems and their functionals, for derivatives."""
