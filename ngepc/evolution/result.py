@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 
 import numpy as np
-from ngsolve import InnerProduct, Norm, dx
+from ngsolve import InnerProduct, Integrate, Norm, dx
 
 from ngepc.discretisation.return_mapping import at_plastic_points, plastic_points
 from ngepc.evolution.memory import Memory
 from ngepc.model.problem import Problem
-from ngepc.parallel import gathered, integral
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Ending, Status
 
@@ -79,9 +78,9 @@ class StepRecord:
             contact_force=float(result.contact_force),
             **_forces(result),
             primal_energy=float(result.primal_energy),
-            elastic_energy=float(integral(stored * on_points, mesh)),
-            dissipation=float(integral(lost * on_points, mesh)),
-            max_plastic_strain=float(gathered(strains, mesh).max()),
+            elastic_energy=float(Integrate(stored * on_points, mesh)),
+            dissipation=float(Integrate(lost * on_points, mesh)),
+            max_plastic_strain=float(strains.max()),
         )
 
     @classmethod

@@ -23,7 +23,6 @@ from ngsolve.comp import ProxyFunction
 from ngepc.checks.arguments import require_vector
 from ngepc.discretisation.spaces import displacement_space, single_prescribed
 from ngepc.model.problem import Problem
-from ngepc.parallel import somewhere, total
 
 BONUS_ORDER = 3
 
@@ -50,8 +49,6 @@ def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
     """Nodal forces on the body at a solution, arrays of shape (N, vertices).
-
-    On a distributed mesh they are what this process contributes at its vertices, to be summed.
 
     Parameters
     ----------
@@ -104,7 +101,7 @@ class Equilibrium:
 
     def resultant(self, forces: np.ndarray) -> np.ndarray:
         """The sum of nodal forces over the body, N components (force)."""
-        return total(forces.sum(axis=1), self.problem.mesh)
+        return forces.sum(axis=1)
 
     def moment(self, forces: np.ndarray, about: Sequence[float] | None = None) -> np.ndarray:
         """Sum of (x - about) x F over the nodes (force times length).
@@ -130,10 +127,8 @@ class Equilibrium:
         about = np.array(require_vector("about", (0.0,) * N if about is None else about, (N,)))
         arms = np.asarray(self.problem.mesh.ngmesh.Coordinates())[:nv, :N].T - about[:, None]
         if N == 2:
-            own = np.array([np.vdot(arms[0], forces[1]) - np.vdot(arms[1], forces[0])])
-        else:
-            own = np.cross(arms, forces, axis=0).sum(axis=1)
-        return total(own, self.problem.mesh)
+            return np.array([np.vdot(arms[0], forces[1]) - np.vdot(arms[1], forces[0])])
+        return np.cross(arms, forces, axis=0).sum(axis=1)
 
     def _held(self) -> dict[str, np.ndarray]:
         """Name of each support -> the components it holds, boolean (N, vertices)."""
@@ -146,6 +141,5 @@ class Equilibrium:
             held[name] = np.zeros(self.free.shape, dtype=bool)
             for axis, value in enumerate(values):
                 if value is not None:
-                    own = np.array(V.components[axis].GetDofs(region), dtype=bool)
-                    held[name][axis] = somewhere(own, V.components[axis])
+                    held[name][axis] = np.array(V.components[axis].GetDofs(region), dtype=bool)
         return held

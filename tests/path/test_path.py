@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ngepc.dual.contact_newton import newton_system
 from ngepc.geometries import lshape, wrench
 
 from ngepc import (
@@ -21,7 +22,6 @@ from ngepc import (
     wrench_problem,
 )
 from ngepc.__main__ import main
-from ngepc.dual.contact_newton import newton_system
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import Iterate
 from ngepc.dual.widths import contact_mesh_width, mesh_width
