@@ -12,11 +12,12 @@ from ngsolve import ET, VOL, IntegrationRule, Mesh
 from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient, is_number
 from ngepc.discretisation.elements import element_numbers, element_vertices
 
-SMOOTH = ((0.1, 9), (0.25, 15), (0.5, 21))
-"""(variation of q, order): what integrates a function of |q| without a kink to rounding."""
+SMOOTH_ORDER = 9
+SMOOTH_VARIATION = 0.1
+"""Where q varies by less than this fraction of its size, that order is exact to rounding."""
 
-IDLE = -1
-"""Rank of an element that does not reach the threshold."""
+IDLE, SMOOTH, KINKED = -1, 0, 1
+"""What an element is: below the threshold, beyond it and gentle, or to be looked at closely."""
 
 HIGHEST_ORDER = 60
 
@@ -56,21 +57,15 @@ def boundary_rules(dim: int, points: int) -> dict[ET, IntegrationRule]:
     return {s: IntegrationRule(s, order) for s in ELEMENT_TYPES[dim - 1]}
 
 
-def smooth_orders(dim: int, points: int) -> list[tuple[float, int]]:
-    """The pairs of SMOOTH whose order is below that of ``points`` points; the first in any case."""
-    first, *others = SMOOTH
-    fine = order_with_points(ELEMENT_TYPES[dim][0], points)
-    return [first, *(pair for pair in others if pair[1] <= fine)]
+def smooth_rules(dim: int) -> dict[ET, IntegrationRule]:
+    """Rules for elements without a kink."""
+    return {s: IntegrationRule(s, SMOOTH_ORDER) for s in ELEMENT_TYPES[dim]}
 
 
-def ranks(
-    q: np.ndarray,
-    nodes: np.ndarray,
-    low: np.ndarray | float,
-    high: np.ndarray | float,
-    variations: list[float],
+def classify(
+    q: np.ndarray, nodes: np.ndarray, low: np.ndarray | float, high: np.ndarray | float
 ) -> np.ndarray:
-    """Which rule each element needs for a function of [|q| - threshold]^+.
+    """Which elements carry a kink of [|q| - threshold]^+, which are smooth, which are idle.
 
     |q| is convex, so that vertex values bound it from above; along the mean direction q is
     affine, so that they bound it from below.
@@ -83,27 +78,24 @@ def ranks(
         Vertices of the elements, shape (elements, corners).
     low, high
         Smallest and largest threshold in each element, or in all.
-    variations
-        Bounds for the variation of q on elements without a kink, ascending.
 
     Returns
     -------
     numpy.ndarray
-        IDLE; k where the variation is below the bound number k; their count where the kink
-        crosses the element or q varies more.
+        IDLE, SMOOTH or KINKED for each element.
     """
-    rank = np.full(len(nodes), IDLE)
-    low, high = (np.broadcast_to(bound, rank.shape) for bound in (low, high))
+    kind = np.full(len(nodes), IDLE)
+    low, high = (np.broadcast_to(bound, kind.shape) for bound in (low, high))
     touched = np.flatnonzero(np.sqrt((q * q).sum(axis=0))[nodes].max(axis=1) > low)
     corner = q[:, nodes[touched].T]  # components, vertices, elements
     mean = corner.mean(axis=1)
     direction = mean / (np.sqrt((mean * mean).sum(axis=0)) + 1e-300)
     along = (corner * direction[:, None]).sum(axis=0).min(axis=0)
     spread = np.sqrt(((corner - mean[:, None]) ** 2).sum(axis=0).max(axis=0))
-    rank[touched] = sum((spread >= bound * along).astype(int) for bound in variations)
-    crossed = (along <= high[touched]) | (low[touched] < high[touched])
-    rank[touched[crossed]] = len(variations)
-    return rank
+    smooth = (along > high[touched]) & (low[touched] == high[touched])
+    smooth &= spread < SMOOTH_VARIATION * along
+    kind[touched] = np.where(smooth, SMOOTH, KINKED)
+    return kind
 
 
 def threshold_bounds(

@@ -15,7 +15,6 @@ from ngsolve import (
     IfPos,
     InnerProduct,
     Integrate,
-    IntegrationRule,
     LinearForm,
     Norm,
     OuterProduct,
@@ -24,14 +23,15 @@ from ngsolve import (
 )
 from ngsolve.la import BaseMatrix, BaseVector
 
-from ngepc.checks.arguments import ELEMENT_TYPES, is_number
+from ngepc.checks.arguments import is_number
 from ngepc.discretisation.elements import element_numbers, element_vertices
 from ngepc.discretisation.quadrature import (
-    IDLE,
+    KINKED,
+    SMOOTH,
     boundary_rules,
+    classify,
     fine_rules,
-    ranks,
-    smooth_orders,
+    smooth_rules,
     threshold_bounds,
 )
 from ngepc.dual.parameters import Weights
@@ -71,7 +71,7 @@ class AssembledTerm:
         """The active elements at v, where the forms ask for them."""
         return None
 
-    def enter(self, v: BaseVector, rank: np.ndarray | None) -> None:
+    def enter(self, v: BaseVector, kind: np.ndarray | None) -> None:
         """Make v and its active elements those of the forms."""
         self.function.vec.data = v
 
@@ -94,10 +94,10 @@ class AssembledState:
     def __init__(self, term: AssembledTerm, v: BaseVector) -> None:
         self._term, self._v = term, v.CreateVector()
         self._v.data = v
-        self._rank = term.sort(v)
+        self._kind = term.sort(v)
 
     def _forms(self) -> AssembledTerm:
-        self._term.enter(self._v, self._rank)
+        self._term.enter(self._v, self._kind)
         return self._term
 
     @cached_property
@@ -178,18 +178,16 @@ class PlasticPenalty(AssembledTerm):
         mesh, N, gamma = problem.mesh, problem.N, weights.plastic
         threshold = weights.threshold
         threshold = float(threshold) if is_number(threshold) else threshold
-        fine, smooth = fine_rules(N, quadrature_points), smooth_orders(N, quadrature_points)
-        rules = [_rules(N, order) for _, order in smooth]
-        self._variations = [variation for variation, _ in smooth]
+        fine, smooth = fine_rules(N, quadrature_points), smooth_rules(N)
         self._elements = list(zip(element_vertices(mesh), element_numbers(mesh), strict=True))
         self._low, self._high = threshold_bounds(mesh, threshold, fine)
-        self._ranked = [BitArray(mesh.ne) for _ in (*rules, fine)]
+        self._of_kind = {SMOOTH: BitArray(mesh.ne), KINKED: BitArray(mesh.ne)}
         measures, low = (
             [
-                dx(definedonelements=of_rank, intrules=rule)
-                for of_rank, rule in zip(self._ranked, chosen, strict=True)
+                dx(definedonelements=self._of_kind[SMOOTH], intrules=smooth),
+                dx(definedonelements=self._of_kind[KINKED], intrules=rules),
             ]
-            for chosen in ((*rules, fine), (rules[0],) * len(self._ranked))
+            for rules in (fine, smooth)
         )
         q, (dq, r) = GridFunction(R), R.TnT()
         law = RadialLaw(Norm(q), threshold)
@@ -203,30 +201,24 @@ class PlasticPenalty(AssembledTerm):
         for m in measures:
             gradient += InnerProduct(slope, r) * m
             hessian += InnerProduct(curvature * dq, r) * m
-        inside = IfPos(law.excess, 1.0, 0.0)
-        energy, active = sum(density * m for m in measures), sum(inside * m for m in low)
+        energy, active = sum(density * m for m in measures), sum(law.inside * m for m in low)
         super().__init__(q, energy, active, gradient, hessian)
 
     def sort(self, v: BaseVector) -> np.ndarray:
-        """The ranks of the elements, ``ngepc.discretisation.quadrature``."""
-        q, rank = np.array(v.FV()).reshape(self.function.dim, -1), np.empty(len(self._low), int)
+        """The kinds of the elements, ``ngepc.discretisation.quadrature``."""
+        q, kind = np.array(v.FV()).reshape(self.function.dim, -1), np.empty(len(self._low), int)
         for nodes, numbers in self._elements:
-            low, high = self._low[numbers], self._high[numbers]
-            rank[numbers] = ranks(q, nodes, low, high, self._variations)
-        return rank
+            kind[numbers] = classify(q, nodes, self._low[numbers], self._high[numbers])
+        return kind
 
-    def enter(self, v: BaseVector, rank: np.ndarray) -> None:
-        """Make v and the ranks of the elements those of the forms."""
-        super().enter(v, rank)
-        for number, elements in enumerate(self._ranked):
+    def enter(self, v: BaseVector, kind: np.ndarray) -> None:
+        """Make v and the kinds of the elements those of the forms."""
+        super().enter(v, kind)
+        for number, elements in self._of_kind.items():
             elements.Clear()
-            elements |= BitArray((rank == number).tolist())
+            elements |= BitArray((kind == number).tolist())
 
     def pattern(self) -> BaseMatrix:
         """A matrix with all entries that a Newton derivative may ever have."""
-        self.enter(self.function.vec, np.full(len(self._low), IDLE + 1))
+        self.enter(self.function.vec, np.full(len(self._low), SMOOTH))
         return super().pattern()
-
-
-def _rules(dim: int, order: int) -> dict:
-    return {shape: IntegrationRule(shape, order) for shape in ELEMENT_TYPES[dim]}

@@ -18,7 +18,13 @@ from ngsolve.la import BaseMatrix, BaseVector
 
 from ngepc.checks.arguments import is_number
 from ngepc.discretisation.elements import element_vertices
-from ngepc.discretisation.quadrature import order_with_points, ranks, smooth_orders
+from ngepc.discretisation.quadrature import (
+    KINKED,
+    SMOOTH,
+    classify,
+    fine_rules,
+    smooth_rules,
+)
 from ngepc.discretisation.spaces import has_straight_simplices
 from ngepc.dual.parameters import Weights
 from ngepc.dual.radial import RadialLaw
@@ -45,9 +51,8 @@ class Barycentric:
     weights: np.ndarray
 
     @classmethod
-    def of_order(cls, dim: int, order: int) -> Barycentric:
-        """NGSolve's rule of that order."""
-        rule = IntegrationRule(ET.TRIG if dim == 2 else ET.TET, order)
+    def of(cls, rule: IntegrationRule) -> Barycentric:
+        """An NGSolve rule."""
         x, w = np.array(rule.points), np.array(rule.weights)
         return cls(np.column_stack([x, 1 - x.sum(axis=1)]), w / w.sum())
 
@@ -85,17 +90,15 @@ class SimplexPenalty:
         (self.nodes,) = element_vertices(mesh)
         self.volumes = np.array(Integrate(as_scalar(1.0), mesh, element_wise=True))
         self.components, self.R = coordinates_count(N), R
-        smooth = smooth_orders(N, quadrature_points)
-        self._variations = [variation for variation, _ in smooth]
-        fine = order_with_points(ET.TRIG if N == 2 else ET.TET, quadrature_points)
-        orders = [*(order for _, order in smooth), fine]
-        self.rules = [Barycentric.of_order(N, order) for order in orders]
+        shape = ET.TRIG if N == 2 else ET.TET
+        rules = {SMOOTH: smooth_rules(N), KINKED: fine_rules(N, quadrature_points)}
+        self.rules = {kind: Barycentric.of(rule[shape]) for kind, rule in rules.items()}
 
     def at(self, q: BaseVector) -> SimplexState:
         """The term at q, with its active set."""
         values = np.array(q.FV()).reshape(self.components, -1)
-        rank = ranks(values, self.nodes, self.threshold, self.threshold, self._variations)
-        return SimplexState(self, values, rank)
+        kind = classify(values, self.nodes, self.threshold, self.threshold)
+        return SimplexState(self, values, kind)
 
     @cached_property
     def _matrix(self) -> BaseMatrix:
@@ -148,17 +151,18 @@ class SimplexState:
         The term.
     values
         q at the vertices, shape (d, vertices).
-    rank
-        The rank of each element, ``ngepc.discretisation.quadrature.ranks``.
+    kind
+        The kind of each element, ``ngepc.discretisation.quadrature.classify``.
     """
 
-    def __init__(self, term: SimplexPenalty, values: np.ndarray, rank: np.ndarray) -> None:
+    def __init__(self, term: SimplexPenalty, values: np.ndarray, kind: np.ndarray) -> None:
         self._term, self._values = term, values
-        self.classes = [np.flatnonzero(rank == k) for k in range(len(term.rules))]
+        self.elements = {number: np.flatnonzero(kind == number) for number in term.rules}
 
-    def _pieces(self, rules: list[Barycentric] | None = None) -> Iterator[Piece]:
-        """The elements beyond the threshold, by the rule they need, in pieces."""
-        for rule, elements in zip(rules or self._term.rules, self.classes, strict=True):
+    def _pieces(self, low: bool = False) -> Iterator[Piece]:
+        """The elements beyond the threshold in pieces, by the rule they need or a low one."""
+        for kind, elements in self.elements.items():
+            rule = self._term.rules[SMOOTH if low else kind]
             size = max(1, CHUNK_POINTS // len(rule.weights))
             for first in range(0, len(elements), size):
                 yield Piece(self._term, self._values, elements[first : first + size], rule)
@@ -172,9 +176,8 @@ class SimplexState:
     @cached_property
     def active(self) -> float:
         """Measure of the set beyond the threshold, by a low order: for records."""
-        low = [self._term.rules[0]] * len(self.classes)
-        pieces = self._pieces(low)
-        return float(sum(p.volumes @ ((p.law.excess > 0) @ p.rule.weights) for p in pieces))
+        inside = (p.volumes @ (p.law.inside @ p.rule.weights) for p in self._pieces(low=True))
+        return float(sum(inside))
 
     @cached_property
     def gradient(self) -> BaseVector:
@@ -224,7 +227,7 @@ class Piece:
         self.nodes, self.volumes = term.nodes[elements], term.volumes[elements]
         self.q = [component[self.nodes] @ rule.points.T for component in values]
         size = np.sqrt(sum(component * component for component in self.q))
-        self.law = RadialLaw(size, term.threshold, _where)
+        self.law = RadialLaw(size, term.threshold, lambda s: s > 0)
 
     def newton_derivative(
         self, blocks: list[tuple[int, int]]
@@ -235,7 +238,3 @@ class Piece:
         for a, b in blocks:
             M = across * direction[a] * direction[b]
             yield (a, b), M + slope if a == b else M
-
-
-def _where(condition: np.ndarray, value: np.ndarray, otherwise: float) -> np.ndarray:
-    return np.where(condition > 0, value, otherwise)
