@@ -16,10 +16,11 @@ from ngepc.model.problem import Problem
 from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.fields import Fields, Recovered
 from ngepc.results.outcome import Ending, History, Status
+from ngepc.results.summary import Summarised
 
 
-@dataclass(frozen=True, eq=False)
-class ExactResult(Recovered, Ending):
+@dataclass(frozen=True, eq=False, repr=False)
+class ExactResult(Summarised, Recovered, Ending):
     """What ``semismooth_newton`` returns without gamma; the state is there whatever the status.
 
     Parameters
