@@ -29,14 +29,14 @@ AXES = "xyz"
 
 
 def displacement_space(problem: Problem) -> FESpace:
-    """V_h: continuous P1 vectors; clamped and prescribed components are not free."""
+    """V_h: continuous vectors of the problem's order; held components are not free."""
     fixed = {axis: list(problem.clamped_names) for axis in AXES[: problem.N]}
     for name, components in single_prescribed(problem).items():
         for axis, component in zip(AXES, components, strict=False):
             if component is not None:
                 fixed[axis].append(name)
     conditions = {f"dirichlet{axis}": "|".join(names) for axis, names in fixed.items() if names}
-    return VectorH1(problem.mesh, order=1, **conditions)
+    return VectorH1(problem.mesh, order=problem.order, **conditions)
 
 
 def single_prescribed(problem: Problem) -> dict[str, tuple]:

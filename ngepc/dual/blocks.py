@@ -22,13 +22,13 @@ from ngsolve import (
 from ngsolve.la import BaseVector
 
 from ngepc.checks.arguments import Coefficient
+from ngepc.discretisation.loads import external_work
 from ngepc.discretisation.spaces import displacement_space, plastic_space, prescribed_displacement
 from ngepc.dual.parts import dual_parts
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.tensors import coordinates, strain, tensor
-from ngepc.results.equilibrium import external_work
 
 REFINEMENTS = 1
 """Corrections of y by the residual of D y = Lambda* v - l; a second one is rounding."""

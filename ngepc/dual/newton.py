@@ -23,6 +23,7 @@ from ngepc.dual.stopping import End, ResidualBelow, StoppingRule, final_check
 from ngepc.dual.system import FactorisationError, NewtonSystem
 from ngepc.linalg.direct import require_direct_solver
 from ngepc.linalg.linesearch import ROUNDING, Armijo, Descent, FullSteps, LineSearch
+from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import History, IterationRecord, Status
 
@@ -130,7 +131,8 @@ def semismooth_newton(
     if gamma is not None and regularisation is not None:
         raise ValueError(f"gamma={gamma!r}: give either gamma or regularisation")
     if gamma is None and regularisation is None:
-        return without_regularisation(problem, start, options, monitor)
+        tolerance, limit = options.tolerance, options.max_iterations
+        return solve_exactly(problem, start, tolerance, limit, options.inverse, monitor)
     regularisation = Coupled(gamma) if regularisation is None else regularisation
     require_instance("regularisation", regularisation, Coupled, "Coupled(...)")
     require_instance(
@@ -139,16 +141,6 @@ def semismooth_newton(
     functional = prepared(problem, regularisation, options)
     v = functional.blocks.H_vector() if start is None else carried_over(start, functional)
     return run(functional, NewtonSystem(functional, options.inverse), v, options, monitor)
-
-
-def without_regularisation(
-    problem: Problem,
-    start: DualResult | None,
-    options: NewtonOptions,
-    monitor: Monitor | None,
-) -> DualResult:
-    """The exact method, where neither gamma nor a regularisation is given: NOT WIRED IN YET."""
-    raise NotImplementedError("give gamma or regularisation: the exact method is not wired in yet")
 
 
 def prepared(problem: Problem, regularisation: Coupled, options: NewtonOptions) -> DualFunctional:

@@ -19,6 +19,7 @@ from ngepc.checks.arguments import (
     sample,
 )
 from ngepc.discretisation.elements import element_nodes, vertices_of
+from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material
 from ngepc.model.support import check_support
 
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
 
 def check_problem(problem: Problem) -> None:
     """Raise TypeError or ValueError for the first thing that is wrong with ``problem``."""
-    check_mesh(problem.mesh)
-    check_material(problem.material, problem.mesh)
+    check_material(problem.material, problem.mesh, problem.kinematics)
+    check_axis(problem)
     check_boundaries(problem)
     check_loads(problem)
     check_gap(problem)
@@ -66,11 +67,23 @@ def check_mesh(mesh: Mesh) -> None:
         raise ValueError("mesh has inverted elements (Jacobian determinants of both signs)")
 
 
-def check_material(material: Material, mesh: Mesh) -> None:
+def check_axis(problem: Problem) -> None:
+    """An axisymmetric body lies at radii x >= 0."""
+    if not problem.kinematics.hoop:
+        return
+    radii = np.asarray(problem.mesh.ngmesh.Coordinates())[:, 0]
+    if radii.min() < -1e-12 * np.abs(radii).max():
+        raise ValueError(
+            f'kinematics="axisymmetric": the mesh reaches to x = {radii.min():g}, radii x >= 0 are '
+            "needed"
+        )
+
+
+def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> None:
     """Elliptic elasticity, positive yield stress and hardening everywhere on the mesh."""
     if not isinstance(material, Material):
         raise TypeError(f"material={material!r}: a Material is needed")
-    N = mesh.dim
+    N = kinematics.size
     for name in ("lame_lambda", "hardening", "hardening_modulus", "hardening_stiffness"):
         values = require_finite(name, getattr(material, name), mesh)
         if name != "lame_lambda" and values.min() < 0:
@@ -214,7 +227,7 @@ def check_history(problem: Problem) -> None:
     """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
     from ngepc.model.problem import split_hardening
 
-    N, mesh = problem.N, problem.mesh
+    N, mesh = problem.kinematics.size, problem.mesh
     if problem.initial_plastic_strain is not None:
         require_coefficient("initial_plastic_strain", problem.initial_plastic_strain, [(N, N)])
         p = require_finite("initial_plastic_strain", problem.initial_plastic_strain, mesh)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from ngsolve import CF, CoefficientFunction, Mesh
 
-from ngepc.checks.arguments import Coefficient, boundary_names, is_number
+from ngepc.checks.arguments import Coefficient, boundary_names, is_number, require_integer
 from ngepc.model import checks
+from ngepc.model.kinematics import Kinematics, kinematics_of
 from ngepc.model.material import Material
 from ngepc.model.normals import outward_normal
-from ngepc.model.tensors import deviator
 
 Vector = CoefficientFunction | Sequence[Coefficient]
 """A vector-valued CoefficientFunction, or a sequence of N numbers and scalar coefficients."""
@@ -25,7 +25,7 @@ class Problem:
     Parameters
     ----------
     mesh
-        NGSolve mesh in N = 2 or 3 dimensions.  For N = 2 all tensors are 2 x 2 (reading.md).
+        NGSolve mesh in N = 2 or 3 dimensions.
     material
         Material data.
     clamped
@@ -41,19 +41,27 @@ class Problem:
     body_force
         f (force per volume), a vector; None for none.
     initial_plastic_strain
-        p_0, a symmetric trace-free N x N coefficient; None for zero.
+        p_0, a symmetric trace-free tensor, 2 x 2 or 3 x 3 as the kinematics has it; None for zero.
     initial_hardening
-        alpha_0: the scalar alpha_1 >= 0 (isotropic), the symmetric N x N back stress alpha_2
+        alpha_0: the scalar alpha_1 >= 0 (isotropic), the symmetric back stress alpha_2
         (kinematic), or the pair (alpha_1, alpha_2) (combined); None for zero.
     prescribed
         Boundary name -> N displacement components, None for a free one: {'left': (0, None)}
         is a roller.
     friction
         Tresca's bound F >= 0 on the tangential traction on the contact boundary (stress), a
-        number or scalar coefficient; it acts also where the gap is open.  None for none.
+        number or scalar coefficient; it acts where the gap is closed.  None for none.
     initial_displacement
         u_0 at the begin of the step (length), a vector, for friction alone: what slips in this
         step is u - u_0.  None for zero.
+    initial_accumulated
+        PEEQ of the steps before, >= 0 (1), for ``accumulated_plastic_strain``; None for zero.
+    kinematics
+        In 2D "plane strain", "two-dimensional" (the law of the paper with 2 x 2 tensors) or
+        "axisymmetric" (x is the radius; forces are those of the whole ring); in 3D "solid".
+        None for plane strain or solid.
+    order
+        Polynomial degree of the displacements, 1 or 2.
 
     Raises
     ------
@@ -73,8 +81,15 @@ class Problem:
     prescribed: Mapping[str, Sequence[Coefficient | None]] | None = None
     friction: Coefficient | None = None
     initial_displacement: Vector | None = None
+    initial_accumulated: Coefficient | None = None
+    kinematics: Kinematics | str | None = None
+    order: int = 1
 
     def __post_init__(self) -> None:
+        checks.check_mesh(self.mesh)
+        kinematics = kinematics_of(self.kinematics, self.mesh.dim)
+        object.__setattr__(self, "kinematics", kinematics)
+        object.__setattr__(self, "order", require_integer("order", self.order, 1, 2))
         checks.check_problem(self)
 
     @property
@@ -131,18 +146,21 @@ class Problem:
 
     @property
     def p_0(self) -> CoefficientFunction:
-        """Initial plastic strain, an N x N coefficient."""
-        if self.initial_plastic_strain is None:
-            return CF((0.0,) * self.N**2, dims=(self.N, self.N))
-        return self.initial_plastic_strain
+        """Initial plastic strain, a tensor."""
+        p_0 = self.initial_plastic_strain
+        return self.kinematics.zero() if p_0 is None else p_0
 
     @property
     def alpha_0(self) -> tuple[CoefficientFunction, CoefficientFunction]:
-        """Initial hardening (alpha_1, dev alpha_2): a scalar and an N x N coefficient."""
+        """Initial hardening (alpha_1, dev alpha_2): a scalar and a tensor."""
         scalar, back_stress = split_hardening(self.initial_hardening)
-        if back_stress is None:
-            back_stress = CF((0.0,) * self.N**2, dims=(self.N, self.N))
-        return as_scalar(0.0 if scalar is None else scalar), deviator(back_stress, self.N)
+        back_stress = self.kinematics.zero() if back_stress is None else back_stress
+        return as_scalar(0.0 if scalar is None else scalar), self.kinematics.deviator(back_stress)
+
+    @property
+    def accumulated_0(self) -> CoefficientFunction:
+        """PEEQ at the begin of the step, scalar."""
+        return as_scalar(0.0 if self.initial_accumulated is None else self.initial_accumulated)
 
     @property
     def effective_hardening(self) -> CoefficientFunction:

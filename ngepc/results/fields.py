@@ -1,5 +1,6 @@
 """What follows from a solution: stresses, yield function, zones and forces."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +18,10 @@ from ngsolve import (
 from ngepc.checks.arguments import require_coefficient
 from ngepc.checks.kinds import require_instance
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.tensors import coordinates_count, deviator, strain, tensor
 from ngepc.results.equilibrium import Equilibrium
+
+PEEQ = math.sqrt(2 / 3)
+"""|p|_F times it is the equivalent plastic strain of engineers: the axial one of a bar."""
 
 
 def frobenius(A: CoefficientFunction) -> CoefficientFunction:
@@ -49,42 +52,41 @@ class Fields:
 
     def __post_init__(self) -> None:
         require_instance("problem", self.problem, Problem, "a Problem")
-        N = self.problem.N
-        require_coefficient("displacement", self.displacement, [(N,)])
-        d = coordinates_count(N)
+        require_coefficient("displacement", self.displacement, [(self.problem.N,)])
+        d = self.problem.kinematics.d
         require_coefficient("plastic_increment", self.plastic_increment, [(d,)])
         if self.balanced_increment is not None:
             require_coefficient("balanced_increment", self.balanced_increment, [(d,)])
 
     @property
     def strain(self) -> CoefficientFunction:
-        """eps(u), N x N."""
-        return strain(self.displacement)
+        """eps(u), a tensor."""
+        return self.problem.kinematics.strain(self.displacement)
 
     @property
     def plastic_strain(self) -> CoefficientFunction:
-        """Total plastic strain p_0 + p, N x N."""
-        return self.problem.p_0 + tensor(self.plastic_increment, self.problem.N)
+        """Total plastic strain p_0 + p, a tensor."""
+        return self.problem.p_0 + self.problem.kinematics.tensor(self.plastic_increment)
 
     @property
     def stress(self) -> CoefficientFunction:
-        """Sigma = C (eps(u) - p_0 - p), N x N (stress), (2.7), with ``balanced_increment``."""
-        m, N = self.problem.material, self.problem.N
+        """Sigma = C (eps(u) - p_0 - p), a tensor (stress), (2.7), with ``balanced_increment``."""
+        m, kinematics = self.problem.material, self.problem.kinematics
         p = self.balanced_increment
         p = self.plastic_increment if p is None else p
-        e = self.strain - self.problem.p_0 - tensor(p, N)
-        return m.lame_lambda * Trace(e) * Id(N) + 2 * m.lame_mu * e
+        e = self.strain - self.problem.p_0 - kinematics.tensor(p)
+        return m.lame_lambda * Trace(e) * Id(kinematics.size) + 2 * m.lame_mu * e
 
     @property
     def deviatoric_stress(self) -> CoefficientFunction:
-        """Dev sigma, N x N (stress)."""
-        return deviator(self.stress, self.problem.N)
+        """Dev sigma, a tensor (stress)."""
+        return self.problem.kinematics.deviator(self.stress)
 
     @property
     def back_stress(self) -> CoefficientFunction:
-        """Kinematic hardening variable alpha_2 = alpha_2,0 + k p, N x N (stress)."""
+        """Kinematic hardening variable alpha_2 = alpha_2,0 + k p, a tensor (stress)."""
         _, alpha_2 = self.problem.alpha_0
-        p = tensor(self.plastic_increment, self.problem.N)
+        p = self.problem.kinematics.tensor(self.plastic_increment)
         return alpha_2 + as_scalar(self.problem.material.hardening) * p
 
     @property
@@ -106,9 +108,19 @@ class Fields:
         """|p_0 + p|_F, scalar (1); the paper's |p|_F when p_0 = 0."""
         return frobenius(self.plastic_strain)
 
+    @property
+    def von_mises(self) -> CoefficientFunction:
+        """(3/2)^(1/2) |dev sigma|_F, the equivalent stress of engineers, scalar (stress)."""
+        return math.sqrt(1.5) * frobenius(self.deviatoric_stress)
+
+    @property
+    def accumulated_plastic_strain(self) -> CoefficientFunction:
+        """PEEQ: what the steps before left plus (2/3)^(1/2) |p|, scalar (1)."""
+        return self.problem.accumulated_0 + PEEQ * Norm(self.plastic_increment)
+
     def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
-        """1 where |p_0 + p|_F exceeds ``threshold``, 0 elsewhere."""
-        return IfPos(self.equivalent_plastic_strain - threshold, 1.0, 0.0)
+        """1 where the plastic strain gained in this step has |p| > ``threshold``, 0 elsewhere."""
+        return IfPos(Norm(self.plastic_increment) - threshold, 1.0, 0.0)
 
 
 class Recovered:
@@ -123,12 +135,12 @@ class Recovered:
 
     @property
     def strain(self) -> CoefficientFunction:
-        """eps(u), N x N."""
+        """eps(u), a tensor."""
         return self.fields.strain
 
     @property
     def plastic_strain(self) -> CoefficientFunction:
-        """Total plastic strain p_0 + p, N x N."""
+        """Total plastic strain p_0 + p, a tensor."""
         return self.fields.plastic_strain
 
     @property
@@ -136,23 +148,33 @@ class Recovered:
         """|p_0 + p|_F, scalar (1)."""
         return self.fields.equivalent_plastic_strain
 
+    @property
+    def von_mises(self) -> CoefficientFunction:
+        """(3/2)^(1/2) |dev sigma|_F, scalar (stress)."""
+        return self.fields.von_mises
+
+    @property
+    def accumulated_plastic_strain(self) -> CoefficientFunction:
+        """PEEQ, (2/3)^(1/2) |p| summed over the steps, scalar (1)."""
+        return self.fields.accumulated_plastic_strain
+
     def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
-        """1 where |p_0 + p|_F exceeds ``threshold``, 0 elsewhere."""
+        """1 where the plastic strain gained in this step has |p| > ``threshold``, 0 elsewhere."""
         return self.fields.plastic_zone(threshold)
 
     @property
     def stress(self) -> CoefficientFunction:
-        """Sigma = C (eps(u) - p_0 - p), N x N (stress); its p see ``Fields.balanced_increment``."""
+        """Sigma = C (eps(u) - p_0 - p) (stress); its p see ``Fields.balanced_increment``."""
         return self.fields.stress
 
     @property
     def deviatoric_stress(self) -> CoefficientFunction:
-        """Dev sigma, N x N (stress)."""
+        """Dev sigma, a tensor (stress)."""
         return self.fields.deviatoric_stress
 
     @property
     def back_stress(self) -> CoefficientFunction:
-        """Back stress alpha_2, N x N (stress)."""
+        """Back stress alpha_2, a tensor (stress)."""
         return self.fields.back_stress
 
     @property

@@ -27,6 +27,9 @@ class Status(Enum):
     LINEAR_SOLVER_FAILED = "A Krylov solver did not reach its tolerance; the state is the last one."
     STOPPED = "The monitor (or an interrupt) stopped the run; the state is the last one reached."
 
+    def __str__(self) -> str:
+        return self.label
+
     @property
     def label(self) -> str:
         """Short name for tables and files: 'converged', 'iteration_limit', ..."""

@@ -1,0 +1,51 @@
+"""Values at the integration points as piecewise polynomials, and back, to round-off."""
+
+from __future__ import annotations
+
+import numpy as np
+from ngsolve import L2, GridFunction, VectorValued
+
+from ngepc.discretisation.points import Points
+from ngepc.discretisation.rules import plastic_order
+
+
+class PointFunctions:
+    """The discontinuous polynomials that are fixed by their values at the points of each element.
+
+    Parameters
+    ----------
+    points
+        The integration points.
+    """
+
+    def __init__(self, points: Points) -> None:
+        self.points = points
+        self._scalar = L2(points.mesh, order=plastic_order(points.mesh, points.order))
+        self._inverses = [self._inverse(block.points) for block in points.blocks]
+
+    def _inverse(self, numbers: np.ndarray) -> np.ndarray:
+        """Values at the points -> coefficients, for each element, shape (elements, k, k)."""
+        count = numbers.shape[1]
+        values = np.empty((*numbers.shape, count))
+        shape = GridFunction(self._scalar)
+        dofs = self._dofs(numbers)
+        for k in range(count):
+            shape.vec[:] = 0.0
+            shape.vec.FV().NumPy()[dofs[:, k]] = 1.0
+            values[:, :, k] = self.points.at(shape)[numbers]
+        return np.linalg.inv(values)
+
+    def _dofs(self, numbers: np.ndarray) -> np.ndarray:
+        """Degrees of freedom of the elements: they follow each other as the points do."""
+        return numbers
+
+    def function(self, values: np.ndarray, name: str = "gfu") -> GridFunction:
+        """The function with these values at the points, shape (points,) or (points, d)."""
+        columns = values.reshape(len(values), -1)
+        space = self._scalar if values.ndim == 1 else VectorValued(self._scalar, columns.shape[1])
+        coefficients = np.empty_like(columns)
+        for block, inverse in zip(self.points.blocks, self._inverses, strict=True):
+            coefficients[self._dofs(block.points)] = inverse @ columns[block.points]
+        result = GridFunction(space, name=name)
+        result.vec.FV().NumPy()[:] = coefficients.T.ravel()
+        return result

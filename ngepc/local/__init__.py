@@ -1,0 +1,1 @@
+"""The discrete problem itself: dual variables at the integration points, nothing regularised."""

@@ -1,0 +1,96 @@
+"""The factors of the tangent by a direct solver of NGSolve."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from netgen.meshing import NgException
+
+from ngepc.discretisation.points import Moduli
+from ngepc.discretisation.stiffness import Stiffness
+from ngepc.local.system import DiscreteProblem
+
+SOLVER_ERRORS = (NgException, RuntimeError, MemoryError)
+"""What assembly and factorisation raise: NGSolve's own exception, RuntimeError where a library is
+missing or gives up, MemoryError where the fill-in does not fit."""
+
+
+class TangentError(RuntimeError):
+    """A linear solver that gave up on a tangent."""
+
+
+class Tangent(Protocol):
+    """What a Newton step asks of a linear solver."""
+
+    back_substitutions: int
+    linear_iterations: int
+
+    def update(self, moduli: Moduli) -> None:
+        """Take the moduli at the points of a new tangent."""
+        ...
+
+    def solve(self, forces: np.ndarray) -> np.ndarray:
+        """Displacements, zero where held, that answer nodal forces; both (nodes, N)."""
+        ...
+
+
+class Factors:
+    """Factors that are computed again for each tangent, on one sparsity pattern.
+
+    Parameters
+    ----------
+    discrete
+        The discrete problem.
+    name
+        NGSolve's name of a direct solver for symmetric positive definite matrices.
+
+    Attributes
+    ----------
+    back_substitutions
+        Solves since the last factorisation.
+    linear_iterations
+        Iterations of an iterative solver in them: none.
+    """
+
+    linear_iterations = 0
+
+    def __init__(self, discrete: DiscreteProblem, name: str) -> None:
+        self._free = discrete.supports.free
+        self._stiffness = Stiffness(discrete.points, self._free)
+        self._name, self._inverse, self.back_substitutions = name, None, 0
+        self._right, self._left = (self._stiffness.matrix.CreateColVector() for _ in range(2))
+
+    def update(self, moduli: Moduli) -> None:
+        """Assemble and factorise.
+
+        Raises
+        ------
+        TangentError
+            If the direct solver gives up.
+        """
+        self._stiffness.fill(moduli)
+        self.back_substitutions = 0
+        try:
+            if self._inverse is None:
+                self._inverse = self._stiffness.matrix.Inverse(inverse=self._name)
+            else:
+                self._inverse.Update()
+        except SOLVER_ERRORS as error:
+            raise TangentError(f"{self._name} could not factorise the tangent: {error}") from error
+
+    def solve(self, forces: np.ndarray) -> np.ndarray:
+        """Displacements, zero where held, that answer nodal forces; both (nodes, N).
+
+        Raises
+        ------
+        TangentError
+            If they are not finite.
+        """
+        self.back_substitutions += 1
+        self._right.FV().NumPy()[:] = np.where(self._free, forces, 0.0).ravel()
+        self._left.data = self._inverse * self._right
+        u = self._left.FV().NumPy().reshape(self._free.shape).copy()
+        if not np.isfinite(u).all():
+            raise TangentError(f"{self._name} found a singular tangent")
+        return u

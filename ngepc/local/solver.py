@@ -1,0 +1,32 @@
+"""The door: solve the discrete problem of one time step exactly."""
+
+from __future__ import annotations
+
+from ngepc.local.factors import Factors
+from ngepc.local.newton import Monitor, run
+from ngepc.local.result import ExactResult
+from ngepc.local.start import starting_state
+from ngepc.local.system import DiscreteProblem
+from ngepc.model.problem import Problem
+
+
+def solve_exactly(
+    problem: Problem,
+    start: object | None,
+    tolerance: float,
+    max_iterations: int,
+    inverse: str,
+    monitor: Monitor | None,
+) -> ExactResult:
+    """Minimise J(u, p) of (2.14) over the discrete displacements with N u <= gaps.
+
+    Parameters
+    ----------
+    problem, start, monitor
+        As for ``semismooth_newton``.
+    tolerance, max_iterations, inverse
+        As in ``NewtonOptions``.
+    """
+    discrete = DiscreteProblem(problem)
+    state = starting_state(discrete, start)
+    return run(discrete, state, Factors(discrete, inverse), tolerance, max_iterations, monitor)

@@ -1,0 +1,131 @@
+"""How displacements become strains: plane strain, the paper's two dimensions, axisymmetric, solid.
+
+A kinematics knows the strain eps(u) of a displacement u, the trace-free symmetric tensors that a
+plastic strain can be, and the weight of a volume integral.  Trace-free tensors are kept in
+orthonormal coordinates, in place of P and M^(1/2) of (3.1): P(p) : P(q) = p . q and M = I.
+
+    name               mesh  tensors  coordinates  strain                       weight
+    "plane strain"     2D    3 x 3    d = 3        eps_zz = 0, p_zz is free     1
+    "two-dimensional"  2D    2 x 2    d = 2        2 x 2, the law of the paper  1
+    "axisymmetric"     2D    3 x 3    d = 3        (r, z, hoop): u_r / r        2 pi r
+    "solid"            3D    3 x 3    d = 5        3 x 3                        1
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from ngsolve import CF, CoefficientFunction, Grad, Id, InnerProduct, Sym, Trace, x
+
+_R2, _R6 = math.sqrt(2.0), math.sqrt(6.0)
+
+_PLANE = np.array([[[1, 0], [0, -1]], [[0, 1], [1, 0]]]) / _R2
+_SOLID = np.array(
+    [
+        np.diag([1, -1, 0]) / _R2,
+        np.diag([1, 1, -2]) / _R6,
+        np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]]) / _R2,
+        np.array([[0, 0, 1], [0, 0, 0], [1, 0, 0]]) / _R2,
+        np.array([[0, 0, 0], [0, 0, 1], [0, 1, 0]]) / _R2,
+    ]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics:
+    """One row of the table above.
+
+    Parameters
+    ----------
+    name
+        What ``Problem(kinematics=...)`` is given.
+    N
+        Dimension of the mesh and of displacements, 2 or 3.
+    basis
+        Orthonormal trace-free symmetric matrices, shape (d, size, size).
+    hoop
+        Whether the third direction is the circumference of a body of revolution about x = 0.
+    """
+
+    name: str
+    N: int
+    basis: np.ndarray
+    hoop: bool = False
+
+    @property
+    def size(self) -> int:
+        """Tensors are ``size`` x ``size`` matrices."""
+        return self.basis.shape[1]
+
+    @property
+    def d(self) -> int:
+        """Number of coordinates of a trace-free symmetric tensor."""
+        return len(self.basis)
+
+    @property
+    def weight(self) -> CoefficientFunction:
+        """The factor of volume and surface integrals: 2 pi r for the whole ring, otherwise 1."""
+        return 2 * math.pi * x if self.hoop else CF(1.0)
+
+    def strain(self, u: CoefficientFunction) -> CoefficientFunction:
+        """Linearised strain eps(u), ``size`` x ``size``, of a displacement or a proxy."""
+        if self.size == self.N:
+            return Sym(Grad(u))
+        e = Sym(Grad(u))
+        hoop = u[0] / x if self.hoop else CF(0.0)
+        zero = CF(0.0)
+        return CF((e[0, 0], e[0, 1], zero, e[1, 0], e[1, 1], zero, zero, zero, hoop), dims=(3, 3))
+
+    def coordinates(self, A: CoefficientFunction) -> CoefficientFunction:
+        """The d coordinates of dev A, for a symmetric tensor ``A``."""
+        dims = (self.size, self.size)
+        return CF(
+            tuple(InnerProduct(CF(tuple(E.ravel().tolist()), dims=dims), A) for E in self.basis)
+        )
+
+    def tensor(self, p: CoefficientFunction) -> CoefficientFunction:
+        """The trace-free symmetric tensor P(p) with the d coordinates ``p``."""
+        entries = np.moveaxis(self.basis, 0, -1).reshape(self.size**2, -1)
+        rows = [
+            sum(float(c) * p[i] for i, c in enumerate(row) if c) if row.any() else CF(0.0)
+            for row in entries
+        ]
+        return CF(tuple(rows), dims=(self.size, self.size))
+
+    def deviator(self, A: CoefficientFunction) -> CoefficientFunction:
+        """Dev A = A - tr(A)/size I."""
+        return A - Trace(A) / self.size * Id(self.size)
+
+    def zero(self) -> CoefficientFunction:
+        """The tensor 0."""
+        return CF((0.0,) * self.size**2, dims=(self.size, self.size))
+
+
+PLANE_STRAIN = Kinematics("plane strain", 2, _SOLID[:3])
+TWO_DIMENSIONAL = Kinematics("two-dimensional", 2, _PLANE)
+AXISYMMETRIC = Kinematics("axisymmetric", 2, _SOLID[:3], hoop=True)
+SOLID = Kinematics("solid", 3, _SOLID)
+
+KINEMATICS = {k.name: k for k in (PLANE_STRAIN, TWO_DIMENSIONAL, AXISYMMETRIC, SOLID)}
+
+
+def kinematics_of(name: Kinematics | str | None, dimension: int) -> Kinematics:
+    """The kinematics with a name, or itself; None is plane strain in 2D and solid in 3D.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For an unknown name, or one that does not fit meshes of this dimension.
+    """
+    if name is None:
+        return TWO_DIMENSIONAL if dimension == 2 else SOLID
+    legal = [k.name for k in KINEMATICS.values() if dimension == k.N]
+    if isinstance(name, Kinematics) and dimension == name.N:
+        return name
+    if not isinstance(name, Kinematics | str):
+        raise TypeError(f"kinematics={name!r}: one of {legal} is needed")
+    if name not in legal:
+        raise ValueError(
+            f"kinematics={name!r}: one of {legal} is needed for a mesh in {dimension} dimensions"
+        )
+    return KINEMATICS[name]
