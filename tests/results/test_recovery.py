@@ -188,8 +188,7 @@ def test_the_two_methods_agree_on_forces_as_the_mesh_is_refined():
         dual = solved("dual", problem)
         assert dual.applied_force == pytest.approx(primal.applied_force, abs=1e-12)
         differences.append(np.abs(dual.reaction - primal.reaction).max())
-    assert differences[1] < 0.01
-    assert differences[1] < 0.3 * differences[0]
+    assert max(differences) < 1e-9
 
 
 def test_friction_belongs_to_the_contact_resultant():
@@ -274,7 +273,7 @@ def turned():
 
 
 def test_plastic_strain_of_the_dual_method_is_the_one_of_least_energy(turned):
-    """For the displacement at hand: any other p costs more, that of y for one."""
+    """For the displacement at hand any other p costs more."""
     dual, primal = turned
     problem, u, p = dual.problem, dual.displacement, dual.plastic_increment
     least = primal_energy(problem, u, p)
@@ -285,8 +284,7 @@ def test_plastic_strain_of_the_dual_method_is_the_one_of_least_energy(turned):
         other.vec.FV().NumPy()[:] += size * generator.standard_normal(len(p.vec))
         assert primal_energy(problem, u, other) > least
     worth = primal.primal_energy
-    assert worth <= least < worth + 0.03 * abs(worth)
-    assert dual.primal_energy > worth + 0.5 * abs(worth)
+    assert dual.primal_energy == pytest.approx(worth, rel=1e-10)
     returned = Fields(problem, u, p)
     assert Integrate(IfPos(returned.yield_function - 1e-12, 1.0, 0.0), problem.mesh) == 0.0
 
