@@ -12,7 +12,7 @@ from ngepc.geometries import ring
 from ngsolve import CF, InnerProduct, Integrate, ds
 from shared import check, plain, run, save
 
-from ngepc import Balanced, Material, Problem, outward_normal, semismooth_newton
+from ngepc import Material, Problem, outward_normal, semismooth_newton
 from ngepc.pictures import plot_field
 from ngepc.pictures.picture import beside
 from ngepc.studies.pressed_shell import PressedShell
@@ -32,7 +32,7 @@ def solved(mesh, pressure):
         contact="outer",
         gap=GAP,
     )
-    return semismooth_newton(problem, regularisation=Balanced()).raise_for_status()
+    return semismooth_newton(problem).raise_for_status()
 
 
 def main(out: Path, coarse: bool = False) -> str:

@@ -13,7 +13,7 @@ from ngepc.cli.arguments import add_levels, add_out, check_levels, file_name, sa
 if TYPE_CHECKING:
     from ngepc.studies.benchmark import Measurement
 
-MODES = ("balanced", "coupled")
+MODES = ("exact", "coupled")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

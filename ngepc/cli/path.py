@@ -107,7 +107,7 @@ def path_record(name: str, path: object, wall_time: float) -> dict:
         "changes": [step.change for step in path.steps],
         "residual_norms": path.residual_norms,
     }
-    last = records.solve_record(name, path.result, wall_time)
+    last = records.solve_record(name, path.last, wall_time)
     return {**own, **{key: value for key, value in last.items() if key not in own}}
 
 

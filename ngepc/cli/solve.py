@@ -43,12 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="Algorithm 7.1, or the primal reference solver without regularisation",
     )
     parser.add_argument(
-        "--regularisation",
-        choices=("coupled", "balanced"),
-        help="one gamma as in the paper, or the hardening split; coupled if --gamma is given",
-    )
-    parser.add_argument(
-        "--gamma", type=positive, help="default 1e4 if coupled, automatic if balanced"
+        "--gamma", type=positive, help="the paper's regularisation; without it there is none"
     )
     parser.add_argument(
         "--start",
@@ -75,8 +70,6 @@ def run(args: argparse.Namespace) -> int:
     from ngepc.results import records
     from ngepc.results.files import check_folder
 
-    if args.regularisation is None:
-        args.regularisation = "balanced" if args.gamma is None else "coupled"
     if args.json not in (None, "-"):
         records.check_writable(Path(args.json))
     if args.save is not None:
@@ -88,8 +81,7 @@ def run(args: argparse.Namespace) -> int:
     record = {
         **records.solve_record(args.problem, result, time.perf_counter() - begin),
         "method": args.method,
-        "regularisation": args.regularisation if args.method == "dual" else None,
-        "gamma": _gamma(args) if args.method == "dual" else None,
+        "gamma": args.gamma,
         "start": args.start,
         **records.provenance(),
     }
@@ -97,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     if args.save is not None:
         from ngepc.results.runs import save_run
 
-        save_run(args.save, {**vars(args), "gamma": record["gamma"]}, record, result)
+        save_run(args.save, vars(args), record, result)
         say(f"wrote {args.save}")
     if args.figures is not None:
         from ngepc.pictures.figures import write_figures
@@ -107,15 +99,8 @@ def run(args: argparse.Namespace) -> int:
     return 0 if result.status.label == "converged" else 1
 
 
-def _gamma(args: argparse.Namespace) -> float | None:
-    """The gamma asked for; None lets ``Balanced`` choose its own."""
-    return 1e4 if args.gamma is None and args.regularisation == "coupled" else args.gamma
-
-
 def _dual(args: argparse.Namespace) -> DualResult:
-    from ngepc.dual.balanced import Balanced
     from ngepc.dual.newton import NewtonOptions, semismooth_newton
-    from ngepc.dual.regularisation import Coupled
     from ngepc.dual.starts import coarse_problem, coarse_start
 
     options = NewtonOptions(
@@ -123,17 +108,12 @@ def _dual(args: argparse.Namespace) -> DualResult:
         max_iterations=args.max_iterations,
         quadrature_points=args.quadrature_points,
     )
-    problem, gamma = build_problem(args.problem, args.nodes, args.maxh), _gamma(args)
-    balanced = args.regularisation == "balanced"
-    regularisation = Balanced(gamma) if balanced else Coupled(gamma)
-    start = None
-    if args.start == "coarse" and balanced:
-        coarse = coarse_problem(args.problem)
-        start = semismooth_newton(coarse, options=options, regularisation=regularisation)
-        start.or_interrupted()
+    problem, start = build_problem(args.problem, args.nodes, args.maxh), None
+    if args.start == "coarse" and args.gamma is None:
+        start = semismooth_newton(coarse_problem(args.problem), options=options).or_interrupted()
     elif args.start == "coarse":
-        start = coarse_start(args.problem, gamma, options)
-    return semismooth_newton(problem, start=start, options=options, regularisation=regularisation)
+        start = coarse_start(args.problem, args.gamma, options)
+    return semismooth_newton(problem, args.gamma, start, options)
 
 
 def _primal(args: argparse.Namespace) -> PrimalResult:

@@ -11,10 +11,8 @@ STUDIES = {
     "figure4": "convergence quotients of the last Newton steps",
     "duality": "the duality gap and its parts along paths in gamma",
     "differentiability": "the norm gap of Definition 6.1, counts without the Tichonov term",
-    "balanced": "Newton steps of the balanced regularisation on both examples, cold and nested",
-    "solvers": "coupled, balanced and primal side by side, cold and nested",
+    "solvers": "coupled, exact and primal side by side, cold and nested",
     "step42": "dual against primal on the body of step-42, with both errors",
-    "krylov": "Krylov solvers in three dimensions: counts over refinements and gamma",
     "fuzz": "random problems by the primal and by the dual method, judged",
     "robustness": "data at their extremes: iterations and statuses of all methods",
 }

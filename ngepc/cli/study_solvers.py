@@ -1,4 +1,4 @@
-"""``ngepc study solvers``: coupled, balanced and primal side by side."""
+"""``ngepc study solvers``: coupled, exact and primal side by side."""
 
 import argparse
 

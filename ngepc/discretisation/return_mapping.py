@@ -88,9 +88,9 @@ def interpolated(problem: Problem, value: CoefficientFunction) -> GridFunction:
     mass, moments = BilinearForm(space), LinearForm(space)
     mass += InnerProduct(u, v) * dp
     moments += InnerProduct(value, v) * dp
-    inverse = mass.Assemble().mat.local_mat.Inverse(inverse="sparsecholesky")
+    inverse = mass.Assemble().mat.Inverse(inverse="sparsecholesky")
     result = GridFunction(space)
-    result.vec.local_vec.data = inverse * moments.Assemble().vec.local_vec
+    result.vec.data = inverse * moments.Assemble().vec
     return result
 
 

@@ -30,7 +30,6 @@ from ngsolve.la import SparseMatrixd
 from ngepc.checks.kinds import require_attributes
 from ngepc.dual.fractional import contact_seminorm, from_dense, to_dense
 from ngepc.model.problem import Problem
-from ngepc.parallel import from_all, global_numbers
 
 
 class ContactProduct(Protocol):
@@ -107,7 +106,7 @@ class ContactGradient:
             )
         z, w = Z.TnT()
         product = length * _gradients(z, w)
-        return BilinearForm(product * _on_contact(problem)).Assemble().mat.local_mat
+        return BilinearForm(product * _on_contact(problem)).Assemble().mat
 
 
 @dataclass(frozen=True)
@@ -120,7 +119,7 @@ class ContactSobolev:
         """B_z."""
         z, w = Z.TnT()
         product = length * _gradients(z, w) + z * w / length
-        return BilinearForm(product * _on_contact(problem)).Assemble().mat.local_mat
+        return BilinearForm(product * _on_contact(problem)).Assemble().mat
 
 
 @dataclass(frozen=True)
@@ -141,7 +140,7 @@ class ContactSlobodeckij:
             In three dimensions, or if Gamma_c touches itself.
         """
         z, w = Z.TnT()
-        mass = BilinearForm(z * w / length * _on_contact(problem)).Assemble().mat.local_mat
+        mass = BilinearForm(z * w / length * _on_contact(problem)).Assemble().mat
         return from_dense(contact_seminorm(problem, Z) + to_dense(mass))
 
 
@@ -154,7 +153,7 @@ class PlasticGradient:
     def matrix(self, problem: Problem, R: FESpace, length: float) -> SparseMatrixd:
         """B_q."""
         q, r = R.TnT()
-        return BilinearForm(InnerProduct(grad(q), grad(r)) * dx).Assemble().mat.local_mat
+        return BilinearForm(InnerProduct(grad(q), grad(r)) * dx).Assemble().mat
 
 
 @dataclass(frozen=True)
@@ -167,7 +166,7 @@ class PlasticSobolev:
         """B_q."""
         q, r = R.TnT()
         product = InnerProduct(grad(q), grad(r)) + InnerProduct(q, r) / length**2
-        return BilinearForm(product * dx).Assemble().mat.local_mat
+        return BilinearForm(product * dx).Assemble().mat
 
 
 @dataclass(frozen=True)
@@ -212,15 +211,13 @@ class FullProduct:
 
 def closed_somewhere(problem: Problem, Z: FESpace) -> bool:
     """Whether a connected piece of Gamma_c has no fixed degree of freedom of Z."""
-    mesh, names, numbers = problem.mesh, set(problem.contact_names), global_numbers(Z)[0].tolist()
-    own = [
-        [numbers[dof] for dof in Z.GetDofNrs(element) if dof >= 0]
-        for element in mesh.Elements(BND)
+    names, free = set(problem.contact_names), Z.FreeDofs()
+    elements = [
+        [dof for dof in Z.GetDofNrs(element) if dof >= 0]
+        for element in problem.mesh.Elements(BND)
         if element.mat in names
     ]
-    elements = [dofs for some in from_all(own, mesh) for dofs in some]
-    fixed = {numbers[dof] for dof, free in enumerate(Z.FreeDofs()) if not free}
-    held = set().union(*from_all(fixed, mesh))
+    held = {dof for dof in range(Z.ndof) if not free[dof]}
     while elements:
         apart = [dofs for dofs in elements if held.isdisjoint(dofs)]
         if len(apart) == len(elements):

@@ -14,16 +14,11 @@ ROUNDING = 1e-13
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A step length, the energy there, the trials before it, and the solves for its direction.
-
-    ``linear_iterations`` counts the iterations of a Krylov solver in those solves.
-    """
+    """A step length, the energy there, and the trials before it."""
 
     length: float
     energy: float
     halvings: int
-    back_substitutions: int = 0
-    linear_iterations: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,11 +59,6 @@ class LineSearch(Protocol):
     def search(self, phi: Descent) -> Step | None:
         """The accepted step length, None if there is none."""
         ...
-
-
-@dataclass(frozen=True)
-class ByRegularisation:
-    """The rule that the regularisation recommends: Armijo or NearMinimum."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from ngsolve import CoefficientFunction, InnerProduct, sqrt
 
-from ngepc.checks.distributed import require_one_process
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.results.fields import Fields
 
@@ -175,14 +174,10 @@ def fields_of(source: object, name: str = "source") -> Fields:
     ------
     TypeError
         If ``source`` is neither.
-    ValueError
-        If its mesh is distributed over processes.
     """
     fields = source if isinstance(source, Fields) else getattr(source, "fields", None)
     if not isinstance(fields, Fields):
         raise TypeError(f"{name}={source!r}: the result of a solver or its Fields are needed")
-    legal = "NGSolve's VTKOutput writes the fields of a result there"
-    require_one_process(name, fields.problem.mesh, legal)
     return fields
 
 

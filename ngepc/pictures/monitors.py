@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_attributes, require_function, require_text
 from ngepc.dual.newton import NewtonOptions, checked_options, semismooth_newton
-from ngepc.dual.regularisation import Regularisation
+from ngepc.dual.regularisation import Coupled
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import Problem
 from ngepc.pictures import Picture, plot_progress
@@ -245,7 +245,7 @@ def newton_sequence(
     start: DualResult | None = None,
     options: NewtonOptions | None = None,
     *,
-    regularisation: Regularisation | None = None,
+    regularisation: Coupled | None = None,
 ) -> Iterator[DualResult]:
     """The results after 1, 2, 3, ... Newton steps of ``semismooth_newton``, for sliders.
 

@@ -9,7 +9,6 @@ import re
 from collections.abc import Mapping, Sequence
 
 from ngepc.checks.arguments import is_number
-from ngepc.checks.distributed import require_one_process
 from ngepc.model.problem import Problem
 
 REPORT_STYLE = """
@@ -87,7 +86,6 @@ def inline(text: str) -> str:
 def describe_problem(problem: Problem) -> list[dict[str, str]]:
     """The data of a problem as rows 'what', 'value', for a table."""
     mesh, m = problem.mesh, problem.material
-    require_one_process("problem", mesh, "describe it before its mesh is distributed")
     rows = {
         "body": f"{problem.N} dimensions, {mesh.nv} nodes, {mesh.ne} elements",
         "elasticity": f"mu_1 = {_data(m.lame_lambda)}, mu_2 = {_data(m.lame_mu)}",

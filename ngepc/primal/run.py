@@ -12,7 +12,7 @@ import numpy as np
 
 from ngepc.discretisation.contact import NodalContact, nodal_contact
 from ngepc.linalg.complementarity import solve_complementarity
-from ngepc.linalg.factors import SOLVER_ERRORS
+from ngepc.linalg.direct import SOLVER_ERRORS
 from ngepc.model.problem import Problem
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.result import PrimalResult, State

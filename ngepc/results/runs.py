@@ -8,7 +8,6 @@ import numpy as np
 from ngsolve import GridFunction
 
 from ngepc.cli.arguments import build_problem
-from ngepc.dual.balanced import Balanced
 from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.regularisation import Coupled
 from ngepc.model.problem import Problem
@@ -21,8 +20,7 @@ from ngepc.results.restore import restore
 FINGERPRINT = {"kind": "run of ngepc solve"}
 
 SETTINGS = (
-    "problem", "nodes", "maxh", "method", "regularisation", "gamma", "tolerance",
-    "quadrature_points",
+    "problem", "nodes", "maxh", "method", "gamma", "tolerance", "quadrature_points",
 )  # fmt: skip
 
 
@@ -62,11 +60,10 @@ def load_run(path: Path) -> tuple[dict, object]:
     problem = build_problem(s["problem"], s["nodes"], s["maxh"])
     if s["method"] == "primal":
         return stored.record["record"], _primal(problem, state)
-    kind = {"coupled": Coupled, "balanced": Balanced}[s["regularisation"]]
     options = NewtonOptions(tolerance=s["tolerance"], quadrature_points=s["quadrature_points"])
     status = Status[stored.record["record"]["status"].upper()]
     history = History([IterationRecord(**row) for row in stored.record["history"]])
-    result = restore(problem, kind(s["gamma"]), state, options, status, history)
+    result = restore(problem, Coupled(s["gamma"]), state, options, status, history)
     return stored.record["record"], result
 
 

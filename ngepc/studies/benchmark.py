@@ -32,7 +32,6 @@ from ngsolve import (
     dx,
 )
 
-from ngepc.dual.balanced import Balanced
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.regularisation import Coupled
 from ngepc.dual.result import DualResult
@@ -56,7 +55,7 @@ class Cell:
     Parameters
     ----------
     mode
-        'balanced' (cold start) or 'coupled' (gamma = 1e4 from the 417-node solution).
+        'exact' (default method, cold start) or 'coupled' (gamma = 1e4 from the 417-node solution).
     nodes
         Nodes of the mesh.
     """
@@ -74,7 +73,7 @@ class Measurement:
     mode, nodes
         The cell.
     unknowns
-        Free degrees of freedom of the factorised system (u, z, q).
+        Free degrees of freedom of u.
     status, iterations
         How the solve ended and its Newton steps.
     elastic_seconds, step_seconds
@@ -161,7 +160,7 @@ def measure(cell: Cell) -> Measurement:
     if cell.mode == "coupled":
         regularisation, start = Coupled(GAMMA), coarse_start("lshape", GAMMA, options)
     else:
-        regularisation, start = Balanced(), None
+        regularisation, start = None, None
     clock = StepClock(problem)
     result = semismooth_newton(
         problem, start=start, options=options, monitor=clock, regularisation=regularisation
@@ -174,7 +173,7 @@ def summary(cell: Cell, result: DualResult, clock: StepClock) -> Measurement:
     setup, *ratios = clock.ratios
     return Measurement(
         **asdict(cell),
-        unknowns=result.functional.blocks.X.FreeDofs(coupling=True).NumSet(),
+        unknowns=result.displacement.space.FreeDofs().NumSet(),
         status=result.status.label,
         iterations=result.iterations,
         elastic_seconds=median(clock.elastic),

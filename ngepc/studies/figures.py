@@ -156,18 +156,18 @@ class Figures:
 
     def _drawn(self, number: int, path: PathResult) -> dict:
         name = BODY[number]
-        picture = save(draw(number, path.result), self.folder / f"figure{number}.png")
+        picture = save(draw(number, path.last), self.folder / f"figure{number}.png")
         return {
             "figure": number,
             "file": picture.name,
             "shows": CAPTIONS[number],
             "example": name,
-            "nodes": path.problem.mesh.nv,
+            "nodes": path.last.problem.mesh.nv,
             "gamma": path.gamma_end,
             "status": path.status.label,
             "residual_norm": path.residual_norms[-1],
             "inner_iterations": path.inner_iterations,
-            **field_numbers(path.result, THRESHOLDS[name]),
+            **field_numbers(path.last, THRESHOLDS[name]),
         }
 
     def write(self, table: Sequence[dict]) -> list[Path]:

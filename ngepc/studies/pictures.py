@@ -102,7 +102,7 @@ def _page(study: Table1, table: list[dict], cell: Cell, result: DualResult, path
     report.add_text(
         "As long as `gamma` is moderate the Tichonov term leaves the body too soft, and it enters "
         "the ceiling, the red line; only as `gamma` grows does it approach the problem itself. "
-        "Balanced regularisation (`docs/balanced.md`) is right at once."
+        "The default method, without gamma, is right at once."
     )
     report.add_view(show(result), "Deformed body with |p|_F; drag to move, scroll to zoom.")
     report.add_figure(plot_yield_function(result), "Yield function: zero where it yields")

@@ -19,14 +19,13 @@ from itertools import pairwise
 import numpy as np
 from ngsolve.la import BaseVector
 
-from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
-from ngepc.dual.contact_newton import newton_system
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import Iterate
-from ngepc.dual.newton import NewtonOptions, newton_step
+from ngepc.dual.newton import NewtonOptions, newton_step, prepared
 from ngepc.dual.regularisation import Coupled
 from ngepc.dual.result import DualResult
+from ngepc.dual.system import NewtonSystem
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Status
 
@@ -90,10 +89,8 @@ def convergence_quotients(
         Tolerance for v*; 1e-14 in the paper.
     """
     options = NewtonOptions() if options is None else options
-    regularisation = Coupled(gamma)
-    blocks = LinearBlocks(problem, regularisation, options.inverse)
-    functional = DualFunctional(blocks, regularisation, options.quadrature_points)
-    v = blocks.H_vector() if start is None else carried_over(start, functional)
+    functional = prepared(problem, Coupled(gamma), options)
+    v = functional.blocks.H_vector() if start is None else carried_over(start, functional)
     steps = iterates(functional, v, options)
     kept: deque[np.ndarray] = deque(maxlen=LAST)
     omega, residual = -1, math.inf
@@ -126,10 +123,11 @@ def iterates(
     functional: DualFunctional, v: BaseVector, options: NewtonOptions
 ) -> Iterator[Iterate]:
     """The iterates of Algorithm 7.1 without a stopping rule, as long as steps are possible."""
-    system, here = newton_system(functional, options.inverse), Iterate.at(functional, v)
-    while isinstance(here, Iterate):
+    system, here = NewtonSystem(functional, options.inverse), Iterate.at(functional, v)
+    end = None
+    while end is None:
         yield here
-        here = newton_step(functional, system, here, options)
+        here, end = newton_step(functional, system, here, options.linesearch)
 
 
 def _residual(functional: DualFunctional, here: Iterate) -> float:
@@ -165,4 +163,4 @@ def h_norm(functional: DualFunctional, w: np.ndarray) -> float:
     """||w||_H = b(w, w)^(1/2) of a coefficient vector on H."""
     v = functional.blocks.H_vector()
     v.FV().NumPy()[:] = w
-    return math.sqrt(max(0.0, functional.tichonov(v, v) * functional.gamma_T))
+    return math.sqrt(max(0.0, functional.tichonov(v, v) * functional.weights.tichonov))

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import CF, Mesh
 
-from ngepc.dual.balanced import Balanced, PenaltyContact
-from ngepc.dual.regularisation import Coupled, Regularisation, Units
+from ngepc.dual.regularisation import Coupled
+from ngepc.dual.spaces import Units
 from ngepc.dual.tichonov import FullProduct, SurfaceGradient
 from ngepc.geometries import block, lshape, plate, wrench
 from ngepc.model.material import Material, lame_parameters
@@ -54,7 +54,7 @@ BODIES = {
 
 GAPS = ("none", "open", "touching", "near", "pushed")
 HARDENINGS = ("kinematic", "isotropic", "combined")
-METHODS = ("balanced", "balanced (R2)", "penalty contact", "coupled")
+METHODS = ("coupled", "coupled (R2)")
 
 
 @dataclass(frozen=True)
@@ -184,13 +184,9 @@ def _history(draw: Draw, material: Material, N: int) -> dict:
     return {"initial_plastic_strain": strain, "initial_hardening": (scalar * norm, back)}
 
 
-def regularisation(draw: Draw, problem: Problem) -> Regularisation:
+def regularisation(draw: Draw, problem: Problem) -> Coupled:
     """The regularisation of a draw, in units in which lame_mu is 1e3 and the body has size one."""
     length = BODIES[draw.body].length * 10**draw.length_unit
     units = Units(stress=problem.material.lame_mu / 1e3, length=length)
-    if draw.method == "coupled":
-        return Coupled(10.0, tichonov=FullProduct(), units=units)
-    if draw.method == "penalty contact":
-        return Balanced(1e6, contact=PenaltyContact(gamma=0.1), tichonov=FullProduct(), units=units)
-    tichonov = SurfaceGradient() if draw.method == "balanced (R2)" else FullProduct()
-    return Balanced(1e8, tichonov=tichonov, units=units)
+    tichonov = SurfaceGradient() if draw.method == "coupled (R2)" else FullProduct()
+    return Coupled(10.0, tichonov=tichonov, units=units)

@@ -12,10 +12,8 @@ from pathlib import Path
 
 from ngsolve import BND, CF, CoefficientFunction, IfPos, Mesh, x
 
-from ngepc.dual.balanced import Balanced
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.result import DualResult
-from ngepc.dual.tichonov import FullProduct
 from ngepc.geometries import block
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
@@ -37,7 +35,7 @@ GAMMA = (1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9)
 ASPECT = (1.0, 10.0, 100.0, 1000.0)
 CONTACT = ("none", "one node", "full", "grazing", "from an end")
 
-METHODS = ("primal", "balanced", "balanced, full product", "coupled", "path")
+METHODS = ("primal", "coupled", "path")
 
 
 @dataclass(frozen=True)
@@ -51,8 +49,7 @@ class Case:
     hardening
         h over lame_mu.
     gamma
-        gamma of the coupled method and of the last step of the path; of the Tichonov term of the
-        balanced one where it is the datum that varies.
+        gamma of the coupled method and of the last step of the path.
     aspect
         Longest over shortest side of the elements.
     contact
@@ -112,7 +109,7 @@ def _gap(contact: str, mesh: Mesh, top: CoefficientFunction, height: float) -> C
 
 
 def solve(
-    case: Case, method: str, varied: bool, limit: int, cells: int = 12
+    case: Case, method: str, limit: int, cells: int = 12
 ) -> PrimalResult | DualResult | PathResult:
     """The result of a method for a case.
 
@@ -122,8 +119,6 @@ def solve(
         The case.
     method
         One of METHODS.
-    varied
-        Whether gamma is the datum that varies.
     limit
         Most Newton steps.
     cells
@@ -142,11 +137,7 @@ def solve(
             newton=newton,
         )
         return follow_path(problem, path)
-    if method == "coupled":
-        return semismooth_newton(problem, case.gamma, options=options)
-    gamma = case.gamma if varied else 1e9
-    product = {"tichonov": FullProduct()} if method.endswith("full product") else {}
-    return semismooth_newton(problem, regularisation=Balanced(gamma, **product), options=options)
+    return semismooth_newton(problem, case.gamma, options=options)
 
 
 class Robustness:
@@ -199,9 +190,9 @@ class Robustness:
         return table
 
     def _solve(self, row: str, method: str) -> Outcome:
-        result = solve(self.cases[row], method, row.startswith("gamma"), self.limit)
+        result = solve(self.cases[row], method, self.limit)
         result.or_interrupted()
-        last = getattr(result, "result", result)
+        last = getattr(result, "last", result)
         counts = getattr(result, "total_inner_iterations", last.iterations)
         primal = method == "primal"
         record = last.history.records[-1]
@@ -226,12 +217,11 @@ class Robustness:
         notes = [
             "Newton steps, with the status in words where a run did not converge. The unit square "
             "on 169 nodes, fixed below, sheared and pulled against an obstacle; one datum at a "
-            "time leaves its usual value (Poisson 0.3, h/mu 0.1, gamma 1e3 for the coupled method "
-            "and 1e9 for the balanced one, aspect ratio 1, half of the upper side in contact). "
+            "time leaves its usual value (Poisson 0.3, h/mu 0.1, gamma 1e3, aspect "
+            "ratio 1, half of the upper side in contact). "
             f"Cold starts, at most {self.limit} steps; the path goes up in factors of ten from "
-            "gamma = 1 and counts all its steps. In the rows of gamma it is the coupled gamma or "
-            "the balanced Tichonov gamma. Contact 'from an end' touches at an end of Gamma_c, "
-            "where the products of (R2) fix z to zero and the full product does not.",
+            "gamma = 1 and counts all its steps. Contact 'from an end' touches at an end of "
+            "Gamma_c, where the products of (R2) fix z to zero.",
         ]
         return write_table(
             self.folder,

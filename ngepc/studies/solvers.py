@@ -1,4 +1,4 @@
-"""Which would you choose: coupled, balanced and primal side by side, cold and nested."""
+"""Which would you choose: coupled, exact and primal side by side, cold and nested."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ngepc.dual.balanced import Balanced
 from ngepc.dual.newton import semismooth_newton
 from ngepc.dual.regularisation import Coupled
 from ngepc.geometries import lshape
@@ -18,9 +17,7 @@ METHODS: dict[str, Callable] = {
     "coupled 1e4": lambda problem, start: semismooth_newton(
         problem, start=start, regularisation=Coupled(1e4)
     ),
-    "balanced": lambda problem, start: semismooth_newton(
-        problem, start=start, regularisation=Balanced()
-    ),
+    "exact": lambda problem, start: semismooth_newton(problem, start=start),
     "primal": lambda problem, start: primal_newton(problem, start),
 }
 

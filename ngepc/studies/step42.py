@@ -4,21 +4,18 @@ Box (0, 1)^3 fixed below, u_x = u_y = 0 on its sides, E = 2e5, nu = 0.3, beta = 
 hardening 2 mu g / (1 - g) with g = 0.01; the sphere of radius 0.6 has come down by 0.01.  It
 touches within a radius of 0.1: equal cells of width 1/8 have one node there.  So the quarter of the
 body that symmetry leaves is meshed towards the contact zone, and beside the difference of the two
-methods stand the estimates of what may cause it: the change under a ten times larger gamma_T,
-and the change from mesh to mesh.
+methods stands the change from mesh to mesh.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from ngsolve import H1, GridFunction, Mesh
 
-from ngepc.dual.balanced import Balanced, NodalContact
 from ngepc.dual.newton import semismooth_newton
 from ngepc.geometries import quarter_cube
 from ngepc.model.material import Material, lame_parameters
@@ -30,7 +27,6 @@ from ngepc.studies.output import Table, write_table
 from ngepc.studies.tables import Cell, CellStore, Outcome
 
 DEPTH, BOUND = 0.01, 400.0
-SHARPER = 10.0
 CELLS = {"tetrahedra": (4, 6, 8, 12, 16), "hexahedra": (4, 6, 8, 12)}
 """Cells along each edge of the graded quarter."""
 OWN = "hexahedra of step-42"
@@ -70,23 +66,17 @@ def step42_problem(mesh: Mesh, prescribed: dict | None = None) -> Problem:
 
 
 def compare(problem: Problem) -> dict:
-    """Both methods on one mesh of the quarter, the dual one at two values of gamma_T.
+    """Both methods on one mesh of the quarter.
 
     Returns
     -------
     dict
-        'primal', 'dual', 'sharper' (gamma_T ten times larger) and 'nodal' (dual, contact at the
-        nodes): status, steps, numbers of the whole body; 'displacement_difference': largest
-        nodal |u_dual - u_primal| over the depth.
+        'primal' and 'dual': status, steps, numbers of the whole body; 'displacement_difference':
+        largest nodal |u_dual - u_primal| over the depth.
     """
-    chosen = Balanced().resolved(problem)
-    sharper = replace(chosen, gamma=SHARPER * chosen.gamma)
-    nodal = replace(chosen, contact=NodalContact())
     solvers = {
         "primal": lambda: primal_newton(problem),
-        "dual": lambda: semismooth_newton(problem, regularisation=chosen),
-        "sharper": lambda: semismooth_newton(problem, regularisation=sharper),
-        "nodal": lambda: semismooth_newton(problem, regularisation=nodal),
+        "dual": lambda: semismooth_newton(problem),
     }
     runs, found = {}, {}
     for name, solve in solvers.items():
@@ -188,35 +178,31 @@ def relative(record: dict, one: str, other: str, quantity: str) -> float:
 
 
 HEAD = (
-    *("mesh of the quarter", "nodes", "touching", "steps", "F primal", "F dual", "F nodal"),
-    *(f"{name}: dual, nodal; gamma; mesh" for name in ("F", "energy", "peak")),
+    *("mesh of the quarter", "nodes", "touching", "steps", "F primal", "F dual"),
+    *(f"{name}: dual; mesh" for name in ("F", "energy", "peak")),
     "max of u",
 )
 NOTES = (
     "Contact force F of the whole body, nodes in contact on the quarter and Newton steps, by the "
-    "primal method, the dual one and the dual one with contact at the nodes (NodalContact). In the "
-    "next three columns, each relative: difference of the dual method to the primal one on the "
-    "mesh, the same with contact at the nodes; change of the dual value when gamma_T is multiplied "
-    "by ten, an estimate of the regularisation error; change of the primal value from the next "
+    "primal and by the dual method. In the next three columns, each relative: difference of the "
+    "dual method to the primal one on the mesh; change of the primal value from the next "
     "coarser mesh, less than its discretisation error. The energy is J of the primal and -J* of "
     "the dual method. The last column is the largest nodal difference of the displacements, dual "
     "to primal, over the depth 0.01. Step-42's own mesh has 8 x 8 x 8 cells on the whole body, "
     "where one node touches; its documentation prints F = 37.3058.",
 )
-COLUMNS = ("primal", "dual", "nodal")
+COLUMNS = ("primal", "dual")
 
 
 def _row(record: dict, coarser: dict | None) -> list[str]:
     runs = [record[name] for name in COLUMNS]
     errors = []
     for quantity in QUANTITIES:
-        pairs = (("dual", "primal"), ("nodal", "primal"), ("sharper", "dual"))
-        dual, nodal, gamma = (f"{relative(record, *pair, quantity):.1e}" for pair in pairs)
         mesh = "-"
         if coarser is not None:
             change = record["primal"][quantity] / coarser["primal"][quantity] - 1
             mesh = f"{abs(change):.1e}"
-        errors.append(f"{dual}, {nodal}; {gamma}; {mesh}")
+        errors.append(f"{relative(record, 'dual', 'primal', quantity):.1e}; {mesh}")
     name = OWN if record["mesh"] == OWN else f"{record['cells']}^3 cells, {record['mesh']}"
     return [
         name,

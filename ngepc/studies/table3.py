@@ -1,4 +1,4 @@
-"""Table 3: Algorithm 7.2 for Example (b); beside it a direct solve and the path by the split."""
+"""Table 3: Algorithm 7.2 for Example (b); beside it a direct solve."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ngepc.dual.balanced import split
-from ngepc.dual.regularisation import Coupled
 from ngepc.dual.widths import mesh_width
 from ngepc.geometries import wrench
 from ngepc.model.examples import wrench_problem
@@ -75,16 +73,7 @@ class Table3:
                 f"nodes {nodes:>5}: directly {direct['iterations']} steps, {direct['status']}, "
                 f"{direct['wall_time_s']:.1f} s"
             )
-            by_split = self.store.get(
-                Cell(f"split-{self._scale}", nodes), self._follow_split
-            ).record
-            self.progress(
-                f"nodes {nodes:>5}: {by_split['inner_iterations']} steps by the split, "
-                f"gamma_end {by_split['gamma_end']:.3g}, {by_split['status']}, "
-                f"{by_split['wall_time_s']:.1f} s"
-            )
-            others = {"direct": direct, "split": by_split}
-            table.append(path | {f"{n}_{k}": r[k] for n, r in others.items() for k in r})
+            table.append(path | {f"direct_{key}": direct[key] for key in direct})
         return table
 
     def _follow(self, cell: Cell) -> Outcome:
@@ -111,10 +100,10 @@ class Table3:
             "changes": [step.change for step in path.steps],
             "outer_bound": self.options.outer_tolerance * h,
             "residual_norms": path.residual_norms,
-            "primal_energy": path.primal_energy,
+            "primal_energy": path.last.primal_energy,
             "path_seconds": time.perf_counter() - begin,
         }
-        return Outcome(record, {"v": path.v.FV().NumPy().copy()})
+        return Outcome(record, {"v": path.last.v.FV().NumPy().copy()})
 
     def _direct(self, cell: Cell) -> Outcome:
         """Algorithm 7.1 from v = 0 at the last gamma of the path, to the same precision."""
@@ -131,30 +120,12 @@ class Table3:
         }
         return Outcome(record)
 
-    def _follow_split(self, cell: Cell) -> Outcome:
-        """The same path by the hardening split, and the coupled problem at its end."""
-        path = follow_path(
-            wrench_problem(wrench.paper_mesh(cell.nodes)),
-            self.options,
-            regularisation=lambda gamma: split(Coupled(gamma)),
-            closing=Coupled,
-        )
-        record = {
-            "inner_iterations": path.inner_iterations,
-            "total_inner_iterations": path.total_inner_iterations,
-            "gamma_end": path.gamma_end,
-            "status": path.status.label,
-            "path_value": path.path_values[-1],
-            "residual_norm": path.residual_norms[-1],
-        }
-        return Outcome(record)
-
     def write(self, table: Sequence[dict]) -> list[Path]:
         """Write table3.csv, table3.md and table3.json (with _cX for another scale)."""
         head = [
             *("nodes", "iterations", "paper", "gamma_end", "inner"),
             *("last two changes / (tau_out h)", "directly at gamma_end", "directly / path"),
-            *("residual", "V", "by the split", "residual", "V"),
+            *("residual", "V"),
         ]
         o = self.options
         notes = [
@@ -168,11 +139,6 @@ class Table3:
             "Directly: Newton steps of Algorithm 7.1 from v = 0 at gamma_end to the same "
             "precision; the paper reports more than double the iterations of the path for the "
             "finest mesh, the column beside it is what we count.",
-            "",
-            "By the split: the same options along Balanced(gamma, share=0.9) with the same "
-            "gamma_T, gamma_z and spaces, then (+) the coupled problem at the gamma where that "
-            "path ends, solved from its multipliers to the same inner tolerances. Residuals and V "
-            "are those of the last coupled problem.",
         ]
         rows = [_row(record) for record in table]
         usual = o.inner_scale == PathOptions().inner_scale
@@ -199,17 +165,7 @@ def _row(r: dict) -> list[str]:
         f"{r['direct_iterations'] / r['total_inner_iterations']:.2f}",
         f"{r['residual_norms'][-1]:.1e}",
         f"{r['path_values'][-1]:.6f}",
-        _split_text(r),
-        f"{r['split_residual_norm']:.1e}",
-        f"{r['split_path_value']:.6f}",
     ]
-
-
-def _split_text(r: dict) -> str:
-    *path, closing = r["split_inner_iterations"]
-    ended = "" if r["split_status"] == "converged" else f" {r['split_status']}"
-    elsewhere = "" if r["split_gamma_end"] == r["gamma_end"] else f" at {r['split_gamma_end']:.3g}"
-    return f"{len(path)}({sum(path)}) + {closing}{elsewhere}{ended}"
 
 
 def paper_value(nodes: int) -> str | None:

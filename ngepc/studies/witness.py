@@ -31,7 +31,8 @@ from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.discretisation.spaces import prescribed_displacement
 from ngepc.dual.blocks import load_terms
-from ngepc.dual.regularisation import Regularisation
+from ngepc.dual.parameters import Weights
+from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.tensors import strain, tensor
@@ -67,7 +68,7 @@ class Residual:
     Parameters
     ----------
     norm
-        ||Psi_gamma(v)||_{H*}; with exact contact that of the natural residual.
+        ||Psi_gamma(v)||_{H*}.
     rounding
         The norm of the difference that another direct solver for y makes.
     """
@@ -86,27 +87,22 @@ def dual_residual(result: DualResult, points: int = POINTS) -> Residual:
     points
         Quadrature points for M^2 on each element.
     """
-    blocks, R = result.functional.blocks, result.functional.regularisation
-    problem, parts = blocks.problem, [GridFunction(space) for space in blocks.spaces]
-    for number, part in enumerate(parts):
-        part.vec.data = blocks.part_of(result.v, number)
+    blocks, w, problem = result.functional.blocks, result.functional.weights, result.problem
+    parts = {name: GridFunction(part.space) for name, part in blocks.parts.items()}
+    for name, part in parts.items():
+        part.vec.data = blocks.part_of(result.v, name)
     y, other = (
-        _primal_of(problem, R.hardening_share, blocks.Y, parts, solver)
-        for solver in ("umfpack", "sparsecholesky")
+        _primal_of(problem, blocks.Y, parts, solver) for solver in ("umfpack", "sparsecholesky")
     )
     total, rounding = 0.0, 0.0
-    for number, part in enumerate(parts):
-        inverse = blocks.B[number].Inverse(part.space.FreeDofs(), inverse="umfpack")
-        contact = number == 0 and bool(problem.contact_names)
-        linear, penalty = _contact_terms if contact else _plastic_terms
+    for name, part in parts.items():
+        inverse = blocks.B[name].Inverse(part.space.FreeDofs(), inverse="umfpack")
+        linear, penalty = _contact_terms if name == CONTACT else _plastic_terms
         r, twin = linear(problem, y, part), linear(problem, other, part)
         twin -= r
         rounding += _norm_squared(twin, inverse)
-        r.data += 1 / R.gamma_tichonov * (blocks.B[number] * part.vec)
-        if not contact or not getattr(R, "exact_contact", False):
-            r += penalty(problem, R, part, points)
-        else:
-            _make_natural(r, part)
+        r.data += 1 / w.tichonov * (blocks.B[name] * part.vec)
+        r += penalty(problem, w, part, points)
         total += _norm_squared(r, inverse)
     return Residual(math.sqrt(total), math.sqrt(rounding))
 
@@ -118,18 +114,18 @@ def _norm_squared(r: BaseVector, inverse: BaseMatrix) -> float:
 
 
 def _primal_of(
-    problem: Problem, share: float, Y: FESpace, parts: list, solver: str
+    problem: Problem, Y: FESpace, parts: dict[str, GridFunction], solver: str
 ) -> GridFunction:
     """(u, p) with D (u, p) = Lambda* v - l, by an uncondensed solve."""
     (u, p), (du, dp) = Y.TnT()
-    h = problem.effective_hardening * share
+    h = problem.effective_hardening
     D = BilinearForm(elastic_product(problem, h, u, p, du, dp) * dx).Assemble().mat
     right = LinearForm(Y)
     for term in load_terms(problem, du, dp):
         right += term
-    right += parts[-1] * dp * dx
-    if problem.contact_names:
-        right += parts[0] * (du * problem.normal) * ds("|".join(problem.contact_names))
+    right += parts[PLASTIC] * dp * dx
+    if CONTACT in parts:
+        right += parts[CONTACT] * (du * problem.normal) * ds("|".join(problem.contact_names))
     right.Assemble()
     y = GridFunction(Y)
     V = Y.components[0]
@@ -147,11 +143,11 @@ def _overlap(problem: Problem, y: GridFunction, z: GridFunction) -> BaseVector:
     return LinearForm(overlap * w * on_contact).Assemble().vec
 
 
-def _pull(problem: Problem, R: Regularisation, z: GridFunction, points: int) -> BaseVector:
+def _pull(problem: Problem, w: Weights, z: GridFunction, points: int) -> BaseVector:
     """(M^1)'(z)."""
     rules = boundary_rules(problem.N, points)
     on_contact = ds("|".join(problem.contact_names), intrules=rules)
-    tension = as_scalar(R.contact_shift) + R.gamma_contact * z
+    tension = as_scalar(w.contact_shift) + w.contact * z
     pull = IfPos(tension, tension, 0.0) * z.space.TestFunction()
     return LinearForm(pull * on_contact).Assemble().vec
 
@@ -161,24 +157,15 @@ def _increment(problem: Problem, y: GridFunction, q: GridFunction) -> BaseVector
     return LinearForm(y.components[1] * q.space.TestFunction() * dx).Assemble().vec
 
 
-def _flow(problem: Problem, R: Regularisation, q: GridFunction, points: int) -> BaseVector:
+def _flow(problem: Problem, w: Weights, q: GridFunction, points: int) -> BaseVector:
     """(M^2)'(q)."""
-    gamma, size = as_scalar(R.gamma_plastic(problem)), Norm(q) + 1e-300
-    excess = R.plastic_shift + gamma * (size - R.yield_bound(problem))
+    size = Norm(q) + 1e-300
+    excess = w.plastic_shift + w.plastic * (size - w.yield_bound)
     gradient = IfPos(excess, excess / size, 0.0) * (q * q.space.TestFunction())
     return LinearForm(gradient * dx(intrules=fine_rules(problem.N, points))).Assemble().vec
 
 
 _contact_terms, _plastic_terms = (_overlap, _pull), (_increment, _flow)
-
-
-def _make_natural(r: BaseVector, z: GridFunction) -> None:
-    """Psi_i at nodes with z_i < 0, its positive part where z_i = 0; infinite where z_i > 0."""
-    values, entries = z.vec.FV().NumPy(), r.FV().NumPy()
-    free = np.array(list(z.space.FreeDofs()), dtype=bool)
-    entries[:] = np.where(values >= 0, np.maximum(entries, 0.0), entries)
-    if (values[free] > 0).any():
-        entries[:] = math.inf
 
 
 def primal_residual(result: PrimalResult) -> float:
@@ -206,25 +193,24 @@ def distance_bound(primal: PrimalResult, dual: DualResult) -> tuple[float, float
     """1/2 |y - y_gamma|_D^2 and what it cannot exceed, for the same problem on one mesh.
 
     y solves the discrete (2.14) and y_gamma the problem that J*_gamma is the dual of, which
-    differs by hardening 1/gamma_q - h_G more, an adhesion (psi - u.n)^2 / (2 gamma_z) and a
+    differs by hardening 1/gamma_q more, an adhesion (psi - u.n)^2 / (2 gamma_z) and a
     supremum over fewer dual variables.  Hence what y is worth there is at most
 
-        J(y) + int (1/gamma_q - h_G) |p|^2 / 2 + int (psi - u.n)^2 / (2 gamma_z),
+        J(y) + int |p|^2 / (2 gamma_q) + int (psi - u.n)^2 / (2 gamma_z),
 
     the minimum there is -J*_gamma, and the problem is convex with modulus D.  It holds to
     round-off on simplices with flat contact, a gap that is linear on each, and no friction.
     """
-    problem, R = primal.problem, dual.functional.regularisation
-    mesh, h, share = problem.mesh, problem.effective_hardening, R.hardening_share
+    problem, w = primal.problem, dual.functional.weights
+    mesh, h = problem.mesh, problem.effective_hardening
     u, p = primal.displacement, primal.plastic_increment
-    surplus = 1 / as_scalar(R.gamma_plastic(problem)) - (1 - share) * h
-    worth = energy(problem, u, p) + Integrate(surplus * (p * p) / 2, mesh)
-    if problem.contact_names and not getattr(R, "exact_contact", False):
+    worth = energy(problem, u, p) + Integrate(p * p / (2 * w.plastic), mesh)
+    if problem.contact_names:
         gap = problem.psi - u * problem.normal
         on_contact = ds("|".join(problem.contact_names))
-        worth += Integrate(gap * gap / (2 * R.gamma_contact) * on_contact, mesh)
-    du, dp = u - dual.displacement, p - dual.balanced_increment
-    distance = Integrate(elastic_product(problem, share * h, du, dp, du, dp), mesh) / 2
+        worth += Integrate(gap * gap / (2 * w.contact) * on_contact, mesh)
+    du, dp = u - dual.displacement, p - dual.plastic_increment
+    distance = Integrate(elastic_product(problem, h, du, dp, du, dp), mesh) / 2
     return distance, worth + dual.dual_energy
 
 

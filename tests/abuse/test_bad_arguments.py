@@ -20,23 +20,16 @@ from ngsolve import CF
 import ngepc
 from ngepc import (
     Armijo,
-    Balanced,
-    Chord,
     Coupled,
-    ElementwisePlasticStrain,
-    ExactContact,
+    DualParameters,
+    DualSpaces,
     Fields,
     Fractional,
     FullProduct,
-    Krylov,
     NearMinimum,
     NewtonOptions,
-    NodalContact,
     PathOptions,
-    PenaltyContact,
-    PointwisePlasticStrain,
     PrimalOptions,
-    ReturnMapping,
     Schedule,
     Status,
     SurfaceGradient,
@@ -58,8 +51,6 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
     show,
-    solve_automatically,
-    split,
     table_monitor,
     wrench_problem,
     write_report,
@@ -186,27 +177,22 @@ USES = {
         ),
     ),
     "PrimalOptions": Use(PrimalOptions),
-    "ReturnMapping": Use(ReturnMapping),
-    "ExactContact": Use(ExactContact, may={"friction_gamma": POSITIVE}),
-    "NodalContact": Use(NodalContact, may={"friction_gamma": POSITIVE}),
-    "PenaltyContact": Use(PenaltyContact, may={"gamma": POSITIVE}),
     "Units": Use(Units, may={"stress": POSITIVE, "length": POSITIVE}),
-    "Coupled": Use(
-        Coupled,
-        {"gamma": 10.0},
-        {
-            "gamma": POSITIVE,
-            "contact_shift": NOT_NEGATIVE,
-            "plastic_shift": NOT_NEGATIVE,
-            "beta_gamma": POSITIVE,
-        },
-    ),
-    "Balanced": Use(Balanced, may={"gamma": POSITIVE, "predictor": {"None"}}),
-    "ElementwisePlasticStrain": Use(ElementwisePlasticStrain),
-    "PointwisePlasticStrain": Use(PointwisePlasticStrain),
-    "Chord": Use(Chord),
-    "Krylov": Use(Krylov),
-    "split": Use(split, {"regularisation": Coupled(10.0)}),
+    "DualSpaces": Use(DualSpaces),
+    **{
+        kind.__name__: Use(
+            kind,
+            {"gamma": 10.0},
+            {
+                "gamma": POSITIVE,
+                "gamma_tichonov": POSITIVE,
+                "contact_shift": NOT_NEGATIVE,
+                "plastic_shift": NOT_NEGATIVE,
+                "beta_gamma": POSITIVE,
+            },
+        )
+        for kind in (Coupled, DualParameters)
+    },
     "Fractional": Use(Fractional),
     "FullProduct": Use(FullProduct),
     "SurfaceGradient": Use(SurfaceGradient),
@@ -229,7 +215,7 @@ USES = {
     # solvers
     "semismooth_newton": Use(
         semismooth_newton,
-        {"problem": PROBLEM, "options": QUICK},
+        {"problem": PROBLEM, "gamma": 10.0, "options": QUICK},
         {"gamma": POSITIVE, "monitor": CALLABLE},
     ),
     "primal_newton": Use(primal_newton, {"problem": PROBLEM}, {"monitor": CALLABLE}),
@@ -237,12 +223,7 @@ USES = {
         follow_path,
         {"problem": PROBLEM, "options": SHORT_PATH},
         {"checkpoint": {"a text"}}
-        | dict.fromkeys(
-            ("monitor", "newton_monitor", "observer", "regularisation", "closing"), CALLABLE
-        ),
-    ),
-    "solve_automatically": Use(
-        solve_automatically, {"problem": PROBLEM, "tolerance": 0.5, "max_nodes": 40}
+        | dict.fromkeys(("monitor", "newton_monitor", "observer", "parameters"), CALLABLE),
     ),
     "augmented_lagrangian": Use(
         augmented_lagrangian,
@@ -461,9 +442,9 @@ def test_changes_that_are_no_mapping_are_named_before_the_first_step():
         evolve(PROBLEM, Schedule([1.0, 2.0], lambda t: {} if t < 2 else t))
 
 
-def test_regularisation_of_a_path_that_is_none_is_named():
-    with pytest.raises(TypeError, match=r"regularisation=5: Coupled.* is needed"):
-        follow_path(PROBLEM, SHORT_PATH, regularisation=lambda gamma: 5)
+def test_parameters_of_a_path_that_are_none_are_named():
+    with pytest.raises(TypeError, match=r"parameters\(.*=5: DualParameters.* is needed"):
+        follow_path(PROBLEM, SHORT_PATH, parameters=lambda gamma: 5)
 
 
 @pytest.mark.parametrize(

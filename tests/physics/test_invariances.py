@@ -13,11 +13,9 @@ from ngepc.geometries import lshape
 from ngsolve import CF, Mesh, x, y
 
 from ngepc import (
-    Balanced,
     Coupled,
     Material,
     NewtonOptions,
-    PenaltyContact,
     Problem,
     Status,
     Units,
@@ -94,11 +92,6 @@ METHODS = {
     "primal": lambda p, units: primal_newton(p),
     "coupled": lambda p, units: semismooth_newton(
         p, regularisation=Coupled(1e3, units=units), options=SHARP
-    ),
-    "balanced": lambda p, units: semismooth_newton(
-        p,
-        regularisation=Balanced(1e6, contact=PenaltyContact(gamma=10.0), units=units),
-        options=SHARP,
     ),
 }
 

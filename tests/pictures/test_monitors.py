@@ -172,7 +172,7 @@ def primal(problem, monitor):
 
 def path(problem, monitor):
     options = PathOptions(gamma_end=1e4)
-    return follow_path(problem, options, newton_monitor=monitor).result
+    return follow_path(problem, options, newton_monitor=monitor).last
 
 
 @pytest.mark.parametrize("solver", [dual, balanced, primal, path])

@@ -20,7 +20,7 @@ from ngepc.studies.benchmark import (
 from ngepc.studies.benchmark_output import plot_benchmark
 
 
-def measurement(nodes, seconds, mode="balanced"):
+def measurement(nodes, seconds, mode="exact"):
     return Measurement(
         mode=mode, nodes=nodes, unknowns=4 * nodes, status="converged", iterations=9,
         elastic_seconds=seconds / 2, step_seconds=seconds, step_ratio=2.0, mean_ratio=2.0,
@@ -64,14 +64,14 @@ def test_peak_memory_counts_a_large_array():
 
 
 def test_plot_shows_each_mode_with_its_bound():
-    figure = plot_benchmark([measurement(n, 1e-5 * n, m) for m in ("balanced", "coupled")
+    figure = plot_benchmark([measurement(n, 1e-5 * n, m) for m in ("exact", "coupled")
                              for n in (1601, 3201)])  # fmt: skip
     ratio = figure.axes[1]
     assert {line.get_ydata()[0] for line in ratio.lines if line.get_linestyle() == "--"} == {3, 8}
 
 
 def test_command_writes_table_plot_and_records(tmp_path, capsys):
-    arguments = ["benchmark", "--levels", "1", "--mode", "balanced", "--out", str(tmp_path)]
+    arguments = ["benchmark", "--levels", "1", "--mode", "exact", "--out", str(tmp_path)]
     assert main([*arguments, "--json", "-"]) == 0
     (cell,) = json.loads(capsys.readouterr().out)["cells"]
     assert (cell["nodes"], cell["status"]) == (1601, "converged")

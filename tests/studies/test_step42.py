@@ -6,7 +6,7 @@ import json
 import pytest
 from ngepc.geometries import block, quarter_cube
 
-from ngepc import Balanced, NodalContact, primal_newton, semismooth_newton
+from ngepc import primal_newton, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.studies.step42 import WHOLE, compare, relative, step42_problem
 
@@ -32,8 +32,6 @@ def test_methods_agree_within_regularisation_and_discretisation_error(tetrahedra
         mesh_change = abs(
             record["primal"]["contact_force"] / coarser["primal"]["contact_force"] - 1
         )
-        gamma_change = relative(record, "sharper", "dual", "contact_force")
-        assert gamma_change < 0.1 * mesh_change
         assert relative(record, "dual", "primal", "contact_force") < 0.4 * mesh_change
     assert relative(tetrahedra[-1], "dual", "primal", "contact_force") < 0.025
     assert tetrahedra[-1]["displacement_difference"] < 0.1
@@ -47,17 +45,9 @@ def test_energies_of_the_methods_close_in(tetrahedra):
 
 def test_every_run_takes_a_dozen_steps(tetrahedra):
     for record in tetrahedra:
-        assert {record[m]["status"] for m in ("primal", "dual", "sharper", "nodal")} == {
-            "converged"
-        }
+        assert {record[m]["status"] for m in ("primal", "dual")} == {"converged"}
         assert record["primal"]["iterations"] <= 8
-        assert max(record[m]["iterations"] for m in ("dual", "sharper", "nodal")) <= 14
-
-
-def test_contact_at_the_nodes_has_the_peak_pressure_of_the_primal_method(tetrahedra):
-    for record in tetrahedra:
-        assert relative(record, "nodal", "primal", "peak_pressure") < 0.05
-        assert relative(record, "dual", "primal", "peak_pressure") > 0.15
+        assert record["dual"]["iterations"] <= 14
 
 
 def test_methods_agree_on_the_cells_of_the_tutorial():
@@ -65,7 +55,7 @@ def test_methods_agree_on_the_cells_of_the_tutorial():
     problem = step42_problem(quarter_cube.mesh(4, 8, grading=0.0, simplices=False))
     finer = primal_newton(step42_problem(quarter_cube.mesh(8, simplices=False)))
     primal = primal_newton(problem)
-    dual = semismooth_newton(problem, regularisation=Balanced(contact=NodalContact()))
+    dual = semismooth_newton(problem)
     error = abs(primal.contact_force / finer.contact_force - 1)
     assert abs(dual.contact_force / primal.contact_force - 1) < 0.15 < 0.35 < error
 
