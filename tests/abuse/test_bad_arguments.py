@@ -26,7 +26,6 @@ from ngepc import (
     Fields,
     Fractional,
     FullProduct,
-    NearMinimum,
     NewtonOptions,
     PathOptions,
     PrimalOptions,
@@ -160,7 +159,6 @@ def bound(method, *names):
 
 USES = {
     "Armijo": Use(Armijo),
-    "NearMinimum": Use(NearMinimum, may={"most": POSITIVE}),
     "NewtonOptions": Use(NewtonOptions, may={"tolerance": POSITIVE, "linesearch": {"None"}}),
     "PathOptions": Use(
         PathOptions,
