@@ -13,6 +13,7 @@ from ngsolve.la import BaseVector
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.distributed import check_supported
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.discretisation.prolongation import nodal_values
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
 from ngepc.dual.contact_newton import newton_system
@@ -27,7 +28,6 @@ from ngepc.linalg.direct import LinearSolver, require_linear_solver
 from ngepc.linalg.linesearch import ROUNDING, ByRegularisation, Descent, FullSteps, LineSearch
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
-from ngepc.primal.solver import nodal_values
 from ngepc.results.outcome import History, IterationRecord, Status
 
 logger = logging.getLogger(__name__)
@@ -156,7 +156,7 @@ def start_vector(
     v = carried_over(start, functional)
     if start.problem.mesh is problem.mesh or predictor is None:
         return v
-    return predictor.start(functional, v, nodal_values(start, problem), options.inverse)
+    return predictor.start(functional, v, nodal_values(start, problem).T, options.inverse)
 
 
 def run(

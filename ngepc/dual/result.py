@@ -17,13 +17,14 @@ from ngsolve import (
 )
 from ngsolve.la import BaseVector
 
-from ngepc.discretisation.return_mapping import ReturnMapping, interpolated
+from ngepc.discretisation.pointfunctions import interpolated
 from ngepc.dual.blocks import primal_energy
 from ngepc.dual.friction import slip, tangent
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.regularisation import plastic_threshold
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.parallel import integral
+from ngepc.primal.return_mapping import ReturnMapping
 from ngepc.results.equilibrium import Equilibrium, applied_forces
 from ngepc.results.fields import Fields, Recovered
 from ngepc.results.outcome import Ending, History, Status
