@@ -18,7 +18,7 @@ import numpy as np
 from ngepc.linalg.complementarity import solve_complementarity
 from ngepc.linalg.linesearch import Bracket
 from ngepc.local.factors import Tangent, TangentError
-from ngepc.local.system import State
+from ngepc.local.system import EPSILON, State
 
 FLATNESS = 0.2
 """The line search ends where |phi'(t)| <= FLATNESS |phi'(0)|."""
@@ -110,8 +110,9 @@ class Line:
 
     @property
     def noise(self) -> float:
-        """What rounding leaves of a slope."""
-        return NOISE * float(np.vdot(np.abs(self.here.internal_forces), np.abs(self.target.change)))
+        """What rounding leaves of a slope, also where du is nothing but rounding of u itself."""
+        terms = NOISE * np.abs(self.target.change) + 2 * EPSILON * np.abs(self.here.u)
+        return float(np.vdot(np.abs(self.here.internal_forces), terms))
 
     def state(self, t: float) -> State:
         """The state at u + t du, with w and lambda moved along."""
