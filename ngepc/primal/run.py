@@ -15,7 +15,7 @@ from ngepc.linalg.linesearch import Bracket
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.options import PrimalOptions
 from ngepc.primal.result import PrimalResult
-from ngepc.primal.state import PrimalState
+from ngepc.primal.state import EPSILON, PrimalState
 from ngepc.results.outcome import History, IterationRecord, Status
 
 log = logging.getLogger(__name__)
@@ -146,7 +146,8 @@ class Run:
         reduced, here = self.reduced, self.state
         held = self.rows.forces(np.where(closed, here.multipliers, 0.0))  # does no work
         rest = np.where(reduced.free, held - reduced.load, 0.0)
-        noise = SLOPE_ROUNDING * float(np.vdot(np.abs(here.internal_forces), np.abs(change)))
+        terms = SLOPE_ROUNDING * np.abs(change) + 2 * EPSILON * np.abs(here.u)
+        noise = float(np.vdot(np.abs(here.internal_forces), terms))
 
         def slope(t: float) -> float:
             return float(np.vdot(reduced.internal_forces(here.u + t * change) + rest, change))
@@ -187,7 +188,9 @@ class Run:
             plastic_active=self.reduced.plastic_measure(state.u),
         )
         self.history.append(record)
-        log.info("it:%(iteration)4d residual:%(residual_norm).3e energy:%(energy).12e", vars(record))
+        log.info(
+            "it:%(iteration)4d residual:%(residual_norm).3e energy:%(energy).12e", vars(record)
+        )
         if self.monitor is not None:
             ending, seen = f"after {record.iteration} steps", History(list(self.history.records))
             stopped = partial(PrimalResult, state, Status.STOPPED, ending, seen)

@@ -101,7 +101,9 @@ class PrimalState:
             k = rows.normal.power(2) @ self.reduced.stiffness_diagonal.ravel()
             defect = np.minimum(self.multipliers, k * self.open_gap)
         size = math.hypot(np.linalg.norm(self.imbalance), np.linalg.norm(defect))
-        return 0.0 if size == 0 else size / self.force_scale
+        if size == 0 or self.force_scale == 0:
+            return float(size > 0)
+        return size / self.force_scale
 
     @property
     def rounding(self) -> float:
