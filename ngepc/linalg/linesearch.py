@@ -188,7 +188,8 @@ class Bracket:
     """The zero of an increasing slope, enclosed by safeguarded secant steps.
 
     The slope may jump, as where a soft plastic element turns elastic: secants then creep towards
-    the jump from one side, so that many trials in a row on a side are followed by the middle.
+    the jump from one side.  Many trials in a row below it are followed by the middle, many above by
+    a point near the lower end, as the zero may be tiny.
 
     Parameters
     ----------
@@ -214,7 +215,9 @@ class Bracket:
         width = self._high - self.low
         if width == math.inf:
             self.trial = min(2 * self.low, self.most)
-        elif not math.isfinite(self._high_slope) or abs(self._row) > IN_A_ROW:
+        elif self._row > IN_A_ROW:
+            self.trial = self.low + width / 10
+        elif not math.isfinite(self._high_slope) or self._row < -IN_A_ROW:
             self.trial = self.low + width / 2
         else:
             secant = self.low - self._low_slope * width / (self._high_slope - self._low_slope)
