@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import overload
 
 from ngsolve import InnerProduct
 from ngsolve.la import BaseVector
@@ -23,6 +24,7 @@ from ngepc.dual.stopping import End, ResidualBelow, StoppingRule, final_check
 from ngepc.dual.system import FactorisationError, NewtonSystem
 from ngepc.linalg.direct import require_direct_solver
 from ngepc.linalg.linesearch import ROUNDING, Armijo, Descent, FullSteps, LineSearch
+from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import History, IterationRecord, Status
@@ -40,21 +42,22 @@ TRUE_RESIDUAL = (Status.ITERATION_LIMIT, Status.LINESEARCH_FAILED, Status.STAGNA
 
 @dataclass(frozen=True, kw_only=True)
 class NewtonOptions:
-    """How Algorithm 7.1 is run.
+    """How Newton's method is run; what is marked (D_gamma) is for regularised problems alone.
 
     Parameters
     ----------
     tolerance
-        Bound for ||Psi_gamma||_{H*}, in the regularisation's reference units; 1e-10 in the paper.
+        Bound for the relative forces out of balance; (D_gamma): for ||Psi_gamma||_{H*} in the
+        regularisation's reference units, 1e-10 in the paper.
     max_iterations
         Most Newton steps.
     quadrature_points
-        Points for the nonsmooth terms on each element that a kink crosses; 400 in the paper.
+        (D_gamma) Points for nonsmooth terms on each element that a kink crosses; 400 in the paper.
     vectorised
-        Whether the plastic term is integrated by NumPy where the data allow it, or always by
+        (D_gamma) Whether NumPy integrates the plastic term where the data allow it, or always
         NGSolve's forms: the integrals are the same.
     linesearch
-        ``Armijo()``, or None for full steps.
+        (D_gamma) ``Armijo()``, or None for full steps.
     inverse
         NGSolve's name of a direct solver that does LDL^T.
 
@@ -88,6 +91,19 @@ def checked_options(options: NewtonOptions | None) -> NewtonOptions:
     return options
 
 
+@overload
+def semismooth_newton(
+    problem: Problem,
+    gamma: None = None,
+    start: object | None = None,
+    options: NewtonOptions | None = None,
+    monitor: Monitor | None = None,
+    *,
+    regularisation: None = None,
+) -> ExactResult: ...
+
+
+@overload
 def semismooth_newton(
     problem: Problem,
     gamma: float | None = None,
@@ -96,8 +112,23 @@ def semismooth_newton(
     monitor: Monitor | None = None,
     *,
     regularisation: Coupled | None = None,
-) -> DualResult:
-    """Solve (D_gamma) by Algorithm 7.1.
+) -> DualResult: ...
+
+
+def semismooth_newton(
+    problem: Problem,
+    gamma: float | None = None,
+    start: object | None = None,
+    options: NewtonOptions | None = None,
+    monitor: Monitor | None = None,
+    *,
+    regularisation: Coupled | None = None,
+) -> ExactResult | DualResult:
+    """Solve one time step: the discrete problem itself, or its regularisation (D_gamma).
+
+    With neither ``gamma`` nor ``regularisation`` nothing is regularised: J(u, p) of (2.14) is
+    minimised over the discrete displacements with N u <= gaps by a primal-dual Newton method,
+    ``ngepc.local``.  With one of them Algorithm 7.1 solves the paper's (D_gamma).
 
     Parameters
     ----------
@@ -106,10 +137,10 @@ def semismooth_newton(
     gamma
         Short for ``regularisation=Coupled(gamma)``.
     start
-        A result on this or another mesh of the body, carried over by P1 interpolation; None
-        starts from v = 0.
+        An earlier result (exact: or a displacement) on this or another mesh of the body; None
+        starts from zero.
     options
-        Tolerance, limits, quadrature, line search; None for the defaults.
+        Tolerance, limits and solver; None for the defaults.
     monitor
         Called with the record of each iterate, start included; raising StopIteration stops.
     regularisation
@@ -117,7 +148,7 @@ def semismooth_newton(
 
     Returns
     -------
-    DualResult
+    ExactResult or DualResult
         Status, history and fields; the state reached is always there.
 
     Raises

@@ -11,6 +11,9 @@ from ngepc.checks.arguments import require_number
 
 ROUNDING = 1e-13
 
+IN_A_ROW = 3
+"""Trials on one side of a zero after which secants are taken to creep."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
@@ -115,6 +118,10 @@ class FullSteps:
 class Bracket:
     """The zero of an increasing slope, enclosed by safeguarded secant steps.
 
+    The slope may jump, as where a soft plastic element turns elastic: secants then creep towards
+    the jump from one side.  Many trials in a row below it are followed by the middle, many above by
+    a point near the lower end, as the zero may be tiny.
+
     Parameters
     ----------
     slope
@@ -126,16 +133,23 @@ class Bracket:
     def __init__(self, slope: float, most: float) -> None:
         self.low, self.most, self.trial = 0.0, most, 1.0
         self._low_slope, self._high, self._high_slope = slope, math.inf, math.nan
+        self._row = 0
 
     def narrow(self, slope: float) -> None:
-        """Take note of the slope at ``trial`` and choose the next one."""
+        """Take note of the slope at ``trial`` and choose the next one; NaN counts as too far."""
         if slope < 0:
             self.low, self._low_slope = self.trial, slope
+            self._row = min(self._row, 0) - 1
         else:
             self._high, self._high_slope = self.trial, slope
+            self._row = max(self._row, 0) + 1
         width = self._high - self.low
-        if not math.isfinite(self._high_slope):
-            self.trial = min(2 * self.low, self.most) if width == math.inf else width / 2
-            return
-        secant = self.low - self._low_slope * width / (self._high_slope - self._low_slope)
-        self.trial = min(max(secant, self.low + width / 10), self._high - width / 10)
+        if width == math.inf:
+            self.trial = min(2 * self.low, self.most)
+        elif self._row > IN_A_ROW:
+            self.trial = self.low + width / 10
+        elif not math.isfinite(self._high_slope) or self._row < -IN_A_ROW:
+            self.trial = self.low + width / 2
+        else:
+            secant = self.low - self._low_slope * width / (self._high_slope - self._low_slope)
+            self.trial = min(max(secant, self.low + width / 10), self._high - width / 10)
