@@ -1,4 +1,4 @@
-"""The built wheel holds every module, geometries included."""
+"""The built wheel holds every module, geometries, notebooks and type information included."""
 
 import subprocess
 import sys
@@ -22,7 +22,7 @@ def test_wheel_contains_every_module(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     modules = {str(p.relative_to(ROOT)) for p in (ROOT / "ngepc").rglob("*.py")}
     modules |= {f"ngepc/geometries/{p.name}" for p in (ROOT / "geometries").glob("*.py")}
-    assert modules <= names
+    assert modules | {"ngepc/py.typed", "ngepc/__init__.pyi"} <= names
     notebooks = {
         f"ngepc/{p.relative_to(ROOT).as_posix()}" for p in ROOT.glob("notebooks/**/*.ipynb")
     }
