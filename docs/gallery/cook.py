@@ -12,7 +12,7 @@ from shared import check, plain, run, save
 
 from ngepc import Balanced, Material, Problem, semismooth_newton
 from ngepc.pictures import plot_field
-from ngepc.pictures.picture import beside
+from ngepc.pictures import beside
 from ngepc.primal.solver import primal_newton
 
 TIP, REFERENCE = (48.0, 52.0), 23.96

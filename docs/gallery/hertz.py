@@ -18,7 +18,7 @@ from ngepc import Balanced, Material, Problem, semismooth_newton
 from ngepc.model.obstacles import Disc
 from ngepc.pictures import plot_field
 from ngepc.pictures.curves import pressure_curves
-from ngepc.pictures.picture import beside
+from ngepc.pictures import beside
 
 LAME, RADIUS, DEPTH = 1e3, 5.0, 0.02
 PLANE_MODULUS = 4 * LAME * (2 * LAME) / (3 * LAME)

@@ -15,7 +15,7 @@ from ngepc import Balanced, Material, Problem, semismooth_newton
 from ngepc.evolution.load_path import load_cycle
 from ngepc.evolution.solver import cold_start, evolve
 from ngepc.pictures import plot_field
-from ngepc.pictures.picture import beside
+from ngepc.pictures import beside
 from ngepc.primal.solver import primal_newton
 
 STRETCH, CORNERS = 1.2e-3, (1, -1, 1, -1, 1)

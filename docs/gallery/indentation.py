@@ -14,7 +14,7 @@ from shared import check, run, save
 
 from ngepc import primal_newton, semismooth_newton
 from ngepc.pictures import plot_field
-from ngepc.pictures.picture import beside
+from ngepc.pictures import beside
 from ngepc.studies.step42 import WHOLE, step42_problem
 
 DOCUMENTED = 37.3058

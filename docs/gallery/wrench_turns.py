@@ -14,7 +14,7 @@ from ngepc import Balanced, semismooth_newton, wrench_problem
 from ngepc.evolution.load_path import load_cycle
 from ngepc.evolution.solver import cold_start, evolve
 from ngepc.pictures import plot_field
-from ngepc.pictures.picture import beside
+from ngepc.pictures import beside
 from ngepc.primal.solver import primal_newton
 
 LOAD, CORNERS, END = 1.1, (1, -1, 1, 0), (8.0, 1.5)

@@ -33,7 +33,7 @@ from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import load_cycle
 from ngepc.evolution.solver import cold_start, evolve
 from ngepc.primal.solver import primal_newton
-from ngepc.studies.pressed_shell import PressedShell
+from ngepc.studies.verification.pressed_shell import PressedShell
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 FULL = Balanced(1e9, tichonov=FullProduct())

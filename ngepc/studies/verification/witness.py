@@ -31,15 +31,15 @@ from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.discretisation.spaces import prescribed_displacement
 from ngepc.dual.blocks import load_terms
-from ngepc.dual.regularisation import Regularisation
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.tensors import strain, tensor
 from ngepc.primal.result import PrimalResult
+from ngepc.results.outcome import Result
 
 POINTS = 400
 
-Field = ProxyFunction | GridFunction
+Field = ProxyFunction | CoefficientFunction
 """A displacement or a plastic strain."""
 
 
@@ -52,7 +52,7 @@ def elastic_product(
     return m.lame_lambda * Trace(e) * Trace(d) + 2 * m.lame_mu * InnerProduct(e, d) + h * p * r
 
 
-def energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
+def energy(problem: Problem, u: GridFunction, p: CoefficientFunction) -> float:
     """J(u, p) of (2.14) without friction (force times length)."""
     h = problem.effective_hardening
     stored = elastic_product(problem, h, u, p, u, p) / 2 + as_scalar(problem.beta) * Norm(p)
@@ -61,13 +61,13 @@ def energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
 
 
 @dataclass(frozen=True)
-class Residual:
+class WitnessedResidual:
     """A residual norm and the size of what rounding may leave of it.
 
     Parameters
     ----------
     norm
-        ||Psi_gamma(v)||_{H*}; with exact contact that of the natural residual.
+        ||Psi_gamma(v)||_{H*}.
     rounding
         The norm of the difference that another direct solver for y makes.
     """
@@ -76,8 +76,8 @@ class Residual:
     rounding: float
 
 
-def dual_residual(result: DualResult, points: int = POINTS) -> Residual:
-    """The residual of the dual variable v alone.
+def dual_residual(result: DualResult, points: int = POINTS) -> WitnessedResidual:
+    """The residual of the dual variable v of the paper's method alone.
 
     Parameters
     ----------
@@ -94,21 +94,18 @@ def dual_residual(result: DualResult, points: int = POINTS) -> Residual:
         _primal_of(problem, R.hardening_share, blocks.Y, parts, solver)
         for solver in ("umfpack", "sparsecholesky")
     )
-    total, rounding = 0.0, 0.0
+    norm, rounding = 0.0, 0.0
     for number, part in enumerate(parts):
         inverse = blocks.B[number].Inverse(part.space.FreeDofs(), inverse="umfpack")
         contact = number == 0 and bool(problem.contact_names)
-        linear, penalty = _contact_terms if contact else _plastic_terms
+        linear = _overlap if contact else _increment
         r, twin = linear(problem, y, part), linear(problem, other, part)
         twin -= r
         rounding += _norm_squared(twin, inverse)
         r.data += 1 / R.gamma_tichonov * (blocks.B[number] * part.vec)
-        if not contact or not getattr(R, "exact_contact", False):
-            r += penalty(problem, R, part, points)
-        else:
-            _make_natural(r, part)
-        total += _norm_squared(r, inverse)
-    return Residual(math.sqrt(total), math.sqrt(rounding))
+        r += (_pull if contact else _flow)(problem, R, part, points)
+        norm += _norm_squared(r, inverse)
+    return WitnessedResidual(math.sqrt(norm), math.sqrt(rounding))
 
 
 def _norm_squared(r: BaseVector, inverse: BaseMatrix) -> float:
@@ -132,8 +129,7 @@ def _primal_of(
         right += parts[0] * (du * problem.normal) * ds("|".join(problem.contact_names))
     right.Assemble()
     y = GridFunction(Y)
-    V = Y.components[0]
-    y.components[0].vec.data = prescribed_displacement(problem, V).vec
+    y.components[0].vec.data = prescribed_displacement(problem, Y.components[0]).vec
     rest = right.vec.CreateVector()
     rest.data = right.vec - D * y.vec
     y.vec.data += D.Inverse(Y.FreeDofs(), inverse=solver) * rest
@@ -142,12 +138,12 @@ def _primal_of(
 
 def _overlap(problem: Problem, y: GridFunction, z: GridFunction) -> BaseVector:
     """(u.n - psi, w)."""
-    w, on_contact = z.space.TestFunction(), ds("|".join(problem.contact_names))
+    on_contact = ds("|".join(problem.contact_names))
     overlap = y.components[0] * problem.normal - problem.psi
-    return LinearForm(overlap * w * on_contact).Assemble().vec
+    return LinearForm(overlap * z.space.TestFunction() * on_contact).Assemble().vec
 
 
-def _pull(problem: Problem, R: Regularisation, z: GridFunction, points: int) -> BaseVector:
+def _pull(problem: Problem, R: object, z: GridFunction, points: int) -> BaseVector:
     """(M^1)'(z)."""
     rules = boundary_rules(problem.N, points)
     on_contact = ds("|".join(problem.contact_names), intrules=rules)
@@ -161,7 +157,7 @@ def _increment(problem: Problem, y: GridFunction, q: GridFunction) -> BaseVector
     return LinearForm(y.components[1] * q.space.TestFunction() * dx).Assemble().vec
 
 
-def _flow(problem: Problem, R: Regularisation, q: GridFunction, points: int) -> BaseVector:
+def _flow(problem: Problem, R: object, q: GridFunction, points: int) -> BaseVector:
     """(M^2)'(q)."""
     gamma, size = as_scalar(R.gamma_plastic(problem)), Norm(q) + 1e-300
     excess = R.plastic_shift + gamma * (size - R.yield_bound(problem))
@@ -169,25 +165,12 @@ def _flow(problem: Problem, R: Regularisation, q: GridFunction, points: int) -> 
     return LinearForm(gradient * dx(intrules=fine_rules(problem.N, points))).Assemble().vec
 
 
-_contact_terms, _plastic_terms = (_overlap, _pull), (_increment, _flow)
-
-
-def _make_natural(r: BaseVector, z: GridFunction) -> None:
-    """Psi_i at nodes with z_i < 0, its positive part where z_i = 0; infinite where z_i > 0."""
-    values, entries = z.vec.FV().NumPy(), r.FV().NumPy()
-    free = np.array(list(z.space.FreeDofs()), dtype=bool)
-    entries[:] = np.where(values >= 0, np.maximum(entries, 0.0), entries)
-    if (values[free] > 0).any():
-        entries[:] = math.inf
-
-
 def primal_residual(result: PrimalResult) -> float:
     """Nodal forces out of balance over the larger of applied and internal ones.
 
     Internal forces are integrated from the stress field, contact forces are those reported.
     """
-    problem, u = result.problem, result.displacement
-    V = u.space
+    problem, V = result.problem, result.displacement.space
     v = V.TestFunction()
     internal, applied = LinearForm(V), LinearForm(V)
     internal += InnerProduct(result.stress, strain(v)) * dx(bonus_intorder=2)
@@ -219,7 +202,7 @@ def distance_bound(primal: PrimalResult, dual: DualResult) -> tuple[float, float
     u, p = primal.displacement, primal.plastic_increment
     surplus = 1 / as_scalar(R.gamma_plastic(problem)) - (1 - share) * h
     worth = energy(problem, u, p) + Integrate(surplus * (p * p) / 2, mesh)
-    if problem.contact_names and not getattr(R, "exact_contact", False):
+    if problem.contact_names:
         gap = problem.psi - u * problem.normal
         on_contact = ds("|".join(problem.contact_names))
         worth += Integrate(gap * gap / (2 * R.gamma_contact) * on_contact, mesh)
@@ -228,16 +211,15 @@ def distance_bound(primal: PrimalResult, dual: DualResult) -> tuple[float, float
     return distance, worth + dual.dual_energy
 
 
-def feasible_bound(primal: PrimalResult, dual: DualResult) -> tuple[float, float]:
-    """1/2 |y - y'|_D^2 and J(y') - J(y), which it cannot exceed, the other way round.
+def feasible_bound(primal: PrimalResult, other: Result) -> tuple[float, float]:
+    """1/2 |y - y'|_D^2 and J(y') - J(y), which it cannot exceed, y the primal solution.
 
-    y' is the dual solution (u_gamma, p_gamma) with nodes that penetrate moved back to the obstacle:
-    it is admissible for the primal problem, whose minimum is J(y).
+    y' is (u, p) of the other result, which must be of order 1, with nodes that penetrate moved back
+    to the obstacle: it is admissible for the primal problem, whose minimum is J(y).
     """
     problem, contact = primal.problem, primal.contact
-    y = GridFunction(dual.functional.blocks.Y)
-    y.vec.data = dual.y
-    u, p = y.components
+    u, p = GridFunction(primal.displacement.space), other.plastic_increment
+    u.vec.data = other.displacement.vec
     values = u.vec.FV().NumPy().reshape(problem.N, -1)
     overlap = np.maximum(-contact.open_gap(values), 0.0)
     lengths = (contact.normals**2).sum(axis=1)
