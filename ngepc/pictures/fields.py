@@ -335,8 +335,8 @@ def _draw(
     points, options = corners.deformed(scale), {"cmap": colormap}
     options["clim"] = (limits.least, limits.most)
     if points.shape[2] == 3:
-        edge, width = (GUIDE, 0.2) if mesh_lines else ("face", 0.1)
-        flat = Poly3DCollection(points, edgecolors=edge, linewidths=width, **options)
+        options |= {"edgecolors": GUIDE, "linewidths": 0.2} if mesh_lines else {"linewidths": 0.0}
+        flat = Poly3DCollection(points, antialiased=mesh_lines, **options)
         flat.set_array(corners.values.mean(axis=1))
         return axes.add_collection3d(flat)
     x, y = points.reshape(-1, 2).T

@@ -27,7 +27,7 @@ from ngepc.checks.arguments import require_number
 from ngepc.model.normals import outward_normal
 from ngepc.results.fields import Fields
 
-CURVED_CUTS, MOST_TRIANGLES = 4, 200_000
+CURVED_CUTS, FLAT_TRIANGLES, MOST_TRIANGLES = 4, 8_000, 200_000
 NO_OBSTACLE = 5.0
 """A gap of more than this many times the size of the body stands for no obstacle."""
 
@@ -93,11 +93,17 @@ def _border(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cuts_for(fields: Fields) -> int:
-    """Into how many parts edges are cut so that the body looks as curved as it is."""
+    """Into how many parts edges are cut so that the body looks as curved as it is.
+
+    In 3D into more: there every triangle has one colour.
+    """
     mesh = fields.problem.mesh
-    if max(mesh.GetCurveOrder(), fields.displacement.space.globalorder) <= 1:
-        return 1
-    return int(np.clip(math.sqrt(MOST_TRIANGLES / mesh.ne), 1, CURVED_CUTS))
+    elements = len(list(drawn_region(mesh).Elements()))
+    flat = max(mesh.GetCurveOrder(), fields.displacement.space.globalorder) <= 1
+    least = 1 if flat else CURVED_CUTS
+    if mesh.dim == 3:
+        least = max(least, math.ceil(math.sqrt(FLAT_TRIANGLES / elements)))
+    return max(1, min(least, int(math.sqrt(MOST_TRIANGLES / elements))))
 
 
 def surface_value(mesh: Mesh, coefficient: CoefficientFunction) -> CoefficientFunction:

@@ -5,11 +5,11 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from browser import Browser, chromium
+from ngepc.pictures.report_pieces import number
 from solved import lshape_dual, lshape_primal
 
 from ngepc.pictures import plot_field
 from ngepc.pictures.report import Report, write_report
-from ngepc.pictures.report_pieces import number
 from ngepc.pictures.views import slide, viewer_installed
 
 ROWS = [
