@@ -44,7 +44,6 @@ def parser() -> argparse.ArgumentParser:
     text = "Elasto-plastic contact by semismooth Newton methods."
     top = OneLineParser(prog="ngepc", description=text, parents=[common])
     top.add_argument("--version", action="version", version=f"ngepc {__version__}")
-    top.set_defaults(verbose=False, quiet=False)
     subparsers = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, (module, text) in COMMANDS.items():
         sub = subparsers.add_parser(
@@ -60,9 +59,14 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
+def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """The arguments; --quiet and --verbose may stand anywhere, so that no parser has defaults."""
+    return parser().parse_args(arguments, argparse.Namespace(quiet=False, verbose=False))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status."""
-    args = parser().parse_args(arguments)
+    args = parsed(arguments)
     level = logging.INFO if args.verbose else logging.WARNING
     logging.basicConfig(stream=sys.stderr, level=level, format="%(name)s: %(message)s")
     named = (vars(args).get(name) for name in PLACES)

@@ -88,7 +88,6 @@ def _history_axes(left: Axes, right: Axes, tolerance: float | None) -> None:
     if tolerance is not None:
         left.axhline(tolerance, color=GUIDE, linewidth=0.8, linestyle=":")
     right.set_yscale("log", base=2)
-    right.yaxis.set_major_formatter("{x:g}")
     right.set_ylabel("step length")
 
 

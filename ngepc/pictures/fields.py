@@ -16,6 +16,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from ngsolve import CoefficientFunction
@@ -373,7 +374,8 @@ def _decorate(
         low, high = corners.min(axis=0), corners.max(axis=0)
         axes.set(**{f"{n}lim": (a, b) for n, a, b in zip(names, low, high, strict=True)})
         axes.set_box_aspect(high - low)
-        axes.locator_params(nbins=4)
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            axis.set_major_locator(MaxNLocator(4, prune="both"))
         return
     outline = boundary_corners(fields)
     axes.add_collection(LineCollection(outline.points, colors=OUTLINE, linewidths=0.7, zorder=0))
