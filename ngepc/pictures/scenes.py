@@ -72,8 +72,8 @@ class ViewOptions:
 
 def scenes_of(
     sources: Mapping[str, object], field: str | CoefficientFunction, options: ViewOptions
-) -> tuple[dict[str, dict], str]:
-    """Webgui data of each source on one colour scale, and the label of that scale."""
+) -> tuple[dict[str, dict], Drawable, ColourRange]:
+    """Webgui data of each source on one colour scale, and what that scale is."""
     if isinstance(field, str) and field == "contact_pressure":
         what, samples = _pressures(sources, options)
     else:
@@ -87,7 +87,7 @@ def scenes_of(
     for key, source in sources.items():
         value = surface_value(fields_of(source).problem.mesh, what[key].coefficient)
         scenes[key] = scene_data(source, value, limits, options, peak) | {"colors": colours}
-    return scenes, first.plain_label
+    return scenes, first, limits
 
 
 def _pressures(
@@ -149,7 +149,7 @@ def _settings(N: int, options: ViewOptions) -> dict:
     ambient = 1.0 if N == 2 else 0.65
     light = {"ambient": ambient, "diffuse": 1.0 - ambient, "shininess": 10, "specularity": 0.0}
     camera = {} if N == 2 else {"camera": {"euler_angles": [-65.0, 0.0, -30.0]}}
-    objects = {"Wireframe": options.mesh_lines, "Edges": True, "Colorbar": True}
+    objects = {"Wireframe": options.mesh_lines, "Edges": True, "Colorbar": False}
     return {"Objects": objects, "Colormap": {"ncolors": 64}, "Light": light, **camera}
 
 

@@ -16,10 +16,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from string import Template
 
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.kinds import require_flag, require_instance, require_path, require_text
-from ngepc.pictures.drawable import require_sources
+from ngepc.pictures.drawable import Drawable, require_sources
+from ngepc.pictures.sampling import ColourRange
 from ngepc.pictures.scenes import EXTRA, ViewOptions, scenes_of
 from ngepc.results.records import write_text
 
@@ -94,9 +98,9 @@ def compare(
 ) -> View:
     """Several results side by side on one colour scale; ``sources`` maps captions to results."""
     options = checked(sources, options, title=title)
-    scenes, label = scenes_of(sources, field, options)
-    captions = {" — ".join(filter(None, (name, label))): [data] for name, data in scenes.items()}
-    return View(_page(title, captions), options.height)
+    scenes, what, limits = scenes_of(sources, field, options)
+    panels = {name: [data] for name, data in scenes.items()}
+    return View(_page(title, legend(what, limits), panels), options.height)
 
 
 def slide(
@@ -118,8 +122,9 @@ def slide(
         What the slider moves through, such as 'gamma'.
     """
     options = checked(sources, options, title=title, name=name)
-    scenes, label = scenes_of(sources, field, options)
-    return View(_page(title, {label: list(scenes.values())}, list(scenes), name), options.height)
+    scenes, what, limits = scenes_of(sources, field, options)
+    panels = {"": list(scenes.values())}
+    return View(_page(title, legend(what, limits), panels, list(scenes), name), options.height)
 
 
 def export_html(
@@ -179,8 +184,26 @@ def _options(options: ViewOptions | None) -> ViewOptions:
     return options
 
 
+def legend(what: Drawable, limits: ColourRange) -> str:
+    """The colour scale as HTML: label, colours, values at the ends and between."""
+    shades = ",".join(map(to_hex, colormaps[what.colormap](np.linspace(0, 1, 10))))
+    values = [f"{value:.3g}" for value in np.linspace(limits.least, limits.most, 5)]
+    values[0] = ("≤ " if limits.below else "") + values[0]
+    values[-1] = ("≥ " if limits.above else "") + values[-1]
+    ticks = "".join(f"<span>{value.replace('-', '−')}</span>" for value in values)
+    return (
+        f'<div class="legend">{html.escape(what.plain_label)}'
+        f'<div class="scale" style="background:linear-gradient(90deg,{shades})"></div>'
+        f'<div class="ticks">{ticks}</div></div>'
+    )
+
+
 def _page(
-    title: str, panels: Mapping[str, list[dict]], labels: list[str] | None = None, name: str = ""
+    title: str,
+    scale: str,
+    panels: Mapping[str, list[dict]],
+    labels: list[str] | None = None,
+    name: str = "",
 ) -> str:
     """The HTML of panels side by side (caption -> frames), with a slider for several labels."""
     labels = [""] if labels is None else labels
@@ -194,6 +217,7 @@ def _page(
     return PAGE.substitute(
         title=html.escape(title or "ngepc"),
         heading=f"<h1>{html.escape(title)}</h1>" if title else "",
+        legend=scale,
         figures="".join(figures),
         slider=SLIDER.format(name=html.escape(name), last=len(labels) - 1) if many else "",
         data=data.replace("</", "<\\/"),
