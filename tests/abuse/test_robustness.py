@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ngepc import Status, primal_newton
-from ngepc.studies.robustness import (
+from ngepc.studies.verification.robustness import (
     ASPECT,
     CONTACT,
     GAMMA,
@@ -21,7 +21,7 @@ from ngepc.studies.robustness import (
     cases,
     solve,
 )
-from ngepc.studies.witness import dual_residual, primal_residual
+from ngepc.studies.verification.witness import dual_residual, primal_residual
 
 LIMIT, CELLS = 60, 6
 RESULTS = Path(__file__).resolve().parent.parent.parent / "results"

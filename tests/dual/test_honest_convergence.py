@@ -27,8 +27,9 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.dual.blocks import elastic_terms
-from ngepc.studies.robustness import Case, build
-from ngepc.studies.witness import elastic_product
+from ngepc.studies.verification.robustness import Case
+from ngepc.studies.verification.robustness import extreme_problem as build
+from ngepc.studies.verification.witness import elastic_product
 
 REGULARISATIONS = {
     "balanced": Balanced(1e9),

@@ -1,6 +1,6 @@
 """Observed orders of convergence: u 2 in L2 and 1 in the energy norm, p 1, J 2.
 
-The body of ``ngepc.studies.manufactured`` yields above a curve that cuts through elements and touches the
+The body of ``manufactured.py`` yields above a curve that cuts through elements and touches the
 obstacle between vertices; the ring of ``closed_forms`` is a polygon on each mesh.
 """
 
@@ -23,7 +23,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.primal.solver import primal_newton
-from ngepc.studies.manufactured import stretched_and_pressed
+from manufactured import stretched_and_pressed
 
 BALANCED = Balanced(1e9, contact=PenaltyContact(gamma=1e6), tichonov=FullProduct())
 CELLS = (8, 16, 32)

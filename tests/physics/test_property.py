@@ -16,8 +16,8 @@ from ngsolve import GridFunction, Integrate, Norm
 from ngepc import Status
 from ngepc.__main__ import main
 from ngepc.primal.solver import primal_newton
-from ngepc.studies.fuzz import Fuzz, examine
-from ngepc.studies.random_problems import BODIES, GAPS, HARDENINGS, METHODS, Draw, build, draws
+from ngepc.studies.verification.fuzz import Fuzz, examine
+from ngepc.studies.verification.random_problems import BODIES, GAPS, HARDENINGS, METHODS, Draw, build, draws
 
 FEW = settings(
     max_examples=10,
@@ -110,7 +110,7 @@ def test_study_is_resumable_and_carries_its_seed(tmp_path, monkeypatch):
     first = json.loads((tmp_path / "fuzz.json").read_text())
     assert len(first["cells"]) == 2
     seen = []
-    monkeypatch.setattr("ngepc.studies.fuzz.examine", lambda d: seen.append(d) or examine(d))
+    monkeypatch.setattr("ngepc.studies.verification.fuzz.examine", lambda d: seen.append(d) or examine(d))
     assert main([*arguments, "--count", "3"]) == 0
     assert len(seen) == 1
     table = (tmp_path / "fuzz.md").read_text()
@@ -120,7 +120,7 @@ def test_study_is_resumable_and_carries_its_seed(tmp_path, monkeypatch):
 
 def test_a_lie_is_found(monkeypatch):
     """The judge is able to complain: a dual result with another load, a status that is false."""
-    import ngepc.studies.fuzz as fuzz
+    import ngepc.studies.verification.fuzz as fuzz
 
     draw = dataclasses.replace(USUAL, body="lshape", load=5.0, method="balanced", gap="near")
     assert examine(draw).complaints == ()

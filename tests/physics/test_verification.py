@@ -29,7 +29,7 @@ from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.model.tensors import coordinates, tensor
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
-from ngepc.studies.witness import distance_bound
+from ngepc.studies.verification.witness import distance_bound
 
 KINEMATIC = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 ISOTROPIC = Material.isotropic(

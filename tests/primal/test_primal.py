@@ -35,8 +35,8 @@ from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.run import Bracket
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.outcome import SolverError, Status
-from ngepc.studies.random_problems import Draw, build
-from ngepc.studies.witness import primal_residual
+from ngepc.studies.verification.random_problems import Draw, build
+from ngepc.studies.verification.witness import primal_residual
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 TRACE_FREE = CF((1e-3 * x, 2e-3, 2e-3, -1e-3 * x), dims=(2, 2))
