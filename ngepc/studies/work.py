@@ -170,13 +170,17 @@ def _csv(rows: Sequence[dict]) -> str:
 
 
 def _flat(cell: dict) -> dict:
-    """Lists of numbers as text, one level of nested records as 'name_key', deeper ones left out."""
+    """Lists as text, one level of nested records as 'name_key', deeper ones left out."""
     flat = {}
     for key, value in cell.items():
-        if isinstance(value, list) and not any(isinstance(item, dict) for item in value):
-            flat[key] = " ".join("" if item is None else f"{item:.6g}" for item in value)
+        if isinstance(value, list | tuple) and not any(isinstance(i, dict) for i in value):
+            flat[key] = " ".join(map(_short, value))
         elif isinstance(value, dict):
             flat |= {f"{key}_{name}": item for name, item in value.items()}
-        elif not isinstance(value, list):
+        elif not isinstance(value, list | tuple):
             flat[key] = value
     return flat
+
+
+def _short(item: object) -> str:
+    return f"{item:.6g}" if isinstance(item, float) else "" if item is None else str(item)

@@ -17,12 +17,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape
 
 from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.cli.arguments import say
 from ngepc.evolution.solver import evolve
+from ngepc.geometries import block, lshape
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
 from ngepc.results import checkpoint, files
