@@ -138,11 +138,13 @@ def _files(args: argparse.Namespace, method: str, record: dict, result: Result) 
         written.append(args.save)
     if args.figures is not None:
         from ngepc.pictures.report import standard_figures
-        from ngepc.pictures.style import save
+        from ngepc.pictures.style import save_figure
         from ngepc.studies.examples import THRESHOLDS
 
         figures = standard_figures(result, THRESHOLDS[args.problem]).items()
-        written += [save(f, args.figures / f"{args.problem}_{name}.png") for name, f in figures]
+        written += [
+            save_figure(f, args.figures / f"{args.problem}_{name}.png") for name, f in figures
+        ]
     return written
 
 

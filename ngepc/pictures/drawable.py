@@ -34,44 +34,32 @@ class UnitNames:
 
 @dataclass(frozen=True)
 class FieldKind:
-    """A field that has a name: symbol in mathematical text, title, unit, rank, colours."""
+    """A field that has a name: its symbol (mathematics, plain text), title, unit, rank, colours."""
 
     symbol: str
+    plain: str
     title: str
-    quantity: str
+    quantity: str = "stress"
     rank: int = 0
     colormap: str = "viridis"
 
 
 KINDS = {
-    "equivalent_plastic_strain": FieldKind(r"|p|_F", "plastic strain", "1", 0, "YlGnBu"),
+    "equivalent_plastic_strain": FieldKind(r"|p|_F", "|p|", "plastic strain", "1", 0, "YlGnBu"),
     "accumulated_plastic_strain": FieldKind(
-        r"\bar p", "accumulated plastic strain", "1", 0, "YlGnBu"
+        r"\bar p", "p̄", "accumulated plastic strain", "1", 0, "YlGnBu"
     ),
-    "von_mises": FieldKind(r"\sigma_\mathrm{vM}", "von Mises stress", "stress", 0, "viridis"),
-    "yield_function": FieldKind(r"\phi", "yield function", "stress", 0, "cividis"),
-    "displacement": FieldKind("u", "displacement", "length", 1),
-    "stress": FieldKind(r"\sigma", "stress", "stress", 2),
-    "deviatoric_stress": FieldKind(r"\mathrm{dev}\,\sigma", "deviatoric stress", "stress", 2),
-    "plastic_strain": FieldKind("p", "plastic strain", "1", 2, "YlGnBu"),
-    "strain": FieldKind(r"\varepsilon", "strain", "1", 2),
-    "back_stress": FieldKind(r"\alpha_2", "back stress", "stress", 2),
-    "hardening_variable": FieldKind(r"\alpha_1", "hardening variable", "1"),
+    "von_mises": FieldKind(r"\sigma_\mathrm{vM}", "σ_vM", "von Mises stress"),
+    "yield_function": FieldKind(r"\phi", "φ", "yield function", colormap="cividis"),
+    "displacement": FieldKind("u", "u", "displacement", "length", 1),
+    "stress": FieldKind(r"\sigma", "σ", "stress", rank=2),
+    "deviatoric_stress": FieldKind(r"\mathrm{dev}\,\sigma", "dev σ", "deviatoric stress", rank=2),
+    "plastic_strain": FieldKind("p", "p", "plastic strain", "1", 2, "YlGnBu"),
+    "strain": FieldKind(r"\varepsilon", "ε", "strain", "1", 2),
+    "back_stress": FieldKind(r"\alpha_2", "α₂", "back stress", rank=2),
+    "hardening_variable": FieldKind(r"\alpha_1", "α₁", "hardening variable", "1"),
 }
 """Fields of the body that can be drawn by name, with 'stress_xy' for single components."""
-
-VIEWER_SYMBOLS = {
-    r"|p|_F": "|p|",
-    r"\bar p": "p̄",
-    r"\sigma_\mathrm{vM}": "σ_vM",
-    r"\phi": "φ",
-    r"\sigma": "σ",
-    r"\mathrm{dev}\,\sigma": "dev σ",
-    r"\varepsilon": "ε",
-    r"\alpha_1": "α₁",
-    r"\alpha_2": "α₂",
-}
-"""Symbols in plain text, for places that do not typeset mathematics."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,10 +153,9 @@ def _component(
 
 
 def _plain(kind: FieldKind, component: str) -> str:
-    symbol = VIEWER_SYMBOLS.get(kind.symbol, kind.symbol)
     if component:
-        return f"{kind.title} {symbol}_{component}"
-    return f"{kind.title} |{symbol}|" if kind.rank else f"{kind.title} {symbol}"
+        return f"{kind.title} {kind.plain}_{component}"
+    return f"{kind.title} |{kind.plain}|" if kind.rank else f"{kind.title} {kind.plain}"
 
 
 def fields_of(source: object, name: str = "source") -> Fields:

@@ -350,7 +350,8 @@ def _draw(
         patch = axes.tripcolor(triangles, values, shading="gouraud", rasterized=True, **options)
     if mesh_lines:
         borders = element_borders(fields_of(source)).deformed(scale)
-        axes.add_collection(LineCollection(borders, colors=GUIDE, linewidths=0.25, zorder=2))
+        thin = 0.3 * min(1.0, math.sqrt(1500 / len(borders)))
+        axes.add_collection(LineCollection(borders, colors=GUIDE, linewidths=thin, zorder=2))
     return patch
 
 

@@ -40,7 +40,7 @@ COLUMNS = (
 """Heading, field of the record and format of the columns of the table."""
 
 
-def combine(*monitors: RecordMonitor) -> RecordMonitor:
+def together(*monitors: RecordMonitor) -> RecordMonitor:
     """One monitor that calls several in order."""
     for number, monitor in enumerate(monitors):
         require_function(f"monitors[{number}]", monitor, "a record")

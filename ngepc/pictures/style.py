@@ -62,7 +62,7 @@ def line_style(index: int, count: int) -> dict:
     }
 
 
-def save(figure: Figure, path: Path) -> Path:
+def save_figure(figure: Figure, path: Path) -> Path:
     """Write a figure as its ending says (png, pdf, svg), making its folder; returns the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with rc_context(RC):

@@ -36,7 +36,7 @@ from ngsolve import (  # fmt: skip
 from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.starts import coarse_start
 from ngepc.model.problem import Problem
-from ngepc.pictures.style import COLOURS, Picture, save
+from ngepc.pictures.style import COLOURS, Picture, save_figure
 from ngepc.results.outcome import IterationRecord
 from ngepc.studies.examples import example, solved
 from ngepc.studies.work import Table, Work, first_of
@@ -211,7 +211,7 @@ class Benchmark(Work):
             notes=[*NOTES, *grown],
             cells=table,
         ).write(self.folder)
-        return [*written, save(plot_benchmark(table), self.folder / "benchmark.png")]
+        return [*written, save_figure(plot_benchmark(table), self.folder / "benchmark.png")]
 
 
 def by_mode(table: Sequence[dict]) -> dict[str, list[dict]]:

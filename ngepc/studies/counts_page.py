@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ngepc.pictures.curves import plot_counts, plot_history
 from ngepc.pictures.report import solution_sections, standard_figures, write_report
-from ngepc.pictures.style import save
+from ngepc.pictures.style import save_figure
 from ngepc.results import records
 from ngepc.studies.examples import THRESHOLDS
 from ngepc.studies.work import Cell
@@ -55,7 +55,9 @@ def write_pictures(study: CountTable, table: list[dict]) -> list[Path]:
             for name, figure in standard_figures(study.result(cell), THRESHOLDS[study.body]).items()
         },
     }
-    written = [save(figure, study.folder / f"{name}.png") for name, figure in figures.items()]
+    written = [
+        save_figure(figure, study.folder / f"{name}.png") for name, figure in figures.items()
+    ]
     return [*written, write_page(study, table, study.folder / f"{study.body}.html")]
 
 

@@ -24,7 +24,7 @@ from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.result import DualResult
 from ngepc.dual.starts import coarse_start
 from ngepc.model.problem import Problem
-from ngepc.pictures.style import COLOURS, MARKERS, beside, save
+from ngepc.pictures.style import COLOURS, MARKERS, beside, save_figure
 from ngepc.results.outcome import IterationRecord
 from ngepc.studies.examples import FAMILIES, TITLES, example
 from ngepc.studies.work import Cell, Outcome, Table, Work, first_of
@@ -172,7 +172,7 @@ class Figure4(Work):
             "residual is in the table). In parentheses: the distance is below ten times the "
             "rounding of v*, the quotient says nothing."
         )
-        picture = save(draw_quotients(table), self.folder / "figure4.png")
+        picture = save_figure(draw_quotients(table), self.folder / "figure4.png")
         written = Table(
             name=self.name,
             title="Figure 4: convergence quotients",

@@ -19,7 +19,7 @@ from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
 from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
 from ngepc.pictures.sampling import body_corners
-from ngepc.pictures.style import beside, save
+from ngepc.pictures.style import beside, save_figure
 from ngepc.studies.examples import THRESHOLDS, example
 from ngepc.studies.work import Table, Work, ending
 
@@ -132,7 +132,7 @@ class Figures(Work):
 
     def _drawn(self, number: int, path: PathResult) -> dict:
         name = BODY[number]
-        picture = save(draw(number, path.result), self.folder / f"figure{number}.png")
+        picture = save_figure(draw(number, path.result), self.folder / f"figure{number}.png")
         return {
             "figure": number,
             "file": picture.name,

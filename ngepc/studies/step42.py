@@ -74,7 +74,7 @@ def step42_problem(mesh: Mesh, prescribed: dict | None = None) -> Problem:
     return Problem(mesh, material, contact="contact", gap=gap, prescribed=supports)
 
 
-def compare(problem: Problem) -> dict:
+def compare_methods(problem: Problem) -> dict:
     """Both methods on one mesh of the quarter.
 
     Returns
@@ -148,7 +148,7 @@ class Step42(Work):
             mesh = quarter_cube.mesh(n, 2 * n, grading=0.0, simplices=False)
         else:
             mesh = quarter_cube.mesh(n, simplices=shape == "tetrahedra")
-        found = compare(step42_problem(mesh))
+        found = compare_methods(step42_problem(mesh))
         return Outcome({"mesh": shape, "cells": n, "nodes": mesh.nv, **found})
 
     def write(self, table: Sequence[dict]) -> list[Path]:

@@ -75,7 +75,7 @@ from ngepc.pictures import (
     plot_progress,
 )
 from ngepc.pictures.export import export_series
-from ngepc.pictures.monitors import ProgressLine, combine, watch
+from ngepc.pictures.monitors import ProgressLine, together, watch
 from ngepc.pictures.views import View, ViewOptions, compare, slide
 
 MESH = lshape.paper_mesh(21)
@@ -440,7 +440,7 @@ def test_sections_of_a_report_are_checked(sections, message, tmp_path):
 
 def test_monitors_that_are_none_are_named():
     with pytest.raises(TypeError, match=r"monitors\[1\]=3: a function of a record is needed"):
-        combine(table_monitor(io.StringIO()), 3)
+        together(table_monitor(io.StringIO()), 3)
 
 
 def test_a_quick_dual_result_is_what_it_says():

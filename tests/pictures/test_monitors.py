@@ -19,9 +19,9 @@ from ngepc.pictures import monitors, plot_progress
 from ngepc.pictures.monitors import (
     LivePlotMonitor,
     ProgressLine,
-    combine,
     live_plot_monitor,
     table_monitor,
+    together,
     watch,
 )
 from ngepc.results.outcome import History, IterationRecord
@@ -63,7 +63,7 @@ def problem():
 def test_solver_tells_monitors_the_history(problem):
     seen = []
     result = semismooth_newton(
-        problem, 1e3, monitor=combine(seen.append, table_monitor(io.StringIO()))
+        problem, 1e3, monitor=together(seen.append, table_monitor(io.StringIO()))
     )
     assert seen == result.history.records
 
@@ -74,7 +74,7 @@ def test_stop_iteration_in_one_of_several_monitors_stops_the_run(problem):
             raise StopIteration
 
     seen = []
-    result = semismooth_newton(problem, 1e3, monitor=combine(seen.append, stop))
+    result = semismooth_newton(problem, 1e3, monitor=together(seen.append, stop))
     assert result.status is Status.STOPPED
     assert [record.iteration for record in seen] == [0, 1, 2]
 
@@ -109,7 +109,7 @@ def test_progress_keeps_one_line_on_a_terminal_and_writes_nothing_to_a_file():
     terminal, file = Terminal(), io.StringIO()
     with ProgressLine("run", terminal) as shown, ProgressLine("run", file) as logged:
         for record in RECORDS:
-            combine(shown, logged)(record)
+            together(shown, logged)(record)
         text = terminal.getvalue()
     assert "\n" not in text
     last = text.split("\r")[-1]

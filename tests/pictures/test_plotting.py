@@ -39,7 +39,7 @@ from ngepc.pictures.sampling import (
     element_borders,
     obstacle_lines,
 )
-from ngepc.pictures.style import COLOURS, CONTACT, ELASTIC, PLASTIC, RC, save
+from ngepc.pictures.style import COLOURS, CONTACT, ELASTIC, PLASTIC, RC, save_figure
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import History
@@ -384,4 +384,4 @@ def test_all_figures_have_one_style_which_users_can_take(tmp_path):
         assert plt.rcParams["axes.prop_cycle"] == RC["axes.prop_cycle"]
     assert plt.rcParams["axes.prop_cycle"] != RC["axes.prop_cycle"]
     for ending, begin in (("pdf", b"%PDF"), ("svg", b"<?xml")):
-        assert save(figures[1], tmp_path / f"new/a.{ending}").read_bytes().startswith(begin)
+        assert save_figure(figures[1], tmp_path / f"new/a.{ending}").read_bytes().startswith(begin)

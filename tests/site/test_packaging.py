@@ -22,7 +22,8 @@ def test_wheel_contains_every_module(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     modules = {str(p.relative_to(ROOT)) for p in (ROOT / "ngepc").rglob("*.py")}
     modules |= {f"ngepc/geometries/{p.name}" for p in (ROOT / "geometries").glob("*.py")}
-    assert modules | {"ngepc/py.typed", "ngepc/__init__.pyi"} <= names
+    data = {"py.typed", "__init__.pyi", "pictures/ngepc.mplstyle", "pictures/page.html"}
+    assert modules | {f"ngepc/{name}" for name in data} <= names
     notebooks = {
         f"ngepc/{p.relative_to(ROOT).as_posix()}" for p in ROOT.glob("notebooks/**/*.ipynb")
     }

@@ -8,7 +8,7 @@ import pytest
 from ngepc import primal_newton
 from ngepc.__main__ import main
 from ngepc.geometries import block, quarter_cube
-from ngepc.studies.step42 import WHOLE, compare, relative, step42_problem
+from ngepc.studies.step42 import WHOLE, compare_methods, relative, step42_problem
 
 
 def test_quarter_stands_for_the_whole_body():
@@ -23,7 +23,7 @@ def test_quarter_stands_for_the_whole_body():
 
 @pytest.fixture(scope="module")
 def tetrahedra():
-    return [compare(step42_problem(quarter_cube.mesh(n))) for n in (4, 6, 8)]
+    return [compare_methods(step42_problem(quarter_cube.mesh(n))) for n in (4, 6, 8)]
 
 
 def test_methods_differ_by_less_than_the_meshes(tetrahedra):
@@ -49,6 +49,8 @@ def test_study_writes_its_table_and_keeps_its_cells(tmp_path, monkeypatch):
     cells = json.loads((tmp_path / "step42.json").read_text())["cells"]
     assert [c["mesh"] for c in cells] == ["tetrahedra", "hexahedra", "hexahedra of step-42"]
     assert cells[-1]["primal"]["contact_force"] == pytest.approx(37.3058, abs=5e-5)
-    monkeypatch.setattr("ngepc.studies.step42.compare", lambda problem: pytest.fail("solved again"))
+    monkeypatch.setattr(
+        "ngepc.studies.step42.compare_methods", lambda problem: pytest.fail("solved again")
+    )
     assert main(arguments) == 0
     assert (tmp_path / "step42.md").read_text() == text

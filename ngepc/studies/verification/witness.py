@@ -39,12 +39,12 @@ from ngepc.results.outcome import Result
 
 POINTS = 400
 
-Field = ProxyFunction | CoefficientFunction
-"""A displacement or a plastic strain."""
+StrainOf = ProxyFunction | CoefficientFunction
+"""A displacement or a plastic strain, as a trial function or a field."""
 
 
 def elastic_product(
-    problem: Problem, h: Coefficient, u: Field, p: Field, v: Field, r: Field
+    problem: Problem, h: Coefficient, u: StrainOf, p: StrainOf, v: StrainOf, r: StrainOf
 ) -> CoefficientFunction:
     """The integrand of <D (u, p), (v, r)>: C (eps(u) - p) : (eps(v) - r) + h p . r."""
     m, N = problem.material, problem.N
