@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -35,51 +35,26 @@ LAST = 6
 REFERENCE_TOLERANCE = 1e-14
 
 
-@dataclass(frozen=True, kw_only=True)
-class Quotients:
-    """The quotients of one run with what they were computed from.
-
-    Parameters
-    ----------
-    gamma, nodes
-        Regularisation and mesh.
-    iterations
-        Omega.
-    status
-        How the run to the first tolerance ended.
-    quotients
-        Q_1, ..., Q_5, fewer if the run has fewer than five steps.
-    distances
-        ||v^j - v*||_H of the last six iterates (stress).
-    meaningful
-        For each quotient, whether its distances are above ten times the rounding.
-    reference_residual, rounding
-        ||Psi_gamma||_{H*} at v*, and ||.||_H of the Newton correction there.
-    """
-
-    gamma: float
-    nodes: int
-    iterations: int
-    status: str
-    quotients: list[float]
-    distances: list[float]
-    meaningful: list[bool]
-    reference_residual: float
-    rounding: float
-
-
 def convergence_quotients(
     problem: Problem,
     gamma: float,
     start: DualResult | None = None,
     options: NewtonOptions | None = None,
-) -> Quotients:
+) -> dict:
     """Run Algorithm 7.1 and compare its last iterates with a more precise solution.
 
     Parameters
     ----------
     problem, gamma, start, options
         As in ``semismooth_newton``.
+
+    Returns
+    -------
+    dict
+        ``gamma``, ``nodes``, ``iterations`` (omega), ``status``; ``quotients`` Q_1, ..., Q_5 (fewer
+        for fewer steps); ``distances`` ||v^j - v*||_H of the last six iterates (stress);
+        ``meaningful``, whether distances are above ten times the rounding;
+        ``reference_residual``, ``rounding``: residual of v*, ||.||_H of the correction there.
     """
     options = NewtonOptions() if options is None else options
     duals: list[np.ndarray] = []
@@ -96,17 +71,17 @@ def convergence_quotients(
     distances = [h_norm(result, v - duals[best]) for v in duals[: omega + 1][-LAST:]]
     following = duals[min(best + 1, len(duals) - 1)]
     rounding = h_norm(result, following - duals[best]) or result.residual_rounding
-    return Quotients(
-        gamma=gamma,
-        nodes=problem.mesh.nv,
-        iterations=omega,
-        status="converged" if reached else result.status.label,
-        quotients=[after / before if before > 0 else 0.0 for before, after in pairwise(distances)],
-        distances=distances,
-        meaningful=[after > 10 * rounding for after in distances[1:]],
-        reference_residual=residuals[best],
-        rounding=rounding,
-    )
+    return {
+        "gamma": gamma,
+        "nodes": problem.mesh.nv,
+        "iterations": omega,
+        "status": "converged" if reached else result.status.label,
+        "quotients": [b / a if a > 0 else 0.0 for a, b in pairwise(distances)],
+        "distances": distances,
+        "meaningful": [after > 10 * rounding for after in distances[1:]],
+        "reference_residual": residuals[best],
+        "rounding": rounding,
+    }
 
 
 def h_norm(result: DualResult, w: np.ndarray) -> float:
@@ -162,7 +137,7 @@ class Figure4(Work):
         start = coarse_start(name, self.gamma, self.options) if name == "lshape" else None
         problem = example(name, cell.nodes)
         quotients = convergence_quotients(problem, self.gamma, start, self.options)
-        return Outcome({"example": name, **asdict(quotients)})
+        return Outcome({"example": name, **quotients})
 
     def write(self, table: Sequence[dict]) -> list[Path]:
         """Write figure4.png, .csv, .md and .json; returns their paths."""

@@ -66,21 +66,21 @@ def test_paths_of_the_figures_end_where_the_captions_say():
 def test_quotients_fall_superlinearly():
     problem = wrench_problem(wrench.paper_mesh(245))
     found = convergence_quotients(problem, 1e3)
-    assert found.iterations == semismooth_newton(problem, 1e3).iterations
-    assert found.reference_residual < 1e-14
-    assert len(found.quotients) == 5
-    sound = [q for q, good in zip(found.quotients, found.meaningful, strict=True) if good]
+    assert found["iterations"] == semismooth_newton(problem, 1e3).iterations
+    assert found["reference_residual"] < 1e-14
+    assert len(found["quotients"]) == 5
+    sound = [q for q, good in zip(found["quotients"], found["meaningful"], strict=True) if good]
     assert len(sound) >= 3
     assert sound[-1] < 0.1 * sound[0]
-    assert found.distances[-1] < 1e-6 * found.distances[0]
+    assert found["distances"][-1] < 1e-6 * found["distances"][0]
 
 
 def test_quotients_below_rounding_are_marked():
     """One step solves the elastic problem: what follows is rounding."""
     found = convergence_quotients(lshape_problem(lshape.paper_mesh(33)), 1.0)
-    assert found.iterations == 1
-    assert len(found.quotients) == 1
-    assert found.rounding < 1e-10 * found.distances[0]
+    assert found["iterations"] == 1
+    assert len(found["quotients"]) == 1
+    assert found["rounding"] < 1e-10 * found["distances"][0]
 
 
 def test_figure4_study(tmp_path, monkeypatch):

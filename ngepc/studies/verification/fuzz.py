@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -53,41 +53,29 @@ HEAD = ("", "problems", "complaints", "primal converged", "other converged", "ot
         "median gap", "worst gap")  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """What a random problem showed.
+EMPTY = {
+    "complaints": (),
+    "nodes": 0,
+    "statuses": (),
+    "iterations": (),
+    "plastic": math.nan,
+    "contact": math.nan,
+    "gap": math.nan,
+    "messages": (),
+}
 
-    Parameters
-    ----------
-    draw
-        The problem.
-    complaints
-        What is wrong, a sentence each; empty when all is well.
-    nodes
-        Vertices of the mesh.
-    statuses, iterations
-        Labels and Newton steps of the primal method and of the other.
-    plastic, contact
-        Parts of the body that yield and of Gamma_c in contact, by the primal solution.
-    gap
-        What the energies leave between the solutions, over the energies.
-    messages
-        Messages of runs that did not converge.
+
+def examine(draw: Draw) -> dict:
+    """Solve a random problem by both methods and judge the results; never raises.
+
+    Returns
+    -------
+    dict
+        ``draw``; ``complaints``, a sentence each, none when all is well; ``nodes``; ``statuses``
+        and ``iterations`` of the primal method and the other; ``plastic`` and ``contact``, parts of
+        the body that yield and of Gamma_c in contact; ``gap``, what the energies leave between the
+        solutions, relative; ``messages`` of runs that did not converge.
     """
-
-    draw: Draw
-    complaints: tuple[str, ...] = ()
-    nodes: int = 0
-    statuses: tuple[str, ...] = ()
-    iterations: tuple[int, ...] = ()
-    plastic: float = math.nan
-    contact: float = math.nan
-    gap: float = math.nan
-    messages: tuple[str, ...] = ()
-
-
-def examine(draw: Draw) -> Verdict:
-    """Solve a random problem by both methods and judge the results; never raises."""
     try:
         problem = build(draw)
         primal = primal_newton(problem).or_interrupted()
@@ -96,24 +84,24 @@ def examine(draw: Draw) -> Verdict:
         other = semismooth_newton(problem, regularisation=R, options=options).or_interrupted()
         return _verdict(draw, primal, other, options)
     except Exception as error:  # any exception at all is a complaint: that is what is looked for
-        return Verdict(draw=draw, complaints=(f"{type(error).__name__}: {error}",))
+        return EMPTY | {"draw": asdict(draw), "complaints": (f"{type(error).__name__}: {error}",)}
 
 
-def _verdict(draw: Draw, primal: PrimalResult, other: Result, options: NewtonOptions) -> Verdict:
+def _verdict(draw: Draw, primal: PrimalResult, other: Result, options: NewtonOptions) -> dict:
     problem, last = primal.problem, primal.history.records[-1]
     gap, out_of_order = _energies(draw, primal, other)
     runs = {"primal": primal, draw.method: other}
-    return Verdict(
-        draw=draw,
-        complaints=(*_false_statuses(draw, primal, other, options), *out_of_order),
-        nodes=problem.mesh.nv,
-        statuses=tuple(run.status.label for run in runs.values()),
-        iterations=tuple(run.iterations for run in runs.values()),
-        plastic=last.plastic_active / Integrate(1.0, problem.mesh),
-        contact=last.contact_active / max(float(primal.contact.masses.sum()), 1e-300),
-        gap=gap,
-        messages=tuple(r.message for r in runs.values() if r.status is not Status.CONVERGED),
-    )
+    return {
+        "draw": asdict(draw),
+        "complaints": (*_false_statuses(draw, primal, other, options), *out_of_order),
+        "nodes": problem.mesh.nv,
+        "statuses": tuple(run.status.label for run in runs.values()),
+        "iterations": tuple(run.iterations for run in runs.values()),
+        "plastic": last.plastic_active / Integrate(1.0, problem.mesh),
+        "contact": last.contact_active / max(float(primal.contact.masses.sum()), 1e-300),
+        "gap": gap,
+        "messages": tuple(r.message for r in runs.values() if r.status is not Status.CONVERGED),
+    }
 
 
 def _false_statuses(
@@ -183,7 +171,7 @@ class Fuzz(Work):
         for number, draw in zip(range(self.count), draws(self.seed), strict=False):
             if number < len(verdicts):
                 continue
-            verdicts.append(asdict(examine(draw)))
+            verdicts.append(examine(draw))
             checkpoint.save(self._path, self._settings, {"verdicts": verdicts}, {})
             self.progress(f"[{number + 1}/{self.count}] {summary(verdicts[-1])}")
         return verdicts[: self.count]
