@@ -103,8 +103,12 @@ class Equilibrium:
         return {name: self.resultant(np.where(mask, share, 0.0)) for name, mask in held.items()}
 
     def resultant(self, forces: np.ndarray) -> np.ndarray:
-        """The sum of nodal forces over the body, N components (force)."""
-        return total(forces.sum(axis=1), self.problem.mesh)
+        """The resultant of nodal forces on the body, N components (force).
+
+        Rigid motions are sums of the hat functions of the vertices: what displacements of order
+        two add on edges and faces does not take part.
+        """
+        return total(forces[:, : self.problem.mesh.nv].sum(axis=1), self.problem.mesh)
 
     def moment(self, forces: np.ndarray, about: Sequence[float] | None = None) -> np.ndarray:
         """Sum of (x - about) x F over the nodes (force times length).
@@ -126,7 +130,8 @@ class Equilibrium:
         TypeError, ValueError
             If ``about`` is no point.
         """
-        N, nv = self.applied.shape
+        N, nv = self.problem.N, self.problem.mesh.nv
+        forces = forces[:, :nv]
         about = np.array(require_vector("about", (0.0,) * N if about is None else about, (N,)))
         arms = np.asarray(self.problem.mesh.ngmesh.Coordinates())[:nv, :N].T - about[:, None]
         if N == 2:
