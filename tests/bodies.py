@@ -8,6 +8,9 @@ from ngepc import Material, Problem, outward_normal
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 
+FLAT = {2: "two-dimensional", 3: "solid"}
+"""Dimension of a mesh -> kinematics in which tensors are as large: the law of the paper."""
+
 MESHES = {
     "triangles": lambda: block.structured_mesh(3, 3, simplices=True),
     "quadrilaterals": lambda: block.structured_mesh(3, 3),

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from bodies import FLAT
 from ngepc.geometries import block, ring
 from ngsolve import BND, CF, Integrate, Norm, ds, x
 
@@ -58,7 +59,15 @@ def sheared_block(N, F, gamma, angle):
             **{"back": (0, 0, s * b), "front": (0, 0, -s * b)},
         }
     mesh = block.structured_mesh(*cells, simplices=True)
-    return Problem(mesh, material, traction=loads, contact="contact", gap=0.0, friction=F)
+    return Problem(
+        mesh,
+        material,
+        traction=loads,
+        contact="contact",
+        gap=0.0,
+        friction=F,
+        kinematics=FLAT[mesh.dim],
+    )
 
 
 @pytest.mark.parametrize(("N", "angle"), [(2, 0.0), (3, 0.0), (3, 0.6435)])
@@ -195,6 +204,7 @@ def test_slip_has_no_normal_part():
         contact="outer",
         gap=0.0,
         friction=1.0,
+        kinematics=FLAT[mesh.dim],
     )
     n, u = problem.normal, CF((1.0 + x, 2.0, -x))
     u_t = slip(problem, u)

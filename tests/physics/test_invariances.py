@@ -7,6 +7,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from bodies import FLAT
 from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
 from ngepc.geometries import lshape
@@ -87,6 +88,7 @@ def problem(motion=None, mesh=None):
         body_force=force,
         initial_plastic_strain=CF(tuple(p_0.ravel().tolist()), dims=(2, 2)),
         initial_hardening=(0.1, CF(tuple(back.ravel().tolist()), dims=(2, 2))),
+        kinematics=FLAT[mesh.dim],
     )
 
 
