@@ -150,6 +150,7 @@ def build(draw: Draw) -> Problem:
         {body.load: tuple(draw.load * bound * c for c in direction)},
         **contact,
         **_history(draw, material, mesh.dim),
+        kinematics="two-dimensional" if mesh.dim == 2 else "solid",
     )
 
 
