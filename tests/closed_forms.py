@@ -1,7 +1,7 @@
 """Closed forms for homogeneous states and for the thick ring, with all regularisation terms.
 
 ``Law`` is the scalar law that one material point follows when everything points one way.  The
-dual method solves, with s = |dev sigma - alpha_2|, |q| = s - h_F p,
+dual method solves, with s = |dev sigma - alpha_2|, |q| = s - h p,
 
     p = gamma_q [|q| - beta]_+ + |q| / tau,      tau = gamma_T L^2,
 
@@ -18,29 +18,27 @@ from scipy.optimize import brentq
 
 @dataclass(frozen=True)
 class Law:
-    """beta and h of a material point; gamma_q, 1/tau and h_F of the regularisation."""
+    """beta and h of a material point; gamma_q and 1/tau of the regularisation."""
 
     beta: float
     h: float
     gamma_q: float | None = None
     inverse_tau: float = 0.0
-    h_F: float | None = None
 
     @classmethod
     def of(cls, problem, regularisation=None):
         if regularisation is None:
             return cls(problem.beta, problem.material.effective_hardening)
         h = problem.material.effective_hardening
-        tau = regularisation.gamma_tichonov * regularisation.units.length**2
-        share = regularisation.hardening_share
-        gamma_q = regularisation.gamma_plastic(problem) if share == 1 else 1 / ((1 - share) * h)
-        return cls(problem.beta, h, gamma_q, 1 / tau, share * h)
+        weights = regularisation.parameters.weights(problem, regularisation.units)
+        tau = weights.tichonov * regularisation.units.length**2
+        return cls(problem.beta, h, weights.plastic, 1 / tau)
 
     def plastic_strain(self, s, two_mu=0.0):
         """p for a stress s that falls by ``two_mu`` p: 0 when stress-driven."""
         if self.gamma_q is None:
             return max(s - self.beta, 0.0) / (self.h + two_mu)
-        stiff, small = self.h_F + two_mu, self.inverse_tau
+        stiff, small = self.h + two_mu, self.inverse_tau
         elastic = small * s / (1 + small * stiff)
         if s - stiff * elastic <= self.beta:
             return elastic
@@ -114,3 +112,54 @@ class Ring:
         _, B, C = self.plastic(rho)
         s = math.sqrt(2) * self.mu * (2 * B / r**2 - C)
         return IfPos(r - rho, 0.0, (s - self.beta) / (2 * self.mu + self.h))
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A shell a < r < b under internal pressure, with linear hardening.
+
+    With s = sigma_theta - sigma_r and D = eps_theta - eps_r equilibrium (sigma_r' = 2 s/r) and
+    compatibility (eps_theta' = -D/r) give  D + 2 s/(3 K) = C/r^3,  where D = s/(2 mu) + 3 g/2 with
+    p = g diag(-1, 1/2, 1/2), and s = s_Y + 3 h g/2 where it yields, s_Y = (3/2)^(1/2) beta.
+    """
+
+    lame_lambda: float
+    mu: float
+    beta: float
+    h: float
+    a: float = 1.0
+    b: float = 2.0
+
+    @property
+    def three_K(self):
+        return 3 * self.lame_lambda + 2 * self.mu
+
+    @property
+    def k(self):
+        return 1 / (2 * self.mu) + 2 / self.three_K
+
+    @property
+    def s_Y(self):
+        return math.sqrt(1.5) * self.beta
+
+    @property
+    def soft(self):
+        return self.h * self.k / (1 + self.h * self.k)
+
+    def difference(self, c, r):
+        """s at r for a shell that yields up to c."""
+        elastic = self.s_Y * (c / r) ** 3
+        return elastic if r >= c else self.s_Y + self.soft * (elastic - self.s_Y)
+
+    def pressure(self, c):
+        """The pressure with which the shell yields up to c."""
+        outer = 2 / 3 * (1 - (c / self.b) ** 3)
+        inner = 2 * math.log(c / self.a) * (1 - self.soft)
+        inner += self.soft * 2 / 3 * ((c / self.a) ** 3 - 1)
+        return self.s_Y * (outer + inner)
+
+    def end_displacement(self, c, r):
+        """u at r = a or r = b."""
+        s, sigma_r = self.difference(c, r), 0.0 if r == self.b else -self.pressure(c)
+        trace = (3 * sigma_r + 2 * s) / self.three_K
+        return r / 3 * (trace + self.k * self.s_Y * (c / r) ** 3 - 2 * s / self.three_K)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import L2, GridFunction, VectorValued
+from ngsolve import L2, CoefficientFunction, GridFunction, VectorValued
 
 from ngepc.discretisation.points import Points
 from ngepc.discretisation.rules import plastic_order
+from ngepc.model.problem import Problem
 
 
 class PointFunctions:
@@ -57,3 +58,9 @@ class PointFunctions:
         for block, inverse in zip(self.points.blocks, self._inverses, strict=True):
             values[block.points] = inverse.swapaxes(1, 2) @ columns[self._dofs(block.points)]
         return values
+
+
+def interpolated(problem: Problem, value: CoefficientFunction) -> GridFunction:
+    """The discontinuous polynomial with the values of a coefficient at the points of a problem."""
+    points = Points(problem.mesh, problem.kinematics, problem.order)
+    return PointFunctions(points).function(points.at(value))

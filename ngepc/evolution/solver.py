@@ -15,7 +15,6 @@ from typing import Protocol
 from ngsolve import GridFunction
 
 from ngepc.checks.arguments import require_integer
-from ngepc.checks.distributed import require_one_process
 from ngepc.checks.kinds import require_function, require_instance, require_path
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.file import EvolutionFile
@@ -101,8 +100,6 @@ def evolve(
     require_function("solver", solver, "problem and start")
     require_function("monitor", monitor, "a step", optional=True)
     path = None if checkpoint is None else require_path("checkpoint", checkpoint)
-    if path is not None:
-        require_one_process(f"checkpoint={checkpoint!r}", problem.mesh, "None is needed")
     schedule, cuts = as_schedule(steps), require_integer("cuts", cuts, 0, 30)
     run = _Run(problem, schedule, solver, cuts if isinstance(schedule, Schedule) else 0, monitor)
     if path is not None:

@@ -36,6 +36,8 @@ class DiscreteProblem:
     ----------
     problem
         Data of the time step.
+    points
+        The integration points; None for those of the problem's mesh, kinematics and order.
 
     Attributes
     ----------
@@ -49,9 +51,9 @@ class DiscreteProblem:
         Tangential displacements of the rows at the begin of the step, shape (m, N - 1).
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, points: Points | None = None) -> None:
         self.problem = problem
-        self.points = Points(problem.mesh, problem.kinematics, problem.order)
+        self.points = points or Points(problem.mesh, problem.kinematics, problem.order)
         self.law = Law(problem, self.points)
         self.supports = Supports(problem)
         self.rows: ContactRows = contact_rows(problem, self.supports)
@@ -215,7 +217,9 @@ class State:
 
     def _relative(self, forces: np.ndarray) -> float:
         size = float(np.linalg.norm(forces))
-        return 0.0 if size == 0 else size / self.force_scale
+        if size == 0 or self.force_scale == 0:  # an obstacle that pushes a body at rest
+            return float(size > 0)
+        return size / self.force_scale
 
     @property
     def rounding(self) -> float:

@@ -116,10 +116,8 @@ class Equilibrium:
         about = np.array(require_vector("about", (0.0,) * N if about is None else about, (N,)))
         arms = np.asarray(self.problem.mesh.ngmesh.Coordinates())[:nv, :N].T - about[:, None]
         if N == 2:
-            own = np.array([np.vdot(arms[0], forces[1]) - np.vdot(arms[1], forces[0])])
-        else:
-            own = np.cross(arms, forces, axis=0).sum(axis=1)
-        return own
+            return np.array([np.vdot(arms[0], forces[1]) - np.vdot(arms[1], forces[0])])
+        return np.cross(arms, forces, axis=0).sum(axis=1)
 
     def _held(self) -> dict[str, np.ndarray]:
         """Name of each support -> the components it holds, boolean (N, nodes)."""
@@ -132,6 +130,5 @@ class Equilibrium:
             held[name] = np.zeros(self.free.shape, dtype=bool)
             for axis, value in enumerate(values):
                 if value is not None:
-                    own = np.array(V.components[axis].GetDofs(region), dtype=bool)
-                    held[name][axis] = own
+                    held[name][axis] = np.array(V.components[axis].GetDofs(region), dtype=bool)
         return held

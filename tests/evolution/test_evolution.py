@@ -9,15 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape
 from ngsolve import IfPos, InnerProduct, Integrate, ds, specialcf, x
 
-from ngepc.dual.balanced import Balanced
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule, load_cycle
 from ngepc.evolution.memory import Memory
 from ngepc.evolution.result import StepRecord
 from ngepc.evolution.solver import cold_start, evolve
+from ngepc.geometries import block, lshape
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import PrimalOptions, primal_newton
@@ -317,7 +316,7 @@ def test_dual_solver_follows_the_same_history():
     problem = punched(MATERIALS["kinematic"], nodes=225)
     schedule = load_cycle(problem, [1, 0.2])
     primal = evolve(problem, schedule).raise_for_status()
-    dual = evolve(problem, schedule, cold_start(semismooth_newton, regularisation=Balanced()))
+    dual = evolve(problem, schedule, cold_start(semismooth_newton))
     dual.raise_for_status()
     forgotten = evolve(problem, [(2.0, schedule.changes(2.0))]).raise_for_status()
     for name in ("contact_force", "elastic_energy"):
@@ -371,11 +370,10 @@ def test_schedules_check_their_times():
 
 
 def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():
-    from ngepc.geometries import lshape
-
     from ngepc import semismooth_newton
     from ngepc.evolution.file import problem_fingerprint
     from ngepc.evolution.solver import cold_start
+    from ngepc.geometries import lshape
     from ngepc.model.examples import lshape_problem
 
     names = {cold_start(semismooth_newton, gamma=g).__qualname__ for g in (1e3, 1e4)}

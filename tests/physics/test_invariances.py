@@ -7,22 +7,21 @@ import dataclasses
 
 import numpy as np
 import pytest
+from bodies import FLAT
 from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
-from ngepc.geometries import lshape
 from ngsolve import CF, Mesh, x, y
 
 from ngepc import (
-    Balanced,
     Coupled,
     Material,
     NewtonOptions,
-    PenaltyContact,
     Problem,
     Status,
     Units,
     semismooth_newton,
 )
+from ngepc.geometries import lshape
 from ngepc.primal.solver import primal_newton
 
 STRESS, LENGTH = 2e8, 0.25
@@ -87,6 +86,7 @@ def problem(motion=None, mesh=None):
         body_force=force,
         initial_plastic_strain=CF(tuple(p_0.ravel().tolist()), dims=(2, 2)),
         initial_hardening=(0.1, CF(tuple(back.ravel().tolist()), dims=(2, 2))),
+        kinematics=FLAT[mesh.dim],
     )
 
 
@@ -94,11 +94,6 @@ METHODS = {
     "primal": lambda p, units: primal_newton(p),
     "coupled": lambda p, units: semismooth_newton(
         p, regularisation=Coupled(1e3, units=units), options=SHARP
-    ),
-    "balanced": lambda p, units: semismooth_newton(
-        p,
-        regularisation=Balanced(1e6, contact=PenaltyContact(gamma=10.0), units=units),
-        options=SHARP,
     ),
 }
 

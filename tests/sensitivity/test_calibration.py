@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from ngepc.geometries import block
 from ngsolve import x
 
 from ngepc import Material, Problem, Schedule, evolve
+from ngepc.geometries import block
 from ngepc.sensitivity.calibration import Curve, calibrate
 
 TRUTH = {"yield_stress": 2.0, "hardening": 60.0}

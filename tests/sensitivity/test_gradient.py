@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngepc.geometries import lshape
 from ngsolve import CF, IfPos, x, y
 
 from ngepc import Material, NewtonOptions, SolverError, lshape_problem, semismooth_newton
+from ngepc.geometries import lshape
 from ngepc.sensitivity.functionals import DisplacementAt, Reaction, misfit
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.parameters import Direction
-from ngepc.studies.derivatives import (
+from ngepc.studies.verification.derivatives import (
     compared,
     functionals,
     last_state,

@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngepc.geometries import block
 from ngsolve import x
 
 from ngepc import Material, Problem, semismooth_newton
+from ngepc.geometries import block
 from ngepc.sensitivity.functionals import Reaction
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Direction
 from ngepc.sensitivity.radial import RadialDerivative
 from ngepc.sensitivity.tangent import tangent
-from ngepc.studies.derivatives import functionals, once, random_problem, sizes
+from ngepc.studies.verification.derivatives import functionals, once, random_problem, sizes
 
 
 def test_reverse_is_the_transpose_of_forward():
