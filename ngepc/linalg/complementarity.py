@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ngepc.linalg.compliance import Compliance
+
 _PATIENCE = 10
 """Exchanges without progress before those of Murty's rule take over."""
 
@@ -77,4 +79,45 @@ def solve_complementarity(
             active &= ~wrong
         else:
             active[np.where(active, np.inf, w).argmin()] = True
+    return None
+
+
+def exchange(W: Compliance, gaps: np.ndarray, forces: np.ndarray) -> np.ndarray | None:
+    """The change of the forces x after which x >= 0, w >= 0 and x . w = 0.
+
+    w = gaps + W (x - forces) with W positive definite.  All indices on the wrong side change sides
+    at once, starting from those with a force; when that stops making progress the exchanges of
+    Murty's rule follow, which end after finitely many steps.
+
+    Parameters
+    ----------
+    W
+        The compliance.
+    gaps, forces
+        Gaps at the forces to start from, shape (m,); close to the solution these keep cancellation
+        out of the result.
+
+    Returns
+    -------
+    ndarray or None
+        The change; None if a number became NaN or infinite or the exchanges did not end.
+    """
+    active = forces > 0
+    fewest, patience = len(gaps) + 1, _PATIENCE
+    slack = 1e-14 * max(np.abs(gaps).max(initial=0.0), np.finfo(float).tiny)
+    for _ in range(100 + 20 * len(gaps)):
+        change = np.where(active, 0.0, -forces)
+        change[active] = -np.linalg.solve(W.block(active), (gaps + W @ change)[active])
+        if not np.isfinite(change).all():
+            return None
+        w, x = gaps + W @ change, np.where(active, forces + change, 0.0)
+        wrong = np.where(active, x < -1e-14 * np.abs(x).max(initial=0.0), w < -slack)
+        count = np.count_nonzero(wrong)
+        if count == 0:
+            return np.where(x > 0, change, -forces)
+        fewest, patience = (count, _PATIENCE) if count < fewest else (fewest, patience - 1)
+        if patience > 0:
+            active ^= wrong
+        else:
+            active[np.flatnonzero(wrong)[-1]] ^= True
     return None

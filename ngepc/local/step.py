@@ -15,8 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.linalg.complementarity import solve_complementarity
+from ngepc.linalg.complementarity import exchange
+from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.linesearch import Bracket
+from ngepc.linalg.secants import solve_by_secants
 from ngepc.local.factors import Tangent, TangentError
 from ngepc.local.system import EPSILON, State
 
@@ -25,6 +27,9 @@ FLATNESS = 0.2
 
 EVALUATIONS = 40
 """Most trials of a line search."""
+
+ROUNDING = 1e-13
+"""Gaps of closed rows below this part of the displacements are zero."""
 
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
@@ -38,17 +43,25 @@ class Target:
     ----------
     change
         du, shape (nodes, N).
-    multipliers, active
-        lambda >= 0 of the rows at u + du, and lambda > 0.
+    multipliers
+        lambda >= 0 of the rows at u + du.
     """
 
     change: np.ndarray
     multipliers: np.ndarray
-    active: np.ndarray
 
 
-def newton_target(here: State, tangent: Tangent) -> Target:
+def newton_target(here: State, tangent: Tangent, compliance: Compliance) -> Target:
     """Factorise the tangent at a state and minimise Newton's model over N u <= gaps.
+
+    Parameters
+    ----------
+    here
+        The state.
+    tangent
+        The linear solver.
+    compliance
+        A guess of the compliance of the rows; it learns.
 
     Raises
     ------
@@ -57,22 +70,21 @@ def newton_target(here: State, tangent: Tangent) -> Target:
     """
     discrete, rows = here.discrete, here.discrete.rows
     tangent.update(discrete.law.moduli(here.at, here.yielding))
-    free = tangent.solve(-here.imbalance)
-    if not len(rows):
-        return Target(free, here.multipliers, here.active)
+    change = tangent.solve(-here.imbalance)
 
-    def answer(row: int) -> np.ndarray:
-        unit = np.zeros(len(rows))
-        unit[row] = 1.0
-        return rows.displacement(tangent.solve(rows.forces(unit)))
+    def product(forces: np.ndarray) -> np.ndarray:
+        nonlocal change
+        answer = tangent.solve(rows.forces(forces))
+        change = change - answer
+        return rows.displacement(answer)
 
-    found = solve_complementarity(
-        answer, here.open_gap - rows.displacement(free), here.active, here.multipliers
-    )
+    gaps = here.open_gap - rows.displacement(change)
+    sizes = np.abs(here.u + change).max(initial=0.0), -gaps.min(initial=0.0)
+    slack = ROUNDING * float(max(sizes))
+    found = solve_by_secants(exchange, product, compliance, gaps, here.multipliers, slack)
     if found is None:
         raise TangentError("the contact conditions of neighbouring nodes are dependent")
-    change = free - tangent.solve(rows.forces(found.change))
-    return Target(change, found.values, found.values > 0)
+    return Target(change, found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +109,7 @@ class Line:
 
     def _held_forces(self) -> np.ndarray:
         """Contact forces of rows that stay closed along the step: they do no work."""
-        held = np.where(self.target.active, self.here.multipliers, 0.0)
+        held = np.where(self.target.multipliers > 0, self.here.multipliers, 0.0)
         return self.here.discrete.rows.forces(held)
 
     def slope(self, t: float) -> float:
@@ -124,7 +136,7 @@ class Line:
         ds = discrete.law.two_mu[:, None] * self._strain_change[1]
         moved = discrete.law.linearised(here.at, here.yielding, ds)
         yielding = discrete.law.projected(here.yielding + t * (moved - here.yielding))
-        return discrete.state(u, yielding, multipliers, self.target.active)
+        return discrete.state(u, yielding, multipliers)
 
 
 def step_length(line: Line) -> tuple[float, int] | None:

@@ -82,6 +82,11 @@ class DiscreteProblem:
         return self.points.diagonal(self.law.bulk, self.law.two_mu)
 
     @cached_property
+    def row_stiffness(self) -> np.ndarray:
+        """Elastic stiffness of the nodes of each contact row (force per length), shape (m,)."""
+        return self.rows.normal.power(2) @ self.stiffness_diagonal.ravel()
+
+    @cached_property
     def yield_forces(self) -> float:
         """Norm of nodal forces of stresses at the yield bound."""
         sizes = self.points.force_sizes(self.law.beta)
@@ -92,7 +97,6 @@ class DiscreteProblem:
         u: np.ndarray,
         yielding: np.ndarray | None = None,
         multipliers: np.ndarray | None = None,
-        active: np.ndarray | None = None,
     ) -> State:
         """The state with displacements ``u``; w = beta s/|s| and no contact forces by default."""
         m = len(self.rows)
@@ -101,8 +105,7 @@ class DiscreteProblem:
         if yielding is None:
             yielding = self.law.yielding_part(at)
         multipliers = np.zeros(m) if multipliers is None else multipliers
-        active = multipliers > 0 if active is None else active
-        return State(self, u, yielding, multipliers, active, volume, e, at)
+        return State(self, u, yielding, multipliers, volume, e, at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +122,6 @@ class State:
         w = -q at the points, |w| <= beta, a variable of its own, shape (points, d).
     multipliers
         Contact forces lambda >= 0 of the rows, shape (m,).
-    active
-        Boolean, shape (m,): rows taken as closed; the next step starts from them.
     volume, deviator, at
         tr eps(u), the coordinates of dev eps(u), and the law there.
     """
@@ -129,7 +130,6 @@ class State:
     u: np.ndarray
     yielding: np.ndarray
     multipliers: np.ndarray
-    active: np.ndarray
     volume: np.ndarray
     deviator: np.ndarray
     at: Return = field(repr=False)
@@ -195,15 +195,8 @@ class State:
 
     @cached_property
     def contact_defect(self) -> np.ndarray:
-        """min(lambda, k gap) of the rows, a force, shape (m,): zero where both conditions hold.
-
-        k is the elastic stiffness of the row's nodes.
-        """
-        rows = self.discrete.rows
-        if not len(rows):
-            return np.zeros(0)
-        stiffness = rows.normal.power(2) @ self.discrete.stiffness_diagonal.ravel()
-        return np.minimum(self.multipliers, stiffness * self.open_gap)
+        """min(lambda, k gap) of the rows, a force, shape (m,): zero where both conditions hold."""
+        return np.minimum(self.multipliers, self.discrete.row_stiffness * self.open_gap)
 
     @cached_property
     def residual_norm(self) -> float:
