@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ngepc.linalg.compliance import Compliance
+from ngepc.linalg.secants import SmallAnswer
 
 _PATIENCE = 10
 """Exchanges without progress before those of Murty's rule take over."""
@@ -82,7 +83,7 @@ def solve_complementarity(
     return None
 
 
-def exchange(W: Compliance, gaps: np.ndarray, forces: np.ndarray) -> np.ndarray | None:
+def exchange(W: Compliance, gaps: np.ndarray, forces: np.ndarray) -> SmallAnswer:
     """The change of the forces x after which x >= 0, w >= 0 and x . w = 0.
 
     w = gaps + W (x - forces) with W positive definite.  All indices on the wrong side change sides
@@ -99,8 +100,8 @@ def exchange(W: Compliance, gaps: np.ndarray, forces: np.ndarray) -> np.ndarray 
 
     Returns
     -------
-    ndarray or None
-        The change; None if a number became NaN or infinite or the exchanges did not end.
+    SmallAnswer
+        Inexact if a number became NaN or infinite or the exchanges did not end.
     """
     active = forces > 0
     fewest, patience = len(gaps) + 1, _PATIENCE
@@ -109,15 +110,15 @@ def exchange(W: Compliance, gaps: np.ndarray, forces: np.ndarray) -> np.ndarray 
         change = np.where(active, 0.0, -forces)
         change[active] = -np.linalg.solve(W.block(active), (gaps + W @ change)[active])
         if not np.isfinite(change).all():
-            return None
+            break
         w, x = gaps + W @ change, np.where(active, forces + change, 0.0)
         wrong = np.where(active, x < -1e-14 * np.abs(x).max(initial=0.0), w < -slack)
         count = np.count_nonzero(wrong)
         if count == 0:
-            return np.where(x > 0, change, -forces)
+            return SmallAnswer(np.where(x > 0, change, -forces), True)
         fewest, patience = (count, _PATIENCE) if count < fewest else (fewest, patience - 1)
         if patience > 0:
             active ^= wrong
         else:
             active[np.flatnonzero(wrong)[-1]] ^= True
-    return None
+    return SmallAnswer(change, False)

@@ -33,6 +33,11 @@ class Compliance:
     def __matmul__(self, forces: np.ndarray) -> np.ndarray:
         return self._diagonal * forces + self._columns @ (self._signs * (forces @ self._columns))
 
+    @property
+    def diagonal(self) -> np.ndarray:
+        """The diagonal of W."""
+        return self._diagonal + (self._columns**2) @ self._signs
+
     def block(self, chosen: np.ndarray) -> np.ndarray:
         """Rows and columns of W for some of the forces, dense."""
         columns = self._columns[chosen]

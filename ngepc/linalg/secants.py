@@ -10,6 +10,7 @@ many as the conjugate gradient method needs.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +19,16 @@ from ngepc.linalg.compliance import Compliance
 FIRST = 1e-2
 """Part of the slack below which the first change counts as rounding."""
 
-SmallProblem = Callable[[Compliance, np.ndarray, np.ndarray], np.ndarray | None]
-"""(W, gaps, forces) -> the change of the forces that meets the conditions, None on failure."""
+
+class SmallAnswer(NamedTuple):
+    """The change of the forces that meets the conditions, and whether it does so to rounding."""
+
+    change: np.ndarray
+    exact: bool
+
+
+SmallProblem = Callable[[Compliance, np.ndarray, np.ndarray], SmallAnswer]
+"""(W, gaps, forces) -> the change of the forces."""
 
 
 def solve_by_secants(
@@ -55,10 +64,9 @@ def solve_by_secants(
     """
     compliance.restart()
     for number in range(len(gaps) + 3):
-        change = small(compliance, gaps, forces)
-        if change is None:
-            return None
-        if np.abs(compliance @ change).max(initial=0.0) <= slack * (1 if number else FIRST):
+        change, exact = small(compliance, gaps, forces)
+        rounding = slack * (1 if number else FIRST)
+        if exact and np.abs(compliance @ change).max(initial=0.0) <= rounding:
             return np.where(forces + change == 0, 0.0, forces)
         answer = product(change)
         gaps, forces = gaps + answer, forces + change

@@ -149,6 +149,7 @@ def record_of(
         back_substitutions=tangent.back_substitutions if iteration else 0,
         linear_iterations=tangent.linear_iterations if iteration else 0,
         contact_active=float(rows.weights[state.multipliers > 0].sum()),
+        friction_active=float(rows.weights[state.sliding].sum()),
         plastic_active=points.integral(state.at.yields.astype(float)),
     )
 

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.linalg.complementarity import exchange
 from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.linesearch import Bracket
 from ngepc.linalg.secants import solve_by_secants
@@ -31,6 +30,9 @@ EVALUATIONS = 40
 ROUNDING = 1e-13
 """Gaps of closed rows below this part of the displacements are zero."""
 
+BESIDE = 1e-3
+"""Where the slope of friction is taken beside a kink, as a part of the step length."""
+
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
 
@@ -43,16 +45,16 @@ class Target:
     ----------
     change
         du, shape (nodes, N).
-    multipliers
-        lambda >= 0 of the rows at u + du.
+    contact
+        The forces of contact and friction at u + du.
     """
 
     change: np.ndarray
-    multipliers: np.ndarray
+    contact: np.ndarray
 
 
 def newton_target(here: State, tangent: Tangent, compliance: Compliance) -> Target:
-    """Factorise the tangent at a state and minimise Newton's model over N u <= gaps.
+    """Factorise the tangent at a state and solve Newton's model with contact and friction.
 
     Parameters
     ----------
@@ -68,22 +70,23 @@ def newton_target(here: State, tangent: Tangent, compliance: Compliance) -> Targ
     TangentError
         If the linear solver gives up, or contact rows are dependent.
     """
-    discrete, rows = here.discrete, here.discrete.rows
+    discrete, contact = here.discrete, here.discrete.contact
     tangent.update(discrete.law.moduli(here.at, here.yielding))
     change = tangent.solve(-here.imbalance)
 
     def product(forces: np.ndarray) -> np.ndarray:
         nonlocal change
-        answer = tangent.solve(rows.forces(forces))
+        answer = tangent.solve(contact.forces(forces))
         change = change - answer
-        return rows.displacement(answer)
+        return contact.displacement(answer)
 
-    gaps = here.open_gap - rows.displacement(change)
-    sizes = np.abs(here.u + change).max(initial=0.0), -gaps.min(initial=0.0)
+    gaps = here.gaps - contact.displacement(change)
+    sizes = np.abs(here.u + change).max(initial=0.0), -contact.normal(gaps).min(initial=0.0)
     slack = ROUNDING * float(max(sizes))
-    found = solve_by_secants(exchange, product, compliance, gaps, here.multipliers, slack)
+    small = contact.small_problem
+    found = solve_by_secants(small, product, compliance, gaps, here.contact, slack)
     if found is None:
-        raise TangentError("the contact conditions of neighbouring nodes are dependent")
+        raise TangentError(contact.unsolvable)
     return Target(change, found)
 
 
@@ -104,21 +107,31 @@ class Line:
         points = self.here.discrete.points
         volume, e = points.strain(self.target.change)
         object.__setattr__(self, "_strain_change", (volume, e))
-        load = self.here.discrete.load - self._held_forces()
+        contact, here = self.here.discrete.contact, self.here
+        slipped = contact.tangential(contact.displacement(self.target.change))
+        ends = np.linalg.norm(np.stack([here.slip, here.slip + slipped]), axis=2)
+        moves = ends.max(axis=0) > here.touching_distance
+        object.__setattr__(self, "_slip_change", np.where(moves[:, None], slipped, 0.0))
+        held = contact.held(here.contact, self.target.contact, ~moves)
+        load = here.discrete.load - contact.forces(held)
         object.__setattr__(self, "_work", float(np.vdot(load, self.target.change)))
 
-    def _held_forces(self) -> np.ndarray:
-        """Contact forces of rows that stay closed along the step: they do no work."""
-        held = np.where(self.target.multipliers > 0, self.here.multipliers, 0.0)
-        return self.here.discrete.rows.forces(held)
+    def _friction_slope(self, t: float) -> float:
+        """d/dt of the sum of b |slip|, b that of the target, just before t (just after 0)."""
+        change = self._slip_change
+        slip = self.here.slip + max(t * (1 - BESIDE), BESIDE) * change
+        along, size = np.einsum("ij,ij->i", slip, change), np.linalg.norm(slip, axis=1)
+        bound = self.here.discrete.contact.bound(self.target.contact)
+        return float(bound @ (along / np.where(size > 0, size, 1.0)))
 
     def slope(self, t: float) -> float:
-        """d/dt of J(u + t du)."""
+        """d/dt of J(u + t du), friction with the bounds of the target included."""
         discrete, (volume, e) = self.here.discrete, self._strain_change
         at = discrete.law.returned(self.here.deviator + t * e)
         stress = discrete.law.stress(at)
         mean = discrete.law.bulk * (self.here.volume + t * volume) * volume
-        return discrete.points.integral(mean + np.einsum("pd,pd->p", stress, e)) - self._work
+        work = self._work - self._friction_slope(t)
+        return discrete.points.integral(mean + np.einsum("pd,pd->p", stress, e)) - work
 
     @property
     def noise(self) -> float:
@@ -130,13 +143,13 @@ class Line:
         """The state at u + t du, with w and lambda moved along."""
         here, discrete = self.here, self.here.discrete
         u = here.u + t * self.target.change
-        multipliers = here.multipliers + t * (self.target.multipliers - here.multipliers)
+        contact = here.contact + t * (self.target.contact - here.contact)
         if t == 1.0:
-            multipliers = self.target.multipliers
+            contact = self.target.contact
         ds = discrete.law.two_mu[:, None] * self._strain_change[1]
         moved = discrete.law.linearised(here.at, here.yielding, ds)
         yielding = discrete.law.projected(here.yielding + t * (moved - here.yielding))
-        return discrete.state(u, yielding, multipliers)
+        return discrete.state(u, yielding, contact)
 
 
 def step_length(line: Line) -> tuple[float, int] | None:

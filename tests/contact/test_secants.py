@@ -46,7 +46,8 @@ def test_exchange_meets_the_conditions(rng, condition):
     for n in (1, 3, 20, 60):
         W = known(spd(rng, n, condition))
         gaps, forces = rng.normal(size=n), np.maximum(rng.normal(size=n), 0)
-        change = exchange(W, gaps, forces)
+        change, exact = exchange(W, gaps, forces)
+        assert exact
         x, w = forces + change, gaps + W @ change
         assert x.min() >= 0
         assert np.abs(np.minimum(x, w)).max() <= 1e-9 * np.abs(gaps).max()
