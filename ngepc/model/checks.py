@@ -203,7 +203,7 @@ def check_gap(problem: Problem) -> None:
 
 
 def check_friction(problem: Problem) -> None:
-    """A finite friction bound or coefficient >= 0, none without a contact boundary; no u_0 without friction."""
+    """A finite friction law >= 0, none without contact; no u_0 without friction."""
     if problem.friction is None:
         if problem.initial_displacement is not None:
             raise ValueError(

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from netgen.geom2d import SplineGeometry
-from ngepc.geometries import block
 from ngsolve import CF, IfPos, Mesh, x, y
 
 from ngepc import Coulomb, Material, Problem, Status, semismooth_newton
+from ngepc.geometries import block
 
 MU, PRESSURE = 100.0, 4.0
 SPRINGY = Material.kinematic(lame_lambda=0.0, lame_mu=MU, yield_stress=1e6, hardening=1.0)
