@@ -107,12 +107,22 @@ class ContactConditions:
             return np.zeros(len(self.rows))
         return self.friction.bound(self.normal(x))
 
+    def stiffness(self, diagonal: np.ndarray) -> np.ndarray:
+        """Stiffness of the nodes of each row (force per length), one number for all its tangents.
+
+        ``diagonal`` is that of the stiffness matrix, shape (nodes, N).
+        """
+        each = self.matrix.power(2) @ diagonal.ravel()
+        if self.friction is None:
+            return each
+        mean = self.tangential(each).mean(axis=1)
+        return np.concatenate([self.normal(each), np.repeat(mean, self.friction.d)])
+
     def held(self, x: np.ndarray, following: np.ndarray, sticks: np.ndarray) -> np.ndarray:
         """The forces x that do no work: normal ones of rows that stay closed, those that stick."""
         closed = self.normal(following) > 0
         if self.friction is not None:
-            stick = np.repeat(sticks, self.rows.normals.shape[1] - 1)
-            closed = np.concatenate([closed, stick])
+            closed = np.concatenate([closed, np.repeat(sticks, self.friction.d)])
         return np.where(closed, x, 0.0)
 
     def defect(self, x: np.ndarray, pushed: np.ndarray) -> np.ndarray:

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ngepc.discretisation.contact_step import ContactWork, with_contact
 from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.linesearch import Bracket
-from ngepc.linalg.secants import solve_by_secants
 from ngepc.local.factors import Tangent, TangentError
 from ngepc.local.system import EPSILON, State
 
@@ -26,12 +26,6 @@ FLATNESS = 0.2
 
 EVALUATIONS = 40
 """Most trials of a line search."""
-
-ROUNDING = 1e-13
-"""Gaps of closed rows below this part of the displacements are zero."""
-
-BESIDE = 1e-3
-"""Where the slope of friction is taken beside a kink, as a part of the step length."""
 
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
@@ -73,21 +67,10 @@ def newton_target(here: State, tangent: Tangent, compliance: Compliance) -> Targ
     discrete, contact = here.discrete, here.discrete.contact
     tangent.update(discrete.law.moduli(here.at, here.yielding))
     change = tangent.solve(-here.imbalance)
-
-    def product(forces: np.ndarray) -> np.ndarray:
-        nonlocal change
-        answer = tangent.solve(contact.forces(forces))
-        change = change - answer
-        return contact.displacement(answer)
-
-    gaps = here.gaps - contact.displacement(change)
-    sizes = np.abs(here.u + change).max(initial=0.0), -contact.normal(gaps).min(initial=0.0)
-    slack = ROUNDING * float(max(sizes))
-    small = contact.small_problem
-    found = solve_by_secants(small, product, compliance, gaps, here.contact, slack)
+    found = with_contact(contact, tangent.solve, here.u, here.contact, change, compliance)
     if found is None:
         raise TangentError(contact.unsolvable)
-    return Target(change, found)
+    return Target(*found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,22 +90,14 @@ class Line:
         points = self.here.discrete.points
         volume, e = points.strain(self.target.change)
         object.__setattr__(self, "_strain_change", (volume, e))
-        contact, here = self.here.discrete.contact, self.here
-        slipped = contact.tangential(contact.displacement(self.target.change))
-        ends = np.linalg.norm(np.stack([here.slip, here.slip + slipped]), axis=2)
-        moves = ends.max(axis=0) > here.touching_distance
-        object.__setattr__(self, "_slip_change", np.where(moves[:, None], slipped, 0.0))
-        held = contact.held(here.contact, self.target.contact, ~moves)
-        load = here.discrete.load - contact.forces(held)
-        object.__setattr__(self, "_work", float(np.vdot(load, self.target.change)))
-
-    def _friction_slope(self, t: float) -> float:
-        """d/dt of the sum of b |slip|, b that of the target, just before t (just after 0)."""
-        change = self._slip_change
-        slip = self.here.slip + max(t * (1 - BESIDE), BESIDE) * change
-        along, size = np.einsum("ij,ij->i", slip, change), np.linalg.norm(slip, axis=1)
-        bound = self.here.discrete.contact.bound(self.target.contact)
-        return float(bound @ (along / np.where(size > 0, size, 1.0)))
+        here, target = self.here, self.target
+        contact = ContactWork(
+            *(here.discrete.contact, here.u, here.contact, target.change, target.contact),
+            here.touching_distance,
+        )
+        object.__setattr__(self, "_contact", contact)
+        work = np.vdot(here.discrete.load - contact.held, target.change)
+        object.__setattr__(self, "_work", float(work))
 
     def slope(self, t: float) -> float:
         """d/dt of J(u + t du), friction with the bounds of the target included."""
@@ -130,7 +105,7 @@ class Line:
         at = discrete.law.returned(self.here.deviator + t * e)
         stress = discrete.law.stress(at)
         mean = discrete.law.bulk * (self.here.volume + t * volume) * volume
-        work = self._work - self._friction_slope(t)
+        work = self._work - self._contact.slope(t)
         return discrete.points.integral(mean + np.einsum("pd,pd->p", stress, e)) - work
 
     @property

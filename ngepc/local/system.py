@@ -63,16 +63,8 @@ class DiscreteProblem:
 
     @cached_property
     def row_stiffness(self) -> np.ndarray:
-        """Elastic stiffness (force per length) of the nodes of each row of ``contact``.
-
-        One number for all tangents of a row.
-        """
-        each = self.contact.matrix.power(2) @ self.stiffness_diagonal.ravel()
-        normal, tangential = self.contact.normal(each), self.contact.tangential(each)
-        if self.contact.friction is None:
-            return normal
-        mean = tangential.mean(axis=1, keepdims=True) + np.zeros_like(tangential)
-        return np.concatenate([normal, mean.ravel()])
+        """Elastic stiffness of each row of ``contact`` (force per length)."""
+        return self.contact.stiffness(self.stiffness_diagonal)
 
     @cached_property
     def yield_forces(self) -> float:

@@ -9,6 +9,9 @@ from ngepc.checks.arguments import Coefficient, is_number
 class Coulomb:
     """Coulomb's law: the tangential traction is at most the coefficient times the pressure.
 
+    For large coefficients, beyond about 1, there may be several solutions, or none that a load
+    step reaches from the last one.
+
     Parameters
     ----------
     coefficient

@@ -7,7 +7,7 @@ import pytest
 from netgen.geom2d import SplineGeometry
 from ngsolve import CF, IfPos, Mesh, x, y
 
-from ngepc import Coulomb, Material, Problem, Status, semismooth_newton
+from ngepc import Coulomb, Material, Problem, Status, primal_newton, semismooth_newton
 from ngepc.geometries import block
 
 MU, PRESSURE = 100.0, 4.0
@@ -197,6 +197,18 @@ def test_turned_bodies_give_turned_solutions():
     assert one.primal_energy == pytest.approx(two.primal_energy, rel=1e-10)
     fx, fy, _ = two.friction_force
     assert (c * fx + s * fy, c * fy - s * fx) == pytest.approx(one.friction_force[:2], abs=1e-8)
+
+
+@pytest.mark.parametrize("law", [4.0, Coulomb(0.3)])
+@pytest.mark.parametrize("cells", [(8, 4), (3, 3, 3)])
+def test_primal_method_agrees(cells, law):
+    problem = pressed(cells, law)
+    one, two = solved(problem), primal_newton(problem).raise_for_status()
+    size = np.abs(one.state.u).max()
+    assert np.abs(one.state.u - two.state.u).max() < 1e-9 * size
+    assert two.nodal_friction_forces == pytest.approx(one.nodal_friction_forces, abs=1e-7)
+    assert two.primal_energy == pytest.approx(one.primal_energy, rel=1e-11)
+    assert two.dual_energy == pytest.approx(-two.primal_energy, rel=1e-9)
 
 
 def test_start_from_a_coarser_mesh():

@@ -1,5 +1,7 @@
 """The small problems of contact and their compliance, against dense linear algebra."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,21 @@ def test_exchange_meets_the_conditions(rng, condition):
         x, w = forces + change, gaps + W @ change
         assert x.min() >= 0
         assert np.abs(np.minimum(x, w)).max() <= 1e-9 * np.abs(gaps).max()
+
+
+def test_exchange_finds_the_solution_among_all_active_sets(rng):
+    for _ in range(40):
+        A, q, x0 = rng.normal(size=(6, 6)), rng.normal(size=6), rng.normal(size=6)
+        S, x0 = A @ A.T + 1e-3 * np.eye(6), np.maximum(x0, 0)
+        found = x0 + exchange(known(S), q + S @ x0, x0).change
+        candidates = []
+        for active in itertools.product([False, True], repeat=6):
+            s, z = np.array(active), np.zeros(6)
+            z[s] = -np.linalg.solve(S[np.ix_(s, s)], q[s])
+            if z.min() >= 0 and (q + S @ z)[~s].min(initial=0) >= 0:
+                candidates.append(z)
+        assert len(candidates) == 1
+        assert found == pytest.approx(candidates[0], rel=1e-6, abs=1e-8)
 
 
 def test_secants_find_the_forces_with_few_products(rng):
