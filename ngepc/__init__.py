@@ -21,7 +21,6 @@ _HOME = {
     "Fractional": "dual.tichonov",
     "FullProduct": "dual.tichonov",
     "Material": "model.material",
-    "NearMinimum": "linalg.linesearch",
     "NewtonOptions": "dual.newton",
     "PathOptions": "path.options",
     "PathResult": "path.result",

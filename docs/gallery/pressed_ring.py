@@ -1,7 +1,7 @@
 """A ring under internal pressure inside a rigid ring: yielding, contact, and the closed form.
 
-The gap closes while the ring yields from inside.  ``ngepc.studies.pressed_shell`` has the solution, with
-equilibrium, the flow rule and the contact condition satisfied exactly.
+The gap closes while the ring yields from inside.  ``ngepc.studies.pressed_shell`` has the
+solution, with equilibrium, the flow rule and the contact condition satisfied exactly.
 """
 
 import math

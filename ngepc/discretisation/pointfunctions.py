@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import L2, GridFunction, VectorValued
+from ngsolve import L2, CoefficientFunction, GridFunction, VectorValued
 
 from ngepc.discretisation.points import Points
 from ngepc.discretisation.rules import plastic_order
+from ngepc.model.problem import Problem
 
 
 class PointFunctions:
@@ -49,3 +50,9 @@ class PointFunctions:
         result = GridFunction(space, name=name)
         result.vec.FV().NumPy()[:] = coefficients.T.ravel()
         return result
+
+
+def interpolated(problem: Problem, value: CoefficientFunction) -> GridFunction:
+    """The discontinuous polynomial with the values of a coefficient at the points of a problem."""
+    points = Points(problem.mesh, problem.kinematics, problem.order)
+    return PointFunctions(points).function(points.at(value))

@@ -6,6 +6,8 @@ import numpy as np
 from ngsolve import BND, H1, VERTEX, FESpace, GridFunction, Mesh, NodeId
 from ngsolve.la import BaseVector
 
+from ngepc.model.problem import Problem
+
 
 def vertex_dofs(space: FESpace, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Vertices that carry a degree of freedom of a scalar P1 space, and these degrees."""
@@ -46,6 +48,43 @@ def at_points(mesh: Mesh, vertex_values: np.ndarray, points: np.ndarray) -> np.n
         for i in np.flatnonzero(~inside):
             result[i] = vertex_values[((x - points[i]) ** 2).sum(axis=1).argmin()]
     return result
+
+
+def nodal_values(start: object, problem: Problem) -> np.ndarray:
+    """The displacement ``start`` at the nodes of a problem, shape (nodes, N).
+
+    On the same mesh and for the same order it is itself, otherwise it is evaluated at the vertices
+    and varies linearly between them.
+
+    Parameters
+    ----------
+    start
+        A displacement, or anything with such a ``displacement``, on this or another mesh.
+    problem
+        The problem whose mesh and order receive the values.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If ``start`` is no displacement in N dimensions.
+    """
+    source = start if isinstance(start, GridFunction) else getattr(start, "displacement", start)
+    N, mesh = problem.N, problem.mesh
+    if not isinstance(source, GridFunction):
+        raise TypeError(f"start={start!r}: a displacement or a result that has one is needed")
+    own = source.space.mesh
+    if own.dim != N or source.dim != N:
+        raise ValueError(f"start has {source.dim} components: a displacement of {N} is needed")
+    given = np.stack([part.vec.FV().NumPy() for part in source.components], axis=1)
+    count = H1(mesh, order=problem.order).ndof
+    points, here = (np.asarray(m.ngmesh.Coordinates())[: m.nv, :N] for m in (mesh, own))
+    same = np.array_equal(points, here)
+    if same and len(given) == count:
+        return given
+    values = np.zeros((count, N))
+    at_vertices = given[: own.nv]
+    values[: mesh.nv] = at_vertices if same else at_points(own, at_vertices, points)
+    return values
 
 
 def prolongate(source: FESpace, values: BaseVector, target: FESpace) -> np.ndarray:

@@ -22,13 +22,13 @@ from ngsolve import (
 from ngsolve.la import BaseVector
 
 from ngepc.checks.arguments import Coefficient
+from ngepc.discretisation.loads import external_work
 from ngepc.discretisation.spaces import displacement_space, plastic_space, prescribed_displacement
 from ngepc.dual.parts import dual_parts
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.tensors import coordinates, strain, tensor
-from ngepc.results.equilibrium import external_work
 
 REFINEMENTS = 1
 """Corrections of y by the residual of D y = Lambda* v - l; a second one is rounding."""
@@ -86,18 +86,28 @@ def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
     return strain_energy + dissipation - sum(Integrate(t, mesh) for t in load_terms(problem, u, p))
 
 
-def require_no_friction(problem: Problem) -> None:
-    """Accept a problem without friction.
+PAPERS_KINEMATICS = ("two-dimensional", "solid")
+
+
+def require_papers_problem(problem: Problem) -> None:
+    """Accept what the paper's method is for: its kinematics, order one, no friction.
 
     Raises
     ------
     ValueError
-        If it has some.
+        If the problem is another one.
     """
+    advice = "leave gamma and regularisation out"
     if problem.friction is not None:
         raise ValueError(
-            f"friction={problem.friction!r}: the paper's regularised method has no friction; "
-            "leave gamma and regularisation out"
+            f"friction={problem.friction!r}: the paper's regularised method has none; {advice}"
+        )
+    if problem.order != 1:
+        raise ValueError(f"order={problem.order}: the regularised method needs 1; {advice}")
+    if problem.kinematics.name not in PAPERS_KINEMATICS:
+        raise ValueError(
+            f"kinematics={problem.kinematics.name!r}: the regularised method is for "
+            f"{' and '.join(PAPERS_KINEMATICS)} bodies; {advice}"
         )
 
 
@@ -107,7 +117,7 @@ class LinearBlocks:
     Parameters
     ----------
     problem
-        The data, without friction.
+        The data: the paper's kinematics, order one, no friction.
     choice
         The spaces of the dual variables.
     inverse
@@ -131,11 +141,11 @@ class LinearBlocks:
     Raises
     ------
     ValueError
-        If the problem has friction.
+        If the problem is none that the paper's method is for.
     """
 
     def __init__(self, problem: Problem, choice: DualSpaces, inverse: str) -> None:
-        require_no_friction(problem)
+        require_papers_problem(problem)
         self.problem, self.choice = problem, choice
         self.parts = dual_parts(problem, choice)
         spaces = [part.space for part in self.parts.values()]

@@ -16,10 +16,11 @@ from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.equilibrium import Equilibrium, applied_forces
 from ngepc.results.fields import Fields, Recovered
 from ngepc.results.outcome import Ending, History, Status
+from ngepc.results.summary import Summarised
 
 
-@dataclass(frozen=True, eq=False)
-class DualResult(Recovered, Ending):
+@dataclass(frozen=True, eq=False, repr=False)
+class DualResult(Summarised, Recovered, Ending):
     """What ``semismooth_newton`` returns; the state is there whatever the status says.
 
     Parameters
@@ -45,6 +46,11 @@ class DualResult(Recovered, Ending):
     def problem(self) -> Problem:
         """The problem that was solved."""
         return self.functional.blocks.problem
+
+    @property
+    def method_label(self) -> str:
+        """'gamma = 1e4': how the problem was regularised."""
+        return f"gamma = {self.regularisation.gamma:g}"
 
     @property
     def regularisation(self) -> Coupled:

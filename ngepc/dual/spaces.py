@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
-from ngepc.dual.tichonov import SurfaceGradient, Tichonov, require_tichonov
+from ngepc.dual.tichonov import SurfaceGradient, Tichonov
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,5 +50,6 @@ class DualSpaces:
     units: Units = field(default_factory=Units)
 
     def __post_init__(self) -> None:
-        require_tichonov(self.tichonov)
+        needed = "SurfaceGradient(), Fractional() or FullProduct()"
+        require_instance("tichonov", self.tichonov, Tichonov, needed)
         require_instance("units", self.units, Units, "Units(...)")

@@ -52,36 +52,32 @@ class PlasticProduct(Protocol):
         ...
 
 
-class Tichonov(Protocol):
-    """What the dual functional asks of a Tichonov choice."""
+@dataclass(frozen=True)
+class Tichonov:
+    """A product on Gamma_c and one in Omega.
+
+    Parameters
+    ----------
+    contact
+        ``ContactGradient()``, ``ContactSobolev()`` or ``ContactSlobodeckij()``.
+    plastic
+        ``PlasticGradient()`` or ``PlasticSobolev()``.
+
+    Raises
+    ------
+    TypeError
+        If one is no product.
+    """
 
     contact: ContactProduct
     plastic: PlasticProduct
 
-
-def require_products(contact: object, plastic: object) -> None:
-    """Accept a product on Gamma_c and one in Omega.
-
-    Raises
-    ------
-    TypeError
-        If one is none.
-    """
-    on_contact, inside = ("matrix", "ends_fixed"), ("matrix", "boundary_fixed")
-    require_attributes("contact", contact, on_contact, "a product such as ContactGradient()")
-    require_attributes("plastic", plastic, inside, "a product such as PlasticGradient()")
-
-
-def require_tichonov(value: object) -> None:
-    """Accept a Tichonov choice.
-
-    Raises
-    ------
-    TypeError
-        If it is none.
-    """
-    needed = "SurfaceGradient(), Fractional() or FullProduct()"
-    require_attributes("tichonov", value, ("contact", "plastic"), needed)
+    def __post_init__(self) -> None:
+        on_contact, inside = ("matrix", "ends_fixed"), ("matrix", "boundary_fixed")
+        require_attributes(
+            "contact", self.contact, on_contact, "a product such as ContactGradient()"
+        )
+        require_attributes("plastic", self.plastic, inside, "a product such as PlasticGradient()")
 
 
 @dataclass(frozen=True)
@@ -170,18 +166,15 @@ class PlasticSobolev:
 
 
 @dataclass(frozen=True)
-class SurfaceGradient:
+class SurfaceGradient(Tichonov):
     """(R2): H = H^1_0(Gamma_c) x H^1_0(Omega)^d with the products of the gradients."""
 
     contact: ContactProduct = ContactGradient()
     plastic: PlasticProduct = PlasticGradient()
 
-    def __post_init__(self) -> None:
-        require_products(self.contact, self.plastic)
-
 
 @dataclass(frozen=True)
-class Fractional:
+class Fractional(Tichonov):
     """(R1): H = H^(1/2)(Gamma_c) x H^1_0(Omega)^d, two dimensions.
 
     ``Fractional(plastic=PlasticSobolev())`` frees q on the boundary too.
@@ -190,12 +183,9 @@ class Fractional:
     contact: ContactProduct = ContactSlobodeckij()
     plastic: PlasticProduct = PlasticGradient()
 
-    def __post_init__(self) -> None:
-        require_products(self.contact, self.plastic)
-
 
 @dataclass(frozen=True)
-class FullProduct:
+class FullProduct(Tichonov):
     """H = H^1(Gamma_c) x H^1(Omega)^d with the full products: no boundary condition at all.
 
     The alternative named in section 7 for q; ``FullProduct(contact=ContactGradient())`` keeps
@@ -204,9 +194,6 @@ class FullProduct:
 
     contact: ContactProduct = ContactSobolev()
     plastic: PlasticProduct = PlasticSobolev()
-
-    def __post_init__(self) -> None:
-        require_products(self.contact, self.plastic)
 
 
 def closed_somewhere(problem: Problem, Z: FESpace) -> bool:

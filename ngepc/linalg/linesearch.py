@@ -7,9 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.arguments import require_number
 
 ROUNDING = 1e-13
+
+IN_A_ROW = 3
+"""Trials on one side of a zero after which secants are taken to creep."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +36,6 @@ class Descent:
         phi(0) and phi'(0) < 0.
     magnitude
         Size of the terms that phi is summed from; its rounding is ROUNDING times that.
-    longest
-        Largest alpha where phi is finite, >= 1.
     """
 
     energy: Callable[[float], float]
@@ -42,15 +43,10 @@ class Descent:
     energy_0: float
     slope_0: float
     magnitude: float
-    longest: float = math.inf
 
     def is_rounding(self, change: float) -> bool:
         """Whether a change of phi of this size may be nothing but rounding."""
         return abs(change) <= ROUNDING * self.magnitude
-
-    def step(self, alpha: float, halvings: int = 0) -> Step:
-        """The step of length alpha, found after so many trials."""
-        return Step(length=alpha, energy=self.energy(alpha), halvings=halvings)
 
 
 class LineSearch(Protocol):
@@ -116,63 +112,15 @@ class FullSteps:
 
     def search(self, phi: Descent) -> Step:
         """alpha = 1."""
-        return phi.step(1.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class NearMinimum:
-    """A step length near the minimiser of phi, beyond 1 where phi still falls steeply there.
-
-    alpha is accepted once |phi'(alpha)| <= flatness |phi'(0)|; alpha = 1 comes first, then
-    secant steps for phi' = 0 in a bracket of the minimiser.  Where the predicted decrease is
-    lost in rounding alpha = 1 is taken.
-
-    Parameters
-    ----------
-    flatness
-        In (0, 1).
-    most
-        The longest step, >= 1.
-    evaluations
-        Most values of phi'; the last alpha that lowers phi is taken then.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If a parameter is out of its range.
-    """
-
-    flatness: float = 0.1
-    most: float = 4.0
-    evaluations: int = 12
-
-    def __post_init__(self) -> None:
-        require_number("flatness", self.flatness, 0, strict=True)
-        if self.flatness >= 1:
-            raise ValueError(f"flatness={self.flatness!r}: a number in (0, 1) is needed")
-        require_number("most", self.most, 1)
-        require_integer("evaluations", self.evaluations, 2)
-
-    def search(self, phi: Descent) -> Step | None:
-        """The accepted step length, None if phi does not fall; see ``LineSearch``."""
-        if phi.is_rounding(phi.slope_0):
-            return phi.step(1.0)
-        bracket = Bracket(phi.slope_0, max(1.0, min(self.most, phi.longest)))
-        for trials in range(self.evaluations):
-            alpha = bracket.trial
-            slope = phi.derivative(alpha)
-            flat = abs(slope) <= self.flatness * abs(phi.slope_0)
-            if flat or (slope < 0 and alpha == bracket.most):
-                return phi.step(alpha, trials)
-            bracket.narrow(slope)
-        if bracket.low == 0:
-            return None
-        last = phi.step(bracket.low, self.evaluations)
-        return last if last.energy < phi.energy_0 else None
+        return Step(length=1.0, energy=phi.energy(1.0), halvings=0)
 
 
 class Bracket:
     """The zero of an increasing slope, enclosed by safeguarded secant steps.
+
+    The slope may jump, as where a soft plastic element turns elastic: secants then creep towards
+    the jump from one side.  Many trials in a row below it are followed by the middle, many above by
+    a point near the lower end, as the zero may be tiny.
 
     Parameters
     ----------
@@ -185,16 +133,23 @@ class Bracket:
     def __init__(self, slope: float, most: float) -> None:
         self.low, self.most, self.trial = 0.0, most, 1.0
         self._low_slope, self._high, self._high_slope = slope, math.inf, math.nan
+        self._row = 0
 
     def narrow(self, slope: float) -> None:
-        """Take note of the slope at ``trial`` and choose the next one."""
+        """Take note of the slope at ``trial`` and choose the next one; NaN counts as too far."""
         if slope < 0:
             self.low, self._low_slope = self.trial, slope
+            self._row = min(self._row, 0) - 1
         else:
             self._high, self._high_slope = self.trial, slope
+            self._row = max(self._row, 0) + 1
         width = self._high - self.low
-        if not math.isfinite(self._high_slope):
-            self.trial = min(2 * self.low, self.most) if width == math.inf else width / 2
-            return
-        secant = self.low - self._low_slope * width / (self._high_slope - self._low_slope)
-        self.trial = min(max(secant, self.low + width / 10), self._high - width / 10)
+        if width == math.inf:
+            self.trial = min(2 * self.low, self.most)
+        elif self._row > IN_A_ROW:
+            self.trial = self.low + width / 10
+        elif not math.isfinite(self._high_slope) or self._row < -IN_A_ROW:
+            self.trial = self.low + width / 2
+        else:
+            secant = self.low - self._low_slope * width / (self._high_slope - self._low_slope)
+            self.trial = min(max(secant, self.low + width / 10), self._high - width / 10)

@@ -6,21 +6,21 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from ngsolve import H1, CoefficientFunction, GridFunction, Norm
+from ngsolve import GridFunction
 
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.points import Moduli
+from ngepc.discretisation.rows import ContactRows
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import Problem
 from ngepc.results.equilibrium import Equilibrium
-from ngepc.results.fields import Fields, Recovered
-from ngepc.results.outcome import Ending, History, Status
-from ngepc.results.summary import Summarised
+from ngepc.results.exact import DiscreteSolution
+from ngepc.results.outcome import History, Status
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ExactResult(Summarised, Recovered, Ending):
+class ExactResult(DiscreteSolution):
     """What ``semismooth_newton`` returns without gamma; the state is there whatever the status.
 
     Parameters
@@ -53,9 +53,21 @@ class ExactResult(Summarised, Recovered, Ending):
         return self.discrete.problem
 
     @property
-    def iterations(self) -> int:
-        """Newton steps done."""
-        return self.history.records[-1].iteration if self.history.records else 0
+    def rows(self) -> ContactRows:
+        """The contact conditions N u <= gaps."""
+        return self.discrete.rows
+
+    @property
+    def open_gap(self) -> np.ndarray:
+        """gaps - N u, shape (m,)."""
+        return self.state.open_gap
+
+    @property
+    def largest_strain(self) -> float:
+        """The largest |eps(u)| at the points."""
+        state, size = self.state, self.problem.kinematics.size
+        squared = state.volume**2 / size + (state.deviator**2).sum(1)
+        return float(np.sqrt(squared.max(initial=0.0)))
 
     @property
     def residual_norm(self) -> float:
@@ -100,11 +112,6 @@ class ExactResult(Summarised, Recovered, Ending):
     def _functions(self) -> PointFunctions:
         return PointFunctions(self.discrete.points)
 
-    @property
-    def fields(self) -> Fields:
-        """All fields that follow from (u, p)."""
-        return Fields(self.problem, self.displacement, self.plastic_increment)
-
     @cached_property
     def equilibrium(self) -> Equilibrium:
         """Nodal forces of loads, obstacles and supports."""
@@ -122,88 +129,6 @@ class ExactResult(Summarised, Recovered, Ending):
     def nodal_contact_forces(self) -> np.ndarray:
         """Force >= 0 of each contact row, positive in compression, shape (m,)."""
         return self.state.multipliers
-
-    @property
-    def contact_force(self) -> float:
-        """Resultant of the normal contact pressure, positive in compression (force)."""
-        return float(self.state.multipliers.sum())
-
-    @cached_property
-    def contact_pressure(self) -> GridFunction:
-        """Contact forces over the area that belongs to them (stress), positive in compression.
-
-        Draw it on the contact boundary; inside the body it is the P1 extension and means nothing.
-        """
-        rows, nv = self.discrete.rows, self.problem.mesh.nv
-        pressure = GridFunction(H1(self.problem.mesh, order=1), name="contact_pressure")
-        force = np.bincount(rows.vertices, self.state.multipliers, minlength=nv)
-        area = np.bincount(rows.vertices, rows.weights, minlength=nv)
-        pressure.vec.FV().NumPy()[:] = force / np.where(area > 0, area, 1.0)
-        return pressure
-
-    @property
-    def contact_area(self) -> float:
-        """Area that belongs to the rows with a contact force."""
-        return float(self.discrete.rows.weights[self.state.multipliers > 0].sum())
-
-    @cached_property
-    def contact_facets(self) -> int:
-        """Number of contact facets all of whose vertices are pressed."""
-        rows, mesh = self.discrete.rows, self.problem.mesh
-        pressed = set(rows.vertices[self.state.multipliers > 0].tolist())
-        return sum(
-            all(vertex.nr in pressed for vertex in facet.vertices)
-            for name in self.problem.contact_names
-            for facet in mesh.Boundaries(name).Elements()
-        )
-
-    @property
-    def penetration(self) -> float:
-        """The deepest penetration of a contact row (length), rounding for a solution."""
-        return self.state.penetration
-
-    @property
-    def yield_excess(self) -> CoefficientFunction:
-        """|p| of this step: positive where the body yields, the plastic active set."""
-        return Norm(self.plastic_increment)
-
-    @cached_property
-    def message(self) -> str:
-        """How the run ended, and what a user must know of the solution."""
-        return " ".join(filter(None, (self.ending, *observations(self))))
-
-
-FEW_FACETS = 4
-"""Fewer facets in contact do not resolve a contact zone."""
-
-SMALL_STRAIN = 0.1
-"""Largest |eps(u)| at the points that small-strain kinematics is meant for."""
-
-
-def observations(result: ExactResult) -> list[str]:
-    """Sentences about a solution that a user must not overlook."""
-    state, rows, found = result.state, result.discrete.rows, []
-    touching = np.count_nonzero(state.multipliers > 0)
-    if len(rows) and not touching:
-        nearest = int(state.open_gap.argmin())
-        mesh = result.problem.mesh
-        place = np.asarray(mesh.ngmesh.Coordinates())[rows.vertices[nearest], : mesh.dim]
-        found.append(
-            f"Nothing touches the obstacle: the smallest gap left is {state.open_gap[nearest]:.3g} "
-            f"at {tuple(float(f'{c:.4g}') for c in place)}."
-        )
-    elif touching and result.contact_facets < FEW_FACETS:
-        found.append(
-            f"Only {result.contact_facets} whole facets ({touching} nodes) are in contact: refine "
-            "the contact boundary before you trust pressures."
-        )
-    size = np.sqrt(state.volume**2 / result.problem.kinematics.size + (state.deviator**2).sum(1))
-    if size.max(initial=0.0) > SMALL_STRAIN:
-        found.append(
-            f"Strains reach {size.max():.2g}: small-strain kinematics is meant for less than "
-            f"{SMALL_STRAIN:g}."
-        )
-    return found
 
 
 def dual_energy(state: State) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import GridFunction
 
-from ngepc.discretisation.prolongation import at_points
+from ngepc.discretisation.prolongation import at_points, nodal_values
 from ngepc.local.system import DiscreteProblem, State
 
 
@@ -29,22 +29,7 @@ def starting_state(discrete: DiscreteProblem, start: object | None) -> State:
     supports = discrete.supports
     if start is None:
         return discrete.state(supports.values.copy())
-    source = start if isinstance(start, GridFunction) else getattr(start, "displacement", start)
-    N, mesh = discrete.problem.N, discrete.problem.mesh
-    if not isinstance(source, GridFunction):
-        raise TypeError(f"start={start!r}: a displacement or a result that has one is needed")
-    own = source.space.mesh
-    if own.dim != N or source.dim != N:
-        raise ValueError(f"start has {source.dim} components: a displacement of {N} is needed")
-    given = np.stack([part.vec.FV().NumPy() for part in source.components], axis=1)
-    u = supports.values.copy()
-    if own is mesh and len(given) == len(u):
-        carried = given
-    else:
-        points = np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, :N]
-        carried = np.zeros_like(u)
-        carried[: mesh.nv] = at_points(own, given[: own.nv], points)
-    u = np.where(supports.free, carried, u)
+    u = np.where(supports.free, nodal_values(start, discrete.problem), supports.values)
     return discrete.state(u, multipliers=carried_forces(discrete, start))
 
 

@@ -110,9 +110,9 @@ class Line:
 
     @property
     def noise(self) -> float:
-        """What rounding leaves of a slope, and of the energy itself."""
-        size = np.abs(self.target.change) + EPSILON / NOISE * np.abs(self.here.u)
-        return NOISE * float(np.vdot(np.abs(self.here.internal_forces), size))
+        """What rounding leaves of a slope, also where du is nothing but rounding of u itself."""
+        terms = NOISE * np.abs(self.target.change) + 2 * EPSILON * np.abs(self.here.u)
+        return float(np.vdot(np.abs(self.here.internal_forces), terms))
 
     def state(self, t: float) -> State:
         """The state at u + t du, with w and lambda moved along."""

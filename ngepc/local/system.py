@@ -217,7 +217,9 @@ class State:
 
     def _relative(self, forces: np.ndarray) -> float:
         size = float(np.linalg.norm(forces))
-        return 0.0 if size == 0 else size / self.force_scale
+        if size == 0 or self.force_scale == 0:  # an obstacle that pushes a body at rest
+            return float(size > 0)
+        return size / self.force_scale
 
     @property
     def rounding(self) -> float:

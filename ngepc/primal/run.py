@@ -1,4 +1,4 @@
-"""The iteration of the primal solver: directions, line search, stopping."""
+"""The iteration of the primal solver: Newton on the displacement, contact exact in every step."""
 
 from __future__ import annotations
 
@@ -6,33 +6,33 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ngepc.discretisation.contact import NodalContact, nodal_contact
-from ngepc.linalg.complementarity import solve_complementarity
+from ngepc.linalg.complementarity import Multipliers, solve_complementarity
 from ngepc.linalg.direct import SOLVER_ERRORS
-from ngepc.model.problem import Problem
+from ngepc.linalg.linesearch import Bracket
 from ngepc.primal.energy import ReducedEnergy
-from ngepc.primal.result import PrimalResult, State
+from ngepc.primal.options import PrimalOptions
+from ngepc.primal.result import PrimalResult
+from ngepc.primal.state import EPSILON, PrimalState
 from ngepc.results.outcome import History, IterationRecord, Status
-
-if TYPE_CHECKING:
-    from ngepc.primal.options import PrimalOptions
 
 log = logging.getLogger(__name__)
 
 Monitor = Callable[[IterationRecord], None]
 
-_TOUCHING = 1e-12
-"""Open gap below which a node touches the obstacle, relative to the largest displacement."""
-_ROUNDING = 1e-13
-"""Changes of the energy below this part of its terms are rounding."""
-_ROUNDING_STEPS = 5
-_IN_A_ROW = 3
-"""Trials on one side of a minimum after which secants are taken to creep."""
-_ASK_FOR_LESS = "it is at the level of rounding, ask for a larger tolerance."
+CURVATURE = 0.2
+"""The line search ends where |phi'(t)| <= CURVATURE |phi'(0)|."""
+
+MOST_TRIALS = 40
+"""Trial points of one line search."""
+
+SLOPE_ROUNDING = 1e-14
+"""Rounding of a slope relative to the terms that it is summed from."""
+
+SETTLED = 0.5
+"""Within rounding, a step that leaves more than this part of the residual ends the run."""
 
 
 class Interrupted(Exception):
@@ -43,231 +43,165 @@ class Interrupted(Exception):
         self.status = status
 
 
-class Bracket:
-    """Where the slope of a convex function changes sign, narrowed by safeguarded secants.
-
-    The slope may jump, as where a soft plastic element turns elastic: secants then creep towards
-    the jump from one side, so that many trials in a row on a side are followed by the middle.
-
-    Parameters
-    ----------
-    slope
-        The slope at 0, negative.
-    """
-
-    def __init__(self, slope: float) -> None:
-        self._low, self._low_slope = 0.0, slope
-        self._high, self._high_slope = 1.0, None
-        self.trial, self._row = 1.0, 0
-
-    def narrow(self, slope: float) -> None:
-        """Take note of the slope at ``trial`` and choose the next trial."""
-        if not slope <= 0:  # NaN counts as too far
-            self._high, self._high_slope = self.trial, slope
-            self._row = max(self._row, 0) + 1
-        else:
-            self._low, self._low_slope = self.trial, slope
-            self._row = min(self._row, 0) - 1
-        width = self._high - self._low
-        sloped = self._high_slope is not None and np.isfinite(self._high_slope)
-        if not sloped or abs(self._row) > _IN_A_ROW:
-            self.trial = self._low + 0.5 * width
-            return
-        secant = self._low - self._low_slope * width / (self._high_slope - self._low_slope)
-        self.trial = min(max(secant, self._low + 0.1 * width), self._high - 0.1 * width)
-
-
 class Run:
     """One run of ``primal_newton``: the discrete problem, the current state, the history.
 
     Parameters
     ----------
-    problem, options, monitor
+    reduced
+        The discrete energy.
+    u
+        Nodal displacements to start from, shape (nodes, N).
+    options, monitor
         As for ``primal_newton``.
-    start
-        Nodal displacements, shape (N, vertices); None for zero.
     """
 
     def __init__(
-        self,
-        problem: Problem,
-        start: np.ndarray | None,
-        options: PrimalOptions,
-        monitor: Monitor | None,
+        self, reduced: ReducedEnergy, u: np.ndarray, options: PrimalOptions, monitor: Monitor | None
     ) -> None:
-        self.options, self.monitor = options, monitor
-        self.energy = ReducedEnergy(problem)
-        self.contact: NodalContact = nodal_contact(problem, self.energy.space)
-        self.history = History()
-        self._drowned = 0
-        u = self.energy.lift
-        if start is not None:
-            u = np.where(self.energy.free, start, u)
-        self.state = self._state(u)
-        self.active = self.state.multipliers > 0
+        self.reduced, self.rows = reduced, reduced.rows
+        self.options, self.monitor, self.history = options, monitor, History()
+        none = np.zeros(len(self.rows))
+        self.state, self.before = PrimalState(reduced, u, none, none > 0), None
 
-    def iterate(self) -> tuple[Status, str]:
+    def result(self) -> PrimalResult:
         """Newton steps until the residual is small or something stops them."""
         try:
             self._record(1.0, 0)
-            self._require_finite(self.state)
-            last = np.inf
-            while self.state.residual_norm > self.options.tolerance:
-                if len(self.history.records) > self.options.max_iterations:
-                    return Status.ITERATION_LIMIT, self._advice()
-                if self._in_rounding and self.state.residual_norm > 0.5 * last:
-                    return Status.STAGNATED, self._drowned_in_rounding()
-                last = self.state.residual_norm
+            while not self._converged():
                 self._step()
+            status, message = Status.CONVERGED, ""
         except Interrupted as stop:
-            return stop.status, str(stop)
+            status, message = stop.status, str(stop)
         except (StopIteration, KeyboardInterrupt):
-            return Status.STOPPED, f"after {len(self.history.records) - 1} steps"
-        return Status.CONVERGED, ""
+            status, message = Status.STOPPED, f"after {self._steps} steps"
+        return PrimalResult(self.state, status, message, self.history)
+
+    @property
+    def _steps(self) -> int:
+        return len(self.history.records) - 1
+
+    def _converged(self) -> bool:
+        """Whether the current state is the solution.
+
+        Raises
+        ------
+        Interrupted
+            If the run has to end without it.
+        """
+        here, before = self.state, self.before
+        if not np.isfinite(here.residual_norm + here.energy):
+            cause = "The energy or the residual is NaN or infinite: check the coefficients."
+            raise Interrupted(Status.NONFINITE, cause)
+        if here.residual_norm <= self.options.tolerance and here.penetration <= (
+            here.touching_distance
+        ):
+            return True
+        settled = before is not None and here.residual_norm > SETTLED * before.residual_norm
+        if settled and here.residual_norm <= here.rounding:
+            raise Interrupted(Status.STAGNATED, self._drowned())
+        if self._steps == self.options.max_iterations:
+            raise Interrupted(Status.ITERATION_LIMIT, self._advice())
+        return False
 
     def _step(self) -> None:
-        before = self.state
-        feasible = self.contact.violation(before.u) <= self._touching_distance(before.u)
-        direction = self._direction()
-        if feasible:
-            length, trials = self._line_search(direction)
-        else:
-            full = self.contact.snapped(before.u + direction, self.active)
-            self.state, length, trials = self._state(full), 1.0, 1
-        self._require_finite(self.state)
-        self._record(length, trials - 1)
-        if feasible and self.state.residual_norm > self.options.tolerance:
-            self._count_drowned(before)
+        here = self.state
+        change, contact = self._direction()
+        length, trials = 1.0, 0
+        if here.penetration <= here.touching_distance:
+            length, trials = self._line_search(change, contact.values > 0)
+        multipliers = here.multipliers + length * (contact.values - here.multipliers)
+        multipliers = contact.values if length == 1 else multipliers
+        active = contact.values > 0
+        self.before = here
+        self.state = PrimalState(self.reduced, here.u + length * change, multipliers, active)
+        self._record(length, trials)
 
-    def _direction(self) -> np.ndarray:
-        """The minimiser of Newton's model over the feasible set, minus the current state."""
-        energy, contact, u = self.energy, self.contact, self.state.u
+    def _direction(self) -> tuple[np.ndarray, Multipliers]:
+        """The minimiser of Newton's model over the feasible set minus u, and contact there."""
+        reduced, rows, here = self.reduced, self.rows, self.state
         try:
-            energy.factorise(u)
+            reduced.factorise(here.u)
         except SOLVER_ERRORS as error:
             raise Interrupted(Status.NONFINITE, f"the factorisation failed: {error}") from error
-        vertices, multipliers = u.shape[1], self.state.multipliers
-        free = energy.solve(-self.state.gradient - contact.nodal_forces(multipliers, vertices))
+        free = reduced.solve(-here.imbalance)
         if not np.isfinite(free).all():
             raise Interrupted(Status.NONFINITE, "the tangent stiffness is singular")
-        forces = solve_complementarity(
-            lambda i: contact.free_displacement(energy.solve(contact.unit_force(i, vertices))),
-            contact.open_gap(u) - contact.free_displacement(free),
-            self.active,
-            multipliers,
+        if not len(rows):
+            return free, Multipliers(here.multipliers, here.multipliers)
+        units = np.eye(len(rows))
+        found = solve_complementarity(
+            lambda i: rows.displacement(reduced.solve(rows.forces(units[i]))),
+            here.open_gap - rows.displacement(free),
+            here.active,
+            here.multipliers,
         )
-        if forces is None:
-            raise Interrupted(
-                Status.NONFINITE, "the contact conditions of neighbouring nodes are dependent"
-            )
-        self.active = forces.values > 0
-        return free - energy.solve(contact.nodal_forces(forces.change, vertices))
+        if found is None:
+            cause = "the contact conditions of neighbouring nodes are dependent"
+            raise Interrupted(Status.NONFINITE, cause)
+        return free - reduced.solve(rows.forces(found.change)), found
 
-    def _line_search(self, direction: np.ndarray) -> tuple[float, int]:
-        """Move along ``direction`` to where phi is low enough; returns length and evaluations."""
-        options, before = self.options, self.state
-        hold = self._held_forces()
-        slope = before.slope(direction, hold)
-        noise = 1e-14 * np.vdot(np.abs(before.forces), np.abs(direction))
-        bracket = Bracket(slope)
-        for trial in range(1, options.max_evaluations + 1):
-            t = bracket.trial
-            active = self.active if t == 1 else np.zeros_like(self.active)
-            state = self._state(self.contact.snapped(before.u + t * direction, active))
-            s = state.slope(direction, hold)
-            fallen = state.energy - before.energy <= (
-                options.decrease * t * slope + 1e-14 * before.size
-            )
-            flat = abs(s) <= max(-options.curvature * slope, noise) and fallen
-            if flat or (s <= 0 and t == 1):
-                self.state = state
-                return t, trial
-            if slope >= 0:
+    def _line_search(self, change: np.ndarray, closed: np.ndarray) -> tuple[float, int]:
+        """The step length at most 1 where the energy is nearly smallest, and trials before it."""
+        reduced, here = self.reduced, self.state
+        held = self.rows.forces(np.where(closed, here.multipliers, 0.0))  # does no work
+        rest = np.where(reduced.free, held - reduced.load, 0.0)
+        terms = SLOPE_ROUNDING * np.abs(change) + 2 * EPSILON * np.abs(here.u)
+        noise = float(np.vdot(np.abs(here.internal_forces), terms))
+
+        def slope(t: float) -> float:
+            return float(np.vdot(reduced.internal_forces(here.u + t * change) + rest, change))
+
+        first = float(np.vdot(here.internal_forces + rest, change))
+        bracket = Bracket(first, 1.0)
+        for trials in range(MOST_TRIALS):
+            t, here_slope = bracket.trial, slope(bracket.trial)
+            flat = abs(here_slope) <= max(-CURVATURE * first, noise)
+            if flat or (here_slope <= 0 and t == 1):
+                return t, trials
+            if first >= 0:
                 break
-            bracket.narrow(s)
-        raise self._stuck(slope)
-
-    def _held_forces(self) -> np.ndarray:
-        """Contact forces at the nodes that stay in contact along the step: they do no work."""
-        multipliers = np.where(self.active, self.state.multipliers, 0.0)
-        forces = self.contact.nodal_forces(multipliers, self.state.u.shape[1])
-        return np.where(self.energy.free, forces, 0.0)
+            bracket.narrow(here_slope)
+        if first < 0 < bracket.low:
+            return bracket.low, MOST_TRIALS
+        raise self._stuck(first)
 
     def _stuck(self, slope: float) -> Interrupted:
-        seen = (
-            f"In step {len(self.history.records)} the slope is {slope:.3g} and the relative "
-            f"residual {self.state.residual_norm:.3g}: "
-        )
-        if self._in_rounding:
-            return Interrupted(Status.STAGNATED, self._drowned_in_rounding())
-        if abs(slope) <= _ROUNDING * self.state.size:
-            return Interrupted(Status.STAGNATED, seen + _ASK_FOR_LESS)
+        if self.state.residual_norm <= self.state.rounding:
+            return Interrupted(Status.STAGNATED, self._drowned())
         return Interrupted(
             Status.LINESEARCH_FAILED,
-            seen + "try a smaller load step or a start from a coarser mesh.",
+            f"In step {self._steps + 1} the slope is {slope:.3g} and the relative residual "
+            f"{self.state.residual_norm:.3g}: try a smaller load step or a start from a coarser "
+            "mesh.",
         )
 
-    def _count_drowned(self, before: State) -> None:
-        """End the run when several steps in a row change the energy by rounding only."""
-        drowned = before.energy - self.state.energy <= _ROUNDING * before.size
-        improved = self.state.residual_norm < 0.5 * before.residual_norm
-        self._drowned = self._drowned + 1 if drowned and not improved else 0
-        if self._drowned >= _ROUNDING_STEPS:
-            raise Interrupted(
-                Status.STAGNATED,
-                f"After {len(self.history.records) - 1} steps the relative residual stays near "
-                f"{self.state.residual_norm:.3g}: " + _ASK_FOR_LESS,
-            )
-
-    def _state(self, u: np.ndarray) -> State:
-        touching = self._touching_distance(u)
-        return State.at(self.energy, self.contact, u, touching)
-
-    def _touching_distance(self, u: np.ndarray) -> float:
-        return _TOUCHING * float(np.abs(u).max())
-
-    def _require_finite(self, state: State) -> None:
-        sane = np.isfinite(state.energy) and np.isfinite(state.gradient).all()
-        if not sane or np.isnan(state.residual_norm):
-            raise Interrupted(
-                Status.NONFINITE,
-                "the energy or the residual is NaN or infinite: check the coefficients",
-            )
-
-    def _record(self, length: float, halvings: int) -> None:
+    def _record(self, length: float, trials: int) -> None:
         state = self.state
         record = IterationRecord(
             iteration=len(self.history.records),
             residual_norm=state.residual_norm,
             energy=state.energy,
             step_length=length,
-            halvings=halvings,
-            contact_active=float(self.contact.masses[state.multipliers > 0].sum()),
-            plastic_active=self.energy.plastic_measure(state.u),
+            halvings=trials,
+            contact_active=float(self.rows.weights[state.multipliers > 0].sum()),
+            plastic_active=self.reduced.plastic_measure(state.u),
         )
         self.history.append(record)
-        log.info("it:%(iteration)d residual:%(residual_norm).3e energy:%(energy).9e", vars(record))
+        log.info(
+            "it:%(iteration)4d residual:%(residual_norm).3e energy:%(energy).12e", vars(record)
+        )
         if self.monitor is not None:
-            self.monitor(replace(record, snapshot=partial(self._stopped, state, record.iteration)))
+            ending, seen = f"after {record.iteration} steps", History(list(self.history.records))
+            stopped = partial(PrimalResult, state, Status.STOPPED, ending, seen)
+            self.monitor(replace(record, snapshot=stopped))
 
-    def _stopped(self, state: State, iteration: int) -> PrimalResult:
-        """The result of a run that had stopped at this iterate."""
-        history = History(self.history.records[: iteration + 1])
-        message = f"after {iteration} steps"
-        return PrimalResult.at(self.energy, self.contact, state, history, Status.STOPPED, message)
-
-    @property
-    def _in_rounding(self) -> bool:
-        """Whether the residual is no more than what rounding may leave of it."""
-        return self.state.residual_norm <= self.state.rounding
-
-    def _drowned_in_rounding(self) -> str:
+    def _drowned(self) -> str:
         state = self.state
         return (
-            f"After {len(self.history.records) - 1} steps the relative residual is "
-            f"{state.residual_norm:.3g}. Rounding alone leaves about {state.rounding:.2g} of it "
-            "where strains as huge as these cancel: the hardening is small beside the elastic "
-            "moduli. "
+            f"After {self._steps} steps the relative residual is {state.residual_norm:.3g}. "
+            f"Rounding alone leaves about {state.rounding:.2g} of it where strains as huge as "
+            "these cancel: the hardening is small beside the elastic moduli. "
             f"A tolerance above {1.1 * state.rounding:.2g} is within reach."
         )
 

@@ -141,7 +141,7 @@ def _judge(draw: Draw, primal: PrimalResult, dual: DualResult, options: NewtonOp
         primal_residual=residuals[0],
         dual_residual=residuals[1],
         plastic=last.plastic_active / _measure(problem),
-        contact=last.contact_active / max(float(primal.contact.masses.sum()), 1e-300),
+        contact=last.contact_active / max(float(primal.rows.weights.sum()), 1e-300),
         distance=distance / energy,
         bound=bound / energy,
         messages=tuple(r.message for r in (primal, dual) if r.status is not Status.CONVERGED),

@@ -183,7 +183,7 @@ def primal_residual(result: PrimalResult) -> float:
     if problem.f is not None:
         applied += problem.f * v * dx(bonus_intorder=3)
     inside, outside = (f.Assemble().vec.FV().NumPy() for f in (internal, applied))
-    push = result.contact.nodal_forces(result.nodal_contact_forces, problem.mesh.nv).ravel()
+    push = result.rows.forces(result.nodal_contact_forces).T.ravel()
     free = np.array(list(V.FreeDofs()), dtype=bool)
     balance = np.linalg.norm((inside - outside + push)[free])
     return float(balance / max(np.linalg.norm(inside), np.linalg.norm(outside), 1e-300))
@@ -220,15 +220,14 @@ def feasible_bound(primal: PrimalResult, dual: DualResult) -> tuple[float, float
     y' is the dual solution (u_gamma, p_gamma) with nodes that penetrate moved back to the obstacle:
     it is admissible for the primal problem, whose minimum is J(y).
     """
-    problem, contact = primal.problem, primal.contact
+    problem, contact = primal.problem, primal.rows
     y = GridFunction(dual.functional.blocks.Y)
     y.vec.data = dual.y
     u, p = y.components
     values = u.vec.FV().NumPy().reshape(problem.N, -1)
-    overlap = np.maximum(-contact.open_gap(values), 0.0)
-    lengths = (contact.normals**2).sum(axis=1)
-    for i, vertex in enumerate(contact.vertices):
-        values[:, vertex] -= overlap[i] / lengths[i] * contact.normals[i]
+    overlap = np.maximum(-contact.open_gap(values.T), 0.0)
+    for depth, vertex, normal in zip(overlap, contact.vertices, contact.normals, strict=True):
+        values[:, vertex] -= depth * normal
     du, dp = primal.displacement - u, primal.plastic_increment - p
     h = problem.effective_hardening
     distance = Integrate(elastic_product(problem, h, du, dp, du, dp), problem.mesh) / 2

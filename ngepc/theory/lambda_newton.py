@@ -15,8 +15,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.dual.carried import carried_over
 from ngepc.dual.functional import DualFunctional
-from ngepc.dual.iterates import Iterate
-from ngepc.dual.newton import NewtonOptions, newton_step, prepared
+from ngepc.dual.newton import NewtonOptions, prepared, semismooth_newton
 from ngepc.dual.regularisation import Coupled
 from ngepc.dual.result import DualResult
 from ngepc.dual.system import NewtonSystem
@@ -149,7 +148,9 @@ def newton_in_lambda(
     ValueError
         If a line search is asked for.
     """
-    functional, v = _prepared(problem, regularisation, start, options)
+    _require_full_steps(options)
+    functional = prepared(problem, regularisation, options)
+    v = functional.blocks.H_vector() if start is None else carried_over(start, functional)
     equation = MultiplierEquation(functional, options.inverse)
     run, multiplier = Iterates(functional), equation.multiplier(v)
     while True:
@@ -171,18 +172,18 @@ def newton_in_v(
     options: NewtonOptions = FULL_STEPS,
 ) -> Iterates:
     """Algorithm 6.8 through (7.1), all iterates kept; arguments as for ``newton_in_lambda``."""
-    functional, v = _prepared(problem, regularisation, start, options)
-    system = NewtonSystem(functional, options.inverse)
-    run, here = Iterates(functional), Iterate.at(functional, v)
-    while True:
-        run.duals.append(here.v)
-        run.residual_norms.append(functional.residual_norms(here.residual).total)
-        status = _ended(run, options)
-        if status is not None:
-            return replace(run, status=status)
-        here, end = newton_step(functional, system, here, None)
-        if end is not None:
-            return replace(run, status=end.status)
+    _require_full_steps(options)
+    duals: list[BaseVector] = []
+    result = semismooth_newton(
+        problem,
+        None,
+        start,
+        options,
+        lambda record: duals.append(record.snapshot().v),
+        regularisation=regularisation,
+    )
+    norms = result.history.residual_norms
+    return Iterates(result.functional, duals, [], norms, result.status)
 
 
 def compare_algorithms(
@@ -212,20 +213,12 @@ def compare_algorithms(
     ]
 
 
-def _prepared(
-    problem: Problem,
-    regularisation: Coupled,
-    start: DualResult | None,
-    options: NewtonOptions,
-) -> tuple[DualFunctional, BaseVector]:
+def _require_full_steps(options: NewtonOptions) -> None:
     if options.linesearch is not None:
         raise ValueError(
             f"linesearch={options.linesearch!r}: Algorithms 6.6 and 6.8 take full steps, "
             "linesearch=None is needed (semismooth_newton globalises them)"
         )
-    functional = prepared(problem, regularisation, options)
-    v = functional.blocks.H_vector() if start is None else carried_over(start, functional)
-    return functional, v
 
 
 def _ended(run: Iterates, options: NewtonOptions) -> Status | None:

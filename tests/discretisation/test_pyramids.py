@@ -9,7 +9,8 @@ from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import ET, VOL, IntegrationRule, Mesh
 
 from ngepc import Material, Problem, evolve, load_cycle, primal_newton, semismooth_newton
-from ngepc.discretisation.return_mapping import ReturnMapping, plastic_points, pyramid_rule
+from ngepc.discretisation.rules import plastic_points, pyramid_rule
+from ngepc.primal.return_mapping import ReturnMapping
 
 FACES = {
     "bottom": [(0, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 0)],
@@ -64,7 +65,7 @@ def test_points_lie_inside_with_positive_weights():
 
 def test_plastic_strain_has_the_values_at_the_points(problem):
     result = primal_newton(problem).raise_for_status()
-    points = problem.mesh.MapToAllElements(plastic_points(problem.mesh), VOL)
+    points = problem.mesh.MapToAllElements(plastic_points(problem.mesh, 1), VOL)
     exact = ReturnMapping(problem, result.displacement).plastic_increment
     kept, wanted = (np.asarray(p(points)) for p in (result.plastic_increment, exact))
     assert np.abs(wanted).max() > 1e-4

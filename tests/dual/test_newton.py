@@ -16,6 +16,7 @@ from ngepc import (
     SolverError,
     Status,
     Units,
+    follow_path,
     lshape_problem,
     semismooth_newton,
 )
@@ -294,7 +295,16 @@ def test_gap_may_vary_and_push_in(small):
     assert result.contact_force > 0
 
 
-def test_friction_is_refused_with_what_to_do(small):
-    sticky = dataclasses.replace(small, friction=0.5)
-    with pytest.raises(ValueError, match=r"friction=0.5.*leave gamma and regularisation out"):
-        semismooth_newton(sticky, 1e3)
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"friction": 0.5}, "friction=0.5: the paper's regularised method has none"),
+        ({"kinematics": "plane strain"}, "kinematics='plane strain'"),
+        ({"order": 2}, "order=2"),
+    ],
+)
+def test_what_the_papers_method_has_not_is_refused_with_what_to_do(small, changes, message):
+    other = dataclasses.replace(small, **changes)
+    for solve in (lambda: semismooth_newton(other, 1e3), lambda: follow_path(other)):
+        with pytest.raises(ValueError, match=message + ".*leave gamma and regularisation out"):
+            solve()

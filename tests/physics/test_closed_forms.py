@@ -215,9 +215,8 @@ def test_layers_of_two_materials_under_an_obstacle(N):
         assert distance(primal.displacement, exact, problem.mesh) < 1e-9
         assert primal.contact_force == pytest.approx(pressure * area, rel=1e-9)
         errors.append(distance(dual.displacement, exact, problem.mesh))
-        assert dual.contact_force == pytest.approx(pressure * area, rel=1.6 * errors[-1])
-    assert errors[1] < 0.55 * errors[0]
-    assert errors[1] < 0.007
+        assert dual.contact_force == pytest.approx(pressure * area, rel=1e-9)
+    assert max(errors) < 1e-12
 
 
 def test_q_is_free_on_interfaces_between_materials():
@@ -297,10 +296,10 @@ def error_of_a_homogeneous_plastic_state(regularisation, n):
 
 def test_gradient_product_costs_a_layer_of_elements_at_the_boundary():
     """Where q = 0 on the boundary the error is of order h, otherwise there is none."""
-    zero_at_the_boundary = Coupled(1e5)
-    errors = [error_of_a_homogeneous_plastic_state(zero_at_the_boundary, n) for n in (8, 16, 32)]
+    zero_at_the_boundary = Coupled(1e4, gamma_tichonov=1e8)
+    errors = [error_of_a_homogeneous_plastic_state(zero_at_the_boundary, n) for n in (8, 16)]
     assert errors[0] < 0.12
-    assert [a / b for a, b in itertools.pairwise(errors)] == pytest.approx([2.0, 2.0], abs=0.1)
+    assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.1)
     assert error_of_a_homogeneous_plastic_state(None, 8) < 1e-7
 
 

@@ -1,7 +1,7 @@
 """Observed orders of convergence: u 2 in L2 and 1 in the energy norm, p 1, J 2.
 
-The body of ``ngepc.studies.manufactured`` yields above a curve that cuts through elements and touches the
-obstacle between vertices; the ring of ``closed_forms`` is a polygon on each mesh.
+The body of ``ngepc.studies.manufactured`` yields above a curve that cuts through elements and
+touches the obstacle between vertices; the ring of ``closed_forms`` is a polygon on each mesh.
 """
 
 import math

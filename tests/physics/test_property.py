@@ -86,9 +86,7 @@ def test_primal_solution_is_feasible_and_dissipates(draw):
     problem = build(draw)
     result = primal_newton(problem)
     assert result.status is Status.CONVERGED
-    u = result.displacement.vec.FV().NumPy().reshape(problem.N, -1)
-    size = np.abs(u).max()
-    assert result.contact.open_gap(u).min(initial=0.0) > -1e-10 * size
+    assert result.penetration <= 1e-10 * np.abs(result.displacement.vec.FV().NumPy()).max()
     assert result.nodal_contact_forces.min(initial=0.0) >= 0
     yield_excess = result.yield_function
     excess = Integrate(yield_excess + Norm(yield_excess), problem.mesh)
@@ -125,7 +123,7 @@ def test_a_lie_is_found(monkeypatch):
     draw = dataclasses.replace(USUAL, body="lshape", load=5.0, method="coupled", gap="near")
     assert examine(draw).complaints == ()
     problem_of = fuzz.build
-    lighter = problem_of(dataclasses.replace(draw, load=4.5))
+    lighter = problem_of(dataclasses.replace(draw, load=1.0))
     solve = fuzz.semismooth_newton
     with monkeypatch.context() as patch:
         patch.setattr(
@@ -137,7 +135,8 @@ def test_a_lie_is_found(monkeypatch):
 
     def of_another_problem(problem, options):
         other = primal_newton(lighter, options=options)
-        return dataclasses.replace(other, problem=problem)
+        other.state.reduced.problem = problem
+        return other
 
     with monkeypatch.context() as patch:
         patch.setattr(fuzz, "primal_newton", of_another_problem)

@@ -143,8 +143,9 @@ def test_column_and_obstacle(regularisation, push):
 
     def imbalance(e):
         sigma = stress(e)
-        softness = 1 / (R.gamma_tichonov * R.units.length)
-        return e / 2 + push + R.gamma_contact * max(sigma, 0.0) + softness * sigma
+        weights = R.parameters.weights(problem, R.units)
+        softness = 1 / (weights.tichonov * R.units.length)
+        return e / 2 + push + weights.contact * max(sigma, 0.0) + softness * sigma
 
     exact = -2 * max(push, 0.0) if R is None else brentq(imbalance, -1, 1, xtol=1e-17, rtol=1e-15)
     error = largest(result.displacement - CF((0.0, exact * y)), mesh)

@@ -1,0 +1,135 @@
+"""What the two exact methods tell of a discrete solution: contact, and what a user must know."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from ngsolve import H1, CoefficientFunction, GridFunction, Norm
+
+from ngepc.discretisation.rows import ContactRows
+from ngepc.model.problem import Problem
+from ngepc.results.fields import Fields, Recovered
+from ngepc.results.outcome import Ending, History
+from ngepc.results.summary import Summarised
+
+FEW_FACETS = 4
+"""Fewer facets in contact do not resolve a contact zone."""
+
+SMALL_STRAIN = 0.1
+"""Largest |eps(u)| at the points that small-strain kinematics is meant for."""
+
+
+class DiscreteSolution(Summarised, Recovered, Ending):
+    """Fields, contact and message of a solution with contact rows.
+
+    A result that inherits has these:
+
+    Attributes
+    ----------
+    problem, history, displacement, plastic_increment
+        As in every result.
+    ending
+        A sentence about how the run ended, empty for a run that converged.
+    rows
+        The contact conditions N u <= gaps.
+    nodal_contact_forces
+        Force >= 0 of each row, positive in compression, shape (m,).
+    open_gap
+        gaps - N u, shape (m,).
+    largest_strain
+        The largest |eps(u)| at the points.
+    """
+
+    problem: Problem
+    history: History
+    ending: str
+    displacement: GridFunction
+    plastic_increment: GridFunction
+    rows: ContactRows
+    nodal_contact_forces: np.ndarray
+    open_gap: np.ndarray
+    largest_strain: float
+
+    @property
+    def iterations(self) -> int:
+        """Newton steps done."""
+        return self.history.records[-1].iteration if self.history.records else 0
+
+    @property
+    def fields(self) -> Fields:
+        """All fields that follow from (u, p)."""
+        return Fields(self.problem, self.displacement, self.plastic_increment)
+
+    @property
+    def yield_excess(self) -> CoefficientFunction:
+        """|p| of this step: positive where the body yields, the plastic active set."""
+        return Norm(self.plastic_increment)
+
+    @property
+    def contact_force(self) -> float:
+        """Resultant of the normal contact pressure, positive in compression (force)."""
+        return float(self.nodal_contact_forces.sum())
+
+    @cached_property
+    def contact_pressure(self) -> GridFunction:
+        """Contact forces over the area that belongs to them (stress), positive in compression.
+
+        Draw it on the contact boundary; inside the body it is the P1 extension and means nothing.
+        """
+        rows, nv = self.rows, self.problem.mesh.nv
+        pressure = GridFunction(H1(self.problem.mesh, order=1), name="contact_pressure")
+        force = np.bincount(rows.vertices, self.nodal_contact_forces, minlength=nv)
+        area = np.bincount(rows.vertices, rows.weights, minlength=nv)
+        pressure.vec.FV().NumPy()[:] = force / np.where(area > 0, area, 1.0)
+        return pressure
+
+    @property
+    def contact_area(self) -> float:
+        """Area that belongs to the rows with a contact force."""
+        return float(self.rows.weights[self.nodal_contact_forces > 0].sum())
+
+    @cached_property
+    def contact_facets(self) -> int:
+        """Number of contact facets all of whose vertices are pressed."""
+        pressed = set(self.rows.vertices[self.nodal_contact_forces > 0].tolist())
+        return sum(
+            all(vertex.nr in pressed for vertex in facet.vertices)
+            for name in self.problem.contact_names
+            for facet in self.problem.mesh.Boundaries(name).Elements()
+        )
+
+    @property
+    def penetration(self) -> float:
+        """The deepest penetration of a contact row (length), rounding for a solution."""
+        return float(np.maximum(-self.open_gap, 0.0).max(initial=0.0))
+
+    @cached_property
+    def message(self) -> str:
+        """How the run ended, and what a user must know of the solution."""
+        return " ".join(filter(None, (self.ending, *observations(self))))
+
+
+def observations(result: DiscreteSolution) -> list[str]:
+    """Sentences about a solution that a user must not overlook."""
+    rows, found = result.rows, []
+    touching = np.count_nonzero(result.nodal_contact_forces > 0)
+    if len(rows) and not touching:
+        nearest = int(result.open_gap.argmin())
+        mesh = result.problem.mesh
+        place = np.asarray(mesh.ngmesh.Coordinates())[rows.vertices[nearest], : mesh.dim]
+        found.append(
+            f"Nothing touches the obstacle: the smallest gap left is {result.open_gap[nearest]:.3g}"
+            f" at {tuple(float(f'{c:.4g}') for c in place)}."
+        )
+    elif touching and result.contact_facets < FEW_FACETS:
+        found.append(
+            f"Only {result.contact_facets} whole facets ({touching} nodes) are in contact: refine "
+            "the contact boundary before you trust pressures."
+        )
+    if result.largest_strain > SMALL_STRAIN:
+        found.append(
+            f"Strains reach {result.largest_strain:.2g}: small-strain kinematics is meant for less "
+            f"than {SMALL_STRAIN:g}."
+        )
+    return found
