@@ -7,7 +7,7 @@ tractions are given the function and its gradient vanish, so that tractions stay
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 from ngsolve import H1
@@ -21,6 +21,9 @@ from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
 
 AIRY_POINTS = midpoint_rows(AIRY_MAP)
 """Stresses times det J at the nine midpoints from the unknowns of a triangle, (27, 12)."""
+
+PORTION = 1000
+"""Triangles whose matrices are made at once: they stay in the processor's cache."""
 
 LEVEL = 1e-9
 """A smaller component of a unit normal is none."""
@@ -54,6 +57,10 @@ def _edge_rows() -> np.ndarray:
 GRADIENTS = [slice(3 * v + 1, 3 * v + 3) for v in range(3)]
 EDGE_ROWS = _edge_rows()
 EDGE_PAIRS = np.einsum("ki,lj->klij", EDGE_ROWS, EDGE_ROWS).reshape(9, 81)
+
+
+Pair = tuple[np.ndarray, np.ndarray]
+"""Unknowns, or forces, of the vertices (nv, 3) and of the edges (ne,)."""
 
 
 class AirySpace:
@@ -123,6 +130,10 @@ class AirySpace:
         edge = np.bincount(t.edge_of.ravel(), local[:, 9:].ravel(), minlength=len(t.edges))
         return vertex * self.free_vertex, edge * self.free_edge
 
+    def product(self, K: np.ndarray, x: Pair) -> Pair:
+        """K x for the matrices K of the triangles, (nt, 12, 12)."""
+        return self.gathered(np.matmul(K, self.local(*x)[:, :, None])[:, :, 0])
+
     def reference(self, local: np.ndarray) -> np.ndarray:
         """Unknowns of the reference triangle, shape (nt, 12)."""
         result, J = local.copy(), self.triangles.jacobian
@@ -141,8 +152,19 @@ class AirySpace:
             turn(result[:, pair], self.triangles.jacobian)
         return result
 
-    def stiffness(self, H: np.ndarray, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Stiffness matrices (n, 12, 12) from d2 phi*/dz2 (n, 1 or 9, 3, 3) on chosen triangles."""
+    def fill(
+        self, K: np.ndarray, chosen: np.ndarray, compliance: Callable[[np.ndarray], np.ndarray]
+    ) -> None:
+        """Put the stiffness matrices (12, 12) of some triangles at their places in K.
+
+        ``compliance`` gives d2 phi*/dz2 of triangles at one point or nine, (n, 1 or 9, 3, 3).
+        """
+        for first in range(0, len(chosen), PORTION):
+            part = chosen[first : first + PORTION]
+            K[part] = self.stiffness(compliance(part), part)
+
+    def stiffness(self, H: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """Stiffness matrices (n, 12, 12) of chosen triangles from d2 phi*/dz2."""
         t = self.triangles
         scale = np.sqrt(t.area[chosen] / 9) / t.det[chosen]
         M = (self.to_plane[chosen] * scale[:, None, None]).transpose(1, 2, 0)
@@ -151,7 +173,7 @@ class AirySpace:
         K = (six.T @ table.reshape(-1, 144)).reshape(-1, 12, 12)
         return self._in_unknowns(K, chosen)
 
-    def _in_unknowns(self, K: np.ndarray, chosen: np.ndarray | slice) -> np.ndarray:
+    def _in_unknowns(self, K: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         """From unknowns of the reference triangle to those of the mesh, in place."""
         along, across = self._along[chosen], self._across[chosen]
         J = self.triangles.jacobian[chosen][:, None]
@@ -244,41 +266,30 @@ class TwoLevels:
         entries[rows[:, None], c, c] += ~self.space.free_vertex
         self.matrix.AsVector().FV().NumPy()[:] = entries.ravel()
         self._inverse = self.matrix.Inverse(inverse="sparsecholesky")
+        self.smooth(K)
+
+    def smooth(self, K: np.ndarray) -> None:
+        """Take the diagonal of the edge unknowns from these matrices."""
         t = self.space.triangles
         diagonal = np.einsum("tkk->tk", K[:, 9:, 9:]).ravel()
         edge = np.bincount(t.edge_of.ravel(), diagonal, minlength=len(t.edges))
         self._edge = np.where(self.space.free_edge, 1 / np.where(edge > 0, edge, 1.0), 0.0)
 
-    def __call__(self, vertex: np.ndarray, edge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Both residuals divided by their parts of the matrix."""
-        self._right.FV().NumPy()[:] = vertex.ravel()
+    def __call__(self, K: np.ndarray, r: Pair) -> Pair:
+        """What nearly solves K x = r: edges, vertices, and edges that follow them.
+
+        It is symmetric and positive definite whatever K the factors are from.
+        """
+        product, edge = self.space.product, self._edge * r[1]
+        vertex = self._vertices(r[0] - product(K, (np.zeros_like(r[0]), edge))[0])
+        return vertex, edge - self._edge * product(K, (vertex, np.zeros_like(edge)))[1]
+
+    def _vertices(self, forces: np.ndarray) -> np.ndarray:
+        self._right.FV().NumPy()[:] = forces.ravel()
         self._left.data = self._inverse * self._right
-        return self._left.FV().NumPy().reshape(-1, 3) * self.space.free_vertex, self._edge * edge
+        return self._left.FV().NumPy().reshape(-1, 3) * self.space.free_vertex
 
 
-def conjugate_gradients(
-    space: AirySpace, K: np.ndarray, right: tuple, precondition: TwoLevels, steps: int, part: float
-) -> np.ndarray:
-    """Reference unknowns (nt, 12) that nearly solve K x = right."""
-    r = [v.copy() for v in right]
-    z = precondition(*r)
-    p, rz = z, inner(r, z)
-    x, first = [np.zeros_like(v) for v in r], rz
-    for _ in range(steps):
-        if rz <= part**2 * first:
-            break
-        local = space.local(*p)
-        Kp = space.gathered(np.matmul(K, local[:, :, None])[:, :, 0])
-        alpha = rz / inner(p, Kp)
-        for v, q, s, kq in zip(x, p, r, Kp, strict=True):
-            v += alpha * q
-            s -= alpha * kq
-        z = precondition(*r)
-        rz, before = inner(r, z), rz
-        p = tuple(a + rz / before * b for a, b in zip(z, p, strict=True))
-    return space.local(*x)
-
-
-def inner(a: tuple, b: tuple) -> float:
+def inner(a: Pair, b: Pair) -> float:
     """The product of two vectors of vertex and edge unknowns."""
     return float(sum(np.vdot(u, v) for u, v in zip(a, b, strict=True)))

@@ -103,6 +103,11 @@ class Boundary:
         self.gap = self._ends(above, self._vertices[on])
         self.excess = self._ends(more @ SHARES, self._vertices[on])
 
+    def on_contact(self, values: np.ndarray) -> np.ndarray:
+        """Values at ENDS_AND_INSIDE of all segments -> at the ends of the contact edges."""
+        on = np.isin(self._edge, self.contact)
+        return self._ends(values[on][:, :2, 0], self._vertices[on])
+
     def _ends(self, values: np.ndarray, vertices: np.ndarray) -> np.ndarray:
         """Values at the vertices of segments in the order of the edge's ends."""
         turned = vertices[:, 0] > vertices[:, 1]

@@ -14,7 +14,7 @@ the one that is taken nearly minimises phi*.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -64,6 +64,10 @@ class Completed:
     over: np.ndarray
     direction: np.ndarray
     size: np.ndarray
+
+    def of(self, triangles: np.ndarray) -> Completed:
+        """Those of some triangles."""
+        return Completed(*(getattr(self, f.name)[triangles] for f in fields(self)))
 
 
 class Conjugate:
@@ -132,16 +136,16 @@ class Conjugate:
         first = (at.mean / law.bulk[:, None])[..., None]
         return np.concatenate([first, strain[..., [0, -1]]], axis=-1)
 
-    def compliance(self, at: Completed) -> np.ndarray:
-        """The second derivative of phi* with respect to z, shape (triangles, points, 3, 3)."""
+    def compliance(self, at: Completed, of: np.ndarray) -> np.ndarray:
+        """d2 phi*/dz2 of the triangles ``of``, shape (triangles, points, 3, 3)."""
         law, n = self.law, at.direction
-        h, size = law.hardening[:, None], np.where(at.size > 0, at.size, 1.0)
+        h, size = law.hardening[of][:, None], np.where(at.size > 0, at.size, 1.0)
         across = at.over / size / h
         along = (at.over > 0) / h - across
         whole = along[..., None, None] * n[..., :, None] * n[..., None, :]
         for k in range(self.d):
-            whole[..., k, k] += across + 1 / law.two_mu[:, None]
-        bulk = np.broadcast_to(1 / law.bulk[:, None], at.mean.shape)
+            whole[..., k, k] += across + 1 / law.two_mu[of][:, None]
+        bulk = np.broadcast_to(1 / law.bulk[of][:, None], at.mean.shape)
         if self.d == 2:
             result = np.zeros((*at.mean.shape, 3, 3))
             result[..., 0, 0], result[..., 1:, 1:] = bulk, whole
