@@ -10,23 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from ngsolve import H1
-from scipy.sparse import csr_matrix
 
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.conjugate import TO_PLANE, Conjugate
+from ngepc.bounds.conjugate import TO_PLANE
+from ngepc.bounds.held import Held, Pair
 from ngepc.bounds.element import AIRY_MAP, CORNERS, NORMALS, midpoint_rows
-from ngepc.bounds.triangles import PAIRS, Triangles
-from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
+from ngepc.bounds.triangles import PAIRS
 
 AIRY_POINTS = midpoint_rows(AIRY_MAP)
 """Stresses times det J at the nine midpoints from the unknowns of a triangle, (27, 12)."""
 
 PORTION = 1000
 """Triangles whose matrices are made at once: they stay in the processor's cache."""
-
-LEVEL = 1e-9
-"""A smaller component of a unit normal is none."""
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
@@ -59,10 +54,6 @@ EDGE_ROWS = _edge_rows()
 EDGE_PAIRS = np.einsum("ki,lj->klij", EDGE_ROWS, EDGE_ROWS).reshape(9, 81)
 
 
-Pair = tuple[np.ndarray, np.ndarray]
-"""Unknowns, or forces, of the vertices (nv, 3) and of the edges (ne,)."""
-
-
 class AirySpace:
     """The Airy functions of a triangulation.
 
@@ -73,8 +64,8 @@ class AirySpace:
 
     Attributes
     ----------
-    free_vertex, free_edge
-        Boolean masks (nv, 3) and (ne,): the unknowns that are not held.
+    held
+        Which unknowns are held, and how held ones may move together.
     to_plane
         In-plane stress coordinates of reference stresses, shape (nt, 3, 3).
     """
@@ -84,7 +75,7 @@ class AirySpace:
         t = self.triangles
         self.to_plane = np.matmul(TO_PLANE, piola(t.jacobian) / t.det[:, None, None])
         self._edge_map()
-        self._hold()
+        self.held = Held(boundary)
 
     def _edge_map(self) -> None:
         """The edge unknowns of the reference triangle: across * unknown + along * EDGE_ROWS."""
@@ -96,39 +87,19 @@ class AirySpace:
         self._across = np.einsum("tki,tki->tk", directions, t.normal[t.edge_of])
         self._along = np.einsum("tki,tki->tk", directions, tangents) / square
 
-    def _hold(self) -> None:
-        t, given = self.triangles, self.boundary.given
-        free, self.free_edge = np.ones((len(t.points), 3), dtype=bool), np.ones(len(t.edges), bool)
-        both = t.outer & given.all(axis=1)
-        single = t.outer & given.any(axis=1) & ~both
-        component = np.where(given[:, 0], 0, 1)
-        level = np.abs(t.normal) < LEVEL
-        across = single & level[np.arange(len(level)), component]
-        along = single & level[np.arange(len(level)), 1 - component]
-        closed = both | (single & ~across & ~along)
-        free[t.edges[closed].ravel()] = False
-        self.free_edge[closed | across] = False
-        for c in (0, 1):  # psi_c = +-dPhi/dx_(1 - c) is constant: across the edge or along it
-            mine = (component == c) & (across | along)
-            free[t.edges[mine].ravel(), 2 - c] = False
-        free[t.edges[along].ravel(), 0] = False
-        if free.any(axis=1).all():
-            free[free.sum(axis=1).argmin()] = False  # Phi is determined up to an affine function
-        self.free_vertex = free
-
     def local(self, vertex: np.ndarray, edge: np.ndarray) -> np.ndarray:
         """The unknowns of each triangle, shape (nt, 12)."""
         corner = vertex[self.triangles.nodes].reshape(-1, 9)
         return np.concatenate([corner, edge[self.triangles.edge_of]], axis=1)
 
     def gathered(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The transpose of ``local``, zero for unknowns that are held."""
+        """The transpose of ``local``."""
         t = self.triangles
         nodes, nv = t.nodes.ravel(), len(t.points)
         corner = local[:, :9].reshape(-1, 3).T
         vertex = np.stack([np.bincount(nodes, v, minlength=nv) for v in corner], axis=1)
         edge = np.bincount(t.edge_of.ravel(), local[:, 9:].ravel(), minlength=len(t.edges))
-        return vertex * self.free_vertex, edge * self.free_edge
+        return vertex, edge
 
     def product(self, K: np.ndarray, x: Pair) -> Pair:
         """K x for the matrices K of the triangles, (nt, 12, 12)."""
@@ -181,7 +152,7 @@ class AirySpace:
         cross = (K[:, :9, 9:] * along[:, None, :]) @ EDGE_ROWS
         twice = np.einsum("tkl,tk->tkl", middle, along).reshape(-1, 9) @ EDGE_PAIRS
         K[:, :9, :9] += cross + cross.transpose(0, 2, 1) + twice.reshape(-1, 9, 9)
-        K[:, 9:, :9] += (middle @ EDGE_ROWS)
+        K[:, 9:, :9] += middle @ EDGE_ROWS
         K[:, 9:] *= across[:, :, None]
         K[:, 9:, 9:] *= across[:, None, :]
         for pair in GRADIENTS:
@@ -225,71 +196,3 @@ def piola(J: np.ndarray) -> np.ndarray:
     a, b, c, d = J[:, 0, 0], J[:, 0, 1], J[:, 1, 0], J[:, 1, 1]
     rows = [[a * a, b * b, 2 * a * b], [c * c, d * d, 2 * c * d], [a * c, b * d, a * d + b * c]]
     return np.moveaxis(np.array(rows), 2, 0)
-
-
-class TwoLevels:
-    """A preconditioner: factors of the vertex unknowns, the diagonal of the edge unknowns.
-
-    Parameters
-    ----------
-    space
-        The Airy functions.
-    """
-
-    def __init__(self, space: AirySpace) -> None:
-        self.space, t = space, space.triangles
-        scalar = H1(t.mesh, order=1)
-        rows, columns = lower_pattern(scalar)
-        self.matrix = pattern_matrix(H1(t.mesh, order=1, dim=3))
-        self._keys = rows * np.int64(len(t.points)) + columns
-        a, b = np.tril_indices(3)
-        i, j = t.nodes[:, a], t.nodes[:, b]
-        keys = np.maximum(i, j) * np.int64(len(t.points)) + np.minimum(i, j)
-        self._local, self._turned = (a, b), i < j
-        self._places = np.searchsorted(self._keys, keys)
-        free = space.free_vertex
-        self._free = free[rows][:, :, None] & free[columns][:, None, :]
-        self._diagonal = np.flatnonzero(rows == columns)
-        self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
-
-    def update(self, K: np.ndarray) -> None:
-        """Factorise for a stiffness of the reference unknowns."""
-        corner = K[:, :9, :9].reshape(-1, 3, 3, 3, 3)
-        values = corner[:, self._local[0], :, self._local[1]]
-        values = np.where(self._turned.T[..., None, None], values.swapaxes(2, 3), values)
-        where, count = self._places.T.ravel(), len(self._keys)
-        entries = np.stack(
-            [np.bincount(where, v, minlength=count) for v in values.reshape(-1, 9).T], axis=1
-        ).reshape(-1, 3, 3)
-        entries = np.where(self._free, entries, 0.0)
-        rows, c = self._diagonal, np.arange(3)
-        entries[rows[:, None], c, c] += ~self.space.free_vertex
-        self.matrix.AsVector().FV().NumPy()[:] = entries.ravel()
-        self._inverse = self.matrix.Inverse(inverse="sparsecholesky")
-        self.smooth(K)
-
-    def smooth(self, K: np.ndarray) -> None:
-        """Take the diagonal of the edge unknowns from these matrices."""
-        t = self.space.triangles
-        diagonal = np.einsum("tkk->tk", K[:, 9:, 9:]).ravel()
-        edge = np.bincount(t.edge_of.ravel(), diagonal, minlength=len(t.edges))
-        self._edge = np.where(self.space.free_edge, 1 / np.where(edge > 0, edge, 1.0), 0.0)
-
-    def __call__(self, K: np.ndarray, r: Pair) -> Pair:
-        """What nearly solves K x = r: edges, vertices, and edges that follow them.
-
-        It is symmetric and positive definite whatever K the factors are from.
-        """
-        product, edge = self.space.product, self._edge * r[1]
-        vertex = self._vertices(r[0] - product(K, (np.zeros_like(r[0]), edge))[0])
-        return vertex, edge - self._edge * product(K, (vertex, np.zeros_like(edge)))[1]
-
-    def _vertices(self, forces: np.ndarray) -> np.ndarray:
-        self._right.FV().NumPy()[:] = forces.ravel()
-        self._left.data = self._inverse * self._right
-        return self._left.FV().NumPy().reshape(-1, 3) * self.space.free_vertex
-
-
-def inner(a: Pair, b: Pair) -> float:
-    """The product of two vectors of vertex and edge unknowns."""
-    return float(sum(np.vdot(u, v) for u, v in zip(a, b, strict=True)))

@@ -21,7 +21,7 @@ from ngsolve import L2, GridFunction
 from ngepc.bounds.coverage import on_segments
 from ngepc.bounds.element import at_nodes
 from ngepc.bounds.setting import Setting
-from ngepc.bounds.tightening import Effort, tightened
+from ngepc.bounds.tightening import Dual, Effort, tightened
 from ngepc.discretisation.loads import nodal
 from ngepc.local.factors import Factors
 from ngepc.local.result import ExactResult
@@ -165,8 +165,10 @@ def bound_of_state(setting: Setting, given: State, effort: Effort | None = None)
     """The bound for a state on the mesh of a setting."""
     discrete, u = setting.discrete, setting.feasible(given.u)
     moved = float(np.abs(u - given.u).max(initial=0.0))
-    state = given if moved <= given.touching_distance else discrete.state(
-        u, multipliers=given.multipliers
+    state = (
+        given
+        if moved <= given.touching_distance
+        else discrete.state(u, multipliers=given.multipliers)
     )
     tangent = Factors(discrete, "sparsecholesky")
     tangent.update(discrete.law.moduli(state.at, state.yielding))
@@ -174,9 +176,9 @@ def bound_of_state(setting: Setting, given: State, effort: Effort | None = None)
     moments, forces = setting.loads(P)
     stress = setting.balanced(state, tangent, forces)
     z, contact = setting.admissible(stress, moments), setting.contact_gaps(state.u, P)
-    local = local_gaps(setting, state, z.mean(axis=1))
-    rest = float(local.sum() + contact.sum())
-    z = tightened(setting.space, setting.conjugate, z, stress, rest, effort or Effort())
+    dual = Dual(setting.space, setting.conjugate, setting.strain(state))
+    rest = float(local_gaps(setting, state, 0 * stress).sum() + contact.sum())
+    z = tightened(dual, z, stress, rest, effort or Effort())
     local = local_gaps(setting, state, z.mean(axis=1))
     per_triangle, _ = setting.conjugate.integrals(at_nodes(z), setting.triangles.area, local)
     owners = setting.triangles.owners[setting.boundary.contact, 0]

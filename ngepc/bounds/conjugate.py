@@ -189,7 +189,9 @@ class Conjugate:
         allowed = WORTH * max(result.sum() + likely.sum(), 0.0)
         for level in range(SPLIT_LEVELS + 1):
             gain = bound - likely
-            kept = np.ones(len(gain), bool) if level == SPLIT_LEVELS else smallest(gain, allowed / 2)
+            kept = (
+                np.ones(len(gain), bool) if level == SPLIT_LEVELS else smallest(gain, allowed / 2)
+            )
             result += np.bincount(triangle[kept], bound[kept], minlength=count)
             given_away += gain[kept].sum()
             allowed -= gain[kept].sum()

@@ -97,8 +97,10 @@ class Patches:
             gather(defect, self._second[inner, end], mu[inner, end])
         forces = np.zeros((len(t.points), self.most, 2))
         forces[t.nodes.ravel(), self.place] = defect
-        y = np.stack([np.matmul(M, forces[:, :, c, None])[:, :, 0] for c, M in
-                      enumerate(self.inverses)], axis=2)
+        y = np.stack(
+            [np.matmul(M, forces[:, :, c, None])[:, :, 0] for c, M in enumerate(self.inverses)],
+            axis=2,
+        )
         for end in (0, 1):
             here = y[t.edges[:, end], self.place[self._first[:, end]]]
             there = y[t.edges[:, end], self.place[self._second[:, end]]]

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.bounds.airy import AirySpace, Pair, TwoLevels, inner
-from ngepc.bounds.conjugate import Conjugate
+from ngepc.bounds.airy import AirySpace
+from ngepc.bounds.conjugate import Completed, Conjugate
+from ngepc.bounds.held import Pair
+from ngepc.bounds.levels import TwoLevels, inner
 
 SHORTEST = 1e-3
 """Shortest step length."""
@@ -32,42 +34,67 @@ class Effort:
     steps: int = 12
 
 
+@dataclass(frozen=True, eq=False)
+class Dual:
+    """int [phi*(sigma) - sigma : eps(u)] for stresses at the edge midpoints of sub-triangles.
+
+    Parameters
+    ----------
+    space, conjugate
+        The Airy functions, and phi*.
+    strain
+        eps(u) in in-plane coordinates, shape (nt, 3).
+    """
+
+    space: AirySpace
+    conjugate: Conjugate
+    strain: np.ndarray
+
+    def value(self, z: np.ndarray, at: Completed) -> float:
+        """The integral for stresses (nt, points, 3), by the mean over the points."""
+        density = self.conjugate.value(at) - np.einsum("tqc,tc->tq", z, self.strain)
+        return float(self.space.triangles.area @ density.mean(axis=1))
+
+    def gradient(self, at: Completed) -> np.ndarray:
+        """Strains (nt, points, 3)."""
+        return self.conjugate.gradient(at) - self.strain[:, None]
+
+
 def tightened(
-    space: AirySpace,
-    conjugate: Conjugate,
-    z: np.ndarray,
-    discrete: np.ndarray,
-    rest: float,
-    effort: Effort,
+    dual: Dual, z: np.ndarray, discrete: np.ndarray, rest: float, effort: Effort
 ) -> np.ndarray:
     """In-plane stresses at the midpoints, shape (nt, 9, 3), with a smaller dual functional.
 
     Parameters
     ----------
+    dual
+        What is to be small.
     z
         The admissible stress to start from, shape (nt, 9, 3).
     discrete
         The stress of the discrete solution, shape (nt, 3).
     rest
-        The bound less int phi*(z).
+        The bound less the value of ``dual``.
     """
+    space, conjugate = dual.space, dual.conjugate
     precondition = TwoLevels(space)
     every, centre = np.arange(len(z)), discrete[:, None]
     at = conjugate.completed(centre)
     H, K = conjugate.compliance(at, every), np.empty((len(z), 12, 12))
     space.fill(K, every, lambda part: H[part])
     precondition.update(K)
-    strain = conjugate.gradient(at) + np.matmul(z - centre, H[:, 0])
-    model = energy(space, conjugate, centre) + 0.5 * product(space, z - centre, strain)
-    z = z + change(precondition, K, strain, max(rest + model, 0.0), effort)
+    moved = np.matmul(z - centre, H[:, 0])
+    first = dual.gradient(at)
+    model = dual.value(centre, at) + product(space, z - centre, first + moved / 2)
+    z = z + change(precondition, K, first + moved, rest + model, effort)
     for _ in range(effort.newton):
         at = conjugate.completed(z)
         yields = np.flatnonzero((at.over > 0).any(axis=1))
         space.fill(K, yields, lambda part, at=at: conjugate.compliance(at.of(part), part))
         precondition.smooth(K)
-        bound = max(rest + float(weights(space) @ conjugate.value(at).mean(axis=1)), 0.0)
-        step = change(precondition, K, conjugate.gradient(at), bound, effort)
-        z = descended(space, conjugate, z, step)
+        value = dual.value(z, at)
+        step = change(precondition, K, dual.gradient(at), rest + value, effort)
+        z = descended(dual, z, step, value)
     return z
 
 
@@ -106,28 +133,17 @@ def conjugate_gradients(
     return tuple(x)
 
 
-def descended(
-    space: AirySpace, conjugate: Conjugate, z: np.ndarray, step: np.ndarray
-) -> np.ndarray:
-    """Z plus the longest of the parts 1, 1/2, 1/4, ... of the step that lowers the energy."""
-    here, length = energy(space, conjugate, z), 1.0
+def descended(dual: Dual, z: np.ndarray, step: np.ndarray, value: float) -> np.ndarray:
+    """Z plus the longest of the parts 1, 1/2, 1/4, ... of the step that lowers the value."""
+    length = 1.0
     while length > SHORTEST:
-        if energy(space, conjugate, z + length * step) <= here:
-            return z + length * step
+        trial = z + length * step
+        if dual.value(trial, dual.conjugate.completed(trial)) <= value:
+            return trial
         length /= 2
     return z
 
 
-def energy(space: AirySpace, conjugate: Conjugate, z: np.ndarray) -> float:
-    """int phi*(z) by the mean over the points, shape (nt, points, 3)."""
-    return float(weights(space) @ conjugate.value(conjugate.completed(z)).mean(axis=1))
-
-
 def product(space: AirySpace, z: np.ndarray, strain: np.ndarray) -> float:
     """The integral of stress times strain, both (nt, 9, 3)."""
-    return float(weights(space) @ np.einsum("tqc,tqc->t", z, strain)) / 9
-
-
-def weights(space: AirySpace) -> np.ndarray:
-    """The areas of the triangles."""
-    return space.triangles.area
+    return float(space.triangles.area @ np.einsum("tqc,tqc->t", z, strain)) / 9

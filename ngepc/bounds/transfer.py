@@ -6,12 +6,21 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 
 import numpy as np
-from ngsolve import CF, ET, L2, VOL, CoefficientFunction, ElementId, GridFunction, Mesh
-from ngsolve import IntegrationRule, VectorValued
+from ngsolve import (
+    CF,
+    L2,
+    VOL,
+    CoefficientFunction,
+    ElementId,
+    GridFunction,
+    IntegrationRule,
+    Mesh,
+    VectorValued,
+)
 
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.material import Material
-from ngepc.model.problem import Problem, split_hardening
+from ngepc.model.problem import Problem
 
 CENTRE = IntegrationRule([(1 / 3, 1 / 3)], [0.5])
 
