@@ -327,7 +327,7 @@ def test_the_stress_is_the_derivative_of_the_energy_density(case, v, other_v):
 @given(laws())
 @settings(max_examples=200, deadline=None)
 def test_the_return_solves_its_conditions(case):
-    """Moreau: s splits into w, |w| <= beta, and (2 mu + h) p; p points along w; sigma is Hooke's."""
+    """Moreau: s is w, |w| <= beta, and (2 mu + h) p; p points along w; sigma is Hooke's."""
     law, e, _ = case
     at = law.returned(e)
     w, p, rounding = law.yielding_part(at), at.plastic_strain, 2e-9 * (1 + at.size)
