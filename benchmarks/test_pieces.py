@@ -9,7 +9,6 @@ become dearer.  The times of one run compare with each other; nothing is asserte
 from itertools import cycle
 
 import pytest
-from ngepc.geometries import lshape
 from ngsolve import SetNumThreads
 
 from ngepc import Coupled, lshape_problem, primal_newton, semismooth_newton
@@ -17,6 +16,7 @@ from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import Iterate, Line
 from ngepc.dual.system import NewtonSystem
+from ngepc.geometries import lshape
 from ngepc.studies.benchmark import elastic_solve
 
 COUPLED = Coupled(1e4)

@@ -10,15 +10,14 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.patches import Circle
-from ngepc.geometries import punch
 from ngsolve import Integrate, ds, x
 from shared import check, plain, run, save
 
 from ngepc import Material, Problem, semismooth_newton
+from ngepc.geometries import punch
 from ngepc.model.obstacles import Disc
-from ngepc.pictures import plot_field
+from ngepc.pictures import beside, plot_field
 from ngepc.pictures.curves import pressure_curves
-from ngepc.pictures.picture import beside
 
 LAME, RADIUS, DEPTH = 1e3, 5.0, 0.02
 PLANE_MODULUS = 4 * LAME * (2 * LAME) / (3 * LAME)

@@ -13,8 +13,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from ngepc.geometries import lshape
 from ngsolve import CF
 
 import ngepc
@@ -54,22 +52,21 @@ from ngepc import (
     wrench_problem,
     write_report,
 )
+from ngepc.geometries import lshape
 from ngepc.model.obstacles import Cavity, Cylinder, Plane, SignedDistance, Sphere
 from ngepc.pictures import (
     UnitNames,
+    beside,
     plot_active_sets,
     plot_comparison,
     plot_contact_pressure,
     plot_counts,
     plot_mesh,
     plot_progress,
-    plot_quotients,
 )
 from ngepc.pictures.export import export_series
-from ngepc.pictures.monitors import combine, newton_sequence, progress_monitor, watch
-from ngepc.pictures.picture import beside
-from ngepc.pictures.report import Report
-from ngepc.pictures.views import View, ViewOptions, compare, slide, slide_figures
+from ngepc.pictures.monitors import ProgressLine, together, watch
+from ngepc.pictures.views import View, ViewOptions, compare, slide
 
 MESH = lshape.paper_mesh(21)
 PROBLEM = lshape_problem(MESH)
@@ -134,27 +131,6 @@ class Use:
 POSITIVE, NOT_NEGATIVE = {"a fraction"}, {"a fraction", "zero"}
 DRAWN = {"deformation_scale": NOT_NEGATIVE, "title": TEXTS, "label": TEXTS}
 SHOWN = {"field": {"a vector coefficient"}, "title": TEXTS, "name": TEXTS}
-
-
-def first_of(iterator_function):
-    """Generators check their arguments when the first value is asked for."""
-
-    def call(*arguments, **named):
-        return next(iter(iterator_function(*arguments, **named)))
-
-    call.__signature__ = inspect.signature(iterator_function)
-    return call
-
-
-def bound(method, *names):
-    """A method of a new Report as a function of named arguments."""
-
-    def call(**named):
-        return getattr(Report("title"), method)(**named)
-
-    parameter = inspect.Parameter
-    call.__signature__ = inspect.Signature([parameter(n, parameter.KEYWORD_ONLY) for n in names])
-    return call
 
 
 USES = {
@@ -251,16 +227,11 @@ USES = {
     "cold_start": Use(cold_start, {"solver": primal_newton}, {"solver": CALLABLE}, ("settings",)),
     # monitors
     "table_monitor": Use(table_monitor),
-    "progress_monitor": Use(progress_monitor, may={"label": TEXTS}),
+    "ProgressLine": Use(ProgressLine, may={"label": TEXTS}),
     "live_plot_monitor": Use(
         live_plot_monitor, may={"interval": NOT_NEGATIVE, "tolerance": POSITIVE}
     ),
     "watch": Use(watch, {"results": [DUAL], "draw": plot_mesh}, {"draw": CALLABLE}, ("results",)),
-    "newton_sequence": Use(
-        first_of(newton_sequence),
-        {"problem": PROBLEM, "options": QUICK},
-        {"gamma": POSITIVE},
-    ),
     # pictures
     "plot_field": Use(
         plot_field,
@@ -288,7 +259,6 @@ USES = {
     ),
     "plot_history": Use(plot_history, {"histories": DUAL.history}, {"tolerance": POSITIVE}),
     "plot_counts": Use(plot_counts, {"counts": {"a": {10: 3}}}, {"paper": {"None"}}),
-    "plot_quotients": Use(plot_quotients, {"quotients": {"a": [0.5]}}),
     "plot_contact_pressure": Use(plot_contact_pressure, {"sources": DUAL}),
     "beside": Use(
         lambda width=4.0, height=4.0, three=False: beside(
@@ -310,7 +280,6 @@ USES = {
     "show": Use(show, {"source": DUAL}, SHOWN),
     "compare": Use(compare, {"sources": {"one": DUAL}}, SHOWN),
     "slide": Use(slide, {"sources": {"one": DUAL}}, SHOWN),
-    "slide_figures": Use(slide_figures, {"figures": {"one": Figure()}}, SHOWN),
     # files
     "export_html": Use(
         export_html,
@@ -325,18 +294,6 @@ USES = {
         {"path": {"a text"}} | dict.fromkeys(("title", "subtitle", "footer"), TEXTS),
         ("sections",),
     ),
-    "Report": Use(Report, {"title": "title"}, {"title": TEXTS, "subtitle": TEXTS}),
-    "Report.add_section": Use(
-        bound("add_section", "heading"), {"heading": "h"}, {"heading": TEXTS}
-    ),
-    "Report.add_code": Use(bound("add_code", "text"), {"text": "t"}, {"text": TEXTS}),
-    "Report.add_table": Use(
-        bound("add_table", "rows", "caption", "digits"),
-        {"rows": [{"a": 1}]},
-        {"caption": TEXTS},
-    ),
-    "Report.add_view": Use(bound("add_view", "view"), {"view": View("")}),
-    "Report.add_problem": Use(bound("add_problem", "problem"), {"problem": PROBLEM}),
     "View.save": Use(
         lambda path: View("").save(path),
         {"path": "v.html"},
@@ -464,7 +421,7 @@ def test_sections_of_a_report_are_checked(sections, message, tmp_path):
 
 def test_monitors_that_are_none_are_named():
     with pytest.raises(TypeError, match=r"monitors\[1\]=3: a function of a record is needed"):
-        combine(table_monitor(io.StringIO()), 3)
+        together(table_monitor(io.StringIO()), 3)
 
 
 def test_a_quick_dual_result_is_what_it_says():

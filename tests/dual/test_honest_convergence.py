@@ -11,7 +11,6 @@ import re
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from ngepc.geometries import block, lshape
 from ngsolve import CF, BilinearForm, GridFunction, dx, y
 from scipy.sparse.linalg import splu
 
@@ -26,8 +25,10 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.dual.blocks import elastic_terms
-from ngepc.studies.robustness import Case, build
-from ngepc.studies.witness import elastic_product
+from ngepc.geometries import block, lshape
+from ngepc.studies.verification.robustness import Case
+from ngepc.studies.verification.robustness import extreme_problem as build
+from ngepc.studies.verification.witness import elastic_product
 
 REGULARISATIONS = {
     "coupled": Coupled(1e3),

@@ -3,7 +3,6 @@
 import math
 
 import pytest
-from ngepc.geometries import wrench
 
 from ngepc import (
     PathOptions,
@@ -12,6 +11,7 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
+from ngepc.geometries import wrench
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
 
 

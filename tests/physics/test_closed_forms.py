@@ -14,7 +14,6 @@ import pytest
 from closed_forms import Ring
 from netgen.csg import CSGeometry, Plane, Pnt, Vec
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
-from ngepc.geometries import block, ring
 from ngsolve import CF, IfPos, InnerProduct, Integrate, Mesh, ds, x, y, z
 from scipy.optimize import brentq
 
@@ -30,8 +29,9 @@ from ngepc.discretisation.spaces import plastic_dual_space
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import load_cycle
 from ngepc.evolution.solver import cold_start, evolve
+from ngepc.geometries import block, ring
 from ngepc.primal.solver import primal_newton
-from ngepc.studies.pressed_shell import PressedShell
+from ngepc.studies.verification.pressed_shell import PressedShell
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 METHODS = {

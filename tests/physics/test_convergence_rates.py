@@ -1,6 +1,6 @@
 """Observed orders of convergence: u 2 in L2 and 1 in the energy norm, p 1, J 2.
 
-The body of ``ngepc.studies.manufactured`` yields above a curve that cuts through elements and
+The body of ``manufactured`` yields above a curve that cuts through elements and
 touches the obstacle between vertices; the ring of ``closed_forms`` is a polygon on each mesh.
 """
 
@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from closed_forms import Ring
-from ngepc.geometries import block, ring
+from manufactured import stretched_and_pressed
 from ngsolve import Grad, InnerProduct, Integrate, Norm, Sym, dx
 
 from ngepc import (
@@ -19,8 +19,8 @@ from ngepc import (
     outward_normal,
     semismooth_newton,
 )
+from ngepc.geometries import block, ring
 from ngepc.primal.solver import primal_newton
-from ngepc.studies.manufactured import stretched_and_pressed
 
 CELLS = (8, 16, 32)
 

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 from closed_forms import Law, Ring
-from ngepc.geometries import block, lshape
 from ngsolve import CF, Integrate, Norm, ds, dx, grad, sqrt, x, y, z
 from scipy.optimize import brentq
 
@@ -21,10 +20,11 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
+from ngepc.geometries import block, lshape
 from ngepc.model.tensors import coordinates, tensor
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
-from ngepc.studies.witness import distance_bound
+from ngepc.studies.verification.witness import distance_bound
 
 KINEMATIC = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 ISOTROPIC = Material.isotropic(

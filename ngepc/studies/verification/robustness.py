@@ -12,19 +12,17 @@ from pathlib import Path
 
 from ngsolve import BND, CF, CoefficientFunction, IfPos, Mesh, x
 
-from ngepc.dual.newton import NewtonOptions, semismooth_newton
-from ngepc.dual.result import DualResult
+from ngepc.dual.newton import NewtonOptions
 from ngepc.geometries import block
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.path.options import PathOptions
 from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
-from ngepc.primal.result import PrimalResult
 from ngepc.primal.solver import primal_newton
-from ngepc.studies.output import Table, write_table
-from ngepc.studies.tables import Cell, CellStore, Outcome
-from ngepc.studies.witness import dual_residual, primal_residual
+from ngepc.results.outcome import Result
+from ngepc.studies.examples import solved
+from ngepc.studies.work import Cell, Outcome, Table, Work, chosen, ending
 
 LAME_MU, YIELD_STRESS = 1e3, 1.25
 SHEAR = 2.5
@@ -35,7 +33,7 @@ GAMMA = (1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9)
 ASPECT = (1.0, 10.0, 100.0, 1000.0)
 CONTACT = ("none", "one node", "full", "grazing", "from an end")
 
-METHODS = ("primal", "coupled", "path")
+METHODS = ("primal", "default", "coupled", "path")
 
 
 @dataclass(frozen=True)
@@ -63,17 +61,18 @@ class Case:
     contact: str = "part"
 
 
-def cases() -> dict[str, Case]:
-    """Label -> case, in the order of the table."""
-    found = {"usual": Case()}
-    found |= {f"Poisson {value:g}": Case(poisson=value) for value in POISSON}
-    found |= {f"h/mu {value:g}": Case(hardening=value) for value in HARDENING}
-    found |= {f"aspect ratio {value:g}": Case(aspect=value) for value in ASPECT}
-    found |= {f"contact {value}": Case(contact=value) for value in CONTACT}
-    return found | {f"gamma {value:g}": Case(gamma=value) for value in GAMMA}
+CASES = {
+    "usual": Case(),
+    **{f"Poisson {value:g}": Case(poisson=value) for value in POISSON},
+    **{f"h/mu {value:g}": Case(hardening=value) for value in HARDENING},
+    **{f"aspect ratio {value:g}": Case(aspect=value) for value in ASPECT},
+    **{f"contact {value}": Case(contact=value) for value in CONTACT},
+    **{f"gamma {value:g}": Case(gamma=value) for value in GAMMA},
+}
+"""Label -> case, in the order of the table."""
 
 
-def build(case: Case, cells: int = 12) -> Problem:
+def extreme_problem(case: Case, cells: int = 12) -> Problem:
     """The problem of a case on ``cells`` x ``cells`` rectangles cut into triangles."""
     height = 1 / case.aspect
     mesh = block.structured_mesh(cells, cells, size=(1.0, height), simplices=True)
@@ -108,57 +107,30 @@ def _gap(contact: str, mesh: Mesh, top: CoefficientFunction, height: float) -> C
     }[contact]
 
 
-def solve(
-    case: Case, method: str, limit: int, cells: int = 12
-) -> PrimalResult | DualResult | PathResult:
-    """The result of a method for a case.
-
-    Parameters
-    ----------
-    case
-        The case.
-    method
-        One of METHODS.
-    limit
-        Most Newton steps.
-    cells
-        As for ``build``.
-    """
-    problem = build(case, cells)
+def solve(case: Case, method: str, limit: int, cells: int = 12) -> Result | PathResult:
+    """The result of one of METHODS for a case, in ``limit`` Newton steps at most."""
+    problem = extreme_problem(case, cells)
     options = NewtonOptions(max_iterations=limit, quadrature_points=100)
-    if method == "primal":
-        return primal_newton(problem)
     if method == "path":
-        newton = options
-        path = PathOptions(
-            gamma_start=1.0,
-            growth=10.0,
-            gamma_end=case.gamma,
-            newton=newton,
-        )
+        path = PathOptions(gamma_start=1.0, growth=10.0, gamma_end=case.gamma, newton=options)
         return follow_path(problem, path)
-    return semismooth_newton(problem, case.gamma, options=options)
+    return solved(case.gamma if method == "coupled" else method, problem, options=options)
 
 
-class Robustness:
-    """The study; each cell is solved once and kept in ``folder``/cells.
+class Robustness(Work):
+    """The study.
 
     Parameters
     ----------
-    folder
-        Where results go.
+    folder, progress
+        As for ``Work``.
     rows
-        Labels of ``cases()``; None for all.
+        Labels of CASES; None for all.
     limit
         Most Newton steps of one run.
-    progress
-        Called with a line of text after each cell.
-
-    Raises
-    ------
-    ValueError
-        For an unknown row.
     """
+
+    name = "robustness"
 
     def __init__(
         self,
@@ -167,75 +139,52 @@ class Robustness:
         limit: int = 200,
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        self.cases = cases()
-        self.rows = tuple(self.cases if rows is None else rows)
-        unknown = [row for row in self.rows if row not in self.cases]
-        if unknown:
-            raise ValueError(f"rows={unknown}: the table has {', '.join(self.cases)}")
-        self.folder, self.limit = Path(folder), limit
-        self.progress = progress or (lambda line: None)
-        self._store = CellStore(self.folder / "cells", {"study": "robustness", "limit": limit})
+        super().__init__(folder, progress, limit=limit)
+        self.rows, self.limit = chosen(CASES, rows), limit
 
     def run(self) -> list[dict]:
         """Fill the table; returns one record for each cell."""
         table = []
-        for row in self.rows:
-            for method in METHODS:
-                cell = Cell(f"{row}, {method}".replace("/", " over "), 0)
-                record = self._store.get(
-                    cell, lambda _, row=row, method=method: self._solve(row, method)
-                ).record
-                self.progress(f"{row}, {method}: {_entry(record)} ({record['wall_time_s']:.1f} s)")
-                table.append(record)
+        for row, method in [(row, method) for row in self.rows for method in METHODS]:
+            cell = Cell(f"{row}, {method}", 0)
+            record = self.kept(cell, lambda _, r=row, m=method: self._solve(r, m)).record
+            self.progress(f"{row}, {method}: {record['iterations']}{ending(record)}")
+            table.append(record)
         return table
 
     def _solve(self, row: str, method: str) -> Outcome:
-        result = solve(self.cases[row], method, self.limit)
-        result.or_interrupted()
-        last = getattr(result, "last", result)
-        counts = getattr(result, "total_inner_iterations", last.iterations)
-        primal = method == "primal"
-        record = last.history.records[-1]
+        result = solve(CASES[row], method, self.limit).or_interrupted()
+        last = getattr(result, "result", result)
         return Outcome(
             {
                 "row": row,
                 "method": method,
-                "iterations": counts,
+                "iterations": getattr(result, "total_inner_iterations", last.iterations),
                 "status": result.status.label,
-                "residual": primal_residual(last) if primal else dual_residual(last, 100).norm,
-                "plastic": record.plastic_active,
+                "residual": last.residual_norm,
+                "plastic": last.history.records[-1].plastic_active,
                 "contact_force": last.contact_force,
                 "primal_energy": last.primal_energy,
                 "message": result.message,
             }
         )
 
-    def write(self, table: list[dict]) -> list[Path]:
+    def write(self, table: Sequence[dict]) -> list[Path]:
         """Write robustness.csv, robustness.md and robustness.json; returns their paths."""
-        found = {(r["row"], r["method"]): r for r in table}
-        rows = [[row, *(_entry(found[row, method]) for method in METHODS)] for row in self.rows]
-        notes = [
+        found = {(r["row"], r["method"]): f"{r['iterations']}{ending(r)}" for r in table}
+        note = (
             "Newton steps, with the status in words where a run did not converge. The unit square "
             "on 169 nodes, fixed below, sheared and pulled against an obstacle; one datum at a "
-            "time leaves its usual value (Poisson 0.3, h/mu 0.1, gamma 1e3, aspect "
-            "ratio 1, half of the upper side in contact). "
-            f"Cold starts, at most {self.limit} steps; the path goes up in factors of ten from "
-            "gamma = 1 and counts all its steps. Contact 'from an end' touches at an end of "
-            "Gamma_c, where the products of (R2) fix z to zero.",
-        ]
-        return write_table(
-            self.folder,
-            Table(
-                name="robustness",
-                title="Robustness",
-                head=["", *METHODS],
-                rows=rows,
-                notes=notes,
-                cells=table,
-            ),
+            "time leaves its usual value (Poisson 0.3, h/mu 0.1, gamma 1e3 for the coupled method, "
+            "aspect ratio 1, half of the upper side in contact). Cold starts, at most "
+            f"{self.limit} steps; the path goes up in factors of ten from gamma = 1 and counts all "
+            "its steps."
         )
-
-
-def _entry(record: dict) -> str:
-    ended = "" if record["status"] == "converged" else f" {record['status'].replace('_', ' ')}"
-    return f"{record['iterations']}{ended}"
+        return Table(
+            name=self.name,
+            title="Robustness",
+            head=["", *METHODS],
+            rows=[[row, *(found[row, method] for method in METHODS)] for row in self.rows],
+            notes=[note],
+            cells=table,
+        ).write(self.folder)

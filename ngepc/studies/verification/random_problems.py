@@ -13,16 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import CF, Mesh
 
-from ngepc.dual.regularisation import Coupled
-from ngepc.dual.spaces import Units
-from ngepc.dual.tichonov import FullProduct, SurfaceGradient
+from ngepc.dual.regularisation import Coupled, Units
+from ngepc.dual.tichonov import FullProduct
 from ngepc.geometries import block, lshape, plate, wrench
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
 
 
 @dataclass(frozen=True)
-class Body:
+class DrawnBody:
     """A body with the names of its parts; the contact boundary is flat.
 
     Parameters
@@ -43,18 +42,18 @@ class Body:
 
 
 BODIES = {
-    "lshape": Body(lshape.mesh, 1.0, "clamped", "load", "contact"),
-    "wrench": Body(lambda h: wrench.mesh(8 * h), 8.0, "clamped", "load", "contact"),
-    "block": Body(lambda h: block.mesh(h, (1.0, 0.7)), 1.0, "clamped", "right", "contact"),
-    "hole": Body(lambda h: block.with_hole(h, (1.0, 1.0)), 1.0, "clamped", "left", "contact"),
-    "strip": Body(lambda h: block.mesh(2 * h, (4.0, 0.5)), 4.0, "clamped", "left", "contact"),
-    "plate": Body(lambda h: plate.mesh(2 * h), 2.0, "bottom", "left|right", "top"),
-    "cube": Body(lambda h: block.mesh(4 * h), 1.0, "clamped", "left", "contact"),
+    "lshape": DrawnBody(lshape.mesh, 1.0, "clamped", "load", "contact"),
+    "wrench": DrawnBody(lambda h: wrench.mesh(8 * h), 8.0, "clamped", "load", "contact"),
+    "block": DrawnBody(lambda h: block.mesh(h, (1.0, 0.7)), 1.0, "clamped", "right", "contact"),
+    "hole": DrawnBody(lambda h: block.with_hole(h, (1.0, 1.0)), 1.0, "clamped", "left", "contact"),
+    "strip": DrawnBody(lambda h: block.mesh(2 * h, (4.0, 0.5)), 4.0, "clamped", "left", "contact"),
+    "plate": DrawnBody(lambda h: plate.mesh(2 * h), 2.0, "bottom", "left|right", "top"),
+    "cube": DrawnBody(lambda h: block.mesh(4 * h), 1.0, "clamped", "left", "contact"),
 }
 
 GAPS = ("none", "open", "touching", "near", "pushed")
 HARDENINGS = ("kinematic", "isotropic", "combined")
-METHODS = ("coupled", "coupled (R2)")
+METHODS = ("default", "coupled")
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ class Draw:
     history
         Size of the initial plastic strain over the yield strain.
     method
-        One of METHODS, how the dual method is regularised.
+        One of METHODS, solved beside the primal one.
     """
 
     body: str
@@ -184,9 +183,8 @@ def _history(draw: Draw, material: Material, N: int) -> dict:
     return {"initial_plastic_strain": strain, "initial_hardening": (scalar * norm, back)}
 
 
-def regularisation(draw: Draw, problem: Problem) -> Coupled:
-    """The regularisation of a draw, in units in which lame_mu is 1e3 and the body has size one."""
+def coupled(draw: Draw, problem: Problem) -> Coupled:
+    """The paper's regularisation in units in which lame_mu is 1e3 and the body has size one."""
     length = BODIES[draw.body].length * 10**draw.length_unit
     units = Units(stress=problem.material.lame_mu / 1e3, length=length)
-    tichonov = SurfaceGradient() if draw.method == "coupled (R2)" else FullProduct()
-    return Coupled(10.0, tichonov=tichonov, units=units)
+    return Coupled(10.0, tichonov=FullProduct(), units=units)

@@ -37,6 +37,8 @@ from ngepc.dual.result import DualResult
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.tensors import strain, tensor
 from ngepc.primal.result import PrimalResult
+from ngepc.results.exact import DiscreteSolution
+from ngepc.results.outcome import Result
 
 POINTS = 400
 
@@ -62,7 +64,7 @@ def energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
 
 
 @dataclass(frozen=True)
-class Residual:
+class WitnessedResidual:
     """A residual norm and the size of what rounding may leave of it.
 
     Parameters
@@ -77,7 +79,7 @@ class Residual:
     rounding: float
 
 
-def dual_residual(result: DualResult, points: int = POINTS) -> Residual:
+def dual_residual(result: DualResult, points: int = POINTS) -> WitnessedResidual:
     """The residual of the dual variable v alone.
 
     Parameters
@@ -104,7 +106,7 @@ def dual_residual(result: DualResult, points: int = POINTS) -> Residual:
         r.data += 1 / w.tichonov * (blocks.B[name] * part.vec)
         r += penalty(problem, w, part, points)
         total += _norm_squared(r, inverse)
-    return Residual(math.sqrt(total), math.sqrt(rounding))
+    return WitnessedResidual(math.sqrt(total), math.sqrt(rounding))
 
 
 def _norm_squared(r: BaseVector, inverse: BaseMatrix) -> float:
@@ -168,7 +170,7 @@ def _flow(problem: Problem, w: Weights, q: GridFunction, points: int) -> BaseVec
 _contact_terms, _plastic_terms = (_overlap, _pull), (_increment, _flow)
 
 
-def primal_residual(result: PrimalResult) -> float:
+def balance_residual(result: DiscreteSolution) -> float:
     """Nodal forces out of balance over the larger of applied and internal ones.
 
     Internal forces are integrated from the stress field, contact forces are those reported.
@@ -214,16 +216,15 @@ def distance_bound(primal: PrimalResult, dual: DualResult) -> tuple[float, float
     return distance, worth + dual.dual_energy
 
 
-def feasible_bound(primal: PrimalResult, dual: DualResult) -> tuple[float, float]:
+def feasible_bound(primal: PrimalResult, other: Result) -> tuple[float, float]:
     """1/2 |y - y'|_D^2 and J(y') - J(y), which it cannot exceed, the other way round.
 
-    y' is the dual solution (u_gamma, p_gamma) with nodes that penetrate moved back to the obstacle:
+    y' is the solution of the other method with nodes that penetrate moved back to the obstacle:
     it is admissible for the primal problem, whose minimum is J(y).
     """
     problem, contact = primal.problem, primal.rows
-    y = GridFunction(dual.functional.blocks.Y)
-    y.vec.data = dual.y
-    u, p = y.components
+    u, p = GridFunction(other.displacement.space), other.plastic_increment
+    u.vec.data = other.displacement.vec
     values = u.vec.FV().NumPy().reshape(problem.N, -1)
     overlap = np.maximum(-contact.open_gap(values.T), 0.0)
     for depth, vertex, normal in zip(overlap, contact.vertices, contact.normals, strict=True):
