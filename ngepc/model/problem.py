@@ -8,7 +8,7 @@ from ngsolve import CF, CoefficientFunction, Mesh
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number, require_integer
 from ngepc.model import checks
 from ngepc.model.kinematics import Kinematics, kinematics_of
-from ngepc.model.material import Material
+from ngepc.model.material import Material, split_hardening
 from ngepc.model.normals import outward_normal
 
 Vector = CoefficientFunction | Sequence[Coefficient]
@@ -182,14 +182,3 @@ def as_scalar(value: Coefficient) -> CoefficientFunction:
 def as_vector(value: Vector) -> CoefficientFunction:
     """A vector coefficient from itself or from a sequence of its components."""
     return value if isinstance(value, CoefficientFunction) else CF(tuple(map(as_scalar, value)))
-
-
-def split_hardening(value: object) -> tuple:
-    """(alpha_1, alpha_2) from ``initial_hardening``; None for what is not given."""
-    if value is None:
-        return None, None
-    if isinstance(value, tuple):
-        return value
-    if isinstance(value, CoefficientFunction) and len(value.dims) == 2:
-        return None, value
-    return value, None

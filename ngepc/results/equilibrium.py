@@ -26,11 +26,6 @@ from ngepc.discretisation.spaces import displacement_space, single_prescribed
 from ngepc.model.problem import Problem
 
 
-def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
-    """Nodal forces of tractions and body force, shape (N, nodes)."""
-    return loads.applied_forces(problem, V).T
-
-
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
     """Nodal forces on the body at a solution, arrays of shape (N, nodes).

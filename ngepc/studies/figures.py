@@ -15,7 +15,7 @@ from ngsolve import Integrate
 
 from ngepc.dual.result import DualResult
 from ngepc.path.options import PathOptions
-from ngepc.path.last import PathResult
+from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
 from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
 from ngepc.pictures.sampling import body_corners
