@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from coordinates import coordinates, deviator, tensor
 from ngsolve import (
     CF,
     CoefficientFunction,
@@ -34,7 +35,6 @@ from ngsolve import (
 
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.tensors import coordinates, deviator, tensor
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1000.0)
 

@@ -23,7 +23,6 @@ from ngsolve import (
 from ngepc.checks.arguments import boundary_names
 from ngepc.discretisation.rules import plastic_order
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.tensors import coordinates_count
 
 AXES = "xyz"
 
@@ -72,7 +71,7 @@ def _copy_dofs(target: GridFunction, source: GridFunction, V: FESpace, axis: int
 def plastic_space(problem: Problem) -> FESpace:
     """Q_h: discontinuous plastic strains of ``plastic_order`` in d orthonormal coordinates."""
     mesh = problem.mesh
-    return VectorValued(L2(mesh, order=plastic_order(mesh, 1)), coordinates_count(problem.N))
+    return VectorValued(L2(mesh, order=plastic_order(mesh, 1)), problem.kinematics.d)
 
 
 def outer_boundaries(mesh: Mesh) -> set[str]:
@@ -108,4 +107,4 @@ def plastic_dual_space(problem: Problem, *, boundary_fixed: bool = True) -> FESp
     """R_h: continuous P1 with d components, by default zero on the boundary of the body."""
     outer = "|".join(sorted(outer_boundaries(problem.mesh)))
     conditions = {"dirichlet": outer} if boundary_fixed else {}
-    return VectorValued(H1(problem.mesh, order=1, **conditions), coordinates_count(problem.N))
+    return VectorValued(H1(problem.mesh, order=1, **conditions), problem.kinematics.d)

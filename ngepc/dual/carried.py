@@ -18,7 +18,6 @@ from ngepc.dual.parameters import Weights
 from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import as_scalar
-from ngepc.model.tensors import coordinates_count
 
 
 def carried_over(start: DualResult, functional: DualFunctional) -> BaseVector:
@@ -55,7 +54,7 @@ def _keep_multipliers(before: Weights, new: DualFunctional, v: BaseVector) -> No
     if before.plastic != after.plastic:
         q = part_of(v, PLASTIC).FV().NumPy()
         threshold = _nodal(before.threshold, new.blocks.problem.mesh)
-        values = q.reshape(coordinates_count(new.blocks.problem.N), -1)
+        values = q.reshape(new.blocks.problem.kinematics.d, -1)
         q[:] = scaled_excess(values, threshold, before.plastic / after.plastic).ravel()
     if CONTACT in new.blocks.parts:
         z = part_of(v, CONTACT).FV().NumPy()

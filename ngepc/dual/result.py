@@ -8,6 +8,7 @@ from functools import cached_property
 from ngsolve import H1, CoefficientFunction, GridFunction, Integrate, Norm, ds
 from ngsolve.la import BaseVector
 
+from ngepc.discretisation.loads import applied_forces
 from ngepc.dual.blocks import primal_energy
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.parts import CONTACT, PLASTIC

@@ -138,7 +138,7 @@ class Figures(Work):
             "file": picture.name,
             "shows": CAPTIONS[number],
             "example": name,
-            "nodes": path.problem.mesh.nv,
+            "nodes": path.last.problem.mesh.nv,
             "gamma": path.gamma_end,
             "status": path.status.label,
             "residual_norm": path.residual_norms[-1],

@@ -21,7 +21,7 @@ from ngepc.studies.verification.robustness import (
     extreme_problem,
     solve,
 )
-from ngepc.studies.verification.witness import dual_residual, balance_residual
+from ngepc.studies.verification.witness import balance_residual, dual_residual
 
 LIMIT, CELLS = 60, 6
 RESULTS = Path(__file__).resolve().parent.parent.parent / "results"

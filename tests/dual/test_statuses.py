@@ -30,7 +30,7 @@ from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
 from ngepc.primal.run import Run
 from ngepc.primal.solver import PrimalOptions, primal_newton
-from ngepc.studies.verification.witness import dual_residual, balance_residual
+from ngepc.studies.verification.witness import balance_residual, dual_residual
 
 NAN = math.nan
 

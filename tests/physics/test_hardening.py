@@ -5,7 +5,7 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from ngepc.geometries import block
+from coordinates import coordinates_count, deviator, strain, tensor
 from ngsolve import (
     CF,
     H1,
@@ -26,7 +26,7 @@ from ngsolve import (
 
 from ngepc import Material, Problem, Status, semismooth_newton
 from ngepc.dual.blocks import primal_energy
-from ngepc.model.tensors import coordinates_count, deviator, strain, tensor
+from ngepc.geometries import block
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields, frobenius
 

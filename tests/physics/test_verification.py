@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from closed_forms import Law, Ring
+from coordinates import coordinates, tensor
 from ngsolve import CF, Integrate, Norm, ds, dx, grad, sqrt, x, y, z
 from scipy.optimize import brentq
 
@@ -21,7 +22,6 @@ from ngepc import (
 )
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.geometries import block, lshape
-from ngepc.model.tensors import coordinates, tensor
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
 from ngepc.studies.verification.witness import distance_bound
