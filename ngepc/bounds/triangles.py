@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from ngsolve import Mesh
 
-from ngepc.discretisation.elements import element_vertices
+from ngepc.model.elements import element_vertices
 
 PAIRS = ((1, 2), (2, 0), (0, 1))
 """Local vertices of edge k."""

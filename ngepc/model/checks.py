@@ -18,10 +18,10 @@ from ngepc.checks.arguments import (
     require_finite,
     sample,
 )
-from ngepc.discretisation.elements import element_nodes, vertices_of
+from ngepc.model.elements import element_nodes, vertices_of
 from ngepc.model.friction import Coulomb
 from ngepc.model.kinematics import Kinematics
-from ngepc.model.material import Material
+from ngepc.model.material import Material, split_hardening
 from ngepc.model.support import check_support
 
 if TYPE_CHECKING:
@@ -229,8 +229,6 @@ def check_friction(problem: Problem) -> None:
 
 def check_history(problem: Problem) -> None:
     """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
-    from ngepc.model.problem import split_hardening
-
     N, mesh = problem.kinematics.size, problem.mesh
     if problem.initial_plastic_strain is not None:
         require_coefficient("initial_plastic_strain", problem.initial_plastic_strain, [(N, N)])

@@ -9,7 +9,7 @@ from ngepc.checks.arguments import Coefficient, boundary_names, is_number, requi
 from ngepc.model import checks
 from ngepc.model.friction import Coulomb
 from ngepc.model.kinematics import Kinematics, kinematics_of
-from ngepc.model.material import Material
+from ngepc.model.material import Material, split_hardening
 from ngepc.model.normals import outward_normal
 
 Vector = CoefficientFunction | Sequence[Coefficient]
@@ -184,14 +184,3 @@ def as_scalar(value: Coefficient) -> CoefficientFunction:
 def as_vector(value: Vector) -> CoefficientFunction:
     """A vector coefficient from itself or from a sequence of its components."""
     return value if isinstance(value, CoefficientFunction) else CF(tuple(map(as_scalar, value)))
-
-
-def split_hardening(value: object) -> tuple:
-    """(alpha_1, alpha_2) from ``initial_hardening``; None for what is not given."""
-    if value is None:
-        return None, None
-    if isinstance(value, tuple):
-        return value
-    if isinstance(value, CoefficientFunction) and len(value.dims) == 2:
-        return None, value
-    return value, None

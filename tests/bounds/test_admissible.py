@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from netgen.meshing import NetgenGeometry
-from ngepc.geometries import block, lshape, wrench
 from ngsolve import BND, CF, Mesh, x, y
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton, wrench_problem
@@ -12,6 +11,7 @@ from ngepc.bounds.element import at_nodes
 from ngepc.bounds.setting import tensors
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.bounds.triangles import PAIRS
+from ngepc.geometries import block, lshape, wrench
 
 MATERIAL = Material.combined(
     lame_lambda=1e3,

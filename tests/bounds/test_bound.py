@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, wrench
 from ngsolve import CF, L2, GridFunction, Integrate, x, y
 
 from ngepc import (
@@ -19,6 +18,7 @@ from ngepc import (
 )
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.tightening import Effort
+from ngepc.geometries import block, lshape, wrench
 
 LIMITS = {"a": -0.375251, "b": -0.0023608}
 """Energies of Examples (a) and (b), from adaptive meshes."""
@@ -30,7 +30,7 @@ def example(name, nodes):
     return wrench_problem(wrench.paper_mesh(nodes))
 
 
-@pytest.mark.parametrize("name, nodes", [("a", 417), ("a", 1601), ("b", 873)])
+@pytest.mark.parametrize(("name", "nodes"), [("a", 417), ("a", 1601), ("b", 873)])
 def test_effectivity_on_uniform_meshes(name, nodes):
     result = semismooth_newton(example(name, nodes))
     bound = error_bound(result)
@@ -142,7 +142,7 @@ def square(**data):
 
 
 @pytest.mark.parametrize(
-    "word, make",
+    ("word", "make"),
     [
         ("three", lambda: Problem(block.mesh(0.9), MATERIAL)),
         ("order", lambda: square(order=2)),
