@@ -46,7 +46,7 @@ class PrimalResult(DiscreteSolution):
     @property
     def rows(self) -> ContactRows:
         """The contact conditions N u <= gaps."""
-        return self.state.reduced.rows
+        return self.state.reduced.contact.rows
 
     @property
     def residual_norm(self) -> float:
@@ -60,19 +60,21 @@ class PrimalResult(DiscreteSolution):
 
     @property
     def primal_energy(self) -> float:
-        """J(u, p), (2.14) (force times length)."""
+        """J(u, p), (2.14), with int F |slip| where there is friction (force times length)."""
         return self.state.energy
 
     @cached_property
     def dual_energy(self) -> float:
         """-J at the solution by an identity that only the solution satisfies.
 
-        J = 1/2 (l(u, p) + int beta |p| - lambda . gaps + <reactions, prescribed u>): the sum with
-        ``primal_energy`` is a measure of what is left.
+        J = 1/2 (l(u, p) + int beta |p| - contact forces . N u + <reactions, prescribed u>) without
+        friction; with friction its work is added.  The sum with ``primal_energy`` is a measure of
+        what is left.
         """
         state = self.state
-        work = np.vdot(self.equilibrium.reaction.T, state.u) - state.multipliers @ self.rows.gaps
-        return -0.5 * (state.reduced.first_order_energy(state.u) + float(work))
+        work = np.vdot(self.equilibrium.reaction.T - state.contact_forces, state.u)
+        friction = -state.contact @ state.gaps + state.multipliers @ state.open_gap
+        return -0.5 * (state.reduced.first_order_energy(state.u) + float(work)) - friction
 
     @cached_property
     def displacement(self) -> GridFunction:
@@ -97,6 +99,16 @@ class PrimalResult(DiscreteSolution):
     def nodal_contact_forces(self) -> np.ndarray:
         """Force >= 0 of each contact row, positive in compression, shape (m,)."""
         return self.state.multipliers
+
+    @property
+    def nodal_friction_forces(self) -> np.ndarray:
+        """Tangential forces of the body on the obstacle at each row, shape (m, N - 1)."""
+        return self.state.reduced.contact.tangential(self.state.contact)
+
+    @property
+    def nodal_slip(self) -> np.ndarray:
+        """What each row has slipped in this step (length), rounding where it sticks, (m, N - 1)."""
+        return -self.state.reduced.contact.tangential(self.state.gaps)
 
     @property
     def open_gap(self) -> np.ndarray:

@@ -23,7 +23,6 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import block, ring
-from ngepc.primal.solver import primal_newton
 
 CELLS = (8, 16, 32)
 
