@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV ?= .venv
 LEVELS ?= 3
 OUT ?= out/demo
-ROWS ?= 1e0,1e1,1e2,1e3,1e4
+ROWS ?= 1e0,1e1,1e2,1e3,1e4,default,default*,primal
 
 BIN := $(VENV)/bin
 export MPLBACKEND := Agg
@@ -21,7 +21,7 @@ test: $(VENV)/.test
 	$(BIN)/python -m pytest
 
 benchmark: $(VENV)/.run
-	$(BIN)/ngepc benchmark --levels 5 --out results
+	$(BIN)/ngepc study benchmark --levels 5 --out results
 
 benchmark-pieces: $(VENV)/.test $(VENV)/.dev
 	$(BIN)/python -m pytest benchmarks
@@ -42,7 +42,7 @@ $(VENV)/.run: $(BIN)/python setup.cfg pyproject.toml
 	touch $@
 
 $(VENV)/.test: $(BIN)/python setup.cfg pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[html,notebook,test,mpi,docs]"
+	$(BIN)/python -m pip install --quiet --editable ".[html,notebook,test,docs]"
 	touch $@ $(VENV)/.run $(VENV)/.docs
 
 $(VENV)/.docs: $(BIN)/python setup.cfg pyproject.toml

@@ -1,10 +1,10 @@
 """The command line: ``ngepc solve``, ``ngepc study``, ...
 
-Exit status 0 when everything converged, 1 when something did not, 2 for bad usage.
+Exit status 0 when everything converged, 1 when something did not, 2 for bad usage, 130 after
+Ctrl-C.
 """
 
 import argparse
-import importlib
 import logging
 import sys
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from ngepc._version import __version__
+from ngepc.cli import notebooks, path, report, solve, study
 from ngepc.cli.interrupt import remembered
 from ngepc.results.files import no_empty_folders
 
@@ -19,12 +20,11 @@ PLACES = ("out", "figures", "save", "json", "checkpoint")
 """Arguments that name files or folders to be written."""
 
 COMMANDS = {
-    "solve": "solve one regularised problem on one mesh",
-    "path": "follow the path in gamma on one mesh",
-    "study": "remake a table or figure of the paper",
-    "benchmark": "measure steps against elastic solves: counts, ratios, scaling, memory",
-    "notebooks": "copy the notebooks to a folder",
-    "report": "write one HTML file about a saved run or a finished study",
+    "solve": (solve, "solve one problem on one mesh"),
+    "path": (path, "follow the path in gamma on one mesh"),
+    "study": (study, "remake a table or figure of the paper, count, compare, measure"),
+    "report": (report, "write one HTML file about a saved run or a finished study"),
+    "notebooks": (notebooks, "copy the notebooks to a folder"),
 }
 
 
@@ -38,36 +38,49 @@ class OneLineParser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """The argument parser with all subcommands."""
-    top = OneLineParser(
-        prog="ngepc", description="Elasto-plastic contact by semismooth Newton methods."
-    )
+    common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
+    common.add_argument("--verbose", action="store_true", help="log every Newton step")
+    common.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    text = "Elasto-plastic contact by semismooth Newton methods."
+    top = OneLineParser(prog="ngepc", description=text, parents=[common])
     top.add_argument("--version", action="version", version=f"ngepc {__version__}")
-    top.add_argument("--verbose", action="store_true", help="log every Newton step")
     subparsers = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, text in COMMANDS.items():
-        sub = subparsers.add_parser(name, help=text, description=text.capitalize() + ".")
-        module = importlib.import_module(f"ngepc.cli.{name}")
-        module.configure(sub)
+    for name, (module, text) in COMMANDS.items():
+        sub = subparsers.add_parser(
+            name,
+            help=text,
+            description=f"{text.capitalize()}.",
+            epilog=module.EXAMPLES,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            parents=[common],
+        )
+        module.configure(*((sub, common) if module is study else (sub,)))
         sub.set_defaults(run=module.run)
     return top
 
 
+def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """The arguments; --quiet and --verbose may stand anywhere, so that no parser has defaults."""
+    return parser().parse_args(arguments, argparse.Namespace(quiet=False, verbose=False))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status."""
-    args = parser().parse_args(arguments)
+    args = parsed(arguments)
     level = logging.INFO if args.verbose else logging.WARNING
     logging.basicConfig(stream=sys.stderr, level=level, format="%(name)s: %(message)s")
     named = (vars(args).get(name) for name in PLACES)
-    places = [Path(name) for name in named if isinstance(name, str | Path)]
+    places = [place for place in named if isinstance(place, Path)]
     try:
         with remembered(), no_empty_folders(places):
             return args.run(args)
-    except (ValueError, TypeError, OSError) as error:
+    except (ValueError, TypeError, OSError, ImportError) as error:
         sys.stderr.write(f"ngepc {args.command}: error: {error}\n")
         return 2
     except KeyboardInterrupt:
-        sys.stderr.write(f"ngepc {args.command}: interrupted\n")
-        return 1
+        what = "what is finished is kept, resume with the same command"
+        sys.stderr.write(f"ngepc {args.command}: stopped by you; {what}\n")
+        return 130
 
 
 if __name__ == "__main__":

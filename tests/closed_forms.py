@@ -1,7 +1,7 @@
 """Closed forms for homogeneous states and for the thick ring, with all regularisation terms.
 
 ``Law`` is the scalar law that one material point follows when everything points one way.  The
-dual method solves, with s = |dev sigma - alpha_2|, |q| = s - h_F p,
+dual method solves, with s = |dev sigma - alpha_2|, |q| = s - h p,
 
     p = gamma_q [|q| - beta]_+ + |q| / tau,      tau = gamma_T L^2,
 
@@ -18,29 +18,27 @@ from scipy.optimize import brentq
 
 @dataclass(frozen=True)
 class Law:
-    """beta and h of a material point; gamma_q, 1/tau and h_F of the regularisation."""
+    """beta and h of a material point; gamma_q and 1/tau of the regularisation."""
 
     beta: float
     h: float
     gamma_q: float | None = None
     inverse_tau: float = 0.0
-    h_F: float | None = None
 
     @classmethod
     def of(cls, problem, regularisation=None):
         if regularisation is None:
             return cls(problem.beta, problem.material.effective_hardening)
         h = problem.material.effective_hardening
-        tau = regularisation.gamma_tichonov * regularisation.units.length**2
-        share = regularisation.hardening_share
-        gamma_q = regularisation.gamma_plastic(problem) if share == 1 else 1 / ((1 - share) * h)
-        return cls(problem.beta, h, gamma_q, 1 / tau, share * h)
+        weights = regularisation.parameters.weights(problem, regularisation.units)
+        tau = weights.tichonov * regularisation.units.length**2
+        return cls(problem.beta, h, weights.plastic, 1 / tau)
 
     def plastic_strain(self, s, two_mu=0.0):
         """p for a stress s that falls by ``two_mu`` p: 0 when stress-driven."""
         if self.gamma_q is None:
             return max(s - self.beta, 0.0) / (self.h + two_mu)
-        stiff, small = self.h_F + two_mu, self.inverse_tau
+        stiff, small = self.h + two_mu, self.inverse_tau
         elastic = small * s / (1 + small * stiff)
         if s - stiff * elastic <= self.beta:
             return elastic

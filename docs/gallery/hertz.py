@@ -10,15 +10,14 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.patches import Circle
-from ngepc.geometries import punch
 from ngsolve import Integrate, ds, x
 from shared import check, plain, run, save
 
-from ngepc import Balanced, Material, Problem, semismooth_newton
+from ngepc import Material, Problem, semismooth_newton
+from ngepc.geometries import punch
 from ngepc.model.obstacles import Disc
-from ngepc.pictures import plot_field
+from ngepc.pictures import beside, plot_field
 from ngepc.pictures.curves import pressure_curves
-from ngepc.pictures.picture import beside
 
 LAME, RADIUS, DEPTH = 1e3, 5.0, 0.02
 PLANE_MODULUS = 4 * LAME * (2 * LAME) / (3 * LAME)
@@ -31,7 +30,7 @@ def pressed(mesh, yield_stress):
     )
     gap = Disc((0.0, RADIUS), RADIUS).gap(mesh, motion=(0.0, -DEPTH))
     problem = Problem(mesh, material, contact="contact", gap=gap)
-    return semismooth_newton(problem, regularisation=Balanced()).raise_for_status()
+    return semismooth_newton(problem).raise_for_status()
 
 
 def half_width(result):

@@ -7,15 +7,14 @@ its loop, is what the plastic flow has dissipated: int beta |p| summed over the 
 from pathlib import Path
 
 import numpy as np
-from ngepc.geometries import plate
 from ngsolve import Integrate
 from shared import check, plain, run, save
 
-from ngepc import Balanced, Material, Problem, semismooth_newton
+from ngepc import Material, Problem, semismooth_newton
 from ngepc.evolution.load_path import load_cycle
 from ngepc.evolution.solver import cold_start, evolve
-from ngepc.pictures import plot_field
-from ngepc.pictures.picture import beside
+from ngepc.geometries import plate
+from ngepc.pictures import beside, plot_field
 from ngepc.primal.solver import primal_newton
 
 STRETCH, CORNERS = 1.2e-3, (1, -1, 1, -1, 1)
@@ -40,7 +39,7 @@ def main(out: Path, coarse: bool = False) -> str:
     problem = quarter(0.2 if coarse else 0.08)
     steps = 4 if coarse else 12
     path = load_cycle(problem, CORNERS, steps)
-    dual = cold_start(semismooth_newton, regularisation=Balanced())
+    dual = cold_start(semismooth_newton)
     histories = {
         "primal": evolve(problem, path, primal_newton).raise_for_status(),
         "dual": evolve(problem, path, dual).raise_for_status(),

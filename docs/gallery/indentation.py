@@ -9,12 +9,11 @@ sphere; ``ngepc study step42`` does so on several meshes.
 
 from pathlib import Path
 
-from ngepc.geometries import block, quarter_cube
 from shared import check, run, save
 
 from ngepc import primal_newton, semismooth_newton
-from ngepc.pictures import plot_field
-from ngepc.pictures.picture import beside
+from ngepc.geometries import block, quarter_cube
+from ngepc.pictures import beside, plot_field
 from ngepc.studies.step42 import WHOLE, step42_problem
 
 DOCUMENTED = 37.3058

@@ -1,21 +1,20 @@
 """A ring under internal pressure inside a rigid ring: yielding, contact, and the closed form.
 
-The gap closes while the ring yields from inside.  ``ngepc.studies.pressed_shell`` has the solution, with
-equilibrium, the flow rule and the contact condition satisfied exactly.
+The gap closes while the ring yields from inside.  ``studies.verification.pressed_shell`` has the
+solution, with equilibrium, the flow rule and the contact condition satisfied exactly.
 """
 
 import math
 from pathlib import Path
 
 import numpy as np
-from ngepc.geometries import ring
 from ngsolve import CF, InnerProduct, Integrate, ds
 from shared import check, plain, run, save
 
-from ngepc import Balanced, Material, Problem, outward_normal, semismooth_newton
-from ngepc.pictures import plot_field
-from ngepc.pictures.picture import beside
-from ngepc.studies.pressed_shell import PressedShell
+from ngepc import Material, Problem, outward_normal, semismooth_newton
+from ngepc.geometries import ring
+from ngepc.pictures import beside, plot_field
+from ngepc.studies.verification.pressed_shell import PressedShell
 
 MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 GAP, PRESSURES = 4e-4, (0.3, 0.6, 0.9, 1.2, 1.5)
@@ -32,7 +31,7 @@ def solved(mesh, pressure):
         contact="outer",
         gap=GAP,
     )
-    return semismooth_newton(problem, regularisation=Balanced()).raise_for_status()
+    return semismooth_newton(problem).raise_for_status()
 
 
 def main(out: Path, coarse: bool = False) -> str:

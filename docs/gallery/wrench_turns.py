@@ -7,14 +7,13 @@ back by just the displacement that the same load causes without plasticity.
 from pathlib import Path
 
 import numpy as np
-from ngepc.geometries import wrench
 from shared import check, plain, run, save
 
-from ngepc import Balanced, semismooth_newton, wrench_problem
+from ngepc import semismooth_newton, wrench_problem
 from ngepc.evolution.load_path import load_cycle
 from ngepc.evolution.solver import cold_start, evolve
-from ngepc.pictures import plot_field
-from ngepc.pictures.picture import beside
+from ngepc.geometries import wrench
+from ngepc.pictures import beside, plot_field
 from ngepc.primal.solver import primal_newton
 
 LOAD, CORNERS, END = 1.1, (1, -1, 1, 0), (8.0, 1.5)
@@ -25,7 +24,7 @@ def main(out: Path, coarse: bool = False) -> str:
     problem = wrench_problem(wrench.paper_mesh(437 if coarse else 1641))
     steps = 3 if coarse else 6
     path = load_cycle(problem, [LOAD * c for c in CORNERS], steps)
-    dual = cold_start(semismooth_newton, regularisation=Balanced())
+    dual = cold_start(semismooth_newton)
     histories = {
         "primal": evolve(problem, path, primal_newton).raise_for_status(),
         "dual": evolve(problem, path, dual).raise_for_status(),

@@ -9,8 +9,6 @@ from netgen.meshing import NgException
 from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule, Mesh
 from ngsolve.fem import ElementTopology
 
-from ngepc.parallel import from_all, gathered
-
 Coefficient = float | CoefficientFunction
 """A number or an NGSolve CoefficientFunction."""
 
@@ -154,8 +152,7 @@ def sample(
     Returns
     -------
     numpy.ndarray
-        Shape (points, components); a number is its own single sample.  On a distributed mesh the
-        samples of all processes.
+        Shape (points, components); a number is its own single sample.
     """
     if not isinstance(value, CoefficientFunction):
         return np.array([[float(value)]])
@@ -163,15 +160,8 @@ def sample(
     region = VOL if boundaries is None else mesh.Boundaries("|".join(boundaries))
     rules = {t: _corner_rule(t) if corners else IntegrationRule(t, 2) for t in ELEMENT_TYPES[dim]}
     points = mesh.MapToAllElements(rules, region)
-    try:
-        own = np.asarray(value(points), dtype=float)
-    except EVALUATION_ERRORS as error:
-        from_all(str(error) or type(error).__name__, mesh)
-        raise
-    failures = [text for text in from_all("", mesh) if text]
-    if failures:
-        raise RuntimeError(failures[0])
-    return gathered(own.reshape(len(points), math.prod(own.shape[1:])), mesh)
+    found = np.asarray(value(points), dtype=float)
+    return found.reshape(len(points), math.prod(found.shape[1:]))
 
 
 def _corner_rule(shape: ET) -> IntegrationRule:

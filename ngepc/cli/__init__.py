@@ -1,4 +1,5 @@
-"""The subcommands of ``ngepc``, one module each: ``configure(parser)`` and ``run(arguments)``.
+"""The command line: ``ngepc solve``, ``path``, ``study``, ``report``, ``notebooks``.
 
-Modules here import NGSolve only inside ``run``, so that help and usage errors answer at once.
+One module for each command, with ``configure(parser)`` and ``run(arguments)``; they import NGSolve
+only inside ``run``, so that help and usage errors answer at once.
 """

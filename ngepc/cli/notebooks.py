@@ -8,32 +8,22 @@ from pathlib import Path
 import ngepc
 from ngepc.cli.arguments import location
 
+EXAMPLES = """examples:
+  ngepc notebooks mine && jupyter lab mine
+  ngepc notebooks mine --solutions --force
+"""
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument(
-        "folder", metavar="DIR", type=location, help="where to; it is made if missing"
-    )
+    text = "where to; it is made if missing"
+    parser.add_argument("folder", metavar="DIR", type=location, help=text)
+    parser.add_argument("--solutions", action="store_true", help="solutions of the exercises, too")
     parser.add_argument("--force", action="store_true", help="replace files that are there already")
 
 
-def source() -> Path:
-    """The folder of the notebooks: inside the installed package, or beside it in a checkout.
-
-    Raises
-    ------
-    FileNotFoundError
-        If they were not installed.
-    """
-    package = Path(ngepc.__file__).resolve().parent
-    for folder in (package / "notebooks", package.parent / "notebooks"):
-        if any(folder.glob("*.ipynb")):
-            return folder
-    raise FileNotFoundError(f"there are no notebooks beside {package}: install ngepc again")
-
-
-def copy_notebooks(folder: Path, force: bool = False) -> list[Path]:
-    """Copy all notebooks, exercises and solutions included.
+def copy_notebooks(folder: Path, force: bool = False, solutions: bool = False) -> list[Path]:
+    """Copy all notebooks and exercises; returns the copies.
 
     Parameters
     ----------
@@ -41,19 +31,20 @@ def copy_notebooks(folder: Path, force: bool = False) -> list[Path]:
         Where to; it is made if missing.
     force
         Whether to replace files that are there already.
-
-    Returns
-    -------
-    list of Path
-        The copies.
+    solutions
+        Whether to copy the solutions of the exercises, too.
 
     Raises
     ------
     FileExistsError
         If one of the files is there and ``force`` is not set; then nothing is copied.
     """
-    start = source()
-    targets = {p: folder / p.relative_to(start) for p in sorted(start.rglob("*.ipynb"))}
+    start = Path(ngepc.__file__).parent / "notebooks"
+    wanted = sorted(start.glob("*.ipynb")) + sorted(start.glob("exercises/*.ipynb"))
+    wanted += sorted(start.glob("solutions/*.ipynb")) if solutions else []
+    if not wanted:
+        raise FileNotFoundError(f"there are no notebooks in {start}: install ngepc again")
+    targets = {p: folder / p.relative_to(start) for p in wanted}
     present = [str(target) for target in targets.values() if target.exists()]
     if present and not force:
         raise FileExistsError(
@@ -68,7 +59,7 @@ def copy_notebooks(folder: Path, force: bool = False) -> list[Path]:
 
 def run(args: argparse.Namespace) -> int:
     """Copy and say how to go on."""
-    copies = copy_notebooks(args.folder, args.force)
+    copies = copy_notebooks(args.folder, args.force, args.solutions)
     sys.stdout.write(
         f"wrote {len(copies)} notebooks to {args.folder}\n"
         f"open the first one with: jupyter lab {copies[0]}\n"

@@ -3,55 +3,45 @@
 import argparse
 import sys
 import time
-from pathlib import Path
 
 from ngepc.cli.arguments import (
     add_body,
-    build_problem,
+    add_json,
+    check_targets,
     count,
-    file_name,
+    location,
     positive,
     report,
+    say,
+    say_nothing,
 )
 
-REPORTED = (
-    "status",
-    "outer_iterations",
-    "inner_iterations",
-    "total_inner_iterations",
-    "gamma_end",
-    "dual_energy",
-    "primal_energy",
-    "contact_force",
-)
-"""Entries of the record that are printed."""
+EXAMPLES = """examples:
+  ngepc path wrench --nodes 1641                        as in Table 3
+  ngepc path lshape --gamma-end 1e6 --checkpoint p.npz  Ctrl-C, and on with the same command
+"""
+
+NUMBERS = {
+    "gamma_start": "first gamma, default 10",
+    "growth": "theta > 1, default 7",
+    "gamma_end": "go up to this gamma, whatever the path value does",
+    "inner_tolerance": "tau_in, default 10",
+    "inner_scale": "factor c on the inner tolerances, default 0.1, 1 in the paper",
+    "outer_tolerance": "tau_out, default 0.7",
+    "residual_tolerance": "follow the path until the residual is below",
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_body(parser)
-    parser.add_argument("--gamma-start", type=positive, default=10.0, help="default 10")
-    parser.add_argument("--growth", type=positive, default=7.0, help="theta > 1, default 7")
-    parser.add_argument(
-        "--gamma-end", type=positive, help="go up to this gamma, whatever the path value does"
-    )
-    parser.add_argument("--inner-tolerance", type=positive, default=10.0, help="default 10")
-    parser.add_argument(
-        "--inner-scale", type=positive, help="factor on the inner tolerances, 1 in the paper"
-    )
-    parser.add_argument("--outer-tolerance", type=positive, default=0.7, help="default 0.7")
-    parser.add_argument(
-        "--residual-tolerance", type=positive, help="follow the path until the residual is below"
-    )
-    parser.add_argument(
-        "--max-outer-iterations", type=count, default=30, help="values of gamma, default 30"
-    )
-    parser.add_argument(
-        "--checkpoint", metavar="FILE", type=file_name, help="kept after each gamma; go on from it"
-    )
-    parser.add_argument(
-        "--json", metavar="FILE", type=file_name, help="write the result there, - for stdout"
-    )
+    for name, text in NUMBERS.items():
+        parser.add_argument(f"--{name.replace('_', '-')}", type=positive, help=text)
+    text = "values of gamma, default 30"
+    parser.add_argument("--max-outer-iterations", type=count, help=text)
+    text = "kept after each gamma; the same command goes on from it"
+    parser.add_argument("--checkpoint", metavar="FILE", type=location, help=text)
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -59,26 +49,30 @@ def run(args: argparse.Namespace) -> int:
     from ngepc.path.options import PathOptions
     from ngepc.path.solver import follow_path
     from ngepc.results import records
+    from ngepc.studies.examples import example
 
-    if args.json not in (None, "-"):
-        records.check_writable(Path(args.json))
-    chosen = {"inner_scale": args.inner_scale} if args.inner_scale is not None else {}
-    options = PathOptions(
-        gamma_start=args.gamma_start,
-        growth=args.growth,
-        gamma_end=args.gamma_end,
-        inner_tolerance=args.inner_tolerance,
-        outer_tolerance=args.outer_tolerance,
-        residual_tolerance=args.residual_tolerance,
-        max_outer_iterations=args.max_outer_iterations,
-        **chosen,
-    )
-    problem = build_problem(args.problem, args.nodes, args.maxh)
+    check_targets((args.json,))
+    given = {name: getattr(args, name) for name in (*NUMBERS, "max_outer_iterations")}
+    options = PathOptions(**{name: value for name, value in given.items() if value is not None})
+    problem = example(args.problem, args.nodes, args.maxh)
+    tell = say_nothing if args.quiet else say
     begin = time.perf_counter()
-    path = follow_path(problem, options, _say, checkpoint=args.checkpoint)
-    record = path_record(args.problem, path, time.perf_counter() - begin)
-    report({**record, **records.provenance()}, REPORTED, args.json)
-    return 0 if path.status.label == "converged" else 1
+    path = follow_path(problem, options, lambda s: tell(_line(s)), checkpoint=args.checkpoint)
+    record = {
+        **path_record(args.problem, path, time.perf_counter() - begin),
+        **records.provenance(),
+    }
+    shown = ("status", "outer_iterations", "inner_iterations", "gamma_end", "dual_energy",
+             "primal_energy", "contact_force", "wall_time_s")  # fmt: skip
+    lines = {key.replace("_", " "): record[key] for key in shown}
+    report(record, lines, args.json, args.quiet)
+    if record["status"] != "stopped":
+        return 0 if record["status"] == "converged" else 1
+    kept = "give --checkpoint FILE next time to be able to go on"
+    how = kept if args.checkpoint is None else "resume with the same command"
+    done = len(path.steps)
+    sys.stderr.write(f"ngepc path: stopped by you after {done} values of gamma; {how}\n")
+    return 130
 
 
 def path_record(name: str, path: object, wall_time: float) -> dict:
@@ -95,26 +89,16 @@ def path_record(name: str, path: object, wall_time: float) -> dict:
     """
     from ngepc.results import records
 
-    own = {
-        "status": path.status.label,
-        "message": path.message,
-        "outer_iterations": path.outer_iterations,
-        "inner_iterations": path.inner_iterations,
-        "total_inner_iterations": path.total_inner_iterations,
-        "gammas": path.gammas,
-        "gamma_end": path.gamma_end,
-        "path_values": path.path_values,
-        "changes": [step.change for step in path.steps],
-        "residual_norms": path.residual_norms,
-    }
-    last = records.solve_record(name, path.result, wall_time)
-    return {**own, **{key: value for key, value in last.items() if key not in own}}
+    names = ("message", "outer_iterations", "inner_iterations", "total_inner_iterations",
+             "gammas", "gamma_end", "path_values", "residual_norms")  # fmt: skip
+    own = {key: getattr(path, key) for key in names}
+    own |= {"status": path.status.label, "changes": [step.change for step in path.steps]}
+    return {**records.solve_record(name, path.last, wall_time), **own}
 
 
-def _say(step: object) -> None:
+def _line(step: object) -> str:
     change = "" if step.change is None else f", V changes by {step.change:.3g}"
-    sys.stderr.write(
+    return (
         f"gamma {step.gamma:.4g}: {step.iterations} steps, {step.status.label}, "
-        f"residual {step.residual_norm:.3g}{change}\n"
+        f"residual {step.residual_norm:.3g}{change}"
     )
-    sys.stderr.flush()

@@ -1,33 +1,45 @@
 """``ngepc report RUN``: one HTML file about a saved run or a finished study."""
 
 import argparse
-import sys
 
-from ngepc.cli.arguments import location
+from ngepc.cli.arguments import location, name_written
+
+EXAMPLES = """examples:
+  ngepc solve lshape --save run.npz && ngepc report run.npz
+  ngepc study table1 --out out/demo && ngepc report out/demo
+"""
+
+NUMBERS = ("status", "iterations", "residual_norm", "dual_energy", "primal_energy",
+           "contact_force", "displacement_l2", "plastic_strain_l2", "wall_time_s")  # fmt: skip
+PROVENANCE = ("command", "version", "ngsolve", "numpy", "python")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument(
-        "run_file",
-        metavar="RUN",
-        type=location,
-        help="file of ngepc solve --save, or folder of table1",
-    )
+    text = "file of ngepc solve --save, or folder of table1"
+    parser.add_argument("run_file", metavar="RUN", type=location, help=text)
     parser.add_argument("--out", type=location, help="the HTML file; default beside RUN")
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the report and name it."""
+    from ngepc.pictures.report import solution_sections, write_report
+    from ngepc.results.runs import load_run
+    from ngepc.studies.counts import folder_report
+    from ngepc.studies.examples import THRESHOLDS, example
+
     if args.run_file.is_dir():
-        from ngepc.studies.pictures import folder_report
-
-        path = folder_report(args.run_file, args.out or args.run_file / "report.html")
-    else:
-        from ngepc.pictures.run_report import run_report
-        from ngepc.results.runs import load_run
-
-        record, result = load_run(args.run_file)
-        path = run_report(record, result, args.out or args.run_file.with_suffix(".html"))
-    sys.stdout.write(f"wrote {path}\n")
+        name_written([folder_report(args.run_file, args.out or args.run_file / "report.html")])
+        return 0
+    record, result = load_run(args.run_file, example)
+    numbers = [{"what": key.replace("_", " "), "value": record[key]} for key in NUMBERS]
+    path = write_report(
+        args.out or args.run_file.with_suffix(".html"),
+        f"{record['problem']}: {record['method']} method on {record['nodes']} nodes",
+        ("The problem", [result.problem]),
+        ("Numbers", [numbers, *filter(None, [record["message"]])]),
+        *solution_sections(result, "The deformed body", THRESHOLDS[record["problem"]]),
+        footer=", ".join(f"{key} {record[key]}" for key in PROVENANCE),
+    )
+    name_written([path])
     return 0

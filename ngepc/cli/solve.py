@@ -1,149 +1,160 @@
-"""``ngepc solve``: one regularised problem on one mesh."""
+"""``ngepc solve``: one problem on one mesh, by the default, the paper's or the primal method."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ngepc.cli.arguments import (
     add_body,
-    build_problem,
+    add_json,
+    check_targets,
     count,
-    file_name,
     location,
+    name_written,
     positive,
     report,
-    say,
 )
 
 if TYPE_CHECKING:
-    from ngepc.dual.result import DualResult
-    from ngepc.primal.result import PrimalResult
+    from ngepc.model.problem import Problem
+    from ngepc.results.outcome import Result
 
-REPORTED = (
-    "status",
-    "iterations",
-    "residual_norm",
-    "dual_energy",
-    "primal_energy",
-    "contact_force",
-)
-"""Entries of the record that are printed."""
+EXAMPLES = """examples:
+  ngepc solve lshape                               the default method on 833 nodes
+  ngepc solve wrench --nodes 6353 --figures out    with pictures
+  ngepc solve lshape --gamma 1e4 --start coarse    the paper's method, as in Table 1
+  ngepc solve lshape --save run.npz                keep it for: ngepc report run.npz
+"""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_body(parser)
     parser.add_argument(
-        "--method",
-        choices=("dual", "primal"),
-        default="dual",
-        help="Algorithm 7.1, or the primal reference solver without regularisation",
+        "--method", choices=("default", "primal"), default="default", help="default: default"
     )
-    parser.add_argument(
-        "--regularisation",
-        choices=("coupled", "balanced"),
-        help="one gamma as in the paper, or the hardening split; coupled if --gamma is given",
-    )
-    parser.add_argument(
-        "--gamma", type=positive, help="default 1e4 if coupled, automatic if balanced"
-    )
+    parser.add_argument("--gamma", type=positive, help="the paper's method, regularised by gamma")
     parser.add_argument(
         "--start",
-        choices=("zero", "coarse"),
+        metavar="START",
         default="zero",
-        help="v = 0, or the prolongated solution of the coarse mesh of the paper",
+        help="zero, coarse (the solution on the paper's coarse mesh), or a file of --save",
     )
     parser.add_argument("--tolerance", type=positive, default=1e-10, help="default 1e-10")
     parser.add_argument("--max-iterations", type=count, default=300, help="default 300")
-    parser.add_argument(
-        "--quadrature-points", type=count, default=400, help="per triangle, default 400"
-    )
-    parser.add_argument(
-        "--json", metavar="FILE", type=file_name, help="write the result there, - for stdout"
-    )
-    parser.add_argument(
-        "--save", metavar="FILE", type=location, help="keep the run for ngepc report"
-    )
+    add_json(parser)
+    parser.add_argument("--save", metavar="FILE", type=location, help="keep the run in a .npz file")
     parser.add_argument("--figures", metavar="DIR", type=location, help="write PNG figures there")
 
 
 def run(args: argparse.Namespace) -> int:
     """Solve, report, write."""
     from ngepc.results import records
-    from ngepc.results.files import check_folder
+    from ngepc.studies.examples import example
 
-    if args.regularisation is None:
-        args.regularisation = "balanced" if args.gamma is None else "coupled"
-    if args.json not in (None, "-"):
-        records.check_writable(Path(args.json))
-    if args.save is not None:
-        records.check_writable(args.save)
-    if args.figures is not None:
-        check_folder(args.figures)
+    method = _method(args)
+    check_targets((args.json, args.save), args.figures)
+    problem = example(args.problem, args.nodes, args.maxh)
     begin = time.perf_counter()
-    result = (_primal if args.method == "primal" else _dual)(args)
+    result = _solved(args, method, problem)
+    seconds = time.perf_counter() - begin
     record = {
-        **records.solve_record(args.problem, result, time.perf_counter() - begin),
-        "method": args.method,
-        "regularisation": args.regularisation if args.method == "dual" else None,
-        "gamma": _gamma(args) if args.method == "dual" else None,
+        **records.solve_record(args.problem, result, seconds),
+        "method": method,
+        "gamma": args.gamma,
         "start": args.start,
         **records.provenance(),
     }
-    report(record, REPORTED, args.json)
+    report(record, _summary(record), args.json, args.quiet)
+    written = _files(args, method, record, result)
+    if not args.quiet and str(args.json) != "-":
+        name_written(written)
+    return _ending(args, record)
+
+
+def _method(args: argparse.Namespace) -> str:
+    if args.method == "primal" and args.gamma is not None:
+        raise ValueError(f"--gamma {args.gamma:g}: the primal method has no regularisation")
+    return args.method if args.gamma is None else "paper"
+
+
+def _solved(args: argparse.Namespace, method: str, problem: Problem) -> Result:
+    from ngepc.dual.newton import NewtonOptions
+    from ngepc.pictures.monitors import ProgressLine
+    from ngepc.studies.examples import solved
+
+    options = NewtonOptions(tolerance=args.tolerance, max_iterations=args.max_iterations)
+    name = method if args.gamma is None else args.gamma
+    start = _start(args, name, options)
+    silent = args.quiet or args.verbose or not sys.stderr.isatty()
+    with nullcontext() if silent else ProgressLine(args.problem) as line:
+        return solved(name, problem, start, options, line)
+
+
+def _start(args: argparse.Namespace, method: str | float, options: object) -> Result | None:
+    from ngepc.dual.starts import coarse_problem, coarse_start
+    from ngepc.results.runs import load_run
+    from ngepc.studies.examples import example, solved
+
+    if args.start == "zero":
+        return None
+    if args.start != "coarse":
+        if not Path(args.start).is_file():
+            raise ValueError(f"--start {args.start}: zero, coarse or a file of --save is needed")
+        return load_run(Path(args.start), example)[1]
+    if args.gamma is not None:
+        return coarse_start(args.problem, args.gamma, options)
+    return solved(method, coarse_problem(args.problem), options=options).or_interrupted()
+
+
+def _summary(record: dict) -> dict[str, object]:
+    gamma = "exact" if record["gamma"] is None else f"gamma = {record['gamma']:g}"
+    return {
+        "mesh": f"{record['problem']}, {record['nodes']} nodes, {record['elements']} elements",
+        "unknowns": record["unknowns"],
+        "method": f"{record['method']}, {record['label'] or gamma}",
+        "status": record["status"],
+        "steps": record["iterations"],
+        "residual": f"{record['residual_norm']:.3g}",
+        "energy J": f"{record['primal_energy']:.10g}",
+        "-J*": f"{-record['dual_energy']:.10g}",
+        "contact force": f"{record['contact_force']:.10g}",
+        "time": f"{record['wall_time_s']:.2f} s",
+    }
+
+
+def _files(args: argparse.Namespace, method: str, record: dict, result: Result) -> list[Path]:
+    written = []
     if args.save is not None:
         from ngepc.results.runs import save_run
 
-        save_run(args.save, {**vars(args), "gamma": record["gamma"]}, record, result)
-        say(f"wrote {args.save}")
+        place = {"name": args.problem, "nodes": args.nodes, "maxh": args.maxh}
+        save_run(args.save, place, args.gamma, record, result)
+        written.append(args.save)
     if args.figures is not None:
-        from ngepc.pictures.figures import write_figures
+        from ngepc.pictures.report import standard_figures
+        from ngepc.pictures.style import save_figure
+        from ngepc.studies.examples import THRESHOLDS
 
-        for path in write_figures(args.problem, result, args.figures):
-            say(f"wrote {path}")
-    return 0 if result.status.label == "converged" else 1
-
-
-def _gamma(args: argparse.Namespace) -> float | None:
-    """The gamma asked for; None lets ``Balanced`` choose its own."""
-    return 1e4 if args.gamma is None and args.regularisation == "coupled" else args.gamma
-
-
-def _dual(args: argparse.Namespace) -> DualResult:
-    from ngepc.dual.balanced import Balanced
-    from ngepc.dual.newton import NewtonOptions, semismooth_newton
-    from ngepc.dual.regularisation import Coupled
-    from ngepc.dual.starts import coarse_problem, coarse_start
-
-    options = NewtonOptions(
-        tolerance=args.tolerance,
-        max_iterations=args.max_iterations,
-        quadrature_points=args.quadrature_points,
-    )
-    problem, gamma = build_problem(args.problem, args.nodes, args.maxh), _gamma(args)
-    balanced = args.regularisation == "balanced"
-    regularisation = Balanced(gamma) if balanced else Coupled(gamma)
-    start = None
-    if args.start == "coarse" and balanced:
-        coarse = coarse_problem(args.problem)
-        start = semismooth_newton(coarse, options=options, regularisation=regularisation)
-        start.or_interrupted()
-    elif args.start == "coarse":
-        start = coarse_start(args.problem, gamma, options)
-    return semismooth_newton(problem, start=start, options=options, regularisation=regularisation)
+        figures = standard_figures(result, THRESHOLDS[args.problem]).items()
+        written += [
+            save_figure(f, args.figures / f"{args.problem}_{name}.png") for name, f in figures
+        ]
+    return written
 
 
-def _primal(args: argparse.Namespace) -> PrimalResult:
-    from ngepc.dual.starts import coarse_problem
-    from ngepc.primal.solver import primal_newton
-
-    if args.gamma is not None:
-        raise ValueError(f"--gamma {args.gamma:g}: the primal method has no regularisation")
-    problem = build_problem(args.problem, args.nodes, args.maxh)
-    start = None
-    if args.start == "coarse":
-        start = primal_newton(coarse_problem(args.problem)).or_interrupted()
-    return primal_newton(problem, start)
+def _ending(args: argparse.Namespace, record: dict) -> int:
+    """The exit status; after Ctrl-C with a line that says how to go on."""
+    if record["status"] != "stopped":
+        return 0 if record["status"] == "converged" else 1
+    how = "give --save FILE next time to be able to go on"
+    if args.save is not None:
+        words = " ".join(word for word in (record["command"], f"--start {args.save}"))
+        how = f"resume with: {words}"
+    sys.stderr.write(f"ngepc solve: stopped by you after step {record['iterations']}; {how}\n")
+    return 130

@@ -1,38 +1,170 @@
-"""``ngepc study NAME``: the tables and figures of the paper, one module ``study_NAME`` each."""
+"""``ngepc study NAME``: all tables, figures and checks; one registry."""
+
+from __future__ import annotations
 
 import argparse
 import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 
-STUDIES = {
-    "table1": "Newton steps over meshes and gamma, Example (a)",
-    "table2": "Newton steps over meshes and gamma, Example (b)",
-    "table3": "path-following for Example (b), and direct solves beside it",
-    "figures": "Figures 2, 3, 5 and 6 at the end of paths in gamma",
-    "figure4": "convergence quotients of the last Newton steps",
-    "duality": "the duality gap and its parts along paths in gamma",
-    "differentiability": "the norm gap of Definition 6.1, counts without the Tichonov term",
-    "balanced": "Newton steps of the balanced regularisation on both examples, cold and nested",
-    "solvers": "coupled, balanced and primal side by side, cold and nested",
-    "step42": "dual against primal on the body of step-42, with both errors",
-    "krylov": "Krylov solvers in three dimensions: counts over refinements and gamma",
-    "fuzz": "random problems by the primal and by the dual method, judged",
-    "robustness": "data at their extremes: iterations and statuses of all methods",
+from ngepc.cli.arguments import (
+    check_targets,
+    count,
+    counts,
+    location,
+    name_written,
+    positive,
+    say,
+    say_nothing,
+    words,
+)
+
+EXAMPLES = """examples:
+  ngepc study table1 --levels 2 --figures --out out/demo
+  ngepc study benchmark --modes default
+Ctrl-C at any time: the same command goes on where it was.
+"""
+
+
+def all_converged(table: Sequence[dict]) -> bool:
+    """Whether every status in the records, also in nested ones, is 'converged'."""
+    flat = [r | {k: v for d in r.values() if isinstance(d, dict) for k, v in d.items()}
+            for r in table]  # fmt: skip
+    return all(
+        value == "converged" for r in flat for key, value in r.items() if key.endswith("status")
+    )
+
+
+def nothing_to_complain(table: Sequence[dict]) -> bool:
+    """Whether no record has a complaint."""
+    return not any(record["complaints"] for record in table)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study: what it is called, what it takes, which ``Work`` does it, when it has succeeded.
+
+    Parameters
+    ----------
+    help
+        A line for help pages.
+    work
+        Module and class in ``ngepc.studies``; the options are keywords of the class.
+    options
+        Name -> (type, help); a type of None stands for a switch.
+    success
+        What makes the exit status 0.
+    """
+
+    help: str
+    work: str
+    options: dict[str, tuple[Callable | None, str]] = field(default_factory=dict)
+    success: Callable[[Sequence[dict]], bool] = all_converged
+
+    def configure(self, parser: argparse.ArgumentParser) -> None:
+        """Add the arguments; those not given keep the defaults of the class."""
+        for name, (kind, text) in self.options.items():
+            what = {"action": "store_true"} if kind is None else {"type": kind}
+            flag = f"--{name.replace('_', '-')}"
+            parser.add_argument(flag, help=text, default=argparse.SUPPRESS, **what)
+        text = "folder, default out"
+        parser.add_argument("--out", type=location, default=Path("out"), help=text)
+
+    def run(self, args: argparse.Namespace) -> int:
+        """Measure, write, name what was written; the exit status."""
+        check_targets((), args.out)
+        module, _, name = self.work.partition(":")
+        kind = getattr(importlib.import_module(f"ngepc.studies.{module}"), name)
+        given = {name: getattr(args, name) for name in self.options if hasattr(args, name)}
+        work = kind(args.out, progress=say_nothing if args.quiet else say, **given)
+        table = work.run()
+        name_written(work.write(table))
+        return 0 if self.success(table) else 1
+
+
+LEVELS = {"levels": (count, "meshes of the family, from the coarsest; default 3")}
+NODES = {
+    "lshape_nodes": (count, "mesh of Example (a)"),
+    "wrench_nodes": (count, "mesh of Example (b)"),
+}
+COUNTS = {
+    **LEVELS,
+    "rows": (words, "such as 1e0,1e3,default,default*,primal; default the paper's and default"),
+    "tolerance": (positive, "default 1e-10"),
+    "figures": (None, "figures and an HTML page, too"),
 }
 
+STUDIES = {
+    "table1": Study("Newton steps over meshes and gamma, Example (a)", "counts:Table1", COUNTS),
+    "table2": Study("Newton steps over meshes and gamma, Example (b)", "counts:Table2", COUNTS),
+    "table3": Study(
+        "path-following for Example (b), and direct solves beside it",
+        "table3:Table3",
+        {**LEVELS, "inner_scale": (positive, "c, default 0.1")},
+    ),
+    "figures": Study(
+        "Figures 2, 3, 5 and 6 at the end of paths in gamma",
+        "figures:Figures",
+        {"only": (counts, "numbers of the figures, such as 2,3; default 2,3,5,6"), **NODES},
+    ),
+    "figure4": Study(
+        "convergence quotients of the last Newton steps",
+        "figure4:Figure4",
+        {**LEVELS, "gamma": (positive, "default 1e4")},
+    ),
+    "duality": Study(
+        "the duality gap and its parts along paths in gamma",
+        "duality:Duality",
+        {**NODES, "gamma_end": (positive, "default 1e6")},
+    ),
+    "differentiability": Study(
+        "the norm gap of Definition 6.1, counts without the Tichonov term",
+        "differentiability:Differentiability",
+        {
+            "levels": (count, "radii of the discs, default 7"),
+            "nodes": (count, "finest mesh of the counts, default 1601"),
+            "gamma": (positive, "of the counts, default 1e4"),
+        },
+        success=bool,
+    ),
+    "step42": Study(
+        "the default method against the primal one on the body of step-42", "step42:Step42", LEVELS
+    ),
+    "benchmark": Study(
+        "what a Newton step costs in elastic solves: counts, ratios, scaling, memory",
+        "benchmark:Benchmark",
+        {**LEVELS, "modes": (words, "of default,primal,1e4")},
+    ),
+    "fuzz": Study(
+        "random problems by two methods, judged",
+        "verification.fuzz:Fuzz",
+        {"count": (count, "problems, default 200"), "seed": (count, "of the sequence, default 1")},
+        success=nothing_to_complain,
+    ),
+    "robustness": Study(
+        "data at their extremes: iterations and statuses of all methods",
+        "verification.robustness:Robustness",
+        {
+            "rows": (words, "rows of the table separated by commas; default all"),
+            "limit": (count, "most Newton steps, default 200"),
+        },
+        success=bool,
+    ),
+}
+"""Name -> study."""
 
-def configure(parser: argparse.ArgumentParser) -> None:
+
+def configure(parser: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
     """Add one subcommand for each study."""
     studies = parser.add_subparsers(dest="study", required=True, metavar="STUDY")
-    for name, text in STUDIES.items():
-        module = importlib.import_module(f"ngepc.cli.study_{name}")
-        sub = studies.add_parser(name, help=text, description=text + ".")
-        module.configure(sub)
-        sub.set_defaults(run_study=module.run)
+    for name, study in STUDIES.items():
+        sub = studies.add_parser(
+            name, help=study.help, description=f"{study.help}.", parents=[common]
+        )
+        study.configure(sub)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the chosen study, after a look at whether its results can be written."""
-    from ngepc.results.files import check_folder
-
-    check_folder(args.out)
-    return args.run_study(args)
+    """Run the chosen study."""
+    return STUDIES[args.study].run(args)

@@ -1,8 +1,4 @@
-"""Vertex numbers of elements and their facets, as arrays.
-
-On a mesh that is distributed over processes there are two kinds: the elements of this process with
-its own vertex numbers, and those of the whole body with numbers that all processes agree upon.
-"""
+"""Vertex numbers of elements and their facets, as arrays."""
 
 from __future__ import annotations
 
@@ -10,8 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from ngsolve import Mesh
-
-from ngepc.parallel import gathered, is_distributed, vertex_numbers
 
 MOST_NODES = 20
 """Nodes of Netgen's largest element."""
@@ -35,7 +29,7 @@ _FACETS = {
 
 
 def element_nodes(mesh: Mesh) -> np.ndarray:
-    """Node numbers of the elements of this process, shape (elements, MOST_NODES), -1 for none."""
+    """Node numbers of the elements, shape (elements, MOST_NODES), -1 for none."""
     elements = mesh.ngmesh.Elements2D() if mesh.dim == 2 else mesh.ngmesh.Elements3D()
     nodes = elements.NumPy()["nodes"].astype(int) - 1
     wide = np.full((len(nodes), MOST_NODES), -1)
@@ -44,7 +38,7 @@ def element_nodes(mesh: Mesh) -> np.ndarray:
 
 
 def element_vertices(mesh: Mesh) -> list[np.ndarray]:
-    """Vertex numbers of the elements of this process, (elements, vertices) for each shape."""
+    """Vertex numbers of the elements, (elements, vertices) for each shape."""
     return _by_shape(element_nodes(mesh)[:, : 2**mesh.dim])
 
 
@@ -54,16 +48,9 @@ def element_numbers(mesh: Mesh) -> list[np.ndarray]:
     return [np.flatnonzero(count == k) for k in np.unique(count)]
 
 
-def body_elements(mesh: Mesh) -> list[np.ndarray]:
-    """Vertex numbers of all elements of the body, (elements, vertices) for each shape.
-
-    The vertices are numbered as ``vertex_numbers`` says.
-    """
-    nodes = element_nodes(mesh)[:, : 2**mesh.dim]
-    if is_distributed(mesh):
-        numbers, _ = vertex_numbers(mesh)
-        nodes = gathered(np.append(numbers, -1)[nodes], mesh)
-    return _by_shape(nodes)
+def vertex_coordinates(mesh: Mesh) -> np.ndarray:
+    """The coordinates of the vertices, shape (vertices, N)."""
+    return np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, : mesh.dim]
 
 
 def _by_shape(nodes: np.ndarray) -> list[np.ndarray]:
@@ -73,17 +60,15 @@ def _by_shape(nodes: np.ndarray) -> list[np.ndarray]:
 
 def facets_of(mesh: Mesh, name: str) -> np.ndarray:
     """The N lowest vertex numbers of each element of a boundary, sorted, shape (elements, N)."""
-    numbers = vertex_numbers(mesh)[0].tolist()
     elements = mesh.Boundaries(name).Elements()
-    own = [sorted(numbers[v.nr] for v in el.vertices)[: mesh.dim] for el in elements]
-    return gathered(np.array(own, dtype=np.int64).reshape(-1, mesh.dim), mesh)
+    lowest = [sorted(v.nr for v in el.vertices)[: mesh.dim] for el in elements]
+    return np.array(lowest, dtype=np.int64).reshape(-1, mesh.dim)
 
 
 def corner_vertices(mesh: Mesh, names: Sequence[str]) -> np.ndarray:
     """Numbers of the vertices at the corners of all boundary elements, one after the other."""
     region = mesh.Boundaries("|".join(names))
-    own = np.array([v.nr for el in region.Elements() for v in el.vertices], dtype=int)
-    return gathered(vertex_numbers(mesh)[0][own], mesh)
+    return np.array([v.nr for el in region.Elements() for v in el.vertices], dtype=int)
 
 
 def vertices_of(mesh: Mesh, names: Sequence[str]) -> set[int]:
@@ -94,11 +79,11 @@ def vertices_of(mesh: Mesh, names: Sequence[str]) -> set[int]:
 def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """An integer for each facet of each element, and the number of the element.
 
-    Elements are counted in the order of ``body_elements``.  The N lowest vertex numbers of a
+    Elements are counted in the order of ``element_vertices``.  The N lowest vertex numbers of a
     facet identify it.
     """
     keys, owners, start = [], [], 0
-    for nodes in body_elements(mesh):
+    for nodes in element_vertices(mesh):
         numbers = np.arange(start, start + len(nodes))
         for facet in _FACETS[mesh.dim, nodes.shape[1]]:
             keys.append(combine(np.sort(nodes[:, facet], axis=1)[:, : mesh.dim], mesh))
@@ -109,7 +94,7 @@ def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 def combine(vertices: np.ndarray, mesh: Mesh) -> np.ndarray:
     """One integer for each row of sorted vertex numbers."""
-    keys, (_, count) = vertices[:, 0].astype(np.int64), vertex_numbers(mesh)
+    keys = vertices[:, 0].astype(np.int64)
     for column in vertices.T[1:]:
-        keys = keys * count + column
+        keys = keys * mesh.nv + column
     return keys

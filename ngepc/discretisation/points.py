@@ -9,7 +9,7 @@ point; nodal arrays have shape (nodes, N).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from ngsolve import (
@@ -63,6 +63,9 @@ class Points:
     ----------
     mesh, kinematics, order
         The body, its kinematics, and the order of its displacements, 1 or 2.
+    mean_volume
+        Whether tr eps is averaged over each element, which frees quadrilaterals and hexahedra of
+        order one from volume locking (docs/locking.md).
 
     Attributes
     ----------
@@ -76,7 +79,9 @@ class Points:
         ``Elements`` of each shape.
     """
 
-    def __init__(self, mesh: Mesh, kinematics: Kinematics, order: int) -> None:
+    def __init__(
+        self, mesh: Mesh, kinematics: Kinematics, order: int, *, mean_volume: bool = False
+    ) -> None:
         self.mesh, self.kinematics, self.order = mesh, kinematics, order
         self.rules = plastic_points(mesh, order)
         self.scalar = H1(mesh, order=order)
@@ -86,6 +91,8 @@ class Points:
         self.weights = np.abs(np.linalg.det(jacobians)) * self.at(kinematics.weight)
         radii = self.at(x) if kinematics.hoop else None
         self.blocks = list(self._blocks(np.linalg.inv(jacobians), radii))
+        if mean_volume:
+            self.blocks = [self._with_mean_volume(block) for block in self.blocks]
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -118,6 +125,12 @@ class Points:
             hoop = None if radii is None else values / radii[points][:, :, None]
             yield Elements(nodes, points, *strain_rows(self.kinematics, gradients, hoop))
         self.weights *= weights
+
+    def _with_mean_volume(self, block: Elements) -> Elements:
+        weights = self.weights[block.points]
+        mean = np.einsum("ep,epk->ek", weights, block.volume) / weights.sum(axis=1)[:, None]
+        repeated = np.repeat(mean[:, None, :], weights.shape[1], axis=1)
+        return replace(block, volume=repeated)
 
     def _nodes(self, numbers: np.ndarray) -> np.ndarray:
         return np.array([self.scalar.GetDofNrs(_id(number)) for number in numbers.tolist()])

@@ -6,16 +6,19 @@ the threshold the integrand is smooth and a low order is exact to rounding.  Onl
 the kink |q| = threshold crosses need many points, 400 in the paper.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-from ngsolve import ET, VOL, BitArray, IntegrationRule, Mesh
+from ngsolve import ET, VOL, IntegrationRule, Mesh
 
 from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient, is_number
 from ngepc.discretisation.elements import element_numbers, element_vertices
 
 SMOOTH_ORDER = 9
 SMOOTH_VARIATION = 0.1
+"""Where q varies by less than this fraction of its size, that order is exact to rounding."""
+
+IDLE, SMOOTH, KINKED = -1, 0, 1
+"""What an element is: below the threshold, beyond it and gentle, or to be looked at closely."""
+
 HIGHEST_ORDER = 60
 
 _SHAPES = {
@@ -54,77 +57,57 @@ def boundary_rules(dim: int, points: int) -> dict[ET, IntegrationRule]:
     return {s: IntegrationRule(s, order) for s in ELEMENT_TYPES[dim - 1]}
 
 
-def vertex_rules(dim: int) -> dict[ET, IntegrationRule]:
-    """The rules on boundary elements whose points are the vertices, equally weighted."""
-    if dim == 2:
-        return {ET.SEGM: IntegrationRule([(0.0,), (1.0,)], [1 / 2] * 2)}
-    triangle = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]
-    return {
-        ET.TRIG: IntegrationRule(triangle, [1 / 6] * 3),
-        ET.QUAD: IntegrationRule([*triangle, (1.0, 1.0)], [1 / 4] * 4),
-    }
-
-
 def smooth_rules(dim: int) -> dict[ET, IntegrationRule]:
     """Rules for elements without a kink."""
     return {s: IntegrationRule(s, SMOOTH_ORDER) for s in ELEMENT_TYPES[dim]}
 
 
-@dataclass
-class ElementSplit:
+def classify(
+    q: np.ndarray, nodes: np.ndarray, low: np.ndarray | float, high: np.ndarray | float
+) -> np.ndarray:
     """Which elements carry a kink of [|q| - threshold]^+, which are smooth, which are idle.
+
+    |q| is convex, so that vertex values bound it from above; along the mean direction q is
+    affine, so that they bound it from below.
 
     Parameters
     ----------
-    mesh
-        The mesh.
-    threshold
-        beta_gamma - nu^/gamma, a number or coefficient (stress).
-    rules
-        The rules on which a threshold that varies is sampled.
+    q
+        Vertex values, shape (d, vertices).
+    nodes
+        Vertices of the elements, shape (elements, corners).
+    low, high
+        Smallest and largest threshold in each element, or in all.
+
+    Returns
+    -------
+    numpy.ndarray
+        IDLE, SMOOTH or KINKED for each element.
     """
-
-    mesh: Mesh
-    threshold: Coefficient
-    rules: dict[ET, IntegrationRule]
-
-    def __post_init__(self) -> None:
-        self.kinked, self.smooth = BitArray(self.mesh.ne), BitArray(self.mesh.ne)
-        self._nodes, self._numbers = element_vertices(self.mesh), element_numbers(self.mesh)
-        self._low, self._high = self._bounds()
-
-    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest sampled threshold in each element."""
-        if is_number(self.threshold):
-            constant = np.full(self.mesh.ne, float(self.threshold))
-            return constant, constant
-        values = np.asarray(self.threshold(self.mesh.MapToAllElements(self.rules, VOL))).ravel()
-        count = np.empty(self.mesh.ne, int)
-        for nodes, numbers in zip(self._nodes, self._numbers, strict=True):
-            count[numbers] = len(self.rules[_SHAPES[self.mesh.dim, nodes.shape[1]]])
-        first = np.cumsum(count) - count
-        return np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
-
-    def update(self, q: np.ndarray) -> None:
-        """Sort the elements by the vertex values ``q``, shape (vertices, d)."""
-        kinked, smooth = np.zeros(self.mesh.ne, bool), np.zeros(self.mesh.ne, bool)
-        size = np.sqrt((q * q).sum(axis=1))
-        for nodes, numbers in zip(self._nodes, self._numbers, strict=True):
-            low, high = self._low[numbers], self._high[numbers]
-            touched = np.flatnonzero(size[nodes].max(axis=1) > low)
-            corner = q[nodes[touched]]
-            mean = corner.mean(axis=1)
-            length = np.sqrt((mean * mean).sum(axis=1)) + 1e-300
-            along = (corner * (mean / length[:, None])[:, None, :]).sum(axis=2).min(axis=1)
-            spread = np.sqrt(((corner - mean[:, None, :]) ** 2).sum(axis=2)).max(axis=1)
-            no_kink = (along > high[touched]) & (spread < SMOOTH_VARIATION * along)
-            no_kink &= low[touched] == high[touched]
-            smooth[numbers[touched[no_kink]]] = True
-            kinked[numbers[touched[~no_kink]]] = True
-        _assign(self.kinked, kinked)
-        _assign(self.smooth, smooth)
+    kind = np.full(len(nodes), IDLE)
+    low, high = (np.broadcast_to(bound, kind.shape) for bound in (low, high))
+    touched = np.flatnonzero(np.sqrt((q * q).sum(axis=0))[nodes].max(axis=1) > low)
+    corner = q[:, nodes[touched].T]  # components, vertices, elements
+    mean = corner.mean(axis=1)
+    direction = mean / (np.sqrt((mean * mean).sum(axis=0)) + 1e-300)
+    along = (corner * direction[:, None]).sum(axis=0).min(axis=0)
+    spread = np.sqrt(((corner - mean[:, None]) ** 2).sum(axis=0).max(axis=0))
+    smooth = (along > high[touched]) & (low[touched] == high[touched])
+    smooth &= spread < SMOOTH_VARIATION * along
+    kind[touched] = np.where(smooth, SMOOTH, KINKED)
+    return kind
 
 
-def _assign(bits: BitArray, values: np.ndarray) -> None:
-    bits.Clear()
-    bits |= BitArray(values.tolist())
+def threshold_bounds(
+    mesh: Mesh, threshold: Coefficient, rules: dict[ET, IntegrationRule]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest threshold in each element; one that varies is sampled on ``rules``."""
+    if is_number(threshold):
+        constant = np.full(mesh.ne, float(threshold))
+        return constant, constant
+    values = np.asarray(threshold(mesh.MapToAllElements(rules, VOL))).ravel()
+    count = np.empty(mesh.ne, int)
+    for nodes, numbers in zip(element_vertices(mesh), element_numbers(mesh), strict=True):
+        count[numbers] = len(rules[_SHAPES[mesh.dim, nodes.shape[1]]])
+    first = np.cumsum(count) - count
+    return np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)

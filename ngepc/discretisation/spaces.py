@@ -13,7 +13,6 @@ from ngsolve import (
     H1,
     L2,
     Compress,
-    FacetFESpace,
     FESpace,
     GridFunction,
     Mesh,
@@ -24,8 +23,6 @@ from ngsolve import (
 from ngepc.checks.arguments import boundary_names
 from ngepc.discretisation.elements import element_vertices
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.tensors import coordinates_count
-from ngepc.parallel import from_all, is_distributed, somewhere
 
 AXES = "xyz"
 
@@ -66,7 +63,7 @@ def prescribed_displacement(problem: Problem, V: FESpace) -> GridFunction:
 def _copy_dofs(target: GridFunction, source: GridFunction, V: FESpace, axis: int, region) -> None:
     first = V.Range(axis).start
     component = V.components[axis]
-    mask = somewhere(np.array(component.GetDofs(region), dtype=bool), component)
+    mask = np.array(component.GetDofs(region), dtype=bool)
     dofs = first + np.flatnonzero(mask)
     target.vec.FV().NumPy()[dofs] = source.vec.FV().NumPy()[dofs]
 
@@ -76,8 +73,7 @@ def has_straight_simplices(mesh: Mesh) -> bool:
 
     The strain of a P1 displacement is then constant on each of them.
     """
-    own = {vertices.shape[1] for vertices in element_vertices(mesh)}
-    shapes = set().union(*from_all(own, mesh))
+    shapes = {vertices.shape[1] for vertices in element_vertices(mesh)}
     return shapes == {mesh.dim + 1} and mesh.GetCurveOrder() <= 1 and mesh.deformation is None
 
 
@@ -89,30 +85,21 @@ def plastic_order(mesh: Mesh) -> int:
 def plastic_space(problem: Problem) -> FESpace:
     """Q_h: discontinuous plastic strains of ``plastic_order`` in d orthonormal coordinates."""
     mesh = problem.mesh
-    return VectorValued(L2(mesh, order=plastic_order(mesh)), coordinates_count(problem.N))
+    return VectorValued(L2(mesh, order=plastic_order(mesh)), problem.kinematics.d)
 
 
 def outer_boundaries(mesh: Mesh) -> set[str]:
     """Names of the boundaries of the body, without the interfaces between materials."""
-    facets, shared = "edges" if mesh.dim == 2 else "faces", shared_facets(mesh)
-    own = {
+    facets = "edges" if mesh.dim == 2 else "faces"
+    return {
         name
         for name in set(mesh.GetBoundaries())
         if any(
-            len(mesh[facet].elements) == 1 and facet.nr not in shared
+            len(mesh[facet].elements) == 1
             for element in mesh.Boundaries(name).Elements()
             for facet in getattr(element, facets)[:1]
         )
     }
-    return set().union(*from_all(own, mesh))
-
-
-def shared_facets(mesh: Mesh) -> set[int]:
-    """Numbers of the facets with an element of another process on their other side."""
-    if not is_distributed(mesh):
-        return set()
-    dofs = FacetFESpace(mesh, order=0).ParallelDofs()
-    return {facet for facet in range(dofs.ndoflocal) if len(dofs.Dof2Proc(facet))}
 
 
 def other_boundaries(problem: Problem) -> str:
@@ -134,4 +121,4 @@ def plastic_dual_space(problem: Problem, *, boundary_fixed: bool = True) -> FESp
     """R_h: continuous P1 with d components, by default zero on the boundary of the body."""
     outer = "|".join(sorted(outer_boundaries(problem.mesh)))
     conditions = {"dirichlet": outer} if boundary_fixed else {}
-    return VectorValued(H1(problem.mesh, order=1, **conditions), coordinates_count(problem.N))
+    return VectorValued(H1(problem.mesh, order=1, **conditions), problem.kinematics.d)

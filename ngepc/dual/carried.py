@@ -2,8 +2,7 @@
 
 Nodal values are carried over by P1 interpolation.  What belongs together in two regularisations
 are equal multipliers: |p| = gamma_q [|q| - threshold]^+ and mu = gamma_z [z]^+, so that the excess
-of |q| and of z is scaled by the quotient of the gammas.  For the hardening split this is the
-change of variable q -> q + h_G p of docs/balanced.md.
+of |q| and of z is scaled by the quotient of the gammas.
 """
 
 from __future__ import annotations
@@ -15,10 +14,10 @@ from ngsolve.la import BaseVector
 from ngepc.checks.arguments import Coefficient, is_number
 from ngepc.discretisation.prolongation import prolongate
 from ngepc.dual.functional import DualFunctional
+from ngepc.dual.parameters import Weights
+from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import as_scalar
-from ngepc.model.tensors import coordinates_count
-from ngepc.parallel import from_all
 
 
 def carried_over(start: DualResult, functional: DualFunctional) -> BaseVector:
@@ -38,42 +37,41 @@ def carried_over(start: DualResult, functional: DualFunctional) -> BaseVector:
     """
     old, new = start.functional.blocks, functional.blocks
     same_mesh, v = old.problem.mesh is new.problem.mesh, new.H_vector()
-    for i, (source, target) in enumerate(zip(old.spaces, new.spaces, strict=True)):
-        values = old.part_of(start.v, i)
-        if same_mesh and source.ndofglobal == target.ndofglobal:
+    for name, part in new.parts.items():
+        values, source, target = old.part_of(start.v, name), old.parts[name].space, part.space
+        if same_mesh and source.ndof == target.ndof:
             carried = values.FV().NumPy() * np.array(target.FreeDofs(), dtype=float)
         else:
             carried = prolongate(source, values, target)
-        new.part_of(v, i).FV().NumPy()[:] = carried
-    _keep_multipliers(start.functional, functional, v)
+        new.part_of(v, name).FV().NumPy()[:] = carried
+    _keep_multipliers(start.functional.weights, functional, v)
     return v
 
 
-def _keep_multipliers(old: DualFunctional, new: DualFunctional, v: BaseVector) -> None:
+def _keep_multipliers(before: Weights, new: DualFunctional, v: BaseVector) -> None:
     """Scale the excess of z and |q| by the quotients of the gammas, in place."""
-    problem, before, after = new.blocks.problem, old.regularisation, new.regularisation
-    mesh, q = problem.mesh, new.blocks.part_of(v, len(new.blocks.parts) - 1).FV().NumPy()
-    ratio = nodal(before.gamma_plastic(old.blocks.problem), mesh)
-    ratio = ratio / nodal(after.gamma_plastic(problem), mesh)
-    if any(from_all(bool(np.any(ratio != 1)), mesh)):
-        shift = as_scalar(before.plastic_shift) / as_scalar(before.gamma_plastic(problem))
-        threshold = nodal(as_scalar(before.yield_bound(problem)) - shift, mesh)
-        q[:] = scaled_excess(q.reshape(coordinates_count(problem.N), -1), threshold, ratio).ravel()
-    penalties = not (before.exact_contact or after.exact_contact)
-    if problem.contact_names and penalties:
-        z = new.blocks.part_of(v, 0).FV().NumPy()
-        z[z > 0] *= before.gamma_contact / after.gamma_contact
+    after, part_of = new.weights, new.blocks.part_of
+    if before.plastic != after.plastic:
+        q = part_of(v, PLASTIC).FV().NumPy()
+        threshold = nodal(before.threshold, new.blocks.problem.mesh)
+        values = q.reshape(new.blocks.problem.kinematics.d, -1)
+        q[:] = scaled_excess(values, threshold, before.plastic / after.plastic).ravel()
+    if CONTACT in new.blocks.parts:
+        z = part_of(v, CONTACT).FV().NumPy()
+        z[z > 0] *= before.contact / after.contact
 
 
-def scaled_excess(q: np.ndarray, threshold: np.ndarray, ratio: np.ndarray) -> np.ndarray:
+def scaled_excess(q: np.ndarray, threshold: np.ndarray, ratio: float) -> np.ndarray:
     """Q with |q| - threshold times ``ratio`` where that is positive, in the same direction.
 
     Parameters
     ----------
     q
         Nodal values, shape (d, nodes).
-    threshold, ratio
-        Nodal values or single numbers.
+    threshold
+        Nodal values or a single number.
+    ratio
+        The factor.
     """
     size = np.sqrt((q * q).sum(axis=0))
     excess = np.maximum(size - threshold, 0.0)

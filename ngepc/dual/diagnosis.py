@@ -6,13 +6,14 @@ from collections import deque
 from itertools import pairwise
 
 import numpy as np
-from ngsolve import H1, CoefficientFunction, GridFunction
+from ngsolve import H1, GridFunction
 from ngsolve.la import BaseVector
 
 from ngepc.checks.arguments import is_number
+from ngepc.discretisation.elements import vertex_coordinates
 from ngepc.discretisation.prolongation import vertex_dofs
 from ngepc.dual.functional import DualFunctional
-from ngepc.parallel import gathered, vertex_coordinates, vertex_numbers
+from ngepc.dual.parts import CONTACT
 from ngepc.results.outcome import History, IterationRecord, Status
 
 WINDOW = 5
@@ -21,14 +22,10 @@ WINDOW = 5
 ADVICE = {
     Status.ITERATION_LIMIT: (
         "Start from the solution for a smaller gamma or a smaller load step, raise max_iterations, "
-        "or take Balanced()."
+        "or leave gamma out."
     ),
     Status.LINESEARCH_FAILED: "Start from the solution for a smaller gamma or a smaller load step.",
     Status.STAGNATED: "Energies only change by rounding: ask for a tolerance above this residual.",
-    Status.LINEAR_SOLVER_FAILED: (
-        "Raise max_iterations or sweeps of Krylov, start from the solution for a smaller gamma, "
-        "or take a direct solver."
-    ),
     Status.NONFINITE: (
         "Check loads and coefficients for NaN and for values that changed during the run, or "
         "start from the solution for a smaller gamma."
@@ -108,9 +105,8 @@ class RecentDuals:
         """Which active set changed most in the last steps, by how much and where."""
         if len(self._duals) < 2:
             return ""
-        parts = self._functional.blocks.parts
-        changes = [self._changed(number) for number in range(len(parts))]
-        most = max(range(len(parts)), key=lambda number: len(changes[number][0]))
+        changes = {name: self._changed(name) for name in self._functional.blocks.parts}
+        most = max(changes, key=lambda name: len(changes[name][0]))
         points, count = changes[most]
         steps = f"the last {len(self._duals) - 1} steps"
         if len(points) == 0:
@@ -118,41 +114,29 @@ class RecentDuals:
         centre = ", ".join(f"{x:.3g}" for x in points.mean(axis=0))
         return (
             f"In {steps} {len(points)} of {count} vertices entered or left the active set of "
-            f"the {parts[most].name} term, around ({centre})."
+            f"the {most} term, around ({centre})."
         )
 
-    def _changed(self, number: int) -> tuple[np.ndarray, int]:
+    def _changed(self, name: str) -> tuple[np.ndarray, int]:
         """Points of the vertices of a part that changed sides lately, and how many it has."""
         blocks = self._functional.blocks
-        mesh = blocks.problem.mesh
-        space, name = blocks.spaces[number], blocks.parts[number].name
+        mesh, space = blocks.problem.mesh, blocks.parts[name].space
         components = GridFunction(space).dim
         scalar = space if components == 1 else space.components[0]
         vertices, dofs = vertex_dofs(scalar, mesh)
-        sets = []
+        changed, threshold = np.zeros(len(vertices), dtype=bool), self._thresholds(name)[vertices]
+        sizes = []
         for v in self._duals:
-            values = np.array(blocks.part_of(v, number).FV().NumPy()).reshape(components, -1)
-            sets.append(self._active(name, values[:, dofs], vertices))
-        changed = np.zeros(len(vertices), dtype=bool)
-        for before, after in pairwise(sets):
-            changed |= before != after
-        numbers, _ = vertex_numbers(mesh)
-        of_part, moved = (
-            np.unique(gathered(numbers[some], mesh)) for some in (vertices, vertices[changed])
-        )
-        return vertex_coordinates(mesh)[moved], len(of_part)
+            values = np.array(blocks.part_of(v, name).FV()).reshape(components, -1)[:, dofs]
+            sizes.append(values[0] if name == CONTACT else np.linalg.norm(values, axis=0))
+        for before, after in pairwise(sizes):
+            changed |= (before > threshold) != (after > threshold)
+        return vertex_coordinates(mesh)[vertices[changed]], len(vertices)
 
-    def _active(self, name: str, values: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-        """Where the max term of a part is active at the vertices; values have shape (d, m)."""
-        if name == "contact":
-            return values[0] >= 0
-        if name != "plastic":
-            return np.zeros(values.shape[1], dtype=bool)
-        bound = self._functional.regularisation.yield_bound(self._functional.blocks.problem)
-        return np.linalg.norm(values, axis=0) > self._at_vertices(bound)[vertices]
-
-    def _at_vertices(self, bound: float | CoefficientFunction) -> np.ndarray:
+    def _thresholds(self, name: str) -> np.ndarray:
+        """What z or |q| is compared with at the vertices."""
         mesh = self._functional.blocks.problem.mesh
+        bound = 0.0 if name == CONTACT else self._functional.weights.yield_bound
         if is_number(bound):
             return np.full(mesh.nv, float(bound))
         nodal = GridFunction(H1(mesh, order=1))

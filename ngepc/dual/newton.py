@@ -6,26 +6,25 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import overload
 
 from ngsolve import InnerProduct
 from ngsolve.la import BaseVector
 
 from ngepc.checks.arguments import require_integer, require_number
-from ngepc.checks.distributed import check_supported
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.discretisation.prolongation import nodal_values
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
-from ngepc.dual.contact_newton import newton_system
 from ngepc.dual.diagnosis import RecentDuals, describe
-from ngepc.dual.functional import DualFunctional, FactorisationError, NewtonSystem
+from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import Iterate, Line
-from ngepc.dual.regularisation import Coupled, Regularisation, require_regularisation
+from ngepc.dual.regularisation import Coupled
 from ngepc.dual.result import DualResult
-from ngepc.dual.stopping import ResidualBelow, StoppingRule, judge
-from ngepc.krylov.iterative import KrylovError
-from ngepc.linalg.direct import LinearSolver, require_linear_solver
-from ngepc.linalg.linesearch import ROUNDING, ByRegularisation, Descent, FullSteps, LineSearch
+from ngepc.dual.stopping import End, ResidualBelow, StoppingRule, final_check
+from ngepc.dual.system import FactorisationError, NewtonSystem
+from ngepc.linalg.direct import require_direct_solver
+from ngepc.linalg.linesearch import ROUNDING, Armijo, Descent, FullSteps, LineSearch
+from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import History, IterationRecord, Status
@@ -35,6 +34,7 @@ logger = logging.getLogger(__name__)
 Monitor = Callable[[IterationRecord], None]
 
 ROUNDING_STEPS = 8
+"""Steps in a row whose energies differ by rounding only that end a run."""
 
 TRUE_RESIDUAL = (Status.ITERATION_LIMIT, Status.LINESEARCH_FAILED, Status.STAGNATED)
 """Statuses whose message quotes the residual computed afresh."""
@@ -42,22 +42,24 @@ TRUE_RESIDUAL = (Status.ITERATION_LIMIT, Status.LINESEARCH_FAILED, Status.STAGNA
 
 @dataclass(frozen=True, kw_only=True)
 class NewtonOptions:
-    """How Algorithm 7.1 is run.
+    """How Newton's method is run; what is marked (D_gamma) is for regularised problems alone.
 
     Parameters
     ----------
     tolerance
-        Bound for ||Psi_gamma||_{H*}, in the regularisation's reference units; 1e-10 in the paper.
+        Bound for the relative forces out of balance; (D_gamma): for ||Psi_gamma||_{H*} in the
+        regularisation's reference units, 1e-10 in the paper.
     max_iterations
         Most Newton steps.
     quadrature_points
-        Points for the nonsmooth terms on each element that a kink crosses; 400 in the paper.
+        (D_gamma) Points for nonsmooth terms on each element that a kink crosses; 400 in the paper.
+    vectorised
+        (D_gamma) Whether NumPy integrates the plastic term where the data allow it, or always
+        NGSolve's forms: the integrals are the same.
     linesearch
-        ``Armijo()``, ``NearMinimum()`` or None for full steps; by default the regularisation's
-        own choice, Armijo for ``Coupled``.
+        (D_gamma) ``Armijo()``, or None for full steps.
     inverse
-        What solves the linear systems: NGSolve's name of a direct solver that does LDL^T, or
-        ``Krylov()`` for large bodies.
+        NGSolve's name of a direct solver that does LDL^T.
 
     Raises
     ------
@@ -68,16 +70,17 @@ class NewtonOptions:
     tolerance: float = 1e-10
     max_iterations: int = 300
     quadrature_points: int = 400
-    linesearch: LineSearch | ByRegularisation | None = field(default_factory=ByRegularisation)
-    inverse: str | LinearSolver = "sparsecholesky"
+    vectorised: bool = True
+    linesearch: LineSearch | None = field(default_factory=Armijo)
+    inverse: str = "sparsecholesky"
 
     def __post_init__(self) -> None:
         require_number("tolerance", self.tolerance, 1e-16)
         require_integer("max_iterations", self.max_iterations, 1)
         require_integer("quadrature_points", self.quadrature_points, 1, 900)
-        require_linear_solver("inverse", self.inverse)
-        legal = self.linesearch is None or isinstance(self.linesearch, ByRegularisation)
-        if not legal and not hasattr(self.linesearch, "search"):
+        require_instance("vectorised", self.vectorised, bool, "True or False")
+        require_direct_solver("inverse", self.inverse)
+        if self.linesearch is not None and not hasattr(self.linesearch, "search"):
             raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
 
 
@@ -88,6 +91,19 @@ def checked_options(options: NewtonOptions | None) -> NewtonOptions:
     return options
 
 
+@overload
+def semismooth_newton(
+    problem: Problem,
+    gamma: None = None,
+    start: object | None = None,
+    options: NewtonOptions | None = None,
+    monitor: Monitor | None = None,
+    *,
+    regularisation: None = None,
+) -> ExactResult: ...
+
+
+@overload
 def semismooth_newton(
     problem: Problem,
     gamma: float | None = None,
@@ -95,9 +111,24 @@ def semismooth_newton(
     options: NewtonOptions | None = None,
     monitor: Monitor | None = None,
     *,
-    regularisation: Regularisation | None = None,
-) -> DualResult:
-    """Solve (D_gamma) by Algorithm 7.1.
+    regularisation: Coupled | None = None,
+) -> DualResult: ...
+
+
+def semismooth_newton(
+    problem: Problem,
+    gamma: float | None = None,
+    start: object | None = None,
+    options: NewtonOptions | None = None,
+    monitor: Monitor | None = None,
+    *,
+    regularisation: Coupled | None = None,
+) -> ExactResult | DualResult:
+    """Solve one time step: the discrete problem itself, or its regularisation (D_gamma).
+
+    With neither ``gamma`` nor ``regularisation`` nothing is regularised: J(u, p) of (2.14) is
+    minimised over the discrete displacements with N u <= gaps by a primal-dual Newton method,
+    ``ngepc.local``.  With one of them Algorithm 7.1 solves the paper's (D_gamma).
 
     Parameters
     ----------
@@ -106,18 +137,18 @@ def semismooth_newton(
     gamma
         Short for ``regularisation=Coupled(gamma)``.
     start
-        A result on this or another mesh of the body, carried over by P1 interpolation; None
-        starts from v = 0.
+        An earlier result (exact: or a displacement) on this or another mesh of the body; None
+        starts from zero.
     options
-        Tolerance, limits, quadrature, line search; None for the defaults.
+        Tolerance, limits and solver; None for the defaults.
     monitor
         Called with the record of each iterate, start included; raising StopIteration stops.
     regularisation
-        The regularisation; give this or ``gamma``.  With neither it is ``Balanced()``.
+        The regularisation; give this or ``gamma``.
 
     Returns
     -------
-    DualResult
+    ExactResult or DualResult
         Status, history and fields; the state reached is always there.
 
     Raises
@@ -130,33 +161,25 @@ def semismooth_newton(
     require_function("monitor", monitor, "a record", optional=True)
     if gamma is not None and regularisation is not None:
         raise ValueError(f"gamma={gamma!r}: give either gamma or regularisation")
-    if regularisation is None and gamma is None:
+    if gamma is None and regularisation is None:
         tolerance, limit = options.tolerance, options.max_iterations
         return solve_exactly(problem, start, tolerance, limit, options.inverse, monitor)
-    if regularisation is None:
-        regularisation = Coupled(gamma)
-    require_regularisation(regularisation)
-    if start is not None and not isinstance(start, DualResult):
-        raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
-    check_supported(problem, regularisation, options.inverse, start)
-    blocks = LinearBlocks(problem, regularisation, options.inverse)
-    functional = DualFunctional(blocks, regularisation, options.quadrature_points)
-    v = start_vector(functional, start, options)
-    system = newton_system(functional, options.inverse)
-    return run(functional, system, v, options, monitor)
+    regularisation = Coupled(gamma) if regularisation is None else regularisation
+    require_instance("regularisation", regularisation, Coupled, "Coupled(...)")
+    require_instance(
+        "start", start, (DualResult, type(None)), "a result of semismooth_newton or None"
+    )
+    functional = prepared(problem, regularisation, options)
+    v = functional.blocks.H_vector() if start is None else carried_over(start, functional)
+    return run(functional, NewtonSystem(functional, options.inverse), v, options, monitor)
 
 
-def start_vector(
-    functional: DualFunctional, start: DualResult | None, options: NewtonOptions
-) -> BaseVector:
-    """v = 0, or an earlier result carried over, with the predictor's help from another mesh."""
-    if start is None:
-        return functional.blocks.H_vector()
-    problem, predictor = functional.blocks.problem, functional.regularisation.predictor
-    v = carried_over(start, functional)
-    if start.problem.mesh is problem.mesh or predictor is None:
-        return v
-    return predictor.start(functional, v, nodal_values(start, problem).T, options.inverse)
+def prepared(problem: Problem, regularisation: Coupled, options: NewtonOptions) -> DualFunctional:
+    """J*_gamma of a regularised problem with its matrices assembled."""
+    blocks = LinearBlocks(problem, regularisation.spaces, options.inverse)
+    return DualFunctional(
+        blocks, regularisation.parameters, options.quadrature_points, options.vectorised
+    )
 
 
 def run(
@@ -172,81 +195,68 @@ def run(
     It ends by ``rule``, or by ``options.tolerance`` when that is None.
     """
     rule = ResidualBelow(options.tolerance * functional.residual_unit) if rule is None else rule
-    functional.make_feasible(v)
-    history, here, recent = History(), Iterate.at(functional, v), RecentDuals(functional)
-    before, status, drowned, cause = here, None, 0, ""
+    log, end = RunLog(functional, rule, monitor), None
+    here = before = Iterate.at(functional, v)
     try:
-        while status is None:
-            record = here.record(functional, len(history.records))
-            history.append(record)
-            recent.append(here.v)
-            log(record)
-            if monitor is not None:
-                monitor(watched(record, functional, here, history))
-            found = judge(functional, system, here, before, record, rule)
-            here, status, cause = found.iterate, found.status, found.cause
-            if status is None and record.iteration == options.max_iterations:
-                status = Status.ITERATION_LIMIT
-            elif status is None and drowned >= ROUNDING_STEPS:
-                status = Status.STAGNATED
-            elif status is None:
-                following = newton_step(functional, system, here, options)
-                if isinstance(following, Status):
-                    status = following
-                else:
-                    unmoved = abs(following.energy - here.energy) <= ROUNDING * here.magnitude
-                    drowned = drowned + 1 if unmoved else 0
-                    before, here = here, following
+        while end is None:
+            log.note(here)
+            here, end = tested(functional, system, here, before, log, options)
+            if end is None:
+                before = here
+                here, end = newton_step(functional, system, here, options.linesearch)
     except (StopIteration, KeyboardInterrupt):
-        status = Status.STOPPED
+        end = End(Status.STOPPED)
     except FactorisationError as error:
-        status, cause = Status.NONFINITE, f"{error}."
-    except KrylovError as error:
-        status, cause = Status.LINEAR_SOLVER_FAILED, f"{error}."
-    last = history.records[-1] if history.records else None
-    if status in TRUE_RESIDUAL:
-        here.refresh(functional)
-        last = here.record(functional, last.iteration)
-    message = describe(status, history, last, rule, recent, cause)
-    return DualResult(functional, here.y, here.v, status, message, history)
+        end = End(Status.NONFINITE, f"{error}.")
+    return log.result(here, end)
 
 
-def watched(
-    record: IterationRecord, functional: DualFunctional, here: Iterate, history: History
-) -> IterationRecord:
-    """The record as monitors get it, with the result of a run that had stopped here."""
-
-    def snapshot() -> DualResult:
-        seen = History(history.records[: record.iteration + 1])
-        return DualResult(functional, here.y, here.v, Status.STOPPED, "", seen)
-
-    return replace(record, snapshot=snapshot)
-
-
-def log(record: IterationRecord) -> None:
-    """One line for each iterate."""
-    logger.info(
-        "it:%4d residual:%.3e energy:%.12e step:%.4g",
-        *(record.iteration, record.residual_norm, record.energy, record.step_length),
-    )
+def tested(
+    functional: DualFunctional,
+    system: NewtonSystem,
+    here: Iterate,
+    before: Iterate,
+    log: RunLog,
+    options: NewtonOptions,
+) -> tuple[Iterate, End | None]:
+    """Whether the iteration ends at an iterate, and with which one, test by test."""
+    record = log.last
+    if not math.isfinite(record.residual_norm + record.energy):
+        return before, End(Status.NONFINITE)
+    if log.rule.met(record):
+        here, end = final_check(functional, system, here, log.rule)
+        if end is not None:
+            return here, end
+    if record.iteration == options.max_iterations:
+        return here, End(Status.ITERATION_LIMIT)
+    if log.drowned >= ROUNDING_STEPS:
+        return here, End(Status.STAGNATED)
+    return here, None
 
 
 def newton_step(
-    functional: DualFunctional, system: NewtonSystem, here: Iterate, options: NewtonOptions
-) -> Iterate | Status:
+    functional: DualFunctional, system: NewtonSystem, here: Iterate, search: LineSearch | None
+) -> tuple[Iterate, End | None]:
     """Steps (a) to (c) of Algorithm 7.1: solve (7.1), choose the step length, update.
+
+    Returns
+    -------
+    tuple
+        The next iterate and None; or this one and why there is no next one.
 
     Raises
     ------
     FactorisationError
         If the direct solver gives up.
     """
-    dy, dv = system.step(here.v, here.residual)
+    system.factorise(here.terms)
+    dy, dv = system.solve((-here.residual).Evaluate())
     slope = InnerProduct(here.residual, dv)
     if not math.isfinite(slope):
-        return Status.NONFINITE
+        return here, End(Status.NONFINITE)
     if slope >= 0:
-        return Status.STAGNATED if slope <= ROUNDING * here.magnitude else Status.LINESEARCH_FAILED
+        rounding = slope <= ROUNDING * here.magnitude
+        return here, End(Status.STAGNATED if rounding else Status.LINESEARCH_FAILED)
     line = Line(functional, here, dy, dv)
     phi = Descent(
         energy=line.energy,
@@ -254,28 +264,66 @@ def newton_step(
         energy_0=here.energy,
         slope_0=slope,
         magnitude=here.magnitude,
-        longest=functional.longest_step(here.v, dv),
     )
-    step = line_search(functional, options).search(phi)
+    step = (FullSteps() if search is None else search).search(phi)
     if step is None:
-        sane = math.isfinite(line.derivative(0.0) + functional.penalty(here.v))
-        return Status.LINESEARCH_FAILED if sane else Status.NONFINITE
-    step = replace(
-        step,
-        back_substitutions=system.back_substitutions,
-        linear_iterations=system.linear_iterations,
-    )
-    following = line.iterate(step)
-    predictor = functional.regularisation.predictor
-    if predictor is None:
-        return following
-    return predictor.improved(functional, line, following, options.inverse)
+        terms = functional.terms(here.v)  # the data may have changed
+        sane = math.isfinite(terms.energy + InnerProduct(terms.gradient, dv))
+        return here, End(Status.LINESEARCH_FAILED if sane else Status.NONFINITE)
+    return line.iterate(step), None
 
 
-def line_search(functional: DualFunctional, options: NewtonOptions) -> LineSearch:
-    """The step length rule that the options ask for."""
-    if options.linesearch is None:
-        return FullSteps()
-    if isinstance(options.linesearch, ByRegularisation):
-        return functional.regularisation.linesearch
-    return options.linesearch
+class RunLog:
+    """What a run has shown: its history, its last iterates, and the result it ends with.
+
+    Parameters
+    ----------
+    functional, rule, monitor
+        As for ``run``.
+
+    Attributes
+    ----------
+    drowned
+        How many of the last steps in a row have changed the energy by rounding only.
+    """
+
+    def __init__(
+        self, functional: DualFunctional, rule: StoppingRule, monitor: Monitor | None
+    ) -> None:
+        self.functional, self.rule, self._monitor = functional, rule, monitor
+        self.history, self.drowned = History(), 0
+        self._recent = RecentDuals(functional)
+
+    @property
+    def last(self) -> IterationRecord:
+        """The record of the last iterate."""
+        return self.history.records[-1]
+
+    def note(self, here: Iterate) -> None:
+        """Record an iterate, log it and show it to the monitor."""
+        record = here.record(self.functional)
+        if self.history.records:
+            unmoved = abs(record.energy - self.last.energy) <= ROUNDING * here.magnitude
+            self.drowned = self.drowned + 1 if unmoved else 0
+        self.history.append(record)
+        self._recent.append(here.v)
+        logger.info(
+            "it:%4d residual:%.3e energy:%.12e step:%.4g",
+            *(record.iteration, record.residual_norm, record.energy, record.step_length),
+        )
+        if self._monitor is not None:
+            self._monitor(replace(record, snapshot=lambda: self._snapshot(here)))
+
+    def _snapshot(self, here: Iterate) -> DualResult:
+        """The result of a run that had stopped at an iterate."""
+        seen = History(self.history.records[: here.number + 1])
+        return DualResult(self.functional, here.y, here.v, Status.STOPPED, "", seen)
+
+    def result(self, here: Iterate, end: End) -> DualResult:
+        """The result of a run that ends at an iterate."""
+        last = self.history.records[-1] if self.history.records else None
+        if end.status in TRUE_RESIDUAL:
+            here.refresh(self.functional)
+            last = here.record(self.functional)
+        message = describe(end.status, self.history, last, self.rule, self._recent, end.cause)
+        return DualResult(self.functional, here.y, here.v, end.status, message, self.history)

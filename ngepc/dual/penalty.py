@@ -1,39 +1,50 @@
-"""The nonsmooth terms M^1 and M^2 of (D_gamma), their gradients and Newton derivatives."""
+"""The nonsmooth terms M^1 and M^2 of (D_gamma) and their derivatives, by NGSolve's forms."""
 
 from __future__ import annotations
+
+from functools import cached_property
 
 import numpy as np
 from ngsolve import (
     BilinearForm,
+    BitArray,
     CoefficientFunction,
     FESpace,
     GridFunction,
     Id,
     IfPos,
     InnerProduct,
+    Integrate,
     LinearForm,
     Norm,
     OuterProduct,
     ds,
     dx,
 )
-from ngsolve.la import BaseVector, SparseMatrixd
+from ngsolve.la import BaseMatrix, BaseVector
 
 from ngepc.checks.arguments import is_number
-from ngepc.discretisation.quadrature import ElementSplit, boundary_rules, fine_rules, smooth_rules
-from ngepc.dual.regularisation import Regularisation, plastic_threshold
+from ngepc.discretisation.elements import element_numbers, element_vertices
+from ngepc.discretisation.quadrature import (
+    KINKED,
+    SMOOTH,
+    boundary_rules,
+    classify,
+    fine_rules,
+    smooth_rules,
+    threshold_bounds,
+)
+from ngepc.dual.parameters import Weights
+from ngepc.dual.radial import RadialLaw
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.parallel import integral
-
-TINY = 1e-290
 
 
-class AssembledPenalty:
-    """A nonsmooth term M by forms around the state at which they are assembled.
+class AssembledTerm:
+    """A nonsmooth term M by forms around the function at which they are assembled.
 
     Parameters
     ----------
-    state
+    function
         The grid function in the forms.
     energy, active
         M and the measure of its active set as integrals.
@@ -43,45 +54,76 @@ class AssembledPenalty:
 
     def __init__(
         self,
-        state: GridFunction,
+        function: GridFunction,
         energy: CoefficientFunction,
         active: CoefficientFunction,
         gradient: LinearForm,
         hessian: BilinearForm,
     ) -> None:
-        self._state, self._energy, self._active = state, energy, active
-        self._gradient, self._hessian = gradient, hessian
+        self.function, self.energy, self.active = function, energy, active
+        self.gradient, self.hessian = gradient, hessian
 
-    def _set(self, v: BaseVector) -> None:
-        """Make v the state of the forms."""
-        self._state.vec.local_vec.data = v
+    def at(self, v: BaseVector) -> AssembledState:
+        """The term at v, with its active set."""
+        return AssembledState(self, v)
 
-    def energy(self, v: BaseVector) -> float:
+    def sort(self, v: BaseVector) -> np.ndarray | None:
+        """The active elements at v, where the forms ask for them."""
+        return None
+
+    def enter(self, v: BaseVector, kind: np.ndarray | None) -> None:
+        """Make v and its active elements those of the forms."""
+        self.function.vec.data = v
+
+    def pattern(self) -> BaseMatrix:
+        """A matrix with all entries that a Newton derivative may ever have."""
+        return self.hessian.Assemble(reallocate=True).mat
+
+
+class AssembledState:
+    """A nonsmooth term at one v: its active set, and what follows from it.
+
+    Parameters
+    ----------
+    term
+        The term.
+    v
+        The function as coefficients.
+    """
+
+    def __init__(self, term: AssembledTerm, v: BaseVector) -> None:
+        self._term, self._v = term, v.CreateVector()
+        self._v.data = v
+        self._kind = term.sort(v)
+
+    def _forms(self) -> AssembledTerm:
+        self._term.enter(self._v, self._kind)
+        return self._term
+
+    @cached_property
+    def energy(self) -> float:
         """M(v)."""
-        self._set(v)
-        return integral(self._energy, self._state.space.mesh)
+        return Integrate(self._forms().energy, self._term.function.space.mesh)
 
-    def active(self, v: BaseVector) -> float:
-        """Measure of the active set."""
-        self._set(v)
-        return integral(self._active, self._state.space.mesh)
+    @cached_property
+    def active(self) -> float:
+        """Measure of the active set, by a low order: for records."""
+        return Integrate(self._forms().active, self._term.function.space.mesh)
 
-    def gradient(self, v: BaseVector) -> BaseVector:
+    @cached_property
+    def gradient(self) -> BaseVector:
         """M'(v) as a functional."""
-        self._set(v)
-        return self._gradient.Assemble().vec.local_vec
+        assembled = self._forms().gradient.Assemble().vec
+        gradient = assembled.CreateVector()
+        gradient.data = assembled
+        return gradient
 
-    def pattern(self) -> SparseMatrixd:
-        """A matrix with all entries that ``hessian`` may ever have."""
-        return self._hessian.Assemble(reallocate=True).mat.local_mat
-
-    def hessian(self, v: BaseVector) -> SparseMatrixd:
-        """The Newton derivative of M' at v."""
-        self._set(v)
-        return self._hessian.Assemble(reallocate=True).mat.local_mat
+    def hessian(self) -> BaseMatrix:
+        """The Newton derivative of M' at v; the next one overwrites it."""
+        return self._forms().hessian.Assemble(reallocate=True).mat
 
 
-class ContactPenalty(AssembledPenalty):
+class ContactPenalty(AssembledTerm):
     """M^1(z) = 1/(2 gamma) |[mu^ + gamma z]^+|^2 on Gamma_c, with Lemma 6.2.
 
     M^1'(z) = [mu^ + gamma z]^+, its Newton derivative gamma chi on the set where that is positive;
@@ -89,7 +131,7 @@ class ContactPenalty(AssembledPenalty):
 
     Parameters
     ----------
-    problem, regularisation
+    problem, weights
         The data.
     Z
         The space of z.
@@ -98,16 +140,14 @@ class ContactPenalty(AssembledPenalty):
     """
 
     def __init__(
-        self, problem: Problem, regularisation: Regularisation, Z: FESpace, quadrature_points: int
+        self, problem: Problem, weights: Weights, Z: FESpace, quadrature_points: int
     ) -> None:
-        gamma = regularisation.gamma_contact
-        mu_hat = as_scalar(regularisation.contact_shift)
-        z = GridFunction(Z)
+        gamma, z = weights.contact, GridFunction(Z)
         on_contact = ds(
             "|".join(problem.contact_names),
             intrules=boundary_rules(problem.N, quadrature_points),
         )
-        mu = mu_hat + gamma * z  # (OC2_gamma): mu = [mu^ + gamma z]^+
+        mu = as_scalar(weights.contact_shift) + gamma * z  # (OC2_gamma): mu = [mu^ + gamma z]^+
         dz, w = Z.TnT()
         gradient = LinearForm(Z)
         gradient += IfPos(mu, mu, 0) * w * on_contact
@@ -117,16 +157,14 @@ class ContactPenalty(AssembledPenalty):
         super().__init__(z, energy, IfPos(-mu, 1.0, 0.0) * on_contact, gradient, hessian)
 
 
-class PlasticPenalty(AssembledPenalty):
+class PlasticPenalty(AssembledTerm):
     """M^2(q) = int 1/(2 gamma) ([nu^ + gamma (|q| - beta_gamma)]^+)^2, with Lemma 6.3.
 
-    With the overshoot s = |q| - (beta_gamma - nu^/gamma) the density is gamma/2 ([s]^+)^2, the
-    gradient gamma [s]^+ q/|q|, its Newton derivative gamma chi M(q) where s > 0, with M(q) of
-    (6.1).  The measure of that set is of a low order: for records.
+    That is gamma times the ``RadialLaw`` with the threshold beta_gamma - nu^/gamma.
 
     Parameters
     ----------
-    problem, regularisation
+    problem, weights
         The data.
     R
         The space of q.
@@ -135,50 +173,52 @@ class PlasticPenalty(AssembledPenalty):
     """
 
     def __init__(
-        self, problem: Problem, regularisation: Regularisation, R: FESpace, quadrature_points: int
+        self, problem: Problem, weights: Weights, R: FESpace, quadrature_points: int
     ) -> None:
-        mesh = problem.mesh
-        gamma = regularisation.gamma_plastic(problem)
-        threshold = plastic_threshold(problem, regularisation)
-        if is_number(threshold):
-            threshold = float(threshold)
-        fine = fine_rules(problem.N, quadrature_points)
-        q = GridFunction(R)
-        self._split = ElementSplit(mesh, threshold, fine)
-        measures = (
-            dx(definedonelements=self._split.kinked, intrules=fine),
-            dx(definedonelements=self._split.smooth, intrules=smooth_rules(problem.N)),
+        mesh, N, gamma = problem.mesh, problem.N, weights.plastic
+        threshold = weights.threshold
+        threshold = float(threshold) if is_number(threshold) else threshold
+        fine, smooth = fine_rules(N, quadrature_points), smooth_rules(N)
+        self._elements = list(zip(element_vertices(mesh), element_numbers(mesh), strict=True))
+        self._low, self._high = threshold_bounds(mesh, threshold, fine)
+        self._of_kind = {SMOOTH: BitArray(mesh.ne), KINKED: BitArray(mesh.ne)}
+        measures, low = (
+            [
+                dx(definedonelements=self._of_kind[SMOOTH], intrules=smooth),
+                dx(definedonelements=self._of_kind[KINKED], intrules=rules),
+            ]
+            for rules in (fine, smooth)
         )
-        size = Norm(q) + TINY
-        s = size - threshold
-        gamma = as_scalar(gamma)
-        rho = s / size
-        M = rho * Id(q.dim) + (1 - rho) * OuterProduct(q, q) / (size * size)  # (6.1)
-        r, dq = R.TestFunction(), R.TrialFunction()
-        density = IfPos(s, gamma / 2 * s * s, 0).Compile()
-        slope = (IfPos(s, gamma * rho, 0) * q).Compile()
-        curvature = (IfPos(s, gamma, 0) * M).Compile()
-        inside = IfPos(s, 1.0, 0.0)
-        coarse = dx(definedonelements=self._split.kinked, intrules=smooth_rules(problem.N))
+        q, (dq, r) = GridFunction(R), R.TnT()
+        law = RadialLaw(Norm(q), threshold)
+        direction = q / law.size
+        curvature = law.slope * Id(q.dim) + law.across * OuterProduct(direction, direction)
+        density, slope, curvature = (
+            (gamma * f).Compile() for f in (law.density, law.slope * q, curvature)
+        )
         gradient = LinearForm(R)
         hessian = BilinearForm(R, symmetric=True, symmetric_storage=True)
         for m in measures:
             gradient += InnerProduct(slope, r) * m
             hessian += InnerProduct(curvature * dq, r) * m
-        energy = density * measures[0] + density * measures[1]
-        super().__init__(q, energy, inside * coarse + inside * measures[1], gradient, hessian)
-        self._split_at: np.ndarray | None = None
+        energy, active = sum(density * m for m in measures), sum(law.inside * m for m in low)
+        super().__init__(q, energy, active, gradient, hessian)
 
-    def _set(self, v: BaseVector) -> None:
-        """The elements are sorted anew only where q has changed."""
-        super()._set(v)
-        values = self._state.vec.FV().NumPy()
-        if self._split_at is None or not np.array_equal(values, self._split_at):
-            self._split.update(values.reshape(self._state.dim, -1).T)
-            self._split_at = values.copy()
+    def sort(self, v: BaseVector) -> np.ndarray:
+        """The kinds of the elements, ``ngepc.discretisation.quadrature``."""
+        q, kind = np.array(v.FV()).reshape(self.function.dim, -1), np.empty(len(self._low), int)
+        for nodes, numbers in self._elements:
+            kind[numbers] = classify(q, nodes, self._low[numbers], self._high[numbers])
+        return kind
 
-    def pattern(self) -> SparseMatrixd:
-        """A matrix with all entries that ``hessian`` may ever have."""
-        self._split.smooth.Set()
-        self._split_at = None
+    def enter(self, v: BaseVector, kind: np.ndarray) -> None:
+        """Make v and the kinds of the elements those of the forms."""
+        super().enter(v, kind)
+        for number, elements in self._of_kind.items():
+            elements.Clear()
+            elements |= BitArray((kind == number).tolist())
+
+    def pattern(self) -> BaseMatrix:
+        """A matrix with all entries that a Newton derivative may ever have."""
+        self.enter(self.function.vec, np.full(len(self._low), SMOOTH))
         return super().pattern()

@@ -5,33 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from ngsolve import (
-    CF,
-    H1,
-    CoefficientFunction,
-    GridFunction,
-    IfPos,
-    InnerProduct,
-    Norm,
-    ds,
-)
+from ngsolve import H1, CoefficientFunction, GridFunction, Integrate, Norm, ds
 from ngsolve.la import BaseVector
 
-from ngepc.discretisation.pointfunctions import interpolated
 from ngepc.dual.blocks import primal_energy
-from ngepc.dual.friction import slip, tangent
 from ngepc.dual.functional import DualFunctional
-from ngepc.dual.regularisation import plastic_threshold
+from ngepc.dual.parts import CONTACT, PLASTIC
+from ngepc.dual.regularisation import Coupled
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.parallel import integral
-from ngepc.primal.return_mapping import ReturnMapping
 from ngepc.results.equilibrium import Equilibrium, applied_forces
 from ngepc.results.fields import Fields, Recovered
 from ngepc.results.outcome import Ending, History, Status
+from ngepc.results.summary import Summarised
 
 
-@dataclass(frozen=True, eq=False)
-class DualResult(Recovered, Ending):
+@dataclass(frozen=True, eq=False, repr=False)
+class DualResult(Summarised, Recovered, Ending):
     """What ``semismooth_newton`` returns; the state is there whatever the status says.
 
     Parameters
@@ -39,7 +28,7 @@ class DualResult(Recovered, Ending):
     functional
         J*_gamma with its spaces.
     y, v
-        Coefficients of (u, p) and of (z, q), with friction (z, t, q).
+        Coefficients of (u, p) and of (z, q).
     status, message
         How the run ended; the message says what was seen and what to try.
     history
@@ -59,6 +48,16 @@ class DualResult(Recovered, Ending):
         return self.functional.blocks.problem
 
     @property
+    def method_label(self) -> str:
+        """'gamma = 1e4': how the problem was regularised."""
+        return f"gamma = {self.regularisation.gamma:g}"
+
+    @property
+    def regularisation(self) -> Coupled:
+        """The regularisation that it was solved with."""
+        return Coupled.of(self.functional.blocks.choice, self.functional.parameters)
+
+    @property
     def iterations(self) -> int:
         """Newton steps done."""
         return self.history.records[-1].iteration
@@ -68,8 +67,7 @@ class DualResult(Recovered, Ending):
         """||Psi_gamma||_{H*} at the end, with y solved for afresh."""
         y = self.y.CreateVector()
         self.functional.blocks.primal_of(self.v, y)
-        residual = self.functional.residual(y, self.v)
-        return self.functional.stationarity_norms(self.v, residual).total
+        return self.functional.residual_norms(self.functional.residual(y, self.v)).total
 
     @property
     def residual_rounding(self) -> float:
@@ -82,60 +80,40 @@ class DualResult(Recovered, Ending):
     @property
     def dual_energy(self) -> float:
         """J*_gamma(v) (force times length)."""
-        return self.functional.smooth_energy(self.y, self.v) + self.functional.penalty(self.v)
+        penalty = self.functional.terms(self.v).energy
+        return self.functional.smooth_energy(self.y, self.v) + penalty
 
     @cached_property
     def primal_energy(self) -> float:
         """J(u, p) of (2.14) with the (u, p) that F* is attained at (force times length)."""
-        return primal_energy(self.problem, self.displacement, self.balanced_increment)
+        return primal_energy(self.problem, self.displacement, self.plastic_increment)
 
     @cached_property
+    def _fields(self) -> dict[str, GridFunction]:
+        return self.functional.blocks.fields(self.y, self.v)
+
+    @property
     def state(self) -> GridFunction:
-        """(u, p, z, t, q) in the compound space; no z without contact, no t without friction."""
-        blocks = self.functional.blocks
-        state = GridFunction(blocks.X)
-        own = state.vec.local_vec
-        own.Range(0, blocks.Y.ndof).data = self.y.local_vec
-        own.Range(blocks.Y.ndof, blocks.X.ndof).data = self.v.local_vec
-        return state
-
-    @cached_property
-    def _primal(self) -> GridFunction:
-        primal = GridFunction(self.functional.blocks.Y)
-        primal.vec.data = self.y
-        return primal
+        """(u, p, z, q) in the compound space; no z without contact."""
+        return self._fields["state"]
 
     @property
     def displacement(self) -> GridFunction:
         """u (length)."""
-        return self._primal.components[0]
+        return self._fields["displacement"]
 
-    @cached_property
-    def balanced_increment(self) -> CoefficientFunction:
-        """The p of y, d components: with it the stress is in equilibrium, and the energies hold."""
-        blocks, choice = self.functional.blocks, self.functional.regularisation.plastic_strain
-        p, q = self._primal.components[1], self.state.components[-1]
-        return choice.increment(self.problem, blocks.h_F, p, q)
-
-    @cached_property
+    @property
     def plastic_increment(self) -> GridFunction:
         """Coordinates of the plastic strain p gained in this step, d components.
 
-        The p of y is constant on each element, but bounded by |q| <= beta in the mean with P1
-        functions only, and carries what these do not see.  Where the plastic term is exact (the
-        hardening is split) p is therefore the return mapping of u, the p with the least J(u, p);
-        docs/balanced.md has the errors of both.  Otherwise it is that of y.
+        It is constant on each element, bounded by |q| <= beta in the mean with P1 functions only.
         """
-        if self.functional.regularisation.hardening_share == 1:
-            return self.balanced_increment
-        mapping = ReturnMapping(self.problem, self.displacement)
-        return interpolated(self.problem, mapping.plastic_increment)
+        return self._fields["plastic_strain"]
 
     @cached_property
     def fields(self) -> Fields:
-        """All fields that follow from (u, p); the stress from y."""
-        increments = self.plastic_increment, self.balanced_increment
-        return Fields(self.problem, self.displacement, *increments)
+        """All fields that follow from (u, p)."""
+        return Fields(self.problem, self.displacement, self.plastic_increment)
 
     @cached_property
     def equilibrium(self) -> Equilibrium:
@@ -151,18 +129,19 @@ class DualResult(Recovered, Ending):
         return Equilibrium.of(self.problem, applied, contact, internal - contact)
 
     @property
-    def plastic_dual(self) -> CoefficientFunction:
-        """The paper's q = h p - dev sigma (3.8) in d coordinates (stress), see docs/balanced.md."""
-        h_G = self.problem.effective_hardening * (
-            1 - self.functional.regularisation.hardening_share
-        )
-        q = self.state.components[-1]
-        return q + h_G * self.balanced_increment
+    def plastic_dual(self) -> GridFunction:
+        """The paper's q = h p - dev sigma (3.8) in d coordinates (stress)."""
+        return self._fields[PLASTIC]
 
     @property
     def yield_function(self) -> CoefficientFunction:
         """|q|_2 - beta, the von Mises yield function by (3.9) (stress)."""
         return Norm(self.plastic_dual) - as_scalar(self.problem.beta)
+
+    @property
+    def yield_excess(self) -> CoefficientFunction:
+        """|q| + nu^/gamma - beta_gamma (stress): > 0 on the active set."""
+        return Norm(self.plastic_dual) - as_scalar(self.functional.weights.threshold)
 
     @cached_property
     def normal_stress(self) -> CoefficientFunction:
@@ -170,11 +149,11 @@ class DualResult(Recovered, Ending):
 
         Inside the body it is the P1 extension and means nothing.
         """
-        if not self.problem.contact_names:
+        if CONTACT not in self._fields:
             return as_scalar(0.0)
         z = GridFunction(H1(self.problem.mesh, order=1), name="normal_stress")
         on_contact = self.problem.mesh.Boundaries("|".join(self.problem.contact_names))
-        z.Set(self.state.components[2], definedon=on_contact)
+        z.Set(self._fields[CONTACT], definedon=on_contact)
         return z
 
     @property
@@ -188,38 +167,4 @@ class DualResult(Recovered, Ending):
         if not self.problem.contact_names:
             return 0.0
         on_contact = ds("|".join(self.problem.contact_names))
-        return integral(self.contact_pressure * on_contact, self.problem.mesh)
-
-    @property
-    def friction_stress(self) -> CoefficientFunction:
-        """Tangential traction on Gamma_c, N components (stress); zero without friction.
-
-        It is t along (-n_y, n_x) in two dimensions, the tangential part of t in three.
-        """
-        if self.problem.friction is None:
-            return CF((0.0,) * self.problem.N)
-        t = self.state.components[3]
-        return t * tangent(self.problem) if self.problem.N == 2 else slip(self.problem, t)
-
-    @property
-    def friction_force(self) -> tuple[float, ...]:
-        """Resultant of the friction stress on the body, N components (force)."""
-        if self.problem.friction is None:
-            return (0.0,) * self.problem.N
-        on_contact = ds("|".join(self.problem.contact_names))
-        t = self.friction_stress
-        return tuple(integral(t[i] * on_contact, self.problem.mesh) for i in range(self.problem.N))
-
-    @property
-    def yield_excess(self) -> CoefficientFunction:
-        """|q| + nu^/gamma - beta_gamma with the q of J*_gamma (stress): > 0 on the active set."""
-        threshold = plastic_threshold(self.problem, self.functional.regularisation)
-        return Norm(self.state.components[-1]) - as_scalar(threshold)
-
-    @property
-    def sliding(self) -> CoefficientFunction:
-        """1 on the part of Gamma_c that slips, |t| > friction bound; 0 where it sticks."""
-        if self.problem.friction is None:
-            return CF(1.0)
-        t = self.state.components[3]
-        return IfPos(InnerProduct(t, t) - as_scalar(self.problem.friction) ** 2, 1.0, 0.0)
+        return Integrate(self.contact_pressure * on_contact, self.problem.mesh)

@@ -2,8 +2,8 @@
 
 There q is affine on each element, so that its values at the points of a rule are the vertex
 values times barycentric coordinates, and the element matrices of Lemma 6.3 are moments of a few
-scalars.  Elements below the threshold are never looked at; where a kink crosses, the rule is the
-one of ``PlasticPenalty``, point by point.
+scalars.  Which rule an element needs is what ``PlasticPenalty`` asks too; elements below the
+threshold are never looked at.
 """
 
 from __future__ import annotations
@@ -13,26 +13,22 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from ngsolve import ET, FESpace, Integrate, IntegrationRule
-from ngsolve.la import BaseVector, SparseMatrixd
+from ngsolve import ET, BilinearForm, FESpace, InnerProduct, Integrate, IntegrationRule, dx
+from ngsolve.la import BaseMatrix, BaseVector
 
 from ngepc.checks.arguments import is_number
 from ngepc.discretisation.elements import element_vertices
 from ngepc.discretisation.quadrature import (
-    HIGHEST_ORDER,
-    SMOOTH_ORDER,
-    SMOOTH_VARIATION,
-    order_with_points,
+    KINKED,
+    SMOOTH,
+    classify,
+    fine_rules,
+    smooth_rules,
 )
-from ngepc.dual.penalty import TINY
-from ngepc.dual.regularisation import Regularisation
-from ngepc.dual.simplex_pattern import SimplexPattern
+from ngepc.discretisation.spaces import has_straight_simplices
+from ngepc.dual.parameters import Weights
+from ngepc.dual.radial import RadialLaw
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.tensors import coordinates_count
-from ngepc.parallel import total
-
-GENTLE = ((SMOOTH_VARIATION, SMOOTH_ORDER), (0.25, 15), (0.5, 21))
-"""(variation of q, order): what integrates a function of |q| without a kink to rounding."""
 
 CHUNK_POINTS = 1 << 15
 """Points that are looked at together: their arrays fit into the cache."""
@@ -54,9 +50,8 @@ class Barycentric:
     weights: np.ndarray
 
     @classmethod
-    def of_order(cls, dim: int, order: int) -> Barycentric:
-        """NGSolve's rule of that order."""
-        rule = IntegrationRule(ET.TRIG if dim == 2 else ET.TET, order)
+    def of(cls, rule: IntegrationRule) -> Barycentric:
+        """An NGSolve rule."""
         x, w = np.array(rule.points), np.array(rule.weights)
         return cls(np.column_stack([x, 1 - x.sum(axis=1)]), w / w.sum())
 
@@ -67,176 +62,178 @@ class Barycentric:
 
     @cached_property
     def second_moments(self) -> np.ndarray:
-        """Weights times the products of coordinates i <= j, shape (n, (N+1)(N+2)/2)."""
-        i, j = np.triu_indices(self.points.shape[1])
-        return self.first_moments[:, i] * self.points[:, j]
+        """Weights times the products of two coordinates, shape (n, (N+1)^2)."""
+        pairs = self.points[:, :, None] * self.points[:, None, :]
+        return self.weights[:, None] * pairs.reshape(len(self.weights), -1)
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Elements that one rule integrates.
-
-    Parameters
-    ----------
-    elements
-        Their numbers.
-    rule
-        The rule.
-    values
-        q at their vertices, shape (d, elements, N+1).
-    volumes
-        Their volumes.
-    """
-
-    elements: np.ndarray
-    rule: Barycentric
-    values: np.ndarray
-    volumes: np.ndarray
-
-    def at_points(self) -> list[np.ndarray]:
-        """Each component of q at the points, shape (elements, n)."""
-        return [component @ self.rule.points.T for component in self.values]
+def takes(problem: Problem, weights: Weights) -> bool:
+    """Whether ``SimplexPenalty`` can integrate M^2: straight simplices and a constant threshold."""
+    return is_number(weights.threshold) and has_straight_simplices(problem.mesh)
 
 
 class SimplexPenalty:
-    """M^2 of ``PlasticPenalty`` for constant gamma_q and threshold on straight simplices.
+    """M^2 of ``PlasticPenalty`` for a constant threshold on straight simplices.
 
     Parameters
     ----------
-    problem, regularisation, R, quadrature_points
+    problem, weights, R, quadrature_points
         As for ``PlasticPenalty``.
     """
 
     def __init__(
-        self, problem: Problem, regularisation: Regularisation, R: FESpace, quadrature_points: int
+        self, problem: Problem, weights: Weights, R: FESpace, quadrature_points: int
     ) -> None:
-        self._gamma, self._threshold = constants(problem, regularisation)
         mesh, N = problem.mesh, problem.N
-        nodes = element_vertices(mesh)
-        self._nodes = nodes[0] if nodes else np.zeros((0, N + 1), int)
-        self._volumes = np.array(Integrate(as_scalar(1.0), mesh, element_wise=True))
-        self._vertices = mesh.nv
+        self.gamma, self.threshold = weights.plastic, float(weights.threshold)
+        (self.nodes,) = element_vertices(mesh)
+        self.volumes = np.array(Integrate(as_scalar(1.0), mesh, element_wise=True))
+        self.components, self.R = problem.kinematics.d, R
         shape = ET.TRIG if N == 2 else ET.TET
-        fine = min(order_with_points(shape, quadrature_points), HIGHEST_ORDER)
-        gentle = [g for g in GENTLE if g[1] in (SMOOTH_ORDER, min(g[1], fine))]
-        self._variations = np.array([variation for variation, _ in gentle])
-        orders = [*(order for _, order in gentle), fine]
-        self._rules = [Barycentric.of_order(N, order) for order in orders]
-        self._mesh, self._q = mesh, BaseVector(R.ndof)
-        self._components = coordinates_count(N)
-        self._pattern = SimplexPattern(R, self._nodes, self._components)
-        self._sorted_at: np.ndarray | None = None
+        rules = {SMOOTH: smooth_rules(N), KINKED: fine_rules(N, quadrature_points)}
+        self.rules = {kind: Barycentric.of(rule[shape]) for kind, rule in rules.items()}
 
-    def _batches(self, q: BaseVector, rules: list[Barycentric] | None = None) -> Iterator[Batch]:
-        """The elements beyond the threshold, by the rule they need, in pieces."""
-        values = np.asarray(q.FV()).reshape(self._components, -1)
-        if self._sorted_at is None or not np.array_equal(values, self._sorted_at):
-            self._classes = self._sort(values)
-            self._sorted_at = values.copy()
-        for rule, elements in zip(rules or self._rules, self._classes, strict=True):
+    def at(self, q: BaseVector) -> SimplexState:
+        """The term at q, with its active set."""
+        values = np.array(q.FV()).reshape(self.components, -1)
+        kind = classify(values, self.nodes, self.threshold, self.threshold)
+        return SimplexState(self, values, kind)
+
+    @cached_property
+    def _matrix(self) -> BaseMatrix:
+        """The matrix that ``write`` overwrites, with its whole pattern."""
+        q, r = self.R.TnT()
+        shape = ET.TRIG if self.nodes.shape[1] == 3 else ET.TET
+        form = BilinearForm(self.R, symmetric=True, symmetric_storage=True)
+        form += InnerProduct(q, r) * dx(intrules={shape: IntegrationRule(shape, 0)})
+        return form.Assemble().mat
+
+    def pattern(self) -> BaseMatrix:
+        """A matrix with all entries that a Newton derivative may ever have."""
+        return self._matrix
+
+    @property
+    def blocks(self) -> list[tuple[int, int]]:
+        """The pairs of components (a, b), b <= a, of the lower triangle."""
+        return [(a, b) for a in range(self.components) for b in range(a + 1)]
+
+    @cached_property
+    def places(self) -> dict[tuple[int, int], np.ndarray]:
+        """Block -> the entry for each two vertices of an element, shape (elements, (N+1)^2).
+
+        NGSolve numbers component by component; -1 stands for entries above the diagonal.
+        """
+        _, columns, starts = (np.asarray(a).astype(np.int64) for a in self._matrix.CSR())
+        size, n = len(starts) - 1, self.R.ndof // self.components
+        keys = np.repeat(np.arange(size) * size, np.diff(starts)) + columns
+        row, column = self.nodes[:, :, None], self.nodes[:, None, :]
+        found = {}
+        for a, b in self.blocks:
+            wanted = ((a * n + row) * size + b * n + column).reshape(len(self.nodes), -1)
+            place = np.searchsorted(keys, wanted).astype(np.int32)
+            above = np.broadcast_to((a == b) & (column > row), (*row.shape[:2], row.shape[1]))
+            found[a, b] = np.where(above.reshape(place.shape), -1, place)
+        return found
+
+    def write(self, values: np.ndarray) -> BaseMatrix:
+        """The matrix with these entries."""
+        np.asarray(self._matrix.AsVector().FV())[:] = values
+        return self._matrix
+
+
+class SimplexState:
+    """M^2 at one q: the active elements by the rule they need, and what follows from them.
+
+    Parameters
+    ----------
+    term
+        The term.
+    values
+        q at the vertices, shape (d, vertices).
+    kind
+        The kind of each element, ``ngepc.discretisation.quadrature.classify``.
+    """
+
+    def __init__(self, term: SimplexPenalty, values: np.ndarray, kind: np.ndarray) -> None:
+        self._term, self._values = term, values
+        self.elements = {number: np.flatnonzero(kind == number) for number in term.rules}
+
+    def _pieces(self, low: bool = False) -> Iterator[Piece]:
+        """The elements beyond the threshold in pieces, by the rule they need or a low one."""
+        for kind, elements in self.elements.items():
+            rule = self._term.rules[SMOOTH if low else kind]
             size = max(1, CHUNK_POINTS // len(rule.weights))
             for first in range(0, len(elements), size):
-                piece = elements[first : first + size]
-                yield Batch(piece, rule, values[:, self._nodes[piece]], self._volumes[piece])
+                yield Piece(self._term, self._values, elements[first : first + size], rule)
 
-    def _sort(self, values: np.ndarray) -> list[np.ndarray]:
-        """Element numbers for each rule; those below the threshold are in none.
-
-        |q| is convex, so that vertex values bound it from above; along the mean direction q is
-        affine, so that they bound it from below.
-        """
-        beyond = np.sqrt((values * values).sum(axis=0)) > self._threshold
-        if not beyond.any():
-            return [np.zeros(0, int) for _ in self._rules]
-        touched = np.flatnonzero(beyond[self._nodes].any(axis=1))
-        corner = values[:, self._nodes[touched].T]  # components, vertices, elements
-        mean = corner.mean(axis=1)
-        mean /= np.sqrt((mean * mean).sum(axis=0)) + 1e-300
-        along = (corner * mean[:, None]).sum(axis=0).min(axis=0)
-        corner -= corner.mean(axis=1, keepdims=True)
-        spread = np.sqrt((corner * corner).sum(axis=0).max(axis=0))
-        rank = sum((spread >= variation * along).astype(int) for variation in self._variations)
-        rank[along <= self._threshold] = len(self._variations)
-        return [touched[rank == k] for k in range(len(self._rules))]
-
-    def _overshoot(self, batch: Batch) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-        """q, |q| and [|q| - threshold]^+ at the points."""
-        q = batch.at_points()
-        size = q[0] * q[0]
-        for component in q[1:]:
-            size += component * component
-        np.sqrt(size, out=size)
-        return q, size, np.maximum(size - self._threshold, 0.0)
-
-    def energy(self, q: BaseVector) -> float:
+    @cached_property
+    def energy(self) -> float:
         """M^2(q)."""
-        energy = 0.0
-        for batch in self._batches(q):
-            s = self._overshoot(batch)[2]
-            s *= s
-            energy += batch.volumes @ (s @ batch.rule.weights)
-        return float(self._gamma / 2 * total(energy, self._mesh))
+        density = (p.volumes @ (p.law.density @ p.rule.weights) for p in self._pieces())
+        return float(self._term.gamma * sum(density))
 
-    def active(self, q: BaseVector) -> float:
-        """Measure of the set where |q| + nu^/gamma > beta_gamma, by a low order: for records."""
-        low = [self._rules[0]] * len(self._rules)
-        measure = sum(
-            batch.volumes @ ((self._overshoot(batch)[2] > 0) @ batch.rule.weights)
-            for batch in self._batches(q, low)
-        )
-        return total(float(measure), self._mesh)
+    @cached_property
+    def active(self) -> float:
+        """Measure of the set beyond the threshold, by a low order: for records."""
+        inside = (p.volumes @ (p.law.inside @ p.rule.weights) for p in self._pieces(low=True))
+        return float(sum(inside))
 
-    def gradient(self, q: BaseVector) -> BaseVector:
+    @cached_property
+    def gradient(self) -> BaseVector:
         """([nu^ + gamma (|q| - beta_gamma)]^+ q/|q|, .) as a functional on R."""
-        forces = np.zeros((self._components, self._vertices))
-        for batch in self._batches(q):
-            components, size, s = self._overshoot(batch)
-            s *= self._gamma / (size + TINY)
-            nodes, moments = self._nodes[batch.elements].ravel(), batch.rule.first_moments
-            for a, component in enumerate(components):
-                local = batch.volumes[:, None] * ((s * component) @ moments)
-                np.add.at(forces[a], nodes, local.ravel())
-        g = self._q.CreateVector()
+        forces = np.zeros_like(self._values)
+        for p in self._pieces():
+            slope, moments = self._term.gamma * p.law.slope, p.rule.first_moments
+            for a, component in enumerate(p.q):
+                local = p.volumes[:, None] * ((slope * component) @ moments)
+                np.add.at(forces[a], p.nodes.ravel(), local.ravel())
+        g = BaseVector(forces.size)
         g.FV().NumPy()[:] = forces.ravel()
         return g
 
-    def pattern(self) -> SparseMatrixd:
-        """A matrix with all entries that ``hessian`` may ever have."""
-        return self._pattern.matrix
-
-    def hessian(self, q: BaseVector) -> SparseMatrixd:
-        """gamma (chi_Q M(q) ., .) with M(q) of (6.1)."""
-        values = self._pattern.zeros()
-        for batch in self._batches(q):
-            moments = batch.rule.second_moments
-            for block, M in self._newton_derivative(batch):
-                local = batch.volumes[:, None] * (M @ moments)
-                self._pattern.add(values[block], batch.elements, local)
-        return self._pattern.write(values)
-
-    def _newton_derivative(self, batch: Batch) -> Iterator[tuple[tuple[int, int], np.ndarray]]:
-        """The components b <= a of gamma chi_Q M(q) at the points.
-
-        With t = threshold / |q| it is gamma ((1 - t) I + t q q^T / |q|^2) where t < 1, else 0.
-        """
-        q, size, s = self._overshoot(batch)
-        size += TINY
-        beyond = s > 0
-        s /= size
-        s *= self._gamma  # gamma (1 - t), zero where t > 1
-        across = (self._gamma * beyond - s) / (size * size)  # gamma t / |q|^2
-        for a, b in self._pattern.blocks():
-            M = across * q[a]
-            M *= q[b]
-            if a == b:
-                M += s
-            yield (a, b), M
+    def hessian(self) -> BaseMatrix:
+        """gamma (chi_Q M(q) ., .) with M(q) of (6.1); the next one overwrites it."""
+        term = self._term
+        values = np.zeros(len(term.pattern().AsVector()))
+        for p in self._pieces():
+            for (a, b), M in p.newton_derivative(term.blocks):
+                local = (term.gamma * p.volumes)[:, None] * (M @ p.rule.second_moments)
+                place = term.places[a, b][p.elements]
+                below = place >= 0
+                np.add.at(values, place[below], local[below])
+        return term.write(values)
 
 
-def constants(problem: Problem, regularisation: Regularisation) -> tuple[float, float] | None:
-    """gamma_q and the threshold beta_gamma - nu^/gamma_q if they are numbers, else None."""
-    gamma, nu_hat = regularisation.gamma_plastic(problem), regularisation.plastic_shift
-    bound = regularisation.yield_bound(problem)
-    if all(is_number(value) for value in (gamma, nu_hat, bound)):
-        return float(gamma), float(bound - nu_hat / gamma)
-    return None
+class Piece:
+    """Some elements that one rule integrates.
+
+    Parameters
+    ----------
+    term
+        Its mesh and threshold.
+    values
+        q at all vertices, shape (d, vertices).
+    elements
+        Their numbers.
+    rule
+        The rule.
+    """
+
+    def __init__(
+        self, term: SimplexPenalty, values: np.ndarray, elements: np.ndarray, rule: Barycentric
+    ) -> None:
+        self.elements, self.rule = elements, rule
+        self.nodes, self.volumes = term.nodes[elements], term.volumes[elements]
+        self.q = [component[self.nodes] @ rule.points.T for component in values]
+        size = np.sqrt(sum(component * component for component in self.q))
+        self.law = RadialLaw(size, term.threshold, lambda s: s > 0)
+
+    def newton_derivative(
+        self, blocks: list[tuple[int, int]]
+    ) -> Iterator[tuple[tuple[int, int], np.ndarray]]:
+        """The components (a, b) of chi_Q M(q) at the points, shape (elements, n)."""
+        slope, across = self.law.slope, self.law.across
+        direction = [component / self.law.size for component in self.q]
+        for a, b in blocks:
+            M = across * direction[a] * direction[b]
+            yield (a, b), M + slope if a == b else M

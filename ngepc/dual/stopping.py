@@ -8,12 +8,12 @@ meet the rule: any other way of computing it in the same precision then finds th
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from ngepc.dual.functional import DualFunctional, NewtonSystem, ResidualNorms
+from ngepc.dual.functional import DualFunctional, ResidualNorms
 from ngepc.dual.iterates import Iterate
+from ngepc.dual.system import NewtonSystem
 from ngepc.results.outcome import IterationRecord, Status
 
 CORRECTIONS = 3
@@ -48,34 +48,25 @@ class ResidualBelow:
 
 
 @dataclass(frozen=True)
-class Finding:
-    """What the end of a step showed.
+class End:
+    """Why a run ends.
 
     Parameters
     ----------
-    iterate, record
-        The iterate to go on from or to return, and its record.
     status
-        CONVERGED, STAGNATED or NONFINITE; None if further Newton steps may help.
+        The name of the reason.
     cause
-        A sentence about rounding where it is in the way.
+        A sentence about what went wrong, where there is one.
     """
 
-    iterate: Iterate
-    record: IterationRecord
-    status: Status | None
+    status: Status
     cause: str = ""
 
 
-def judge(
-    functional: DualFunctional,
-    system: NewtonSystem,
-    here: Iterate,
-    before: Iterate,
-    record: IterationRecord,
-    rule: StoppingRule,
-) -> Finding:
-    """Whether the iteration ends with an iterate, by its residual.
+def final_check(
+    functional: DualFunctional, system: NewtonSystem, here: Iterate, rule: StoppingRule
+) -> tuple[Iterate, End | None]:
+    """Judge an iterate whose updated residual meets the rule: y and residual afresh, corrected.
 
     Parameters
     ----------
@@ -83,44 +74,33 @@ def judge(
         J*_gamma.
     system
         The Newton system with the factors of the last step.
-    here, before
-        The iterate and the one before it, which stays where numbers are no longer finite.
-    record
-        The record of ``here``.
+    here
+        The iterate.
     rule
         The stopping rule.
+
+    Returns
+    -------
+    tuple
+        The iterate to go on from or to return; CONVERGED, STAGNATED, or None if further Newton
+        steps may help.
     """
-    if not math.isfinite(record.residual_norm + record.energy):
-        return Finding(before, record, Status.NONFINITE)
-    if not rule.met(record):
-        return Finding(here, record, None)
-    return final_check(functional, system, here, record.iteration, rule)
-
-
-def final_check(
-    functional: DualFunctional,
-    system: NewtonSystem,
-    here: Iterate,
-    iteration: int,
-    rule: StoppingRule,
-) -> Finding:
-    """Judge an iterate whose updated residual meets the rule: y and residual afresh, corrected."""
     here.refresh(functional)
-    rounding, record = functional.rounding(here.y), here.record(functional, iteration)
+    rounding, record = functional.rounding(here.y), here.record(functional)
     for _ in range(CORRECTIONS):
-        if rule.met(with_residual(record, rounding, record)) or here.is_start:
+        if rule.met(with_residual(record, rounding, record)) or here.step is None:
             break
         following = corrected(functional, system, here)
-        better = following.record(functional, iteration)
+        better = following.record(functional)
         if not better.residual_norm <= record.residual_norm / 2:
             break
         here, record = following, better
     if rule.met(with_residual(record, rounding, record)):
-        return Finding(here, record, Status.CONVERGED)
+        return here, End(Status.CONVERGED)
     if rule.met(with_residual(record, rounding)):
-        return Finding(here, record, None)
+        return here, None
     reach = (record.residual_norm + rounding.total) / functional.residual_unit
-    return Finding(here, record, Status.STAGNATED, out_of_reach(rounding, rule, reach))
+    return here, End(Status.STAGNATED, out_of_reach(rounding, rule, reach))
 
 
 def with_residual(
@@ -136,12 +116,11 @@ def with_residual(
 
 def corrected(functional: DualFunctional, system: NewtonSystem, here: Iterate) -> Iterate:
     """One more step with the factors of the last one: near a solution the active sets stay."""
-    _, dv = system.direction(here.v, here.residual)
+    _, dv = system.solve((-here.residual).Evaluate())
     v = dv.CreateVector()
     v.data = here.v + dv
-    functional.make_feasible(v)
     following = Iterate.at(functional, v)
-    following.step = here.step
+    following.number, following.step = here.number, here.step
     return following
 
 

@@ -30,7 +30,6 @@ from ngsolve.la import SparseMatrixd
 from ngepc.checks.kinds import require_attributes
 from ngepc.dual.fractional import contact_seminorm, from_dense, to_dense
 from ngepc.model.problem import Problem
-from ngepc.parallel import from_all, global_numbers
 
 
 class ContactProduct(Protocol):
@@ -53,36 +52,32 @@ class PlasticProduct(Protocol):
         ...
 
 
-class Tichonov(Protocol):
-    """What the dual functional asks of a Tichonov choice."""
+@dataclass(frozen=True)
+class Tichonov:
+    """A product on Gamma_c and one in Omega.
+
+    Parameters
+    ----------
+    contact
+        ``ContactGradient()``, ``ContactSobolev()`` or ``ContactSlobodeckij()``.
+    plastic
+        ``PlasticGradient()`` or ``PlasticSobolev()``.
+
+    Raises
+    ------
+    TypeError
+        If one is no product.
+    """
 
     contact: ContactProduct
     plastic: PlasticProduct
 
-
-def require_products(contact: object, plastic: object) -> None:
-    """Accept a product on Gamma_c and one in Omega.
-
-    Raises
-    ------
-    TypeError
-        If one is none.
-    """
-    on_contact, inside = ("matrix", "ends_fixed"), ("matrix", "boundary_fixed")
-    require_attributes("contact", contact, on_contact, "a product such as ContactGradient()")
-    require_attributes("plastic", plastic, inside, "a product such as PlasticGradient()")
-
-
-def require_tichonov(value: object) -> None:
-    """Accept a Tichonov choice.
-
-    Raises
-    ------
-    TypeError
-        If it is none.
-    """
-    needed = "SurfaceGradient(), Fractional() or FullProduct()"
-    require_attributes("tichonov", value, ("contact", "plastic"), needed)
+    def __post_init__(self) -> None:
+        on_contact, inside = ("matrix", "ends_fixed"), ("matrix", "boundary_fixed")
+        require_attributes(
+            "contact", self.contact, on_contact, "a product such as ContactGradient()"
+        )
+        require_attributes("plastic", self.plastic, inside, "a product such as PlasticGradient()")
 
 
 @dataclass(frozen=True)
@@ -107,7 +102,7 @@ class ContactGradient:
             )
         z, w = Z.TnT()
         product = length * _gradients(z, w)
-        return BilinearForm(product * _on_contact(problem)).Assemble().mat.local_mat
+        return BilinearForm(product * _on_contact(problem)).Assemble().mat
 
 
 @dataclass(frozen=True)
@@ -120,7 +115,7 @@ class ContactSobolev:
         """B_z."""
         z, w = Z.TnT()
         product = length * _gradients(z, w) + z * w / length
-        return BilinearForm(product * _on_contact(problem)).Assemble().mat.local_mat
+        return BilinearForm(product * _on_contact(problem)).Assemble().mat
 
 
 @dataclass(frozen=True)
@@ -141,7 +136,7 @@ class ContactSlobodeckij:
             In three dimensions, or if Gamma_c touches itself.
         """
         z, w = Z.TnT()
-        mass = BilinearForm(z * w / length * _on_contact(problem)).Assemble().mat.local_mat
+        mass = BilinearForm(z * w / length * _on_contact(problem)).Assemble().mat
         return from_dense(contact_seminorm(problem, Z) + to_dense(mass))
 
 
@@ -154,7 +149,7 @@ class PlasticGradient:
     def matrix(self, problem: Problem, R: FESpace, length: float) -> SparseMatrixd:
         """B_q."""
         q, r = R.TnT()
-        return BilinearForm(InnerProduct(grad(q), grad(r)) * dx).Assemble().mat.local_mat
+        return BilinearForm(InnerProduct(grad(q), grad(r)) * dx).Assemble().mat
 
 
 @dataclass(frozen=True)
@@ -167,22 +162,19 @@ class PlasticSobolev:
         """B_q."""
         q, r = R.TnT()
         product = InnerProduct(grad(q), grad(r)) + InnerProduct(q, r) / length**2
-        return BilinearForm(product * dx).Assemble().mat.local_mat
+        return BilinearForm(product * dx).Assemble().mat
 
 
 @dataclass(frozen=True)
-class SurfaceGradient:
+class SurfaceGradient(Tichonov):
     """(R2): H = H^1_0(Gamma_c) x H^1_0(Omega)^d with the products of the gradients."""
 
     contact: ContactProduct = ContactGradient()
     plastic: PlasticProduct = PlasticGradient()
 
-    def __post_init__(self) -> None:
-        require_products(self.contact, self.plastic)
-
 
 @dataclass(frozen=True)
-class Fractional:
+class Fractional(Tichonov):
     """(R1): H = H^(1/2)(Gamma_c) x H^1_0(Omega)^d, two dimensions.
 
     ``Fractional(plastic=PlasticSobolev())`` frees q on the boundary too.
@@ -191,12 +183,9 @@ class Fractional:
     contact: ContactProduct = ContactSlobodeckij()
     plastic: PlasticProduct = PlasticGradient()
 
-    def __post_init__(self) -> None:
-        require_products(self.contact, self.plastic)
-
 
 @dataclass(frozen=True)
-class FullProduct:
+class FullProduct(Tichonov):
     """H = H^1(Gamma_c) x H^1(Omega)^d with the full products: no boundary condition at all.
 
     The alternative named in section 7 for q; ``FullProduct(contact=ContactGradient())`` keeps
@@ -206,21 +195,16 @@ class FullProduct:
     contact: ContactProduct = ContactSobolev()
     plastic: PlasticProduct = PlasticSobolev()
 
-    def __post_init__(self) -> None:
-        require_products(self.contact, self.plastic)
-
 
 def closed_somewhere(problem: Problem, Z: FESpace) -> bool:
     """Whether a connected piece of Gamma_c has no fixed degree of freedom of Z."""
-    mesh, names, numbers = problem.mesh, set(problem.contact_names), global_numbers(Z)[0].tolist()
-    own = [
-        [numbers[dof] for dof in Z.GetDofNrs(element) if dof >= 0]
-        for element in mesh.Elements(BND)
+    names, free = set(problem.contact_names), Z.FreeDofs()
+    elements = [
+        [dof for dof in Z.GetDofNrs(element) if dof >= 0]
+        for element in problem.mesh.Elements(BND)
         if element.mat in names
     ]
-    elements = [dofs for some in from_all(own, mesh) for dofs in some]
-    fixed = {numbers[dof] for dof, free in enumerate(Z.FreeDofs()) if not free}
-    held = set().union(*from_all(fixed, mesh))
+    held = {dof for dof in range(Z.ndof) if not free[dof]}
     while elements:
         apart = [dofs for dofs in elements if held.isdisjoint(dofs)]
         if len(apart) == len(elements):

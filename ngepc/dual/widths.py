@@ -9,9 +9,8 @@ that on the same meshes, paths end earlier (docs/reading.md).
 import numpy as np
 from ngsolve import BND, VOL, Integrate, Mesh
 
-from ngepc.discretisation.elements import element_nodes
+from ngepc.discretisation.elements import element_nodes, vertex_coordinates
 from ngepc.model.problem import Problem
-from ngepc.parallel import gathered
 
 
 def mesh_width(mesh: Mesh) -> float:
@@ -19,12 +18,11 @@ def mesh_width(mesh: Mesh) -> float:
 
     Other elements than triangles count as cubes, with width |T|^(1/N).
     """
-    volumes = gathered(np.array(Integrate(1.0, mesh, VOL, element_wise=True)), mesh)
-    nodes = gathered(element_nodes(mesh), mesh)
+    volumes = np.array(Integrate(1.0, mesh, VOL, element_wise=True))
+    nodes = element_nodes(mesh)
     if mesh.dim != 2 or (nodes[:, 3] >= 0).any():
         return float(volumes.min() ** (1 / mesh.dim))
-    corners = np.asarray(mesh.ngmesh.Coordinates())[:, :2][element_nodes(mesh)[:, :3]]
-    x = gathered(corners, mesh)
+    x = vertex_coordinates(mesh)[nodes[:, :3]]
     longest = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2).max(axis=1)
     return float((2 * volumes / longest).min())
 
@@ -36,5 +34,4 @@ def contact_mesh_width(problem: Problem) -> float:
     mesh = problem.mesh
     region = mesh.Boundaries("|".join(problem.contact_names))
     measures = Integrate(1.0, mesh, BND, definedon=region, element_wise=True)
-    measures = gathered(np.array(measures), mesh)
-    return float(measures.max()) ** (1 / (mesh.dim - 1))
+    return float(max(measures)) ** (1 / (mesh.dim - 1))

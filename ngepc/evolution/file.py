@@ -12,11 +12,10 @@ from ngsolve import GridFunction
 
 from ngepc._version import __version__
 from ngepc.checks.arguments import boundary_names, sample
-from ngepc.discretisation.return_mapping import interpolated
+from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.spaces import displacement_space
 from ngepc.evolution.load_path import ListedSteps, Schedule
 from ngepc.model.problem import Problem, as_vector
-from ngepc.model.tensors import coordinates
 from ngepc.results.checkpoint import load, mesh_fingerprint, save
 from ngepc.results.fields import Fields
 from ngepc.results.records import check_writable
@@ -79,7 +78,14 @@ class EvolutionFile:
         pending = [(float(time), int(level)) for time, level in stored.record["pending"]]
         return StoredSteps(steps, pending)
 
-    def fields(self, problem: Problem, row: dict, u: np.ndarray, p: np.ndarray) -> Fields:
+    def fields(
+        self,
+        problem: Problem,
+        row: dict,
+        u: np.ndarray,
+        p: np.ndarray,
+        functions: PointFunctions,
+    ) -> Fields:
         """The fields of a stored step.
 
         Raises
@@ -94,7 +100,7 @@ class EvolutionFile:
             )
         displacement = GridFunction(displacement_space(problem), name="displacement")
         displacement.vec.FV().NumPy()[:] = u
-        increment = interpolated(problem, coordinates(problem.p_0, problem.N))
+        increment = functions.function(np.zeros((len(functions.points), problem.kinematics.d)))
         if len(increment.vec) != len(p):
             raise ValueError(f"checkpoint {self.path} has plastic strains of another solver")
         increment.vec.FV().NumPy()[:] = p
@@ -117,7 +123,7 @@ def problem_fingerprint(problem: Problem) -> str:
     """A digest of all data of a problem but its mesh, sampled on the mesh."""
     mesh, material, digest = problem.mesh, problem.material, hashlib.sha256()
     names = (problem.clamped_names, problem.contact_names, sorted(problem.prescribed or {}))
-    digest.update(repr(names).encode())
+    digest.update(repr((*names, problem.kinematics.name, problem.order)).encode())
     body = [material.lame_lambda, material.lame_mu, material.effective_hardening]
     body += [material.hardening, problem.beta, problem.p_0, *problem.alpha_0]
     body += [] if problem.f is None else [problem.f]

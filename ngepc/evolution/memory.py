@@ -6,87 +6,94 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from ngsolve import GridFunction, Norm
+from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import is_number
-from ngepc.discretisation.return_mapping import interpolated
-from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.tensors import coordinates, tensor
-from ngepc.results.fields import Fields
+from ngepc.discretisation.pointfunctions import PointFunctions
+from ngepc.discretisation.points import Points
+from ngepc.model.problem import Problem
+from ngepc.results.fields import PEEQ, Fields
 
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """The internal variables at the end of a step, with the values at the plastic points.
-
-    Piecewise constant on flat simplices, (multi)linear through the Gauss points on other elements.
+    """The internal variables at the integration points at the end of a step.
 
     Parameters
     ----------
+    functions
+        The points, and the polynomials that take values there.
     plastic_strain
-        Coordinates of p_0, d components (1).
+        Coordinates of p_0, shape (points, d) (1).
     back_stress
-        Coordinates of dev alpha_2,0, d components (stress).
+        Coordinates of dev alpha_2,0, shape (points, d) (stress).
     hardening_variable
-        alpha_1,0 >= 0, scalar (1).
+        alpha_1,0 >= 0, shape (points,) (1).
+    accumulated
+        PEEQ, shape (points,) (1).
     """
 
-    plastic_strain: GridFunction
-    back_stress: GridFunction
-    hardening_variable: GridFunction
+    functions: PointFunctions
+    plastic_strain: np.ndarray
+    back_stress: np.ndarray
+    hardening_variable: np.ndarray
+    accumulated: np.ndarray
 
     @classmethod
     def initial(cls, problem: Problem) -> Memory:
         """The initial state that ``problem`` was given."""
+        points = Points(problem.mesh, problem.kinematics, problem.order)
         alpha_1, alpha_2 = problem.alpha_0
-        N = problem.N
+        coordinates = problem.kinematics.coordinates
         return cls(
-            interpolated(problem, coordinates(problem.p_0, N)),
-            interpolated(problem, coordinates(alpha_2, N)),
-            interpolated(problem, alpha_1),
+            PointFunctions(points),
+            points.at(coordinates(problem.p_0)),
+            points.at(coordinates(alpha_2)),
+            points.at(alpha_1),
+            points.at(problem.accumulated_0),
         )
 
     def after(self, fields: Fields) -> Memory:
-        """p_0 + p, alpha_2 + k p and alpha_1 + k_1 H sigma_y |p| after the step of ``fields``."""
-        problem, material = fields.problem, fields.problem.material
-        p = interpolated(problem, fields.plastic_increment)
+        """p_0 + p, alpha_2 + k p, alpha_1 + k_1 H sigma_y |p| and PEEQ after a step."""
+        points, material = self.functions.points, fields.problem.material
+        p = self.increment(fields.plastic_increment)
+        size = np.sqrt((p * p).sum(axis=1))
         factor = material.hardening_stiffness * material.hardening_modulus * material.yield_stress
-        return Memory(
-            _sum(self.plastic_strain, p),
-            _sum(self.back_stress, interpolated(problem, as_scalar(material.hardening) * p)),
-            _sum(self.hardening_variable, interpolated(problem, as_scalar(factor) * Norm(p))),
+        return replace(
+            self,
+            plastic_strain=self.plastic_strain + p,
+            back_stress=self.back_stress + points.at(material.hardening)[:, None] * p,
+            hardening_variable=self.hardening_variable + points.at(factor) * size,
+            accumulated=self.accumulated + PEEQ * size,
         )
+
+    def increment(self, p: CoefficientFunction) -> np.ndarray:
+        """A plastic increment at the points, shape (points, d)."""
+        return self.functions.points.at(p)
 
     def problem(self, base: Problem, changes: Mapping[str, object]) -> Problem:
         """``base`` with the changes of a step and this memory as its initial state."""
-        N, material = base.N, base.material
+        material, tensor = base.material, base.kinematics.tensor
         kinematic = not _is_zero(material.hardening)
         isotropic = not _is_zero(material.isotropic_hardening)
-        back_stress = tensor(self.back_stress, N)
-        if kinematic and isotropic:
-            hardening: object = (self.hardening_variable, back_stress)
-        else:
-            hardening = back_stress if kinematic else self.hardening_variable
+        function = self.functions.function
+        scalar, back_stress = self.hardening_variable, tensor(function(self.back_stress))
+        hardening: object = back_stress
+        if isotropic:
+            hardening = (function(scalar), back_stress) if kinematic else function(scalar)
         return replace(
             base,
             **changes,
-            initial_plastic_strain=tensor(self.plastic_strain, N),
+            initial_plastic_strain=tensor(function(self.plastic_strain)),
             initial_hardening=hardening,
+            initial_accumulated=function(self.accumulated),
         )
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
-        """The coefficients by name, for checkpoints and comparisons."""
-        return {
-            name: getattr(self, name).vec.FV().NumPy().copy()
-            for name in ("plastic_strain", "back_stress", "hardening_variable")
-        }
-
-
-def _sum(old: GridFunction, gained: GridFunction) -> GridFunction:
-    result = GridFunction(old.space)
-    result.vec.data = old.vec + gained.vec
-    return result
+        """Copies of the values by name, for comparisons."""
+        names = ("plastic_strain", "back_stress", "hardening_variable", "accumulated")
+        return {name: getattr(self, name).copy() for name in names}
 
 
 def _is_zero(value: object) -> bool:

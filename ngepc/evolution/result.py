@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 
 import numpy as np
-from ngsolve import InnerProduct, Norm, dx
+from ngsolve import InnerProduct, Norm
 
-from ngepc.discretisation.return_mapping import at_plastic_points, plastic_points
+from ngepc.discretisation.points import Points
 from ngepc.evolution.memory import Memory
-from ngepc.model.problem import Problem
-from ngepc.parallel import gathered, integral
+from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Ending, Status
 
@@ -63,15 +62,14 @@ class StepRecord:
     max_plastic_strain: float
 
     @classmethod
-    def of(cls, result: object, step_fields: Fields, time: float, cuts: int) -> StepRecord:
-        """The numbers of a step from the solver's result and the fields."""
+    def of(
+        cls, result: object, step_fields: Fields, points: Points, time: float, cuts: int
+    ) -> StepRecord:
+        """The numbers of a step from the solver's result and the fields at the points."""
         problem = step_fields.problem
-        mesh, on_points = problem.mesh, at_plastic_points(problem, dx)
         elastic = step_fields.strain - step_fields.plastic_strain
         stored = 0.5 * InnerProduct(step_fields.stress, elastic)
-        lost = problem.beta * Norm(step_fields.plastic_increment)
-        points = mesh.MapToAllElements(plastic_points(mesh), mesh.Materials(".*"))
-        strains = np.ravel(step_fields.equivalent_plastic_strain(points))
+        lost = as_scalar(problem.beta) * Norm(step_fields.plastic_increment)
         return cls(
             time=time,
             cuts=cuts,
@@ -79,9 +77,9 @@ class StepRecord:
             contact_force=float(result.contact_force),
             **_forces(result),
             primal_energy=float(result.primal_energy),
-            elastic_energy=float(integral(stored * on_points, mesh)),
-            dissipation=float(integral(lost * on_points, mesh)),
-            max_plastic_strain=float(gathered(strains, mesh).max()),
+            elastic_energy=points.integral(points.at(stored)),
+            dissipation=points.integral(points.at(lost)),
+            max_plastic_strain=float(points.at(step_fields.equivalent_plastic_strain).max()),
         )
 
     @classmethod

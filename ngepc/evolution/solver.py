@@ -15,15 +15,13 @@ from typing import Protocol
 from ngsolve import GridFunction
 
 from ngepc.checks.arguments import require_integer
-from ngepc.checks.distributed import require_one_process
 from ngepc.checks.kinds import require_function, require_instance, require_path
-from ngepc.discretisation.return_mapping import interpolated
+from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.file import EvolutionFile
 from ngepc.evolution.load_path import ListedSteps, Schedule, as_schedule, check_changes
 from ngepc.evolution.memory import Memory
 from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
 from ngepc.model.problem import Problem
-from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Status
 
@@ -31,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 class StepSolver(Protocol):
-    """What solves one step: ``primal_newton`` itself, or ``cold_start`` around another solver."""
+    """What solves one step: ``semismooth_newton``, ``primal_newton``, or ``cold_start`` of one."""
 
     def __call__(self, problem: Problem, start: GridFunction | None) -> object:
         """A result with status, message, iterations, displacement, plastic_increment, ..."""
@@ -60,7 +58,7 @@ def cold_start(solver: Callable, **settings: object) -> StepSolver:
 def evolve(
     problem: Problem,
     steps: Schedule | object,
-    solver: StepSolver = primal_newton,
+    solver: StepSolver = semismooth_newton,
     *,
     cuts: int = 6,
     checkpoint: str | Path | None = None,
@@ -102,8 +100,6 @@ def evolve(
     require_function("solver", solver, "problem and start")
     require_function("monitor", monitor, "a step", optional=True)
     path = None if checkpoint is None else require_path("checkpoint", checkpoint)
-    if path is not None:
-        require_one_process(f"checkpoint={checkpoint!r}", problem.mesh, "None is needed")
     schedule, cuts = as_schedule(steps), require_integer("cuts", cuts, 0, 30)
     run = _Run(problem, schedule, solver, cuts if isinstance(schedule, Schedule) else 0, monitor)
     if path is not None:
@@ -137,7 +133,7 @@ class _Run:
             return
         for row, u, p in stored.steps:
             problem = self._problem_at(row["time"], self.evolution.memory, self._u_0)
-            step_fields = file.fields(problem, row, u, p)
+            step_fields = file.fields(problem, row, u, p, self.evolution.memory.functions)
             self._append(EvolutionStep(step_fields, StepRecord.from_row(row)))
         self.pending = [(time, level) for time, level in stored.pending]
 
@@ -188,9 +184,11 @@ class _Run:
             raise TypeError(f"solver={self.solver!r} returned {result!r}: a {needed} is needed")
         if result.status is not Status.CONVERGED:
             return result.status, result.message
-        increment = interpolated(problem, result.plastic_increment)
+        memory = self.evolution.memory
+        increment = memory.functions.function(memory.increment(result.plastic_increment))
         step_fields = Fields(problem, result.displacement, increment)
-        step = EvolutionStep(step_fields, StepRecord.of(result, step_fields, time, level))
+        points = memory.functions.points
+        step = EvolutionStep(step_fields, StepRecord.of(result, step_fields, points, time, level))
         self._append(step)
         if self.file is not None:
             self.file.save(self.evolution.steps, self.pending)

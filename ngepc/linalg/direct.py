@@ -1,92 +1,24 @@
-"""Linear solvers as objects; the direct ones by NGSolve's names, and whether they are there."""
+"""NGSolve's direct solvers by name, and whether they are there."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
-
-from ngsolve import FESpace
+from netgen.meshing import NgException
+from ngsolve import BitArray
 from ngsolve.la import BaseMatrix, SparseMatrixd
 
-from ngepc.linalg.factors import SOLVER_ERRORS, factors
-
-if TYPE_CHECKING:
-    from ngepc.dual.functional import DualFunctional, NewtonSystem
+from ngepc.linalg.assembly import Placed, SparseSum
 
 SHIPPED = ("sparsecholesky", "umfpack")
 """Those that come with NGSolve's wheels."""
 
 DIRECT_SOLVERS = (*SHIPPED, "pardiso", "mumps", "superlu")
 
+FROM_LOWER_TRIANGLE = ("sparsecholesky",)
+"""Solvers that read symmetric storage; the others take its entries for the whole matrix."""
 
-class LinearSolver(Protocol):
-    """What solves the linear systems of a run: ``Direct`` or ``Krylov``."""
-
-    def primal_inverse(self, condensed: SparseMatrixd, V: FESpace) -> BaseMatrix:
-        """The inverse of D condensed to u by its lower triangle."""
-        ...
-
-    def product_inverse(self, matrix: SparseMatrixd, space: FESpace) -> BaseMatrix:
-        """The inverse of a symmetric positive definite matrix by its lower triangle."""
-        ...
-
-    def newton_system(self, functional: DualFunctional) -> NewtonSystem:
-        """The Newton system (7.1) of a functional."""
-        ...
-
-
-@dataclass(frozen=True)
-class Direct:
-    """A direct solver.
-
-    Parameters
-    ----------
-    name
-        NGSolve's name of it, one that does LDL^T.
-
-    Raises
-    ------
-    ValueError
-        If the name is unknown or the solver is missing.
-    """
-
-    name: str = "sparsecholesky"
-
-    def __post_init__(self) -> None:
-        require_direct_solver("name", self.name)
-
-    def primal_inverse(self, condensed: SparseMatrixd, V: FESpace) -> BaseMatrix:
-        """The factors of the condensed matrix."""
-        return factors(condensed, V, V.FreeDofs(), self.name)
-
-    def product_inverse(self, matrix: SparseMatrixd, space: FESpace) -> BaseMatrix:
-        """The factors of the matrix."""
-        return factors(matrix, space, space.FreeDofs(), self.name)
-
-    def newton_system(self, functional: DualFunctional) -> NewtonSystem:
-        """(7.1) with one factorisation for each step."""
-        from ngepc.dual.contact_newton import ConstrainedSystem
-        from ngepc.dual.functional import NewtonSystem
-
-        constrained = functional.constraint is not None
-        return (ConstrainedSystem if constrained else NewtonSystem)(functional, self.name)
-
-
-def linear_solver(inverse: str | LinearSolver) -> LinearSolver:
-    """The object that the option ``inverse`` stands for: ``Direct`` for a name, else itself."""
-    return Direct(inverse) if isinstance(inverse, str) else inverse
-
-
-def require_linear_solver(name: str, value: object) -> None:
-    """Accept a LinearSolver or NGSolve's name of a direct one that this installation has.
-
-    Raises
-    ------
-    ValueError
-        If it is neither.
-    """
-    if not hasattr(value, "newton_system"):
-        require_direct_solver(name, value)
+SOLVER_ERRORS = (NgException, RuntimeError, MemoryError)
+"""What assembly and factorisation raise: NGSolve's own exception, RuntimeError where a library is
+missing or gives up, MemoryError where the fill-in does not fit."""
 
 
 def require_direct_solver(name: str, value: object) -> None:
@@ -109,3 +41,12 @@ def require_direct_solver(name: str, value: object) -> None:
             f"{name}={value!r}: this installation lacks it ({error}); {' and '.join(SHIPPED)} "
             "come with NGSolve"
         ) from error
+
+
+def symmetric_inverse(matrix: BaseMatrix, free: BitArray, name: str) -> BaseMatrix:
+    """The inverse of some rows and columns of a matrix in symmetric storage, zero elsewhere."""
+    if name not in FROM_LOWER_TRIANGLE:
+        whole = SparseSum(matrix, mirrored=True)
+        whole.add(Placed(matrix))
+        matrix = whole.matrix()
+    return matrix.Inverse(free, inverse=name)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.arguments import require_number
 
 ROUNDING = 1e-13
 
@@ -17,16 +17,11 @@ IN_A_ROW = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A step length, the energy there, the trials before it, and the solves for its direction.
-
-    ``linear_iterations`` counts the iterations of a Krylov solver in those solves.
-    """
+    """A step length, the energy there, and the trials before it."""
 
     length: float
     energy: float
     halvings: int
-    back_substitutions: int = 0
-    linear_iterations: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +36,6 @@ class Descent:
         phi(0) and phi'(0) < 0.
     magnitude
         Size of the terms that phi is summed from; its rounding is ROUNDING times that.
-    longest
-        Largest alpha where phi is finite, >= 1.
     """
 
     energy: Callable[[float], float]
@@ -50,15 +43,10 @@ class Descent:
     energy_0: float
     slope_0: float
     magnitude: float
-    longest: float = math.inf
 
     def is_rounding(self, change: float) -> bool:
         """Whether a change of phi of this size may be nothing but rounding."""
         return abs(change) <= ROUNDING * self.magnitude
-
-    def step(self, alpha: float, halvings: int = 0) -> Step:
-        """The step of length alpha, found after so many trials."""
-        return Step(length=alpha, energy=self.energy(alpha), halvings=halvings)
 
 
 class LineSearch(Protocol):
@@ -67,11 +55,6 @@ class LineSearch(Protocol):
     def search(self, phi: Descent) -> Step | None:
         """The accepted step length, None if there is none."""
         ...
-
-
-@dataclass(frozen=True)
-class ByRegularisation:
-    """The rule that the regularisation recommends: Armijo or NearMinimum."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,59 +112,7 @@ class FullSteps:
 
     def search(self, phi: Descent) -> Step:
         """alpha = 1."""
-        return phi.step(1.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class NearMinimum:
-    """A step length near the minimiser of phi, beyond 1 where phi still falls steeply there.
-
-    alpha is accepted once |phi'(alpha)| <= flatness |phi'(0)|; alpha = 1 comes first, then
-    secant steps for phi' = 0 in a bracket of the minimiser.  Where the predicted decrease is
-    lost in rounding alpha = 1 is taken.
-
-    Parameters
-    ----------
-    flatness
-        In (0, 1).
-    most
-        The longest step, >= 1.
-    evaluations
-        Most values of phi'; the last alpha that lowers phi is taken then.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If a parameter is out of its range.
-    """
-
-    flatness: float = 0.1
-    most: float = 4.0
-    evaluations: int = 12
-
-    def __post_init__(self) -> None:
-        require_number("flatness", self.flatness, 0, strict=True)
-        if self.flatness >= 1:
-            raise ValueError(f"flatness={self.flatness!r}: a number in (0, 1) is needed")
-        require_number("most", self.most, 1)
-        require_integer("evaluations", self.evaluations, 2)
-
-    def search(self, phi: Descent) -> Step | None:
-        """The accepted step length, None if phi does not fall; see ``LineSearch``."""
-        if phi.is_rounding(phi.slope_0):
-            return phi.step(1.0)
-        bracket = Bracket(phi.slope_0, max(1.0, min(self.most, phi.longest)))
-        for trials in range(self.evaluations):
-            alpha = bracket.trial
-            slope = phi.derivative(alpha)
-            flat = abs(slope) <= self.flatness * abs(phi.slope_0)
-            if flat or (slope < 0 and alpha == bracket.most):
-                return phi.step(alpha, trials)
-            bracket.narrow(slope)
-        if bracket.low == 0:
-            return None
-        last = phi.step(bracket.low, self.evaluations)
-        return last if last.energy < phi.energy_0 else None
+        return Step(length=1.0, energy=phi.energy(1.0), halvings=0)
 
 
 class Bracket:

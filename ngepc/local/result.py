@@ -19,7 +19,7 @@ from ngepc.results.exact import DiscreteSolution
 from ngepc.results.outcome import History, Status
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ExactResult(DiscreteSolution):
     """What ``semismooth_newton`` returns without gamma; the state is there whatever the status.
 

@@ -36,6 +36,8 @@ class DiscreteProblem:
     ----------
     problem
         Data of the time step.
+    points
+        The integration points; None for those of the problem's mesh, kinematics and order.
 
     Attributes
     ----------
@@ -49,9 +51,9 @@ class DiscreteProblem:
         Tangential displacements of the rows at the begin of the step, shape (m, N - 1).
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, points: Points | None = None) -> None:
         self.problem = problem
-        self.points = Points(problem.mesh, problem.kinematics, problem.order)
+        self.points = points or Points(problem.mesh, problem.kinematics, problem.order)
         self.law = Law(problem, self.points)
         self.supports = Supports(problem)
         self.rows: ContactRows = contact_rows(problem, self.supports)
@@ -181,8 +183,9 @@ class State:
     def force_scale(self) -> float:
         """The force that residuals are relative to."""
         trial = ROUNDING_SCALE * self.trial_forces
-        sizes = [np.linalg.norm(self.discrete.load), np.linalg.norm(self.internal_forces)]
-        return float(max(*sizes, min(trial, self.discrete.yield_forces)))
+        forces = (self.discrete.load, self.internal_forces, self.contact_defect)
+        sizes = [float(np.linalg.norm(given)) for given in forces]
+        return max(*sizes, min(trial, self.discrete.yield_forces))
 
     @cached_property
     def trial_forces(self) -> float:

@@ -18,12 +18,10 @@ from ngepc.checks.arguments import (
     require_finite,
     sample,
 )
-from ngepc.checks.mpi import check_mpi
 from ngepc.discretisation.elements import element_nodes, vertices_of
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material
 from ngepc.model.support import check_support
-from ngepc.parallel import gathered
 
 if TYPE_CHECKING:
     from ngepc.model.problem import Problem
@@ -47,8 +45,11 @@ def check_mesh(mesh: Mesh) -> None:
         raise TypeError(f"mesh={mesh!r}: an ngsolve.Mesh is needed")
     if mesh.dim not in (2, 3):
         raise ValueError(f"mesh has dimension {mesh.dim}: 2 or 3 is needed")
-    check_mpi(mesh)
-    nodes = gathered(element_nodes(mesh), mesh)
+    if mesh.comm.size > 1:
+        raise ValueError(
+            f"mesh is distributed: {mesh.comm.size} processes share it, one process is needed"
+        )
+    nodes = element_nodes(mesh)
     if len(nodes) == 0:
         raise ValueError("mesh has no elements: a mesh of the body is needed")
     if (nodes[:, 2**mesh.dim :] >= 0).any():

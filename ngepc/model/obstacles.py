@@ -31,8 +31,8 @@ from ngepc.checks.arguments import (
     require_number,
     require_vector,
 )
+from ngepc.discretisation.elements import vertex_coordinates
 from ngepc.model.normals import outward_normal
-from ngepc.parallel import vertex_coordinates
 
 COORDINATES = (x, y, z)
 

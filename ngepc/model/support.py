@@ -3,9 +3,6 @@
 On a conforming P1 mesh eps(u) = 0 leaves one rigid motion for each part of the mesh whose
 elements hang together by facets.  The parts are coupled at the vertices they share, so that two
 blocks joined along an edge are found to hinge.
-
-All this looks at the whole body, so that on a distributed mesh every process finds the same.
-Vertices have the numbers of ``ngepc.parallel.vertex_numbers``.
 """
 
 from __future__ import annotations
@@ -18,15 +15,15 @@ from ngsolve import CoefficientFunction, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number, sample
 from ngepc.discretisation.elements import (
-    body_elements,
     combine,
     corner_vertices,
     element_facets,
+    element_vertices,
     facets_of,
+    vertex_coordinates,
     vertices_of,
 )
 from ngepc.model.normals import outward_normal
-from ngepc.parallel import vertex_coordinates, vertex_numbers
 
 if TYPE_CHECKING:
     from ngepc.model.problem import Problem
@@ -90,9 +87,8 @@ def held_values(problem: Problem) -> np.ndarray:
         for i, value in enumerate(components)
         if value is not None
     ]
-    _, count = vertex_numbers(mesh)
-    held = np.full((count, N), np.nan)
-    owner = np.full((count, N), "", dtype=object)
+    held = np.full((mesh.nv, N), np.nan)
+    owner = np.full((mesh.nv, N), "", dtype=object)
     for argument, name, i, value in given:
         vertices, values = boundary_values(value, mesh, name)
         old = held[vertices, i]
@@ -216,7 +212,7 @@ def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
     ``a`` and ``b`` are the pairs of elements that share a facet, as ``element_facets`` counts.
     """
-    elements, (_, count) = body_elements(mesh), vertex_numbers(mesh)
+    elements, count = element_vertices(mesh), mesh.nv
     label = connected(sum(len(nodes) for nodes in elements), a, b)
     _, part = np.unique(label, return_inverse=True)
     pairs, start = [], 0

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from ngepc.checks.arguments import require_integer, require_number
-from ngepc.checks.kinds import require_attributes
+from ngepc.checks.kinds import require_instance
 from ngepc.dual.newton import NewtonOptions
-from ngepc.path.chord import Chord
 from ngepc.results.outcome import IterationRecord
 
 
@@ -37,8 +36,6 @@ class PathOptions:
         no such check.
     max_outer_iterations
         Most values of gamma.
-    predictor
-        How the start for the next gamma is guessed: ``Chord()``, or None for the last solution.
     newton
         Limits, quadrature, line search and direct solver of Algorithm 7.1.  Its tolerance is the
         residual that counts as zero: it ends a problem without a step.
@@ -58,7 +55,6 @@ class PathOptions:
     residual_tolerance: float | None = None
     reduction: float = 0.5
     max_outer_iterations: int = 30
-    predictor: Chord | None = None
     newton: NewtonOptions = field(default_factory=partial(NewtonOptions, max_iterations=1000))
 
     def __post_init__(self) -> None:
@@ -75,15 +71,24 @@ class PathOptions:
                 raise ValueError("gamma_end and residual_tolerance: give one of them, not both")
         if self.residual_tolerance is not None:
             require_number("residual_tolerance", self.residual_tolerance, 0, strict=True)
-        if self.predictor is not None:
-            require_attributes("predictor", self.predictor, ("start",), "Chord() or None")
-        if not isinstance(self.newton, NewtonOptions):
-            raise TypeError(f"newton={self.newton!r}: NewtonOptions are needed")
+        require_instance("newton", self.newton, NewtonOptions, "NewtonOptions(...)")
 
     def gamma(self, k: int) -> float:
         """gamma_k; the last one is ``gamma_end`` where that is given."""
         gamma = self.gamma_start * self.growth**k
         return gamma if self.gamma_end is None else min(gamma, self.gamma_end)
+
+    def gammas(self) -> list[float]:
+        """All values that a path may come to."""
+        found = []
+        for k in range(int(self.max_outer_iterations)):
+            try:
+                found.append(self.gamma(k))
+            except OverflowError:
+                break
+            if found[-1] == self.gamma_end:
+                break
+        return found
 
 
 @dataclass(frozen=True)

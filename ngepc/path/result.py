@@ -11,7 +11,7 @@ from ngepc.results.outcome import Ending, Status
 
 @dataclass(frozen=True, eq=False)
 class PathResult(Ending):
-    """What ``follow_path`` returns; fields, energies and forces are those of the last result.
+    """What ``follow_path`` returns.
 
     Parameters
     ----------
@@ -19,15 +19,14 @@ class PathResult(Ending):
         How the path ended; the message says what was seen and what to try.
     steps
         One record for each gamma, a last one that failed included.
-    result
-        The result of Algorithm 7.1 for the last gamma.  Its attributes (``displacement``,
-        ``stress``, ``fields``, ...) are attributes of the path too.
+    last
+        The result of Algorithm 7.1 for the last gamma, with all fields.
     """
 
     status: Status
     message: str
     steps: tuple[PathStep, ...]
-    result: DualResult
+    last: DualResult
 
     @property
     def outer_iterations(self) -> int:
@@ -43,11 +42,6 @@ class PathResult(Ending):
     def total_inner_iterations(self) -> int:
         """Newton steps of the whole path."""
         return sum(self.inner_iterations)
-
-    @property
-    def iterations(self) -> int:
-        """Newton steps of the whole path."""
-        return self.total_inner_iterations
 
     @property
     def gammas(self) -> list[float]:
@@ -68,9 +62,3 @@ class PathResult(Ending):
     def residual_norms(self) -> list[float]:
         """||Psi_gamma||_{H*} at the inexact solution, for each gamma."""
         return [step.residual_norm for step in self.steps]
-
-    def __getattr__(self, name: str) -> object:
-        """Attributes of the last result."""
-        if name.startswith("_") or name == "result":
-            raise AttributeError(name)
-        return getattr(self.result, name)

@@ -5,20 +5,17 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
-from ngsolve.la import BaseVector
-
-from ngepc.checks.distributed import check_supported, require_one_process
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
-from ngepc.dual.contact_newton import newton_system
-from ngepc.dual.functional import DualFunctional, NewtonSystem
+from ngepc.dual.functional import DualFunctional
 from ngepc.dual.newton import Monitor, run
-from ngepc.dual.regularisation import Coupled, Regularisation, require_regularisation
+from ngepc.dual.parameters import DualParameters
 from ngepc.dual.result import DualResult
+from ngepc.dual.spaces import DualSpaces
+from ngepc.dual.system import NewtonSystem
 from ngepc.dual.widths import contact_mesh_width, mesh_width
 from ngepc.model.problem import Problem
 from ngepc.path.options import InnerRule, PathOptions
@@ -30,6 +27,9 @@ logger = logging.getLogger(__name__)
 
 PathMonitor = Callable[[PathStep], None]
 
+Numbers = Callable[[float], DualParameters]
+"""gamma -> the numbers of its problem."""
+
 
 def follow_path(
     problem: Problem,
@@ -37,8 +37,8 @@ def follow_path(
     monitor: PathMonitor | None = None,
     *,
     start: DualResult | None = None,
-    regularisation: Callable[[float], Regularisation] = Coupled,
-    closing: Callable[[float], Regularisation] | None = None,
+    spaces: DualSpaces | None = None,
+    parameters: Numbers = DualParameters,
     checkpoint: Path | str | None = None,
     newton_monitor: Monitor | None = None,
     observer: Callable[[DualResult], None] | None = None,
@@ -55,14 +55,10 @@ def follow_path(
         Called with the record of each gamma; raising StopIteration stops.
     start
         A result on this or another mesh of the body; None starts from v = 0.
-    regularisation
-        Maps gamma to a regularisation.  Its Tichonov choice, units and hardening share must not
-        depend on gamma.
-    closing
-        Maps gamma to the regularisation of one last problem, solved at the gamma where the path
-        ends, from its multipliers and to the same tolerances.  With
-        ``regularisation=lambda gamma: split(Coupled(gamma))`` and ``closing=Coupled`` the
-        paper's problem is reached along its hardening split, docs/balanced.md.
+    spaces
+        The Tichonov choice and the units, which stay along the path; None for (R2).
+    parameters
+        Maps gamma to the numbers of its problem.
     checkpoint
         File that is written after each gamma.  A later call with the same problem and options
         goes on from there, to the same digits when it uses one thread.
@@ -84,28 +80,18 @@ def follow_path(
         If the checkpoint cannot be written.
     """
     options = PathOptions() if options is None else options
-    check_arguments(problem, options, start, regularisation)
-    if checkpoint is not None:
-        require_one_process(f"checkpoint={checkpoint!r}", problem.mesh, "None is needed")
-    if closing is not None:
-        require_function("closing", closing, "gamma")
-        require_regularisation(closing(options.gamma_start))
-    for name, watcher in (
-        ("monitor", monitor),
-        ("newton_monitor", newton_monitor),
-        ("observer", observer),
-    ):
+    spaces = DualSpaces() if spaces is None else spaces
+    check_arguments(problem, options, start, spaces, parameters)
+    watchers = {"monitor": monitor, "newton_monitor": newton_monitor, "observer": observer}
+    for name, watcher in watchers.items():
         require_function(name, watcher, "what it is shown", optional=True)
-    walk = _Walk(problem, options, regularisation)
+    walk = _Walk(problem, options, spaces, parameters)
     store = PathStore(checkpoint, options, walk.functional, start)
     state = store.load(walk.blocks)
     if state is None:
         v = walk.blocks.H_vector() if start is None else carried_over(start, walk.functional)
         state = PathState([], v, [])
-    path = followed(walk, store, state, newton_monitor, (observer, monitor))
-    if closing is None or path.status is not Status.CONVERGED:
-        return path
-    return closed(path, _Walk(problem, options, closing), newton_monitor)
+    return followed(walk, store, state, newton_monitor, (observer, monitor))
 
 
 def followed(
@@ -123,8 +109,6 @@ def followed(
             result = walk.solve(state, newton_monitor)
             state = state.after(result, walk.gamma)
             status = walk.verdict(state.steps)
-            if status is None and walk.options.predictor is not None:
-                state = replace(state, start=walk.predicted(state))
             if result.status is Status.CONVERGED:
                 store.save(state)
             logger.info("gamma %.4g: %s", walk.gamma, state.steps[-1])
@@ -140,51 +124,41 @@ def followed(
     return PathResult(status, message, tuple(state.steps), result)
 
 
-def closed(path: PathResult, walk: _Walk, monitor: Monitor | None) -> PathResult:
-    """The path with one more problem, that of ``walk`` at the gamma where the path has ended."""
-    walk.move_to(path.gamma_end)
-    state = PathState(list(path.steps), carried_over(path.result, walk.functional), [])
-    result = walk.solve_here(state, monitor)
-    state = state.after(result, walk.gamma)
-    message = describe(result.status, state.steps, result.message, walk.options)
-    return PathResult(result.status, message, tuple(state.steps), result)
-
-
 def check_arguments(
-    problem: object, options: object, start: object, regularisation: object
+    problem: object, options: object, start: object, spaces: object, parameters: object
 ) -> None:
-    """Refuse arguments of the wrong kind before any work."""
+    """Refuse arguments of the wrong kind before any work, at every gamma of the path."""
     require_instance("problem", problem, Problem, "a Problem")
     require_instance("options", options, PathOptions, "PathOptions(...)")
-    if start is not None and not isinstance(start, DualResult):
-        raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
-    require_function("regularisation", regularisation, "gamma")
-    first = regularisation(options.gamma_start)
-    require_regularisation(first)
-    check_supported(problem, first, options.newton.inverse, start)
+    kinds = (DualResult, type(None))
+    require_instance("start", start, kinds, "a result of semismooth_newton or None")
+    require_instance("spaces", spaces, DualSpaces, "DualSpaces(...)")
+    require_function("parameters", parameters, "gamma")
+    needed = "DualParameters(...): what fixes the spaces stays along a path, spaces=DualSpaces(...)"
+    for gamma in options.gammas():
+        require_instance(f"parameters({gamma:g})", parameters(gamma), DualParameters, needed)
 
 
 class _Walk:
     """The matrices of a path, and one gamma at a time."""
 
     def __init__(
-        self,
-        problem: Problem,
-        options: PathOptions,
-        regularisation: Callable[[float], Regularisation],
+        self, problem: Problem, options: PathOptions, spaces: DualSpaces, parameters: Numbers
     ) -> None:
-        self.options, self._regularisation = options, regularisation
-        self.gamma = options.gamma_start
-        first = regularisation(self.gamma)
-        self.blocks = LinearBlocks(problem, first, options.newton.inverse)
-        self.functional = self._functional(first)
+        self.options, self._parameters, self.gamma = options, parameters, options.gamma_start
+        self.blocks = LinearBlocks(problem, spaces, options.newton.inverse)
         self._system: NewtonSystem | None = None
-        length = first.units.length
+        length = spaces.units.length
         self.h = mesh_width(problem.mesh) / length
         self.h_contact = contact_mesh_width(problem) / length
+        self.move_to(self.gamma)
 
-    def _functional(self, regularisation: Regularisation) -> DualFunctional:
-        return DualFunctional(self.blocks, regularisation, self.options.newton.quadrature_points)
+    def move_to(self, gamma: float) -> None:
+        """Make J*_gamma for this gamma the functional in use."""
+        self.gamma, newton = gamma, self.options.newton
+        self.functional = DualFunctional(
+            self.blocks, self._parameters(gamma), newton.quadrature_points, newton.vectorised
+        )
 
     def inner_rule(self, guarded: bool) -> InnerRule:
         """The tolerances for the present gamma; ``guarded`` once the safeguard has acted."""
@@ -195,36 +169,16 @@ class _Walk:
         bounds = [min(o.inner_scale * max(h, loose), most) * unit for h in widths]
         return InnerRule(*bounds, zero=o.newton.tolerance * unit)
 
-    def move_to(self, gamma: float) -> None:
-        """Make J*_gamma for this gamma the functional in use."""
-        self.gamma = gamma
-        self.functional = self._functional(self._regularisation(gamma))
-
     def solve(self, state: PathState, monitor: Monitor | None) -> DualResult:
-        """The next problem (D_gamma_k), inexactly."""
+        """The next problem (D_gamma_k), inexactly, from the last v."""
         self.move_to(self.options.gamma(len(state.steps)))
-        return self.solve_here(state, monitor)
-
-    def solve_here(self, state: PathState, monitor: Monitor | None) -> DualResult:
-        """The problem for the gamma in use, from the v of ``state``."""
         v = self.blocks.H_vector()
-        v.data = state.v if state.start is None else state.start
-        self._renew_system()
+        v.data = state.v
+        if self._system is None:
+            self._system = NewtonSystem(self.functional, self.options.newton.inverse)
+        self._system.use(self.functional)
         rule = self.inner_rule(guarded=self._reductions(state.steps) > 0)
         return run(self.functional, self._system, v, self.options.newton, monitor, rule)
-
-    def predicted(self, state: PathState) -> BaseVector:
-        """The predictor's start for the next gamma, by the last factors."""
-        gamma = self.options.gamma(len(state.steps))
-        following = self._functional(self._regularisation(gamma))
-        return self.options.predictor.start(self._system, following, state.v)
-
-    def _renew_system(self) -> None:
-        """The system of the last gamma where it has no memory of its iterates, else a new one."""
-        if self._system is None or self.functional.constraint is not None:
-            self._system = newton_system(self.functional, self.options.newton.inverse)
-        else:
-            self._system.use(self.functional)
 
     def verdict(self, steps: list[PathStep]) -> Status | None:
         """How the path has ended after these steps, None if it goes on."""

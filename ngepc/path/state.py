@@ -71,19 +71,16 @@ class PathState:
         The dual variable reached.
     history
         Records of the last inner iteration.
-    start
-        Start for the next gamma, None for ``v``.
     """
 
     steps: list[PathStep]
     v: BaseVector
     history: list[IterationRecord]
-    start: BaseVector | None = None
 
     def after(self, result: DualResult, gamma: float) -> PathState:
         """The state after one more gamma."""
         here = Iterate.at(result.functional, result.v)
-        last = here.record(result.functional, result.iterations)
+        last = here.record(result.functional)
         step = PathStep(
             gamma=gamma,
             iterations=result.iterations,
@@ -99,7 +96,7 @@ class PathState:
 
     def result(self, functional: DualFunctional) -> DualResult:
         """The last result as ``semismooth_newton`` gives it."""
-        y = functional.blocks.load.CreateVector()
+        y = functional.blocks.Y_vector()
         functional.blocks.primal_of(self.v, y)
         status = self.steps[-1].status
         return DualResult(functional, y, self.v, status, "", History(list(self.history)))
@@ -163,14 +160,13 @@ class PathStore:
                 PathStep(**{**s, "status": Status[s["status"]]}) for s in saved.record["steps"]
             ]
             history = [IterationRecord(**record) for record in saved.record["history"]]
-            v, start = blocks.H_vector(), blocks.H_vector()
+            v = blocks.H_vector()
             v.FV().NumPy()[:] = saved.arrays["v"]
-            start.FV().NumPy()[:] = saved.arrays["start"]
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(
                 f"checkpoint {self._path} is damaged ({error}): move it away"
             ) from error
-        return PathState(steps, v, history, start)
+        return PathState(steps, v, history)
 
     def save(self, state: PathState) -> None:
         """Write the state, whole or not at all."""
@@ -180,8 +176,7 @@ class PathStore:
             "steps": [{**asdict(s), "status": s.status.name} for s in state.steps],
             "history": [record.as_row() for record in state.history],
         }
-        start = state.v if state.start is None else state.start
-        arrays = {"v": np.array(state.v.FV().NumPy()), "start": np.array(start.FV().NumPy())}
+        arrays = {"v": np.array(state.v.FV().NumPy())}
         checkpoint.save(self._path, self._fingerprint, record, arrays)
 
 

@@ -1,15 +1,14 @@
 """Pictures: fields and curves for papers (matplotlib); ``ngepc.pictures.views`` for the screen."""
 
-from ngepc.pictures.active_sets import plot_active_sets as plot_active_sets
 from ngepc.pictures.curves import plot_contact_pressure as plot_contact_pressure
 from ngepc.pictures.curves import plot_counts as plot_counts
 from ngepc.pictures.curves import plot_history as plot_history
-from ngepc.pictures.curves import plot_quotients as plot_quotients
+from ngepc.pictures.curves import plot_progress as plot_progress
 from ngepc.pictures.drawable import UnitNames as UnitNames
+from ngepc.pictures.fields import plot_active_sets as plot_active_sets
 from ngepc.pictures.fields import plot_comparison as plot_comparison
 from ngepc.pictures.fields import plot_field as plot_field
 from ngepc.pictures.fields import plot_mesh as plot_mesh
 from ngepc.pictures.fields import plot_plastic_zone as plot_plastic_zone
-from ngepc.pictures.fields import plot_yield_function as plot_yield_function
-from ngepc.pictures.picture import Picture as Picture
-from ngepc.pictures.progress import plot_progress as plot_progress
+from ngepc.pictures.style import Picture as Picture
+from ngepc.pictures.style import beside as beside

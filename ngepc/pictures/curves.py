@@ -1,4 +1,4 @@
-"""Curves with matplotlib: residual histories, iteration counts, quotients, contact pressures."""
+"""Curves with matplotlib: residual histories, iteration counts, contact pressures, progress."""
 
 from __future__ import annotations
 
@@ -10,20 +10,26 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_instance, require_mapping, require_sequence
+from ngepc.checks.kinds import (
+    require_attributes,
+    require_instance,
+    require_mapping,
+    require_sequence,
+)
 from ngepc.pictures.drawable import UnitNames, fields_of, require_sources, unit_names
-from ngepc.pictures.picture import Picture
+from ngepc.pictures.fields import plot_active_sets
 from ngepc.pictures.sampling import boundary_corners
+from ngepc.pictures.style import COLOURS, GUIDE, Picture, line_style, styled
 from ngepc.results.outcome import History
 
-COLOURS = ("#1f5a8c", "#c4622d", "#3d7f4f", "#7d4f9e", "#a3883b", "#4a4a4a", "#b8437a")
-MARKERS = "os^Dv<>"
+EARLIER = "#a7b0b9"
 
 
+@styled
 def plot_history(
     histories: History | Mapping[str, History], *, tolerance: float | None = None
 ) -> Figure:
-    """Residual norms ||Psi_gamma||_{H*} and step lengths of one or several runs over the steps.
+    """Residual norms and step lengths of one or several runs over the Newton steps.
 
     Parameters
     ----------
@@ -37,39 +43,38 @@ def plot_history(
     TypeError, ValueError
         If there is no history, or one without a record, or the tolerance is no number > 0.
     """
-    histories = _labelled(histories)
+    histories = {"": histories} if isinstance(histories, History) else histories
+    require_mapping("histories", histories, "label -> History, or a History")
+    for label, history in histories.items():
+        require_instance(f"histories[{label!r}]", history, History, "a History")
+        if not history.records:
+            raise ValueError(f"histories[{label!r}] has no records: a run fills them")
     if tolerance is not None:
         require_number("tolerance", tolerance, 0, strict=True)
-    figure, (left, right) = _figure(7.6, 3.3, 2)
-    draw_history(left, right, histories, tolerance)
-    if len(histories) > 1:
-        handles, labels = left.get_legend_handles_labels()
-        options = {"loc": "outside lower center", "ncols": min(4, len(labels))}
-        figure.legend(handles, labels, fontsize=8, frameon=False, **options)
-    return figure
-
-
-def draw_history(
-    left: Axes, right: Axes, histories: Mapping[str, History], tolerance: float | None = None
-) -> None:
-    """Residual norms into the left axes, step lengths into the right ones."""
+    figure = Picture(figsize=(7.6, 3.3))
+    left, right = figure.subplots(1, 2)
     _history_axes(left, right, tolerance)
     for index, (label, history) in enumerate(histories.items()):
-        style = {"label": label or None, **_style(index, len(history.records))}
+        style = {"label": label or None, **line_style(index, len(history.records))}
         _draw_run(left, right, history, 0, style)
     right.set_ylim(top=1.4)
+    if len(histories) > 1:
+        handles, labels = left.get_legend_handles_labels()
+        columns = min(4, len(labels))
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    return figure
 
 
 def draw_runs(
     left: Axes, right: Axes, runs: Sequence[History], tolerance: float | None = None
 ) -> None:
-    """Runs one after the other as in ``draw_history``: the last in colour, those before grey."""
+    """Runs one after the other: residuals left, step lengths right, earlier runs grey."""
     _history_axes(left, right, tolerance)
     first = 0
     for number, history in enumerate(runs):
-        style = _style(0, len(history.records))
+        style = line_style(0, len(history.records))
         if number < len(runs) - 1:
-            style |= {"color": "#a7b0b9"}
+            style |= {"color": EARLIER}
         _draw_run(left, right, history, first, style)
         first += len(history.step_lengths)
     right.set_ylim(top=1.4)
@@ -77,14 +82,13 @@ def draw_runs(
 
 def _history_axes(left: Axes, right: Axes, tolerance: float | None) -> None:
     for axes in (left, right):
-        _plain(axes)
-        _iterations_axis(axes)
-    left.set_yscale("log")
-    left.set_ylabel(r"residual norm $\|\Psi_\gamma\|_{H^*}$", fontsize=9)
+        axes.set_xlabel("Newton step")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    left.set(yscale="log", ylabel="residual norm")
     if tolerance is not None:
-        left.axhline(tolerance, color="#808890", linewidth=0.8, linestyle=":")
+        left.axhline(tolerance, color=GUIDE, linewidth=0.8, linestyle=":")
     right.set_yscale("log", base=2)
-    right.set_ylabel(r"step length $\alpha^j$", fontsize=9)
+    right.set_ylabel("step length")
 
 
 def _draw_run(left: Axes, right: Axes, history: History, first: int, style: dict) -> None:
@@ -94,6 +98,48 @@ def _draw_run(left: Axes, right: Axes, history: History, first: int, style: dict
     right.plot(range(first + 1, first + 1 + len(steps)), steps, **style)
 
 
+@styled
+def plot_progress(
+    result: object,
+    *,
+    runs: Sequence[History] | None = None,
+    tolerance: float | None = None,
+    deformation_scale: float = 0.0,
+) -> Figure:
+    """The active sets on the body, residual norms and step lengths, for monitors.
+
+    Parameters
+    ----------
+    result
+        Any iterate: a result of a solver, or the snapshot of a record.
+    runs
+        Histories one after the other, such as those of a path; by default that of ``result``.
+    tolerance
+        Drawn as a line when given.
+    deformation_scale
+        Factor >= 0 on the displacement.
+    """
+    require_attributes("result", result, ("problem", "history", "yield_excess"), "a result")
+    histories = [result.history] if runs is None else runs
+    require_sequence("runs", histories, "histories")
+    for number, history in enumerate(histories):
+        require_instance(f"runs[{number}]", history, History, "a History")
+    if tolerance is not None:
+        require_number("tolerance", tolerance, 0, strict=True)
+    require_number("deformation_scale", deformation_scale, 0.0)
+    figure = Picture(figsize=(9.6, 3.0))
+    grid = figure.add_gridspec(1, 3, width_ratios=(1.2, 1.0, 1.0))
+    three = result.problem.N == 3
+    body = figure.add_subplot(grid[0], projection="3d" if three else None)
+    plot_active_sets(result, deformation_scale=deformation_scale, axes=body)
+    if three:
+        body.set_axis_off()
+    left, right = figure.add_subplot(grid[1]), figure.add_subplot(grid[2])
+    draw_runs(left, right, histories, tolerance)
+    return figure
+
+
+@styled
 def plot_counts(
     counts: Mapping[str, Mapping[int, int]],
     paper: Mapping[str, Mapping[int, int]] | None = None,
@@ -107,8 +153,8 @@ def plot_counts(
 
     Raises
     ------
-    ValueError
-        If ``counts`` is empty.
+    TypeError, ValueError
+        If ``counts`` is empty, or no mapping of this kind.
     """
     require_mapping("counts", counts, "label -> (number of nodes -> steps)")
     paper = {} if paper is None else paper
@@ -119,54 +165,30 @@ def plot_counts(
             for nodes, steps in row.items():
                 require_number(f"nodes in {name}[{label!r}]", nodes, 0, strict=True)
                 require_number(f"steps in {name}[{label!r}]", steps, 0)
-    figure, (axes,) = _figure(5.6, 3.6, 1)
+    figure = Picture(figsize=(5.6, 3.6))
+    axes = figure.subplots()
     for index, (label, row) in enumerate(counts.items()):
-        style = _style(index, len(row))
+        style = line_style(index, len(row))
         axes.plot(list(row), list(row.values()), label=label, **style)
-        if paper and label in paper:
+        if label in paper:
             dashed = {**style, "linestyle": "--", "markerfacecolor": "white", "alpha": 0.7}
             axes.plot(list(paper[label]), list(paper[label].values()), **dashed)
     nodes = sorted({n for row in counts.values() for n in row})
-    axes.set_xscale("log")
-    axes.set_yscale("symlog", linthresh=1.0, linscale=0.3)
     most = max(steps for row in (*counts.values(), *paper.values()) for steps in row.values())
+    axes.set(xscale="log", xlabel="nodes of the mesh")
+    axes.set_yscale("symlog", linthresh=1.0, linscale=0.3)
     axes.set_ylim(0, 1.3 * max(most, 2))
     ticks = [0, 1, *(m * 10**k for k in range(4) for m in (2, 5, 10))]
     axes.set_yticks([t for t in ticks if t <= 1.3 * most])
-    axes.set_xticks(nodes, [str(n) for n in nodes], fontsize=8)
+    axes.set_xticks(nodes, [str(n) for n in nodes])
     axes.minorticks_off()
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.set_xlabel("nodes of the mesh", fontsize=9)
-    axes.set_ylabel("Newton steps" + (" (dashed: paper)" if paper else ""), fontsize=9)
-    figure.legend(loc="outside right center", fontsize=8, frameon=False)
+    axes.set_ylabel("Newton steps" + (" (dashed: paper)" if paper else ""))
+    figure.legend(loc="outside right center")
     return figure
 
 
-def plot_quotients(quotients: Mapping[str, Sequence[float]]) -> Figure:
-    """Convergence quotients Q_j = ||v^{j+1} - v*|| / ||v^j - v*|| over the steps, Figure 4.
-
-    Raises
-    ------
-    ValueError
-        If ``quotients`` is empty.
-    """
-    require_mapping("quotients", quotients, "label -> numbers")
-    for label, values in quotients.items():
-        require_sequence(f"quotients[{label!r}]", values, "numbers")
-        for value in values:
-            require_number(f"quotients[{label!r}]", value, 0)
-    figure, (axes,) = _figure(5.6, 3.4, 1)
-    for index, (label, values) in enumerate(quotients.items()):
-        style = _style(index, len(values))
-        axes.plot(range(len(values)), values, label=label, **style)
-    axes.axhline(1.0, color="#808890", linewidth=0.8, linestyle=":")
-    axes.set_ylim(bottom=0)
-    axes.set_ylabel(r"convergence quotient $Q_j$", fontsize=9)
-    _iterations_axis(axes)
-    axes.legend(fontsize=8, frameon=False)
-    return figure
-
-
+@styled
 def plot_contact_pressure(
     sources: object | Mapping[str, object], *, units: UnitNames | None = None
 ) -> Figure:
@@ -179,6 +201,8 @@ def plot_contact_pressure(
     ----------
     sources
         A result with ``contact_pressure``, or label -> result.
+    units
+        Names of the units.
 
     Raises
     ------
@@ -190,19 +214,21 @@ def plot_contact_pressure(
         fields_of(sources, "sources")
         sources = {"": sources}
     require_sources(sources)
-    figure, (axes,) = _figure(5.6, 3.2, 1)
+    figure = Picture(figsize=(5.6, 3.2))
+    axes = figure.subplots()
     for index, (label, source) in enumerate(sources.items()):
         colour = COLOURS[index % len(COLOURS)]
         for number, (s, pressure) in enumerate(pressure_curves(source)):
-            line = {"color": colour, "linewidth": 1.4, "label": None if number else label or None}
-            axes.plot(s, pressure, **line)
+            axes.plot(s, pressure, color=colour, label=None if number else label or None)
             axes.fill_between(s, pressure, color=colour, alpha=0.12, linewidth=0)
-    axes.axhline(0.0, color="#808890", linewidth=0.6)
+    axes.axhline(0.0, color=GUIDE, linewidth=0.6)
     axes.margins(x=0)
-    axes.set_xlabel(f"position along the contact boundary ({units.length})", fontsize=9)
-    axes.set_ylabel(f"contact pressure ({units.stress})", fontsize=9)
+    axes.set(
+        xlabel=f"position along the contact boundary ({units.length})",
+        ylabel=f"contact pressure ({units.stress})",
+    )
     if any(sources):
-        axes.legend(fontsize=8, frameon=False)
+        axes.legend()
     return figure
 
 
@@ -251,43 +277,3 @@ def _along(
     position = np.column_stack([marks[:-1], marks[1:]]).ravel()
     ordered = [values[k, ::-1] if backwards else values[k] for k, backwards in chain]
     return position, np.concatenate(ordered)
-
-
-def _labelled(histories: History | Mapping[str, History]) -> Mapping[str, History]:
-    histories = {"": histories} if isinstance(histories, History) else histories
-    require_mapping("histories", histories, "label -> History, or a History")
-    for label, history in histories.items():
-        require_instance(f"histories[{label!r}]", history, History, "a History")
-        if not history.records:
-            raise ValueError(f"histories[{label!r}] has no records: a run fills them")
-    return histories
-
-
-def _figure(width: float, height: float, columns: int) -> tuple[Figure, Sequence[Axes]]:
-    figure = Picture(figsize=(width, height), layout="constrained")
-    panels = figure.subplots(1, columns, squeeze=False)[0]
-    for axes in panels:
-        _plain(axes)
-    return figure, panels
-
-
-def _plain(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(labelsize=8)
-    axes.grid(color="#e3e6ea", linewidth=0.6)
-    axes.set_axisbelow(True)
-
-
-def _style(index: int, count: int) -> dict:
-    return {
-        "color": COLOURS[index % len(COLOURS)],
-        "marker": MARKERS[index % len(MARKERS)],
-        "markersize": 3.5,
-        "linewidth": 1.2,
-        "markevery": max(1, count // 20),
-    }
-
-
-def _iterations_axis(axes: Axes) -> None:
-    axes.set_xlabel("Newton step", fontsize=9)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -1,6 +1,6 @@
 """What can be drawn of a solution: fields by name, their symbols and units.
 
-Shared by ``plotting`` (matplotlib), ``views`` (webgui) and ``export`` (VTU); imports neither.
+Shared by matplotlib figures, webgui views and VTU files; imports none of them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from ngsolve import CoefficientFunction, InnerProduct, sqrt
 
-from ngepc.checks.distributed import require_one_process
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.results.fields import Fields
 
@@ -34,39 +33,33 @@ class UnitNames:
 
 
 @dataclass(frozen=True)
-class Kind:
-    """A field that has a name: symbol in mathematical text, title, unit, rank, colours."""
+class FieldKind:
+    """A field that has a name: its symbol (mathematics, plain text), title, unit, rank, colours."""
 
     symbol: str
+    plain: str
     title: str
-    quantity: str
+    quantity: str = "stress"
     rank: int = 0
     colormap: str = "viridis"
 
 
 KINDS = {
-    "equivalent_plastic_strain": Kind(r"|p|_F", "plastic strain", "1", 0, "YlGnBu"),
-    "yield_function": Kind(r"\phi", "yield function", "stress", 0, "cividis"),
-    "displacement": Kind("u", "displacement", "length", 1),
-    "stress": Kind(r"\sigma", "stress", "stress", 2),
-    "deviatoric_stress": Kind(r"\mathrm{dev}\,\sigma", "deviatoric stress", "stress", 2),
-    "plastic_strain": Kind("p", "plastic strain", "1", 2, "YlGnBu"),
-    "strain": Kind(r"\varepsilon", "strain", "1", 2),
-    "back_stress": Kind(r"\alpha_2", "back stress", "stress", 2),
-    "hardening_variable": Kind(r"\alpha_1", "hardening variable", "1"),
+    "equivalent_plastic_strain": FieldKind(r"|p|_F", "|p|", "plastic strain", "1", 0, "YlGnBu"),
+    "accumulated_plastic_strain": FieldKind(
+        r"\bar p", "p̄", "accumulated plastic strain", "1", 0, "YlGnBu"
+    ),
+    "von_mises": FieldKind(r"\sigma_\mathrm{vM}", "σ_vM", "von Mises stress"),
+    "yield_function": FieldKind(r"\phi", "φ", "yield function", colormap="cividis"),
+    "displacement": FieldKind("u", "u", "displacement", "length", 1),
+    "stress": FieldKind(r"\sigma", "σ", "stress", rank=2),
+    "deviatoric_stress": FieldKind(r"\mathrm{dev}\,\sigma", "dev σ", "deviatoric stress", rank=2),
+    "plastic_strain": FieldKind("p", "p", "plastic strain", "1", 2, "YlGnBu"),
+    "strain": FieldKind(r"\varepsilon", "ε", "strain", "1", 2),
+    "back_stress": FieldKind(r"\alpha_2", "α₂", "back stress", rank=2),
+    "hardening_variable": FieldKind(r"\alpha_1", "α₁", "hardening variable", "1"),
 }
 """Fields of the body that can be drawn by name, with 'stress_xy' for single components."""
-
-VIEWER_SYMBOLS = {
-    r"|p|_F": "|p|",
-    r"\phi": "φ",
-    r"\sigma": "σ",
-    r"\mathrm{dev}\,\sigma": "dev σ",
-    r"\varepsilon": "ε",
-    r"\alpha_1": "α₁",
-    r"\alpha_2": "α₂",
-}
-"""Symbols in plain text, for places that do not typeset mathematics."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,11 +152,10 @@ def _component(
     return coefficient[tuple(index)] if rank == 2 else coefficient[index[0]]
 
 
-def _plain(kind: Kind, component: str) -> str:
-    symbol = VIEWER_SYMBOLS.get(kind.symbol, kind.symbol)
+def _plain(kind: FieldKind, component: str) -> str:
     if component:
-        return f"{kind.title} {symbol}_{component}"
-    return f"{kind.title} |{symbol}|" if kind.rank else f"{kind.title} {symbol}"
+        return f"{kind.title} {kind.plain}_{component}"
+    return f"{kind.title} |{kind.plain}|" if kind.rank else f"{kind.title} {kind.plain}"
 
 
 def fields_of(source: object, name: str = "source") -> Fields:
@@ -175,14 +167,10 @@ def fields_of(source: object, name: str = "source") -> Fields:
     ------
     TypeError
         If ``source`` is neither.
-    ValueError
-        If its mesh is distributed over processes.
     """
     fields = source if isinstance(source, Fields) else getattr(source, "fields", None)
     if not isinstance(fields, Fields):
         raise TypeError(f"{name}={source!r}: the result of a solver or its Fields are needed")
-    legal = "NGSolve's VTKOutput writes the fields of a result there"
-    require_one_process(name, fields.problem.mesh, legal)
     return fields
 
 
@@ -200,9 +188,24 @@ def require_sources(sources: object) -> None:
 
 
 def field_of(source: object, name: str) -> CoefficientFunction:
-    """A field by name: the solver's own approximation where it has one, else the recovered one."""
-    own = getattr(source, name, None)
-    return own if isinstance(own, CoefficientFunction) else getattr(fields_of(source), name)
+    """A field by name: the solver's own approximation where it has one, else the recovered one.
+
+    Raises
+    ------
+    ValueError
+        If the source has neither.
+    """
+    for owner in (source, fields_of(source)):
+        found = getattr(owner, name, None)
+        if isinstance(found, CoefficientFunction):
+            return found
+    raise ValueError(f"field={name!r}: this result has no such field")
+
+
+def method_label(source: object) -> str:
+    """What solved it, for titles: 'gamma = 1e+04', 'exact'; empty where the source does not say."""
+    label = getattr(source, "method_label", "")
+    return label if isinstance(label, str) else ""
 
 
 def scalar(coefficient: CoefficientFunction) -> CoefficientFunction:

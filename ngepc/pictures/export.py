@@ -30,7 +30,6 @@ FIELDS = (
     "yield_function",
 )
 
-
 _DATA = b'<AppendedData encoding="raw">\n_'
 
 
@@ -64,7 +63,7 @@ def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = 
     if unknown:
         raise ValueError(f"fields={list(fields)!r}: {unknown[0]!r} is none of {', '.join(KINDS)}")
     mesh = fields_of(source).problem.mesh
-    coefficients = [in_space(field_of(source, name), mesh.dim) for name in fields]
+    coefficients = [in_space(field_of(source, name)) for name in fields]
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         stem = Path(folder) / "out"
@@ -125,14 +124,15 @@ def export_series(
     return path
 
 
-def in_space(coefficient: CoefficientFunction, N: int) -> CoefficientFunction:
-    """A scalar as it is, a vector with 3 and a matrix with 9 components, zero where N = 2."""
+def in_space(coefficient: CoefficientFunction) -> CoefficientFunction:
+    """A scalar as it is, a vector with 3 and a matrix with 9 components, filled up with zeros."""
     if coefficient.dim == 1:
         return coefficient
-    if len(coefficient.dims) == 1:
-        return CF(tuple(coefficient[i] if i < N else 0.0 for i in range(3)))
-    inside = [(i < N and j < N, i, j) for i in range(3) for j in range(3)]
-    return CF(tuple(coefficient[i, j] if known else 0.0 for known, i, j in inside))
+    n, matrix = coefficient.dims[0], len(coefficient.dims) == 2
+    if not matrix:
+        return CF(tuple(coefficient[i] if i < n else 0.0 for i in range(3)))
+    pairs = [(i, j) for i in range(3) for j in range(3)]
+    return CF(tuple(coefficient[i, j] if max(i, j) < n else 0.0 for i, j in pairs))
 
 
 def check_names(fields: object) -> None:

@@ -1,8 +1,7 @@
-"""Figures of bodies with matplotlib: fields on the deformed body, plastic zones, comparisons.
+"""Figures of bodies with matplotlib: fields on the deformed body, plastic zones, active sets.
 
-Every function returns a ``matplotlib.figure.Figure`` and touches no pyplot state, so that it works
-in notebooks, scripts and servers alike; ``figure.savefig(path)`` writes PNG, PDF or SVG.
-Curves (histories, counts, pressures) are in ``ngepc.pictures.curves``.
+Every function returns a ``matplotlib.figure.Figure``; ``figure.savefig(path)`` writes PNG, PDF or
+SVG.  Curved elements are drawn curved.  Curves over something are in ``ngepc.pictures.curves``.
 """
 
 from __future__ import annotations
@@ -11,29 +10,54 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.collections import LineCollection
+from matplotlib.colorbar import Colorbar
+from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from matplotlib.tri import Triangulation
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_flag
-from ngepc.pictures.body import (
-    body_figure,
-    body_size,
-    check_drawing,
-    colour_bar,
-    decorate,
-    draw_body,
-    label_bar,
+from ngepc.checks.kinds import require_attributes, require_flag, require_instance, require_text
+from ngepc.pictures.drawable import (
+    UnitNames,
+    drawable,
+    fields_of,
+    method_label,
+    require_sources,
+    unit_names,
 )
-from ngepc.pictures.drawable import UnitNames, drawable, fields_of, require_sources, unit_names
-from ngepc.pictures.picture import Picture
-from ngepc.pictures.sampling import ColourRange, Corners, body_corners, colour_range
+from ngepc.pictures.sampling import (
+    ColourRange,
+    Corners,
+    body_corners,
+    boundary_corners,
+    colour_range,
+    element_borders,
+    obstacle_lines,
+    sample_corners,
+)
+from ngepc.pictures.style import (
+    CONTACT,
+    DEFORMED,
+    ELASTIC,
+    GUIDE,
+    OBSTACLE,
+    OUTLINE,
+    PLASTIC,
+    Picture,
+    styled,
+)
+from ngepc.results.fields import Fields
 
-ZONE_COLOURS = ("#dfe3e8", "#26323f")
+SET_COLOURS = (ELASTIC, PLASTIC, CONTACT)
 
 
+@styled
 def plot_field(
     source: object,
     field: str | CoefficientFunction = "equivalent_plastic_strain",
@@ -51,7 +75,7 @@ def plot_field(
     """A scalar field on the deformed body; in 3D on its surface.
 
     Piecewise constant fields are drawn flat, others interpolated.  Thin lines show the body
-    before the deformation and, where it is given, the obstacle at distance psi.
+    before the deformation, a black one the obstacle at distance psi.
 
     Parameters
     ----------
@@ -66,7 +90,8 @@ def plot_field(
         Ends of the colour scale; by default percentiles (``colour_range``), with arrows on the
         colour bar where values lie outside.
     label, title, colormap, mesh_lines, units
-        Text at the colour bar, title, matplotlib colour map, whether to draw the mesh, units.
+        Text at the colour bar, title (by default how the problem was solved), matplotlib colour
+        map, whether to draw the mesh, units.
     axes
         Axes to draw into (3D axes for 3D bodies); by default a new figure.
 
@@ -85,23 +110,20 @@ def plot_field(
     check_drawing(axes, label=label, title=title, colormap=colormap)
     require_flag("mesh_lines", mesh_lines)
     what = drawable(source, field, units)
-    fields = fields_of(source)
-    corners = body_corners(fields, what.coefficient)
+    corners = body_corners(fields_of(source), what.coefficient)
     limits = colour_range(corners, vmin=vmin, vmax=vmax, symmetric=what.signed)
-    axes = axes if axes is not None else body_figure(corners, scale, bar=True)
-    patch = draw_body(axes, corners, limits, colormap or what.colormap, scale, mesh_lines)
-    decorate(axes, fields, scale, units)
-    colour_bar(axes, patch, limits, label or what.label)
-    if title:
-        axes.set_title(title, fontsize=10)
+    axes = axes if axes is not None else _body_axes(corners, scale, bar=True)
+    patch = _draw(axes, source, corners, limits, colormap or what.colormap, scale, mesh_lines)
+    _decorate(axes, source, scale, units, title)
+    pad = {"pad": 0.1} if hasattr(axes, "get_zlim") else {}
+    bar = axes.figure.colorbar(
+        patch, ax=axes, extend=limits.extend, shrink=0.85, aspect=25, fraction=0.05, **pad
+    )
+    _label_bar(bar, label or what.label)
     return axes.figure
 
 
-def plot_yield_function(source: object, **options: object) -> Figure:
-    """The yield function phi of (3.9) on the deformed body; options as in ``plot_field``."""
-    return plot_field(source, "yield_function", **options)
-
-
+@styled
 def plot_plastic_zone(
     source: object,
     threshold: float = 0.0,
@@ -111,29 +133,83 @@ def plot_plastic_zone(
     units: UnitNames | None = None,
     axes: Axes | None = None,
 ) -> Figure:
-    """The zone |p|_F > ``threshold`` dark on the light deformed body, Figures 2 and 6.
+    """The part of the body where |p|_F exceeds ``threshold``, dark, as in Figures 2 and 6.
 
-    The paper takes 0.1 for Example (a) and 1e-2 for Example (b).
+    Parameters
+    ----------
+    source
+        Result of a solver, or ``Fields``.
+    threshold
+        Number >= 0 (1).
+    deformation_scale, title, units, axes
+        As for ``plot_field``.
 
     Raises
     ------
     ValueError
-        If ``threshold`` or ``deformation_scale`` is negative.
+        If the threshold is negative.
     """
-    threshold = require_number("threshold", threshold, 0.0)
     scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
+    require_number("threshold", threshold, 0.0)
     check_drawing(axes, title=title)
-    fields = fields_of(source)
-    sampled = body_corners(fields, drawable(source, "equivalent_plastic_strain").coefficient)
-    inside = np.repeat((sampled.values.mean(axis=1) > threshold)[:, None], 3, axis=1)
-    corners = Corners(sampled.points, sampled.displacement, inside.astype(float))
-    axes = axes if axes is not None else body_figure(corners, scale, bar=False)
-    draw_body(axes, corners, ColourRange(0.0, 1.0), ListedColormap(ZONE_COLOURS), scale, False)
-    decorate(axes, fields, scale, units)
-    axes.set_title(title or rf"plastic zone (dark): $|p|_F > {threshold:g}$", fontsize=10)
+    what = drawable(source, "equivalent_plastic_strain")
+    sampled = body_corners(fields_of(source), what.coefficient)
+    classes = (sampled.values.mean(axis=1) > threshold).astype(float)
+    axes = _draw_classes(axes, source, sampled, classes, (ELASTIC, PLASTIC), scale)
+    words = rf"plastic zone (dark): $|p|_F > {threshold:g}$"
+    _decorate(axes, source, scale, units, title, words)
     return axes.figure
 
 
+@styled
+def plot_active_sets(
+    result: object,
+    *,
+    deformation_scale: float = 0.0,
+    title: str | None = None,
+    units: UnitNames | None = None,
+    axes: Axes | None = None,
+) -> Figure:
+    """The active sets: dark where the body yields in this step, orange where it is in contact.
+
+    Parameters
+    ----------
+    result
+        A result of a solver, or the snapshot of an iterate.
+    deformation_scale
+        Factor >= 0 on the displacement; by default the body before the deformation, which stays
+        where it is while iterates come and go.
+    title, units, axes
+        As for ``plot_field``.
+
+    Raises
+    ------
+    ValueError
+        If ``deformation_scale`` is negative.
+    """
+    scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
+    check_drawing(axes, title=title)
+    require_attributes("result", result, ("fields", "yield_excess"), "a result of a solver")
+    fields = fields_of(result)
+    cuts = max(1, round(math.sqrt(16_000 / fields.problem.mesh.ne)))
+    sampled = body_corners(fields, result.yield_excess, cuts)
+    classes = (sampled.values.mean(axis=1) > 0.0).astype(float)
+    touching = _pressure_on_boundary(fields, result, cuts)
+    pushed = touching.values.mean(axis=1) > 0.0
+    if fields.problem.N == 3:
+        classes[pushed] = 2.0
+    axes = _draw_classes(axes, result, sampled, classes, SET_COLOURS, scale)
+    words = (
+        "yields (dark), in contact (orange)" if fields.problem.contact_names else "yields (dark)"
+    )
+    _decorate(axes, result, scale, units, title, words)
+    if fields.problem.N == 2:
+        lines = touching.deformed(scale)[pushed]
+        axes.add_collection(LineCollection(lines, colors=CONTACT, linewidths=3.0, zorder=5))
+    return axes.figure
+
+
+@styled
 def plot_comparison(
     sources: Mapping[str, object],
     field: str | CoefficientFunction = "equivalent_plastic_strain",
@@ -148,7 +224,9 @@ def plot_comparison(
     Parameters
     ----------
     sources
-        Title -> result or ``Fields``; two-dimensional bodies.
+        Title -> result or ``Fields``.
+    field, deformation_scale, vmin, vmax, units
+        As for ``plot_field``.
 
     Raises
     ------
@@ -159,29 +237,28 @@ def plot_comparison(
     scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
     what = {title: drawable(source, field, units) for title, source in sources.items()}
     corners = {t: body_corners(fields_of(s), what[t].coefficient) for t, s in sources.items()}
-    first = next(iter(what.values()))
+    first, sample = next(iter(what.values())), next(iter(corners.values()))
     limits = colour_range(*corners.values(), vmin=vmin, vmax=vmax, symmetric=first.signed)
-    width, height = body_size(next(iter(corners.values())), scale)
+    width, height = body_size(sample, scale)
     rows = math.ceil(len(sources) / 3)
     columns = math.ceil(len(sources) / rows)
     shrink = min(1.0, 3.6 / width) if columns > 2 else 1.0
     size = (shrink * width * columns + 0.8, shrink * height * rows)
     figure = Picture(figsize=size, layout="compressed")
-    three = next(iter(corners.values())).points.shape[2] == 3
-    projection = {"projection": "3d"} if three else {}
+    projection = {"projection": "3d"} if sample.points.shape[2] == 3 else {}
     panels = figure.subplots(rows, columns, squeeze=False, subplot_kw=projection).ravel()
     for panel in panels[len(sources) :]:
         panel.set_axis_off()
-    panels = panels[: len(sources)]
-    for panel, (title, sampled) in zip(panels, corners.items(), strict=True):
-        patch = draw_body(panel, sampled, limits, first.colormap, scale, False)
-        decorate(panel, fields_of(sources[title]), scale, units)
-        panel.set_title(title, fontsize=10)
-    bar = figure.colorbar(patch, ax=list(panels), extend=limits.extend, shrink=0.85, aspect=30)
-    label_bar(bar, first.label)
+    for panel, (title, sampled) in zip(panels, corners.items(), strict=False):
+        patch = _draw(panel, sources[title], sampled, limits, first.colormap, scale, False)
+        _decorate(panel, sources[title], scale, units, title)
+    shown = list(panels[: len(sources)])
+    bar = figure.colorbar(patch, ax=shown, extend=limits.extend, shrink=0.85, aspect=30)
+    _label_bar(bar, first.label)
     return figure
 
 
+@styled
 def plot_mesh(
     source: object, *, units: UnitNames | None = None, axes: Axes | None = None
 ) -> Figure:
@@ -189,8 +266,141 @@ def plot_mesh(
     fields, units = fields_of(source), unit_names(units)
     check_drawing(axes)
     sampled = body_corners(fields, CoefficientFunction(0.0))
-    axes = axes if axes is not None else body_figure(sampled, 0.0, bar=False)
-    colours = ListedColormap(["#eef1f4"])
-    draw_body(axes, sampled, ColourRange(0.0, 1.0), colours, 0.0, True)
-    decorate(axes, fields, 0.0, units)
+    classes = np.zeros(len(sampled.points))
+    axes = _draw_classes(axes, source, sampled, classes, (ELASTIC, PLASTIC), 0.0, mesh_lines=True)
+    _decorate(axes, fields, 0.0, units)
     return axes.figure
+
+
+def check_drawing(axes: object, *, colormap: object = None, **texts: object) -> None:
+    """Refuse axes that are none, texts that are none, and colour maps that nobody knows."""
+    if axes is not None:
+        require_instance("axes", axes, Axes, "matplotlib Axes or None")
+    for name, text in texts.items():
+        require_text(name, text, optional=True)
+    if colormap is not None and not isinstance(colormap, Colormap):
+        require_text("colormap", colormap)
+        if colormap not in colormaps:
+            raise ValueError(
+                f"colormap={colormap!r}: the name of a matplotlib colour map is needed, such as "
+                "'viridis' or 'RdBu_r'"
+            )
+
+
+def body_size(corners: Corners, scale: float) -> tuple[float, float]:
+    """Inches of the drawing area: the aspect of the body, inside 3.5 to 7 by 2.2 to 5."""
+    if corners.points.shape[2] == 3:
+        return 5.0, 4.4
+    both = np.concatenate([corners.points, corners.deformed(scale)]).reshape(-1, 2)
+    width, height = np.ptp(both, axis=0)
+    unit = min(6.0 / width, 4.0 / height)
+    return max(3.5, unit * width + 0.8), max(2.2, unit * height + 0.8)
+
+
+def _body_axes(corners: Corners, scale: float, *, bar: bool) -> Axes:
+    """Axes of a new figure with the aspect of the body, and room for a colour bar if asked."""
+    width, height = body_size(corners, scale)
+    figure = Picture(figsize=(width + (0.9 if bar else 0.0), height), layout="compressed")
+    three = corners.points.shape[2] == 3
+    return figure.add_subplot(projection="3d" if three else None)
+
+
+def _draw_classes(
+    axes: Axes | None,
+    source: object,
+    sampled: Corners,
+    classes: np.ndarray,
+    colours: tuple[str, ...],
+    scale: float,
+    mesh_lines: bool = False,
+) -> Axes:
+    """Each triangle in the colour of its class; returns the axes, new ones for None."""
+    values = np.repeat(classes[:, None], 3, axis=1)
+    corners = Corners(sampled.points, sampled.displacement, values)
+    axes = axes if axes is not None else _body_axes(corners, scale, bar=False)
+    limits = ColourRange(0.0, len(colours) - 1.0)
+    _draw(axes, source, corners, limits, ListedColormap(colours), scale, mesh_lines)
+    return axes
+
+
+def _draw(
+    axes: Axes,
+    source: object,
+    corners: Corners,
+    limits: ColourRange,
+    colormap: str | ListedColormap,
+    scale: float,
+    mesh_lines: bool,
+) -> object:
+    """Draw the triangles with their values; returns what a colour bar needs."""
+    points, options = corners.deformed(scale), {"cmap": colormap}
+    options["clim"] = (limits.least, limits.most)
+    if points.shape[2] == 3:
+        options |= {"edgecolors": GUIDE, "linewidths": 0.2} if mesh_lines else {"linewidths": 0.0}
+        flat = Poly3DCollection(points, antialiased=mesh_lines, **options)
+        flat.set_array(corners.values.mean(axis=1))
+        return axes.add_collection3d(flat)
+    x, y = points.reshape(-1, 2).T
+    triangles = Triangulation(x, y, np.arange(len(x)).reshape(-1, 3))
+    if corners.constant:
+        options |= {"facecolors": corners.values[:, 0], "edgecolors": "none", "antialiased": False}
+        patch = axes.tripcolor(triangles, rasterized=True, **options)
+    else:
+        values = corners.values.ravel()
+        patch = axes.tripcolor(triangles, values, shading="gouraud", rasterized=True, **options)
+    if mesh_lines:
+        borders = element_borders(fields_of(source)).deformed(scale)
+        thin = 0.3 * min(1.0, math.sqrt(1500 / len(borders)))
+        axes.add_collection(LineCollection(borders, colors=GUIDE, linewidths=thin, zorder=2))
+    return patch
+
+
+def _decorate(
+    axes: Axes,
+    source: object,
+    scale: float,
+    units: UnitNames,
+    title: str | None = None,
+    words: str = "",
+) -> None:
+    """Title, axis labels, equal aspect, and in 2D the undeformed outline and the obstacle."""
+    fields = fields_of(source)
+    heading = title or ", ".join(filter(None, (words, method_label(source))))
+    axes.set_title(heading)
+    names = "xyz"[: fields.problem.N]
+    for name in names:
+        getattr(axes, f"set_{name}label")(f"{name} ({units.length})")
+    if fields.problem.N == 3:
+        corners = boundary_corners(fields).deformed(scale).reshape(-1, 3)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        axes.set(**{f"{n}lim": (a, b) for n, a, b in zip(names, low, high, strict=True)})
+        axes.set_box_aspect(high - low)
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            axis.set_major_locator(MaxNLocator(4, prune="both"))
+        return
+    outline = boundary_corners(fields)
+    axes.add_collection(LineCollection(outline.points, colors=OUTLINE, linewidths=0.7, zorder=0))
+    deformed = LineCollection(outline.deformed(scale), colors=DEFORMED, linewidths=0.6, zorder=3)
+    axes.add_collection(deformed)
+    if fields.problem.contact_names and scale > 0:
+        obstacle = obstacle_lines(fields, scale)
+        axes.add_collection(LineCollection(obstacle, colors=OBSTACLE, linewidths=1.4, zorder=4))
+    axes.set_aspect("equal")
+    axes.grid(False)
+    axes.autoscale_view()
+    axes.margins(0.03)
+
+
+def _label_bar(bar: Colorbar, label: str) -> None:
+    bar.set_label(label)
+    bar.formatter.set_powerlimits((-2, 4))
+    bar.ax.yaxis.get_offset_text().set_fontsize(8)
+    bar.outline.set_linewidth(0.4)
+
+
+def _pressure_on_boundary(fields: Fields, result: object, cuts: int) -> Corners:
+    """The contact pressure on the whole boundary, zero where there is no contact boundary."""
+    mesh, names = fields.problem.mesh, fields.problem.contact_names
+    pressures = dict.fromkeys(names, result.contact_pressure) if names else {}
+    pressure = mesh.BoundaryCF(pressures, default=0.0)
+    return sample_corners(fields, mesh.Boundaries(".*"), pressure, cuts)

@@ -10,24 +10,20 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TextIO
 
 from matplotlib.figure import Figure
+from tqdm import tqdm
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_attributes, require_function, require_text
-from ngepc.dual.newton import NewtonOptions, checked_options, semismooth_newton
-from ngepc.dual.regularisation import Regularisation
-from ngepc.dual.result import DualResult
-from ngepc.model.problem import Problem
-from ngepc.pictures import Picture, plot_progress
-from ngepc.pictures.curves import draw_runs
-from ngepc.pictures.page import EXTRA
-from ngepc.results.outcome import History, IterationRecord, Status
+from ngepc.pictures.curves import draw_runs, plot_progress
+from ngepc.pictures.style import Picture, styled
+from ngepc.results.outcome import History, IterationRecord
 
-Monitor = Callable[[IterationRecord], None]
+RecordMonitor = Callable[[IterationRecord], None]
 """What solvers call with the record of each iterate, start included."""
 
 COLUMNS = (
@@ -44,7 +40,7 @@ COLUMNS = (
 """Heading, field of the record and format of the columns of the table."""
 
 
-def combine(*monitors: Monitor) -> Monitor:
+def together(*monitors: RecordMonitor) -> RecordMonitor:
     """One monitor that calls several in order."""
     for number, monitor in enumerate(monitors):
         require_function(f"monitors[{number}]", monitor, "a record")
@@ -62,7 +58,7 @@ def check_stream(stream: object) -> None:
         require_attributes("stream", stream, ("write", "flush"), "an open text file or None")
 
 
-def table_monitor(stream: TextIO | None = None) -> Monitor:
+def table_monitor(stream: TextIO | None = None) -> RecordMonitor:
     """A monitor that writes one aligned line for each iterate, with a heading at the start.
 
     ``stream`` is where to; standard error by default.
@@ -87,53 +83,39 @@ def table_monitor(stream: TextIO | None = None) -> Monitor:
     return write
 
 
-class ProgressMonitor:
-    """A monitor that keeps one line up to date; a context manager that ends the line.
+class ProgressLine:
+    """A monitor that keeps one line up to date on a terminal; a context manager that ends it.
 
     Parameters
     ----------
     label
         Text in front.
     stream
-        Where to; standard error by default.  Without a terminal behind it only the last line is
-        written, at the end of the ``with`` block.
+        Where to; standard error by default.  Nothing is written where no terminal is behind it.
     """
 
     def __init__(self, label: str = "", stream: TextIO | None = None) -> None:
         require_text("label", label)
         check_stream(stream)
-        self.label, self.stream, self.line = label, stream, ""
+        out = sys.stderr if stream is None else stream
+        self._bar = tqdm(desc=label or None, unit=" steps", file=out, leave=False,
+                         disable=None, bar_format="{desc}{postfix} [{elapsed}]")  # fmt: skip
 
     def __call__(self, record: IterationRecord) -> None:
         """Write the newest step over the line."""
-        old = len(self.line)
-        self.line = (
-            f"{self.label}{': ' if self.label else ''}step {record.iteration}, "
-            f"residual {record.residual_norm:.2e}, step length {record.step_length:.2g}"
+        self._bar.set_postfix_str(
+            f"step {record.iteration}, residual {record.residual_norm:.2e}, in contact "
+            f"{record.contact_active:.3g}, plastic {record.plastic_active:.3g}",
+            refresh=True,
         )
-        out = self._out()
-        if out.isatty():
-            out.write("\r" + self.line.ljust(old))
-            out.flush()
 
-    def __enter__(self) -> ProgressMonitor:
+    def __enter__(self) -> ProgressLine:
         """The monitor itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the line."""
-        out = self._out()
-        if self.line:
-            out.write("\n" if out.isatty() else self.line + "\n")
-            out.flush()
-
-    def _out(self) -> TextIO:
-        return sys.stderr if self.stream is None else self.stream
-
-
-def progress_monitor(label: str = "", stream: TextIO | None = None) -> ProgressMonitor:
-    """A line that shows step, residual norm and step length; see ``ProgressMonitor``."""
-    return ProgressMonitor(label, stream)
+        """Take the line away."""
+        self._bar.close()
 
 
 class LivePlotMonitor:
@@ -160,9 +142,8 @@ class LivePlotMonitor:
         self.interval = require_number("interval", interval, 0.0)
         if tolerance is not None:
             require_number("tolerance", tolerance, 0, strict=True)
-        self.tolerance, self.runs = tolerance, []
-        self._last: IterationRecord | None = None
-        self._handle, self._next = None, float("-inf")
+        self.tolerance = tolerance
+        self.__enter__()
 
     def __call__(self, record: IterationRecord) -> None:
         """Add a step, and draw if the last drawing is old enough."""
@@ -174,27 +155,26 @@ class LivePlotMonitor:
         if done or time.monotonic() >= self._next:
             self.draw()
 
+    @styled
     def figure(self) -> Figure:
         """The figure of the steps seen so far; without the body for records without snapshot."""
         if self._last is not None and self._last.snapshot is not None:
             return plot_progress(self._last.snapshot(), runs=self.runs, tolerance=self.tolerance)
-        figure = Picture(figsize=(6.4, 2.8), layout="constrained")
+        figure = Picture(figsize=(6.4, 2.8))
         draw_runs(*figure.subplots(1, 2), self.runs, self.tolerance)
         return figure
 
     def draw(self) -> None:
         """Show the figure, in the place where it was shown first."""
         begin = time.monotonic()
-        if self._handle is None:
-            self._handle = _display(self.figure())
-        else:
-            self._handle.update(self.figure())
+        self._handle = _shown(self._handle, self.figure())
         end = time.monotonic()
         self._next = end + max(self.interval, 4 * (end - begin))
 
     def __enter__(self) -> LivePlotMonitor:
         """The monitor itself, with nothing seen."""
-        self.runs, self._last = [], None
+        self.runs: list[History] = []
+        self._last: IterationRecord | None = None
         self._handle, self._next = None, float("-inf")
         return self
 
@@ -216,9 +196,9 @@ def watch(results: Iterable[object], draw: Callable[[object], Figure]) -> object
     Parameters
     ----------
     results
-        Results one after the other: ``newton_sequence``, load steps, a path.
+        Results one after the other: load steps, a path.
     draw
-        What to draw of each, such as ``plotting.plot_progress``.
+        What to draw of each, such as ``ngepc.pictures.plot_progress``.
 
     Raises
     ------
@@ -229,41 +209,18 @@ def watch(results: Iterable[object], draw: Callable[[object], Figure]) -> object
     require_function("draw", draw, "a result")
     handle = result = None
     for result in results:
-        figure = draw(result)
-        if handle is None:
-            handle = _display(figure)
-        else:
-            handle.update(figure)
+        handle = _shown(handle, draw(result))
     if result is None:
         raise ValueError(f"results={results!r}: at least one result is needed")
     return result
 
 
-def newton_sequence(
-    problem: Problem,
-    gamma: float | None = None,
-    start: DualResult | None = None,
-    options: NewtonOptions | None = None,
-    *,
-    regularisation: Regularisation | None = None,
-) -> Iterator[DualResult]:
-    """The results after 1, 2, 3, ... Newton steps of ``semismooth_newton``, for sliders.
-
-    Algorithm 7.1 has no memory, so that a run of single steps passes through the same iterates;
-    each history begins with the first.  It costs a new assembly for each step.
-    """
-    options = checked_options(options)
-    single = replace(options, max_iterations=1)
-    history, result = History(), start
-    for _ in range(options.max_iterations):
-        result = semismooth_newton(problem, gamma, result, single, regularisation=regularisation)
-        new = result.history.records[1 if history.records else 0 :]
-        count = len(history.records)
-        for k, record in enumerate(new):
-            history.append(replace(record, iteration=count + k))
-        yield replace(result, history=History(list(history.records)))
-        if result.status is not Status.ITERATION_LIMIT:
-            return
+def _shown(handle: object, figure: Figure) -> object:
+    """Show a figure in its place of the running notebook; returns the handle of that place."""
+    if handle is None:
+        return _display(figure)
+    handle.update(figure)
+    return handle
 
 
 def _display(figure: Figure) -> object:
@@ -271,5 +228,6 @@ def _display(figure: Figure) -> object:
     try:
         from IPython.display import display
     except ImportError as error:
-        raise ImportError(f"live figures need a notebook: {EXTRA}") from error
+        needed = 'pip install "ngepc[notebook]"'
+        raise ImportError(f"live figures need a notebook: {needed}") from error
     return display(figure, display_id=True)

@@ -1,167 +1,42 @@
 """Reports: one HTML file with text, tables, pictures and interactive views, for any browser.
 
-Everything is inside the file, so that it opens from disk without network, on a phone, in light
-and dark; it is written in one go.
+Everything is inside the file, so that it opens from disk without network; it is written in one go.
 """
 
 from __future__ import annotations
 
+import base64
 import html
+import io
+import math
+import numbers
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
-from ngepc.checks.arguments import require_integer, require_number
-from ngepc.checks.kinds import (
-    require_instance,
-    require_path,
-    require_sequence,
-    require_text,
-)
+from ngepc.checks.arguments import is_number
+from ngepc.checks.kinds import require_path, require_text
 from ngepc.model.problem import Problem
-from ngepc.pictures.page import STYLE, frame
-from ngepc.pictures.report_pieces import (
-    REPORT_STYLE,
-    describe_problem,
-    figcaption,
-    html_table,
-    inline,
-)
-from ngepc.pictures.views import View, png_address
+from ngepc.pictures.curves import plot_contact_pressure, plot_history
+from ngepc.pictures.fields import plot_field, plot_plastic_zone
+from ngepc.pictures.scenes import EXTRA
+from ngepc.pictures.views import View, show, viewer_installed
 from ngepc.results.records import write_text
 
-WIDE = 1.9
-"""Width over height from which a figure has a row to itself."""
-
-
-class Report:
-    """A report that is put together piece by piece and then written.
-
-    Parameters
-    ----------
-    title
-        Heading.
-    subtitle
-        Line below it.
-    """
-
-    def __init__(self, title: str, subtitle: str = "") -> None:
-        require_text("title", title)
-        require_text("subtitle", subtitle)
-        self.title, self.subtitle = title, subtitle
-        self._sections: list[list[str]] = [[]]
-
-    def add_section(self, heading: str) -> Report:
-        """Begin a new section; returns the report, as all these methods do."""
-        require_text("heading", heading)
-        self._sections.append([f"<h2>{html.escape(heading)}</h2>"])
-        return self
-
-    def add_text(self, *paragraphs: str) -> Report:
-        """Add paragraphs of plain text; `code` stands between backquotes."""
-        for number, paragraph in enumerate(paragraphs):
-            require_text(f"paragraphs[{number}]", paragraph)
-        self._add(*(f"<p>{inline(paragraph)}</p>" for paragraph in paragraphs))
-        return self
-
-    def add_code(self, text: str) -> Report:
-        """Add preformatted text, such as a command."""
-        require_text("text", text)
-        self._add(f"<pre>{html.escape(text)}</pre>")
-        return self
-
-    def add_table(
-        self, rows: Iterable[Mapping[str, object]], caption: str = "", digits: int = 4
-    ) -> Report:
-        """Add a table.
-
-        Parameters
-        ----------
-        rows
-            Dictionaries; the columns are the keys in order of appearance, missing values empty.
-        caption
-            Text above.
-        digits
-            Significant digits of numbers that are not integers.
-
-        Raises
-        ------
-        ValueError
-            If there are no rows.
-        """
-        require_text("caption", caption)
-        require_integer("digits", digits, 1, 17)
-        rows = rows if hasattr(rows, "__len__") or not hasattr(rows, "__iter__") else list(rows)
-        require_sequence("rows", rows, "mappings")
-        if len(rows) == 0:
-            raise ValueError(f"rows={rows!r}: at least one row is needed")
-        for number_of_row, row in enumerate(rows):
-            require_instance(f"rows[{number_of_row}]", row, Mapping, "a mapping")
-        self._add(html_table(rows, caption, digits))
-        return self
-
-    def add_figure(self, figure: Figure | str | os.PathLike, caption: str = "") -> Report:
-        """Add a matplotlib figure, or a picture from a PNG file.
-
-        Figures that are not wide stand two in a row where there is room.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be read.
-        """
-        require_text("caption", caption)
-        address = png_address(
-            figure if isinstance(figure, Figure) else require_path("figure", figure)
-        )
-        half = isinstance(figure, Figure) and np.divide(*figure.get_size_inches()) < WIDE
-        tag = '<figure class="half">' if half else "<figure>"
-        picture = f'<img src="{address}" alt="{html.escape(caption or "figure")}">'
-        self._add(f"{tag}{picture}{figcaption(caption)}</figure>")
-        return self
-
-    def add_view(self, view: View, caption: str = "", height: int | None = None) -> Report:
-        """Add an interactive view from ``ngepc.pictures.views``."""
-        require_instance("view", view, View, "a View of ngepc.pictures.views")
-        require_text("caption", caption)
-        if height is not None:
-            require_number("height", height, 1)
-        self._add(
-            f"<figure>{frame(view.html, height or view.height)}{figcaption(caption)}</figure>"
-        )
-        return self
-
-    def add_problem(self, problem: Problem) -> Report:
-        """Add a table of the data of a problem."""
-        require_instance("problem", problem, Problem, "a Problem")
-        return self.add_table(describe_problem(problem), "The problem")
-
-    def html(self, footer: str = "") -> str:
-        """The whole page."""
-        head = f"<h1>{html.escape(self.title)}</h1>"
-        if self.subtitle:
-            head += f"<p>{inline(self.subtitle)}</p>"
-        parts = "".join(f"<section>{''.join(section)}</section>" for section in self._sections)
-        foot = f"<footer>{inline(footer)}</footer>" if footer else ""
-        return (
-            '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f"<title>{html.escape(self.title)}</title><style>{STYLE}{REPORT_STYLE}</style></head>"
-            f"<body><header>{head}</header>{parts}{foot}</body></html>\n"
-        )
-
-    def write(self, path: str | os.PathLike, footer: str = "") -> Path:
-        """Write the report in one go; returns the path."""
-        path = require_path("path", path)
-        write_text(path, self.html(footer))
-        return path
-
-    def _add(self, *pieces: str) -> None:
-        self._sections[-1].extend(pieces)
-
+STYLE = """
+body { max-width: 60rem; margin: 0 auto; padding: 1.5rem 1rem 4rem; color: #1c2733;
+       font: 16px/1.55 system-ui, sans-serif; }
+h2 { font-size: 1.2rem; margin-top: 2.4rem; padding-top: .8rem; border-top: 1px solid #d9dee3; }
+.wide { overflow-x: auto; margin: .9rem 0; }
+table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .28rem .8rem; border-bottom: 1px solid #d9dee3; text-align: right; }
+td.text { text-align: left; }
+img { max-width: 100%; height: auto; }
+footer { color: #5c6873; font-size: .88rem; margin-top: 3rem; }
+"""
 
 Section = tuple[str, Sequence[object]]
 """Heading and contents: text, figures, views, problems and lists of dictionaries (tables)."""
@@ -177,7 +52,7 @@ def write_report(
     path
         The HTML file to write.
     title, subtitle, footer
-        Text at the top and at the bottom.
+        Text at the top and at the bottom; `code` stands between backquotes, also in the contents.
     sections
         Pairs (heading, contents); each piece of contents is text, a list of dictionaries, a
         figure, the path of a PNG file, a ``View`` or a ``Problem``.
@@ -191,15 +66,55 @@ def write_report(
     ------
     TypeError, ValueError
         If a piece is none of these, or another argument is not legal.
+    OSError
+        If a picture cannot be read, or the report not be written.
     """
-    path, report = require_path("path", path), Report(title, subtitle)
-    require_text("footer", footer)
+    path = require_path("path", path)
+    for name, text in (("title", title), ("subtitle", subtitle), ("footer", footer)):
+        require_text(name, text)
+    parts = [f"<h1>{html.escape(title)}</h1>", f"<p>{_inline(subtitle)}</p>" if subtitle else ""]
     for number, section in enumerate(sections):
         heading, contents = _section(number, section)
-        report.add_section(heading)
-        for piece in contents:
-            _add_piece(report, piece)
-    return report.write(path, footer)
+        parts += [f"<h2>{html.escape(heading)}</h2>", *map(_piece, contents)]
+    write_text(
+        path,
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{html.escape(title)}</title><style>{STYLE}</style></head><body>"
+        f"{''.join(parts)}<footer>{_inline(footer)}</footer></body></html>\n",
+    )
+    return path
+
+
+def standard_figures(result: object, threshold: float = 0.0) -> dict[str, Figure]:
+    """Name -> figure: deformed body with |p|_F, yield function, plastic zone, residuals, pressure.
+
+    Parameters
+    ----------
+    result
+        A result of any solver.
+    threshold
+        The |p|_F above which the plastic zone is dark (1).
+    """
+    figures = {
+        "plastic_strain": plot_field(result, "equivalent_plastic_strain"),
+        "yield_function": plot_field(result, "yield_function"),
+        "plastic_zone": plot_plastic_zone(result, threshold),
+        "residuals": plot_history(result.history),
+    }
+    if result.problem.contact_names and result.problem.N == 2:
+        figures["contact_pressure"] = plot_contact_pressure(result)
+    return figures
+
+
+def solution_sections(result: object, heading: str, threshold: float = 0.0) -> list[Section]:
+    """The sections of a report about one result: its pictures, and a view if there is a viewer."""
+    figures = standard_figures(result, threshold)
+    residuals = figures.pop("residuals")
+    absent = f"For a view to turn and zoom: {EXTRA}"
+    view = show(result) if viewer_installed() else absent
+    body = (heading, [view, *figures.values()])
+    return [body, ("How the solver got there", [residuals])]
 
 
 def _section(number: int, section: object) -> tuple[str, Iterable]:
@@ -213,19 +128,80 @@ def _section(number: int, section: object) -> tuple[str, Iterable]:
     return section
 
 
-def _add_piece(report: Report, piece: object) -> None:
+def _piece(piece: object) -> str:
+    """A piece of contents as HTML."""
     if isinstance(piece, str):
-        report.add_text(piece)
-    elif isinstance(piece, Figure | os.PathLike):
-        report.add_figure(piece)
-    elif isinstance(piece, View):
-        report.add_view(piece)
-    elif isinstance(piece, Problem):
-        report.add_problem(piece)
-    elif isinstance(piece, Sequence) and all(isinstance(row, Mapping) for row in piece):
-        report.add_table(piece)
+        return f"<p>{_inline(piece)}</p>"
+    if isinstance(piece, Figure | os.PathLike):
+        return f'<p><img src="{png_address(piece)}" alt="figure"></p>'
+    if isinstance(piece, View):
+        return piece._repr_html_()
+    if isinstance(piece, Problem):
+        return html_table(describe_problem(piece))
+    if isinstance(piece, Sequence) and piece and all(isinstance(row, Mapping) for row in piece):
+        return html_table(piece)
+    raise TypeError(
+        f"contents {piece!r}: text, a list of dictionaries, a figure, a view or a problem is needed"
+    )
+
+
+def html_table(rows: Sequence[Mapping[str, object]]) -> str:
+    """A table whose columns are the keys in order of appearance."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    head = "".join(f"<th>{html.escape(str(c))}</th>" for c in columns)
+    body = "".join(f"<tr>{''.join(_cell(row.get(c)) for c in columns)}</tr>" for row in rows)
+    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+
+
+def _cell(value: object) -> str:
+    kind = ' class="text"' if isinstance(value, str) else ""
+    return f"<td{kind}>{html.escape(number(value))}</td>"
+
+
+def number(value: object) -> str:
+    """A table entry: integers in full, other numbers with four significant digits."""
+    if value is None:
+        return ""
+    if isinstance(value, bool | str) or not isinstance(value, numbers.Real):
+        return str(value)
+    if isinstance(value, numbers.Integral):
+        return str(int(value))
+    text = f"{float(value):.4g}" if math.isfinite(value) else str(float(value))
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def _inline(text: str) -> str:
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", html.escape(text))
+
+
+def describe_problem(problem: Problem) -> list[dict[str, str]]:
+    """The data of a problem as rows 'what', 'value', for a table."""
+    mesh, m = problem.mesh, problem.material
+    rows = {
+        "body": f"{problem.N} dimensions, {mesh.nv} nodes, {mesh.ne} elements",
+        "elasticity": f"mu_1 = {_data(m.lame_lambda)}, mu_2 = {_data(m.lame_mu)}",
+        "yield stress": _data(m.yield_stress),
+        "hardening": f"kinematic {_data(m.hardening)}, isotropic H = {_data(m.hardening_modulus)}, "
+        f"k_1 = {_data(m.hardening_stiffness)}",
+        "clamped": ", ".join(problem.clamped_names),
+        "loaded": ", ".join(problem.tractions),
+        "contact": ", ".join(problem.contact_names),
+        "gap": _data(problem.gap),
+    }
+    return [{"what": key, "value": value or "none"} for key, value in rows.items()]
+
+
+def _data(value: object) -> str:
+    if value is None:
+        return "none"
+    return f"{value:g}" if is_number(value) else "varies"
+
+
+def png_address(figure: Figure | os.PathLike) -> str:
+    """A figure or a PNG file as a data address, for the ``src`` of an HTML image."""
+    stream = io.BytesIO()
+    if isinstance(figure, Figure):
+        figure.savefig(stream, format="png", dpi=120)
     else:
-        raise TypeError(
-            f"contents {piece!r}: text, a list of dictionaries, a figure, a view or a problem is "
-            "needed"
-        )
+        stream.write(Path(figure).read_bytes())
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")

@@ -1,17 +1,20 @@
-"""Samples of fields at element corners, and colour ranges from them: what pictures are made of."""
+"""Samples of fields on elements that are cut into triangles, and colour ranges from them.
+
+Elements are sampled one by one, since fields may jump.  Curved elements, and those whose
+displacement is not linear, are cut finely enough to look curved.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from ngsolve import (
     CF,
     ET,
-    VOL,
     BoundaryFromVolumeCF,
     CoefficientFunction,
-    GridFunction,
     IntegrationRule,
     Mesh,
     Region,
@@ -24,44 +27,14 @@ from ngepc.checks.arguments import require_number
 from ngepc.model.normals import outward_normal
 from ngepc.results.fields import Fields
 
-
-def _segments(n: int) -> tuple[list[tuple], list[tuple]]:
-    """The points that cut the reference segment into n parts, and the parts as point numbers."""
-    return [(i / n,) for i in range(n + 1)], [(i, i + 1) for i in range(n)]
-
-
-def _triangles(n: int) -> tuple[list[tuple], list[tuple]]:
-    """The same for the reference triangle, cut into n^2 triangles."""
-    cells = [(i, j) for j in range(n + 1) for i in range(n + 1 - j)]
-    number = {cell: k for k, cell in enumerate(cells)}
-    corners = [((i, j), (i + 1, j), (i, j + 1)) for i, j in cells if i + j < n]
-    corners += [((i + 1, j), (i + 1, j + 1), (i, j + 1)) for i, j in cells if i + j < n - 1]
-    return [(i / n, j / n) for i, j in cells], [
-        tuple(number[c] for c in three) for three in corners
-    ]
-
-
-def _squares(n: int) -> tuple[list[tuple], list[tuple]]:
-    """The same for the reference square, cut into 2 n^2 triangles."""
-    cells = [(i, j) for j in range(n + 1) for i in range(n + 1)]
-    number = {cell: k for k, cell in enumerate(cells)}
-    inner = [(i, j) for i, j in cells if i < n and j < n]
-    corners = [((i, j), (i + 1, j), (i + 1, j + 1)) for i, j in inner]
-    corners += [((i, j), (i + 1, j + 1), (i, j + 1)) for i, j in inner]
-    return [(i / n, j / n) for i, j in cells], [
-        tuple(number[c] for c in three) for three in corners
-    ]
-
-
+CURVED_CUTS, FLAT_TRIANGLES, MOST_TRIANGLES = 4, 8_000, 200_000
 NO_OBSTACLE = 5.0
 """A gap of more than this many times the size of the body stands for no obstacle."""
-
-_PARTS = {ET.SEGM: _segments, ET.TRIG: _triangles, ET.QUAD: _squares}
 
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """Values at the corners of elements, each element on its own (fields may jump).
+    """Values at the corners of triangles or segments, each element on its own (fields may jump).
 
     Parameters
     ----------
@@ -86,17 +59,6 @@ class Corners:
         gram = np.einsum("tik,tjk->tij", edges, edges)
         return np.sqrt(np.maximum(np.linalg.det(gram), 0.0)) / max(1, edges.shape[1])
 
-    def refined(self) -> Corners:
-        """Each triangle cut into four at the middles of its edges, data interpolated."""
-
-        def split(data: np.ndarray) -> np.ndarray:
-            a, b, c = data[:, 0], data[:, 1], data[:, 2]
-            ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-            parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-            return np.concatenate([np.stack(part, axis=1) for part in parts])
-
-        return Corners(split(self.points), split(self.displacement), split(self.values))
-
     @property
     def constant(self) -> bool:
         """Whether the field is constant on each element."""
@@ -104,30 +66,111 @@ class Corners:
         return bool(spread <= 1e-9 * max(np.abs(self.values).max(), 1e-300))
 
 
+def _pieces(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a reference element whose edges are cut into n parts, and its pieces by number."""
+    if shape is ET.SEGM:
+        return np.arange(n + 1)[:, None] / n, np.arange(n)[:, None] + [0, 1]
+    square = shape is ET.QUAD
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(n + 1), np.arange(n + 1)))
+    inside = (i + j <= n) | square
+    number = np.cumsum(inside).reshape(n + 1, n + 1).T - 1
+    below = (i < n) & (j < n) & ((i + j < n) | square)
+    above = (i < n) & (j < n) & ((i + j < n - 1) | square)
+    corners = [
+        np.stack([number[i[k] + a, j[k] + b] for a, b in steps], axis=1)
+        for k, steps in ((below, ((0, 0), (1, 0), (0, 1))), (above, ((1, 0), (1, 1), (0, 1))))
+    ]
+    return np.column_stack([i, j])[inside] / n, np.vstack(corners)
+
+
+def _border(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """The same for the border of an element: one closed polygon."""
+    tips = [(0, 0), (1, 0), (1, 1), (0, 1)] if shape is ET.QUAD else [(0, 0), (1, 0), (0, 1)]
+    t = np.arange(n)[:, None] / n
+    sides = zip(np.array(tips), np.array(tips[1:] + tips[:1]), strict=True)
+    points = np.vstack([(1 - t) * a + t * b for a, b in sides])
+    return points, np.r_[np.arange(len(points)), 0][None, :]
+
+
+def cuts_for(fields: Fields) -> int:
+    """Into how many parts edges are cut so that the body looks as curved as it is.
+
+    In 3D into more: there every triangle has one colour.
+    """
+    mesh = fields.problem.mesh
+    elements = len(list(drawn_region(mesh).Elements()))
+    flat = max(mesh.GetCurveOrder(), fields.displacement.space.globalorder) <= 1
+    least = 1 if flat else CURVED_CUTS
+    if mesh.dim == 3:
+        least = max(least, math.ceil(math.sqrt(FLAT_TRIANGLES / elements)))
+    return max(1, min(least, int(math.sqrt(MOST_TRIANGLES / elements))))
+
+
 def surface_value(mesh: Mesh, coefficient: CoefficientFunction) -> CoefficientFunction:
     """A coefficient of the body where pictures show it: in 3D its trace from inside."""
     return BoundaryFromVolumeCF(coefficient) if mesh.dim == 3 else coefficient
 
 
-def body_corners(fields: Fields, coefficient: CoefficientFunction, cuts: int = 1) -> Corners:
+def drawn_region(mesh: Mesh) -> Region:
+    """What pictures show: the body in 2D, its surface in 3D."""
+    return mesh.Materials(".*") if mesh.dim == 2 else mesh.Boundaries(".*")
+
+
+def body_corners(
+    fields: Fields, coefficient: CoefficientFunction, cuts: int | None = None
+) -> Corners:
     """The field at the corners of the triangles of the body (2D) or of its surface (3D).
 
-    Each edge is cut into ``cuts`` parts.
+    Each edge is cut into ``cuts`` parts; None for as many as curved elements need.
     """
     mesh = fields.problem.mesh
-    region = mesh.Materials(".*") if mesh.dim == 2 else mesh.Boundaries(".*")
     value = surface_value(mesh, coefficient)
-    return sample_corners(mesh, region, fields.displacement, value, cuts)
+    return sample_corners(fields, drawn_region(mesh), value, cuts)
 
 
 def boundary_corners(
     fields: Fields, names: tuple[str, ...] | None = None, coefficient: CoefficientFunction = None
 ) -> Corners:
     """A field at the ends (2D) or corners (3D) of the elements of the named boundaries."""
-    mesh = fields.problem.mesh
-    region = mesh.Boundaries(".*" if names is None else "|".join(names))
-    value = CF(0.0) if coefficient is None else coefficient
-    return sample_corners(mesh, region, fields.displacement, value)
+    region = fields.problem.mesh.Boundaries(".*" if names is None else "|".join(names))
+    return sample_corners(fields, region, CF(0.0) if coefficient is None else coefficient)
+
+
+def element_borders(fields: Fields) -> Corners:
+    """The closed borders of the elements of a 2D body, for the lines of the mesh."""
+    return sample_corners(fields, drawn_region(fields.problem.mesh), CF(0.0), cut=_border)
+
+
+def sample_corners(
+    fields: Fields,
+    region: Region,
+    coefficient: CoefficientFunction,
+    cuts: int | None = None,
+    cut: object = _pieces,
+) -> Corners:
+    """Position, displacement and a scalar at the corners of the pieces of ``region``."""
+    mesh, cuts = fields.problem.mesh, cuts or cuts_for(fields)
+    types = np.array([element.type for element in region.Elements()])
+    legal = (ET.TRIG, ET.QUAD) if set(types) <= {ET.TRIG, ET.QUAD} else (ET.SEGM,)
+    parts = {shape: cut(shape, cuts) for shape in legal}
+    rules = {shape: IntegrationRule(p.tolist(), [0.0] * len(p)) for shape, (p, _) in parts.items()}
+    points = mesh.MapToAllElements(rules, region)
+    N, all_of = mesh.dim, (CF((x, y, z)[: mesh.dim]), fields.displacement, coefficient)
+    data = np.hstack([np.asarray(c(points), float).reshape(len(points), -1) for c in all_of])
+    counts = np.zeros(len(types), dtype=int)
+    for shape, (p, _) in parts.items():
+        counts[types == shape] = len(p)
+    first = np.cumsum(counts) - counts
+    pieces = [
+        (first[types == shape][:, None, None] + corners).reshape(-1, corners.shape[1])
+        for shape, (_, corners) in parts.items()
+        if (types == shape).any()
+    ]
+    if len({piece.shape[1] for piece in pieces}) > 1:  # borders of triangles and quadrilaterals
+        longest = max(piece.shape[1] for piece in pieces)
+        pieces = [np.pad(p, ((0, 0), (0, longest - p.shape[1])), mode="edge") for p in pieces]
+    data = data[np.vstack(pieces)]
+    return Corners(data[..., :N], data[..., N : 2 * N], data[..., -1])
 
 
 def contact_offset(fields: Fields, distance: CoefficientFunction, scale: float) -> np.ndarray:
@@ -145,10 +188,10 @@ def contact_offset(fields: Fields, distance: CoefficientFunction, scale: float) 
 
 
 def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
-    """The obstacle, ``scale`` psi away from the 2D contact boundary, where a picture has room.
+    """The obstacle, ``scale`` psi away from the 2D contact boundary, as far as a picture has room.
 
-    Left out are parts farther away than a quarter of the body, unless all are, and those whose
-    gap stands for no obstacle.
+    Parts whose gap stands for no obstacle are left out, and those farther away than a quarter of
+    the body, unless all are.  A straight obstacle is drawn as long as the body above it.
 
     Returns
     -------
@@ -157,59 +200,32 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
     """
     psi = fields.problem.psi
     gaps = boundary_corners(fields, fields.problem.contact_names, psi).values.max(axis=1)
-    extent = np.ptp(boundary_corners(fields).points.reshape(-1, 2), axis=0).max()
+    border = boundary_corners(fields)
+    extent = np.ptp(border.points.reshape(-1, 2), axis=0).max()
     room = max(0.25 * extent, 1.2 * scale * gaps.min())
     shown = (scale * gaps <= room) & (gaps < NO_OBSTACLE * extent)
-    return contact_offset(fields, scale * psi, 0.0)[shown]
+    segments = contact_offset(fields, scale * psi, 0.0)[shown]
+    return _lengthened(segments, border.deformed(scale).reshape(-1, 2), extent)
 
 
-def sample_corners(
-    mesh: Mesh,
-    region: Region,
-    displacement: GridFunction,
-    coefficient: CoefficientFunction,
-    cuts: int = 1,
-) -> Corners:
-    """Position, displacement and a scalar at the corners of the elements of ``region``.
-
-    The elements are cut into triangles or segments, each edge into ``cuts`` parts.
-    """
-    elements = list(region.Elements())
-    parts = {shape: cut(cuts) for shape, cut in _PARTS.items()}
-    rules = {shape: IntegrationRule(c, [0.0] * len(c)) for shape, (c, _) in parts.items()}
-    dim = mesh.dim if region.VB() == VOL else mesh.dim - 1
-    legal = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD)}[dim]
-    points = mesh.MapToAllElements({t: rules[t] for t in legal}, region)
-    N = mesh.dim
-    data = np.hstack(
-        [_evaluated(c, points) for c in (CF((x, y, z)[:N]), displacement, coefficient)]
-    )
-    counts = np.array([len(parts[element.type][0]) for element in elements])
-    first = np.r_[0, np.cumsum(counts)[:-1]]
-    rows = [
-        first[counts == len(corners)][:, None] + np.array(split)
-        for corners, splits in (parts[t] for t in legal)
-        for split in splits
-    ]
-    data = data[np.vstack(rows)]
-    return Corners(data[..., :N], data[..., N : 2 * N], data[..., -1])
-
-
-def _evaluated(coefficient: CoefficientFunction, points: object) -> np.ndarray:
-    return np.asarray(coefficient(points), dtype=float).reshape(len(points), -1)
+def _lengthened(segments: np.ndarray, body: np.ndarray, extent: float) -> np.ndarray:
+    """Straight segments with one more at either end, up to where the body ends."""
+    if not len(segments):
+        return segments
+    points = segments.reshape(-1, 2)
+    centre = points.mean(axis=0)
+    _, _, (along, across) = np.linalg.svd(points - centre, full_matrices=True)
+    if np.abs((points - centre) @ across).max() > 1e-6 * extent:
+        return segments
+    own, reach = (points - centre) @ along, (body - centre) @ along
+    ends = [(own.min(), min(own.min(), reach.min())), (own.max(), max(own.max(), reach.max()))]
+    further = [[centre + a * along, centre + b * along] for a, b in ends if a != b]
+    return np.concatenate([segments, np.array(further).reshape(-1, 2, 2)])
 
 
 @dataclass(frozen=True)
 class ColourRange:
-    """Limits of the colour scale, and whether values lie outside.
-
-    Parameters
-    ----------
-    least, most
-        Values at the ends of the scale.
-    below, above
-        Whether the field has values outside the scale, for the arrows on the colour bar.
-    """
+    """Values at the ends of the colour scale, and whether the field has values below or above."""
 
     least: float
     most: float
@@ -219,9 +235,7 @@ class ColourRange:
     @property
     def extend(self) -> str:
         """The word that matplotlib wants: 'neither', 'min', 'max' or 'both'."""
-        return {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[
-            self.below, self.above
-        ]
+        return (("neither", "max"), ("min", "both"))[self.below][self.above]
 
 
 def colour_range(
@@ -235,9 +249,8 @@ def colour_range(
 
     The limits are percentiles by area over the part where the field is not zero: ``percent`` of
     it may lie outside at either end.  An end where that would gain less than a quarter of the
-    scale stays where the data end, and a scale of one sign that comes close to zero
-    begins there.  ``symmetric`` fields get limits of opposite sign;
-    ``vmin`` and ``vmax`` overrule either limit.
+    scale stays where the data end, and a scale of one sign that comes close to zero begins there.
+    ``symmetric`` fields get limits of opposite sign; ``vmin`` and ``vmax`` overrule either limit.
 
     Raises
     ------
@@ -247,16 +260,14 @@ def colour_range(
     for name, end in (("vmin", vmin), ("vmax", vmax)):
         if end is not None:
             require_number(name, end)
-    values = np.concatenate([s.values.mean(axis=1) for s in samples])
-    weights = np.concatenate([s.measures for s in samples])
+    if vmin is not None and vmax is not None and vmin >= vmax:
+        raise ValueError(f"vmin={vmin!r}, vmax={vmax!r}: vmin < vmax is needed")
     every = np.concatenate([s.values.ravel() for s in samples])
     lowest, highest = float(every.min()), float(every.max())
-    low, high = _percentiles(values, weights, percent)
+    low, high = _percentiles(samples, percent)
     span = highest - lowest
-    if low - lowest <= 0.25 * span:
-        low = lowest
-    if highest - high <= 0.25 * span:
-        high = highest
+    low = lowest if low - lowest <= 0.25 * span else low
+    high = highest if highest - high <= 0.25 * span else high
     if lowest >= 0.0 and low <= 0.2 * high:
         low = 0.0
     if highest <= 0.0 and high >= 0.2 * low:
@@ -264,30 +275,27 @@ def colour_range(
     if symmetric:
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
     low, high = (0.0 if abs(end) < 1e-9 * span else end for end in (low, high))
-    low = low if vmin is None else require_number("vmin", vmin)
-    high = high if vmax is None else require_number("vmax", vmax)
+    low, high = low if vmin is None else float(vmin), high if vmax is None else float(vmax)
     if low >= high:
-        if vmin is not None and vmax is not None:
-            raise ValueError(f"vmin={vmin!r}, vmax={vmax!r}: vmin < vmax is needed")
-        low, high = _widened(low, high, fixed_low=vmin is not None, fixed_high=vmax is not None)
+        size = max(abs(low), abs(high)) or 1.0
+        if vmin is not None:
+            high = low + size
+        elif vmax is not None:
+            low = high - size
+        else:
+            low, high = low - size / 2, low + size / 2
     slack = 1e-6 * (high - low)
     return ColourRange(low, high, lowest < low - slack, highest > high + slack)
 
 
-def _percentiles(values: np.ndarray, weights: np.ndarray, percent: float) -> tuple[float, float]:
+def _percentiles(samples: tuple[Corners, ...], percent: float) -> tuple[float, float]:
+    values = np.concatenate([s.values.mean(axis=1) for s in samples])
+    weights = np.concatenate([s.measures for s in samples])
     shown = np.abs(values) > 1e-3 * np.abs(values).max(initial=0.0)
     if not shown.any():
         return float(values.min()), float(values.max())
     order = np.argsort(values[shown])
     ordered, area = values[shown][order], np.cumsum(weights[shown][order])
-    share = area / area[-1]
-    low, high = np.searchsorted(share, [percent / 100, 1 - percent / 100])
-    lowest = min(0.0, ordered[low]) if not shown.all() else ordered[low]
+    low, high = np.searchsorted(area / area[-1], [percent / 100, 1 - percent / 100])
+    lowest = ordered[low] if shown.all() else min(0.0, ordered[low])
     return float(lowest), float(ordered[min(high, len(ordered) - 1)])
-
-
-def _widened(low: float, high: float, *, fixed_low: bool, fixed_high: bool) -> tuple[float, float]:
-    size = max(abs(low), abs(high)) or 1.0
-    if fixed_low:
-        return low, low + size
-    return (high - size, high) if fixed_high else (low - 0.5 * size, low + 0.5 * size)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.colors import to_hex
 from ngsolve import CF, CoefficientFunction, Integrate
 
 from ngepc.checks.arguments import require_number
@@ -15,7 +14,6 @@ from ngepc.checks.kinds import require_flag
 from ngepc.model.problem import as_scalar
 from ngepc.pictures.curves import pressure_curves
 from ngepc.pictures.drawable import Drawable, UnitNames, drawable, fields_of, unit_names
-from ngepc.pictures.page import EXTRA, Legend
 from ngepc.pictures.sampling import (
     ColourRange,
     Corners,
@@ -26,10 +24,11 @@ from ngepc.pictures.sampling import (
     obstacle_lines,
     surface_value,
 )
-from ngepc.results.fields import Fields
 
+EXTRA = 'pip install "ngepc[html]"'
 NOISE = 1e-3
 """Contact pressures below this part of the yield bound are not drawn."""
+BLUE, BLACK = "#0072B2", "#000000"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +40,7 @@ class ViewOptions:
     deformation_scale
         Factor >= 0 on the displacement; 0 draws the body before the deformation.
     vmin, vmax
-        Ends of the colour scale; by default as in ``plotting.plot_field``.
+        Ends of the colour scale; by default as in ``plot_field``.
     mesh_lines
         Whether to draw the edges of the elements.
     contact_lines
@@ -73,29 +72,22 @@ class ViewOptions:
 
 def scenes_of(
     sources: Mapping[str, object], field: str | CoefficientFunction, options: ViewOptions
-) -> tuple[dict[str, dict], Legend]:
-    """Webgui data of each source on one colour scale, and that scale."""
+) -> tuple[dict[str, dict], Drawable, ColourRange]:
+    """Webgui data of each source on one colour scale, and what that scale is."""
     if isinstance(field, str) and field == "contact_pressure":
         what, samples = _pressures(sources, options)
     else:
         what = {k: drawable(s, field, options.units) for k, s in sources.items()}
         samples = [body_corners(fields_of(s), what[k].coefficient) for k, s in sources.items()]
-        what = {k: _on_surface(fields_of(s), what[k]) for k, s in sources.items()}
     first = next(iter(what.values()))
     limits = colour_range(*samples, vmin=options.vmin, vmax=options.vmax, symmetric=first.signed)
-    colours = colormaps[first.colormap](np.linspace(0.0, 1.0, 64))[:, :3]
+    colours = colormaps[first.colormap](np.linspace(0.0, 1.0, 64))[:, :3].tolist()
     peak = _peak(sources)
-    scenes = {
-        k: scene_data(s, what[k].coefficient, limits, options, peak) | {"colors": colours.tolist()}
-        for k, s in sources.items()
-    }
-    shades = [to_hex(colour) for colour in colours[::7]]
-    ends = (limits.least, limits.most)
-    return scenes, Legend(first.plain_label, *ends, shades, limits.below, limits.above)
-
-
-def _on_surface(fields: Fields, what: Drawable) -> Drawable:
-    return replace(what, coefficient=surface_value(fields.problem.mesh, what.coefficient))
+    scenes = {}
+    for key, source in sources.items():
+        value = surface_value(fields_of(source).problem.mesh, what[key].coefficient)
+        scenes[key] = scene_data(source, value, limits, options, peak) | {"colors": colours}
+    return scenes, first, limits
 
 
 def _pressures(
@@ -131,36 +123,34 @@ def scene_data(
     ImportError
         If NGSolve's webgui cannot be imported.
     """
-    draw = webgui_draw()
-    fields = fields_of(source)
+    draw, fields = webgui_draw(), fields_of(source)
+    problem = fields.problem
     deformation = options.deformation_scale * fields.displacement
-    if fields.problem.N == 2:
+    if problem.N == 2:
         deformation = CF((deformation[0], deformation[1], 0.0))
+    curved = max(problem.mesh.GetCurveOrder(), fields.displacement.space.globalorder) > 1
     scene = draw(
         coefficient,
-        fields.problem.mesh,
+        problem.mesh,
         show=False,
-        order=1,
+        order=2 if curved else 1,
         draw_vol=False,
         deformation=deformation,
         min=limits.least,
         max=limits.most,
         autoscale=False,
         objects=_contact_lines(source, options, peak),
-        settings=_settings(fields.problem.N, options),
+        settings=_settings(problem.N, options),
     )
     return scene.GetData()
 
 
 def _settings(N: int, options: ViewOptions) -> dict:
-    settings = {
-        "Objects": {"Wireframe": options.mesh_lines, "Edges": True, "Colorbar": False},
-        "Colormap": {"ncolors": 64},
-    }
     ambient = 1.0 if N == 2 else 0.65
     light = {"ambient": ambient, "diffuse": 1.0 - ambient, "shininess": 10, "specularity": 0.0}
     camera = {} if N == 2 else {"camera": {"euler_angles": [-65.0, 0.0, -30.0]}}
-    return {**settings, "Light": light, **camera}
+    objects = {"Wireframe": options.mesh_lines, "Edges": True, "Colorbar": False}
+    return {"Objects": objects, "Colormap": {"ncolors": 64}, "Light": light, **camera}
 
 
 def webgui_draw() -> object:
@@ -182,19 +172,13 @@ def _contact_lines(source: object, options: ViewOptions, peak: float) -> list[di
     problem = fields.problem
     if problem.N != 2 or not problem.contact_names or not options.contact_lines:
         return []
-    scale = options.deformation_scale
+    scale, pressure = options.deformation_scale, getattr(source, "contact_pressure", None)
     extent = np.ptp(boundary_corners(fields).points.reshape(-1, 2), axis=0).max()
-    pressure = _pressure(source)
     distance = CF(0.0) if pressure is None or peak <= 0 else 0.15 * extent / peak * pressure
     return [
-        _lines("obstacle", "#b3402e", obstacle_lines(fields, scale)),
-        _lines("contact pressure", "#1f5a8c", contact_offset(fields, distance, scale)),
+        _lines("obstacle", BLACK, obstacle_lines(fields, scale)),
+        _lines("contact pressure", BLUE, contact_offset(fields, distance, scale)),
     ]
-
-
-def _pressure(source: object) -> CoefficientFunction | None:
-    pressure = getattr(source, "contact_pressure", None)
-    return pressure if isinstance(pressure, CoefficientFunction) else None
 
 
 def _peak(sources: Mapping[str, object]) -> float:
@@ -202,7 +186,8 @@ def _peak(sources: Mapping[str, object]) -> float:
     greatest = bound = 0.0
     for source in sources.values():
         problem = fields_of(source).problem
-        if _pressure(source) is None or problem.N != 2 or not problem.contact_names:
+        touches = hasattr(source, "contact_pressure") and problem.contact_names
+        if problem.N != 2 or not touches:
             continue
         greatest = max(greatest, *(float(p.max()) for _, p in pressure_curves(source)))
         mesh = problem.mesh

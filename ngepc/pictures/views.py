@@ -1,34 +1,38 @@
 """Interactive views of results: in notebooks, and as HTML pages that work without network.
 
 A ``View`` shows itself when it is the last line of a notebook cell; ``save`` writes the same page
-to a file.  The drawing is NGSolve's webgui (extra ``notebook``).
+to a file, which opens from disk in any browser with WebGL 2; ``page.html#3`` starts at frame 3.
+The drawing is NGSolve's webgui, whose script is embedded.
 """
 
 from __future__ import annotations
 
-import base64
-import io
+import html
+import importlib.util
+import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from string import Template
 
-from matplotlib.figure import Figure
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
 from ngsolve import CoefficientFunction
 
-from ngepc.checks.kinds import (
-    require_flag,
-    require_instance,
-    require_mapping,
-    require_path,
-    require_text,
-)
-from ngepc.pictures.drawable import require_sources
-from ngepc.pictures.page import Panel, frame, page
-from ngepc.pictures.page import viewer_installed as viewer_installed
-from ngepc.pictures.scenes import ViewOptions as ViewOptions
-from ngepc.pictures.scenes import scenes_of
+from ngepc.checks.kinds import require_flag, require_instance, require_path, require_text
+from ngepc.pictures.drawable import Drawable, require_sources
+from ngepc.pictures.sampling import ColourRange
+from ngepc.pictures.scenes import EXTRA, ViewOptions, scenes_of
 from ngepc.results.records import write_text
+
+PAGE = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
+SLIDER = (
+    '<footer><button id="play" title="play">▶</button><label for="slider">{name}</label>'
+    '<input type="range" id="slider" min="0" max="{last}" value="0">'
+    '<output id="label" for="slider"></output></footer>'
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +51,10 @@ class View:
     height: int = 480
 
     def _repr_html_(self) -> str:
-        return frame(self.html, self.height)
+        return (
+            f'<iframe srcdoc="{html.escape(self.html)}" loading="lazy" title="interactive view" '
+            f'style="width:100%;height:{self.height}px;border:1px solid #8884"></iframe>'
+        )
 
     def save(self, path: str | os.PathLike) -> Path:
         """Write the page to ``path``, making its folder; returns the path."""
@@ -70,6 +77,8 @@ def show(
         Result of a solver, or ``Fields``.
     field
         Name of a field, 'contact_pressure' (3D), or a coefficient.
+    options, title
+        How it is drawn, heading.
 
     Raises
     ------
@@ -89,19 +98,9 @@ def compare(
 ) -> View:
     """Several results side by side on one colour scale; ``sources`` maps captions to results."""
     options = checked(sources, options, title=title)
-    scenes, legend = scenes_of(sources, field, options)
-    panels = [Panel("scene", caption, [data]) for caption, data in scenes.items()]
-    return View(page(title, panels, legend=legend), options.height)
-
-
-def checked(sources: object, options: ViewOptions | None, **texts: object) -> ViewOptions:
-    """The options, the defaults for None, after a look at the other arguments of a view."""
-    require_sources(sources)
-    for name, text in texts.items():
-        require_text(name, text)
-    options = ViewOptions() if options is None else options
-    require_instance("options", options, ViewOptions, "ViewOptions(...) or None")
-    return options
+    scenes, what, limits = scenes_of(sources, field, options)
+    panels = {name: [data] for name, data in scenes.items()}
+    return View(_page(title, legend(what, limits), panels), options.height)
 
 
 def slide(
@@ -117,35 +116,15 @@ def slide(
     ----------
     sources
         Text beside the slider -> result, in the order of the slider.
+    field, options, title
+        As for ``show``.
     name
         What the slider moves through, such as 'gamma'.
     """
     options = checked(sources, options, title=title, name=name)
-    scenes, legend = scenes_of(sources, field, options)
-    panel = Panel("scene", "", list(scenes.values()))
-    return View(page(title, [panel], list(scenes), name, legend), options.height)
-
-
-def slide_figures(
-    figures: Mapping[str, Figure | Sequence[Figure]], title: str = "", name: str = ""
-) -> View:
-    """A slider through matplotlib figures (one or several side by side); needs no viewer."""
-    require_mapping("figures", figures, "label -> figure")
-    require_text("title", title)
-    require_text("name", name)
-    rows = [list(f) if isinstance(f, Sequence) else [f] for f in figures.values()]
-    for label, row in zip(figures, rows, strict=True):
-        for figure in row:
-            require_instance(f"figures[{label!r}]", figure, Figure, "a matplotlib Figure")
-    if len({len(row) for row in rows}) != 1:
-        raise ValueError(
-            f"figures={list(figures)!r}: the same number of figures for each label is needed"
-        )
-    panels = [
-        Panel("image", "", [png_address(figure) for figure in column])
-        for column in zip(*rows, strict=True)
-    ]
-    return View(page(title, panels, list(figures), name))
+    scenes, what, limits = scenes_of(sources, field, options)
+    panels = {"": list(scenes.values())}
+    return View(_page(title, legend(what, limits), panels, list(scenes), name), options.height)
 
 
 def export_html(
@@ -184,25 +163,86 @@ def export_html(
     """
     path = require_path("path", path)
     require_flag("deformation", deformation)
-    options = ViewOptions() if options is None else options
-    require_instance("options", options, ViewOptions, "ViewOptions(...) or None")
+    options = _options(options)
     if not deformation:
         options = replace(options, deformation_scale=0.0)
     draw = slide if isinstance(source, Mapping) else show
     return draw(source, field, options, title).save(path)
 
 
-def png_address(figure: Figure | Path, dpi: int = 120) -> str:
-    """A figure or a PNG file as a data address, for the ``src`` of an HTML image.
+def checked(sources: object, options: ViewOptions | None, **texts: object) -> ViewOptions:
+    """The options, the defaults for None, after a look at the other arguments of a view."""
+    require_sources(sources)
+    for name, text in texts.items():
+        require_text(name, text)
+    return _options(options)
+
+
+def _options(options: ViewOptions | None) -> ViewOptions:
+    options = ViewOptions() if options is None else options
+    require_instance("options", options, ViewOptions, "ViewOptions(...) or None")
+    return options
+
+
+def legend(what: Drawable, limits: ColourRange) -> str:
+    """The colour scale as HTML: label, colours, values at the ends and between."""
+    shades = ",".join(map(to_hex, colormaps[what.colormap](np.linspace(0, 1, 10))))
+    values = [f"{value:.3g}" for value in np.linspace(limits.least, limits.most, 5)]
+    values[0] = ("≤ " if limits.below else "") + values[0]
+    values[-1] = ("≥ " if limits.above else "") + values[-1]
+    ticks = "".join(f"<span>{value.replace('-', '−')}</span>" for value in values)
+    return (
+        f'<div class="legend">{html.escape(what.plain_label)}'
+        f'<div class="scale" style="background:linear-gradient(90deg,{shades})"></div>'
+        f'<div class="ticks">{ticks}</div></div>'
+    )
+
+
+def _page(
+    title: str,
+    scale: str,
+    panels: Mapping[str, list[dict]],
+    labels: list[str] | None = None,
+    name: str = "",
+) -> str:
+    """The HTML of panels side by side (caption -> frames), with a slider for several labels."""
+    labels = [""] if labels is None else labels
+    data = json.dumps({"labels": labels, "panels": list(panels.values())}, default=float)
+    figures = (
+        f'<figure><figcaption>{html.escape(caption)}</figcaption><div class="place" '
+        f'id="place-{k}"></div></figure>'
+        for k, caption in enumerate(panels)
+    )
+    many = len(labels) > 1
+    return PAGE.substitute(
+        title=html.escape(title or "ngepc"),
+        heading=f"<h1>{html.escape(title)}</h1>" if title else "",
+        legend=scale,
+        figures="".join(figures),
+        slider=SLIDER.format(name=html.escape(name), last=len(labels) - 1) if many else "",
+        data=data.replace("</", "<\\/"),
+        viewer=viewer_script(),
+    )
+
+
+def viewer_installed() -> bool:
+    """Whether the viewer's script is there, so that interactive pages can be made."""
+    found = importlib.util.find_spec("webgui_jupyter_widgets")
+    return found is not None and found.origin is not None
+
+
+def viewer_script() -> str:
+    """The JavaScript of NGSolve's viewer.
 
     Raises
     ------
-    OSError
-        If the file cannot be read.
+    ImportError
+        If it is not installed; the message says what to install.
     """
-    stream = io.BytesIO()
-    if isinstance(figure, Figure):
-        figure.savefig(stream, format="png", dpi=dpi)
-    else:
-        stream.write(figure.read_bytes())
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    if not viewer_installed():
+        raise ImportError(
+            "interactive views need the package webgui_jupyter_widgets, which brings NGSolve's "
+            f"viewer for offline use: {EXTRA}"
+        )
+    origin = importlib.util.find_spec("webgui_jupyter_widgets").origin
+    return (Path(origin).parent / "js" / "webgui.js").read_text(encoding="utf-8")

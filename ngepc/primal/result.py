@@ -17,7 +17,7 @@ from ngepc.results.exact import DiscreteSolution
 from ngepc.results.outcome import History, Status
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PrimalResult(DiscreteSolution):
     """The last state of ``primal_newton``.
 

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from ngepc.linalg.complementarity import Multipliers, solve_complementarity
-from ngepc.linalg.factors import SOLVER_ERRORS
+from ngepc.linalg.direct import SOLVER_ERRORS
 from ngepc.linalg.linesearch import Bracket
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.options import PrimalOptions

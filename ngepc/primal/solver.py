@@ -15,7 +15,6 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import GridFunction
 
-from ngepc.checks.distributed import require_one_process
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.prolongation import nodal_values
 from ngepc.model.problem import Problem
@@ -61,7 +60,6 @@ def primal_newton(
     """
     require_instance("problem", problem, Problem, "a Problem")
     require_function("monitor", monitor, "a record", optional=True)
-    require_one_process("problem", problem.mesh, "semismooth_newton takes such a mesh")
     options = PrimalOptions() if options is None else options
     if problem.friction is not None:
         raise ValueError(

@@ -17,41 +17,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import CoefficientFunction, FESpace, InnerProduct, LinearForm, ds, dx
-from ngsolve.comp import ProxyFunction
+from ngsolve import FESpace
 
 from ngepc.checks.arguments import require_vector
+from ngepc.discretisation import loads
+from ngepc.discretisation.loads import external_work as external_work
 from ngepc.discretisation.spaces import displacement_space, single_prescribed
 from ngepc.model.problem import Problem
-from ngepc.parallel import somewhere, total
-
-BONUS_ORDER = 3
-
-
-def external_work(problem: Problem, v: CoefficientFunction | ProxyFunction) -> list:
-    """The integrals of int_Gn g . v + int f . v, with points for loads that vary."""
-    work = [
-        InnerProduct(g, v) * ds(name, bonus_intorder=BONUS_ORDER)
-        for name, g in problem.tractions.items()
-    ]
-    if problem.f is not None:
-        work.append(InnerProduct(problem.f, v) * dx(bonus_intorder=BONUS_ORDER))
-    return work
 
 
 def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
-    """Nodal forces of tractions and body force, shape (N, vertices)."""
-    load = LinearForm(V)
-    for term in external_work(problem, V.TestFunction()):
-        load += term
-    return load.Assemble().vec.FV().NumPy().reshape(problem.N, -1).copy()
+    """Nodal forces of tractions and body force, shape (N, nodes)."""
+    return loads.applied_forces(problem, V).T
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """Nodal forces on the body at a solution, arrays of shape (N, vertices).
-
-    On a distributed mesh they are what this process contributes at its vertices, to be summed.
+    """Nodal forces on the body at a solution, arrays of shape (N, nodes).
 
     Parameters
     ----------
@@ -103,12 +85,11 @@ class Equilibrium:
         return {name: self.resultant(np.where(mask, share, 0.0)) for name, mask in held.items()}
 
     def resultant(self, forces: np.ndarray) -> np.ndarray:
-        """The resultant of nodal forces on the body, N components (force).
+        """The sum of nodal forces over the body, N components (force).
 
-        Rigid motions are sums of the hat functions of the vertices: what displacements of order
-        two add on edges and faces does not take part.
+        Translations have coefficients at the vertices alone, for order two as well.
         """
-        return total(forces[:, : self.problem.mesh.nv].sum(axis=1), self.problem.mesh)
+        return forces[:, : self.problem.mesh.nv].sum(axis=1)
 
     def moment(self, forces: np.ndarray, about: Sequence[float] | None = None) -> np.ndarray:
         """Sum of (x - about) x F over the nodes (force times length).
@@ -116,7 +97,7 @@ class Equilibrium:
         Parameters
         ----------
         forces
-            Nodal forces, shape (N, vertices).
+            Nodal forces, shape (N, nodes).
         about
             A point, N numbers; None for the origin.
 
@@ -130,18 +111,16 @@ class Equilibrium:
         TypeError, ValueError
             If ``about`` is no point.
         """
-        N, nv = self.problem.N, self.problem.mesh.nv
+        N, nv = self.applied.shape[0], self.problem.mesh.nv
         forces = forces[:, :nv]
         about = np.array(require_vector("about", (0.0,) * N if about is None else about, (N,)))
         arms = np.asarray(self.problem.mesh.ngmesh.Coordinates())[:nv, :N].T - about[:, None]
         if N == 2:
-            own = np.array([np.vdot(arms[0], forces[1]) - np.vdot(arms[1], forces[0])])
-        else:
-            own = np.cross(arms, forces, axis=0).sum(axis=1)
-        return total(own, self.problem.mesh)
+            return np.array([np.vdot(arms[0], forces[1]) - np.vdot(arms[1], forces[0])])
+        return np.cross(arms, forces, axis=0).sum(axis=1)
 
     def _held(self) -> dict[str, np.ndarray]:
-        """Name of each support -> the components it holds, boolean (N, vertices)."""
+        """Name of each support -> the components it holds, boolean (N, nodes)."""
         problem = self.problem
         components = {name: (0.0,) * problem.N for name in problem.clamped_names}
         held = {}
@@ -151,6 +130,5 @@ class Equilibrium:
             held[name] = np.zeros(self.free.shape, dtype=bool)
             for axis, value in enumerate(values):
                 if value is not None:
-                    own = np.array(V.components[axis].GetDofs(region), dtype=bool)
-                    held[name][axis] = somewhere(own, V.components[axis])
+                    held[name][axis] = np.array(V.components[axis].GetDofs(region), dtype=bool)
         return held

@@ -11,6 +11,7 @@ from ngepc.discretisation.rows import ContactRows
 from ngepc.model.problem import Problem
 from ngepc.results.fields import Fields, Recovered
 from ngepc.results.outcome import Ending, History
+from ngepc.results.summary import Summarised
 
 FEW_FACETS = 4
 """Fewer facets in contact do not resolve a contact zone."""
@@ -19,7 +20,7 @@ SMALL_STRAIN = 0.1
 """Largest |eps(u)| at the points that small-strain kinematics is meant for."""
 
 
-class DiscreteSolution(Recovered, Ending):
+class DiscreteSolution(Summarised, Recovered, Ending):
     """Fields, contact and message of a solution with contact rows.
 
     A result that inherits has these:

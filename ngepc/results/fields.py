@@ -20,6 +20,9 @@ from ngepc.checks.kinds import require_instance
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.equilibrium import Equilibrium
 
+PEEQ = math.sqrt(2 / 3)
+"""|p|_F times it is the equivalent plastic strain of engineers: the axial one of a bar."""
+
 
 def frobenius(A: CoefficientFunction) -> CoefficientFunction:
     """|A|_F of a matrix-valued coefficient."""
@@ -113,7 +116,7 @@ class Fields:
     @property
     def accumulated_plastic_strain(self) -> CoefficientFunction:
         """PEEQ: what the steps before left plus (2/3)^(1/2) |p|, scalar (1)."""
-        return self.problem.accumulated_0 + math.sqrt(2 / 3) * Norm(self.plastic_increment)
+        return self.problem.accumulated_0 + PEEQ * Norm(self.plastic_increment)
 
     def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
         """1 where the plastic strain gained in this step has |p| > ``threshold``, 0 elsewhere."""

@@ -1,4 +1,9 @@
-"""Results as JSON: plain dictionaries with their provenance, written whole or not at all."""
+"""Records of solves as JSON: a documented list of fields with a version, and where they came from.
+
+``FIELDS`` is schema 1 of ``ngepc solve --json``.  ``ngepc path --json`` has the same fields about
+its last solve, with those of the path (``gammas``, ``path_values``, ``changes``,
+``inner_iterations``, ...) beside them.  Numbers that are not finite are null.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +23,49 @@ from ngepc.results.files import check_writable, replace_contents
 
 __all__ = ["check_writable", "l2_norm", "provenance", "solve_record", "to_json", "write_text"]
 
+SCHEMA = 1
+"""Grows when a field changes its meaning or goes; new fields leave it."""
+
+FIELDS = {
+    "schema": "version of this list",
+    "problem": "name of the problem",
+    "nodes": "vertices of the mesh",
+    "elements": "elements of the mesh",
+    "unknowns": "free components of the displacement",
+    "label": "how the result calls its regularisation: 'gamma = ...' or 'exact', may be empty",
+    "status": "converged, iteration_limit, linesearch_failed, stagnated, nonfinite, stopped, ...",
+    "message": "what was seen and what to try, empty after a convergent run",
+    "iterations": "Newton steps",
+    "dual_energy": "J* (force times length)",
+    "primal_energy": "J (force times length)",
+    "residual_norm": "at the end, the norm depends on the method",
+    "residual_norms": "of all iterates, start included",
+    "step_lengths": "of all steps",
+    "halvings": "of the step length, in all",
+    "contact_force": "resultant of the contact pressure, positive in compression (force)",
+    "displacement_l2": "L2 norm of u",
+    "plastic_strain_l2": "L2 norm of p",
+    "wall_time_s": "seconds of the solve",
+    "method": "default, paper or primal",
+    "gamma": "of the paper's method, else null",
+    "start": "zero, coarse or the file of a run",
+    "version": "of ngepc",
+    "ngsolve": "version",
+    "numpy": "version",
+    "python": "version",
+    "command": "the command line",
+}
+"""Field of a solve -> what it is."""
+
 
 def provenance(seed: int | None = None) -> dict[str, Any]:
     """Versions and the command that a result came from, and the seed where chance took part."""
-    command = " ".join(["ngepc", *sys.argv[1:]]) if sys.argv else "ngepc"
     return {
         "version": __version__,
         "ngsolve": version("ngsolve"),
         "numpy": np.__version__,
         "python": platform.python_version(),
-        "command": command,
+        "command": " ".join(["ngepc", *sys.argv[1:]]),
         **({} if seed is None else {"seed": seed}),
     }
 
@@ -38,7 +76,7 @@ def l2_norm(field: Any, mesh: Any) -> float:
 
 
 def solve_record(name: str, result: Any, wall_time: float) -> dict[str, Any]:
-    """One solve as a dictionary, for ``ngepc solve --json``.
+    """One solve as a dictionary, the part of ``FIELDS`` that the result knows.
 
     Parameters
     ----------
@@ -49,20 +87,23 @@ def solve_record(name: str, result: Any, wall_time: float) -> dict[str, Any]:
     wall_time
         Seconds from the start of the solve.
     """
-    mesh = result.problem.mesh
+    mesh, history = result.problem.mesh, result.history
     return {
+        "schema": SCHEMA,
         "problem": name,
         "nodes": mesh.nv,
-        "triangles": mesh.ne,
+        "elements": mesh.ne,
+        "unknowns": result.displacement.space.FreeDofs().NumSet(),
+        "label": getattr(result, "method_label", ""),
         "status": result.status.label,
         "message": result.message,
         "iterations": result.iterations,
         "dual_energy": result.dual_energy,
         "primal_energy": result.primal_energy,
         "residual_norm": result.residual_norm,
-        "residual_norms": result.history.residual_norms,
-        "step_lengths": result.history.step_lengths,
-        "halvings": result.history.halvings,
+        "residual_norms": history.residual_norms,
+        "step_lengths": history.step_lengths,
+        "halvings": history.halvings,
         "contact_force": result.contact_force,
         "displacement_l2": l2_norm(result.displacement, mesh),
         "plastic_strain_l2": l2_norm(result.plastic_strain, mesh),

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.functional import DualFunctional
-from ngepc.dual.newton import NewtonOptions
-from ngepc.dual.regularisation import Regularisation
+from ngepc.dual.newton import NewtonOptions, prepared
+from ngepc.dual.regularisation import Coupled
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import History, Status
@@ -15,7 +13,7 @@ from ngepc.results.outcome import History, Status
 
 def restore(
     problem: Problem,
-    regularisation: Regularisation,
+    regularisation: Coupled,
     v: np.ndarray,
     options: NewtonOptions,
     status: Status,
@@ -37,12 +35,12 @@ def restore(
     ValueError
         If ``v`` does not fit the spaces.
     """
-    blocks = LinearBlocks(problem, regularisation, options.inverse)
+    functional = prepared(problem, regularisation, options)
+    blocks = functional.blocks
     dual = blocks.H_vector()
     if v.shape != (len(dual),):
         raise ValueError(f"v has shape {v.shape}: {len(dual)} coefficients are needed")
     dual.FV().NumPy()[:] = v
-    functional = DualFunctional(blocks, regularisation, options.quadrature_points)
     y = blocks.load.CreateVector()
     blocks.primal_of(dual, y)
     return DualResult(functional, y, dual, status, "", history)

@@ -2,53 +2,57 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from ngsolve import GridFunction
 
-from ngepc.cli.arguments import build_problem
-from ngepc.dual.balanced import Balanced
-from ngepc.dual.newton import NewtonOptions
+from ngepc.discretisation.spaces import displacement_space
+from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.regularisation import Coupled
 from ngepc.model.problem import Problem
-from ngepc.primal.result import PrimalResult
 from ngepc.primal.solver import primal_newton
 from ngepc.results import checkpoint
-from ngepc.results.outcome import History, IterationRecord, Status
+from ngepc.results.outcome import History, IterationRecord, Result, Status
 from ngepc.results.restore import restore
 
-FINGERPRINT = {"kind": "run of ngepc solve"}
-
-SETTINGS = (
-    "problem", "nodes", "maxh", "method", "regularisation", "gamma", "tolerance",
-    "quadrature_points",
-)  # fmt: skip
+FINGERPRINT = {"kind": "run of ngepc solve", "version": 2}
 
 
-def save_run(path: Path, settings: dict, record: dict, result: object) -> None:
+def save_run(path: Path, place: dict, gamma: float | None, record: dict, result: Result) -> None:
     """Write a run atomically.
 
     Parameters
     ----------
     path
         The file, by convention ending in .npz.
-    settings
-        The entries of ``SETTINGS``.
+    place
+        What makes the problem again: keywords of the ``build`` of ``load_run``.
+    gamma
+        Of the paper's method, None for the others.
     record
-        ``records.solve_record`` and provenance.
+        ``records.FIELDS``.
     result
         The result of the run.
     """
-    vector = result.v if settings["method"] == "dual" else result.displacement.vec
-    arrays = {"state": np.array(vector.FV().NumPy())}
-    kept = {"settings": {k: settings[k] for k in SETTINGS}, "record": record}
-    kept["history"] = result.history.as_rows()
-    checkpoint.save(path, FINGERPRINT, kept, arrays)
+    vector = result.displacement.vec if gamma is None else result.v
+    kept = {"place": place, "gamma": gamma, "record": record, "history": result.history.as_rows()}
+    checkpoint.save(path, FINGERPRINT, kept, {"state": np.array(vector.FV().NumPy())})
 
 
-def load_run(path: Path) -> tuple[dict, object]:
+def load_run(path: Path, build: Callable[..., Problem]) -> tuple[dict, Result]:
     """The record and the result of a saved run, fields included.
+
+    The primal method is started where it ended; the default method, which needs a dozen steps,
+    solves again.
+
+    Parameters
+    ----------
+    path
+        The file.
+    build
+        Makes the problem from the keywords ``place`` of ``save_run``.
 
     Raises
     ------
@@ -58,22 +62,14 @@ def load_run(path: Path) -> tuple[dict, object]:
     if not path.is_file():
         raise ValueError(f"{path}: no such run; make one by ngepc solve ... --save {path}")
     stored = checkpoint.load(path, FINGERPRINT)
-    s, state = stored.record["settings"], stored.arrays["state"]
-    problem = build_problem(s["problem"], s["nodes"], s["maxh"])
-    if s["method"] == "primal":
-        return stored.record["record"], _primal(problem, state)
-    kind = {"coupled": Coupled, "balanced": Balanced}[s["regularisation"]]
-    options = NewtonOptions(tolerance=s["tolerance"], quadrature_points=s["quadrature_points"])
-    status = Status[stored.record["record"]["status"].upper()]
-    history = History([IterationRecord(**row) for row in stored.record["history"]])
-    result = restore(problem, kind(s["gamma"]), state, options, status, history)
-    return stored.record["record"], result
-
-
-def _primal(problem: Problem, state: np.ndarray) -> PrimalResult:
-    """The primal solver started where it ended, which takes no step or one."""
-    from ngepc.discretisation.spaces import displacement_space
-
-    u = GridFunction(displacement_space(problem))
-    u.vec.FV().NumPy()[:] = state
-    return primal_newton(problem, u)
+    kept, state = stored.record, stored.arrays["state"]
+    problem, record = build(**kept["place"]), kept["record"]
+    if record["method"] == "default":
+        return record, semismooth_newton(problem)
+    if record["method"] == "primal":
+        u = GridFunction(displacement_space(problem))
+        u.vec.FV().NumPy()[:] = state
+        return record, primal_newton(problem, u)
+    status = Status[record["status"].upper()]
+    history = History([IterationRecord(**row) for row in kept["history"]])
+    return record, restore(problem, Coupled(kept["gamma"]), state, NewtonOptions(), status, history)

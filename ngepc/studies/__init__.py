@@ -1,1 +1,1 @@
-"""Studies: the tables and figures of the paper, each a command whose results carry provenance."""
+"""Studies: tables, figures and counts as objects that measure, keep what they have and write it."""

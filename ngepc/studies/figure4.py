@@ -1,69 +1,132 @@
-"""Figure 4: convergence quotients of the last Newton steps on several meshes, both examples."""
+"""Figure 4: convergence quotients of the last Newton steps on several meshes, both examples.
+
+    Q_j = ||v^(omega-5+j) - v*||_H / ||v^(omega-6+j) - v*||_H,  j = 1, ..., 5,
+
+with omega the number of steps for the tolerance 1e-10 and v* the solution for 1e-14.  Rounding may
+keep the residual above 1e-14: then v* is the last iterate before the residual stops falling.  The
+Newton correction after it shows the size of the rounding errors; distances below ten times that
+are no distances to the solution, and their quotients are marked.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ngepc.dual.newton import NewtonOptions
+from ngepc.dual.newton import NewtonOptions, semismooth_newton
+from ngepc.dual.result import DualResult
 from ngepc.dual.starts import coarse_start
-from ngepc.geometries import lshape, wrench
-from ngepc.pictures.curves import COLOURS, MARKERS
-from ngepc.pictures.figures import save
-from ngepc.pictures.picture import beside
-from ngepc.results import records
-from ngepc.studies.figures import example
-from ngepc.studies.output import Table, write_table
-from ngepc.studies.quotients import convergence_quotients
-from ngepc.studies.tables import Cell, CellStore, Outcome
+from ngepc.model.problem import Problem
+from ngepc.pictures.style import COLOURS, MARKERS, beside, save_figure
+from ngepc.results.outcome import IterationRecord
+from ngepc.studies.examples import FAMILIES, TITLES, example
+from ngepc.studies.work import Cell, Outcome, Table, Work, first_of
 
-Progress = Callable[[str], None]
+LAST = 6
+"""Iterates that enter the five quotients."""
 
-FAMILIES = {"lshape": lshape.PAPER_NODES, "wrench": wrench.PAPER_NODES}
-TITLES = {"lshape": "Example (a)", "wrench": "Example (b)"}
+REFERENCE_TOLERANCE = 1e-14
 
 
-class Figure4:
-    """The study; each run is kept in ``folder``/cells.
+def convergence_quotients(
+    problem: Problem,
+    gamma: float,
+    start: DualResult | None = None,
+    options: NewtonOptions | None = None,
+) -> dict:
+    """Run Algorithm 7.1 and compare its last iterates with a more precise solution.
 
     Parameters
     ----------
-    folder
-        Where results go.
-    levels
-        Number of meshes of each example, 1 to 6, the coarsest of the paper's tables first.
-    gamma
-        Regularisation; Example (a) starts from the 417-node solution, Example (b) from v = 0.
-    progress
-        Called with a line of text after each run.
+    problem, gamma, start, options
+        As in ``semismooth_newton``.
 
-    Raises
-    ------
-    ValueError
-        If there are not so many meshes.
+    Returns
+    -------
+    dict
+        ``gamma``, ``nodes``, ``iterations`` (omega), ``status``; ``quotients`` Q_1, ..., Q_5 (fewer
+        for fewer steps); ``distances`` ||v^j - v*||_H of the last six iterates (stress);
+        ``meaningful``, whether distances are above ten times the rounding;
+        ``reference_residual``, ``rounding``: residual of v*, ||.||_H of the correction there.
+    """
+    options = NewtonOptions() if options is None else options
+    duals: list[np.ndarray] = []
+
+    def keep(record: IterationRecord) -> None:
+        duals.append(record.snapshot().v.FV().NumPy().copy())
+
+    precise = replace(options, tolerance=REFERENCE_TOLERANCE)
+    result = semismooth_newton(problem, gamma, start, precise, keep)
+    residuals = result.history.residual_norms
+    reached = [k for k, residual in enumerate(residuals) if residual < options.tolerance]
+    omega = reached[0] if reached else len(residuals) - 1
+    best = omega + int(np.argmin(residuals[omega:]))
+    distances = [h_norm(result, v - duals[best]) for v in duals[: omega + 1][-LAST:]]
+    following = duals[min(best + 1, len(duals) - 1)]
+    rounding = h_norm(result, following - duals[best]) or result.residual_rounding
+    return {
+        "gamma": gamma,
+        "nodes": problem.mesh.nv,
+        "iterations": omega,
+        "status": "converged" if reached else result.status.label,
+        "quotients": [b / a if a > 0 else 0.0 for a, b in pairwise(distances)],
+        "distances": distances,
+        "meaningful": [after > 10 * rounding for after in distances[1:]],
+        "reference_residual": residuals[best],
+        "rounding": rounding,
+    }
+
+
+def h_norm(result: DualResult, w: np.ndarray) -> float:
+    """||w||_H = b(w, w)^(1/2) of a coefficient vector on H."""
+    functional = result.functional
+    v = functional.blocks.H_vector()
+    v.FV().NumPy()[:] = w
+    return math.sqrt(max(0.0, functional.tichonov(v, v) * functional.weights.tichonov))
+
+
+class Figure4(Work):
+    """The study: Example (a) from the 417-node solution, Example (b) from v = 0.
+
+    Parameters
+    ----------
+    folder, progress
+        As for ``Work``.
+    levels
+        Number of meshes of each example, the coarsest of the paper's tables first.
+    gamma
+        Regularisation.
+    nodes
+        Example -> node counts of the meshes, instead of ``levels``.
     """
 
+    name = "figure4"
+
     def __init__(
-        self, folder: Path, levels: int = 3, gamma: float = 1e4, progress: Progress | None = None
+        self,
+        folder: Path,
+        levels: int = 3,
+        gamma: float = 1e4,
+        *,
+        nodes: dict[str, Sequence[int]] | None = None,
+        progress: Callable[[str], None] | None = None,
     ) -> None:
-        if not 1 <= levels <= 6:
-            raise ValueError(f"levels={levels}: 1 to 6 are available")
-        self.folder, self.gamma, self.levels = Path(folder), gamma, levels
-        self.options = NewtonOptions(max_iterations=2000)
-        self.progress = progress or (lambda line: None)
-        settings = {"study": "figure4", "gamma": gamma, "ngepc": records.provenance()["version"]}
-        self.store = CellStore(self.folder / "cells", settings)
+        super().__init__(folder, progress, gamma=gamma)
+        self.nodes = nodes or {name: first_of(f, levels) for name, f in FAMILIES.items()}
+        self.gamma, self.options = gamma, NewtonOptions(max_iterations=2000)
 
     def run(self) -> list[dict]:
         """One record for each example and mesh."""
-        cells = [Cell(n, k) for n, family in FAMILIES.items() for k in family[: self.levels]]
         table = []
-        for cell in cells:
-            record = self.store.get(Cell(f"quotients-{cell.row}", cell.nodes), self._solve).record
+        for cell in [Cell(name, n) for name, family in self.nodes.items() for n in family]:
+            record = self.kept(Cell(f"quotients-{cell.row}", cell.nodes), self._solve).record
             quotients = ", ".join(f"{q:.2g}" for q in record["quotients"])
             self.progress(f"{cell.row} {cell.nodes}: {record['iterations']} steps, Q = {quotients}")
             table.append(record)
@@ -72,34 +135,28 @@ class Figure4:
     def _solve(self, cell: Cell) -> Outcome:
         name = cell.row.removeprefix("quotients-")
         start = coarse_start(name, self.gamma, self.options) if name == "lshape" else None
-        quotients = convergence_quotients(
-            example(name, cell.nodes), self.gamma, start, self.options
-        )
-        return Outcome({"example": name, **asdict(quotients)})
+        problem = example(name, cell.nodes)
+        quotients = convergence_quotients(problem, self.gamma, start, self.options)
+        return Outcome({"example": name, **quotients})
 
     def write(self, table: Sequence[dict]) -> list[Path]:
         """Write figure4.png, .csv, .md and .json; returns their paths."""
-        head = ["example", "nodes", "steps", *(f"Q_{j}" for j in range(1, 6))]
-        head += ["residual of v*", "rounding of v*"]
-        notes = [
+        note = (
             f"Quotients of the H norms of v^j - v* at gamma = {self.gamma:g}. v* is the solution "
             "for the tolerance 1e-14, or the last iterate before the residual stops falling (its "
             "residual is in the table). In parentheses: the distance is below ten times the "
-            "rounding of v*, the quotient says nothing.",
-        ]
-        rows = [_row(record) for record in table]
-        picture = save(draw(table), self.folder / "figure4.png")
-        written = write_table(
-            self.folder,
-            Table(
-                name="figure4",
-                title="Figure 4: convergence quotients",
-                head=head,
-                rows=rows,
-                notes=notes,
-                cells=table,
-            ),
+            "rounding of v*, the quotient says nothing."
         )
+        picture = save_figure(draw_quotients(table), self.folder / "figure4.png")
+        written = Table(
+            name=self.name,
+            title="Figure 4: convergence quotients",
+            head=["example", "nodes", "steps", *(f"Q_{j}" for j in range(1, LAST)),
+                  "residual of v*", "rounding of v*"],
+            rows=[_row(record) for record in table],
+            notes=[note],
+            cells=table,
+        ).write(self.folder)  # fmt: skip
         return [picture, *written]
 
 
@@ -113,7 +170,7 @@ def _row(r: dict) -> list[str]:
     return [*first, *entries, f"{r['reference_residual']:.1e}", f"{r['rounding']:.1e}"]
 
 
-def draw(table: Sequence[dict]) -> Figure:
+def draw_quotients(table: Sequence[dict]) -> Figure:
     """The quotients of both examples beside each other, one curve for each mesh."""
     names = dict.fromkeys(record["example"] for record in table)
 
@@ -125,18 +182,16 @@ def draw(table: Sequence[dict]) -> Figure:
 
 def _curves(axes: Axes, title: str, table: Sequence[dict]) -> None:
     for index, record in enumerate(table):
-        first = 6 - len(record["quotients"])
-        pairs = zip(record["quotients"], record["meaningful"], strict=True)
-        points = [(first + k, q) for k, (q, sound) in enumerate(pairs) if sound]
+        quotients = np.where(record["meaningful"], record["quotients"], np.nan)
+        j = np.arange(6 - len(quotients), 6)
         style = {"color": COLOURS[index % len(COLOURS)], "marker": MARKERS[index % len(MARKERS)]}
-        j, quotients = zip(*points, strict=True) if points else ((), ())
-        axes.plot(j, quotients, label=f"{record['nodes']} nodes", markersize=4, **style)
+        axes.plot(j, quotients, label=f"{record['nodes']} nodes", **style)
     axes.axhline(1.0, color="#808890", linewidth=0.8, linestyle=":")
-    axes.set_yscale("log")
-    axes.set_xticks(range(1, 6))
-    axes.set_xlabel(r"$j$, Newton step $\omega - 5 + j$", fontsize=9)
-    axes.set_ylabel(r"convergence quotient $Q_j$", fontsize=9)
-    axes.set_title(title, fontsize=10)
-    axes.tick_params(labelsize=8)
-    axes.legend(fontsize=8, frameon=False)
-    axes.spines[["top", "right"]].set_visible(False)
+    axes.set(
+        yscale="log",
+        xticks=range(1, LAST),
+        xlabel=r"$j$, Newton step $\omega - 5 + j$",
+        ylabel=r"convergence quotient $Q_j$",
+        title=title,
+    )
+    axes.legend()

@@ -8,28 +8,20 @@ which the caption (1.2e9) allows and the text leaves open.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from ngsolve import Integrate
 
 from ngepc.dual.result import DualResult
-from ngepc.geometries import lshape, wrench
-from ngepc.model.examples import lshape_problem, wrench_problem
-from ngepc.model.problem import Problem
 from ngepc.path.options import PathOptions
 from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
-from ngepc.pictures import plot_field, plot_mesh, plot_plastic_zone, plot_yield_function
-from ngepc.pictures.figures import THRESHOLDS, save
-from ngepc.pictures.picture import beside
+from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
 from ngepc.pictures.sampling import body_corners
-from ngepc.studies.output import Table, write_table
-
-Progress = Callable[[str], None]
+from ngepc.pictures.style import beside, save_figure
+from ngepc.studies.examples import THRESHOLDS, example
+from ngepc.studies.work import Table, Work, ending
 
 PATHS = {
     "lshape": PathOptions(gamma_start=1.0, growth=5.0, gamma_end=5.0**13),
@@ -45,40 +37,24 @@ CAPTIONS = {
 }
 """Figure number -> what it shows, all in the deformed configuration."""
 
+BODY = {2: "lshape", 3: "lshape", 5: "wrench", 6: "wrench"}
 HIGHEST_STRAIN = {"lshape": 0.2, "wrench": 0.04}
 """Upper end of the colour scales; the strains at the re-entrant corners grow with refinement."""
-
-BODY = {2: "lshape", 3: "lshape", 5: "wrench", 6: "wrench"}
-
-
-def example(name: str, nodes: int) -> Problem:
-    """An example on the member of its mesh family with so many nodes."""
-    if name == "lshape":
-        return lshape_problem(lshape.paper_mesh(nodes))
-    return wrench_problem(wrench.paper_mesh(nodes))
 
 
 def draw(number: int, result: DualResult) -> Figure:
     """Figure 2, 3, 5 or 6 from a result for its example."""
-    threshold = THRESHOLDS[BODY[number]]
-
-    def zone(axes: Axes) -> Figure:
-        return plot_plastic_zone(result, threshold, axes=axes)
-
-    def strain(axes: Axes) -> Figure:
-        return plot_field(result, vmin=0.0, vmax=HIGHEST_STRAIN[BODY[number]], axes=axes)
-
-    def excess(axes: Axes | None) -> Figure:
-        return plot_yield_function(result, vmin=-result.problem.beta, vmax=0.0, axes=axes)
-
-    if number == 3:
-        return excess(None)
-    panels = {
-        2: (strain, zone),
-        5: (lambda axes: plot_mesh(result, axes=axes), strain),
-        6: (excess, zone),
+    body = BODY[number]
+    bound = result.problem.beta
+    draws = {
+        "zone": lambda a: plot_plastic_zone(result, THRESHOLDS[body], axes=a),
+        "strain": lambda a: plot_field(result, vmin=0.0, vmax=HIGHEST_STRAIN[body], axes=a),
+        "excess": lambda a: plot_field(result, "yield_function", vmin=-bound, vmax=0.0, axes=a),
+        "mesh": lambda a: plot_mesh(result, axes=a),
     }
-    figure = beside(*panels[number], height=4.0 if BODY[number] == "lshape" else 2.6)
+    panels = {2: ("strain", "zone"), 3: ("excess",), 5: ("mesh", "strain"), 6: ("excess", "zone")}
+    height = 4.0 if body == "lshape" else 2.6
+    figure = beside(*(draws[name] for name in panels[number]), height=height)
     if number == 5:
         before, after = figure.axes[:2]
         before.set(xlim=after.get_xlim(), ylim=after.get_ylim())
@@ -87,35 +63,31 @@ def draw(number: int, result: DualResult) -> Figure:
 
 def field_numbers(result: DualResult, threshold: float) -> dict[str, float]:
     """What can be read from the figures: extremes, the area of the zone, energies."""
+    mesh = result.problem.mesh
     strain = body_corners(result.fields, result.fields.equivalent_plastic_strain).values
     excess = body_corners(result.fields, result.yield_function).values
-    u = np.array([result.displacement.components[i].vec.FV().NumPy() for i in range(2)])
     return {
         "plastic_strain_max": float(strain.max()),
-        "zone_area": Integrate(result.fields.plastic_zone(threshold), result.problem.mesh),
-        "body_area": Integrate(1.0, result.problem.mesh),
+        "zone_area": Integrate(result.fields.plastic_zone(threshold), mesh),
+        "body_area": Integrate(1.0, mesh),
         "yield_function_max": float(excess.max()),
-        "displacement_max": float(np.linalg.norm(u, axis=0).max()),
         "dual_energy": result.dual_energy,
         "primal_energy": result.primal_energy,
         "contact_force": result.contact_force,
     }
 
 
-@dataclass
-class Figures:
-    """The study; paths are kept in ``folder``/cells, gamma by gamma.
+class Figures(Work):
+    """The study; paths are kept gamma by gamma.
 
     Parameters
     ----------
-    folder
-        Where results go.
-    nodes
-        Example -> node count of its mesh.
-    numbers
-        Which figures, from 2, 3, 5, 6.
-    progress
-        Called with a line of text after each gamma.
+    folder, progress
+        As for ``Work``.
+    only
+        Numbers of the figures, from 2, 3, 5, 6; None for all.
+    lshape_nodes, wrench_nodes
+        Members of the mesh families.
 
     Raises
     ------
@@ -123,14 +95,21 @@ class Figures:
         For other numbers.
     """
 
-    folder: Path
-    nodes: dict[str, int] = field(default_factory=lambda: {"lshape": 3201, "wrench": 6353})
-    numbers: Sequence[int] = tuple(CAPTIONS)
-    progress: Progress = lambda line: None
+    name = "figures"
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        only: Sequence[int] | None = None,
+        lshape_nodes: int = 3201,
+        wrench_nodes: int = 6353,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        super().__init__(folder, progress)
+        self.numbers = tuple(CAPTIONS if only is None else only)
         if not self.numbers or set(self.numbers) - set(CAPTIONS):
-            raise ValueError(f"numbers={self.numbers}: figures {', '.join(map(str, CAPTIONS))}")
+            raise ValueError(f"only={self.numbers}: figures {', '.join(map(str, CAPTIONS))}")
+        self.nodes = {"lshape": lshape_nodes, "wrench": wrench_nodes}
 
     def path(self, name: str) -> PathResult:
         """The path of an example, from disk or followed now."""
@@ -139,9 +118,7 @@ class Figures:
         return follow_path(
             problem,
             PATHS[name],
-            lambda s: self.progress(
-                f"{name} gamma {s.gamma:9.4g}: {s.iterations} steps, {s.status.label}"
-            ),
+            lambda s: self.progress(f"{name} gamma {s.gamma:9.4g}: {s.iterations} steps"),
             checkpoint=cells / f"figures-{name}-{self.nodes[name]}.npz",
         ).or_interrupted()
 
@@ -150,49 +127,50 @@ class Figures:
         table = []
         for name in dict.fromkeys(BODY[number] for number in self.numbers):
             path = self.path(name)
-            numbers = [n for n in self.numbers if BODY[n] == name]
-            table += [self._drawn(number, path) for number in numbers]
+            table += [self._drawn(n, path) for n in self.numbers if BODY[n] == name]
         return table
 
     def _drawn(self, number: int, path: PathResult) -> dict:
         name = BODY[number]
-        picture = save(draw(number, path.result), self.folder / f"figure{number}.png")
+        picture = save_figure(draw(number, path.last), self.folder / f"figure{number}.png")
         return {
             "figure": number,
             "file": picture.name,
             "shows": CAPTIONS[number],
             "example": name,
-            "nodes": path.problem.mesh.nv,
+            "nodes": path.last.problem.mesh.nv,
             "gamma": path.gamma_end,
             "status": path.status.label,
             "residual_norm": path.residual_norms[-1],
             "inner_iterations": path.inner_iterations,
-            **field_numbers(path.result, THRESHOLDS[name]),
+            **field_numbers(path.last, THRESHOLDS[name]),
         }
 
     def write(self, table: Sequence[dict]) -> list[Path]:
         """Write figures.csv, figures.md and figures.json; returns all paths, PNGs included."""
-        head = ["figure", "shows", "nodes", "gamma", "Newton steps", "max |p|_F", "zone / body"]
         rows = [
             [
                 f"[{r['figure']}]({r['file']})",
                 r["shows"],
                 r["nodes"],
-                f"{r['gamma']:.3g}" + ("" if r["status"] == "converged" else f" {r['status']}"),
+                f"{r['gamma']:.3g}{ending(r)}",
                 sum(r["inner_iterations"]),
                 f"{r['plastic_strain_max']:.4g}",
                 f"{r['zone_area'] / r['body_area']:.4f}",
             ]
             for r in table
         ]
-        notes = [
+        note = (
             "Deformed configurations, displacement not scaled; lengths and stresses in the units "
             "of the examples. max |p|_F of Example (a) grows without bound under refinement "
-            "(re-entrant corner).",
-        ]
-        title = "Figures 2, 3, 5 and 6"
-        written = write_table(
-            self.folder,
-            Table(name="figures", title=title, head=head, rows=rows, notes=notes, cells=table),
+            "(re-entrant corner)."
         )
+        written = Table(
+            name=self.name,
+            title="Figures 2, 3, 5 and 6",
+            head=("figure", "shows", "nodes", "gamma", "Newton steps", "max |p|_F", "zone / body"),
+            rows=rows,
+            notes=[note],
+            cells=table,
+        ).write(self.folder)
         return [*(self.folder / r["file"] for r in table), *written]

@@ -1,36 +1,29 @@
-"""The dual method against the primal one on the body of deal.II's step-42, with both errors.
+"""The default method against the primal one on the body of deal.II's step-42.
 
 Box (0, 1)^3 fixed below, u_x = u_y = 0 on its sides, E = 2e5, nu = 0.3, beta = 400, isotropic
 hardening 2 mu g / (1 - g) with g = 0.01; the sphere of radius 0.6 has come down by 0.01.  It
 touches within a radius of 0.1: equal cells of width 1/8 have one node there.  So the quarter of the
-body that symmetry leaves is meshed towards the contact zone, and beside the difference of the two
-methods stand the estimates of what may cause it: the change under a ten times larger gamma_T,
-and the change from mesh to mesh.
+body that symmetry leaves is meshed towards the contact zone.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from ngsolve import H1, GridFunction, Mesh
 
-from ngepc.dual.balanced import Balanced, NodalContact
-from ngepc.dual.newton import semismooth_newton
 from ngepc.geometries import quarter_cube
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.obstacles import Sphere
 from ngepc.model.problem import Problem
-from ngepc.primal.solver import primal_newton
 from ngepc.results.outcome import Result
-from ngepc.studies.output import Table, write_table
-from ngepc.studies.tables import Cell, CellStore, Outcome
+from ngepc.studies.examples import solved
+from ngepc.studies.work import Cell, Outcome, Table, Work, ending
 
 DEPTH, BOUND = 0.01, 400.0
-SHARPER = 10.0
 CELLS = {"tetrahedra": (4, 6, 8, 12, 16), "hexahedra": (4, 6, 8, 12)}
 """Cells along each edge of the graded quarter."""
 OWN = "hexahedra of step-42"
@@ -42,8 +35,20 @@ QUARTER = {
     "mirror_x": (0, None, None),
     "mirror_y": (None, 0, None),
 }
-
+METHODS = ("primal", "default")
 QUANTITIES = ("contact_force", "energy", "peak_pressure")
+HEAD = (
+    *("mesh of the quarter", "nodes", "touching", "steps", "F primal", "F default"),
+    *("F", "energy", "peak", "max of u", "change of F from mesh to mesh"),
+)
+NOTE = (
+    "Contact force F of the whole body, nodes in contact on the quarter and Newton steps, by the "
+    "primal method and the default one. F, energy, peak (largest contact pressure): their relative "
+    "differences; max of u: the largest nodal one of the displacements over the depth 0.01. The "
+    "last column is the change of F from the next coarser mesh, less than its discretisation "
+    "error. Step-42's own mesh has 8 x 8 x 8 cells on the whole body, where one node touches; its "
+    "documentation prints F = 37.3058."
+)
 
 
 def step42_problem(mesh: Mesh, prescribed: dict | None = None) -> Problem:
@@ -69,33 +74,23 @@ def step42_problem(mesh: Mesh, prescribed: dict | None = None) -> Problem:
     return Problem(mesh, material, contact="contact", gap=gap, prescribed=supports)
 
 
-def compare(problem: Problem) -> dict:
-    """Both methods on one mesh of the quarter, the dual one at two values of gamma_T.
+def compare_methods(problem: Problem) -> dict:
+    """Both methods on one mesh of the quarter.
 
     Returns
     -------
     dict
-        'primal', 'dual', 'sharper' (gamma_T ten times larger) and 'nodal' (dual, contact at the
-        nodes): status, steps, numbers of the whole body; 'displacement_difference': largest
-        nodal |u_dual - u_primal| over the depth.
+        Method -> status, steps, numbers of the whole body; 'displacement_difference': the largest
+        nodal difference of the displacements over the depth.
     """
-    chosen = Balanced().resolved(problem)
-    sharper = replace(chosen, gamma=SHARPER * chosen.gamma)
-    nodal = replace(chosen, contact=NodalContact())
-    solvers = {
-        "primal": lambda: primal_newton(problem),
-        "dual": lambda: semismooth_newton(problem, regularisation=chosen),
-        "sharper": lambda: semismooth_newton(problem, regularisation=sharper),
-        "nodal": lambda: semismooth_newton(problem, regularisation=nodal),
-    }
-    runs, found = {}, {}
-    for name, solve in solvers.items():
+    found, nodal = {}, []
+    for method in METHODS:
         clock = time.process_time()
-        runs[name] = result = solve().or_interrupted()
-        found[name] = _numbers(result) | {"cpu_s": time.process_time() - clock}
-    u, w = (_nodal(runs[name]) for name in ("dual", "primal"))
-    found["displacement_difference"] = float(np.linalg.norm(u - w, axis=0).max() / DEPTH)
-    return found
+        result = solved(method, problem).or_interrupted()
+        found[method] = _numbers(result) | {"cpu_s": time.process_time() - clock}
+        nodal.append(result.displacement.vec.FV().NumPy().reshape(3, -1))
+    apart = np.linalg.norm(nodal[0] - nodal[1], axis=0).max()
+    return found | {"displacement_difference": float(apart / DEPTH)}
 
 
 def _numbers(result: Result) -> dict:
@@ -114,126 +109,79 @@ def _numbers(result: Result) -> dict:
     }
 
 
-def _nodal(result: Result) -> np.ndarray:
-    return result.displacement.vec.FV().NumPy().reshape(3, -1)
-
-
-class Step42:
-    """The study; each mesh is solved once and kept in ``folder``/cells.
+class Step42(Work):
+    """The study.
 
     Parameters
     ----------
-    folder
-        Where results go.
+    folder, progress
+        As for ``Work``.
     levels
         Meshes of each shape, 1 to 5 (hexahedra: at most 4).
-    progress
-        Called with a line of text after each mesh.
     """
 
+    name = "step42"
+
     def __init__(
-        self, folder: Path, levels: int, progress: Callable[[str], None] = lambda line: None
+        self, folder: Path, levels: int = 3, progress: Callable[[str], None] | None = None
     ) -> None:
-        self.folder, self.levels, self.progress = Path(folder), levels, progress
-        self._store = CellStore(self.folder / "cells", {"study": "step42"})
+        super().__init__(folder, progress)
+        most = max(map(len, CELLS.values()))
+        if not 1 <= levels <= most:
+            raise ValueError(f"levels={levels}: 1 to {most} are available")
+        meshes = [(shape, n) for shape, cells in CELLS.items() for n in cells[:levels]]
+        self.meshes = [*meshes, (OWN, 4)]
 
     def run(self) -> list[dict]:
         """One record for each mesh."""
-        meshes = [(shape, n) for shape, cells in CELLS.items() for n in cells[: self.levels]]
-        return [self._get(shape, n) for shape, n in [*meshes, (OWN, 4)]]
-
-    def _get(self, shape: str, n: int) -> dict:
-        cell = Cell(f"step42 {shape}, {n}", 0)
-        record = self._store.get(cell, lambda _: self._solve(shape, n)).record
-        forces = [record[name]["contact_force"] for name in ("primal", "dual")]
-        self.progress(f"{shape}, {n}: {forces[0]:.4f} and {forces[1]:.4f}")
-        return record
+        table = []
+        for shape, n in self.meshes:
+            cell = Cell(f"step42 {shape}, {n}", 0)
+            record = self.kept(cell, lambda _, s=shape, k=n: self._solve(s, k)).record
+            forces = " and ".join(f"{record[m]['contact_force']:.4f}" for m in METHODS)
+            self.progress(f"{shape}, {n}: {forces}")
+            table.append(record)
+        return table
 
     def _solve(self, shape: str, n: int) -> Outcome:
         if shape == OWN:
             mesh = quarter_cube.mesh(n, 2 * n, grading=0.0, simplices=False)
         else:
             mesh = quarter_cube.mesh(n, simplices=shape == "tetrahedra")
-        return Outcome(
-            {"mesh": shape, "cells": n, "nodes": mesh.nv, **compare(step42_problem(mesh))}
-        )
+        found = compare_methods(step42_problem(mesh))
+        return Outcome({"mesh": shape, "cells": n, "nodes": mesh.nv, **found})
 
     def write(self, table: Sequence[dict]) -> list[Path]:
         """Write step42.csv, step42.md and step42.json; returns their paths."""
-        return write_table(
-            self.folder,
-            Table(
-                name="step42",
-                title="Step-42: the dual method against the primal one",
-                head=HEAD,
-                rows=[_row(r, before) for r, before in with_coarser(table)],
-                notes=NOTES,
-                cells=[_flat(r) for r in table],
-            ),
-        )
+        rows = [_row(r, before) for r, before in zip(table, [None, *table[:-1]], strict=True)]
+        return Table(
+            name=self.name,
+            title="Step-42: the default method against the primal one",
+            head=HEAD,
+            rows=rows,
+            notes=[NOTE],
+            cells=table,
+        ).write(self.folder)
 
 
-def with_coarser(table: Sequence[dict]) -> list[tuple[dict, dict | None]]:
-    """Each record with that of the next coarser mesh of its kind, None where there is none."""
-    coarser = [None, *table[:-1]]
-    return [
-        (r, b if b is not None and b["mesh"] == r["mesh"] else None)
-        for r, b in zip(table, coarser, strict=True)
-    ]
-
-
-def relative(record: dict, one: str, other: str, quantity: str) -> float:
-    """The difference of a quantity between two methods on a mesh, relative to the second."""
-    return abs(record[one][quantity] / record[other][quantity] - 1)
-
-
-HEAD = (
-    *("mesh of the quarter", "nodes", "touching", "steps", "F primal", "F dual", "F nodal"),
-    *(f"{name}: dual, nodal; gamma; mesh" for name in ("F", "energy", "peak")),
-    "max of u",
-)
-NOTES = (
-    "Contact force F of the whole body, nodes in contact on the quarter and Newton steps, by the "
-    "primal method, the dual one and the dual one with contact at the nodes (NodalContact). In the "
-    "next three columns, each relative: difference of the dual method to the primal one on the "
-    "mesh, the same with contact at the nodes; change of the dual value when gamma_T is multiplied "
-    "by ten, an estimate of the regularisation error; change of the primal value from the next "
-    "coarser mesh, less than its discretisation error. The energy is J of the primal and -J* of "
-    "the dual method. The last column is the largest nodal difference of the displacements, dual "
-    "to primal, over the depth 0.01. Step-42's own mesh has 8 x 8 x 8 cells on the whole body, "
-    "where one node touches; its documentation prints F = 37.3058.",
-)
-COLUMNS = ("primal", "dual", "nodal")
+def relative(record: dict, quantity: str) -> float:
+    """The difference of a quantity between the methods, relative to the primal one."""
+    return abs(record["default"][quantity] / record["primal"][quantity] - 1)
 
 
 def _row(record: dict, coarser: dict | None) -> list[str]:
-    runs = [record[name] for name in COLUMNS]
-    errors = []
-    for quantity in QUANTITIES:
-        pairs = (("dual", "primal"), ("nodal", "primal"), ("sharper", "dual"))
-        dual, nodal, gamma = (f"{relative(record, *pair, quantity):.1e}" for pair in pairs)
-        mesh = "-"
-        if coarser is not None:
-            change = record["primal"][quantity] / coarser["primal"][quantity] - 1
-            mesh = f"{abs(change):.1e}"
-        errors.append(f"{dual}, {nodal}; {gamma}; {mesh}")
-    name = OWN if record["mesh"] == OWN else f"{record['cells']}^3 cells, {record['mesh']}"
+    runs, change = [record[name] for name in METHODS], "-"
+    if coarser is not None and coarser["mesh"] == record["mesh"]:
+        before = coarser["primal"]["contact_force"]
+        change = f"{abs(record['primal']['contact_force'] / before - 1):.1e}"
+    own = record["mesh"] == OWN
     return [
-        name,
+        OWN if own else f"{record['cells']}^3 cells, {record['mesh']}",
         str(record["nodes"]),
-        *(", ".join(str(run[key]) for run in runs) for key in ("touching", "iterations")),
+        ", ".join(str(run["touching"]) for run in runs),
+        ", ".join(f"{run['iterations']}{ending(run)}" for run in runs),
         *(f"{run['contact_force']:.4f}" for run in runs),
-        *errors,
+        *(f"{relative(record, quantity):.1e}" for quantity in QUANTITIES),
         f"{record['displacement_difference']:.1e}",
+        change,
     ]
-
-
-def _flat(record: dict) -> dict:
-    """The record with one level of names: 'dual_contact_force' and the like."""
-    flat = {}
-    for key, value in record.items():
-        if isinstance(value, dict):
-            flat |= {f"{key}_{name}": item for name, item in value.items()}
-        else:
-            flat[key] = value
-    return flat

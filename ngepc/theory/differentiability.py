@@ -34,7 +34,6 @@ from ngsolve import (
     FESpace,
     GridFunction,
     Id,
-    IfPos,
     InnerProduct,
     Integrate,
     LinearForm,
@@ -51,6 +50,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 from ngepc.checks.arguments import require_integer
 from ngepc.discretisation.quadrature import fine_rules
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
+from ngepc.dual.radial import RadialLaw
 from ngepc.dual.regularisation import Coupled
 from ngepc.model.problem import Problem
 
@@ -58,7 +58,8 @@ CELLS = 8
 POINTS = 100
 LARGEST_RADIUS = 0.25
 WITHOUT = 1e12
-"""gamma_T of a Tichonov term that no longer acts."""
+"""gamma_T of a Tichonov term that no longer acts: what is left is the Moreau-Yosida
+regularisation alone, whose max functions map L2 to L2."""
 
 
 def graded_mesh(levels: int) -> Mesh:
@@ -106,16 +107,14 @@ class YieldMap:
 
     def value(self, q: CoefficientFunction) -> CoefficientFunction:
         """M(q)."""
-        size = Norm(q) + 1e-290
-        s = size - self.beta
-        return IfPos(s, self.gamma * s / size, 0.0) * q
+        return self.gamma * RadialLaw(Norm(q), self.beta).slope * q
 
     def derivative(self, q: CoefficientFunction) -> CoefficientFunction:
         """G(q), a 2 x 2 matrix."""
-        size = Norm(q) + 1e-290
-        rho = (size - self.beta) / size
-        M = rho * Id(2) + (1 - rho) * OuterProduct(q, q) / (size * size)  # (6.1)
-        return IfPos(size - self.beta, self.gamma, 0.0) * M
+        law = RadialLaw(Norm(q), self.beta)
+        direction = q / law.size
+        M = law.slope * Id(2) + law.across * OuterProduct(direction, direction)  # (6.1)
+        return self.gamma * M
 
     def quotients(self, q: CoefficientFunction, h: GridFunction) -> dict[str, float]:
         """Norms of h, and ||E(h)||_Y / ||h||_X for the pairs L2 -> L2, L6 -> L2, H1 -> H^(-1).
@@ -196,19 +195,6 @@ def difference_quotients(
     return rows
 
 
-@dataclass(frozen=True)
-class PenaltyOnly(Coupled):
-    """``Coupled`` with the Tichonov term all but dropped: gamma_T = 1e12 in reference units.
-
-    What is left is the Moreau-Yosida regularisation alone, whose max functions map L2 to L2.
-    """
-
-    @property
-    def gamma_tichonov(self) -> float:
-        """gamma_T (stress / length^2), without effect on the solution."""
-        return WITHOUT * self.units.stress / self.units.length**2
-
-
 def counts_without_tichonov(
     problems: Iterable[Problem], gamma: float = 1e3, options: NewtonOptions | None = None
 ) -> list[dict]:
@@ -219,7 +205,7 @@ def counts_without_tichonov(
     problems
         The same body on finer and finer meshes.
     gamma
-        The gamma of ``Coupled`` and of the penalties of ``PenaltyOnly``.
+        The gamma of ``Coupled`` and of the penalties.
     options
         As for ``semismooth_newton``.
 
@@ -229,11 +215,12 @@ def counts_without_tichonov(
         ``nodes``; ``iterations``, ``halvings`` and ``status`` with the term, and the same names
         with ``_without`` for none.
     """
+    kinds = {"": Coupled(gamma), "_without": Coupled(gamma, gamma_tichonov=WITHOUT)}
     rows = []
     for problem in problems:
         row: dict = {"nodes": problem.mesh.nv}
-        for suffix, kind in (("", Coupled), ("_without", PenaltyOnly)):
-            result = semismooth_newton(problem, options=options, regularisation=kind(gamma))
+        for suffix, kind in kinds.items():
+            result = semismooth_newton(problem, options=options, regularisation=kind)
             result.or_interrupted()
             row[f"iterations{suffix}"] = result.iterations
             row[f"halvings{suffix}"] = result.history.halvings

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 from ngsolve import (
     L2,
@@ -29,14 +28,9 @@ from ngsolve import (
 )
 
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
-from ngepc.dual.friction import friction_energy
+from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import as_scalar
-from ngepc.model.tensors import coordinates
-from ngepc.parallel import integral, total
-
-if TYPE_CHECKING:
-    from ngepc.path.result import PathResult
 
 POINTS = 400
 
@@ -50,10 +44,7 @@ class DualityReport:
     primal_energy, dual_energy, gap
         J(y), J*_gamma(v) and their sum.
     contact_term, plastic_term
-        (z, u.n - psi), and int beta |p| + h_G/2 |p|^2 + (q, p) with h_G = 0 unless the hardening
-        is split; zero at a solution of (EPC) and (D).
-    friction_term, friction_penalty
-        int F |u_t| + (t, u_t) and M^3(t); zero without friction.
+        (z, u.n - psi), and int beta |p| + (q, p); zero at a solution of (EPC) and (D).
     contact_penalty, plastic_penalty, tichonov
         M^1(z), M^2(q), T(v).
     tension, overshoot
@@ -63,7 +54,7 @@ class DualityReport:
     complementarity
         int |z (u.n - psi)| on Gamma_c, (2.12).
     shear
-        L2 norm on Gamma_c of the tangential part of sigma n less the friction stress, (2.10).
+        L2 norm on Gamma_c of the tangential part of sigma n, (2.10).
     normal_stress, normal_stress_deviation
         L2 norms on Gamma_c of (sigma n).n and of z - (sigma n).n.
     deviatoric_stress
@@ -79,10 +70,8 @@ class DualityReport:
     gap: float
     contact_term: float
     plastic_term: float
-    friction_term: float
     contact_penalty: float
     plastic_penalty: float
-    friction_penalty: float
     tichonov: float
     tension: float
     overshoot: float
@@ -99,58 +88,48 @@ class DualityReport:
     @property
     def parts(self) -> dict[str, float]:
         """The terms that add up to the gap."""
-        kinds = ("contact", "plastic", "friction")
-        names = [f"{kind}_{what}" for what in ("term", "penalty") for kind in kinds]
-        return {name: getattr(self, name) for name in (*names, "tichonov")}
+        terms = ("contact_term", "plastic_term", "contact_penalty", "plastic_penalty", "tichonov")
+        return {name: getattr(self, name) for name in terms}
 
     def as_dict(self) -> dict[str, float]:
         """All numbers by name, for tables and JSON."""
         return asdict(self)
 
 
-def duality_report(result: DualResult | PathResult) -> DualityReport:
+def duality_report(result: DualResult) -> DualityReport:
     """Measure the duality gap, its parts, and how well (2.10)-(2.13), (3.8), (3.9) hold.
 
     Parameters
     ----------
     result
-        A result of the dual method or of path-following.
+        A result of the regularised dual method, or the path that ends with it.
 
     Raises
     ------
     TypeError
-        If ``result`` is none of them.
+        If ``result`` is no such result.
     """
-    result = getattr(result, "result", result)
+    result = getattr(result, "last", result)
     if not isinstance(result, DualResult):
         raise TypeError(f"result={result!r}: a result of the dual method is needed")
     return DualityReport(**_energies(result), **_contact(result), **_plasticity(result))
 
 
 def _energies(result: DualResult) -> dict[str, float]:
-    f, problem = result.functional, result.problem
-    blocks, v = f.blocks, result.v
-    names = [part.name for part in blocks.parts]
-    image = v.CreateVector()
-    image.data = blocks.conjugate_gradient(result.y, v) - blocks.psi
-    terms = {
-        n: total(InnerProduct(blocks.part_of(image, i), blocks.part_of(v, i)), problem.mesh)
-        for i, n in enumerate(names)
-    }
-    penalties = {n: f.penalties[i].energy(blocks.part_of(v, i)) for i, n in enumerate(names)}
-    p = result.balanced_increment
-    h_G = problem.effective_hardening * (1 - f.regularisation.hardening_share)
-    dissipation = Integrate(as_scalar(problem.beta) * Norm(p) + h_G / 2 * p * p, problem.mesh)
+    f, problem, v = result.functional, result.problem, result.v
+    part_of, image = f.blocks.part_of, v.CreateVector()
+    image.data = f.blocks.Lambda * result.y - f.blocks.psi
+    products = {n: InnerProduct(part_of(image, n), part_of(v, n)) for n in f.blocks.parts}
+    penalties = {n: M.energy for n, M in f.terms(v).by_part.items()}
+    size = Norm(result.plastic_increment)
     return {
         "primal_energy": result.primal_energy,
         "dual_energy": result.dual_energy,
         "gap": result.primal_energy + result.dual_energy,
-        "contact_term": terms.get("contact", 0.0),
-        "plastic_term": dissipation + terms["plastic"],
-        "contact_penalty": penalties.get("contact", 0.0),
-        "plastic_penalty": penalties["plastic"],
-        "friction_term": terms.get("friction", 0.0) + friction_energy(problem, result.displacement),
-        "friction_penalty": penalties.get("friction", 0.0),
+        "contact_term": products.get(CONTACT, 0.0),
+        "plastic_term": Integrate(as_scalar(problem.beta) * size, problem.mesh) + products[PLASTIC],
+        "contact_penalty": penalties.get(CONTACT, 0.0),
+        "plastic_penalty": penalties[PLASTIC],
         "tichonov": f.tichonov(v, v) / 2,
     }
 
@@ -167,7 +146,7 @@ def _contact(result: DualResult) -> dict[str, float]:
     measure = ds("|".join(problem.contact_names), intrules=rules)
 
     def integrated(density: CoefficientFunction) -> float:
-        return integral(density * measure, problem.mesh)
+        return Integrate(density * measure, problem.mesh)
 
     def size(field: CoefficientFunction) -> float:
         return math.sqrt(integrated(InnerProduct(field, field)))
@@ -181,7 +160,7 @@ def _contact(result: DualResult) -> dict[str, float]:
         size(IfPos(z, z, 0)),
         size(IfPos(overlap, overlap, 0)),
         integrated(IfPos(product, product, -product)),
-        size(traction - normal * n - result.friction_stress),
+        size(traction - normal * n),
         size(normal),
         size(z - normal),
     )
@@ -193,11 +172,11 @@ def _plasticity(result: DualResult) -> dict[str, float]:
     measure = dx(intrules=fine_rules(problem.N, POINTS))
 
     def size(field: CoefficientFunction) -> float:
-        return math.sqrt(integral(InnerProduct(field, field) * measure, mesh))
+        return math.sqrt(Integrate(InnerProduct(field, field) * measure, mesh))
 
-    q, p, N = result.plastic_dual, result.balanced_increment, problem.N
+    q, p = result.plastic_dual, result.plastic_increment
     dev_stress, hardening = result.fields.deviatoric_stress, problem.effective_hardening
-    residual_stress = coordinates(problem.alpha_0[1] - dev_stress, N)
+    residual_stress = problem.kinematics.coordinates(problem.alpha_0[1] - dev_stress)
     deviation = q - (hardening * p + residual_stress)
     means = GridFunction(VectorValued(L2(mesh, order=0), q.dim))
     means.Set(deviation)

@@ -13,14 +13,12 @@ from dataclasses import dataclass, field, replace
 
 from ngsolve.la import BaseVector
 
-from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
-from ngepc.dual.functional import DualFunctional, NewtonSystem
-from ngepc.dual.iterates import Iterate
-from ngepc.dual.newton import NewtonOptions, newton_step
-from ngepc.dual.regularisation import Regularisation
+from ngepc.dual.functional import DualFunctional
+from ngepc.dual.newton import NewtonOptions, prepared, semismooth_newton
+from ngepc.dual.regularisation import Coupled
 from ngepc.dual.result import DualResult
-from ngepc.linalg.direct import require_direct_solver
+from ngepc.dual.system import NewtonSystem
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Status
 
@@ -49,7 +47,7 @@ class MultiplierEquation:
 
     def _primal(self, v: BaseVector) -> BaseVector:
         """D^(-1)(Lambda* v - l) by the condensed D that ``N_inverse`` has, roundings included."""
-        y = self.blocks.load.CreateVector()
+        y = self.blocks.Y_vector()
         self.blocks.primal_of(v, y, refinements=0)
         return y
 
@@ -73,20 +71,20 @@ class MultiplierEquation:
 
     def psi(self, multiplier: BaseVector, v: BaseVector) -> BaseVector:
         """Psi_gamma(lambda) = lambda - M(v) for v = v(lambda)."""
-        return (multiplier - self.functional.penalty_gradient(v)).Evaluate()
+        return (multiplier - self.functional.terms(v).gradient).Evaluate()
 
     def derivative(self, v: BaseVector, delta: BaseVector) -> BaseVector:
         """G_Psi(lambda) delta = delta + G_M(v) N_gamma^(-1) delta for v = v(lambda)."""
         w, image = self.N_inverse(delta), delta.CreateVector()
         image.data = delta
-        for i, M in enumerate(self.functional.penalties):
-            part = self.blocks.part_of(v, i)
-            self.blocks.part_of(image, i).data += M.hessian(part) * self.blocks.part_of(w, i)
+        part_of = self.blocks.part_of
+        for name, M in self.functional.terms(v).by_part.items():
+            part_of(image, name).data += M.hessian() * part_of(w, name)
         return image
 
     def step(self, multiplier: BaseVector, v: BaseVector) -> BaseVector:
         """delta of (6.4), from G_Psi = (N_gamma + G_M) N_gamma^(-1) as in Lemma 6.5."""
-        self._newton.factorise(v)
+        self._newton.factorise(self.functional.terms(v))
         minus_psi = (-1 * self.psi(multiplier, v)).Evaluate()
         return self.N(self._newton.solve(minus_psi)[1])
 
@@ -130,7 +128,7 @@ class Iterates:
 
 def newton_in_lambda(
     problem: Problem,
-    regularisation: Regularisation,
+    regularisation: Coupled,
     start: DualResult | None = None,
     options: NewtonOptions = FULL_STEPS,
 ) -> Iterates:
@@ -150,7 +148,9 @@ def newton_in_lambda(
     ValueError
         If a line search is asked for.
     """
-    functional, v = _prepared(problem, regularisation, start, options)
+    _require_full_steps(options)
+    functional = prepared(problem, regularisation, options)
+    v = functional.blocks.H_vector() if start is None else carried_over(start, functional)
     equation = MultiplierEquation(functional, options.inverse)
     run, multiplier = Iterates(functional), equation.multiplier(v)
     while True:
@@ -167,29 +167,28 @@ def newton_in_lambda(
 
 def newton_in_v(
     problem: Problem,
-    regularisation: Regularisation,
+    regularisation: Coupled,
     start: DualResult | None = None,
     options: NewtonOptions = FULL_STEPS,
 ) -> Iterates:
     """Algorithm 6.8 through (7.1), all iterates kept; arguments as for ``newton_in_lambda``."""
-    functional, v = _prepared(problem, regularisation, start, options)
-    system = NewtonSystem(functional, options.inverse)
-    run, here = Iterates(functional), Iterate.at(functional, v)
-    while True:
-        run.duals.append(here.v)
-        run.residual_norms.append(functional.residual_norms(here.residual).total)
-        status = _ended(run, options)
-        if status is not None:
-            return replace(run, status=status)
-        following = newton_step(functional, system, here, options)
-        if isinstance(following, Status):
-            return replace(run, status=following)
-        here = following
+    _require_full_steps(options)
+    duals: list[BaseVector] = []
+    result = semismooth_newton(
+        problem,
+        None,
+        start,
+        options,
+        lambda record: duals.append(record.snapshot().v),
+        regularisation=regularisation,
+    )
+    norms = result.history.residual_norms
+    return Iterates(result.functional, duals, [], norms, result.status)
 
 
 def compare_algorithms(
     problem: Problem,
-    regularisation: Regularisation,
+    regularisation: Coupled,
     start: DualResult | None = None,
     options: NewtonOptions = FULL_STEPS,
 ) -> list[dict]:
@@ -214,21 +213,12 @@ def compare_algorithms(
     ]
 
 
-def _prepared(
-    problem: Problem,
-    regularisation: Regularisation,
-    start: DualResult | None,
-    options: NewtonOptions,
-) -> tuple[DualFunctional, BaseVector]:
+def _require_full_steps(options: NewtonOptions) -> None:
     if options.linesearch is not None:
         raise ValueError(
             f"linesearch={options.linesearch!r}: Algorithms 6.6 and 6.8 take full steps, "
             "linesearch=None is needed (semismooth_newton globalises them)"
         )
-    require_direct_solver("inverse", options.inverse)
-    blocks = LinearBlocks(problem, regularisation, options.inverse)
-    functional = DualFunctional(blocks, regularisation, options.quadrature_points)
-    return functional, blocks.H_vector() if start is None else carried_over(start, functional)
 
 
 def _ended(run: Iterates, options: NewtonOptions) -> Status | None:

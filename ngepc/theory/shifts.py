@@ -34,22 +34,13 @@ def positive_part(f: CoefficientFunction) -> CoefficientFunction:
 
 
 def updated_shifts(result: DualResult) -> Coupled:
-    """The regularisation of ``result`` with its multipliers mu and |nu| as the next shifts.
-
-    Raises
-    ------
-    TypeError
-        If the regularisation is not ``Coupled``, which has the shifts.
-    """
-    old = result.functional.regularisation
-    if not isinstance(old, Coupled):
-        raise TypeError(f"regularisation={old!r}: Coupled(gamma) is needed, it has the shifts")
-    q, gamma_q = result.state.components[-1], as_scalar(old.gamma_plastic(result.problem))
-    excess = Norm(q) - as_scalar(old.yield_bound(result.problem))
-    nu = positive_part(as_scalar(old.plastic_shift) + gamma_q * excess)
+    """The regularisation of ``result`` with its multipliers mu and |nu| as the next shifts."""
+    w, old = result.functional.weights, result.regularisation
+    excess = Norm(result.plastic_dual) - as_scalar(w.yield_bound)
+    nu = positive_part(as_scalar(w.plastic_shift) + w.plastic * excess)
     if not result.problem.contact_names:
         return replace(old, plastic_shift=nu)
-    mu = positive_part(as_scalar(old.contact_shift) + old.gamma_contact * result.normal_stress)
+    mu = positive_part(as_scalar(w.contact_shift) + w.contact * result.normal_stress)
     return replace(old, contact_shift=mu, plastic_shift=nu)
 
 

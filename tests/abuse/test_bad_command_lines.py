@@ -29,7 +29,7 @@ def options(command: argparse.ArgumentParser, path=()):
 def required(command):
     """Legal values of the positional arguments."""
     given = (a for a in command._actions if not a.option_strings)
-    return ["lshape" if a.choices else "place" for a in given]
+    return [next(iter(a.choices)) if a.choices else "place" for a in given]
 
 
 def nonsense(action):
@@ -37,14 +37,15 @@ def nonsense(action):
     if action.choices:
         return ["junk", "", next(iter(action.choices)).upper()]
     kind = getattr(action.type, "__name__", "text")
-    return {"positive": NUMBERS, "count": COUNTS}.get(kind, [""])
+    tables = {"positive": NUMBERS, "count": COUNTS, "words": ["", ",", "a,,b"]}
+    return {**tables, "counts": ["junk", "", "two", "1,", "0", "2,-3"]}.get(kind, [""])
 
 
 CASES = [
     ([*path, *required(command), f"{option}={text}"], option)
     for path, command, action in options(parser())
     for option in action.option_strings
-    if action.nargs != 0 and action.dest not in ("rows", "only")
+    if action.nargs != 0 and action.dest != "start"
     for text in nonsense(action)
 ]
 CASES += [
@@ -99,7 +100,7 @@ def test_nonsense_for_every_option(capsys, tmp_path):
         ["junk"],
         [""],
         ["SOLVE"],
-        *([command] for command in COMMANDS if command != "benchmark"),
+        *([command] for command in COMMANDS),
         ["solve", "junk"],
         ["solve", ""],
         ["path", "Lshape"],
@@ -122,7 +123,8 @@ WORK = {
     "mesh too fine": (["solve", "lshape", "--maxh", "1e-9"], "maxh=1e-09"),
     "mesh width too small": (["path", "wrench", "--maxh", "1e-9"], "maxh=1e-09"),
     "tolerance below rounding": (["solve", "lshape", "--tolerance", "1e-300"], "tolerance=1e-300"),
-    "too many points": (["solve", "lshape", "--quadrature-points", "901"], "points=901"),
+    "no such start": (["solve", "lshape", "--start", "warm"], "--start warm"),
+    "no run to start from": (["solve", "lshape", "--start", "none.npz"], "--start none.npz"),
     "gamma for the primal method": (
         ["solve", "lshape", "--method", "primal", "--gamma", "3"],
         "--gamma 3",
@@ -133,18 +135,16 @@ WORK = {
         ["path", "lshape", "--gamma-end", "100", "--residual-tolerance", "1"],
         "give one of them",
     ),
-    "levels of table 1": (["study", "table1", "--levels", "7"], "--levels 7"),
+    "levels of table 1": (["study", "table1", "--levels", "7"], "levels=7"),
     "rows of table 1": (["study", "table1", "--rows", "junk"], "1e0"),
-    "rows of table 2": (["study", "table2", "--rows", ","], "rows"),
-    "levels of table 2": (["study", "table2", "--levels", "99"], "--levels 99"),
-    "levels of table 3": (["study", "table3", "--levels", "99"], "--levels 99"),
+    "rows of table 2": (["study", "table2", "--rows", "1e0"], "rows"),
+    "levels of table 2": (["study", "table2", "--levels", "99"], "levels=99"),
+    "levels of table 3": (["study", "table3", "--levels", "99"], "levels=99"),
     "levels of figure 4": (["study", "figure4", "--levels", "99"], "levels=99"),
-    "levels of the solvers": (["study", "solvers", "--levels", "99"], "--levels 99"),
-    "levels of step-42": (["study", "step42", "--levels", "99"], "--levels 99"),
-    "levels of the benchmark": (["benchmark", "--levels", "99"], "--levels 99"),
-    "a figure that is none": (["study", "figures", "--only", "1"], "numbers=(1,)"),
-    "figures by name": (["study", "figures", "--only", "two"], "--only two"),
-    "figures by nothing": (["study", "figures", "--only", ""], "--only"),
+    "levels of step-42": (["study", "step42", "--levels", "99"], "levels=99"),
+    "levels of the benchmark": (["study", "benchmark", "--levels", "99"], "levels=99"),
+    "methods of the benchmark": (["study", "benchmark", "--modes", "all"], "modes="),
+    "a figure that is none": (["study", "figures", "--only", "1"], "only=(1,)"),
     "nodes of a figure": (["study", "figures", "--lshape-nodes", "5"], "nodes=5"),
     "nodes of the gap": (["study", "duality", "--wrench-nodes", "5"], "nodes=5"),
     "end of the gap": (["study", "duality", "--gamma-end", "1"], "gamma_end=1.0"),
@@ -163,7 +163,7 @@ def test_what_only_the_work_can_tell_is_told_first(name, capsys):
     assert message in lines[0]
 
 
-WITH_OUT = {name: words for name, (words, _) in WORK.items() if words[0] in ("study", "benchmark")}
+WITH_OUT = {name: words for name, (words, _) in WORK.items() if words[0] == "study"}
 
 
 @pytest.mark.parametrize("name", WITH_OUT)
@@ -188,8 +188,6 @@ WRITERS = [
     ["solve", "lshape", "--nodes", "24833", "--figures"],
     ["path", "lshape", "--nodes", "24833", "--json"],
     ["path", "lshape", "--nodes", "33", "--checkpoint"],
-    ["benchmark", "--out"],
-    ["benchmark", "--json"],
     ["notebooks"],
 ]
 

@@ -11,7 +11,6 @@ from netgen.csg import Pnt as Corner
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from netgen.meshing import Element1D, Element2D, Element3D, FaceDescriptor, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
-from ngepc.geometries import block, cook, lshape, plate, punch, ring, wrench
 from ngsolve import (
     CF,
     H1,
@@ -27,6 +26,7 @@ from ngsolve import (
 from ngsolve.meshes import Make1DMesh
 
 from ngepc import Material, Problem, lame_parameters
+from ngepc.geometries import block, cook, lshape, plate, punch, ring, wrench
 from ngepc.model.obstacles import Cavity, Cylinder, Disc, Plane, SignedDistance, Sphere
 
 NAN, INF = math.nan, math.inf

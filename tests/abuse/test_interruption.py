@@ -17,17 +17,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape
 
 from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.cli.arguments import say
 from ngepc.evolution.solver import evolve
+from ngepc.geometries import block, lshape
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
 from ngepc.results import checkpoint, files
 from ngepc.results.records import write_text
-from ngepc.studies.table1 import Table1
+from ngepc.studies.counts import Table1
 
 FORK = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="signals and limits of Linux")
@@ -242,7 +242,7 @@ def interrupted_at(line, arguments, log):
 def test_ctrl_c_writes_the_state_of_a_solve(tmp_path):
     target = tmp_path / "result.json"
     arguments = ["solve", "lshape", "--nodes", "833", "--gamma", "1e6", "--json", str(target)]
-    assert interrupted_at("it:   3", arguments, tmp_path / "log") == 1
+    assert interrupted_at("it:   3", arguments, tmp_path / "log") == 130
     record = json.loads(target.read_text())
     assert record["status"] == "stopped"
     assert record["iterations"] >= 3
@@ -256,8 +256,8 @@ def test_ctrl_c_ends_a_study_between_cells_and_a_rerun_completes_it(tmp_path):
         ["study", "table1", "--levels", "1", "--rows", "1e0,1e5", "--out"],
         tmp_path / "log",
     )
-    assert interrupted_at("[1/2]", [*study, str(tmp_path / "cut")], log) == 1
-    assert "ngepc study: interrupted" in log.read_text()
+    assert interrupted_at("[1/2]", [*study, str(tmp_path / "cut")], log) == 130
+    assert "ngepc study: stopped by you" in log.read_text()
     assert "Traceback" not in log.read_text()
     assert main([*study, str(tmp_path / "cut")]) == 0
     assert main([*study, str(tmp_path / "whole")]) == 0
@@ -274,11 +274,12 @@ def test_ctrl_c_that_gets_lost_ends_the_study_at_its_next_line(tmp_path, monkeyp
             signal.raise_signal(signal.SIGINT)
         say(line)
 
-    monkeypatch.setattr("ngepc.cli.study_solvers.say", swallowing)
+    monkeypatch.setattr("ngepc.cli.study.say", swallowing)
     before = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        assert main(["study", "solvers", "--levels", "1", "--out", str(tmp_path)]) == 1
+        arguments = ["study", "table1", "--levels", "1", "--rows", "1e0,1e1"]
+        assert main([*arguments, "--out", str(tmp_path)]) == 130
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
@@ -300,15 +301,15 @@ def test_series_of_runs_ends_with_the_run_that_was_stopped():
 
 
 def test_stopped_cell_is_not_stored(tmp_path, monkeypatch):
-    solve = __import__("ngepc.studies.table1", fromlist=["x"]).semismooth_newton
+    solve = semismooth_newton
 
-    def stopped(*arguments):
+    def stopped(problem, gamma, start, options, _):
         def monitor(record):
             raise KeyboardInterrupt
 
-        return solve(*arguments, monitor=monitor)
+        return solve(problem, gamma, start, options, monitor)
 
-    monkeypatch.setattr("ngepc.studies.table1.semismooth_newton", stopped)
+    monkeypatch.setattr("ngepc.studies.examples.semismooth_newton", stopped)
     with pytest.raises(KeyboardInterrupt):
         Table1(tmp_path, nodes=(833,), rows=("1e0",)).run()
     assert list((tmp_path / "cells").glob("*.npz")) == []

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 from ngepc import Status, primal_newton
-from ngepc.studies.robustness import (
+from ngepc.studies.verification.robustness import (
     ASPECT,
+    CASES,
     CONTACT,
     GAMMA,
     HARDENING,
     METHODS,
     POISSON,
     Robustness,
-    build,
-    cases,
+    extreme_problem,
     solve,
 )
-from ngepc.studies.witness import dual_residual, primal_residual
+from ngepc.studies.verification.witness import balance_residual, dual_residual
 
 LIMIT, CELLS = 60, 6
 RESULTS = Path(__file__).resolve().parent.parent.parent / "results"
@@ -54,13 +54,13 @@ def test_the_data_go_to_their_extremes():
     assert (min(GAMMA), max(GAMMA)) == (1.0, 1e9)
     assert max(ASPECT) == 1e3
     assert set(CONTACT) == {"none", "one node", "full", "grazing", "from an end"}
-    assert set(ROWS) <= set(cases())
+    assert set(ROWS) <= set(CASES)
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("row", ROWS)
 def test_every_cell_ends_in_a_named_status_with_a_state(row, method):
-    result = solve(cases()[row], method, row.startswith("gamma"), LIMIT, CELLS)
+    result = solve(CASES[row], method, LIMIT, CELLS)
     last = getattr(result, "result", result)
     assert isinstance(result.status, Status)
     assert np.isfinite(state(last)).all()
@@ -68,34 +68,30 @@ def test_every_cell_ends_in_a_named_status_with_a_state(row, method):
     if result.status is not Status.CONVERGED:
         assert "residual" in result.message
     elif method == "primal":
-        assert primal_residual(last) < 2e-10
-    elif method != "path":  # its inner tolerances are those of Algorithm 7.2
+        assert balance_residual(last) < 2e-10
+    elif method == "coupled":  # inner tolerances of the path are those of Algorithm 7.2
         witness = dual_residual(last, 100)
         assert witness.norm < 1e-10 + witness.rounding
 
 
 @pytest.mark.parametrize("row", ROWS)
-def test_primal_and_balanced_master_every_row(row):
-    primal = solve(cases()[row], "primal", row.startswith("gamma"), LIMIT, CELLS)
+def test_primal_and_default_master_every_row(row):
+    primal = solve(CASES[row], "primal", LIMIT, CELLS)
     if row == "h/mu 1e-06":
         assert primal.status is Status.STAGNATED
         assert "Rounding alone" in primal.message
     else:
         assert primal.status is Status.CONVERGED
     assert primal.iterations <= 15
-    for method in METHODS[1:3]:
-        dual = solve(cases()[row], method, row.startswith("gamma"), LIMIT, CELLS)
-        if row in DROWNED:
-            assert dual.status is Status.STAGNATED
-            assert "Rounding alone" in dual.message
-        else:
-            assert dual.status is Status.CONVERGED
-        assert dual.iterations <= 20
+    default = solve(CASES[row], "default", LIMIT, CELLS)
+    if row not in DROWNED:
+        assert default.status is Status.CONVERGED
+    assert default.iterations <= 20
 
 
 @pytest.mark.parametrize("row", sorted(set(ROWS) - STEEP - DROWNED))
 def test_coupled_masters_moderate_gamma(row):
-    result = solve(cases()[row], "coupled", row.startswith("gamma"), LIMIT, CELLS)
+    result = solve(CASES[row], "coupled", LIMIT, CELLS)
     assert result.status is Status.CONVERGED
 
 
@@ -111,7 +107,7 @@ def test_coupled_masters_moderate_gamma(row):
 )
 def test_contact_states_are_what_they_are_called(contact, least, most):
     """Measure of the upper side that touches, by the primal solution."""
-    problem = build(cases()[f"contact {contact}"], CELLS)
+    problem = extreme_problem(CASES[f"contact {contact}"], CELLS)
     touching = primal_newton(problem).history.records[-1].contact_active
     assert least <= touching <= most
 
@@ -120,11 +116,11 @@ def test_committed_table_has_all_cells_and_no_state_without_a_name():
     with (RESULTS / "robustness.csv").open(newline="") as stream:
         table = list(csv.DictReader(stream))
     stored = json.loads((RESULTS / "robustness.json").read_text())["cells"]
-    assert len(stored) == len(cases()) * len(METHODS)
-    assert {(c["row"], c["method"]) for c in stored} == {(r, m) for r in cases() for m in METHODS}
+    assert len(stored) == len(CASES) * len(METHODS)
+    assert {(c["row"], c["method"]) for c in stored} == {(r, m) for r in CASES for m in METHODS}
     assert list(table[0])[:4] == ["row", "method", "iterations", "status"]
     assert {"residual", "plastic", "contact_force", "message"} <= set(table[0])
-    assert list(dict.fromkeys(row["row"] for row in table)) == list(cases())
+    assert list(dict.fromkeys(row["row"] for row in table)) == list(CASES)
     for cell in stored:
         assert cell["status"] in LABELS
         assert cell["status"] == "converged" or cell["message"]

@@ -1,30 +1,73 @@
-"""The command line: JSON on standard output, exit statuses, one-line errors."""
+"""The command line: JSON on standard output, exit statuses, one-line errors, progress, Ctrl-C."""
 
+import io
 import json
+import re
 import subprocess
 import sys
 import time
 
 import pytest
 
-from ngepc.__main__ import main
-
-KEYS = {
-    "problem", "nodes", "triangles", "gamma", "status", "iterations", "dual_energy",
-    "primal_energy", "residual_norm", "residual_norms", "step_lengths", "contact_force",
-    "displacement_l2", "plastic_strain_l2", "wall_time_s", "version",
-}  # fmt: skip
+from ngepc.__main__ import COMMANDS, main, parsed
+from ngepc.cli import solve as solve_command
+from ngepc.results.records import FIELDS
 
 
-def test_solve_prints_one_json_object(capsys):
-    assert main(["solve", "lshape", "--nodes", "113", "--gamma", "1e3", "--json", "-"]) == 0
-    record = json.loads(capsys.readouterr().out)
-    assert set(record) >= KEYS
-    assert (record["problem"], record["nodes"], record["triangles"]) == ("lshape", 113, 192)
+def record_of(capsys, *arguments):
+    assert main(["solve", *arguments, "--json", "-"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("choice", [["--gamma", "1e3"], [], ["--method", "primal"]])
+def test_solve_prints_one_json_object_with_the_fields_of_the_schema(choice, capsys):
+    record = record_of(capsys, "lshape", "--nodes", "113", *choice)
+    assert list(record) == list(FIELDS)
+    assert record["schema"] == 1
+    assert (record["problem"], record["nodes"], record["elements"]) == ("lshape", 113, 192)
+    assert record["unknowns"] == 2 * (113 - 5)
     assert record["status"] == "converged"
     assert len(record["residual_norms"]) == record["iterations"] + 1
     assert len(record["step_lengths"]) == record["iterations"]
     assert record["contact_force"] > 0
+
+
+def test_summary_names_mesh_unknowns_method_gamma_and_time(capsys):
+    assert main(["solve", "lshape", "--nodes", "113", "--gamma", "1e3"]) == 0
+    out, err = capsys.readouterr()
+    lines = dict(line.split("  ", 1) for line in out.splitlines())
+    assert lines["mesh"].strip() == "lshape, 113 nodes, 192 elements"
+    assert lines["unknowns"].strip() == "216"
+    assert "paper" in lines["method"]
+    assert "1000" in lines["method"]
+    assert lines["time"].strip().endswith(" s")
+    assert err == "", "progress is for terminals"
+
+
+@pytest.mark.parametrize("place", [0, 1, 4])
+def test_quiet_and_verbose_stand_anywhere(place, capsys):
+    arguments = ["solve", "lshape", "--nodes", "33"]
+    assert main([*arguments[:place], "--quiet", *arguments[place:]]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert parsed([*arguments[:place], "--verbose", *arguments[place:]]).verbose
+
+
+def test_not_quiet_is_not_verbose():
+    args = parsed(["solve", "lshape"])
+    assert (args.quiet, args.verbose) == (False, False)
+
+
+def test_progress_line_on_a_terminal(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    assert main(["solve", "lshape", "--nodes", "113"]) == 0
+    text = sys.stderr.getvalue()
+    assert "step 1" in text
+    assert "plastic" in text
+    assert "\n" not in text
 
 
 def test_not_converged_is_exit_status_1_with_the_json_written(tmp_path, capsys):
@@ -35,15 +78,14 @@ def test_not_converged_is_exit_status_1_with_the_json_written(tmp_path, capsys):
 
 
 def test_solve_starts_from_the_coarse_mesh(capsys):
-    assert main(["solve", "lshape", "--gamma", "10", "--start", "coarse", "--json", "-"]) == 0
-    assert json.loads(capsys.readouterr().out)["iterations"] == 1
+    assert record_of(capsys, "lshape", "--gamma", "10", "--start", "coarse")["iterations"] == 1
 
 
 def test_csg_mesh_has_a_similar_energy(capsys):
-    energies = []
-    for mesh in (["--nodes", "417"], ["--maxh", "0.03"]):
-        assert main(["solve", "lshape", *mesh, "--gamma", "1e3", "--json", "-"]) == 0
-        energies.append(json.loads(capsys.readouterr().out)["dual_energy"])
+    energies = [
+        record_of(capsys, "lshape", *mesh, "--gamma", "1e3")["dual_energy"]
+        for mesh in (["--nodes", "417"], ["--maxh", "0.03"])
+    ]
     assert energies[1] == pytest.approx(energies[0], rel=0.04)  # both are first-order in h
 
 
@@ -97,27 +139,44 @@ def test_help_does_not_wait_for_ngsolve():
     assert run.stdout.strip() == "False"
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_examples_of_help_pages_are_legal(command):
+    module, _ = COMMANDS[command]
+    lines = [line.strip() for line in module.EXAMPLES.splitlines()[1:] if "ngepc" in line]
+    assert lines
+    for line in lines:
+        for call in line.split("&&"):
+            words = re.split(r"\s{2,}", call.strip())[0].split()
+            if words[0] == "ngepc":
+                parsed(words[1:])
+
+
 @pytest.mark.parametrize(
     "choice", [["--method", "primal"], [], ["--gamma", "1e4", "--start", "coarse"]]
 )
 def test_methods_agree_on_the_primal_energy(choice, capsys):
-    assert main(["solve", "lshape", "--nodes", "833", *choice, "--json", "-"]) == 0
-    record = json.loads(capsys.readouterr().out)
-    if "coarse" not in choice:  # the coupled gamma = 1e4 is far from the limit
+    record = record_of(capsys, "lshape", "--nodes", "833", *choice)
+    if "coarse" not in choice:  # the paper's method at gamma = 1e4 is far from the limit
         assert record["primal_energy"] == pytest.approx(-0.3753, rel=0.02)
     assert record["contact_force"] > 2
 
 
-@pytest.mark.parametrize("method", ["dual", "primal"])
-def test_saved_run_becomes_a_report(method, tmp_path, capsys):
+@pytest.mark.parametrize("choice", [["--gamma", "1e3"], [], ["--method", "primal"]])
+def test_saved_run_becomes_a_report(choice, tmp_path, capsys):
     saved, page = tmp_path / "run.npz", tmp_path / "pages" / "run.html"
-    gamma = ["--gamma", "1e3"] if method == "dual" else []
-    arguments = ["solve", "lshape", "--nodes", "113", "--method", method, *gamma]
-    assert main([*arguments, "--save", str(saved)]) == 0
+    assert main(["solve", "lshape", "--nodes", "113", *choice, "--save", str(saved)]) == 0
     assert main(["report", str(saved), "--out", str(page)]) == 0
     text = page.read_text()
     assert "contact force" in text
     assert text.count("data:image/png") >= 5
+
+
+def test_report_without_the_viewer_is_written_and_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setattr("ngepc.pictures.report.viewer_installed", lambda: False)
+    saved = tmp_path / "run.npz"
+    assert main(["solve", "lshape", "--nodes", "33", "--save", str(saved)]) == 0
+    assert main(["report", str(saved)]) == 0
+    assert "ngepc[html]" in (tmp_path / "run.html").read_text()
 
 
 def test_report_refuses_what_is_no_run(tmp_path, capsys):
@@ -128,3 +187,53 @@ def test_report_refuses_what_is_no_run(tmp_path, capsys):
         assert message in capsys.readouterr().err
     assert main(["report", str(tmp_path)]) == 2
     assert "no table1.json" in capsys.readouterr().err
+
+
+def stopping_at(step, monkeypatch):
+    """Ctrl-C arrives when the monitor of a solve sees this step."""
+
+    class Line:
+        def __call__(self, record):
+            if record.iteration == step:
+                raise KeyboardInterrupt
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    monkeypatch.setattr(solve_command, "nullcontext", Line)
+
+
+def test_ctrl_c_names_the_step_and_how_to_resume(tmp_path, monkeypatch, capsys):
+    saved = tmp_path / "run.npz"
+    arguments = ["solve", "lshape", "--nodes", "113", "--gamma", "1e4"]
+    whole = record_of(capsys, *arguments[1:])
+    stopping_at(6, monkeypatch)
+    assert main([*arguments, "--save", str(saved)]) == 130
+    err = capsys.readouterr().err
+    assert "stopped by you after step 6" in err
+    assert f"--start {saved}" in err
+    monkeypatch.undo()
+    rest = record_of(capsys, *arguments[1:], "--start", str(saved))
+    assert rest["iterations"] == whole["iterations"] - 6
+    assert rest["dual_energy"] == pytest.approx(whole["dual_energy"], rel=1e-10)
+
+
+def test_ctrl_c_without_a_file_says_what_to_do_next_time(monkeypatch, capsys):
+    stopping_at(2, monkeypatch)
+    assert main(["solve", "lshape", "--nodes", "113"]) == 130
+    err = capsys.readouterr().err
+    assert "after step 2; give --save FILE" in err
+    assert err.count("\n") == 1
+
+
+def test_notebooks_come_without_solutions_unless_asked(tmp_path, capsys):
+    assert main(["notebooks", str(tmp_path / "a")]) == 0
+    assert not (tmp_path / "a" / "solutions").exists()
+    assert list((tmp_path / "a" / "exercises").glob("*.ipynb"))
+    assert main(["notebooks", str(tmp_path / "b"), "--solutions"]) == 0
+    assert list((tmp_path / "b" / "solutions").glob("*.ipynb"))
+    assert main(["notebooks", str(tmp_path / "b")]) == 2
+    assert "--force" in capsys.readouterr().err

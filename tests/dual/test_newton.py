@@ -5,11 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from ngepc.geometries import lshape
 from ngsolve import BND, CF, GridFunction, Integrate, specialcf
 
 from ngepc import (
-    Balanced,
     Coupled,
     Material,
     NewtonOptions,
@@ -17,11 +15,13 @@ from ngepc import (
     SolverError,
     Status,
     Units,
+    follow_path,
     lshape_problem,
     semismooth_newton,
 )
 from ngepc.discretisation.prolongation import prolongate
 from ngepc.dual.starts import coarse_start
+from ngepc.geometries import lshape
 
 
 @pytest.fixture(scope="module")
@@ -122,17 +122,33 @@ def test_yield_function_of_q_is_that_of_the_stress(solved, example_a):
     assert difference < 0.1 * math.sqrt(Integrate(by_q**2, mesh))
 
 
-def test_adaptive_quadrature_equals_400_points_everywhere(example_a, solved, monkeypatch):
+KERNELS = pytest.mark.parametrize("vectorised", [True, False], ids=["numpy", "forms"])
+
+
+@KERNELS
+def test_adaptive_quadrature_equals_400_points_everywhere(
+    example_a, solved, monkeypatch, vectorised
+):
     monkeypatch.setattr("ngepc.discretisation.quadrature.SMOOTH_VARIATION", 0.0)
-    everywhere = semismooth_newton(example_a, 1e4, start=solved[1e4])
+    options = NewtonOptions(vectorised=vectorised)
+    everywhere = semismooth_newton(example_a, 1e4, solved[1e4], options)
     assert everywhere.dual_energy == pytest.approx(solved[1e4].dual_energy, rel=1e-10)
+
+
+def test_both_kernels_give_the_same_run(small):
+    runs = [
+        semismooth_newton(small, 1e4, options=NewtonOptions(vectorised=vectorised))
+        for vectorised in (True, False)
+    ]
+    assert runs[0].history.step_lengths == runs[1].history.step_lengths
+    assert runs[0].dual_energy == pytest.approx(runs[1].dual_energy, rel=1e-12)
 
 
 def test_prolongation_to_a_finer_mesh_is_exact():
     coarse, fine = (lshape_problem(lshape.paper_mesh(n)) for n in (113, 225))
     a = semismooth_newton(coarse, 1e3)
     b = semismooth_newton(fine, 10.0)
-    q_coarse, q_fine = a.state.components[-1], GridFunction(b.state.components[-1].space)
+    q_coarse, q_fine = a.plastic_dual, GridFunction(b.plastic_dual.space)
     values = prolongate(q_coarse.space, q_coarse.vec, q_fine.space)
     q_fine.vec.FV().NumPy()[:] = values
     for x, y in ((0.31, 0.77), (0.9, 0.2), (0.52, 0.49)):
@@ -201,7 +217,7 @@ def test_tolerance_below_rounding_is_named(small):
 
 
 def test_nan_appearing_in_mid_run_is_named(small, monkeypatch):
-    from ngepc.dual.functional import NewtonSystem
+    from ngepc.dual.system import NewtonSystem
 
     solve = NewtonSystem.solve
 
@@ -227,7 +243,7 @@ def test_body_without_contact_boundary_can_be_solved(small):
     result = semismooth_newton(free, 1e3)
     assert result.status is Status.CONVERGED
     assert result.contact_force == 0.0
-    assert result.state.components[-1].dim == 2
+    assert result.plastic_dual.dim == 2
 
 
 def test_open_gap_adheres_with_the_penalty(small):
@@ -279,7 +295,16 @@ def test_gap_may_vary_and_push_in(small):
     assert result.contact_force > 0
 
 
-def test_balanced_is_the_default(small):
-    result = semismooth_newton(small)
-    assert result.status is Status.CONVERGED
-    assert isinstance(result.functional.regularisation, Balanced)
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"friction": 0.5}, "friction=0.5: the paper's regularised method has none"),
+        ({"kinematics": "plane strain"}, "kinematics='plane strain'"),
+        ({"order": 2}, "order=2"),
+    ],
+)
+def test_what_the_papers_method_has_not_is_refused_with_what_to_do(small, changes, message):
+    other = dataclasses.replace(small, **changes)
+    for solve in (lambda: semismooth_newton(other, 1e3), lambda: follow_path(other)):
+        with pytest.raises(ValueError, match=message + ".*leave gamma and regularisation out"):
+            solve()

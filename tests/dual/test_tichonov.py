@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, ring
 from ngsolve import BND, CF, Integrate, ds
 from scipy.integrate import dblquad, quad
 
 from ngepc import (
     Coupled,
+    DualSpaces,
     Material,
     NewtonOptions,
     Problem,
@@ -27,6 +27,7 @@ from ngepc.dual.tichonov import (
     PlasticSobolev,
     SurfaceGradient,
 )
+from ngepc.geometries import block, lshape, ring
 
 QUICK = NewtonOptions(quadrature_points=49)
 
@@ -254,8 +255,8 @@ def test_constants_have_the_length_term_alone(choice):
     """<B_z 1, 1> = |Gamma_c| / L on a closed boundary."""
     problem = pressed_ring(0.5)
     units = Units(length=3.0)
-    blocks = LinearBlocks(problem, Coupled(1.0, tichonov=choice, units=units), "sparsecholesky")
-    B = blocks.B[0]
+    blocks = LinearBlocks(problem, DualSpaces(tichonov=choice, units=units), "sparsecholesky")
+    B = blocks.B["contact"]
     one = B.CreateColVector()
     one[:] = 1.0
     length = Integrate(CF(1.0) * ds("outer"), problem.mesh)
@@ -284,8 +285,9 @@ def test_fractional_product_on_a_surface_is_refused():
 
 def test_products_are_positive_definite():
     for choice in (Fractional(), FullProduct(), Fractional(contact=ContactSobolev())):
-        blocks = LinearBlocks(pressed_ring(0.6), Coupled(1.0, tichonov=choice), "sparsecholesky")
-        for B, B_inverse, space in zip(blocks.B, blocks.B_inverse, blocks.spaces, strict=True):
+        blocks = LinearBlocks(pressed_ring(0.6), DualSpaces(tichonov=choice), "sparsecholesky")
+        for name, part in blocks.parts.items():
+            B, B_inverse, space = blocks.B[name], blocks.B_inverse[name], part.space
             v, w = B.CreateColVector(), B.CreateColVector()
             free = np.array(space.FreeDofs())
             v.FV().NumPy()[:] = np.random.default_rng(1).standard_normal(len(v)) * free

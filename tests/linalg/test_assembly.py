@@ -1,9 +1,21 @@
-"""Sums of sparse blocks by their lower triangles, against dense matrices."""
+"""Sums of sparse blocks and their inverses, against dense matrices."""
 
 import numpy as np
 import pytest
+from netgen.geom2d import unit_square
+from ngsolve import H1, BilinearForm, Mesh, dx, grad, x
 
+from ngepc import (
+    Coupled,
+    Fractional,
+    NewtonOptions,
+    SurfaceGradient,
+    lshape_problem,
+    semismooth_newton,
+)
+from ngepc.geometries import lshape
 from ngepc.linalg.assembly import Placed, SparseSum, from_entries
+from ngepc.linalg.direct import SHIPPED, require_direct_solver, symmetric_inverse
 
 SIZE, FIRST = 12, 5
 
@@ -18,37 +30,70 @@ def symmetric(size: int, seed: int):
     return lower, dense + np.tril(dense, -1).T
 
 
-def mirrored(total: SparseSum) -> np.ndarray:
-    lower = np.tril(np.array([[total.matrix[i, j] for j in range(SIZE)] for i in range(SIZE)]))
-    return lower + np.tril(lower, -1).T
+def stored(total: SparseSum) -> np.ndarray:
+    """The stored entries as a dense array."""
+    matrix = total.matrix()
+    return np.array([[matrix[i, j] for j in range(SIZE)] for i in range(SIZE)])
 
 
-@pytest.fixture
-def total():
-    """A block on top of a large matrix, and the dense sum."""
+def laplacian():
+    """A matrix in NGSolve's symmetric storage, and the same, dense."""
+    mesh = Mesh(unit_square.GenerateMesh(maxh=0.5))
+    V = H1(mesh, order=1)
+    u, v = V.TnT()
+    form = BilinearForm(V, symmetric=True, symmetric_storage=True)
+    form += (grad(u) * grad(v) + (1 + x) * u * v) * dx
+    full = BilinearForm((grad(u) * grad(v) + (1 + x) * u * v) * dx).Assemble().mat
+    return form.Assemble().mat, full.ToDense().NumPy(), V
+
+
+def test_blocks_are_added_where_they_stand():
+    """Outside the pattern of the large matrix too; both triangles are there then."""
     (large, dense), (block, small) = symmetric(SIZE, 1), symmetric(4, 2)
-    result = SparseSum(large, [Placed(block, FIRST)])
-    result.entries[:] = 0.0
-    result.add(Placed(large))
-    result.add(Placed(block, FIRST), 3.0)
+    total = SparseSum(large, [Placed(block, FIRST)])
+    total.add(Placed(large))
+    total.add(Placed(block, FIRST), 3.0)
     dense[FIRST : FIRST + 4, FIRST : FIRST + 4] += 3.0 * small
-    return result, dense
+    assert stored(total) == pytest.approx(dense)
 
 
-def test_blocks_are_added_where_they_stand(total):
-    assert mirrored(total[0]) == pytest.approx(total[1])
+def test_the_matrix_follows_the_values():
+    (large, dense), (block, _) = symmetric(SIZE, 1), symmetric(4, 2)
+    total = SparseSum(large, [Placed(block, FIRST)])
+    total.add(Placed(large))
+    first = total.matrix()
+    total.values *= 2.0
+    assert total.matrix() is first
+    assert stored(total) == pytest.approx(2 * dense)
 
 
-def test_rows_and_columns_multiply_and_become_those_of_the_identity(total):
-    sparse, dense = total
-    dofs, x, y = np.array([2, 6, 7]), np.arange(1.0, SIZE + 1), np.ones(SIZE)
-    cross, outside = sparse.cross(dofs), np.setdiff1d(np.arange(SIZE), dofs)
-    within = dense.copy()
-    within[np.ix_(outside, outside)] = 0.0
-    values = cross.values()
-    cross.decouple(dofs[1:])
-    cross.add_product(values, x, y)
-    assert y == pytest.approx(1.0 + within @ x)
-    dense[dofs[1:]], dense[:, dofs[1:]] = 0.0, 0.0
-    dense[dofs[1:], dofs[1:]] = 1.0
-    assert mirrored(sparse) == pytest.approx(dense)
+@pytest.mark.parametrize("name", SHIPPED)
+def test_inverse_of_a_matrix_in_symmetric_storage(name):
+    """umfpack would take the lower triangle for the whole matrix."""
+    lower, dense, V = laplacian()
+    free = V.GetDofs(V.mesh.Boundaries("left|right"))
+    rows = np.flatnonzero(np.array(free, dtype=bool))
+    b, expected = lower.CreateColVector(), np.zeros(V.ndof)
+    b.FV().NumPy()[:] = np.random.default_rng(3).standard_normal(V.ndof)
+    solution = (symmetric_inverse(lower, free, name) * b).Evaluate().FV().NumPy()
+    expected[rows] = np.linalg.solve(dense[np.ix_(rows, rows)], b.FV().NumPy()[rows])
+    assert solution == pytest.approx(expected, rel=1e-12, abs=1e-14)
+
+
+@pytest.mark.parametrize("tichonov", [SurfaceGradient(), Fractional()], ids=["R2", "R1"])
+def test_a_run_does_not_depend_on_the_direct_solver(tichonov):
+    problem, regularisation = lshape_problem(lshape.paper_mesh(113)), Coupled(1e3, tichonov)
+    runs = [
+        semismooth_newton(
+            problem, regularisation=regularisation, options=NewtonOptions(inverse=name)
+        )
+        for name in SHIPPED
+    ]
+    assert runs[0].iterations == runs[1].iterations
+    assert runs[1].dual_energy == pytest.approx(runs[0].dual_energy, rel=1e-10)
+
+
+@pytest.mark.parametrize("value", ["mumpss", "", 3, None])
+def test_unknown_solvers_are_named(value):
+    with pytest.raises(ValueError, match=r"inverse=.*one of sparsecholesky, umfpack"):
+        require_direct_solver("inverse", value)

@@ -4,12 +4,12 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, wrench
 from ngsolve import CF, Integrate, Parameter, ds, x, y, z
 
 from ngepc import Material, Problem, lame_parameters
 from ngepc.checks.arguments import boundary_names, require_integer, require_number, sample
 from ngepc.discretisation.elements import element_facets
+from ngepc.geometries import block, lshape, wrench
 from ngepc.model.support import (
     check_conforming,
     connected,

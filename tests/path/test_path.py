@@ -6,25 +6,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngepc.geometries import lshape, wrench
 
 from ngepc import (
-    Balanced,
-    Chord,
+    Coupled,
+    DualParameters,
+    DualSpaces,
+    FullProduct,
     NewtonOptions,
     PathOptions,
     SolverError,
     Status,
+    SurfaceGradient,
+    Units,
     follow_path,
     lshape_problem,
     semismooth_newton,
     wrench_problem,
 )
 from ngepc.__main__ import main
-from ngepc.dual.contact_newton import newton_system
-from ngepc.dual.functional import DualFunctional
-from ngepc.dual.iterates import Iterate
+from ngepc.dual.newton import prepared
+from ngepc.dual.system import NewtonSystem
 from ngepc.dual.widths import contact_mesh_width, mesh_width
+from ngepc.geometries import lshape, wrench
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +86,7 @@ def test_tight_inner_tolerances_give_the_solutions_of_algorithm_7_1(problem):
     direct = semismooth_newton(problem, 1e3)
     assert path.gammas == [10, 100, 1000]
     assert path.path_values[-1] == pytest.approx(direct.dual_energy, rel=1e-12)
-    assert path.displacement.vec.FV().NumPy() == pytest.approx(
+    assert path.last.displacement.vec.FV().NumPy() == pytest.approx(
         direct.displacement.vec.FV().NumPy(), abs=1e-9
     )
 
@@ -126,7 +129,7 @@ def test_monitors_stop_the_path_and_keep_the_state(problem):
     assert stopped.outer_iterations == 2
     inner = follow_path(problem, newton_monitor=stop_after(4))
     assert inner.status is Status.STOPPED
-    assert inner.displacement.space.mesh.nv == problem.mesh.nv
+    assert inner.last.displacement.space.mesh.nv == problem.mesh.nv
 
 
 def test_elastic_step_needs_one_solve_for_each_gamma(problem):
@@ -151,8 +154,8 @@ def test_interrupted_path_ends_with_the_same_digits(problem, path, tmp_path, don
     resumed = follow_path(problem, checkpoint=file)
     assert resumed.inner_iterations == path.inner_iterations
     assert resumed.path_values == pytest.approx(path.path_values, rel=1e-12)
-    assert resumed.v.FV().NumPy() == pytest.approx(path.v.FV().NumPy(), abs=1e-12)
-    assert resumed.residual_norm == pytest.approx(path.residual_norm, rel=1e-9)
+    assert resumed.last.v.FV().NumPy() == pytest.approx(path.last.v.FV().NumPy(), abs=1e-12)
+    assert resumed.last.residual_norm == pytest.approx(path.last.residual_norm, rel=1e-9)
 
 
 def test_finished_checkpoint_is_the_result(problem, path, tmp_path):
@@ -162,7 +165,7 @@ def test_finished_checkpoint_is_the_result(problem, path, tmp_path):
     again = follow_path(problem, checkpoint=file, monitor=stop_after(1))
     assert again.status is Status.CONVERGED
     assert again.path_values == path.path_values
-    assert again.history.residual_norms == path.history.residual_norms
+    assert again.last.history.residual_norms == path.last.history.residual_norms
     assert file.read_bytes() == written
 
 
@@ -199,20 +202,62 @@ def test_checkpoint_of_another_version_is_refused(problem, tmp_path, monkeypatch
         follow_path(problem, limited, checkpoint=file)
 
 
-def test_path_of_the_balanced_regularisation_meets_its_direct_solution(tmp_path):
-    """Exact contact, which a resumed path must not remember differently."""
-    contact = lshape_problem(lshape.paper_mesh(113))
-    options = PathOptions(gamma_start=1e3, growth=100, gamma_end=1e9, inner_scale=1e-9)
-    file = tmp_path / "path.npz"
-    path = follow_path(contact, options, regularisation=Balanced)
-    path.raise_for_status()
-    direct = semismooth_newton(contact, regularisation=Balanced(1e9))
-    assert path.dual_energy == pytest.approx(direct.dual_energy, rel=1e-9)
-    follow_path(contact, options, stop_after(2), regularisation=Balanced, checkpoint=file)
-    resumed = follow_path(contact, options, regularisation=Balanced, checkpoint=file)
+def test_path_in_other_spaces_meets_its_direct_solution(tmp_path):
+    """The Tichonov choice and the units stay; gamma and the shifts may move."""
+    problem, file = lshape_problem(lshape.paper_mesh(113)), tmp_path / "path.npz"
+    spaces = DualSpaces(tichonov=FullProduct(), units=Units(stress=2.0, length=0.5))
+
+    def parameters(gamma):
+        return DualParameters(gamma, contact_shift=1.0 / gamma)
+
+    chosen = {"spaces": spaces, "parameters": parameters}
+    options = PathOptions(gamma_start=10, growth=10, gamma_end=1e3, inner_scale=1e-9)
+    path = follow_path(problem, options, **chosen).raise_for_status()
+    direct = semismooth_newton(
+        problem, regularisation=Coupled.of(spaces, parameters(1e3)), start=path.last
+    )
+    assert path.last.regularisation == direct.regularisation
+    assert path.last.dual_energy == pytest.approx(direct.dual_energy, rel=1e-10)
+    follow_path(problem, options, stop_after(2), **chosen, checkpoint=file)
+    resumed = follow_path(problem, options, **chosen, checkpoint=file)
     assert resumed.path_values == pytest.approx(path.path_values, rel=1e-12)
     with pytest.raises(ValueError, match="problem"):
-        follow_path(contact, options, checkpoint=file)
+        follow_path(problem, options, checkpoint=file)
+
+
+@pytest.mark.parametrize(
+    "changing",
+    [
+        lambda gamma: Coupled(gamma, SurfaceGradient() if gamma < 100 else FullProduct()),
+        lambda gamma: Coupled(gamma, units=Units(length=0.5 if gamma < 100 else 0.9)),
+        lambda gamma: DualParameters(gamma) if gamma < 1e4 else Coupled(gamma, FullProduct()),
+    ],
+    ids=["product", "units", "late"],
+)
+def test_what_fixes_the_spaces_cannot_change_along_a_path(problem, changing, monkeypatch):
+    """Such a path used to end CONVERGED with a wrong energy; now there is no work at all."""
+    monkeypatch.setattr("ngepc.path.solver.LinearBlocks", lambda *_: pytest.fail("some work"))
+    with pytest.raises(TypeError, match=r"parameters\(.*DualParameters.*spaces=DualSpaces"):
+        follow_path(problem, parameters=changing)
+
+
+@pytest.mark.parametrize("name", ["tichonov", "units", "share"])
+def test_the_numbers_have_nothing_that_fixes_the_spaces(name):
+    with pytest.raises(TypeError, match=name):
+        DualParameters(10.0, **{name: FullProduct()})
+
+
+def test_a_system_refuses_a_functional_on_other_blocks(problem):
+    one, other = (prepared(problem, Coupled(10.0), NewtonOptions()) for _ in range(2))
+    with pytest.raises(ValueError, match="blocks of its own"):
+        NewtonSystem(one, "sparsecholesky").use(other)
+
+
+def test_a_path_has_no_fields_of_its_own(path):
+    """Counts are those of the path, fields those of ``last``: no name means both."""
+    assert path.last.iterations == path.inner_iterations[-1] < path.total_inner_iterations
+    for name in ("iterations", "history", "displacement"):
+        assert not hasattr(path, name)
 
 
 @pytest.mark.parametrize(
@@ -252,42 +297,3 @@ def test_command_writes_the_records(tmp_path, capsys):
     assert "growth" in capsys.readouterr().err
     assert main([*command[:4], "--max-outer-iterations", "2"]) == 1
     assert main([*command[:4], "--growth", "0.5"]) == 2
-
-
-def balanced_path(problem, **options):
-    options = {"gamma_start": 1e3, "growth": 100, "gamma_end": 1e9, "inner_scale": 1e-7} | options
-    newton = {k: options.pop(k) for k in ("checkpoint", "monitor") if k in options}
-    return follow_path(problem, PathOptions(**options), regularisation=Balanced, **newton)
-
-
-def test_chord_ends_where_the_path_without_it_ends_and_costs_no_more_steps(problem):
-    plain, chord = (balanced_path(problem, predictor=p) for p in (None, Chord()))
-    assert chord.status is Status.CONVERGED
-    assert chord.total_inner_iterations <= plain.total_inner_iterations
-    assert chord.path_values == pytest.approx(plain.path_values, rel=1e-9)
-
-
-def test_chord_is_taken_only_where_it_lowers_the_energy(problem):
-    result = semismooth_newton(problem, regularisation=Balanced(1e5))
-    blocks = result.functional.blocks
-    following = DualFunctional(blocks, Balanced(1e6), 400)
-    system = newton_system(result.functional, "sparsecholesky")
-    assert Chord().start(system, following, result.v) is result.v  # no factors, no prediction
-    system.step(result.v, result.functional.residual(result.y, result.v))
-    predicted = Chord().start(system, following, result.v)
-    energies = [Iterate.at(following, v).energy for v in (predicted, result.v)]
-    assert energies[0] < energies[1]
-
-
-def test_path_with_chord_resumes_to_the_same_digits(problem, tmp_path):
-    whole = balanced_path(problem, predictor=Chord())
-    kept = {"predictor": Chord(), "checkpoint": tmp_path / "path.npz"}
-    balanced_path(problem, monitor=stop_after(2), **kept)
-    resumed = balanced_path(problem, **kept)
-    assert resumed.path_values == whole.path_values
-    assert (resumed.v.FV().NumPy() == whole.v.FV().NumPy()).all()
-
-
-def test_predictor_of_the_wrong_kind_is_refused():
-    with pytest.raises(TypeError, match=r"predictor='tangent': Chord\(\) or None is needed"):
-        PathOptions(predictor="tangent")

@@ -1,6 +1,6 @@
 """Observed orders of convergence: u 2 in L2 and 1 in the energy norm, p 1, J 2.
 
-The body of ``ngepc.studies.manufactured`` yields above a curve that cuts through elements and
+The body of ``manufactured`` yields above a curve that cuts through elements and
 touches the obstacle between vertices; the ring of ``closed_forms`` is a polygon on each mesh.
 Elements of order two gain an order on curved elements where the solution is smooth; the kink of
 the strains at the plastic front allows them 3/2 for the strains.
@@ -11,7 +11,7 @@ import math
 import numpy as np
 import pytest
 from closed_forms import Ring
-from ngepc.geometries import block, ring
+from manufactured import stretched_and_pressed
 from ngsolve import Grad, InnerProduct, Integrate, Norm, Sym, dx
 
 from ngepc import (
@@ -22,7 +22,7 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
-from ngepc.studies.manufactured import stretched_and_pressed
+from ngepc.geometries import block, ring
 
 CELLS = (8, 16, 32)
 

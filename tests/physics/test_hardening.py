@@ -6,7 +6,7 @@ from math import sqrt
 import numpy as np
 import pytest
 from bodies import FLAT
-from ngepc.geometries import block
+from coordinates import coordinates_count, deviator, strain, tensor
 from ngsolve import (
     CF,
     H1,
@@ -25,9 +25,9 @@ from ngsolve import (
     z,
 )
 
-from ngepc import Balanced, FullProduct, Material, Problem, Status, semismooth_newton
+from ngepc import Material, Problem, Status, semismooth_newton
 from ngepc.dual.blocks import primal_energy
-from ngepc.model.tensors import coordinates_count, deviator, strain, tensor
+from ngepc.geometries import block
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields, frobenius
 
@@ -175,8 +175,7 @@ def test_limits_are_the_single_laws(solver, limit):
         if solver == "primal":
             results.append(primal_newton(problem))
         else:
-            regularisation = Balanced(1e6, tichonov=FullProduct())
-            results.append(semismooth_newton(problem, regularisation=regularisation))
+            results.append(semismooth_newton(problem))
     a, b = results
     assert a.status is b.status is Status.CONVERGED
     assert a.primal_energy == pytest.approx(b.primal_energy, rel=1e-10)
@@ -231,7 +230,7 @@ def closed_form(epsilon, p_0=0.0, alpha_1=0.0, alpha_2=0.0):
 def solve(problem, solver):
     if solver == "primal":
         return primal_newton(problem)
-    return semismooth_newton(problem, regularisation=Balanced(1e12, tichonov=FullProduct()))
+    return semismooth_newton(problem)
 
 
 @pytest.mark.parametrize("solver", ["primal", "dual"])
@@ -356,7 +355,7 @@ def test_body_force_enters_the_dual():
         kinematics=FLAT[mesh.dim],
     )
     primal = primal_newton(problem)
-    dual = semismooth_newton(problem, regularisation=Balanced(1e9, tichonov=FullProduct()))
+    dual = semismooth_newton(problem)
     assert dual.status is Status.CONVERGED
     assert -dual.dual_energy == pytest.approx(primal.primal_energy, rel=2e-2)
 

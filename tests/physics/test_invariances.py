@@ -10,20 +10,18 @@ import pytest
 from bodies import FLAT
 from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
-from ngepc.geometries import lshape
 from ngsolve import CF, Mesh, x, y
 
 from ngepc import (
-    Balanced,
     Coupled,
     Material,
     NewtonOptions,
-    PenaltyContact,
     Problem,
     Status,
     Units,
     semismooth_newton,
 )
+from ngepc.geometries import lshape
 from ngepc.primal.solver import primal_newton
 
 STRESS, LENGTH = 2e8, 0.25
@@ -96,11 +94,6 @@ METHODS = {
     "primal": lambda p, units: primal_newton(p),
     "coupled": lambda p, units: semismooth_newton(
         p, regularisation=Coupled(1e3, units=units), options=SHARP
-    ),
-    "balanced": lambda p, units: semismooth_newton(
-        p,
-        regularisation=Balanced(1e6, contact=PenaltyContact(gamma=10.0), units=units),
-        options=SHARP,
     ),
 }
 

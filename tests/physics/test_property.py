@@ -11,13 +11,21 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from ngsolve import GridFunction, Integrate, Norm
+from ngsolve import Integrate, Norm
 
-from ngepc import Status
+from ngepc import PrimalOptions, Status
 from ngepc.__main__ import main
 from ngepc.primal.solver import primal_newton
-from ngepc.studies.fuzz import Fuzz, examine
-from ngepc.studies.random_problems import BODIES, GAPS, HARDENINGS, METHODS, Draw, build, draws
+from ngepc.studies.verification.fuzz import Fuzz, examine
+from ngepc.studies.verification.random_problems import (
+    BODIES,
+    GAPS,
+    HARDENINGS,
+    METHODS,
+    Draw,
+    build,
+    draws,
+)
 
 FEW = settings(
     max_examples=10,
@@ -63,20 +71,20 @@ ROUNDED_UP = Draw(  # a step to the end of the feasible set left z = 1e-17 > 0
     gap="pushed",
     gap_size=1.1409925070915494,
     history=0.06692229448269416,
-    method="balanced",
+    method="default",
 )
 
 
 @FEW
 @given(DRAWS)
 @example(ROUNDED_UP)
-@example(dataclasses.replace(USUAL, body="lshape", gap="pushed", method="balanced"))
+@example(dataclasses.replace(USUAL, body="lshape", gap="pushed", method="default"))
 @example(dataclasses.replace(USUAL, body="hole", gap="touching", method="coupled", history=2.0))
-@example(dataclasses.replace(USUAL, body="cube", maxh=0.2, gap="near", method="penalty contact"))
+@example(dataclasses.replace(USUAL, body="cube", maxh=0.2, gap="near", method="default"))
 def test_methods_agree_and_statuses_are_honest(draw):
     verdict = examine(draw)
-    assert verdict.complaints == ()
-    assert verdict.primal_status == "converged"
+    assert verdict["complaints"] == ()
+    assert verdict["statuses"][0] == "converged"
 
 
 @FEW
@@ -86,7 +94,8 @@ def test_primal_solution_is_feasible_and_dissipates(draw):
     problem = build(draw)
     result = primal_newton(problem)
     assert result.status is Status.CONVERGED
-    assert result.penetration <= 1e-10 * np.abs(result.displacement.vec.FV().NumPy()).max()
+    size = np.abs(result.displacement.vec.FV().NumPy()).max()
+    assert result.open_gap.min(initial=0.0) > -1e-10 * size
     assert result.nodal_contact_forces.min(initial=0.0) >= 0
     yield_excess = result.yield_function
     excess = Integrate(yield_excess + Norm(yield_excess), problem.mesh)
@@ -108,7 +117,9 @@ def test_study_is_resumable_and_carries_its_seed(tmp_path, monkeypatch):
     first = json.loads((tmp_path / "fuzz.json").read_text())
     assert len(first["cells"]) == 2
     seen = []
-    monkeypatch.setattr("ngepc.studies.fuzz.examine", lambda d: seen.append(d) or examine(d))
+    monkeypatch.setattr(
+        "ngepc.studies.verification.fuzz.examine", lambda d: seen.append(d) or examine(d)
+    )
     assert main([*arguments, "--count", "3"]) == 0
     assert len(seen) == 1
     table = (tmp_path / "fuzz.md").read_text()
@@ -116,39 +127,38 @@ def test_study_is_resumable_and_carries_its_seed(tmp_path, monkeypatch):
     assert "seed 2" in table
 
 
-def test_a_lie_is_found(monkeypatch):
-    """The judge is able to complain: a dual result with another load, a status that is false."""
-    import ngepc.studies.fuzz as fuzz
+@pytest.mark.parametrize("method", METHODS)
+def test_a_lie_is_found(method, monkeypatch):
+    """The judge is able to complain: a result for another load, a status that is false."""
+    import ngepc.studies.verification.fuzz as fuzz
 
-    draw = dataclasses.replace(USUAL, body="lshape", load=5.0, method="balanced", gap="near")
-    assert examine(draw).complaints == ()
-    problem_of = fuzz.build
-    lighter = problem_of(dataclasses.replace(draw, load=4.5))
-    solve = fuzz.semismooth_newton
+    draw = dataclasses.replace(USUAL, body="lshape", load=5.0, method=method, gap="near")
+    assert examine(draw)["complaints"] == ()
+    problem_of, solve = fuzz.build, fuzz.semismooth_newton
+    lighter = problem_of(dataclasses.replace(draw, load=1.0))
+
+    def other_load(problem, **options):
+        return solve(dataclasses.replace(problem, traction=lighter.traction), **options)
+
     with monkeypatch.context() as patch:
-        patch.setattr(
-            fuzz,
-            "semismooth_newton",
-            lambda p, **o: solve(dataclasses.replace(p, traction=lighter.traction), **o),
-        )
-        assert "energies allow" in " ".join(examine(draw).complaints)
+        patch.setattr(fuzz, "semismooth_newton", other_load)
+        assert "energies allow" in " ".join(examine(draw)["complaints"])
 
-    def of_another_problem(problem, options):
-        other = primal_newton(lighter, options=options)
+    def of_another_problem(problem):
+        other = primal_newton(lighter)
         other.state.reduced.problem = problem
         return other
 
     with monkeypatch.context() as patch:
         patch.setattr(fuzz, "primal_newton", of_another_problem)
-        assert "energies allow" in " ".join(examine(draw).complaints)
+        assert "energies allow" in " ".join(examine(draw)["complaints"])
 
-    def hurried(problem, options):
-        result = primal_newton(problem, options=dataclasses.replace(options, tolerance=1e-3))
-        return result
+    def hurried(problem):
+        return primal_newton(problem, options=PrimalOptions(tolerance=1e-3))
 
     with monkeypatch.context() as patch:
         patch.setattr(fuzz, "primal_newton", hurried)
-        assert "says converged" in " ".join(examine(draw).complaints)
+        assert "says converged" in " ".join(examine(draw)["complaints"])
 
 
 def test_study_refuses_a_foreign_checkpoint(tmp_path):
@@ -156,20 +166,3 @@ def test_study_refuses_a_foreign_checkpoint(tmp_path):
     with pytest.raises(ValueError, match="damaged"):
         Fuzz(tmp_path, 1, 5).run()
     assert (tmp_path / "fuzz-5.npz").read_bytes() == b"something else"
-
-
-def test_longest_step_is_feasible_in_floating_point():
-    from ngepc.discretisation.spaces import contact_space
-    from ngepc.dual.contact import ContactConstraint
-
-    problem = build(dataclasses.replace(USUAL, body="strip", gap="near"))
-    constraint = ContactConstraint(problem, contact_space(problem))
-    random = np.random.default_rng(8)
-    z = contact_space(problem)
-    for _ in range(200):
-        a, b = (GridFunction(z).vec for _ in range(2))
-        a.FV().NumPy()[:] = -(10.0 ** random.uniform(-8, 8, len(a)))
-        b.FV().NumPy()[:] = random.normal(size=len(a)) * 10.0 ** random.uniform(-8, 8, len(a))
-        step = constraint.longest_step(a, b)
-        a += step * b
-        assert constraint.energy(a) == 0.0

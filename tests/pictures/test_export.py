@@ -5,11 +5,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from ngsolve import InnerProduct, Integrate
+from ngsolve import CF, InnerProduct, Integrate
 from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc.pictures import export
-from ngepc.pictures.export import FIELDS, export_series, export_vtu
+from ngepc.pictures.export import FIELDS, export_series, export_vtu, in_space
 from ngepc.results.records import l2_norm
 
 meshio = pytest.importorskip("meshio", reason="meshio reads the files back (extra 'test')")
@@ -139,3 +139,13 @@ def test_bad_input_is_named(call, message, tmp_path):
     with pytest.raises(ValueError, match=message):
         call(tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_tensors_with_three_rows_on_a_plane_mesh_keep_them():
+    """Plane strain: 3 x 3 stresses in two dimensions."""
+    place = lshape_primal().problem.mesh(0.7, 0.2)
+    three = CF(tuple(range(1, 10)), dims=(3, 3))
+    assert in_space(three)(place) == tuple(range(1, 10))
+    two = CF((1, 2, 3, 4), dims=(2, 2))
+    assert in_space(two)(place) == (1, 2, 0, 3, 4, 0, 0, 0, 0)
+    assert in_space(CF((5, 6)))(place) == (5, 6, 0)

@@ -3,7 +3,6 @@
 import io
 
 import pytest
-from ngepc.geometries import lshape
 from ngsolve import IfPos, Integrate
 from solved import lshape_dual
 
@@ -15,15 +14,14 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
-from ngepc.dual.newton import NewtonOptions
+from ngepc.geometries import lshape
 from ngepc.pictures import monitors, plot_progress
 from ngepc.pictures.monitors import (
     LivePlotMonitor,
-    combine,
+    ProgressLine,
     live_plot_monitor,
-    newton_sequence,
-    progress_monitor,
     table_monitor,
+    together,
     watch,
 )
 from ngepc.results.outcome import History, IterationRecord
@@ -65,7 +63,7 @@ def problem():
 def test_solver_tells_monitors_the_history(problem):
     seen = []
     result = semismooth_newton(
-        problem, 1e3, monitor=combine(seen.append, table_monitor(io.StringIO()))
+        problem, 1e3, monitor=together(seen.append, table_monitor(io.StringIO()))
     )
     assert seen == result.history.records
 
@@ -76,7 +74,7 @@ def test_stop_iteration_in_one_of_several_monitors_stops_the_run(problem):
             raise StopIteration
 
     seen = []
-    result = semismooth_newton(problem, 1e3, monitor=combine(seen.append, stop))
+    result = semismooth_newton(problem, 1e3, monitor=together(seen.append, stop))
     assert result.status is Status.STOPPED
     assert [record.iteration for record in seen] == [0, 1, 2]
 
@@ -107,14 +105,16 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_progress_keeps_one_line_on_a_terminal_and_leaves_one_in_a_file():
+def test_progress_keeps_one_line_on_a_terminal_and_writes_nothing_to_a_file():
     terminal, file = Terminal(), io.StringIO()
-    with progress_monitor("run", terminal) as shown, progress_monitor("run", file) as logged:
+    with ProgressLine("run", terminal) as shown, ProgressLine("run", file) as logged:
         for record in RECORDS:
-            combine(shown, logged)(record)
-    assert terminal.getvalue().count("\r") == 4
-    assert terminal.getvalue().count("\n") == 1
-    assert file.getvalue() == "run: step 3, residual 1.00e-03, step length 0.12\n"
+            together(shown, logged)(record)
+        text = terminal.getvalue()
+    assert "\n" not in text
+    last = text.split("\r")[-1]
+    assert all(word in last for word in ("run", "step 3", "1.00e-03", "in contact", "plastic"))
+    assert file.getvalue() == ""
 
 
 def test_live_plot_stays_in_one_place_and_ends_with_all_steps(screen):
@@ -158,11 +158,11 @@ def test_live_plot_leaves_most_of_the_time_to_the_solver(screen, monkeypatch):
     assert 8 <= screen.drawings <= 10
 
 
-def dual(problem, monitor):
+def paper(problem, monitor):
     return semismooth_newton(problem, 1e4, monitor=monitor)
 
 
-def balanced(problem, monitor):
+def default(problem, monitor):
     return semismooth_newton(problem, monitor=monitor)
 
 
@@ -172,10 +172,10 @@ def primal(problem, monitor):
 
 def path(problem, monitor):
     options = PathOptions(gamma_end=1e4)
-    return follow_path(problem, options, newton_monitor=monitor).result
+    return follow_path(problem, options, newton_monitor=monitor).last
 
 
-@pytest.mark.parametrize("solver", [dual, balanced, primal, path])
+@pytest.mark.parametrize("solver", [paper, default, primal, path])
 def test_snapshots_are_the_iterates_whenever_they_are_made(problem, solver):
     seen = []
     result = solver(problem, seen.append)
@@ -193,7 +193,7 @@ def test_snapshots_are_the_iterates_whenever_they_are_made(problem, solver):
     assert (last.displacement.vec - result.displacement.vec).Evaluate().Norm() < 1e-9
 
 
-@pytest.mark.parametrize("solver", [dual, balanced, primal])
+@pytest.mark.parametrize("solver", [paper, default, primal])
 def test_zones_of_snapshots_have_the_measures_of_the_record(problem, solver):
     def compare(record):
         state, mesh = record.snapshot(), problem.mesh
@@ -216,7 +216,7 @@ def test_records_are_numbers_in_tables_and_files(problem):
     assert result.history.records[-1].snapshot is None
 
 
-@pytest.mark.parametrize("solver", [dual, balanced, primal, path])
+@pytest.mark.parametrize("solver", [paper, default, primal, path])
 def test_live_plot_shows_the_active_sets_on_the_body(problem, screen, solver):
     with live_plot_monitor() as monitor:
         result = solver(problem, monitor)
@@ -225,14 +225,15 @@ def test_live_plot_shows_the_active_sets_on_the_body(problem, screen, solver):
     plastic = result.history.records[-1].plastic_active
     assert dark == pytest.approx(plastic, rel=0.02, abs=2e-3)
     contact = body.collections[-1].get_segments()
-    assert 0 < len(contact) < 8
+    length = sum(abs(segment[-1] - segment[0]).max() for segment in contact)
+    assert 0 < length < 8 / 8
     assert len(residuals.lines) == len(monitor.runs)
     assert sum(len(line.get_xdata()) for line in steps.lines) == sum(
         len(run.step_lengths) for run in monitor.runs
     )
 
 
-@pytest.mark.parametrize("solver", [dual, primal, path])
+@pytest.mark.parametrize("solver", [paper, primal, path])
 def test_interrupting_while_the_plot_is_drawn_keeps_the_state(problem, screen, solver):
     class Impatient(LivePlotMonitor):
         def draw(self):
@@ -246,22 +247,6 @@ def test_interrupting_while_the_plot_is_drawn_keeps_the_state(problem, screen, s
     assert result.iterations == 2
     assert result.displacement.vec.Norm() > 0
     assert result.history == monitor.runs[-1]
-
-
-def test_single_steps_pass_through_the_iterates_of_the_run(problem):
-    run = semismooth_newton(problem, 1e3)
-    steps = list(newton_sequence(problem, 1e3))
-    assert len(steps) == run.iterations
-    assert [s.iterations for s in steps] == list(range(1, run.iterations + 1))
-    assert steps[-1].status is Status.CONVERGED
-    assert steps[-1].dual_energy == pytest.approx(run.dual_energy, rel=1e-12)
-    assert steps[-1].history.energies == pytest.approx(run.history.energies, rel=1e-10)
-    assert steps[-1].history.step_lengths == pytest.approx(run.history.step_lengths)
-
-
-def test_single_steps_end_at_the_iteration_limit(problem):
-    steps = list(newton_sequence(problem, 1e3, options=NewtonOptions(max_iterations=2)))
-    assert [s.status for s in steps] == [Status.ITERATION_LIMIT] * 2
 
 
 def test_watch_draws_each_result_in_one_place(screen):

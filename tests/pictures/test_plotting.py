@@ -1,20 +1,24 @@
 """Pictures: what they show agrees with the fields, and the colour scale with its rules."""
 
+import itertools
+import math
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
 from matplotlib.image import imread
-from ngepc.geometries import lshape
 from ngsolve import CF, L2, GridFunction, InnerProduct, Integrate, sqrt, x, y
 from solved import block_primal, lshape_dual, lshape_primal
 
-from ngepc import lshape_problem
+from ngepc import Material, Problem, lshape_problem
 from ngepc.discretisation.spaces import displacement_space, plastic_space
+from ngepc.geometries import block, lshape, ring
 from ngepc.model.obstacles import Disc
 from ngepc.pictures import (
+    beside,
     plot_active_sets,
     plot_comparison,
     plot_contact_pressure,
@@ -24,13 +28,18 @@ from ngepc.pictures import (
     plot_mesh,
     plot_plastic_zone,
     plot_progress,
-    plot_quotients,
-    plot_yield_function,
 )
 from ngepc.pictures.curves import chains, pressure_curves
 from ngepc.pictures.drawable import KINDS, UnitNames, drawable
-from ngepc.pictures.picture import beside
-from ngepc.pictures.sampling import Corners, body_corners, colour_range, obstacle_lines
+from ngepc.pictures.sampling import (
+    Corners,
+    body_corners,
+    boundary_corners,
+    colour_range,
+    element_borders,
+    obstacle_lines,
+)
+from ngepc.pictures.style import COLOURS, CONTACT, ELASTIC, PLASTIC, RC, save_figure
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import History
@@ -48,9 +57,16 @@ def strips(values, areas):
     return Corners(points, 0 * points, np.repeat(np.array(values, float)[:, None], 3, axis=1))
 
 
+def zero_fields(mesh, clamped="clamped"):
+    steel = Material.kinematic(lame_lambda=1.0, lame_mu=1.0, yield_stress=1.0, hardening=1.0)
+    problem = Problem(mesh, steel, clamped)
+    u, p = GridFunction(displacement_space(problem)), GridFunction(plastic_space(problem))
+    return Fields(problem, u, p)
+
+
 FIGURES = {
     "field": lambda: plot_field(lshape_primal()),
-    "yield function": lambda: plot_yield_function(lshape_dual(), title="phi"),
+    "yield function": lambda: plot_field(lshape_dual(), "yield_function", title="phi"),
     "component": lambda: plot_field(lshape_primal(), "stress_xy", mesh_lines=True),
     "zone": lambda: plot_plastic_zone(lshape_primal(), 0.02),
     "mesh": lambda: plot_mesh(lshape_primal()),
@@ -63,7 +79,6 @@ FIGURES = {
         {"dual": lshape_dual(), "primal": lshape_primal()}, units=UnitNames("m", "Pa")
     ),
     "counts": lambda: plot_counts({"1e3": {417: 3, 833: 4}}, {"1e3": {417: 3, 833: 5}}),
-    "quotients": lambda: plot_quotients({"417": [1.0, 0.5, 0.1]}),
     "body in 3D": lambda: plot_field(block_primal(), "displacement_z"),
     "pictures beside each other": lambda: beside(
         lambda axes: plot_field(lshape_primal(), axes=axes),
@@ -111,6 +126,15 @@ def test_obstacle_stays_outside_on_meshes_with_turned_edges():
     np.testing.assert_allclose(np.array(obstacle.get_segments())[..., 1], 1.1, rtol=1e-14)
 
 
+def test_a_straight_obstacle_is_as_long_as_the_body_below_it():
+    result = lshape_primal()
+    lines = obstacle_lines(result.fields, 1.0)
+    body = body_corners(result.fields, CF(0.0)).deformed(1.0)[..., 0]
+    assert body.max() > 1.05, "the body leans over its contact boundary"
+    assert lines[..., 0].max() == pytest.approx(body.max(), rel=1e-12)
+    assert lines[..., 0].min() == pytest.approx(min(0.0, body.min()), abs=1e-12)
+
+
 def test_obstacle_is_left_out_where_there_is_none():
     mesh = lshape.mesh(maxh=0.05)
     disc = Disc(centre=(0.5, 1.3), radius=0.25)  # half as wide as the contact boundary
@@ -143,12 +167,41 @@ def test_corners_carry_areas_positions_and_values():
     assert body_corners(result.fields, result.fields.equivalent_plastic_strain).constant
 
 
-def test_cut_triangles_cover_the_same_body_with_the_same_values():
+@pytest.mark.parametrize("cuts", [2, 3, 5])
+def test_cut_triangles_cover_the_same_body_with_the_same_values(cuts):
     result = lshape_primal()
-    corners = body_corners(result.fields, 2 * x - y)
-    finer = corners.refined()
-    np.testing.assert_allclose(finer.measures, np.tile(corners.measures / 4, 4), rtol=1e-9)
+    corners, finer = (body_corners(result.fields, 2 * x - y, n) for n in (1, cuts))
+    assert len(finer.points) == cuts**2 * len(corners.points)
+    assert finer.measures.sum() == pytest.approx(corners.measures.sum(), rel=1e-12)
+    assert np.ptp(finer.measures * cuts**2) == pytest.approx(np.ptp(corners.measures), abs=1e-12)
     np.testing.assert_allclose(finer.values, finer.points @ [2.0, -1.0], atol=1e-14)
+
+
+def test_quadrilaterals_are_cut_and_bordered():
+    fields = zero_fields(block.structured_mesh(3, 2, size=(1.0, 0.5), simplices=False))
+    corners, borders = body_corners(fields, x * y, 4), element_borders(fields)
+    assert len(corners.points) == 6 * 2 * 16
+    assert corners.measures.sum() == pytest.approx(0.5, rel=1e-12)
+    expected = corners.points[..., 0] * corners.points[..., 1]
+    np.testing.assert_allclose(corners.values, expected, atol=1e-14)
+    lengths = np.linalg.norm(np.diff(borders.points, axis=1), axis=2).sum(axis=1)
+    np.testing.assert_allclose(lengths, 2 * (1 / 3 + 1 / 4), rtol=1e-12)
+
+
+def test_curved_elements_are_drawn_curved():
+    """A quarter of a ring with second-order elements: area and outline of circles."""
+    mesh = ring.quarter_mesh(0.5)
+    mesh.Curve(3)
+    fields = zero_fields(mesh, "inner")
+    exact = math.pi * 3 / 4
+    straight, curved = (
+        abs(body_corners(fields, CF(1.0), n).measures.sum() - exact) for n in (1, None)
+    )
+    assert curved < 0.1 * straight
+    for borders in (element_borders(fields), boundary_corners(fields, ("outer",))):
+        radii = np.linalg.norm(borders.points, axis=2)
+        assert radii.max() == pytest.approx(2.0, rel=1e-3)
+    assert radii.min() == pytest.approx(2.0, rel=1e-3)
 
 
 def test_surface_of_a_block_has_its_area_and_the_stress_from_inside():
@@ -224,6 +277,10 @@ def test_constant_fields_have_a_scale(value):
 @pytest.mark.parametrize("name", KINDS)
 def test_every_named_field_is_a_finite_scalar(name):
     result = lshape_primal()
+    if not hasattr(result, name) and not hasattr(result.fields, name):
+        with pytest.raises(ValueError, match=f"{name}.*no such field"):
+            drawable(result, name)
+        return
     what = drawable(result, name)
     values = body_corners(result.fields, what.coefficient).values
     assert what.coefficient.dim == 1
@@ -258,7 +315,6 @@ def test_vectors_and_matrices_are_drawn_by_their_norms():
         (lambda r: plot_history({}), "at least one"),
         (lambda r: beside(), "at least one"),
         (lambda r: plot_counts({}), "at least one"),
-        (lambda r: plot_quotients({}), "at least one"),
         (lambda r: plot_field(CF(1.0)), "result of a solver"),
         (lambda r: plot_contact_pressure(block_primal()), "3D"),
     ],
@@ -266,3 +322,66 @@ def test_vectors_and_matrices_are_drawn_by_their_norms():
 def test_bad_input_is_named(call, message):
     with pytest.raises((TypeError, ValueError), match=message):
         call(lshape_primal())
+
+
+def test_titles_say_how_the_problem_was_solved():
+    class Labelled:
+        method_label = "gamma = 1000"
+
+        def __init__(self, result):
+            self.fields, self.problem = result.fields, result.problem
+
+    source = Labelled(lshape_dual())
+    assert plot_field(source).axes[0].get_title() == "gamma = 1000"
+    assert plot_plastic_zone(source).axes[0].get_title().endswith(", gamma = 1000")
+    assert plot_field(source, title="mine").axes[0].get_title() == "mine"
+
+
+def deuteranopia(colour):
+    """Linear RGB as people without green cones see it (Machado, Oliveira and Fernandes 2009)."""
+    matrix = [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+              [-0.011820, 0.042940, 0.968881]]  # fmt: skip
+    return np.clip(np.array(matrix) @ linear(colour), 0, 1)
+
+
+def linear(colour):
+    rgb = np.array(to_rgb(colour))
+    return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+
+
+def lab(rgb):
+    """CIE L*a*b* of linear RGB."""
+    matrix = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    X, Y, Z = np.cbrt(np.array(matrix) @ rgb / [0.9505, 1.0, 1.089])
+    return np.array([116 * Y - 16, 500 * (X - Y), 200 * (Y - Z)])
+
+
+def closest(colours, seen):
+    """The least distance between two of the colours, in units of which 2 is just seen."""
+    points = [lab(seen(colour)) for colour in colours]
+    return min(np.linalg.norm(a - b) for a, b in itertools.combinations(points, 2))
+
+
+@pytest.mark.parametrize("seen", [linear, deuteranopia])
+def test_colours_are_told_apart_without_green_cones(seen):
+    assert closest(COLOURS, seen) > 12
+    assert closest((ELASTIC, PLASTIC, CONTACT), seen) > 30
+
+
+def test_the_measure_of_colours_can_fail():
+    """Red and green of equal lightness, the usual mistake."""
+    assert closest(("#c0392b", "#5d8a2a"), linear) > 60
+    assert closest(("#c0392b", "#5d8a2a"), deuteranopia) < 20
+
+
+def test_all_figures_have_one_style_which_users_can_take(tmp_path):
+    figures = [plot_field(lshape_primal()), plot_history(lshape_primal().history)]
+    for figure in figures:
+        for axes in figure.axes[:1]:
+            assert axes.xaxis.label.get_size() == RC["axes.labelsize"]
+            assert not axes.spines["top"].get_visible()
+    with plt.style.context("ngepc.pictures.ngepc"):
+        assert plt.rcParams["axes.prop_cycle"] == RC["axes.prop_cycle"]
+    assert plt.rcParams["axes.prop_cycle"] != RC["axes.prop_cycle"]
+    for ending, begin in (("pdf", b"%PDF"), ("svg", b"<?xml")):
+        assert save_figure(figures[1], tmp_path / f"new/a.{ending}").read_bytes().startswith(begin)

@@ -7,9 +7,8 @@ import pytest
 from browser import Browser, chromium
 from solved import lshape_dual, lshape_primal
 
-from ngepc.pictures import plot_field
-from ngepc.pictures.report import Report, write_report
-from ngepc.pictures.report_pieces import number
+from ngepc.pictures import plot_field, report
+from ngepc.pictures.report import html_table, number, solution_sections, write_report
 from ngepc.pictures.views import slide, viewer_installed
 
 ROWS = [
@@ -47,7 +46,7 @@ class Reader(HTMLParser):
 
 
 def test_tables_have_all_columns_in_order_of_appearance():
-    read = Reader(Report("t").add_table(ROWS).html())
+    read = Reader(html_table(ROWS))
     assert read.open == []
     assert read.rows == [
         ["gamma", "paper", "here", "status", "energy"],
@@ -97,9 +96,18 @@ def test_numbers_are_written_for_readers(value, text):
     assert number(np.int64(4)) == "4"
 
 
-def test_empty_tables_are_refused():
-    with pytest.raises(ValueError, match="at least one row"):
-        Report("t").add_table([])
+def test_empty_tables_are_refused(tmp_path):
+    with pytest.raises(TypeError, match="text, a list of dictionaries"):
+        write_report(tmp_path / "page.html", "t", ("Table", [[]]))
+
+
+def test_without_the_viewer_a_report_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "viewer_installed", lambda: False)
+    sections = solution_sections(lshape_primal(), "The solution")
+    text = write_report(tmp_path / "page.html", "t", *sections).read_text(encoding="utf-8")
+    assert "pip install &quot;ngepc[html]&quot;" in text
+    assert text.count("data:image/png") == 5
+    assert "<iframe" not in text
 
 
 @pytest.mark.skipif(chromium() is None, reason="no Chromium or Chrome is installed")
@@ -107,8 +115,8 @@ def test_empty_tables_are_refused():
 @pytest.mark.parametrize("width", [390, 900])
 def test_report_opens_from_disk_with_its_view(tmp_path, width):
     view = slide({"dual": lshape_dual(), "exact": lshape_primal()}, name="method")
-    report = Report("L-shape").add_table(ROWS, "Counts").add_view(view, "drag to turn", 320)
-    path = report.write(tmp_path / "report.html", footer="made by a test")
+    sections = ("Counts", [ROWS, view])
+    path = write_report(tmp_path / "report.html", "L-shape", sections, footer="made by a test")
     with Browser(width, 900) as browser:
         seen = browser.open(path)
         browser.wait_for("frames[0].document.body.dataset.frame === '0'")

@@ -9,19 +9,18 @@ import numpy as np
 import pytest
 from browser import Browser, chromium
 from matplotlib import colormaps
-from matplotlib.figure import Figure
 from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc import primal_newton
-from ngepc.pictures import page, plot_field, views
-from ngepc.pictures.scenes import _peak
-from ngepc.pictures.views import View, ViewOptions, compare, export_html, show, slide, slide_figures
+from ngepc.pictures import views
+from ngepc.pictures.scenes import EXTRA, _peak
+from ngepc.pictures.views import View, ViewOptions, compare, export_html, show, slide
 
 needs_browser = pytest.mark.skipif(
     chromium() is None, reason="no Chromium or Chrome is installed (Debian: apt install chromium)"
 )
 needs_viewer = pytest.mark.skipif(
-    not views.viewer_installed(), reason=f"no offline viewer: {page.EXTRA}"
+    not views.viewer_installed(), reason=f"no offline viewer: {EXTRA}"
 )
 MOVE = (
     "(v => { const s = document.getElementById('slider'); s.value = v;"
@@ -146,15 +145,15 @@ def test_frame_of_a_notebook_shows_the_same_page(browser, tmp_path):
 
 
 @needs_browser
-def test_figures_slide_without_the_viewer(browser, tmp_path, monkeypatch):
-    monkeypatch.setattr(page.importlib.util, "find_spec", lambda name: None)
-    view = slide_figures(
-        {"0": [plot_field(lshape_dual())], "1": [plot_field(lshape_primal())]}, "figures", "step"
-    )
-    first = opened(browser, view.save(tmp_path / "figures.html"))
-    browser.evaluate(f"{MOVE}(1)")
-    browser.settle()
-    assert np.abs(first - browser.pixels()).mean() > 0.005
+@needs_viewer
+def test_play_button_moves_the_slider_and_stops(browser, tmp_path):
+    results = {"a": lshape_dual(417, 10.0), "b": lshape_dual(), "c": lshape_primal()}
+    opened(browser, slide(results).save(tmp_path / "slider.html"))
+    browser.evaluate("document.getElementById('play').click()")
+    browser.wait_for("document.body.dataset.frame === '2'")
+    browser.wait_for("document.body.dataset.frame === '0'")
+    browser.evaluate("document.getElementById('play').click()")
+    assert browser.evaluate("timer") is None
 
 
 def test_pressures_of_rounding_size_are_not_drawn():
@@ -184,16 +183,18 @@ def test_numpy_keeps_its_error_settings():
 
 
 def test_missing_viewer_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(page.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ImportError, match=r"pip install \"ngepc\[notebook\]\""):
+    monkeypatch.setattr(views.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"pip install \"ngepc\[html\]\""):
         show(lshape_primal())
 
 
+@needs_viewer
 def test_text_of_pages_is_escaped(tmp_path):
-    figure = Figure(figsize=(1, 1))
-    view = slide_figures({"</script><b>": figure, "2": figure}, "<i>title</i>", "a<b")
+    results = {"</script><b>": lshape_dual(), "2": lshape_primal()}
+    view = slide(results, title="<i>title</i>", name="a<b $x")
     assert "</script><b>" not in view.html
     assert "<i>title" not in view.html
+    assert "a&lt;b $x" in view.html
     assert view.save(tmp_path / "x.html").read_text(encoding="utf-8") == view.html
 
 
@@ -208,10 +209,7 @@ def test_frames_hold_whole_pages():
     [
         (lambda: show(lshape_primal(), "nothing"), "nothing"),
         (lambda: slide({}), "at least one"),
-        (lambda: slide_figures({}), "figures={}: at least one entry"),
         (lambda: ViewOptions(deformation_scale=-1.0), "deformation_scale=-1.0"),
-        (lambda: page.page("t", []), "at least one panel"),
-        (lambda: page.page("t", [page.Panel("image", "c", ["", ""])]), "one frame for each label"),
     ],
 )
 def test_bad_input_is_named(call, message):

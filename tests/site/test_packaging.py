@@ -1,4 +1,4 @@
-"""The built wheel holds every module, geometries included."""
+"""The built wheel holds every module, geometries, notebooks and type information included."""
 
 import subprocess
 import sys
@@ -22,7 +22,8 @@ def test_wheel_contains_every_module(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     modules = {str(p.relative_to(ROOT)) for p in (ROOT / "ngepc").rglob("*.py")}
     modules |= {f"ngepc/geometries/{p.name}" for p in (ROOT / "geometries").glob("*.py")}
-    assert modules <= names
+    data = {"py.typed", "__init__.pyi", "pictures/ngepc.mplstyle", "pictures/page.html"}
+    assert modules | {f"ngepc/{name}" for name in data} <= names
     notebooks = {
         f"ngepc/{p.relative_to(ROOT).as_posix()}" for p in ROOT.glob("notebooks/**/*.ipynb")
     }

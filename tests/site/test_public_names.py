@@ -1,10 +1,23 @@
-"""Every public name exists and says what it is."""
+"""The public surface: every name exists, says what it is, and is seen by static tools."""
 
 import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 import ngepc
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def outside(code: str, folder: Path) -> str:
+    """What a fresh interpreter prints, started away from the checkout."""
+    command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r}); {code}"]
+    run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=folder)
+    return run.stdout.strip()
 
 
 @pytest.mark.parametrize("name", sorted(set(ngepc.__all__) - {"__version__"}))
@@ -21,3 +34,40 @@ def test_public_name_is_documented(name):
 def test_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
         ngepc.Nothing  # noqa: B018
+
+
+def test_modules_are_attributes_without_an_import(tmp_path):
+    code = "import ngepc; print(ngepc.obstacles.Sphere.__name__, ngepc.geometries.__name__)"
+    assert outside(code, tmp_path) == "Sphere ngepc.geometries"
+
+
+def test_import_is_quick_and_does_not_load_ngsolve(tmp_path):
+    code = (
+        "import time; begin = time.perf_counter(); import ngepc; "
+        "print(time.perf_counter() - begin, 'ngsolve' in sys.modules, len(ngepc.__path__))"
+    )
+    seconds, loaded, places = outside(code, tmp_path).split()
+    assert float(seconds) < 0.1
+    assert (loaded, places) == ("False", "1")
+
+
+def test_a_users_script_has_types(tmp_path):
+    """The first lines of the README, read by mypy as a user's script beside the package."""
+    pytest.importorskip("mypy", reason="mypy reads the script (extra 'test')")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    first_lines = re.search(r"```python\n(.*?)```", readme, re.DOTALL)[1]
+    asked = "import ngepc\nreveal_type(ngepc.Material)\nreveal_type(ngepc.obstacles.Sphere)\n"
+    (tmp_path / "script.py").write_text(first_lines + asked + "reveal_type(result.iterations)\n")
+    command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "script.py"]
+    run = subprocess.run(
+        [*command, "--cache-dir", str(tmp_path / "cache")],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={"MYPYPATH": str(ROOT), "PATH": ""},
+        check=False,
+    )
+    assert run.returncode == 0, run.stdout
+    assert re.search(r'-> ngepc\.model\.material\.Material"', run.stdout), run.stdout
+    assert re.search(r'ngepc\.model\.obstacles\.Sphere"', run.stdout), run.stdout
+    assert 'Revealed type is "int"' in run.stdout.replace("builtins.", "")

@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from ngepc.geometries import lshape, wrench
 
 from ngepc import (
     Armijo,
@@ -15,9 +14,9 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
-from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.functional import DualFunctional
+from ngepc.dual.newton import prepared
 from ngepc.dual.tichonov import Fractional, FullProduct
+from ngepc.geometries import lshape, wrench
 from ngepc.theory.lambda_newton import (
     MultiplierEquation,
     compare_algorithms,
@@ -85,8 +84,7 @@ def test_start_is_carried_over():
 @pytest.fixture(scope="module")
 def equation():
     problem, regularisation = CASES["L-shape, gamma = 1e3"]()
-    blocks = LinearBlocks(problem, regularisation, "sparsecholesky")
-    return MultiplierEquation(DualFunctional(blocks, regularisation, 49), "sparsecholesky")
+    return MultiplierEquation(prepared(problem, regularisation, FULL_STEPS), "sparsecholesky")
 
 
 def functional_on_H(equation, seed, size=1.0):

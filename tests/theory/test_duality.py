@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, wrench
 from ngsolve import CF
 
 from ngepc import (
@@ -18,6 +17,7 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
+from ngepc.geometries import block, lshape, wrench
 
 
 @pytest.fixture(scope="module")
@@ -115,9 +115,10 @@ def test_contact_conditions_hold_better_along_the_path(contact_path):
 def test_contact_term_is_tested_optimality(contact_path):
     """(OC1_gamma) tested with z: (z, u.n - psi) = -2 M^1 - b(z, z)/gamma."""
     path, reports = contact_path
-    functional, z = path.functional, path.functional.blocks.part_of(path.v, 0)
-    b = np.dot(z.FV().NumPy(), (functional.blocks.B[0] * z).Evaluate().FV().NumPy())
-    expected = -2 * reports[-1].contact_penalty - b / functional.gamma_T
+    blocks = path.last.functional.blocks
+    z = blocks.part_of(path.last.v, "contact")
+    b = np.dot(z.FV().NumPy(), (blocks.B["contact"] * z).Evaluate().FV().NumPy())
+    expected = -2 * reports[-1].contact_penalty - b / path.last.functional.weights.tichonov
     assert reports[-1].contact_term == pytest.approx(expected, rel=1e-6)
 
 

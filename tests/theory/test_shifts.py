@@ -1,15 +1,13 @@
 """Shifts mu^ and nu^, beta_gamma and yield bounds that vary, against identities."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape
 from ngsolve import CF, H1, GridFunction, IfPos, Integrate, Norm, ds, dx, exp, x, y
 
 from ngepc import (
-    Balanced,
     Coupled,
     FullProduct,
     Material,
@@ -21,8 +19,8 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
-from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.functional import DualFunctional
+from ngepc.dual.newton import prepared
+from ngepc.geometries import block, lshape
 from ngepc.theory.shifts import augmented_lagrangian, positive_part, updated_shifts
 
 QUICK = NewtonOptions(quadrature_points=49)
@@ -44,8 +42,7 @@ def solved(problem, regularisation, start=None):
 
 
 def functional(problem, regularisation):
-    blocks = LinearBlocks(problem, regularisation, "sparsecholesky")
-    return DualFunctional(blocks, regularisation, 100)
+    return prepared(problem, regularisation, NewtonOptions(quadrature_points=100))
 
 
 def random_dual(f, seed=1, size=2.0):
@@ -70,15 +67,14 @@ def test_contact_shift_is_a_translation(mu_hat):
     shifted = functional(problem, Coupled(gamma, tichonov=choice, contact_shift=mu_hat))
     plain = functional(problem, Coupled(gamma, tichonov=choice))
     v = random_dual(plain)
-    z, moved_z = (
-        f.blocks.part_of(w, 0)
-        for f, w in ((shifted, v), (plain, moved(plain, v, 0, mu_hat / gamma)))
+    M, N = (
+        f.terms(w).by_part["contact"]
+        for f, w in ((shifted, v), (plain, moved(plain, v, "contact", mu_hat / gamma)))
     )
-    M, N = shifted.penalties[0], plain.penalties[0]
-    assert M.energy(z) == pytest.approx(N.energy(moved_z), rel=1e-12)
-    assert M.active(z) == pytest.approx(N.active(moved_z), rel=1e-12)
-    assert (M.gradient(z) - N.gradient(moved_z)).Evaluate().Norm() < 1e-12
-    difference = M.hessian(z).AsVector() - N.hessian(moved_z).AsVector()
+    assert M.energy == pytest.approx(N.energy, rel=1e-12)
+    assert M.active == pytest.approx(N.active, rel=1e-12)
+    assert (M.gradient - N.gradient).Evaluate().Norm() < 1e-12
+    difference = M.hessian().AsVector() - N.hessian().AsVector()
     assert difference.Evaluate().Norm() < 1e-12 * gamma
 
 
@@ -90,13 +86,11 @@ def test_contact_shift_that_is_piecewise_linear_is_a_translation():
     v = random_dual(plain)
     w = v.CreateVector()
     w.data = v
-    Z = plain.blocks.spaces[0]
+    Z = plain.blocks.parts["contact"].space
     coordinate = GridFunction(Z)
     coordinate.Set(2 * x / gamma, definedon=problem.mesh.Boundaries("contact"))
-    plain.blocks.part_of(w, 0).data += coordinate.vec
-    energies = (
-        f.penalties[0].energy(f.blocks.part_of(s, 0)) for f, s in ((shifted, v), (plain, w))
-    )
+    plain.blocks.part_of(w, "contact").data += coordinate.vec
+    energies = (f.terms(s).by_part["contact"].energy for f, s in ((shifted, v), (plain, w)))
     assert next(energies) == pytest.approx(next(energies), rel=1e-12)
 
 
@@ -114,20 +108,6 @@ def test_plastic_shift_is_a_lower_yield_bound():
     assert shifted.dual_energy != pytest.approx(solved(problem, full(gamma)).dual_energy)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Penalised(Coupled):
-    """Coupled, with another gamma for the penalties than for the Tichonov term."""
-
-    penalty_gamma: float = 1.0
-
-    @property
-    def gamma_contact(self):
-        return self.penalty_gamma
-
-    def gamma_plastic(self, problem):
-        return self.penalty_gamma
-
-
 def constrained_energy(result):
     """F* - (psi, z) + T, without the penalties: what the constrained problem minimises."""
     return result.functional.smooth_energy(result.y, result.v)
@@ -138,7 +118,7 @@ def constrained_limit(problem, gamma, tichonov):
     result = None
     energies = []
     for factor in (10.0, 1e3, 1e4):
-        regularisation = Penalised(gamma, tichonov=tichonov, penalty_gamma=factor * gamma)
+        regularisation = Coupled(factor * gamma, tichonov=tichonov, gamma_tichonov=gamma)
         result = solved(problem, regularisation, result)
         energies.append(constrained_energy(result))
     return energies[-1] + (energies[-1] - energies[-2]) / 9
@@ -161,7 +141,7 @@ def test_augmented_lagrangian_reaches_the_constrained_problem(gamma):
     assert errors[0] > 1e-8
     assert errors[-1] < 1e-3 * errors[0]
     assert all(b < 0.2 * a for a, b in pairwise(errors[:3]))
-    z = [np.max(r.functional.blocks.part_of(r.v, 0).FV().NumPy()) for r in results]
+    z = [np.max(r.functional.blocks.part_of(r.v, "contact").FV().NumPy()) for r in results]
     assert z[0] > 0  # adhesion on the open gap
     assert all(b < 0.2 * a for a, b in pairwise(z[:4]))
     assert sum(r.iterations for r in results[1:]) <= 6
@@ -268,7 +248,7 @@ def test_beta_gamma_moves_V_by_the_penalties():
         exact = solved(problem, full(gamma))
         relaxed = solved(problem, full(gamma, beta_gamma=1.1 - 1 / gamma))
         least, most = (
-            relaxed.functional.penalty(r.v) - exact.functional.penalty(r.v)
+            relaxed.functional.terms(r.v).energy - exact.functional.terms(r.v).energy
             for r in (relaxed, exact)
         )
         moves.append(relaxed.dual_energy - exact.dual_energy)
@@ -343,14 +323,6 @@ def test_illegal_yield_bounds_are_refused():
     for bound, message in ((1.2, "leaves"), (0.9, "leaves"), (1.05, "away from beta in L2")):
         with pytest.raises(ValueError, match=message):
             semismooth_newton(problem, regularisation=Coupled(1e3, beta_gamma=bound))
-
-
-def test_only_coupled_regularisation_has_shifts():
-    result = semismooth_newton(
-        hardened(0.0), options=QUICK, regularisation=Balanced(1e3, tichonov=FullProduct())
-    )
-    with pytest.raises(TypeError, match="Coupled"):
-        updated_shifts(result)
 
 
 def test_shift_may_be_a_grid_function():

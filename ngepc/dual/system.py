@@ -1,0 +1,89 @@
+"""The Newton system (7.1).
+
+Its first row is negated: the second derivative of the saddle function S is then symmetric and
+quasi-definite, so that LDL^T needs no pivoting.
+"""
+
+from __future__ import annotations
+
+from ngsolve.la import BaseVector
+
+from ngepc.dual.functional import ActiveTerms, DualFunctional
+from ngepc.linalg.assembly import Placed, SparseSum
+from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS
+
+
+class FactorisationError(RuntimeError):
+    """A direct solver that gave up on a Newton matrix."""
+
+
+class NewtonSystem:
+    """(7.1) in one fixed sparsity pattern: constant part, B / gamma_T, Newton derivatives.
+
+    Parameters
+    ----------
+    functional
+        The first functional to be used; later ones must share its blocks.
+    inverse
+        NGSolve's name of the direct solver.
+    """
+
+    def __init__(self, functional: DualFunctional, inverse: str) -> None:
+        self._solver, self._inverse, self._blocks = inverse, None, functional.blocks
+        patterns = self._placed(functional.patterns())
+        tichonov = self._placed(self._blocks.B)
+        mirrored = inverse not in FROM_LOWER_TRIANGLE
+        self._sum = SparseSum(self._blocks.saddle.mat, [*tichonov, *patterns], mirrored=mirrored)
+        self.use(functional)
+
+    def _placed(self, by_part: dict) -> list[Placed]:
+        return [Placed(A, self._blocks.first_of(name)) for name, A in by_part.items()]
+
+    def use(self, functional: DualFunctional) -> None:
+        """Switch to other numbers on the same blocks."""
+        if functional.blocks is not self._blocks:
+            raise ValueError("functional has blocks of its own: one on the same blocks is needed")
+        self._sum.values[:] = 0.0
+        self._sum.add(Placed(self._blocks.saddle.mat))
+        for B in self._placed(self._blocks.B):
+            self._sum.add(B, 1 / functional.weights.tichonov)
+        self._constant = self._sum.values.copy()
+
+    def factorise(self, terms: ActiveTerms | None) -> None:
+        """Assemble and factorise the Newton matrix; None leaves the nonsmooth terms out.
+
+        Raises
+        ------
+        FactorisationError
+            If the direct solver gives up.
+        """
+        self._sum.values[:] = self._constant
+        if terms is not None:
+            for block in self._placed({n: M.hessian() for n, M in terms.by_part.items()}):
+                self._sum.add(block)
+        matrix = self._sum.matrix()
+        try:
+            self._invert(matrix)
+        except SOLVER_ERRORS as error:
+            raise FactorisationError(
+                f"{self._solver} could not factorise the Newton matrix: {error}"
+            ) from error
+
+    def _invert(self, matrix: object) -> None:
+        if self._inverse is None:
+            free = self._blocks.X.FreeDofs(coupling=True)
+            self._inverse = matrix.Inverse(free, inverse=self._solver)
+        else:
+            self._inverse.Update()
+
+    def solve(self, r: BaseVector) -> tuple[BaseVector, BaseVector]:
+        """(delta y, delta v) of (7.1) for the right hand side (0, r), with the last factors."""
+        blocks, ny = self._blocks, self._blocks.Y.ndof
+        right, x = (blocks.saddle.mat.CreateColVector() for _ in range(2))
+        right[:] = 0.0
+        right.Range(ny, blocks.X.ndof).data = r
+        x.data = self._inverse * right
+        x.data += blocks.saddle.harmonic_extension * x
+        dy, dv = blocks.Y_vector(), blocks.H_vector()
+        dy.data, dv.data = x.Range(0, ny), x.Range(ny, blocks.X.ndof)
+        return dy, dv

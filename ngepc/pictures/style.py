@@ -1,0 +1,106 @@
+"""One look for all figures: the style sheet, the colours, figures that notebooks show themselves.
+
+No pyplot state is touched, so that figures work in notebooks, scripts and servers alike.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from matplotlib import rc_context, rc_params_from_file
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_flag, require_function
+
+RC = rc_params_from_file(Path(__file__).with_name("ngepc.mplstyle"), use_default_template=False)
+COLOURS = tuple(entry["color"] for entry in RC["axes.prop_cycle"])
+"""Okabe and Ito's colours, which people with any colour vision tell apart."""
+MARKERS = "os^Dv<>"
+
+ELASTIC, PLASTIC, CONTACT = "#dfe3e8", "#26323f", "#D55E00"
+OUTLINE, DEFORMED, OBSTACLE, GUIDE = "#9aa3ad", "#3b4650", "#000000", "#6b7680"
+
+Given, Made = ParamSpec("Given"), TypeVar("Made")
+
+
+def styled(draw: Callable[Given, Made]) -> Callable[Given, Made]:
+    """The same function, drawing in the style of ``ngepc.mplstyle``."""
+
+    @functools.wraps(draw)
+    def inside(*arguments: Given.args, **options: Given.kwargs) -> Made:
+        with rc_context(RC):
+            return draw(*arguments, **options)
+
+    return inside
+
+
+class Picture(Figure):
+    """A Figure in this style with a PNG representation, so that no pyplot is needed to see it."""
+
+    def __init__(self, *arguments: object, **options: object) -> None:
+        with rc_context(RC):
+            super().__init__(*arguments, **options)
+
+    def _repr_png_(self) -> bytes:
+        stream = io.BytesIO()
+        self.savefig(stream, format="png", dpi=110)
+        return stream.getvalue()
+
+
+def line_style(index: int, count: int) -> dict:
+    """Colour and marker of the curve number ``index`` with ``count`` points."""
+    return {
+        "color": COLOURS[index % len(COLOURS)],
+        "marker": MARKERS[index % len(MARKERS)],
+        "markevery": max(1, count // 20),
+    }
+
+
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a figure as its ending says (png, pdf, svg), making its folder; returns the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with rc_context(RC):
+        figure.savefig(path)
+    return path
+
+
+@styled
+def beside(
+    *panels: Callable[[Axes], object], width: float = 4.6, height: float = 4.0, three: bool = False
+) -> Picture:
+    """Pictures side by side, as in the paper's Figures 2, 5 and 6.
+
+    Parameters
+    ----------
+    panels
+        Functions that draw into the axes which they get:
+        ``beside(lambda a: plot_field(r, axes=a), lambda a: plot_plastic_zone(r, 0.1, axes=a))``.
+    width, height
+        Inches of one panel.
+    three
+        Whether the axes are for 3D bodies.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there are no panels, or an argument is not legal.
+    """
+    if not panels:
+        raise ValueError("panels=(): at least one panel is needed")
+    for number, panel in enumerate(panels):
+        require_function(f"panels[{number}]", panel, "axes")
+    require_number("width", width, 0, strict=True)
+    require_number("height", height, 0, strict=True)
+    require_flag("three", three)
+    figure = Picture(figsize=(width * len(panels), height), layout="compressed")
+    projection = {"projection": "3d"} if three else {}
+    every = figure.subplots(1, len(panels), squeeze=False, subplot_kw=projection)[0]
+    for draw, axes in zip(panels, every, strict=True):
+        draw(axes)
+    return figure

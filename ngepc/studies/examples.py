@@ -1,0 +1,60 @@
+"""The paper's examples by name, on their mesh families, and the methods that solve them by name."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from ngepc.dual.newton import NewtonOptions, semismooth_newton
+from ngepc.geometries import lshape, wrench
+from ngepc.model.examples import lshape_problem, wrench_problem
+from ngepc.model.problem import Problem
+from ngepc.primal.options import PrimalOptions
+from ngepc.primal.solver import primal_newton
+from ngepc.results.outcome import Result
+
+BODIES = {"lshape": lshape, "wrench": wrench}
+PROBLEMS = {"lshape": lshape_problem, "wrench": wrench_problem}
+TITLES = {"lshape": "Example (a)", "wrench": "Example (b)"}
+THRESHOLDS = {"lshape": 0.1, "wrench": 1e-2}
+"""The |p|_F above which the paper's Figures 2 and 6 show the plastic zone."""
+FAMILIES = {name: body.PAPER_NODES for name, body in BODIES.items()}
+
+
+@lru_cache(maxsize=16)
+def example(name: str, nodes: int | None = None, maxh: float | None = None) -> Problem:
+    """An example on a member of its mesh family, by default the first of the paper's table.
+
+    Parameters
+    ----------
+    name
+        'lshape' or 'wrench'.
+    nodes, maxh
+        Nodes of the mesh of the family, or the width of a CSG mesh (length) instead.
+
+    Raises
+    ------
+    ValueError
+        If the family has no mesh with so many nodes, or no mesh has this width.
+    """
+    body = BODIES[name]
+    mesh = body.mesh(maxh) if maxh else body.paper_mesh(nodes or FAMILIES[name][0])
+    return PROBLEMS[name](mesh)
+
+
+def solved(
+    method: str | float,
+    problem: Problem,
+    start: Result | None = None,
+    options: NewtonOptions | None = None,
+    monitor: object = None,
+) -> Result:
+    """The result of the method called 'default' or 'primal', or of the paper's own at a gamma."""
+    if method == "primal":
+        chosen = None
+        if options is not None:
+            chosen = PrimalOptions(
+                tolerance=options.tolerance, max_iterations=options.max_iterations
+            )
+        return primal_newton(problem, start, chosen, monitor=monitor)
+    gamma = None if method == "default" else float(method)
+    return semismooth_newton(problem, gamma, start, options, monitor)

@@ -1,0 +1,1 @@
+"""Checks on many problems: random data, data at their extremes, an independent look at results."""

@@ -1,0 +1,143 @@
+"""The count table as a study: resumes, refuses foreign checkpoints, writes what it promises."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ngepc.__main__ import main
+from ngepc.results import checkpoint
+from ngepc.studies.counts import Table1, Table2
+from ngepc.studies.counts_page import counts_figure
+from ngepc.studies.paper import TABLE_1
+from ngepc.studies.work import Cell
+
+ROWS = ("1e0", "1e1", "1e3", "default", "default*", "primal")
+
+
+def small_table(folder, **options):
+    return Table1(folder, rows=ROWS, nodes=(833,), **options)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("table1")
+    arguments = ["study", "table1", "--levels", "1", "--rows", ",".join(ROWS), "--figures"]
+    assert main([*arguments, "--out", str(folder)]) == 0
+    return folder
+
+
+def test_study_writes_table_and_figures(finished):
+    table = (finished / "table1.md").read_text()
+    assert "| 1e0 | 1 (1) |" in table
+    cells = json.loads((finished / "table1.json").read_text())["cells"]
+    assert [c["status"] for c in cells] == ["converged"] * len(ROWS)
+    assert (finished / "lshape.html").stat().st_size > 500_000
+    assert len(list(finished.glob("*.png"))) >= 6
+
+
+def test_default_method_needs_a_dozen_steps_and_finds_the_primal_energy(finished):
+    cells = json.loads((finished / "table1.json").read_text())["cells"]
+    default, nested, primal = (next(c for c in cells if c["row"] == row) for row in ROWS[3:])
+    assert default["iterations"] <= 12
+    assert nested["iterations"] <= default["iterations"]
+    for cell in (default, nested):
+        assert cell["primal_energy"] == pytest.approx(primal["primal_energy"], rel=0.02)
+        assert cell["paper"] is None
+
+
+def test_second_run_solves_nothing_and_gives_the_same_table(finished, monkeypatch):
+    def refuse(*arguments, **options):
+        raise AssertionError("a stored cell was solved again")
+
+    monkeypatch.setattr("ngepc.studies.counts.solved", refuse)
+    first = json.loads((finished / "table1.json").read_text())["cells"]
+    assert [r["dual_energy"] for r in small_table(finished).run()] == [
+        r["dual_energy"] for r in first
+    ]
+
+
+def test_interrupted_study_resumes_with_the_same_digits(finished, tmp_path):
+    lines = []
+
+    def stop_after_one(line):
+        lines.append(line)
+        if len(lines) == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        small_table(tmp_path, progress=stop_after_one).run()
+    resumed = small_table(tmp_path).run()
+    whole = json.loads((finished / "table1.json").read_text())["cells"]
+    for a, b in zip(resumed, whole, strict=True):
+        assert a["dual_energy"] == pytest.approx(b["dual_energy"], rel=1e-12)
+        assert a["iterations"] == b["iterations"]
+
+
+def test_damaged_and_foreign_cells_are_refused_and_kept(tmp_path):
+    study = small_table(tmp_path)
+    cell = Cell("1e0", 833)
+    path = tmp_path / "cells" / f"{cell.name}.npz"
+    path.parent.mkdir()
+    path.write_bytes(b"not a checkpoint")
+    with pytest.raises(ValueError, match="damaged"):
+        study.outcome(cell)
+    assert path.read_bytes() == b"not a checkpoint"
+    path.unlink()
+    checkpoint.save(path, {"study": "other"}, {}, {"v": np.zeros(3)})
+    with pytest.raises(ValueError, match="other work"):
+        study.outcome(cell)
+
+
+def test_starts_are_those_of_the_paper(tmp_path):
+    table = Table1(tmp_path, levels=3)
+    starts = {
+        ("1e4", 3201): ("1e4", 417),
+        ("1e4", 417): ("1e3", 417),
+        ("1e3", 417): None,
+        ("1e5*", 833): ("1e5", 417),
+        ("1e5*", 3201): ("1e5*", 1601),
+        ("default", 3201): None,
+        ("default*", 833): ("default*", 417),
+        ("default*", 1601): ("default*", 833),
+        ("default*", 417): None,
+    }
+    for cell, start in starts.items():
+        assert table.start_of(Cell(*cell)) == (None if start is None else Cell(*start)), cell
+    assert Table2(tmp_path, levels=1).start_of(Cell("1e4", 873)) is None
+
+
+def test_rows_that_the_paper_has_and_no_others(tmp_path):
+    assert Table1(tmp_path, levels=1).rows == (*TABLE_1, "default")
+    assert Table1(tmp_path, levels=1).paper_value(Cell("1e4", 833)) == 17
+    with pytest.raises(ValueError, match="the table has 1e0"):
+        Table1(tmp_path, rows=("1e7",))
+    with pytest.raises(ValueError, match="levels=7"):
+        Table1(tmp_path, levels=7)
+
+
+def test_figures_of_elastic_rows_alone_are_drawn(tmp_path):
+    """Rows that take one step everywhere used to end in an empty picture after the work."""
+    study = Table1(tmp_path, rows=("1e0",), nodes=(833,))
+    (axes,) = counts_figure(study, study.run()).axes
+    assert list(axes.lines[0].get_ydata()) == [1]
+
+
+def test_checkpoint_round_trip_and_truncation(tmp_path):
+    path = tmp_path / "c.npz"
+    assert checkpoint.load(path, {"a": 1}) is None
+    checkpoint.save(path, {"a": 1}, {"x": [1.5]}, {"v": np.arange(4.0)})
+    back = checkpoint.load(path, {"a": 1})
+    assert back.record == {"x": [1.5]}
+    assert (back.arrays["v"] == np.arange(4.0)).all()
+    whole = path.read_bytes()
+    for length in (0, 10, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        with pytest.raises(ValueError, match="damaged"):
+            checkpoint.load(path, {"a": 1})
+
+
+def test_report_of_a_finished_study(finished, tmp_path):
+    page = tmp_path / "report.html"
+    assert main(["report", str(finished), "--out", str(page)]) == 0
+    assert "Mesh independence" in page.read_text()
