@@ -48,21 +48,6 @@ class PrimalResult(DiscreteSolution):
         """The contact conditions N u <= gaps."""
         return self.state.reduced.rows
 
-    @property
-    def residual_norm(self) -> float:
-        """Relative norm of the nodal forces out of balance, ``PrimalOptions.tolerance``."""
-        return self.state.residual_norm
-
-    @property
-    def residual_rounding(self) -> float:
-        """What rounding leaves of ``residual_norm``: a smaller tolerance cannot be met."""
-        return self.state.rounding
-
-    @property
-    def primal_energy(self) -> float:
-        """J(u, p), (2.14) (force times length)."""
-        return self.state.energy
-
     @cached_property
     def dual_energy(self) -> float:
         """-J at the solution by an identity that only the solution satisfies.
@@ -92,18 +77,3 @@ class PrimalResult(DiscreteSolution):
         state, reduced = self.state, self.state.reduced
         forces = reduced.load.T, -state.contact_forces.T, state.missing.T
         return Equilibrium(self.problem, *forces, reduced.free.T)
-
-    @property
-    def nodal_contact_forces(self) -> np.ndarray:
-        """Force >= 0 of each contact row, positive in compression, shape (m,)."""
-        return self.state.multipliers
-
-    @property
-    def open_gap(self) -> np.ndarray:
-        """gaps - N u, shape (m,)."""
-        return self.state.open_gap
-
-    @cached_property
-    def largest_strain(self) -> float:
-        """The largest |eps(u)| at the points."""
-        return self.state.reduced.largest_strain(self.state.u)

@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 import pytest
 from bodies import CASES, pressed_body
-from ngepc.geometries import block, lshape, wrench
 from ngsolve import Norm, x
 
 from ngepc import (
@@ -16,8 +15,9 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
+from ngepc.geometries import block, lshape, wrench
 from ngepc.model.material import Material
-from ngepc.primal.options import PrimalOptions
+from ngepc.primal.run import PrimalOptions
 from ngepc.studies.step42 import WHOLE, step42_problem
 
 every_case = pytest.mark.parametrize(("shape", "kinematics", "order"), CASES)
