@@ -1,10 +1,10 @@
 """Small bodies of every shape of element, with loads that make a part yield and touch."""
 
-from ngepc.geometries import block, ring
 from ngsolve import x
 from ngsolve.meshes import MakeStructured3DMesh
 
 from ngepc import Material, Problem, outward_normal
+from ngepc.geometries import block, ring
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 

@@ -23,8 +23,8 @@ from ngsolve import (
     x,
 )
 
-from ngepc.discretisation.elements import element_numbers, element_vertices
 from ngepc.discretisation.rules import plastic_points
+from ngepc.model.elements import element_numbers, element_vertices
 from ngepc.model.kinematics import Kinematics
 
 CHUNK = 20_000

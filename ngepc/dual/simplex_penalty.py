@@ -17,7 +17,6 @@ from ngsolve import ET, BilinearForm, FESpace, InnerProduct, Integrate, Integrat
 from ngsolve.la import BaseMatrix, BaseVector
 
 from ngepc.checks.arguments import is_number
-from ngepc.discretisation.elements import element_vertices
 from ngepc.discretisation.quadrature import (
     KINKED,
     SMOOTH,
@@ -25,9 +24,10 @@ from ngepc.discretisation.quadrature import (
     fine_rules,
     smooth_rules,
 )
-from ngepc.discretisation.spaces import has_straight_simplices
+from ngepc.discretisation.rules import has_straight_simplices
 from ngepc.dual.parameters import Weights
 from ngepc.dual.radial import RadialLaw
+from ngepc.model.elements import element_vertices
 from ngepc.model.problem import Problem, as_scalar
 
 CHUNK_POINTS = 1 << 15

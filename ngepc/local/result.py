@@ -110,6 +110,16 @@ class ExactResult(DiscreteSolution):
         """Force >= 0 of each contact row, positive in compression, shape (m,)."""
         return self.state.multipliers
 
+    @property
+    def nodal_friction_forces(self) -> np.ndarray:
+        """Tangential forces of the body on the obstacle at each row, shape (m, N - 1)."""
+        return self.state.tangential_forces
+
+    @property
+    def nodal_slip(self) -> np.ndarray:
+        """What each row has slipped in this step (length), rounding where it sticks, (m, N - 1)."""
+        return self.state.slip
+
 
 def dual_energy(state: State) -> float:
     """J*(lambda, q) at a state (force times length).
@@ -137,5 +147,5 @@ def dual_energy(state: State) -> float:
     elastic = e - p - law.initial
     density = 0.5 * (law.bulk * volume**2 + two_mu * (elastic**2 - law.initial**2).sum(1))
     density += 0.5 * h * (p**2).sum(1) + ((law.back - q) * p).sum(1)
-    work = np.vdot(discrete.load, u) + state.multipliers @ discrete.rows.open_gap(u)
+    work = np.vdot(discrete.load, u) + state.contact @ discrete.contact.gaps(u)
     return -(points.integral(density) - float(work))

@@ -14,7 +14,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number, sample
-from ngepc.discretisation.elements import (
+from ngepc.model.elements import (
     combine,
     corner_vertices,
     element_facets,

@@ -18,8 +18,8 @@ from ngsolve import (
 )
 from scipy.sparse import csr_matrix
 
+from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.loads import Supports, applied_forces, nodal
-from ngepc.discretisation.rows import contact_rows
 from ngepc.discretisation.rules import plastic_points
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.primal.return_mapping import ReturnMapping
@@ -37,8 +37,8 @@ class ReducedEnergy:
 
     Attributes
     ----------
-    supports, rows
-        What holds the body, and the contact conditions N u <= gaps.
+    supports, contact
+        What holds the body, and the conditions of contact and friction.
     displacement
         The GridFunction that holds the displacement looked at last.
     mapping
@@ -47,13 +47,15 @@ class ReducedEnergy:
         Nodal forces of tractions and body force, shape (nodes, N).
     stiffness_diagonal
         Diagonal of the tangent at u = 0, shape (nodes, N): the size of forces per length.
+    row_stiffness
+        ``ContactConditions.stiffness`` of it.
     yield_forces
         Norm of nodal forces of size beta/h, those of stresses at the yield bound.
     """
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.supports = problem, Supports(problem)
-        self.rows = contact_rows(problem, self.supports)
+        self.contact = ContactConditions(problem, self.supports)
         self.free, space = self.supports.free, self.supports.space
         self.displacement = GridFunction(space, name="displacement")
         self.mapping = ReturnMapping(problem, self.displacement)
@@ -69,6 +71,7 @@ class ReducedEnergy:
         self._inverse = None
         matrix = csr_matrix(tuple(map(np.asarray, self._tangent.Assemble().mat.CSR())))
         self.stiffness_diagonal = nodal(matrix.diagonal(), problem)
+        self.row_stiffness = self.contact.stiffness(self.stiffness_diagonal)
         self.yield_forces = self._yield_forces()
 
     def _integral(self, density: CoefficientFunction):

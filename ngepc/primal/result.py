@@ -46,18 +46,20 @@ class PrimalResult(DiscreteSolution):
     @property
     def rows(self) -> ContactRows:
         """The contact conditions N u <= gaps."""
-        return self.state.reduced.rows
+        return self.state.reduced.contact.rows
 
     @cached_property
     def dual_energy(self) -> float:
         """-J at the solution by an identity that only the solution satisfies.
 
-        J = 1/2 (l(u, p) + int beta |p| - lambda . gaps + <reactions, prescribed u>): the sum with
-        ``primal_energy`` is a measure of what is left.
+        J = 1/2 (l(u, p) + int beta |p| - contact forces . N u + <reactions, prescribed u>) without
+        friction; with friction its work is added.  The sum with ``primal_energy`` is a measure of
+        what is left.
         """
         state = self.state
-        work = np.vdot(self.equilibrium.reaction.T, state.u) - state.multipliers @ self.rows.gaps
-        return -0.5 * (state.reduced.first_order_energy(state.u) + float(work))
+        work = np.vdot(self.equilibrium.reaction.T - state.contact_forces, state.u)
+        friction = -state.contact @ state.gaps + state.multipliers @ state.open_gap
+        return -0.5 * (state.reduced.first_order_energy(state.u) + float(work)) - friction
 
     @cached_property
     def displacement(self) -> GridFunction:
@@ -77,3 +79,13 @@ class PrimalResult(DiscreteSolution):
         state, reduced = self.state, self.state.reduced
         forces = reduced.load.T, -state.contact_forces.T, state.missing.T
         return Equilibrium(self.problem, *forces, reduced.free.T)
+
+    @property
+    def nodal_friction_forces(self) -> np.ndarray:
+        """Tangential forces of the body on the obstacle at each row, shape (m, N - 1)."""
+        return self.state.reduced.contact.tangential(self.state.contact)
+
+    @property
+    def nodal_slip(self) -> np.ndarray:
+        """What each row has slipped in this step (length), rounding where it sticks, (m, N - 1)."""
+        return -self.state.reduced.contact.tangential(self.state.gaps)

@@ -10,7 +10,8 @@ from functools import partial
 import numpy as np
 
 from ngepc.checks.arguments import require_integer, require_number
-from ngepc.linalg.complementarity import Multipliers, solve_complementarity
+from ngepc.discretisation.contact_step import ContactWork, with_contact
+from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.direct import SOLVER_ERRORS
 from ngepc.linalg.linesearch import Bracket
 from ngepc.primal.energy import ReducedEnergy
@@ -87,10 +88,10 @@ class Run:
     def __init__(
         self, reduced: ReducedEnergy, u: np.ndarray, options: PrimalOptions, monitor: Monitor | None
     ) -> None:
-        self.reduced, self.rows = reduced, reduced.rows
+        self.reduced, self.contact = reduced, reduced.contact
         self.options, self.monitor, self.history = options, monitor, History()
-        none = np.zeros(len(self.rows))
-        self.state, self.before = PrimalState(reduced, u, none, none > 0), None
+        self.compliance = Compliance(1 / reduced.row_stiffness)
+        self.state, self.before = PrimalState(reduced, u, np.zeros(len(self.contact))), None
 
     def result(self) -> PrimalResult:
         """Newton steps until the residual is small or something stops them."""
@@ -138,17 +139,16 @@ class Run:
         change, contact = self._direction()
         length, trials = 1.0, 0
         if here.penetration <= here.touching_distance:
-            length, trials = self._line_search(change, contact.values > 0)
-        multipliers = here.multipliers + length * (contact.values - here.multipliers)
-        multipliers = contact.values if length == 1 else multipliers
-        active = contact.values > 0
+            length, trials = self._line_search(change, contact)
+        if length < 1:
+            contact = here.contact + length * (contact - here.contact)
         self.before = here
-        self.state = PrimalState(self.reduced, here.u + length * change, multipliers, active)
+        self.state = PrimalState(self.reduced, here.u + length * change, contact)
         self._record(length, trials)
 
-    def _direction(self) -> tuple[np.ndarray, Multipliers]:
-        """The minimiser of Newton's model over the feasible set minus u, and contact there."""
-        reduced, rows, here = self.reduced, self.rows, self.state
+    def _direction(self) -> tuple[np.ndarray, np.ndarray]:
+        """The step to the solution of Newton's model with contact, and the contact forces there."""
+        reduced, here = self.reduced, self.state
         try:
             reduced.factorise(here.u)
         except SOLVER_ERRORS as error:
@@ -156,31 +156,28 @@ class Run:
         free = reduced.solve(-here.imbalance)
         if not np.isfinite(free).all():
             raise Interrupted(Status.NONFINITE, "the tangent stiffness is singular")
-        if not len(rows):
-            return free, Multipliers(here.multipliers, here.multipliers)
-        units = np.eye(len(rows))
-        found = solve_complementarity(
-            lambda i: rows.displacement(reduced.solve(rows.forces(units[i]))),
-            here.open_gap - rows.displacement(free),
-            here.active,
-            here.multipliers,
+        found = with_contact(
+            self.contact, reduced.solve, here.u, here.contact, free, self.compliance
         )
         if found is None:
-            raise Interrupted(Status.NONFINITE, "contact conditions of neighbours are dependent")
-        return free - reduced.solve(rows.forces(found.change)), found
+            raise Interrupted(Status.NONFINITE, self.contact.unsolvable)
+        return found
 
-    def _line_search(self, change: np.ndarray, closed: np.ndarray) -> tuple[float, int]:
+    def _line_search(self, change: np.ndarray, following: np.ndarray) -> tuple[float, int]:
         """The step length at most 1 where the energy is nearly smallest, and trials before it."""
         reduced, here = self.reduced, self.state
-        held = self.rows.forces(np.where(closed, here.multipliers, 0.0))  # does no work
-        rest = np.where(reduced.free, held - reduced.load, 0.0)
+        work = ContactWork(
+            self.contact, here.u, here.contact, change, following, here.touching_distance
+        )
+        rest = np.where(reduced.free, work.held - reduced.load, 0.0)
         terms = SLOPE_ROUNDING * np.abs(change) + 2 * EPSILON * np.abs(here.u)
         noise = float(np.vdot(np.abs(here.internal_forces), terms))
 
         def slope(t: float) -> float:
-            return float(np.vdot(reduced.internal_forces(here.u + t * change) + rest, change))
+            forces = reduced.internal_forces(here.u + t * change) + rest
+            return float(np.vdot(forces, change)) + work.slope(t)
 
-        first = float(np.vdot(here.internal_forces + rest, change))
+        first = slope(0.0)
         bracket = Bracket(first, 1.0)
         for trials in range(MOST_TRIALS):
             t, here_slope = bracket.trial, slope(bracket.trial)
@@ -209,7 +206,7 @@ class Run:
             energy=state.energy,
             step_length=length,
             halvings=trials,
-            contact_active=float(self.rows.weights[state.multipliers > 0].sum()),
+            contact_active=float(self.contact.rows.weights[state.multipliers > 0].sum()),
             plastic_active=self.reduced.plastic_measure(state.u),
         )
         self.history.append(record)

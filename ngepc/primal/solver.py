@@ -53,16 +53,10 @@ def primal_newton(
     ------
     TypeError
         If ``problem``, ``start`` or ``options`` is of the wrong kind.
-    ValueError
-        If the problem has friction.
     """
     require_instance("problem", problem, Problem, "a Problem")
     require_function("monitor", monitor, "a record", optional=True)
     options = PrimalOptions() if options is None else options
-    if problem.friction is not None:
-        raise ValueError(
-            f"friction={problem.friction!r}: this solver has none, use semismooth_newton"
-        )
     require_instance("options", options, PrimalOptions, "PrimalOptions(...)")
     given = None if start is None else nodal_values(start, problem)
     reduced = ReducedEnergy(problem)

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, sqrt
+from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, VectorH1, sqrt
 
 from ngepc.discretisation.rows import ContactRows
 from ngepc.discretisation.rules import plastic_points
@@ -17,6 +17,9 @@ from ngepc.results.summary import Summarised
 
 FEW_FACETS = 4
 """Fewer facets in contact do not resolve a contact zone."""
+
+SLIPPING = 1e-10
+"""Part of the largest displacement above which a row that touches has slipped."""
 
 SMALL_STRAIN = 0.1
 """Largest |eps(u)| at the points that small-strain kinematics is meant for."""
@@ -38,6 +41,8 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         ``rounding``.
     rows
         The contact conditions N u <= gaps.
+    nodal_friction_forces, nodal_slip
+        Tangential forces of the body on the obstacle and what has slipped, shape (m, N - 1).
     """
 
     problem: Problem
@@ -47,6 +52,8 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     plastic_increment: GridFunction
     state: Any
     rows: ContactRows
+    nodal_friction_forces: np.ndarray
+    nodal_slip: np.ndarray
 
     @cached_property
     def largest_strain(self) -> float:
@@ -107,12 +114,50 @@ class DiscreteSolution(Summarised, Recovered, Ending):
 
         Draw it on the contact boundary; inside the body it is the P1 extension and means nothing.
         """
-        rows, nv = self.rows, self.problem.mesh.nv
-        pressure = GridFunction(H1(self.problem.mesh, order=1), name="contact_pressure")
-        force = np.bincount(rows.vertices, self.nodal_contact_forces, minlength=nv)
-        area = np.bincount(rows.vertices, rows.weights, minlength=nv)
-        pressure.vec.FV().NumPy()[:] = force / np.where(area > 0, area, 1.0)
-        return pressure
+        return self._density("contact_pressure", self.nodal_contact_forces[:, None])
+
+    @cached_property
+    def friction_stress(self) -> GridFunction:
+        """Friction on the body over the area that belongs to it (stress), N components.
+
+        It is P1 like ``contact_pressure``, and zero without friction.
+        """
+        return self._density("friction_stress", self._friction_on_body)
+
+    @property
+    def friction_force(self) -> tuple[float, ...]:
+        """Resultant of the friction on the body, N components (force)."""
+        return tuple(self._friction_on_body.sum(axis=0).tolist())
+
+    @cached_property
+    def sliding(self) -> GridFunction:
+        """1 at vertices that touch the obstacle and slip, 0 elsewhere; P1 on the contact boundary.
+
+        Without friction all that touches counts as sliding.
+        """
+        size = np.linalg.norm(self.nodal_slip, axis=1)
+        slips = size > SLIPPING * float(np.abs(self.displacement.vec.FV().NumPy()).max(initial=0.0))
+        slips |= self.problem.friction is None
+        vertices = self.rows.vertices[slips & (self.nodal_contact_forces > 0)]
+        sliding = GridFunction(H1(self.problem.mesh, order=1), name="sliding")
+        sliding.vec.FV().NumPy()[vertices] = 1.0
+        return sliding
+
+    @property
+    def _friction_on_body(self) -> np.ndarray:
+        """Friction of the obstacle on the body at each row, shape (m, N)."""
+        return -np.einsum("md,mdj->mj", self.nodal_friction_forces, self.rows.tangents)
+
+    def _density(self, name: str, forces: np.ndarray) -> GridFunction:
+        """Forces of the rows, shape (m, components), over the area that belongs to them, P1."""
+        rows, mesh, components = self.rows, self.problem.mesh, forces.shape[1]
+        space = H1(mesh, order=1) if components == 1 else VectorH1(mesh, order=1)
+        density, area = GridFunction(space, name=name), np.zeros(mesh.nv)
+        np.add.at(area, rows.vertices, rows.weights)
+        values = density.vec.FV().NumPy().reshape(components, mesh.nv)
+        np.add.at(values.T, rows.vertices, forces)
+        values /= np.where(area > 0, area, 1.0)
+        return density
 
     @property
     def contact_area(self) -> float:

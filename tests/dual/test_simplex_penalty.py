@@ -5,7 +5,6 @@ import pytest
 from ngsolve import GridFunction, IfPos, x
 
 from ngepc import Coupled, DualSpaces, Material, Problem, lshape_problem
-from ngepc.discretisation.elements import element_vertices
 from ngepc.discretisation.quadrature import SMOOTH, classify
 from ngepc.discretisation.spaces import plastic_dual_space
 from ngepc.dual.parts import PlasticPart
@@ -13,6 +12,7 @@ from ngepc.dual.penalty import PlasticPenalty
 from ngepc.dual.simplex_penalty import SimplexPenalty
 from ngepc.geometries import block, lshape
 from ngepc.linalg.assembly import Placed
+from ngepc.model.elements import element_vertices
 
 MATERIAL = Material.kinematic(lame_lambda=1.0e3, lame_mu=1.0e3, yield_stress=1.25, hardening=100.0)
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bodies import FLAT
 from ngsolve import IfPos, InnerProduct, Integrate, ds, specialcf, x
 
 from ngepc.dual.newton import semismooth_newton
@@ -21,6 +23,9 @@ from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.outcome import SolverError, Status
+
+HERE = Path(__file__).parent
+BESIDE = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE.parent), *sys.path])}
 
 BOUND, K, H, K1 = 1.25, 100.0, 2.0, 8.0
 R = (H * BOUND) ** 2 * K1
@@ -38,7 +43,8 @@ def bar(material, mesh, load=1.0):
     """A body on rollers, pulled at the right: the stress is diag(load, 0) everywhere."""
     rollers = {"left": (0, None), "clamped": (None, 0)}
     traction = {"right": (load, 0)}
-    return Problem(mesh, material, clamped=None, prescribed=rollers, traction=traction)
+    supports = {"clamped": None, "prescribed": rollers}
+    return Problem(mesh, material, **supports, traction=traction, kinematics=FLAT[mesh.dim])
 
 
 def punched(material=MATERIALS["combined"], nodes=65):
@@ -253,7 +259,7 @@ def test_restart_continues_to_the_same_digits(tmp_path, way):
 
     if way == "killed":
         run = [sys.executable, "-c", KILLED, str(file)]
-        assert subprocess.run(run, cwd=Path(__file__).parent).returncode == -signal.SIGKILL
+        assert subprocess.run(run, cwd=HERE, env=BESIDE).returncode == -signal.SIGKILL
     else:
         stopped = evolve(problem, schedule, checkpoint=file, monitor=interrupt)
         assert stopped.status is Status.STOPPED

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from bodies import STEEL, curved
 from closed_forms import Sphere
-from ngepc.geometries import block, punch, ring
 from ngsolve import CF, Integrate, Norm, x, y, z
 from ngsolve.meshes import MakeStructured2DMesh
 
@@ -20,6 +19,7 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
+from ngepc.geometries import block, punch, ring
 from ngepc.model.material import lame_parameters
 
 both_methods = pytest.mark.parametrize("method", [semismooth_newton, primal_newton])
