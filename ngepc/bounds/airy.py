@@ -13,8 +13,8 @@ import numpy as np
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.conjugate import TO_PLANE
-from ngepc.bounds.held import Held, Pair
 from ngepc.bounds.element import AIRY_MAP, CORNERS, NORMALS, midpoint_rows
+from ngepc.bounds.held import Held, Pair
 from ngepc.bounds.triangles import PAIRS
 
 AIRY_POINTS = midpoint_rows(AIRY_MAP)

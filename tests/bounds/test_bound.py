@@ -30,7 +30,7 @@ def example(name, nodes):
     return wrench_problem(wrench.paper_mesh(nodes))
 
 
-@pytest.mark.parametrize("name, nodes", [("a", 417), ("a", 1601), ("b", 873)])
+@pytest.mark.parametrize(("name", "nodes"), [("a", 417), ("a", 1601), ("b", 873)])
 def test_effectivity_on_uniform_meshes(name, nodes):
     result = semismooth_newton(example(name, nodes))
     bound = error_bound(result)
@@ -137,12 +137,12 @@ def test_indicators_are_drawn_where_they_belong():
 MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
 
 
-def square(**data):
-    return Problem(block.mesh(0.5, (1.0, 1.0)), MATERIAL, **data)
+def square(material=MATERIAL, **data):
+    return Problem(block.mesh(0.5, (1.0, 1.0)), material, **data)
 
 
 @pytest.mark.parametrize(
-    "word, make",
+    ("word", "make"),
     [
         ("three", lambda: Problem(block.mesh(0.9), MATERIAL)),
         ("order", lambda: square(order=2)),
