@@ -49,6 +49,17 @@ class Stiffness:
         """View of the entries, shape (entries, N, N)."""
         return self.matrix.AsVector().FV().NumPy().reshape(-1, self.N, self.N)
 
+    def whole(self) -> SparseMatrixd:
+        """A matrix with both triangles, number by number, for solvers that need it."""
+        N, (rows, columns) = self.N, np.divmod(self._keys, self.points.scalar.ndof)
+        i, j = np.indices((N, N))
+        r = (N * rows[:, None, None] + i).ravel()
+        c = (N * columns[:, None, None] + j).ravel()
+        values, upper = self.entries.ravel(), np.repeat(rows != columns, N * N)
+        r, c = np.concatenate([r, c[upper]]), np.concatenate([c, r[upper]])
+        size, values = N * self.points.scalar.ndof, np.concatenate([values, values[upper]])
+        return SparseMatrixd.CreateFromCOO(r, c, values, size, size)
+
     def _places_of(self, block: Elements) -> tuple[np.ndarray, ...]:
         """Local pairs a >= b, the entry of each in each element, and where to transpose."""
         a, b = np.tril_indices(block.nodes.shape[1])

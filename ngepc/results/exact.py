@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
+from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, VectorH1, sqrt
 
 from ngepc.discretisation.rows import ContactRows
+from ngepc.discretisation.rules import plastic_points
 from ngepc.model.problem import Problem
 from ngepc.results.fields import Fields, Recovered
 from ngepc.results.outcome import Ending, History
@@ -34,16 +36,13 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         As in every result.
     ending
         A sentence about how the run ended, empty for a run that converged.
+    state
+        The last iterate with ``energy``, ``multipliers``, ``open_gap``, ``residual_norm`` and
+        ``rounding``.
     rows
         The contact conditions N u <= gaps.
-    nodal_contact_forces
-        Force >= 0 of each row, positive in compression, shape (m,).
     nodal_friction_forces, nodal_slip
         Tangential forces of the body on the obstacle and what has slipped, shape (m, N - 1).
-    open_gap
-        gaps - N u, shape (m,).
-    largest_strain
-        The largest |eps(u)| at the points.
     """
 
     problem: Problem
@@ -51,12 +50,43 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     ending: str
     displacement: GridFunction
     plastic_increment: GridFunction
+    state: Any
     rows: ContactRows
-    nodal_contact_forces: np.ndarray
     nodal_friction_forces: np.ndarray
     nodal_slip: np.ndarray
-    open_gap: np.ndarray
-    largest_strain: float
+
+    @cached_property
+    def largest_strain(self) -> float:
+        """The largest |eps(u)| at the points."""
+        mesh, strain = self.problem.mesh, self.strain
+        rules = plastic_points(mesh, self.problem.order)
+        points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
+        return float(np.max(sqrt(InnerProduct(strain, strain))(points)))
+
+    @property
+    def residual_norm(self) -> float:
+        """Relative norm of the forces out of balance and of what contact leaves."""
+        return self.state.residual_norm
+
+    @property
+    def residual_rounding(self) -> float:
+        """What rounding leaves of ``residual_norm``: a smaller tolerance cannot be met."""
+        return self.state.rounding
+
+    @property
+    def primal_energy(self) -> float:
+        """J(u, p) of (2.14), with int F |slip| where there is friction (force times length)."""
+        return self.state.energy
+
+    @property
+    def nodal_contact_forces(self) -> np.ndarray:
+        """Force >= 0 of each contact row, positive in compression, shape (m,)."""
+        return self.state.multipliers
+
+    @property
+    def open_gap(self) -> np.ndarray:
+        """gaps - N u of each contact row (length), shape (m,)."""
+        return self.state.open_gap
 
     @property
     def iterations(self) -> int:
