@@ -33,10 +33,11 @@ def main(out: Path, coarse: bool = False) -> str:
     assert abs(graded_result.reaction + graded_result.contact_resultant)[2] < 1e-9 * force
 
     def equal(axes):
-        plot_field(whole, axes=axes, title="step-42, hexahedra")
+        plot_field(whole, axes=axes, vmin=0, vmax=0.1, title="step-42, hexahedra")
 
     def graded(axes):
-        plot_field(graded_result, axes=axes, title="a quarter, graded tetrahedra")
+        title = "a quarter, graded tetrahedra"
+        plot_field(graded_result, axes=axes, vmin=0, vmax=0.1, title=title)
         axes.view_init(elev=25, azim=-135)  # onto the planes of symmetry
         axes.set_box_aspect((1, 1, 2), zoom=0.9)
 
