@@ -83,7 +83,11 @@ class Manufactured:
 
 
 def stretched_and_pressed(
-    mesh: Mesh, material: Material = STEEL, strain: float = 2e-3, pressure: float = 1.0
+    mesh: Mesh,
+    material: Material = STEEL,
+    strain: float = 2e-3,
+    pressure: float = 1.0,
+    order: int = 1,
 ) -> Manufactured:
     """The unit square, fixed below, sheared and stretched upwards, pressed by an obstacle above.
 
@@ -97,6 +101,8 @@ def stretched_and_pressed(
         Size of the strains (1); with the default material the upper part yields at 2e-3.
     pressure
         Largest contact pressure (stress), at x = 1/2; it falls to zero at x = 0.2 and x = 0.8.
+    order
+        Of the displacements of the problem.
     """
     u = strain * CF((x * y + y * y * sin(2 * x) / 2, y * y * cos(x) / 2 - x * y / 2))
     e = CF(
@@ -128,6 +134,8 @@ def stretched_and_pressed(
         body_force=f,
         contact="contact",
         gap=u[1] + apart,
+        kinematics="two-dimensional",
+        order=order,
     )
     return Manufactured(problem, u, e.Compile(), p.Compile(), sigma, pi)
 

@@ -97,7 +97,7 @@ def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> No
     if bulk <= 0:
         raise ValueError(
             f"lame_lambda={material.lame_lambda!r}: the elasticity is not elliptic, "
-            f"{N} lambda + 2 mu falls to {bulk:g}, > 0 is needed in {N} dimensions"
+            f"{N} lambda + 2 mu falls to {bulk:g}, > 0 is needed for {N} x {N} tensors"
         )
     name = "the hardening h = k + (H sigma_y)^2 k_1"
     h = require_finite(name, material.effective_hardening, mesh).min()
