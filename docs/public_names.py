@@ -87,13 +87,16 @@ def without_markup(line: str) -> str:
 
 
 def list_notes(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Put the pages that no other page lists into notes.md, and links to results/ right."""
-    listed = re.compile(r"^[\w/]+$", re.MULTILINE)
-    if docname == "notes":
+    """Put pages that no other page lists into notes.md and tables.md, and links to results/ right."""
+    listed = re.compile(r"^[\w/.]+$", re.MULTILINE)
+    if docname in ("notes", "tables"):
         app.env.note_reread()  # it depends on which pages there are
-        pages = {p.stem: p.read_text(encoding="utf-8") for p in Path(app.srcdir).glob("*.md")}
-        known = {name for text in pages.values() for name in listed.findall(text)}
-        source[0] += "\n".join(sorted(set(pages) - known - {"index"})) + "\n```\n"
+        folder = "results/" if docname == "tables" else ""
+        home = Path(app.srcdir)
+        texts = [page.read_text(encoding="utf-8") for page in home.glob("*.md")]
+        known = {name for text in texts for name in listed.findall(text)} | {"index"}
+        pages = {f"{folder}{page.stem}" for page in (home / folder).glob("*.md")}
+        source[0] += "\n".join(sorted(pages - known)) + "\n```\n"
     elif "/" not in docname:
         source[0] = source[0].replace("](../results/", "](results/")
 

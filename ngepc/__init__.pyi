@@ -26,6 +26,7 @@ from ngepc.local.result import ExactResult as ExactResult
 from ngepc.model import obstacles as obstacles
 from ngepc.model.examples import lshape_problem as lshape_problem
 from ngepc.model.examples import wrench_problem as wrench_problem
+from ngepc.model.friction import Coulomb as Coulomb
 from ngepc.model.kinematics import Kinematics as Kinematics
 from ngepc.model.material import Material as Material
 from ngepc.model.material import lame_parameters as lame_parameters
@@ -43,8 +44,8 @@ from ngepc.pictures.monitors import table_monitor as table_monitor
 from ngepc.pictures.report import write_report as write_report
 from ngepc.pictures.views import export_html as export_html
 from ngepc.pictures.views import show as show
-from ngepc.primal.options import PrimalOptions as PrimalOptions
 from ngepc.primal.result import PrimalResult as PrimalResult
+from ngepc.primal.run import PrimalOptions as PrimalOptions
 from ngepc.primal.solver import primal_newton as primal_newton
 from ngepc.results.fields import Fields as Fields
 from ngepc.results.outcome import SolverError as SolverError

@@ -51,6 +51,14 @@ class PointFunctions:
         result.vec.FV().NumPy()[:] = coefficients.T.ravel()
         return result
 
+    def transposed(self, slope: np.ndarray, components: int) -> np.ndarray:
+        """Derivatives by the values at the points, (points, components), from those by ``vec``."""
+        columns = slope.reshape(components, -1).T
+        values = np.empty_like(columns)
+        for block, inverse in zip(self.points.blocks, self._inverses, strict=True):
+            values[block.points] = inverse.swapaxes(1, 2) @ columns[self._dofs(block.points)]
+        return values
+
 
 def interpolated(problem: Problem, value: CoefficientFunction) -> GridFunction:
     """The discontinuous polynomial with the values of a coefficient at the points of a problem."""

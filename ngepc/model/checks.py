@@ -19,6 +19,7 @@ from ngepc.checks.arguments import (
     sample,
 )
 from ngepc.model.elements import element_nodes, vertices_of
+from ngepc.model.friction import Coulomb
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.support import check_support
@@ -202,7 +203,7 @@ def check_gap(problem: Problem) -> None:
 
 
 def check_friction(problem: Problem) -> None:
-    """A finite friction bound >= 0, none without a contact boundary; no u_0 without friction."""
+    """A finite friction law >= 0, none without contact; no u_0 without friction."""
     if problem.friction is None:
         if problem.initial_displacement is not None:
             raise ValueError(
@@ -214,10 +215,13 @@ def check_friction(problem: Problem) -> None:
         raise ValueError(
             f"friction={problem.friction!r}: name the contact boundary too, or leave friction out"
         )
-    require_coefficient("friction", problem.friction)
-    bound = require_finite("friction", problem.friction, problem.mesh, problem.contact_names)
-    if bound.min() < 0:
-        raise ValueError(f"friction falls to {bound.min():g}: values >= 0 are needed")
+    coulomb = isinstance(problem.friction, Coulomb)
+    name = "friction.coefficient" if coulomb else "friction"
+    value = problem.friction.coefficient if coulomb else problem.friction
+    require_coefficient(name, value)
+    least = require_finite(name, value, problem.mesh, problem.contact_names).min()
+    if least < 0:
+        raise ValueError(f"{name} falls to {least:g}: values >= 0 are needed")
     if problem.initial_displacement is not None:
         _check_vector("initial_displacement", problem.initial_displacement, problem.N)
         require_finite("initial_displacement", problem.u_0, problem.mesh, problem.contact_names)

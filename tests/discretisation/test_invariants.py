@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from netgen.meshing import Element1D, Element2D, Element3D, FaceDescriptor, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
-from ngepc.geometries import block, ring
 from ngsolve import BND, CF, Integrate, Mesh, x, y
 
 from ngepc import Material, Problem
@@ -23,6 +22,7 @@ from ngepc.discretisation.pointfunctions import PointFunctions, interpolated
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.rows import contact_rows
 from ngepc.discretisation.stiffness import Stiffness
+from ngepc.geometries import block, ring
 
 STEEL = Material.kinematic(lame_lambda=1000.0, lame_mu=800.0, yield_stress=5.0, hardening=100.0)
 TIGHT = settings(max_examples=80, deadline=None)

@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from ngepc.geometries import block
 from ngsolve import CF, InnerProduct, x, y, z
 
 from ngepc.dual.iterates import Iterate
@@ -14,6 +13,7 @@ from ngepc.dual.regularisation import Coupled
 from ngepc.dual.spaces import Units
 from ngepc.dual.system import NewtonSystem
 from ngepc.dual.tichonov import Fractional, FullProduct, PlasticSobolev
+from ngepc.geometries import block
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from ngepc.geometries import lshape
 from ngsolve import BND, CF, GridFunction, Integrate, specialcf
 
 from ngepc import (
@@ -22,6 +21,7 @@ from ngepc import (
 )
 from ngepc.discretisation.prolongation import prolongate
 from ngepc.dual.starts import coarse_start
+from ngepc.geometries import lshape
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, ring
 from ngsolve import BND, CF, Integrate, ds
 from scipy.integrate import dblquad, quad
 
@@ -28,6 +27,7 @@ from ngepc.dual.tichonov import (
     PlasticSobolev,
     SurfaceGradient,
 )
+from ngepc.geometries import block, lshape, ring
 
 QUICK = NewtonOptions(quadrature_points=49)
 

@@ -1,7 +1,6 @@
 """The primal solver: closed forms, identities, step-42, counts, statuses."""
 
 import dataclasses
-import itertools
 import math
 import re
 
@@ -28,7 +27,6 @@ from ngepc.discretisation.pointfunctions import interpolated
 from ngepc.discretisation.rows import contact_rows
 from ngepc.discretisation.rules import plastic_points
 from ngepc.geometries import block, lshape, ring
-from ngepc.linalg.complementarity import solve_complementarity
 from ngepc.linalg.linesearch import Bracket
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
@@ -348,25 +346,6 @@ def test_a_corner_between_two_obstacles_touches_both():
     assert result.displacement(mesh(1.0, 1.0)) == pytest.approx((-0.01, -0.02), rel=1e-12)
     assert len(result.rows) == 6
     assert np.abs(result.reaction + result.contact_resultant).max() < 1e-10
-
-
-def test_complementarity_solver_finds_the_solution_among_all_active_sets():
-    rng = np.random.default_rng(11)
-    for _ in range(40):
-        A, q = rng.normal(size=(6, 6)), rng.normal(size=6)
-        W = A @ A.T + 1e-3 * np.eye(6)
-        x0 = np.maximum(rng.normal(size=6), 0)
-        start = rng.random(6) < 0.5
-        found = solve_complementarity(lambda i, W=W: W[:, i], q + W @ x0, start, x0).values
-        candidates = []
-        for active in itertools.product([False, True], repeat=6):
-            s = np.array(active)
-            z = np.zeros(6)
-            z[s] = -np.linalg.solve(W[np.ix_(s, s)], q[s])
-            if z.min() >= 0 and (q + W @ z)[~s].min(initial=0) >= 0:
-                candidates.append(z)
-        assert len(candidates) == 1
-        assert found == pytest.approx(candidates[0], rel=1e-8, abs=1e-10)
 
 
 def test_random_problems_converge_with_exact_complementarity():

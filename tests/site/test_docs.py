@@ -29,7 +29,7 @@ NEEDS_MPI = DOCS / "howto" / "distributed.md"
 WITH_SNIPPETS = [
     p for p in PAGES if p != NEEDS_MPI and SNIPPET.search(p.read_text(encoding="utf-8"))
 ]
-ON_THEIR_OWN = ("README.md", "docs/first_steps.md", "docs/balanced.md")
+ON_THEIR_OWN = ("README.md", "docs/first_steps.md", "CONTRIBUTING.md")
 """Pages whose snippets need nothing; the others begin where the first steps end."""
 
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, wrench
 from ngsolve import CF
 
 from ngepc import (
@@ -18,6 +17,7 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
+from ngepc.geometries import block, lshape, wrench
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape
 from ngsolve import CF, H1, GridFunction, IfPos, Integrate, Norm, ds, dx, exp, x, y
 
 from ngepc import (
@@ -21,6 +20,7 @@ from ngepc import (
 )
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.dual.newton import prepared
+from ngepc.geometries import block, lshape
 from ngepc.theory.shifts import augmented_lagrangian, positive_part, updated_shifts
 
 QUICK = NewtonOptions(quadrature_points=49)

@@ -1,0 +1,74 @@
+"""The worked examples of CONTRIBUTING.md: each runs by itself and does what it says."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ngepc import Material, Problem, semismooth_newton
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+EXAMPLES = dict(
+    re.findall(r"^## An? (.*?)\n.*?```python\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
+)
+
+
+@pytest.fixture
+def example(request, tmp_path, monkeypatch):
+    """The names that an example leaves behind, run in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "example"}
+    exec(compile(EXAMPLES[request.param], request.param, "exec"), names)
+    return names
+
+
+def test_there_are_five_examples():
+    assert list(EXAMPLES) == ["hardening law", "obstacle", "kinematics", "line search", "study"]
+
+
+def test_every_room_has_its_sentence():
+    rooms = {p.name for p in (ROOT / "ngepc").iterdir() if (p / "__init__.py").is_file()}
+    told = set(re.findall(r"^\| `(\w+)` \|", TEXT, re.MULTILINE))
+    assert told == rooms - {"geometries", "notebooks"}
+
+
+@pytest.mark.parametrize("example", ["hardening law"], indirect=True)
+def test_voce_law_meets_its_closed_form(example):
+    result, s = example["saturating"], example["s"]
+    assert str(result.status) == "converged"
+    assert result.residual_norm < 1e-10
+    radius = 1.25 + 10 * s + 8 * (1 - np.exp(-20 * s))
+    assert radius == pytest.approx(np.sqrt(2) * example["tau"], rel=1e-8)
+
+
+@pytest.mark.parametrize("example", ["obstacle"], indirect=True)
+def test_roof_presses_with_its_ridge(example):
+    mesh = example["ground"]
+    steel = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=10.0, hardening=100.0)
+    problem = Problem(mesh, steel, contact="contact", gap=example["roof_gap"])
+    result = semismooth_newton(problem)
+    assert result.displacement(mesh(0.0, 0.0))[1] == pytest.approx(-0.03, rel=1e-9)
+    assert result.contact_force > 0
+
+
+@pytest.mark.parametrize("example", ["kinematics"], indirect=True)
+def test_a_slice_of_thickness_five_carries_five_times_the_force(example):
+    assert example["forces"][1] == pytest.approx(5 * example["forces"][0], rel=1e-9)
+
+
+@pytest.mark.parametrize("example", ["line search"], indirect=True)
+def test_thirds_converge(example):
+    assert str(example["thirds"].status) == "converged"
+
+
+@pytest.mark.parametrize("example", ["study"], indirect=True)
+def test_the_study_writes_its_table_and_resumes(example):
+    table = Path("out/orders.md").read_text(encoding="utf-8")
+    assert table.startswith("# Orders")
+    kept = sorted(path.name for path in Path("out/cells").iterdir())
+    assert kept == sorted(f"order {k}-{n}.npz" for n in (33, 65, 113) for k in (1, 2))
+    assert [r["energy"] for r in example["Orders"](Path("out")).run()] == [
+        r["energy"] for r in example["records"]
+    ]
