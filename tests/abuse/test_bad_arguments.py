@@ -25,6 +25,7 @@ from nonsense import (
 import ngepc
 from ngepc import (
     Armijo,
+    Coulomb,
     Coupled,
     DualParameters,
     DualSpaces,
@@ -118,6 +119,7 @@ USES = {
             "lame_lambda": NUMBERS | UNSEEN,
         },
     ),
+    "Coulomb": Use(Coulomb, {"coefficient": 0.3}, {"coefficient": NOT_NEGATIVE | UNSEEN}),
     "lame_parameters": Use(
         ngepc.lame_parameters, {"young": 1.0, "poisson": 0.3}, {"poisson": {"zero"}}
     ),
