@@ -247,12 +247,18 @@ def check_history(problem: Problem) -> None:
     scalar, back_stress = split_hardening(problem.initial_hardening)
     if scalar is not None:
         require_coefficient("initial_hardening", scalar)
-        if require_finite("initial_hardening", scalar, mesh).min() < 0:
-            raise ValueError("initial_hardening falls below 0: the scalar alpha_1 must be >= 0")
+        least = require_finite("initial_hardening", scalar, mesh).min()
+        if least < 0:
+            raise ValueError(f"initial_hardening falls to {least:g}: alpha_1 >= 0 is needed")
     if back_stress is not None:
         require_coefficient("initial_hardening", back_stress, [(N, N)])
         samples = require_finite("initial_hardening", back_stress, mesh)
         _check_symmetric("initial_hardening", samples.reshape(-1, N, N))
+    if problem.initial_accumulated is not None:
+        require_coefficient("initial_accumulated", problem.initial_accumulated)
+        least = require_finite("initial_accumulated", problem.initial_accumulated, mesh).min()
+        if least < 0:
+            raise ValueError(f"initial_accumulated falls to {least:g}: values >= 0 are needed")
 
 
 def _check_symmetric(name: str, A: np.ndarray) -> None:
