@@ -236,7 +236,7 @@ def test_bad_laws_are_refused(name):
 
 
 def test_bad_coefficients_are_refused():
-    with pytest.raises(ValueError, match="coefficient=-1: a number >= 0"):
+    with pytest.raises(ValueError, match="coefficient=-1: a finite number >= 0"):
         Coulomb(-1)
     with pytest.raises(TypeError, match="coefficient='1': a number or"):
         Coulomb("1")
