@@ -230,7 +230,11 @@ def check_friction(problem: Problem) -> None:
 
 
 def check_history(problem: Problem) -> None:
-    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
+    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind.
+
+    A polynomial with alpha_1 >= 0 at the integration points, which histories carry, may fall below
+    zero between them, but not its means on the elements.
+    """
     N, mesh = problem.kinematics.size, problem.mesh
     if problem.initial_plastic_strain is not None:
         require_coefficient("initial_plastic_strain", problem.initial_plastic_strain, [(N, N)])
