@@ -10,7 +10,6 @@ import multiprocessing
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -50,6 +49,15 @@ def child(function, *arguments, **limits):
     process = FORK.Process(target=body)
     process.start()
     return process
+
+
+def logged(arguments, log):
+    """Exit status of a command that writes its standard error to a file, line by line."""
+    os.dup2(os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
+    sys.stderr = os.fdopen(2, "w", buffering=1)
+    code = main(arguments)
+    sys.stderr.flush()
+    return code
 
 
 def finished(process, timeout=120):
@@ -219,24 +227,14 @@ def test_killed_writer_leaves_the_old_file_or_the_new_one(tmp_path):
 
 def interrupted_at(line, arguments, log):
     """Run ``ngepc --verbose`` and send SIGINT once a line with ``line`` has been logged."""
-    code = (
-        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
-        "from ngepc.__main__ import main; sys.exit(main(sys.argv[1:]))"
-    )
-    environment = {**os.environ, "NGS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
-    with log.open("w") as stream:
-        process = subprocess.Popen(
-            [sys.executable, "-c", code, "--verbose", *arguments],
-            stderr=stream,
-            stdout=subprocess.DEVNULL,
-            env=environment,
-        )
-        deadline = time.monotonic() + 100
-        while line not in log.read_text() and time.monotonic() < deadline:
-            assert process.poll() is None, log.read_text()
-            time.sleep(0.005)
-        process.send_signal(signal.SIGINT)
-        return process.wait(timeout=100)
+    log.touch()
+    process = child(logged, ["--verbose", *arguments], log)
+    deadline = time.monotonic() + 100
+    while line not in log.read_text() and time.monotonic() < deadline:
+        assert process.is_alive(), log.read_text()
+        time.sleep(0.005)
+    os.kill(process.pid, signal.SIGINT)
+    return finished(process)
 
 
 def test_ctrl_c_writes_the_state_of_a_solve(tmp_path):
@@ -251,9 +249,9 @@ def test_ctrl_c_writes_the_state_of_a_solve(tmp_path):
 
 
 def test_ctrl_c_ends_a_study_between_cells_and_a_rerun_completes_it(tmp_path):
-    """A cell that was stopped half-way (the long one, 1e5) is not kept as if it were finished."""
+    """A cell that was stopped half-way (the long one, 1e4) is not kept as if it were finished."""
     study, log = (
-        ["study", "table1", "--levels", "1", "--rows", "1e0,1e5", "--out"],
+        ["study", "table1", "--levels", "1", "--rows", "1e0,1e4", "--out"],
         tmp_path / "log",
     )
     assert interrupted_at("[1/2]", [*study, str(tmp_path / "cut")], log) == 130
@@ -327,15 +325,7 @@ def one_line(text):
 def refused(arguments, log, **limits):
     """The one line on stderr of a command that ends with status 2 under resource limits."""
 
-    def run():
-        handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-        os.dup2(handle, 2)
-        sys.stderr = os.fdopen(2, "w")
-        code = main(arguments)
-        sys.stderr.flush()
-        return code
-
-    assert finished(child(run, **limits)) == 2, log.read_text()
+    assert finished(child(logged, arguments, log, **limits)) == 2, log.read_text()
     return one_line(log.read_text())
 
 
