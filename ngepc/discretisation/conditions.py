@@ -118,9 +118,11 @@ class ContactConditions:
         mean = self.tangential(each).mean(axis=1)
         return np.concatenate([self.normal(each), np.repeat(mean, self.friction.d)])
 
-    def held(self, x: np.ndarray, following: np.ndarray, sticks: np.ndarray) -> np.ndarray:
+    def held(
+        self, x: np.ndarray, following: np.ndarray, touches: np.ndarray, sticks: np.ndarray
+    ) -> np.ndarray:
         """The forces x that do no work: normal ones of rows that stay closed, those that stick."""
-        closed = self.normal(following) > 0
+        closed = touches & (self.normal(following) > 0)
         if self.friction is not None:
             closed = np.concatenate([closed, np.repeat(sticks, self.friction.d)])
         return np.where(closed, x, 0.0)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.discretisation.contact_step import ContactWork, with_contact
+from ngepc.discretisation.contact_step import ROUNDING, ContactWork, with_contact
 from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.linesearch import Bracket
 from ngepc.local.factors import Tangent, TangentError
@@ -112,7 +112,8 @@ class Line:
     def noise(self) -> float:
         """What rounding leaves of a slope, also where du is nothing but rounding of u itself."""
         terms = NOISE * np.abs(self.target.change) + 2 * EPSILON * np.abs(self.here.u)
-        return float(np.vdot(np.abs(self.here.internal_forces), terms))
+        pressed = np.abs(self.target.contact).sum() * ROUNDING * np.abs(self.here.u).max()
+        return float(np.vdot(np.abs(self.here.internal_forces), terms) + pressed)
 
     def state(self, t: float) -> State:
         """The state at u + t du, with w and lambda moved along."""

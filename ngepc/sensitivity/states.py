@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from scipy.sparse import diags
 from scipy.sparse.linalg import spsolve
 
 from ngepc.discretisation.loads import nodal
+from ngepc.discretisation.points import Points
 from ngepc.evolution.result import Evolution, EvolutionStep
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
@@ -39,7 +41,8 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
         problems, states = [result.problem], [result.state.on_sphere]
     else:
         problems = [step.problem for step in result.steps]
-        states = [lambda step=step: restored_state(step) for step in result.steps]
+        points = result.memory.functions.points
+        states = [partial(restored_state, step, points) for step in result.steps]
     if not states:
         raise ValueError("result has no finished step: at least one is needed")
     if any(problem.friction is not None for problem in problems):
@@ -47,9 +50,9 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
     return states
 
 
-def restored_state(step: EvolutionStep) -> State:
+def restored_state(step: EvolutionStep, points: Points) -> State:
     """The state of a finished step from its displacement: contact forces are what is missing."""
-    discrete = DiscreteProblem(step.problem)
+    discrete = DiscreteProblem(step.problem, points)
     u = nodal(step.fields.displacement.vec.FV().NumPy(), step.problem)
     state, rows = discrete.state(u.copy()), discrete.rows
     closed = np.flatnonzero(state.open_gap <= CLOSED * np.abs(u).max())
@@ -59,4 +62,4 @@ def restored_state(step: EvolutionStep) -> State:
         normal = (rows.normal[closed] @ free).tocsr()
         found = spsolve((normal @ normal.T).tocsc(), normal @ -state.imbalance.ravel())
         multipliers[closed] = np.maximum(found, 0.0)
-    return discrete.state(u, multipliers=multipliers)
+    return discrete.state(u, contact=multipliers)

@@ -40,7 +40,9 @@ class TangentResult:
     Parameters
     ----------
     state
-        The solution, with the sides that biactive rows and points take in the direction.
+        The solution; ``state.at.yields`` has the sides that biactive points take.
+    held
+        Boolean, shape (m,): the rows that stay closed.
     data
         The change of the discrete data.
     u, multipliers
@@ -52,6 +54,7 @@ class TangentResult:
     """
 
     state: State
+    held: np.ndarray
     data: Data
     u: np.ndarray
     multipliers: np.ndarray
@@ -135,8 +138,8 @@ def change_of(state: State, data: Data) -> TangentResult:
     biactive, held = biactive_set(state), state.multipliers > 0
     for _ in range(EXCHANGES):
         found = change_with_sides(state, held, data, biactive)
-        held, yields = chosen_sides(found, held, data)
-        if (held == found.state.active).all() and (yields == state.at.yields).all():
+        held, yields = chosen_sides(found)
+        if (held == found.held).all() and (yields == state.at.yields).all():
             return found
         state = replace(state, at=replace(state.at, yields=yields)).on_sphere()
     raise TangentError(f"the sides of biactive rows and points did not settle: {biactive.message}")
@@ -187,17 +190,13 @@ def change_with_sides(
     volume, e = points.strain(u)
     p, stress = radial.forward(e, data)
     mean = law.bulk * volume + data.get("bulk", 0.0) * state.volume
-    here = replace(state, active=held)
-    return TangentResult(here, data, u, multipliers, p, stress, mean, biactive)
+    return TangentResult(state, held, data, u, multipliers, p, stress, mean, biactive)
 
 
-def chosen_sides(
-    found: TangentResult, held: np.ndarray, data: Data
-) -> tuple[np.ndarray, np.ndarray]:
+def chosen_sides(found: TangentResult) -> tuple[np.ndarray, np.ndarray]:
     """Held rows and yielding points that the change asks for: biactive ones may change side."""
-    state, biactive = found.state, found.biactive
-    rows, points = biactive.rows, biactive.points
-    held, yields = held.copy(), state.at.yields.copy()
+    state, data, rows, points = found.state, found.data, found.biactive.rows, found.biactive.points
+    held, yields = found.held.copy(), state.at.yields.copy()
     apart = data.get("gaps", 0.0) - state.discrete.rows.displacement(found.u)
     presses, opens = found.multipliers[rows] >= 0, apart[rows] >= 0
     held[rows] = np.where(held[rows], presses, ~opens)

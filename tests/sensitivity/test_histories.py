@@ -44,7 +44,7 @@ def test_a_load_cycle_of_twenty_steps(cycle):
 
 def test_states_are_rebuilt_from_displacements(cycle):
     for step in cycle.steps[::5]:
-        state = restored_state(step)
+        state = restored_state(step, cycle.memory.functions.points)
         assert state.multipliers.sum() == pytest.approx(step.record.contact_force, rel=1e-8)
         assert state.residual_norm < 1e-9
         at = state.discrete.points.at(step.fields.plastic_increment)
