@@ -16,6 +16,8 @@ import numpy as np
 
 from ngepc.linalg.compliance import Compliance
 
+EPSILON = float(np.finfo(float).eps)
+
 FIRST = 1e-2
 """Part of the slack below which the first change counts as rounding."""
 
@@ -73,4 +75,5 @@ def solve_by_secants(
         if not np.isfinite(answer).all():
             return None
         compliance.learn(change, answer)
+        slack = max(slack, EPSILON * np.abs(answer).max(initial=0.0))  # it stays in the gaps
     return None
