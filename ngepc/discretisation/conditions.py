@@ -114,7 +114,8 @@ class ContactConditions:
     def stiffness(self, diagonal: np.ndarray) -> np.ndarray:
         """Stiffness of the nodes of each row (force per length), one number for all its tangents.
 
-        A row whose tangents are held has that of its normal.  ``diagonal`` is that of the stiffness matrix, shape (nodes, N).
+        A row whose tangents are held has that of its normal.  ``diagonal`` is that of the stiffness
+        matrix, shape (nodes, N).
         """
         each = self.matrix.power(2) @ diagonal.ravel()
         if self.friction is None:

@@ -150,6 +150,11 @@ def overlap(one: Surface, two: Surface) -> Overlap:
     return Overlap(*(part[near] for part in parts))
 
 
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """The vectors divided by their lengths."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None]
+
+
 def _areas(corners: np.ndarray) -> np.ndarray:
     """Normals of the facets, as long as these are large."""
     sides = corners[:, 1:] - corners[:, :1]

@@ -16,10 +16,10 @@ import numpy as np
 
 from ngepc.linalg.compliance import Compliance
 
-ROUNDING = 1e-13
+ROUNDING = 3e-14
 """Part of an answer that is rounding."""
 
-FIRST = 1e-2
+FIRST = 3e-2
 """Part of the slack below which the first change counts as rounding."""
 
 RESTARTS = 4
