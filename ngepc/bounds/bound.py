@@ -181,7 +181,7 @@ def bound_of_state(
     rest = float(local_gaps(setting, state, 0 * stress).sum() + contact.sum())
     z = tightened(dual, z, stress, rest, effort or Effort())
     local = local_gaps(setting, state, z.mean(axis=1))
-    per_triangle, _ = setting.conjugate.integrals(at_nodes(z), setting.triangles.area, local)
+    per_triangle = setting.conjugate.integrals(at_nodes(z), setting.triangles.area, local)
     owners = setting.triangles.owners[setting.boundary.contact, 0]
     per_triangle += np.bincount(owners, contact, minlength=len(per_triangle))
     algebraic = algebraic_part(setting, state, tangent)

@@ -14,21 +14,12 @@ from ngepc import (
     lshape_problem,
     primal_newton,
     semismooth_newton,
-    wrench_problem,
 )
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.tightening import Effort
-from ngepc.geometries import block, lshape, wrench
+from ngepc.geometries import block, lshape
 from ngepc.geometries.bisection import triangulated
-
-LIMITS = {"a": -0.375251, "b": -0.0023608}
-"""Energies of Examples (a) and (b), from adaptive meshes."""
-
-
-def example(name, nodes):
-    if name == "a":
-        return lshape_problem(lshape.paper_mesh(nodes))
-    return wrench_problem(wrench.paper_mesh(nodes))
+from ngepc.studies.bounds import LIMITS, example
 
 
 @pytest.mark.parametrize(("name", "nodes"), [("a", 417), ("a", 1601), ("b", 873)])
