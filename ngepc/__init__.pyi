@@ -6,6 +6,9 @@ A name that comes from a room (``ngepc.model``) is a module, others are classes 
 from ngepc import geometries as geometries
 from ngepc import pictures as pictures
 from ngepc._version import __version__ as __version__
+from ngepc.bounds.adaptive import solve_to as solve_to
+from ngepc.bounds.bound import ErrorBound as ErrorBound
+from ngepc.bounds.bound import error_bound as error_bound
 from ngepc.dual.newton import NewtonOptions as NewtonOptions
 from ngepc.dual.newton import semismooth_newton as semismooth_newton
 from ngepc.dual.parameters import DualParameters as DualParameters

@@ -4,7 +4,7 @@ For every displacement u that is admissible and every stress that is in equilibr
 a contact pressure P >= 0,
 
     J(u) - inf J  <=  J(u) + D(sigma)
-                  =   int [phi(eps(u)) + phi*(sigma) - sigma : eps(u)] + int_contact P (psi - u . n),
+        =  int [phi(eps(u)) + phi*(sigma) - sigma : eps(u)] + int_contact P (psi - u . n),
 
 where phi is the density of J that is smallest over p.  Both integrands are nowhere negative: they
 are the indicators.
@@ -190,7 +190,7 @@ def bound_of_state(setting: Setting, given: State, effort: Effort | None = None)
 def local_gaps(setting: Setting, state: State, mean: np.ndarray) -> np.ndarray:
     """int [phi(eps) - sigma : eps] over each triangle for stresses with this mean (nt, 3)."""
     law = setting.discrete.law
-    phi = law.energy_density(state.volume, state.at) + setting.conjugate.constant
+    phi = law.energy_density(state.volume, state.at)
     work = np.einsum("tc,tc->t", mean, setting.strain(state))
     return setting.triangles.area * (phi - work)
 

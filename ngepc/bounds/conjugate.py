@@ -7,6 +7,8 @@ deviatoric coordinates d of the stress
     phi*(sigma) = m^2 / (2 bulk) + |d|^2 / (4 mu_2) + d . p_0 + mu_2 |p_0|^2
                   + 1/(2 h) ([|d - dev alpha_0| - beta]_+)^2.
 
+It is conjugate to the density of J, which leaves out mu_2 |p_0|^2.
+
 In the law of two dimensions m = a and d = b.  In plane strain no equation restricts sigma_zz, that
 is the coordinate d_1 = zeta of diag(1, 1, -2)/6^(1/2) with m = a - zeta/6^(1/2): every zeta bounds,
 the one that is taken nearly minimises phi*.
@@ -85,7 +87,7 @@ class Conjugate:
         self.constant = 0.5 * law.two_mu * np.einsum("td,td->t", law.initial, law.initial)
 
     def completed(self, z: np.ndarray, of: np.ndarray | slice = slice(None)) -> Completed:
-        """The whole stress for in-plane stresses z (triangles, points, 3) of the triangles ``of``."""
+        """The whole stress for in-plane z (triangles, points, 3) of the triangles ``of``."""
         if self.d == 2:
             return self._completed(z[..., 0], z[..., 1:], of)
         return self._completed(*self._with_zeta(z, self._best_zeta(z, of)), of)

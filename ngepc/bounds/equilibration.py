@@ -33,7 +33,10 @@ class Patches:
         self._number_corners()
         corners = self._edge_corners()
         self._first, self._second = corners[:, :, 0], corners[:, :, 1]
-        self.inverses = [self._inverse(t.outer & ~boundary.given[:, c]) for c in (0, 1)]
+        open_ = [t.outer & ~boundary.given[:, c] for c in (0, 1)]
+        first = self._inverse(open_[0])
+        same = (open_[0] == open_[1]).all()
+        self.inverses = [first, first if same else self._inverse(open_[1])]
 
     def _number_corners(self) -> None:
         """The place of each corner (triangle, vertex) among those of its vertex."""
@@ -59,16 +62,19 @@ class Patches:
     def _inverse(self, open_: np.ndarray) -> np.ndarray:
         """Pseudo-inverses of the vertices' Laplacians, (nv, most, most); open edges ground them."""
         t, nv, most = self.triangles, len(self.triangles.points), self.most
-        laplacian, inner = np.zeros(nv * most * most), ~t.outer
+        inner, places, values = ~t.outer, [], []
         grounded = np.zeros(nv, dtype=bool)
         grounded[t.edges[open_]] = True
         for end in (0, 1):
             base = t.edges[:, end] * most
             i, j = (self.place[c[:, end]] for c in (self._first, self._second))
-            pairs = [(i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)]
-            for a, b, value in pairs:
-                np.add.at(laplacian, ((base + a) * most + b)[inner], value)
-            np.add.at(laplacian, ((base + i) * most + i)[open_], 1.0)
+            for a, b, value in ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0)):
+                places.append(((base + a) * most + b)[inner])
+                values.append(np.full(len(places[-1]), value))
+            places.append(((base + i) * most + i)[open_])
+            values.append(np.ones(len(places[-1])))
+        where, what = np.concatenate(places), np.concatenate(values)
+        laplacian = np.bincount(where, what, minlength=nv * most * most)
         laplacian = laplacian.reshape(nv, most, most)
         there = np.arange(most) < self.count[:, None]
         mean = np.where(grounded, 0.0, 1 / self.count)[:, None, None]

@@ -6,6 +6,8 @@ nodes instead of single components, which takes a third of the time.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from ngsolve import H1, BaseMatrix, BilinearForm, dx
 from ngsolve.la import SparseMatrixd
@@ -31,9 +33,9 @@ class Stiffness:
 
     def __init__(self, points: Points, free: np.ndarray) -> None:
         self.points, self.N = points, points.kinematics.N
-        rows, columns = lower_pattern(points.scalar)
+        self.matrix = pattern_matrix(H1(points.mesh, order=points.order, dim=self.N))
+        rows, columns = lower_pattern(self.matrix)
         self._keys = rows * np.int64(points.scalar.ndof) + columns
-        self.matrix = _block_matrix(points)
         entries = self.entries
         if entries.shape[0] != len(rows):
             raise RuntimeError("the block matrix has another pattern than the scalar one")
@@ -43,6 +45,12 @@ class Stiffness:
         identity[diagonal] = (~free[rows[diagonal]])[:, :, None] & np.eye(self.N, dtype=bool)
         self._identity = identity
         self._places = [self._places_of(block) for block in points.blocks]
+
+    def another(self) -> Stiffness:
+        """One more matrix on the same pattern."""
+        other = copy(self)
+        other.matrix = self.matrix.CreateMatrix()
+        return other
 
     @property
     def entries(self) -> np.ndarray:
@@ -91,17 +99,11 @@ class Stiffness:
         self.entries[:] = values
 
 
-def lower_pattern(space: H1) -> tuple[np.ndarray, np.ndarray]:
+def lower_pattern(matrix: BaseMatrix) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the entries on and below the diagonal, row by row."""
-    matrix = pattern_matrix(space)
-    assert isinstance(matrix, SparseMatrixd)
     _, columns, starts = (np.asarray(a) for a in matrix.CSR())
     rows = np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts.astype(np.int64)))
     return rows, columns.astype(np.int64)
-
-
-def _block_matrix(points: Points) -> BaseMatrix:
-    return pattern_matrix(H1(points.mesh, order=points.order, dim=points.kinematics.N))
 
 
 def pattern_matrix(space: H1) -> BaseMatrix:

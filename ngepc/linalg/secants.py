@@ -19,6 +19,9 @@ from ngepc.linalg.compliance import Compliance
 FIRST = 1e-2
 """Part of the slack below which the first change counts as rounding."""
 
+RESTARTS = 4
+"""Products are at most so many times as many as rows."""
+
 
 class SmallAnswer(NamedTuple):
     """The change of the forces that meets the conditions, and whether it does so to rounding."""
@@ -63,7 +66,7 @@ def solve_by_secants(
         The forces; None if a number became NaN or infinite or rows are dependent.
     """
     compliance.restart()
-    for number in range(len(gaps) + 3):
+    for number in range(RESTARTS * (len(gaps) + 3)):
         change, exact = small(compliance, gaps, forces)
         rounding = slack * (1 if number else FIRST)
         if exact and np.abs(compliance @ change).max(initial=0.0) <= rounding:
@@ -72,5 +75,7 @@ def solve_by_secants(
         gaps, forces = gaps + answer, forces + change
         if not np.isfinite(answer).all():
             return None
-        compliance.learn(change, answer)
+        if not compliance.learn(change, answer):  # rounding of far larger answers hides this one
+            compliance.restart()
+            compliance.learn(change, answer)
     return None

@@ -126,11 +126,12 @@ class StuckError(Exception):
 
 def drowned(here: State, steps: int | None = None) -> str:
     """The sentences for a tolerance that rounding does not let any iterate meet."""
-    after = "" if steps is None else f"After {steps} steps the relative residual is "
+    after = "The" if steps is None else f"After {steps} steps the"
     return (
-        f"{after}{here.residual_norm:.3g}. Rounding alone leaves about {here.rounding:.2g} of it: "
-        "strains as large as these cancel in the stress, the hardening is small beside the elastic "
-        f"moduli. A tolerance above {1.1 * here.rounding:.2g} is within reach."
+        f"{after} relative residual is {here.residual_norm:.3g}. Rounding alone leaves about "
+        f"{here.rounding:.2g} of it: strains as large as these cancel in the stress, the hardening "
+        "is small beside the elastic moduli. "
+        f"A tolerance above {1.1 * here.rounding:.2g} is within reach."
     )
 
 

@@ -18,6 +18,7 @@ from ngepc.discretisation.law import Law, Return
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.points import Points
 from ngepc.discretisation.rows import ContactRows
+from ngepc.discretisation.stiffness import Stiffness
 from ngepc.model.problem import Problem
 
 EPSILON = float(np.finfo(float).eps)
@@ -55,6 +56,11 @@ class DiscreteProblem:
         self.contact = ContactConditions(problem, self.supports)
         self.rows: ContactRows = self.contact.rows
         self.load = applied_forces(problem, self.supports.space)
+
+    @cached_property
+    def stiffness(self) -> Stiffness:
+        """The pattern of the tangents; who fills it takes ``another()``."""
+        return Stiffness(self.points, self.supports.free)
 
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from ngepc.model.problem import Problem
 
 
+MEANS = 1e-12
+"""Part of the largest mean of a field on an element that counts as rounding."""
+
+
 def check_problem(problem: Problem) -> None:
     """Raise TypeError or ValueError for the first thing that is wrong with ``problem``."""
     check_material(problem.material, problem.mesh, problem.kinematics)
@@ -228,11 +232,7 @@ def check_friction(problem: Problem) -> None:
 
 
 def check_history(problem: Problem) -> None:
-    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind.
-
-    A polynomial with alpha_1 >= 0 at the integration points, which histories carry, may fall below
-    zero between them, but not its means on the elements.
-    """
+    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
     N, mesh = problem.kinematics.size, problem.mesh
     if problem.initial_plastic_strain is not None:
         require_coefficient("initial_plastic_strain", problem.initial_plastic_strain, [(N, N)])
@@ -251,14 +251,31 @@ def check_history(problem: Problem) -> None:
     scalar, back_stress = split_hardening(problem.initial_hardening)
     if scalar is not None:
         require_coefficient("initial_hardening", scalar)
-        size = np.abs(require_finite("initial_hardening", scalar, mesh)).max()
-        means = Integrate(CF(scalar), mesh, element_wise=True)
-        if np.min(means) < -1e-12 * size * np.max(Integrate(CF(1.0), mesh, element_wise=True)):
-            raise ValueError("initial_hardening falls below 0: the scalar alpha_1 must be >= 0")
+        least = _least_mean("initial_hardening", scalar, mesh)
+        if least < 0:
+            raise ValueError(f"initial_hardening falls to {least:g}: alpha_1 >= 0 is needed")
     if back_stress is not None:
         require_coefficient("initial_hardening", back_stress, [(N, N)])
         samples = require_finite("initial_hardening", back_stress, mesh)
         _check_symmetric("initial_hardening", samples.reshape(-1, N, N))
+    if problem.initial_accumulated is not None:
+        require_coefficient("initial_accumulated", problem.initial_accumulated)
+        least = _least_mean("initial_accumulated", problem.initial_accumulated, mesh)
+        if least < 0:
+            raise ValueError(f"initial_accumulated falls to {least:g}: values >= 0 are needed")
+
+
+def _least_mean(name: str, value: CoefficientFunction | float, mesh: Mesh) -> float:
+    """The least mean on an element, 0 for what rounding leaves below it.
+
+    Polynomials that are >= 0 at the integration points, which histories carry, may fall below zero
+    between them, but their means do not.
+    """
+    require_finite(name, value, mesh)
+    sums, sizes = (np.array(Integrate(CF(part), mesh, element_wise=True)) for part in (value, 1.0))
+    means = sums / sizes
+    least = float(means.min())
+    return 0.0 if abs(least) <= MEANS * np.abs(means).max() else least
 
 
 def _check_symmetric(name: str, A: np.ndarray) -> None:

@@ -122,8 +122,8 @@ class Run:
         if not np.isfinite(here.residual_norm + here.energy):
             cause = "The energy or the residual is NaN or infinite: check the coefficients."
             raise Interrupted(Status.NONFINITE, cause)
-        feasible = here.penetration <= here.touching_distance
-        if feasible and here.residual_norm <= self.options.tolerance:
+        touching = here.penetration <= here.touching_distance
+        if here.residual_norm <= self.options.tolerance and touching:
             return True
         settled = before is not None and here.residual_norm > SETTLED * before.residual_norm
         if settled and here.residual_norm <= here.rounding:

@@ -137,8 +137,8 @@ def test_indicators_are_drawn_where_they_belong():
 MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
 
 
-def square(**data):
-    return Problem(block.mesh(0.5, (1.0, 1.0)), MATERIAL, **data)
+def square(material=MATERIAL, **data):
+    return Problem(block.mesh(0.5, (1.0, 1.0)), material, **data)
 
 
 @pytest.mark.parametrize(
