@@ -6,6 +6,8 @@ nodes instead of single components, which takes a third of the time.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from ngsolve import H1, BaseMatrix, BilinearForm, dx
 from ngsolve.la import SparseMatrixd
@@ -49,6 +51,12 @@ class Stiffness:
             own = np.where(free, springs, 0.0)[rows[diagonal]]
             self._added[np.flatnonzero(diagonal)[:, None], axes, axes] += own
         self._places = [self._places_of(block) for block in points.blocks]
+
+    def another(self) -> Stiffness:
+        """One more matrix on the same pattern."""
+        other = copy(self)
+        other.matrix = self.matrix.CreateMatrix()
+        return other
 
     @property
     def entries(self) -> np.ndarray:
