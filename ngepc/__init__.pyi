@@ -6,6 +6,9 @@ A name that comes from a room (``ngepc.model``) is a module, others are classes 
 from ngepc import geometries as geometries
 from ngepc import pictures as pictures
 from ngepc._version import __version__ as __version__
+from ngepc.bounds.adaptive import solve_to as solve_to
+from ngepc.bounds.bound import ErrorBound as ErrorBound
+from ngepc.bounds.bound import error_bound as error_bound
 from ngepc.dual.newton import NewtonOptions as NewtonOptions
 from ngepc.dual.newton import semismooth_newton as semismooth_newton
 from ngepc.dual.parameters import DualParameters as DualParameters
@@ -26,6 +29,7 @@ from ngepc.local.result import ExactResult as ExactResult
 from ngepc.model import obstacles as obstacles
 from ngepc.model.examples import lshape_problem as lshape_problem
 from ngepc.model.examples import wrench_problem as wrench_problem
+from ngepc.model.friction import Coulomb as Coulomb
 from ngepc.model.kinematics import Kinematics as Kinematics
 from ngepc.model.material import Material as Material
 from ngepc.model.material import lame_parameters as lame_parameters
@@ -43,8 +47,8 @@ from ngepc.pictures.monitors import table_monitor as table_monitor
 from ngepc.pictures.report import write_report as write_report
 from ngepc.pictures.views import export_html as export_html
 from ngepc.pictures.views import show as show
-from ngepc.primal.options import PrimalOptions as PrimalOptions
 from ngepc.primal.result import PrimalResult as PrimalResult
+from ngepc.primal.run import PrimalOptions as PrimalOptions
 from ngepc.primal.solver import primal_newton as primal_newton
 from ngepc.results.fields import Fields as Fields
 from ngepc.results.outcome import SolverError as SolverError

@@ -112,3 +112,54 @@ class Ring:
         _, B, C = self.plastic(rho)
         s = math.sqrt(2) * self.mu * (2 * B / r**2 - C)
         return IfPos(r - rho, 0.0, (s - self.beta) / (2 * self.mu + self.h))
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A shell a < r < b under internal pressure, with linear hardening.
+
+    With s = sigma_theta - sigma_r and D = eps_theta - eps_r equilibrium (sigma_r' = 2 s/r) and
+    compatibility (eps_theta' = -D/r) give  D + 2 s/(3 K) = C/r^3,  where D = s/(2 mu) + 3 g/2 with
+    p = g diag(-1, 1/2, 1/2), and s = s_Y + 3 h g/2 where it yields, s_Y = (3/2)^(1/2) beta.
+    """
+
+    lame_lambda: float
+    mu: float
+    beta: float
+    h: float
+    a: float = 1.0
+    b: float = 2.0
+
+    @property
+    def three_K(self):
+        return 3 * self.lame_lambda + 2 * self.mu
+
+    @property
+    def k(self):
+        return 1 / (2 * self.mu) + 2 / self.three_K
+
+    @property
+    def s_Y(self):
+        return math.sqrt(1.5) * self.beta
+
+    @property
+    def soft(self):
+        return self.h * self.k / (1 + self.h * self.k)
+
+    def difference(self, c, r):
+        """s at r for a shell that yields up to c."""
+        elastic = self.s_Y * (c / r) ** 3
+        return elastic if r >= c else self.s_Y + self.soft * (elastic - self.s_Y)
+
+    def pressure(self, c):
+        """The pressure with which the shell yields up to c."""
+        outer = 2 / 3 * (1 - (c / self.b) ** 3)
+        inner = 2 * math.log(c / self.a) * (1 - self.soft)
+        inner += self.soft * 2 / 3 * ((c / self.a) ** 3 - 1)
+        return self.s_Y * (outer + inner)
+
+    def end_displacement(self, c, r):
+        """u at r = a or r = b."""
+        s, sigma_r = self.difference(c, r), 0.0 if r == self.b else -self.pressure(c)
+        trace = (3 * sigma_r + 2 * s) / self.three_K
+        return r / 3 * (trace + self.k * self.s_Y * (c / r) ** 3 - 2 * s / self.three_K)

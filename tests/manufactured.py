@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from coordinates import coordinates, deviator, tensor
 from ngsolve import (
     CF,
     CoefficientFunction,
@@ -34,7 +35,6 @@ from ngsolve import (
 
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.tensors import coordinates, deviator, tensor
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1000.0)
 
@@ -83,7 +83,11 @@ class Manufactured:
 
 
 def stretched_and_pressed(
-    mesh: Mesh, material: Material = STEEL, strain: float = 2e-3, pressure: float = 1.0
+    mesh: Mesh,
+    material: Material = STEEL,
+    strain: float = 2e-3,
+    pressure: float = 1.0,
+    order: int = 1,
 ) -> Manufactured:
     """The unit square, fixed below, sheared and stretched upwards, pressed by an obstacle above.
 
@@ -97,6 +101,8 @@ def stretched_and_pressed(
         Size of the strains (1); with the default material the upper part yields at 2e-3.
     pressure
         Largest contact pressure (stress), at x = 1/2; it falls to zero at x = 0.2 and x = 0.8.
+    order
+        Of the displacements of the problem.
     """
     u = strain * CF((x * y + y * y * sin(2 * x) / 2, y * y * cos(x) / 2 - x * y / 2))
     e = CF(
@@ -128,6 +134,8 @@ def stretched_and_pressed(
         body_force=f,
         contact="contact",
         gap=u[1] + apart,
+        kinematics="two-dimensional",
+        order=order,
     )
     return Manufactured(problem, u, e.Compile(), p.Compile(), sigma, pi)
 

@@ -1,1 +1,4 @@
-"""Bad input is refused before any work: single arguments, whole problems, their supports."""
+"""Checks of single arguments: each failure names the argument, its value and what is needed.
+
+The lowest room: it knows numbers, texts, objects and NGSolve's coefficients, but no problem.
+"""

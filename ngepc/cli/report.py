@@ -24,9 +24,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the report and name it."""
     from ngepc.pictures.report import solution_sections, write_report
-    from ngepc.results.runs import load_run
     from ngepc.studies.counts import folder_report
     from ngepc.studies.examples import THRESHOLDS, example
+    from ngepc.studies.runs import load_run
 
     if args.run_file.is_dir():
         name_written([folder_report(args.run_file, args.out or args.run_file / "report.html")])

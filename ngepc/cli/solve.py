@@ -98,8 +98,8 @@ def _solved(args: argparse.Namespace, method: str, problem: Problem) -> Result:
 
 def _start(args: argparse.Namespace, method: str | float, options: object) -> Result | None:
     from ngepc.dual.starts import coarse_problem, coarse_start
-    from ngepc.results.runs import load_run
     from ngepc.studies.examples import example, solved
+    from ngepc.studies.runs import load_run
 
     if args.start == "zero":
         return None
@@ -131,7 +131,7 @@ def _summary(record: dict) -> dict[str, object]:
 def _files(args: argparse.Namespace, method: str, record: dict, result: Result) -> list[Path]:
     written = []
     if args.save is not None:
-        from ngepc.results.runs import save_run
+        from ngepc.studies.runs import save_run
 
         place = {"name": args.problem, "nodes": args.nodes, "maxh": args.maxh}
         save_run(args.save, place, args.gamma, record, result)

@@ -10,7 +10,7 @@ import numpy as np
 from ngsolve import ET, VOL, IntegrationRule, Mesh
 
 from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient, is_number
-from ngepc.discretisation.elements import element_numbers, element_vertices
+from ngepc.model.elements import element_numbers, element_vertices
 
 SMOOTH_ORDER = 9
 SMOOTH_VARIATION = 0.1

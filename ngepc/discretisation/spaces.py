@@ -21,9 +21,8 @@ from ngsolve import (
 )
 
 from ngepc.checks.arguments import boundary_names
-from ngepc.discretisation.elements import element_vertices
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.tensors import coordinates_count
+from ngepc.model.rules import plastic_order
 
 AXES = "xyz"
 
@@ -69,24 +68,10 @@ def _copy_dofs(target: GridFunction, source: GridFunction, V: FESpace, axis: int
     target.vec.FV().NumPy()[dofs] = source.vec.FV().NumPy()[dofs]
 
 
-def has_straight_simplices(mesh: Mesh) -> bool:
-    """Whether all elements are triangles or tetrahedra with constant Jacobian.
-
-    The strain of a P1 displacement is then constant on each of them.
-    """
-    shapes = {vertices.shape[1] for vertices in element_vertices(mesh)}
-    return shapes == {mesh.dim + 1} and mesh.GetCurveOrder() <= 1 and mesh.deformation is None
-
-
-def plastic_order(mesh: Mesh) -> int:
-    """Order of the plastic strain on each element: that of the strain, 0 on straight simplices."""
-    return 0 if has_straight_simplices(mesh) else 1
-
-
 def plastic_space(problem: Problem) -> FESpace:
     """Q_h: discontinuous plastic strains of ``plastic_order`` in d orthonormal coordinates."""
     mesh = problem.mesh
-    return VectorValued(L2(mesh, order=plastic_order(mesh)), coordinates_count(problem.N))
+    return VectorValued(L2(mesh, order=plastic_order(mesh, 1)), problem.kinematics.d)
 
 
 def outer_boundaries(mesh: Mesh) -> set[str]:
@@ -122,4 +107,4 @@ def plastic_dual_space(problem: Problem, *, boundary_fixed: bool = True) -> FESp
     """R_h: continuous P1 with d components, by default zero on the boundary of the body."""
     outer = "|".join(sorted(outer_boundaries(problem.mesh)))
     conditions = {"dirichlet": outer} if boundary_fixed else {}
-    return VectorValued(H1(problem.mesh, order=1, **conditions), coordinates_count(problem.N))
+    return VectorValued(H1(problem.mesh, order=1, **conditions), problem.kinematics.d)

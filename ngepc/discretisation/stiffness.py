@@ -31,9 +31,9 @@ class Stiffness:
 
     def __init__(self, points: Points, free: np.ndarray) -> None:
         self.points, self.N = points, points.kinematics.N
-        rows, columns = _lower_pattern(points.scalar)
+        self.matrix = pattern_matrix(H1(points.mesh, order=points.order, dim=self.N))
+        rows, columns = lower_pattern(self.matrix)
         self._keys = rows * np.int64(points.scalar.ndof) + columns
-        self.matrix = _block_matrix(points)
         entries = self.entries
         if entries.shape[0] != len(rows):
             raise RuntimeError("the block matrix has another pattern than the scalar one")
@@ -49,12 +49,27 @@ class Stiffness:
         """View of the entries, shape (entries, N, N)."""
         return self.matrix.AsVector().FV().NumPy().reshape(-1, self.N, self.N)
 
+    def whole(self) -> SparseMatrixd:
+        """A matrix with both triangles, number by number, for solvers that need it."""
+        N, (rows, columns) = self.N, np.divmod(self._keys, self.points.scalar.ndof)
+        i, j = np.indices((N, N))
+        r = (N * rows[:, None, None] + i).ravel()
+        c = (N * columns[:, None, None] + j).ravel()
+        values, upper = self.entries.ravel(), np.repeat(rows != columns, N * N)
+        r, c = np.concatenate([r, c[upper]]), np.concatenate([c, r[upper]])
+        size, values = N * self.points.scalar.ndof, np.concatenate([values, values[upper]])
+        return SparseMatrixd.CreateFromCOO(r, c, values, size, size)
+
     def _places_of(self, block: Elements) -> tuple[np.ndarray, ...]:
         """Local pairs a >= b, the entry of each in each element, and where to transpose."""
         a, b = np.tril_indices(block.nodes.shape[1])
         i, j = block.nodes[:, a], block.nodes[:, b]
         keys = np.maximum(i, j) * np.int64(self.points.scalar.ndof) + np.minimum(i, j)
         return a, b, np.searchsorted(self._keys, keys), i < j
+
+    def diagonal_places(self, nodes: np.ndarray) -> np.ndarray:
+        """Where in ``entries`` the diagonal blocks of these nodes are."""
+        return np.searchsorted(self._keys, nodes * np.int64(self.points.scalar.ndof + 1))
 
     def fill(self, moduli: Moduli) -> None:
         """Assemble the entries for these moduli at the points."""
@@ -76,20 +91,14 @@ class Stiffness:
         self.entries[:] = values
 
 
-def _lower_pattern(space: H1) -> tuple[np.ndarray, np.ndarray]:
+def lower_pattern(matrix: BaseMatrix) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the entries on and below the diagonal, row by row."""
-    matrix = _assembled(space)
-    assert isinstance(matrix, SparseMatrixd)
     _, columns, starts = (np.asarray(a) for a in matrix.CSR())
     rows = np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts.astype(np.int64)))
     return rows, columns.astype(np.int64)
 
 
-def _block_matrix(points: Points) -> BaseMatrix:
-    return _assembled(H1(points.mesh, order=points.order, dim=points.kinematics.N))
-
-
-def _assembled(space: H1) -> BaseMatrix:
+def pattern_matrix(space: H1) -> BaseMatrix:
     """A symmetric matrix with the pattern of the space."""
     u, v = space.TnT()
     form = BilinearForm(space, symmetric=True, symmetric_storage=True)

@@ -28,7 +28,6 @@ from ngepc.dual.parts import dual_parts
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.tensors import coordinates, strain, tensor
 
 REFINEMENTS = 1
 """Corrections of y by the residual of D y = Lambda* v - l; a second one is rounding."""
@@ -48,24 +47,24 @@ def elastic_terms(
 
     Each part has one trial and one test function: that is several times cheaper to assemble.
     """
-    m, N = problem.material, problem.N
-    e, d, mu = strain(u), strain(v), as_scalar(m.lame_mu)
+    m, kinematics = problem.material, problem.kinematics
+    e, d, mu = kinematics.strain(u), kinematics.strain(v), as_scalar(m.lame_mu)
     return [
         m.lame_lambda * Trace(e) * Trace(d) + 2 * mu * InnerProduct(e, d),
-        -2 * mu * (coordinates(e, N) * r),
-        -2 * mu * (coordinates(d, N) * p),
+        -2 * mu * (kinematics.coordinates(e) * r),
+        -2 * mu * (kinematics.coordinates(d) * p),
         (2 * mu + h) * (p * r),
     ]
 
 
 def load_terms(problem: Problem, v: CoefficientFunction, r: CoefficientFunction) -> list:
     """The integrals of -l(v, r) in (2.15) and (2.16): loads, back stress, initial strain."""
-    m, N = problem.material, problem.N
+    m, kinematics = problem.material, problem.kinematics
     terms = external_work(problem, v)
     if problem.initial_hardening is not None:
-        terms.append(-coordinates(problem.alpha_0[1], N) * r * dx)
+        terms.append(-kinematics.coordinates(problem.alpha_0[1]) * r * dx)
     if problem.initial_plastic_strain is not None:
-        e = strain(v) - tensor(r, N)
+        e = kinematics.strain(v) - kinematics.tensor(r)
         terms.append(2 * as_scalar(m.lame_mu) * InnerProduct(e, problem.p_0) * dx)
     return terms
 
@@ -86,11 +85,8 @@ def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
     return strain_energy + dissipation - sum(Integrate(t, mesh) for t in load_terms(problem, u, p))
 
 
-PAPERS_KINEMATICS = ("two-dimensional", "solid")
-
-
 def require_papers_problem(problem: Problem) -> None:
-    """Accept what the paper's method is for: its kinematics, order one, no friction.
+    """Accept what the paper's method is for: no body of revolution, order one, no friction.
 
     Raises
     ------
@@ -104,10 +100,10 @@ def require_papers_problem(problem: Problem) -> None:
         )
     if problem.order != 1:
         raise ValueError(f"order={problem.order}: the regularised method needs 1; {advice}")
-    if problem.kinematics.name not in PAPERS_KINEMATICS:
+    if problem.kinematics.hoop:
         raise ValueError(
-            f"kinematics={problem.kinematics.name!r}: the regularised method is for "
-            f"{' and '.join(PAPERS_KINEMATICS)} bodies; {advice}"
+            f"kinematics={problem.kinematics.name!r}: the regularised method has no bodies of "
+            f"revolution; {advice}"
         )
 
 
@@ -117,7 +113,7 @@ class LinearBlocks:
     Parameters
     ----------
     problem
-        The data: the paper's kinematics, order one, no friction.
+        The data: order one, no friction, no body of revolution.
     choice
         The spaces of the dual variables.
     inverse

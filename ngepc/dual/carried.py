@@ -18,7 +18,6 @@ from ngepc.dual.parameters import Weights
 from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import as_scalar
-from ngepc.model.tensors import coordinates_count
 
 
 def carried_over(start: DualResult, functional: DualFunctional) -> BaseVector:
@@ -54,8 +53,8 @@ def _keep_multipliers(before: Weights, new: DualFunctional, v: BaseVector) -> No
     after, part_of = new.weights, new.blocks.part_of
     if before.plastic != after.plastic:
         q = part_of(v, PLASTIC).FV().NumPy()
-        threshold = nodal(before.threshold, new.blocks.problem.mesh)
-        values = q.reshape(coordinates_count(new.blocks.problem.N), -1)
+        threshold = _nodal(before.threshold, new.blocks.problem.mesh)
+        values = q.reshape(new.blocks.problem.kinematics.d, -1)
         q[:] = scaled_excess(values, threshold, before.plastic / after.plastic).ravel()
     if CONTACT in new.blocks.parts:
         z = part_of(v, CONTACT).FV().NumPy()
@@ -79,7 +78,7 @@ def scaled_excess(q: np.ndarray, threshold: np.ndarray, ratio: float) -> np.ndar
     return q * (1 + (ratio - 1) * excess / np.where(size > 0, size, 1.0))
 
 
-def nodal(coefficient: Coefficient, mesh: Mesh) -> np.ndarray:
+def _nodal(coefficient: Coefficient, mesh: Mesh) -> np.ndarray:
     """The values of a coefficient at the vertices, averaged where it jumps; shape (nv,) or ()."""
     if is_number(coefficient):
         return np.array(float(coefficient))

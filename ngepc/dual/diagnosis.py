@@ -10,10 +10,10 @@ from ngsolve import H1, GridFunction
 from ngsolve.la import BaseVector
 
 from ngepc.checks.arguments import is_number
-from ngepc.discretisation.elements import vertex_coordinates
 from ngepc.discretisation.prolongation import vertex_dofs
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.parts import CONTACT
+from ngepc.model.elements import vertex_coordinates
 from ngepc.results.outcome import History, IterationRecord, Status
 
 WINDOW = 5

@@ -24,7 +24,6 @@ from ngsolve import (
 from ngsolve.la import BaseMatrix, BaseVector
 
 from ngepc.checks.arguments import is_number
-from ngepc.discretisation.elements import element_numbers, element_vertices
 from ngepc.discretisation.quadrature import (
     KINKED,
     SMOOTH,
@@ -36,6 +35,7 @@ from ngepc.discretisation.quadrature import (
 )
 from ngepc.dual.parameters import Weights
 from ngepc.dual.radial import RadialLaw
+from ngepc.model.elements import element_numbers, element_vertices
 from ngepc.model.problem import Problem, as_scalar
 
 

@@ -8,12 +8,13 @@ from functools import cached_property
 from ngsolve import H1, CoefficientFunction, GridFunction, Integrate, Norm, ds
 from ngsolve.la import BaseVector
 
+from ngepc.discretisation.loads import applied_forces
 from ngepc.dual.blocks import primal_energy
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.regularisation import Coupled
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.results.equilibrium import Equilibrium, applied_forces
+from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.fields import Fields, Recovered
 from ngepc.results.outcome import Ending, History, Status
 from ngepc.results.summary import Summarised
@@ -122,7 +123,7 @@ class DualResult(Summarised, Recovered, Ending):
         internal, contact = self.y.CreateVector(), self.y.CreateVector()
         internal.data = blocks.D * self.y - blocks.load
         contact.data = blocks.Lambda.T * self.v
-        applied = applied_forces(self.problem, V)
+        applied = applied_forces(self.problem, V).T
         internal, contact = (
             f.FV().NumPy()[: V.ndof].reshape(applied.shape).copy() for f in (internal, contact)
         )

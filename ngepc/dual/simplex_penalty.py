@@ -17,7 +17,6 @@ from ngsolve import ET, BilinearForm, FESpace, InnerProduct, Integrate, Integrat
 from ngsolve.la import BaseMatrix, BaseVector
 
 from ngepc.checks.arguments import is_number
-from ngepc.discretisation.elements import element_vertices
 from ngepc.discretisation.quadrature import (
     KINKED,
     SMOOTH,
@@ -25,11 +24,11 @@ from ngepc.discretisation.quadrature import (
     fine_rules,
     smooth_rules,
 )
-from ngepc.discretisation.spaces import has_straight_simplices
 from ngepc.dual.parameters import Weights
 from ngepc.dual.radial import RadialLaw
+from ngepc.model.elements import element_vertices
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.tensors import coordinates_count
+from ngepc.model.rules import has_straight_simplices
 
 CHUNK_POINTS = 1 << 15
 """Points that are looked at together: their arrays fit into the cache."""
@@ -89,7 +88,7 @@ class SimplexPenalty:
         self.gamma, self.threshold = weights.plastic, float(weights.threshold)
         (self.nodes,) = element_vertices(mesh)
         self.volumes = np.array(Integrate(as_scalar(1.0), mesh, element_wise=True))
-        self.components, self.R = coordinates_count(N), R
+        self.components, self.R = problem.kinematics.d, R
         shape = ET.TRIG if N == 2 else ET.TET
         rules = {SMOOTH: smooth_rules(N), KINKED: fine_rules(N, quadrature_points)}
         self.rules = {kind: Barycentric.of(rule[shape]) for kind, rule in rules.items()}

@@ -9,7 +9,7 @@ that on the same meshes, paths end earlier (docs/reading.md).
 import numpy as np
 from ngsolve import BND, VOL, Integrate, Mesh
 
-from ngepc.discretisation.elements import element_nodes, vertex_coordinates
+from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.model.problem import Problem
 
 

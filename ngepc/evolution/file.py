@@ -15,6 +15,7 @@ from ngepc.checks.arguments import boundary_names, sample
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.spaces import displacement_space
 from ngepc.evolution.load_path import ListedSteps, Schedule
+from ngepc.model.friction import Coulomb
 from ngepc.model.problem import Problem, as_vector
 from ngepc.results.checkpoint import load, mesh_fingerprint, save
 from ngepc.results.fields import Fields
@@ -133,7 +134,10 @@ def problem_fingerprint(problem: Problem) -> str:
         for name, value in sorted(kind.items()):
             digest.update(name.encode() + sample(value, mesh, [name]).tobytes())
     if problem.friction is not None:
-        digest.update(sample(problem.friction, mesh, list(problem.contact_names)).tobytes())
+        law = problem.friction
+        value = law.coefficient if isinstance(law, Coulomb) else law
+        digest.update(b"Coulomb" if isinstance(law, Coulomb) else b"Tresca")
+        digest.update(sample(value, mesh, list(problem.contact_names)).tobytes())
     if problem.initial_displacement is not None:
         digest.update(sample(as_vector(problem.initial_displacement), mesh).tobytes())
     for names, components in sorted((problem.prescribed or {}).items()):

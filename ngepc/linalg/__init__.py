@@ -1,1 +1,1 @@
-"""linalg."""
+"""Linear algebra without finite elements: direct solvers, complementarity, step lengths."""

@@ -1,1 +1,4 @@
-"""The discrete problem itself: dual variables at the integration points, nothing regularised."""
+"""The default method: Newton's for the discrete problem itself, with nothing regularised.
+
+Displacements at the nodes and the dual variable at the integration points are its unknowns.
+"""

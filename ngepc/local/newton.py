@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from ngepc.linalg.compliance import Compliance
 from ngepc.local.factors import Tangent, TangentError
 from ngepc.local.result import ExactResult
 from ngepc.local.step import Line, newton_target, step_length
@@ -56,6 +57,7 @@ def run(
         Called with the record of each iterate; raising StopIteration stops.
     """
     history, before, length, trials = History(), None, 1.0, 0
+    compliance = Compliance(1 / discrete.row_stiffness)
     status, message = None, ""
     try:
         while status is None:
@@ -67,7 +69,7 @@ def run(
             status, message = verdict(state, before, history, tolerance, max_iterations)
             if status is None:
                 before = state
-                state, length, trials = following(state, tangent)
+                state, length, trials = following(state, tangent, compliance)
     except TangentError as error:
         status, message = Status.NONFINITE, f"{error}."
     except StuckError as stuck:
@@ -77,9 +79,9 @@ def run(
     return ExactResult(state, status, message, history)
 
 
-def following(here: State, tangent: Tangent) -> tuple[State, float, int]:
+def following(here: State, tangent: Tangent, compliance: Compliance) -> tuple[State, float, int]:
     """The next state, the step length and its trials."""
-    line = Line(here, newton_target(here, tangent))
+    line = Line(here, newton_target(here, tangent, compliance))
     if here.penetration > here.touching_distance:
         return line.state(1.0), 1.0, 0  # the first step makes u feasible
     found = step_length(line)
@@ -124,11 +126,12 @@ class StuckError(Exception):
 
 def drowned(here: State, steps: int | None = None) -> str:
     """The sentences for a tolerance that rounding does not let any iterate meet."""
-    after = "" if steps is None else f"After {steps} steps the relative residual is "
+    after = "The" if steps is None else f"After {steps} steps the"
     return (
-        f"{after}{here.residual_norm:.3g}. Rounding alone leaves about {here.rounding:.2g} of it: "
-        "strains as large as these cancel in the stress, the hardening is small beside the elastic "
-        f"moduli. A tolerance above {1.1 * here.rounding:.2g} is within reach."
+        f"{after} relative residual is {here.residual_norm:.3g}. Rounding alone leaves about "
+        f"{here.rounding:.2g} of it: strains as large as these cancel in the stress, the hardening "
+        "is small beside the elastic moduli. "
+        f"A tolerance above {1.1 * here.rounding:.2g} is within reach."
     )
 
 
@@ -147,6 +150,7 @@ def record_of(
         back_substitutions=tangent.back_substitutions if iteration else 0,
         linear_iterations=tangent.linear_iterations if iteration else 0,
         contact_active=float(rows.weights[state.multipliers > 0].sum()),
+        friction_active=float(rows.weights[state.sliding].sum()),
         plastic_active=points.integral(state.at.yields.astype(float)),
     )
 

@@ -58,31 +58,11 @@ class ExactResult(DiscreteSolution):
         return self.discrete.rows
 
     @property
-    def open_gap(self) -> np.ndarray:
-        """gaps - N u, shape (m,)."""
-        return self.state.open_gap
-
-    @property
     def largest_strain(self) -> float:
         """The largest |eps(u)| at the points."""
         state, size = self.state, self.problem.kinematics.size
         squared = state.volume**2 / size + (state.deviator**2).sum(1)
         return float(np.sqrt(squared.max(initial=0.0)))
-
-    @property
-    def residual_norm(self) -> float:
-        """Relative norm of the forces out of balance and of what contact leaves."""
-        return self.state.residual_norm
-
-    @property
-    def residual_rounding(self) -> float:
-        """What rounding leaves of ``residual_norm``: a smaller tolerance cannot be met."""
-        return self.state.rounding
-
-    @property
-    def primal_energy(self) -> float:
-        """J(u, p) of (2.14), with int F |slip| where there is friction (force times length)."""
-        return self.state.energy
 
     @cached_property
     def dual_energy(self) -> float:
@@ -126,9 +106,14 @@ class ExactResult(DiscreteSolution):
         )
 
     @property
-    def nodal_contact_forces(self) -> np.ndarray:
-        """Force >= 0 of each contact row, positive in compression, shape (m,)."""
-        return self.state.multipliers
+    def nodal_friction_forces(self) -> np.ndarray:
+        """Tangential forces of the body on the obstacle at each row, shape (m, N - 1)."""
+        return self.state.tangential_forces
+
+    @property
+    def nodal_slip(self) -> np.ndarray:
+        """What each row has slipped in this step (length), rounding where it sticks, (m, N - 1)."""
+        return self.state.slip
 
 
 def dual_energy(state: State) -> float:
@@ -157,5 +142,5 @@ def dual_energy(state: State) -> float:
     elastic = e - p - law.initial
     density = 0.5 * (law.bulk * volume**2 + two_mu * (elastic**2 - law.initial**2).sum(1))
     density += 0.5 * h * (p**2).sum(1) + ((law.back - q) * p).sum(1)
-    work = np.vdot(discrete.load, u) + state.multipliers @ discrete.rows.open_gap(u)
+    work = np.vdot(discrete.load, u) + state.contact @ discrete.contact.gaps(u)
     return -(points.integral(density) - float(work))

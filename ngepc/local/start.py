@@ -30,20 +30,29 @@ def starting_state(discrete: DiscreteProblem, start: object | None) -> State:
     if start is None:
         return discrete.state(supports.values.copy())
     u = np.where(supports.free, nodal_values(start, discrete.problem), supports.values)
-    return discrete.state(u, multipliers=carried_forces(discrete, start))
+    return discrete.state(u, contact=carried_forces(discrete, start))
 
 
 def carried_forces(discrete: DiscreteProblem, start: object) -> np.ndarray | None:
-    """Contact forces from the contact pressure of an earlier result, None if it has none."""
-    pressure = getattr(start, "contact_pressure", None)
-    rows, mesh = discrete.rows, discrete.problem.mesh
+    """Forces of contact from the stresses of an earlier result, None if it has none."""
+    pressure, rows = getattr(start, "contact_pressure", None), discrete.rows
     if not isinstance(pressure, GridFunction) or not len(rows):
         return None
-    own = pressure.space.mesh
-    values = pressure.vec.FV().NumPy()
+    normal = np.maximum(_at_vertices(pressure, discrete)[:, 0], 0.0) * rows.weights
+    if discrete.contact.friction is None:
+        return normal
+    friction = getattr(start, "friction_stress", None)
+    tangential = np.zeros((len(rows), rows.tangents.shape[1]))
+    if isinstance(friction, GridFunction):
+        stress = _at_vertices(friction, discrete)
+        tangential = -np.einsum("mdj,mj,m->md", rows.tangents, stress, rows.weights)
+    return np.concatenate([normal, tangential.ravel()])
+
+
+def _at_vertices(function: GridFunction, discrete: DiscreteProblem) -> np.ndarray:
+    """A P1 function, on this or another mesh, at the vertices of the rows: (m, components)."""
+    own, mesh, vertices = function.space.mesh, discrete.problem.mesh, discrete.rows.vertices
+    values = function.vec.FV().NumPy().reshape(-1, own.nv).T
     if own is mesh:
-        there = values[rows.vertices]
-    else:
-        points = np.asarray(mesh.ngmesh.Coordinates())[rows.vertices, : mesh.dim]
-        there = at_points(own, values[:, None], points)[:, 0]
-    return np.maximum(there, 0.0) * rows.weights
+        return values[vertices]
+    return at_points(own, values, np.asarray(mesh.ngmesh.Coordinates())[vertices, : mesh.dim])

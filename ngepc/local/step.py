@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.linalg.complementarity import solve_complementarity
+from ngepc.discretisation.contact_step import ROUNDING, ContactWork, with_contact
+from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.linesearch import Bracket
 from ngepc.local.factors import Tangent, TangentError
 from ngepc.local.system import EPSILON, State
@@ -38,41 +39,38 @@ class Target:
     ----------
     change
         du, shape (nodes, N).
-    multipliers, active
-        lambda >= 0 of the rows at u + du, and lambda > 0.
+    contact
+        The forces of contact and friction at u + du.
     """
 
     change: np.ndarray
-    multipliers: np.ndarray
-    active: np.ndarray
+    contact: np.ndarray
 
 
-def newton_target(here: State, tangent: Tangent) -> Target:
-    """Factorise the tangent at a state and minimise Newton's model over N u <= gaps.
+def newton_target(here: State, tangent: Tangent, compliance: Compliance) -> Target:
+    """Factorise the tangent at a state and solve Newton's model with contact and friction.
+
+    Parameters
+    ----------
+    here
+        The state.
+    tangent
+        The linear solver.
+    compliance
+        A guess of the compliance of the rows; it learns.
 
     Raises
     ------
     TangentError
         If the linear solver gives up, or contact rows are dependent.
     """
-    discrete, rows = here.discrete, here.discrete.rows
+    discrete, contact = here.discrete, here.discrete.contact
     tangent.update(discrete.law.moduli(here.at, here.yielding))
-    free = tangent.solve(-here.imbalance)
-    if not len(rows):
-        return Target(free, here.multipliers, here.active)
-
-    def answer(row: int) -> np.ndarray:
-        unit = np.zeros(len(rows))
-        unit[row] = 1.0
-        return rows.displacement(tangent.solve(rows.forces(unit)))
-
-    found = solve_complementarity(
-        answer, here.open_gap - rows.displacement(free), here.active, here.multipliers
-    )
+    change = tangent.solve(-here.imbalance)
+    found = with_contact(contact, tangent.solve, here.u, here.contact, change, compliance)
     if found is None:
-        raise TangentError("the contact conditions of neighbouring nodes are dependent")
-    change = free - tangent.solve(rows.forces(found.change))
-    return Target(change, found.values, found.values > 0)
+        raise TangentError(contact.unsolvable)
+    return Target(*found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,39 +90,42 @@ class Line:
         points = self.here.discrete.points
         volume, e = points.strain(self.target.change)
         object.__setattr__(self, "_strain_change", (volume, e))
-        load = self.here.discrete.load - self._held_forces()
-        object.__setattr__(self, "_work", float(np.vdot(load, self.target.change)))
-
-    def _held_forces(self) -> np.ndarray:
-        """Contact forces of rows that stay closed along the step: they do no work."""
-        held = np.where(self.target.active, self.here.multipliers, 0.0)
-        return self.here.discrete.rows.forces(held)
+        here, target = self.here, self.target
+        contact = ContactWork(
+            *(here.discrete.contact, here.u, here.contact, target.change, target.contact),
+            here.touching_distance,
+        )
+        object.__setattr__(self, "_contact", contact)
+        work = np.vdot(here.discrete.load - contact.held, target.change)
+        object.__setattr__(self, "_work", float(work))
 
     def slope(self, t: float) -> float:
-        """d/dt of J(u + t du)."""
+        """d/dt of J(u + t du), friction with the bounds of the target included."""
         discrete, (volume, e) = self.here.discrete, self._strain_change
         at = discrete.law.returned(self.here.deviator + t * e)
         stress = discrete.law.stress(at)
         mean = discrete.law.bulk * (self.here.volume + t * volume) * volume
-        return discrete.points.integral(mean + np.einsum("pd,pd->p", stress, e)) - self._work
+        work = self._work - self._contact.slope(t)
+        return discrete.points.integral(mean + np.einsum("pd,pd->p", stress, e)) - work
 
     @property
     def noise(self) -> float:
         """What rounding leaves of a slope, also where du is nothing but rounding of u itself."""
         terms = NOISE * np.abs(self.target.change) + 2 * EPSILON * np.abs(self.here.u)
-        return float(np.vdot(np.abs(self.here.internal_forces), terms))
+        pressed = np.abs(self.target.contact).sum() * ROUNDING * np.abs(self.here.u).max()
+        return float(np.vdot(np.abs(self.here.internal_forces), terms) + pressed)
 
     def state(self, t: float) -> State:
         """The state at u + t du, with w and lambda moved along."""
         here, discrete = self.here, self.here.discrete
         u = here.u + t * self.target.change
-        multipliers = here.multipliers + t * (self.target.multipliers - here.multipliers)
+        contact = here.contact + t * (self.target.contact - here.contact)
         if t == 1.0:
-            multipliers = self.target.multipliers
+            contact = self.target.contact
         ds = discrete.law.two_mu[:, None] * self._strain_change[1]
         moved = discrete.law.linearised(here.at, here.yielding, ds)
         yielding = discrete.law.projected(here.yielding + t * (moved - here.yielding))
-        return discrete.state(u, yielding, multipliers, self.target.active)
+        return discrete.state(u, yielding, contact)
 
 
 def step_length(line: Line) -> tuple[float, int] | None:

@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from ngsolve import H1, GridFunction
 
+from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.law import Law, Return
-from ngepc.discretisation.loads import Supports, applied_forces, nodal
+from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.points import Points
-from ngepc.discretisation.rows import ContactRows, contact_rows
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.discretisation.rows import ContactRows
+from ngepc.model.problem import Problem
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -41,14 +41,10 @@ class DiscreteProblem:
 
     Attributes
     ----------
-    points, law, supports, rows
+    points, law, supports, contact, rows
         What the modules of these names make of the problem.
     load
         Nodal forces of tractions and body force, shape (nodes, N).
-    friction
-        Bound of the tangential force of each contact row, shape (m,); None without friction.
-    slip_origin
-        Tangential displacements of the rows at the begin of the step, shape (m, N - 1).
     """
 
     def __init__(self, problem: Problem, points: Points | None = None) -> None:
@@ -56,30 +52,19 @@ class DiscreteProblem:
         self.points = points or Points(problem.mesh, problem.kinematics, problem.order)
         self.law = Law(problem, self.points)
         self.supports = Supports(problem)
-        self.rows: ContactRows = contact_rows(problem, self.supports)
+        self.contact = ContactConditions(problem, self.supports)
+        self.rows: ContactRows = self.contact.rows
         self.load = applied_forces(problem, self.supports.space)
-        self.friction = self._friction_forces()
-        self.slip_origin = self._slip_origin()
-
-    def _friction_forces(self) -> np.ndarray | None:
-        if self.problem.friction is None:
-            return None
-        bound = GridFunction(H1(self.problem.mesh, order=1))
-        region = self.problem.mesh.Boundaries("|".join(self.problem.contact_names))
-        bound.Set(as_scalar(self.problem.friction), definedon=region)
-        return self.rows.weights * bound.vec.FV().NumPy()[self.rows.vertices]
-
-    def _slip_origin(self) -> np.ndarray:
-        if self.problem.u_0 is None:
-            return np.zeros((len(self.rows), self.problem.N - 1))
-        u_0 = GridFunction(self.supports.space)
-        u_0.Set(self.problem.u_0)
-        return self.rows.slip(nodal(u_0.vec.FV().NumPy(), self.problem))
 
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:
         """Diagonal of the elastic stiffness, shape (nodes, N): the size of forces per length."""
         return self.points.diagonal(self.law.bulk, self.law.two_mu)
+
+    @cached_property
+    def row_stiffness(self) -> np.ndarray:
+        """Elastic stiffness of each row of ``contact`` (force per length)."""
+        return self.contact.stiffness(self.stiffness_diagonal)
 
     @cached_property
     def yield_forces(self) -> float:
@@ -91,18 +76,15 @@ class DiscreteProblem:
         self,
         u: np.ndarray,
         yielding: np.ndarray | None = None,
-        multipliers: np.ndarray | None = None,
-        active: np.ndarray | None = None,
+        contact: np.ndarray | None = None,
     ) -> State:
         """The state with displacements ``u``; w = beta s/|s| and no contact forces by default."""
-        m = len(self.rows)
         volume, e = self.points.strain(u)
         at = self.law.returned(e)
         if yielding is None:
             yielding = self.law.yielding_part(at)
-        multipliers = np.zeros(m) if multipliers is None else multipliers
-        active = multipliers > 0 if active is None else active
-        return State(self, u, yielding, multipliers, active, volume, e, at)
+        contact = np.zeros(len(self.contact)) if contact is None else contact
+        return State(self, u, yielding, contact, volume, e, at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +99,8 @@ class State:
         Nodal displacements, shape (nodes, N).
     yielding
         w = -q at the points, |w| <= beta, a variable of its own, shape (points, d).
-    multipliers
-        Contact forces lambda >= 0 of the rows, shape (m,).
-    active
-        Boolean, shape (m,): rows taken as closed; the next step starts from them.
+    contact
+        Forces of the contact conditions: normal forces >= 0, with friction then tangential ones.
     volume, deviator, at
         tr eps(u), the coordinates of dev eps(u), and the law there.
     """
@@ -128,8 +108,7 @@ class State:
     discrete: DiscreteProblem
     u: np.ndarray
     yielding: np.ndarray
-    multipliers: np.ndarray
-    active: np.ndarray
+    contact: np.ndarray
     volume: np.ndarray
     deviator: np.ndarray
     at: Return = field(repr=False)
@@ -142,10 +121,37 @@ class State:
 
     @cached_property
     def energy(self) -> float:
-        """J(u, p) of (2.14) with the p that is best for u (force times length)."""
+        """J(u, p) of (2.14) with the p that is best for u, and friction (force times length)."""
         density = self.discrete.law.energy_density(self.volume, self.at)
         work = float(np.vdot(self.discrete.load, self.u))
-        return self.discrete.points.integral(density) - work
+        return self.discrete.points.integral(density) - work + self.friction_work
+
+    @cached_property
+    def friction_work(self) -> float:
+        """The sum of bound times |slip| (force times length), zero without friction."""
+        return self.discrete.contact.friction_work(self.contact, self.gaps, self.touching_distance)
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Normal forces lambda >= 0 of the rows, shape (m,)."""
+        return self.discrete.contact.normal(self.contact)
+
+    @property
+    def tangential_forces(self) -> np.ndarray:
+        """Tangential forces of the body on the obstacle, shape (m, N - 1)."""
+        return self.discrete.contact.tangential(self.contact)
+
+    @property
+    def slip(self) -> np.ndarray:
+        """What the rows have slipped in this step (length), shape (m, N - 1)."""
+        return -self.discrete.contact.tangential(self.gaps)
+
+    @property
+    def sliding(self) -> np.ndarray:
+        """Boolean, shape (m,): rows with friction that slip."""
+        return (self.discrete.contact.bound(self.contact) > 0) & (
+            np.linalg.norm(self.slip, axis=1) > self.touching_distance
+        )
 
     @cached_property
     def internal_forces(self) -> np.ndarray:
@@ -155,8 +161,8 @@ class State:
 
     @cached_property
     def contact_forces(self) -> np.ndarray:
-        """Nodal forces N' lambda of the body on the obstacle, shape (nodes, N)."""
-        return self.discrete.rows.forces(self.multipliers)
+        """Nodal forces of the body on the obstacle, friction included, shape (nodes, N)."""
+        return self.discrete.contact.forces(self.contact)
 
     @cached_property
     def imbalance(self) -> np.ndarray:
@@ -165,9 +171,14 @@ class State:
         return np.where(self.discrete.supports.free, forces, 0.0)
 
     @cached_property
+    def gaps(self) -> np.ndarray:
+        """What the contact conditions leave open, ``ContactConditions.gaps``."""
+        return self.discrete.contact.gaps(self.u)
+
+    @property
     def open_gap(self) -> np.ndarray:
         """gaps - N u, negative where the obstacle is penetrated, shape (m,)."""
-        return self.discrete.rows.open_gap(self.u)
+        return self.discrete.contact.normal(self.gaps)
 
     @property
     def touching_distance(self) -> float:
@@ -195,15 +206,8 @@ class State:
 
     @cached_property
     def contact_defect(self) -> np.ndarray:
-        """min(lambda, k gap) of the rows, a force, shape (m,): zero where both conditions hold.
-
-        k is the elastic stiffness of the row's nodes.
-        """
-        rows = self.discrete.rows
-        if not len(rows):
-            return np.zeros(0)
-        stiffness = rows.normal.power(2) @ self.discrete.stiffness_diagonal.ravel()
-        return np.minimum(self.multipliers, stiffness * self.open_gap)
+        """What the forces of contact lack, a force: min(lambda, k gap) without friction."""
+        return self.discrete.contact.defect(self.contact, self.discrete.row_stiffness * self.gaps)
 
     @cached_property
     def residual_norm(self) -> float:

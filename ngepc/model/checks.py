@@ -13,14 +13,17 @@ import numpy as np
 from ngsolve import CoefficientFunction, Det, Mesh, specialcf
 
 from ngepc.checks.arguments import (
+    Coefficient,
     boundary_names,
     require_coefficient,
     require_finite,
     sample,
 )
-from ngepc.discretisation.elements import element_nodes, vertices_of
+from ngepc.model.elements import element_nodes, vertices_of
+from ngepc.model.friction import Coulomb
 from ngepc.model.kinematics import Kinematics
-from ngepc.model.material import Material
+from ngepc.model.material import Material, split_hardening
+from ngepc.model.rules import plastic_points
 from ngepc.model.support import check_support
 
 if TYPE_CHECKING:
@@ -97,7 +100,7 @@ def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> No
     if bulk <= 0:
         raise ValueError(
             f"lame_lambda={material.lame_lambda!r}: the elasticity is not elliptic, "
-            f"{N} lambda + 2 mu falls to {bulk:g}, > 0 is needed in {N} dimensions"
+            f"{N} lambda + 2 mu falls to {bulk:g}, > 0 is needed for {N} x {N} tensors"
         )
     name = "the hardening h = k + (H sigma_y)^2 k_1"
     h = require_finite(name, material.effective_hardening, mesh).min()
@@ -202,7 +205,7 @@ def check_gap(problem: Problem) -> None:
 
 
 def check_friction(problem: Problem) -> None:
-    """A finite friction bound >= 0, none without a contact boundary; no u_0 without friction."""
+    """A finite friction law >= 0, none without contact; no u_0 without friction."""
     if problem.friction is None:
         if problem.initial_displacement is not None:
             raise ValueError(
@@ -214,19 +217,24 @@ def check_friction(problem: Problem) -> None:
         raise ValueError(
             f"friction={problem.friction!r}: name the contact boundary too, or leave friction out"
         )
-    require_coefficient("friction", problem.friction)
-    bound = require_finite("friction", problem.friction, problem.mesh, problem.contact_names)
-    if bound.min() < 0:
-        raise ValueError(f"friction falls to {bound.min():g}: values >= 0 are needed")
+    coulomb = isinstance(problem.friction, Coulomb)
+    name = "friction.coefficient" if coulomb else "friction"
+    value = problem.friction.coefficient if coulomb else problem.friction
+    require_coefficient(name, value)
+    least = require_finite(name, value, problem.mesh, problem.contact_names).min()
+    if least < 0:
+        raise ValueError(f"{name} falls to {least:g}: values >= 0 are needed")
     if problem.initial_displacement is not None:
         _check_vector("initial_displacement", problem.initial_displacement, problem.N)
         require_finite("initial_displacement", problem.u_0, problem.mesh, problem.contact_names)
 
 
 def check_history(problem: Problem) -> None:
-    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
-    from ngepc.model.problem import split_hardening
+    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind.
 
+    A polynomial with alpha_1 >= 0 at the integration points, which histories carry, may fall below
+    zero between them, but not its means on the elements.
+    """
     N, mesh = problem.kinematics.size, problem.mesh
     if problem.initial_plastic_strain is not None:
         require_coefficient("initial_plastic_strain", problem.initial_plastic_strain, [(N, N)])
@@ -245,12 +253,32 @@ def check_history(problem: Problem) -> None:
     scalar, back_stress = split_hardening(problem.initial_hardening)
     if scalar is not None:
         require_coefficient("initial_hardening", scalar)
-        if require_finite("initial_hardening", scalar, mesh).min() < 0:
-            raise ValueError("initial_hardening falls below 0: the scalar alpha_1 must be >= 0")
+        least = _least("initial_hardening", scalar, problem)
+        if least < 0:
+            raise ValueError(f"initial_hardening falls to {least:g}: alpha_1 >= 0 is needed")
     if back_stress is not None:
         require_coefficient("initial_hardening", back_stress, [(N, N)])
         samples = require_finite("initial_hardening", back_stress, mesh)
         _check_symmetric("initial_hardening", samples.reshape(-1, N, N))
+    if problem.initial_accumulated is not None:
+        require_coefficient("initial_accumulated", problem.initial_accumulated)
+        least = _least("initial_accumulated", problem.initial_accumulated, problem)
+        if least < 0:
+            raise ValueError(f"initial_accumulated falls to {least:g}: values >= 0 are needed")
+
+
+def _least(name: str, value: Coefficient, problem: Problem) -> float:
+    """The least value at the integration points, where histories live; below rounding it is 0.
+
+    Between them the polynomials that earlier steps leave may fall below what they interpolate.
+    """
+    require_finite(name, value, problem.mesh)
+    if not isinstance(value, CoefficientFunction):
+        return float(value)
+    mesh = problem.mesh
+    points = mesh.MapToAllElements(plastic_points(mesh, problem.order), mesh.Materials(".*"))
+    values = np.ravel(value(points))
+    return 0.0 if values.min() >= -1e-14 * np.abs(values).max() else float(values.min())
 
 
 def _check_symmetric(name: str, A: np.ndarray) -> None:

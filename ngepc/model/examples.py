@@ -1,6 +1,6 @@
 """The two examples of section 7 as problems on any mesh of their bodies."""
 
-from ngsolve import Mesh
+from ngsolve import CoefficientFunction, Mesh
 
 from ngepc.checks.kinds import require_mesh
 from ngepc.model.material import Material
@@ -26,7 +26,7 @@ def lshape_problem(mesh: Mesh) -> Problem:
     material = Material.kinematic(
         lame_lambda=1.0e3, lame_mu=1.0e3, yield_stress=1.25, hardening=100.0
     )
-    return Problem(mesh, material, "clamped", {"load": -10.0 * n}, contact="contact", gap=0.1)
+    return _paper_problem(mesh, material, -10.0 * n, 0.1)
 
 
 def wrench_problem(mesh: Mesh) -> Problem:
@@ -51,4 +51,20 @@ def wrench_problem(mesh: Mesh) -> Problem:
         hardening_modulus=1.0e-3,
         hardening_stiffness=1.0e7,
     )
-    return Problem(mesh, material, "clamped", {"load": -6.0e-3 * n}, contact="contact", gap=1.0)
+    return _paper_problem(mesh, material, -6.0e-3 * n, 1.0)
+
+
+def _paper_problem(
+    mesh: Mesh, material: Material, pressure: CoefficientFunction, gap: float
+) -> Problem:
+    """A body of section 7, with the 2 x 2 tensors and the elements of order one of the paper."""
+    return Problem(
+        mesh,
+        material,
+        "clamped",
+        {"load": pressure},
+        contact="contact",
+        gap=gap,
+        kinematics="two-dimensional",
+        order=1,
+    )

@@ -118,7 +118,7 @@ def kinematics_of(name: Kinematics | str | None, dimension: int) -> Kinematics:
         For an unknown name, or one that does not fit meshes of this dimension.
     """
     if name is None:
-        return TWO_DIMENSIONAL if dimension == 2 else SOLID
+        return PLANE_STRAIN if dimension == 2 else SOLID
     legal = [k.name for k in KINEMATICS.values() if dimension == k.N]
     if isinstance(name, Kinematics) and dimension == name.N:
         return name

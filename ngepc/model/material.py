@@ -15,6 +15,8 @@ alpha from one time step leaves two numbers, docs/hardening.md:
 import math
 from dataclasses import dataclass, fields
 
+from ngsolve import CoefficientFunction
+
 from ngepc.checks.arguments import Coefficient, is_number, require_coefficient, require_number
 
 
@@ -147,3 +149,14 @@ def lame_parameters(young: float, poisson: float) -> tuple[float, float]:
     if nu >= 0.5:
         raise ValueError(f"poisson={poisson!r}: a number in (-1, 0.5) is needed")
     return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+
+
+def split_hardening(value: object) -> tuple:
+    """(alpha_1, alpha_2) from ``initial_hardening``; None for what is not given."""
+    if value is None:
+        return None, None
+    if isinstance(value, tuple):
+        return value
+    if isinstance(value, CoefficientFunction) and len(value.dims) == 2:
+        return None, value
+    return value, None

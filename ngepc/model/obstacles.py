@@ -31,7 +31,7 @@ from ngepc.checks.arguments import (
     require_number,
     require_vector,
 )
-from ngepc.discretisation.elements import vertex_coordinates
+from ngepc.model.elements import vertex_coordinates
 from ngepc.model.normals import outward_normal
 
 COORDINATES = (x, y, z)

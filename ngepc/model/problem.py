@@ -7,8 +7,9 @@ from ngsolve import CF, CoefficientFunction, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number, require_integer
 from ngepc.model import checks
+from ngepc.model.friction import Coulomb
 from ngepc.model.kinematics import Kinematics, kinematics_of
-from ngepc.model.material import Material
+from ngepc.model.material import Material, split_hardening
 from ngepc.model.normals import outward_normal
 
 Vector = CoefficientFunction | Sequence[Coefficient]
@@ -50,7 +51,8 @@ class Problem:
         is a roller.
     friction
         Tresca's bound F >= 0 on the tangential traction on the contact boundary (stress), a
-        number or scalar coefficient; it acts where the gap is closed.  None for none.
+        number or scalar coefficient, or ``Coulomb(mu)``; it acts where the gap is closed.  None
+        for none.
     initial_displacement
         u_0 at the begin of the step (length), a vector, for friction alone: what slips in this
         step is u - u_0.  None for zero.
@@ -79,7 +81,7 @@ class Problem:
     initial_plastic_strain: CoefficientFunction | None = None
     initial_hardening: Coefficient | tuple | None = None
     prescribed: Mapping[str, Sequence[Coefficient | None]] | None = None
-    friction: Coefficient | None = None
+    friction: Coefficient | Coulomb | None = None
     initial_displacement: Vector | None = None
     initial_accumulated: Coefficient | None = None
     kinematics: Kinematics | str | None = None
@@ -182,14 +184,3 @@ def as_scalar(value: Coefficient) -> CoefficientFunction:
 def as_vector(value: Vector) -> CoefficientFunction:
     """A vector coefficient from itself or from a sequence of its components."""
     return value if isinstance(value, CoefficientFunction) else CF(tuple(map(as_scalar, value)))
-
-
-def split_hardening(value: object) -> tuple:
-    """(alpha_1, alpha_2) from ``initial_hardening``; None for what is not given."""
-    if value is None:
-        return None, None
-    if isinstance(value, tuple):
-        return value
-    if isinstance(value, CoefficientFunction) and len(value.dims) == 2:
-        return None, value
-    return value, None

@@ -14,7 +14,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number, sample
-from ngepc.discretisation.elements import (
+from ngepc.model.elements import (
     combine,
     corner_vertices,
     element_facets,
@@ -141,6 +141,8 @@ def check_rigid_motions(problem: Problem, held: np.ndarray, pairs: np.ndarray) -
 
     ``pairs`` are those of ``part_vertices``; parts with common vertices are looked at together.
     """
+    if problem.kinematics.hoop:  # u_r / r is a strain: only the motion along the axis is free
+        held = held | np.array([True, False])
     x = vertex_coordinates(problem.mesh)
     scaled = x / np.ptp(x[pairs[:, 1]], axis=0).max()
     parts = pairs[-1, 0] + 1

@@ -120,7 +120,7 @@ def followed(
         if result is None:
             raise  # there is no state yet
         status = Status.STOPPED
-    message = describe(status, state.steps, result.message, walk.options)
+    message = _describe(status, state.steps, result.message, walk.options)
     return PathResult(status, message, tuple(state.steps), result)
 
 
@@ -223,7 +223,7 @@ class _Walk:
         return state.result(self.functional)
 
 
-def describe(
+def _describe(
     status: Status, steps: list[PathStep], inner_message: str, options: PathOptions
 ) -> str:
     """What was seen, and what to try, for a path that did not converge."""

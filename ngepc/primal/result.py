@@ -46,33 +46,20 @@ class PrimalResult(DiscreteSolution):
     @property
     def rows(self) -> ContactRows:
         """The contact conditions N u <= gaps."""
-        return self.state.reduced.rows
-
-    @property
-    def residual_norm(self) -> float:
-        """Relative norm of the nodal forces out of balance, ``PrimalOptions.tolerance``."""
-        return self.state.residual_norm
-
-    @property
-    def residual_rounding(self) -> float:
-        """What rounding leaves of ``residual_norm``: a smaller tolerance cannot be met."""
-        return self.state.rounding
-
-    @property
-    def primal_energy(self) -> float:
-        """J(u, p), (2.14) (force times length)."""
-        return self.state.energy
+        return self.state.reduced.contact.rows
 
     @cached_property
     def dual_energy(self) -> float:
         """-J at the solution by an identity that only the solution satisfies.
 
-        J = 1/2 (l(u, p) + int beta |p| - lambda . gaps + <reactions, prescribed u>): the sum with
-        ``primal_energy`` is a measure of what is left.
+        J = 1/2 (l(u, p) + int beta |p| - contact forces . N u + <reactions, prescribed u>) without
+        friction; with friction its work is added.  The sum with ``primal_energy`` is a measure of
+        what is left.
         """
         state = self.state
-        work = np.vdot(self.equilibrium.reaction.T, state.u) - state.multipliers @ self.rows.gaps
-        return -0.5 * (state.reduced.first_order_energy(state.u) + float(work))
+        work = np.vdot(self.equilibrium.reaction.T - state.contact_forces, state.u)
+        friction = -state.contact @ state.gaps + state.multipliers @ state.open_gap
+        return -0.5 * (state.reduced.first_order_energy(state.u) + float(work)) - friction
 
     @cached_property
     def displacement(self) -> GridFunction:
@@ -94,16 +81,11 @@ class PrimalResult(DiscreteSolution):
         return Equilibrium(self.problem, *forces, reduced.free.T)
 
     @property
-    def nodal_contact_forces(self) -> np.ndarray:
-        """Force >= 0 of each contact row, positive in compression, shape (m,)."""
-        return self.state.multipliers
+    def nodal_friction_forces(self) -> np.ndarray:
+        """Tangential forces of the body on the obstacle at each row, shape (m, N - 1)."""
+        return self.state.reduced.contact.tangential(self.state.contact)
 
     @property
-    def open_gap(self) -> np.ndarray:
-        """gaps - N u, shape (m,)."""
-        return self.state.open_gap
-
-    @cached_property
-    def largest_strain(self) -> float:
-        """The largest |eps(u)| at the points."""
-        return self.state.reduced.largest_strain(self.state.u)
+    def nodal_slip(self) -> np.ndarray:
+        """What each row has slipped in this step (length), rounding where it sticks, (m, N - 1)."""
+        return -self.state.reduced.contact.tangential(self.state.gaps)

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from ngepc.linalg.complementarity import Multipliers, solve_complementarity
+from ngepc.checks.arguments import require_integer, require_number
+from ngepc.discretisation.contact_step import ContactWork, with_contact
+from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.direct import SOLVER_ERRORS
 from ngepc.linalg.linesearch import Bracket
 from ngepc.primal.energy import ReducedEnergy
-from ngepc.primal.options import PrimalOptions
 from ngepc.primal.result import PrimalResult
 from ngepc.primal.state import EPSILON, PrimalState
 from ngepc.results.outcome import History, IterationRecord, Status
@@ -33,6 +34,34 @@ SLOPE_ROUNDING = 1e-14
 
 SETTLED = 0.5
 """Within rounding, a step that leaves more than this part of the residual ends the run."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrimalOptions:
+    """How far ``primal_newton`` iterates.
+
+    Parameters
+    ----------
+    tolerance
+        Bound for ``residual_norm``: the Euclidean norm of the nodal forces out of balance and of
+        what contact leaves, relative to the larger of the norms of applied and internal forces,
+        or to the smaller of beta/h and 4e-6 |K| |u|, where strains cancel; in [1e-13, 1).
+    max_iterations
+        Newton steps before the run gives up, >= 1.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a value out of its range.
+    """
+
+    tolerance: float = 1e-10
+    max_iterations: int = 100
+
+    def __post_init__(self) -> None:
+        require_integer("max_iterations", self.max_iterations, 1)
+        if require_number("tolerance", self.tolerance, 1e-13) >= 1:
+            raise ValueError(f"tolerance={self.tolerance!r}: a number < 1 is needed")
 
 
 class Interrupted(Exception):
@@ -59,10 +88,10 @@ class Run:
     def __init__(
         self, reduced: ReducedEnergy, u: np.ndarray, options: PrimalOptions, monitor: Monitor | None
     ) -> None:
-        self.reduced, self.rows = reduced, reduced.rows
+        self.reduced, self.contact = reduced, reduced.contact
         self.options, self.monitor, self.history = options, monitor, History()
-        none = np.zeros(len(self.rows))
-        self.state, self.before = PrimalState(reduced, u, none, none > 0), None
+        self.compliance = Compliance(1 / reduced.row_stiffness)
+        self.state, self.before = PrimalState(reduced, u, np.zeros(len(self.contact))), None
 
     def result(self) -> PrimalResult:
         """Newton steps until the residual is small or something stops them."""
@@ -93,15 +122,16 @@ class Run:
         if not np.isfinite(here.residual_norm + here.energy):
             cause = "The energy or the residual is NaN or infinite: check the coefficients."
             raise Interrupted(Status.NONFINITE, cause)
-        if here.residual_norm <= self.options.tolerance and here.penetration <= (
-            here.touching_distance
-        ):
+        touching = here.penetration <= here.touching_distance
+        if here.residual_norm <= self.options.tolerance and touching:
             return True
         settled = before is not None and here.residual_norm > SETTLED * before.residual_norm
         if settled and here.residual_norm <= here.rounding:
             raise Interrupted(Status.STAGNATED, self._drowned())
         if self._steps == self.options.max_iterations:
-            raise Interrupted(Status.ITERATION_LIMIT, self._advice())
+            advice = "try more steps, a smaller load step or a start from a coarser mesh."
+            seen = f"{self._steps} steps, relative residual {here.residual_norm:.3g}; {advice}"
+            raise Interrupted(Status.ITERATION_LIMIT, seen)
         return False
 
     def _step(self) -> None:
@@ -109,17 +139,16 @@ class Run:
         change, contact = self._direction()
         length, trials = 1.0, 0
         if here.penetration <= here.touching_distance:
-            length, trials = self._line_search(change, contact.values > 0)
-        multipliers = here.multipliers + length * (contact.values - here.multipliers)
-        multipliers = contact.values if length == 1 else multipliers
-        active = contact.values > 0
+            length, trials = self._line_search(change, contact)
+        if length < 1:
+            contact = here.contact + length * (contact - here.contact)
         self.before = here
-        self.state = PrimalState(self.reduced, here.u + length * change, multipliers, active)
+        self.state = PrimalState(self.reduced, here.u + length * change, contact)
         self._record(length, trials)
 
-    def _direction(self) -> tuple[np.ndarray, Multipliers]:
-        """The minimiser of Newton's model over the feasible set minus u, and contact there."""
-        reduced, rows, here = self.reduced, self.rows, self.state
+    def _direction(self) -> tuple[np.ndarray, np.ndarray]:
+        """The step to the solution of Newton's model with contact, and the contact forces there."""
+        reduced, here = self.reduced, self.state
         try:
             reduced.factorise(here.u)
         except SOLVER_ERRORS as error:
@@ -127,32 +156,28 @@ class Run:
         free = reduced.solve(-here.imbalance)
         if not np.isfinite(free).all():
             raise Interrupted(Status.NONFINITE, "the tangent stiffness is singular")
-        if not len(rows):
-            return free, Multipliers(here.multipliers, here.multipliers)
-        units = np.eye(len(rows))
-        found = solve_complementarity(
-            lambda i: rows.displacement(reduced.solve(rows.forces(units[i]))),
-            here.open_gap - rows.displacement(free),
-            here.active,
-            here.multipliers,
+        found = with_contact(
+            self.contact, reduced.solve, here.u, here.contact, free, self.compliance
         )
         if found is None:
-            cause = "the contact conditions of neighbouring nodes are dependent"
-            raise Interrupted(Status.NONFINITE, cause)
-        return free - reduced.solve(rows.forces(found.change)), found
+            raise Interrupted(Status.NONFINITE, self.contact.unsolvable)
+        return found
 
-    def _line_search(self, change: np.ndarray, closed: np.ndarray) -> tuple[float, int]:
+    def _line_search(self, change: np.ndarray, following: np.ndarray) -> tuple[float, int]:
         """The step length at most 1 where the energy is nearly smallest, and trials before it."""
         reduced, here = self.reduced, self.state
-        held = self.rows.forces(np.where(closed, here.multipliers, 0.0))  # does no work
-        rest = np.where(reduced.free, held - reduced.load, 0.0)
+        work = ContactWork(
+            self.contact, here.u, here.contact, change, following, here.touching_distance
+        )
+        rest = np.where(reduced.free, work.held - reduced.load, 0.0)
         terms = SLOPE_ROUNDING * np.abs(change) + 2 * EPSILON * np.abs(here.u)
         noise = float(np.vdot(np.abs(here.internal_forces), terms))
 
         def slope(t: float) -> float:
-            return float(np.vdot(reduced.internal_forces(here.u + t * change) + rest, change))
+            forces = reduced.internal_forces(here.u + t * change) + rest
+            return float(np.vdot(forces, change)) + work.slope(t)
 
-        first = float(np.vdot(here.internal_forces + rest, change))
+        first = slope(0.0)
         bracket = Bracket(first, 1.0)
         for trials in range(MOST_TRIALS):
             t, here_slope = bracket.trial, slope(bracket.trial)
@@ -169,12 +194,9 @@ class Run:
     def _stuck(self, slope: float) -> Interrupted:
         if self.state.residual_norm <= self.state.rounding:
             return Interrupted(Status.STAGNATED, self._drowned())
-        return Interrupted(
-            Status.LINESEARCH_FAILED,
-            f"In step {self._steps + 1} the slope is {slope:.3g} and the relative residual "
-            f"{self.state.residual_norm:.3g}: try a smaller load step or a start from a coarser "
-            "mesh.",
-        )
+        seen = f"the slope is {slope:.3g} and the relative residual {self.state.residual_norm:.3g}"
+        advice = "try a smaller load step or a start from a coarser mesh."
+        return Interrupted(Status.LINESEARCH_FAILED, f"In step {self._steps + 1} {seen}: {advice}")
 
     def _record(self, length: float, trials: int) -> None:
         state = self.state
@@ -184,7 +206,7 @@ class Run:
             energy=state.energy,
             step_length=length,
             halvings=trials,
-            contact_active=float(self.rows.weights[state.multipliers > 0].sum()),
+            contact_active=float(self.contact.rows.weights[state.multipliers > 0].sum()),
             plastic_active=self.reduced.plastic_measure(state.u),
         )
         self.history.append(record)
@@ -203,12 +225,4 @@ class Run:
             f"Rounding alone leaves about {state.rounding:.2g} of it where strains as huge as "
             "these cancel: the hardening is small beside the elastic moduli. "
             f"A tolerance above {1.1 * state.rounding:.2g} is within reach."
-        )
-
-    def _advice(self) -> str:
-        last = self.history.records[-1]
-        return (
-            f"{last.iteration} steps, relative residual {last.residual_norm:.3g}, last step "
-            f"length {last.step_length:.3g}; try more steps, a smaller load step or a start from "
-            "a coarser mesh."
         )

@@ -29,21 +29,25 @@ class PrimalState:
         The discrete energy.
     u
         Nodal displacements, shape (nodes, N).
-    multipliers
-        Contact forces lambda >= 0 of the rows, shape (m,).
-    active
-        Boolean, shape (m,): rows taken as closed; the next step starts from them.
+    contact
+        Forces of the contact conditions: normal forces >= 0, with friction then tangential ones.
     """
 
     reduced: ReducedEnergy
     u: np.ndarray
-    multipliers: np.ndarray
-    active: np.ndarray
+    contact: np.ndarray
 
     @cached_property
     def energy(self) -> float:
-        """J, smallest over p (force times length)."""
-        return self.reduced.energy(self.u)
+        """J, smallest over p, and friction (force times length)."""
+        reduced = self.reduced
+        friction = reduced.contact.friction_work(self.contact, self.gaps, self.touching_distance)
+        return reduced.energy(self.u) + friction
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Normal forces >= 0 of the rows, shape (m,)."""
+        return self.reduced.contact.normal(self.contact)
 
     @cached_property
     def internal_forces(self) -> np.ndarray:
@@ -52,8 +56,8 @@ class PrimalState:
 
     @cached_property
     def contact_forces(self) -> np.ndarray:
-        """Nodal forces of the body on the obstacle, shape (nodes, N)."""
-        return self.reduced.rows.forces(self.multipliers)
+        """Nodal forces of the body on the obstacle, friction included, shape (nodes, N)."""
+        return self.reduced.contact.forces(self.contact)
 
     @cached_property
     def missing(self) -> np.ndarray:
@@ -66,9 +70,14 @@ class PrimalState:
         return np.where(self.reduced.free, self.missing, 0.0)
 
     @cached_property
+    def gaps(self) -> np.ndarray:
+        """What the contact conditions leave open, ``ContactConditions.gaps``."""
+        return self.reduced.contact.gaps(self.u)
+
+    @property
     def open_gap(self) -> np.ndarray:
         """gaps - N u, negative where the obstacle is penetrated, shape (m,)."""
-        return self.reduced.rows.open_gap(self.u)
+        return self.reduced.contact.normal(self.gaps)
 
     @property
     def touching_distance(self) -> float:
@@ -95,11 +104,9 @@ class PrimalState:
 
     @cached_property
     def residual_norm(self) -> float:
-        """Forces out of balance and min(lambda, k gap) of the rows, relative."""
-        defect, rows = np.zeros(0), self.reduced.rows
-        if len(rows):
-            k = rows.normal.power(2) @ self.reduced.stiffness_diagonal.ravel()
-            defect = np.minimum(self.multipliers, k * self.open_gap)
+        """Forces out of balance and what the forces of contact lack, relative."""
+        pushed = self.reduced.row_stiffness * self.gaps
+        defect = self.reduced.contact.defect(self.contact, pushed)
         size = math.hypot(np.linalg.norm(self.imbalance), np.linalg.norm(defect))
         if size == 0 or self.force_scale == 0:
             return float(size > 0)

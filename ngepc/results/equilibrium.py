@@ -17,18 +17,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import FESpace
 
 from ngepc.checks.arguments import require_vector
-from ngepc.discretisation import loads
 from ngepc.discretisation.loads import external_work as external_work
 from ngepc.discretisation.spaces import displacement_space, single_prescribed
 from ngepc.model.problem import Problem
-
-
-def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
-    """Nodal forces of tractions and body force, shape (N, nodes)."""
-    return loads.applied_forces(problem, V).T
 
 
 @dataclass(frozen=True, eq=False)

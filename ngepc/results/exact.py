@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from ngsolve import H1, CoefficientFunction, GridFunction, Norm
+from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, VectorH1, sqrt
 
 from ngepc.discretisation.rows import ContactRows
 from ngepc.model.problem import Problem
+from ngepc.model.rules import plastic_points
 from ngepc.results.fields import Fields, Recovered
 from ngepc.results.outcome import Ending, History
 from ngepc.results.summary import Summarised
 
 FEW_FACETS = 4
 """Fewer facets in contact do not resolve a contact zone."""
+
+SLIPPING = 1e-10
+"""Part of the largest displacement above which a row that touches has slipped."""
 
 SMALL_STRAIN = 0.1
 """Largest |eps(u)| at the points that small-strain kinematics is meant for."""
@@ -31,14 +36,13 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         As in every result.
     ending
         A sentence about how the run ended, empty for a run that converged.
+    state
+        The last iterate with ``energy``, ``multipliers``, ``open_gap``, ``residual_norm`` and
+        ``rounding``.
     rows
         The contact conditions N u <= gaps.
-    nodal_contact_forces
-        Force >= 0 of each row, positive in compression, shape (m,).
-    open_gap
-        gaps - N u, shape (m,).
-    largest_strain
-        The largest |eps(u)| at the points.
+    nodal_friction_forces, nodal_slip
+        Tangential forces of the body on the obstacle and what has slipped, shape (m, N - 1).
     """
 
     problem: Problem
@@ -46,10 +50,43 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     ending: str
     displacement: GridFunction
     plastic_increment: GridFunction
+    state: Any
     rows: ContactRows
-    nodal_contact_forces: np.ndarray
-    open_gap: np.ndarray
-    largest_strain: float
+    nodal_friction_forces: np.ndarray
+    nodal_slip: np.ndarray
+
+    @cached_property
+    def largest_strain(self) -> float:
+        """The largest |eps(u)| at the points."""
+        mesh, strain = self.problem.mesh, self.strain
+        rules = plastic_points(mesh, self.problem.order)
+        points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
+        return float(np.max(sqrt(InnerProduct(strain, strain))(points)))
+
+    @property
+    def residual_norm(self) -> float:
+        """Relative norm of the forces out of balance and of what contact leaves."""
+        return self.state.residual_norm
+
+    @property
+    def residual_rounding(self) -> float:
+        """What rounding leaves of ``residual_norm``: a smaller tolerance cannot be met."""
+        return self.state.rounding
+
+    @property
+    def primal_energy(self) -> float:
+        """J(u, p) of (2.14), with int F |slip| where there is friction (force times length)."""
+        return self.state.energy
+
+    @property
+    def nodal_contact_forces(self) -> np.ndarray:
+        """Force >= 0 of each contact row, positive in compression, shape (m,)."""
+        return self.state.multipliers
+
+    @property
+    def open_gap(self) -> np.ndarray:
+        """gaps - N u of each contact row (length), shape (m,)."""
+        return self.state.open_gap
 
     @property
     def iterations(self) -> int:
@@ -77,12 +114,50 @@ class DiscreteSolution(Summarised, Recovered, Ending):
 
         Draw it on the contact boundary; inside the body it is the P1 extension and means nothing.
         """
-        rows, nv = self.rows, self.problem.mesh.nv
-        pressure = GridFunction(H1(self.problem.mesh, order=1), name="contact_pressure")
-        force = np.bincount(rows.vertices, self.nodal_contact_forces, minlength=nv)
-        area = np.bincount(rows.vertices, rows.weights, minlength=nv)
-        pressure.vec.FV().NumPy()[:] = force / np.where(area > 0, area, 1.0)
-        return pressure
+        return self._density("contact_pressure", self.nodal_contact_forces[:, None])
+
+    @cached_property
+    def friction_stress(self) -> GridFunction:
+        """Friction on the body over the area that belongs to it (stress), N components.
+
+        It is P1 like ``contact_pressure``, and zero without friction.
+        """
+        return self._density("friction_stress", self._friction_on_body)
+
+    @property
+    def friction_force(self) -> tuple[float, ...]:
+        """Resultant of the friction on the body, N components (force)."""
+        return tuple(self._friction_on_body.sum(axis=0).tolist())
+
+    @cached_property
+    def sliding(self) -> GridFunction:
+        """1 at vertices that touch the obstacle and slip, 0 elsewhere; P1 on the contact boundary.
+
+        Without friction all that touches counts as sliding.
+        """
+        size = np.linalg.norm(self.nodal_slip, axis=1)
+        slips = size > SLIPPING * float(np.abs(self.displacement.vec.FV().NumPy()).max(initial=0.0))
+        slips |= self.problem.friction is None
+        vertices = self.rows.vertices[slips & (self.nodal_contact_forces > 0)]
+        sliding = GridFunction(H1(self.problem.mesh, order=1), name="sliding")
+        sliding.vec.FV().NumPy()[vertices] = 1.0
+        return sliding
+
+    @property
+    def _friction_on_body(self) -> np.ndarray:
+        """Friction of the obstacle on the body at each row, shape (m, N)."""
+        return -np.einsum("md,mdj->mj", self.nodal_friction_forces, self.rows.tangents)
+
+    def _density(self, name: str, forces: np.ndarray) -> GridFunction:
+        """Forces of the rows, shape (m, components), over the area that belongs to them, P1."""
+        rows, mesh, components = self.rows, self.problem.mesh, forces.shape[1]
+        space = H1(mesh, order=1) if components == 1 else VectorH1(mesh, order=1)
+        density, area = GridFunction(space, name=name), np.zeros(mesh.nv)
+        np.add.at(area, rows.vertices, rows.weights)
+        values = density.vec.FV().NumPy().reshape(components, mesh.nv)
+        np.add.at(values.T, rows.vertices, forces)
+        values /= np.where(area > 0, area, 1.0)
+        return density
 
     @property
     def contact_area(self) -> float:

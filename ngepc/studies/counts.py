@@ -13,8 +13,8 @@ from pathlib import Path
 
 from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.regularisation import Coupled
+from ngepc.dual.restore import restore
 from ngepc.results.outcome import History, IterationRecord, Result, Status
-from ngepc.results.restore import restore
 from ngepc.studies.counts_page import write_page, write_pictures
 from ngepc.studies.examples import BODIES, FAMILIES, TITLES, example, solved
 from ngepc.studies.paper import TABLE_1, TABLE_2

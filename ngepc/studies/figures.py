@@ -15,7 +15,7 @@ from ngsolve import Integrate
 
 from ngepc.dual.result import DualResult
 from ngepc.path.options import PathOptions
-from ngepc.path.last import PathResult
+from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
 from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
 from ngepc.pictures.sampling import body_corners
@@ -138,7 +138,7 @@ class Figures(Work):
             "file": picture.name,
             "shows": CAPTIONS[number],
             "example": name,
-            "nodes": path.problem.mesh.nv,
+            "nodes": path.last.problem.mesh.nv,
             "gamma": path.gamma_end,
             "status": path.status.label,
             "residual_norm": path.residual_norms[-1],

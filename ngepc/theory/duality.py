@@ -31,7 +31,6 @@ from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import as_scalar
-from ngepc.model.tensors import coordinates
 
 POINTS = 400
 
@@ -175,9 +174,9 @@ def _plasticity(result: DualResult) -> dict[str, float]:
     def size(field: CoefficientFunction) -> float:
         return math.sqrt(Integrate(InnerProduct(field, field) * measure, mesh))
 
-    q, p, N = result.plastic_dual, result.plastic_increment, problem.N
+    q, p = result.plastic_dual, result.plastic_increment
     dev_stress, hardening = result.fields.deviatoric_stress, problem.effective_hardening
-    residual_stress = coordinates(problem.alpha_0[1] - dev_stress, N)
+    residual_stress = problem.kinematics.coordinates(problem.alpha_0[1] - dev_stress)
     deviation = q - (hardening * p + residual_stress)
     means = GridFunction(VectorValued(L2(mesh, order=0), q.dim))
     means.Set(deviation)

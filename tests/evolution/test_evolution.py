@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape
+from bodies import FLAT
 from ngsolve import IfPos, InnerProduct, Integrate, ds, specialcf, x
 
 from ngepc.dual.newton import semismooth_newton
@@ -17,10 +18,14 @@ from ngepc.evolution.load_path import Schedule, load_cycle
 from ngepc.evolution.memory import Memory
 from ngepc.evolution.result import StepRecord
 from ngepc.evolution.solver import cold_start, evolve
+from ngepc.geometries import block, lshape
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.outcome import SolverError, Status
+
+HERE = Path(__file__).parent
+BESIDE = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE.parent), *sys.path])}
 
 BOUND, K, H, K1 = 1.25, 100.0, 2.0, 8.0
 R = (H * BOUND) ** 2 * K1
@@ -38,7 +43,8 @@ def bar(material, mesh, load=1.0):
     """A body on rollers, pulled at the right: the stress is diag(load, 0) everywhere."""
     rollers = {"left": (0, None), "clamped": (None, 0)}
     traction = {"right": (load, 0)}
-    return Problem(mesh, material, clamped=None, prescribed=rollers, traction=traction)
+    supports = {"clamped": None, "prescribed": rollers}
+    return Problem(mesh, material, **supports, traction=traction, kinematics=FLAT[mesh.dim])
 
 
 def punched(material=MATERIALS["combined"], nodes=65):
@@ -253,7 +259,7 @@ def test_restart_continues_to_the_same_digits(tmp_path, way):
 
     if way == "killed":
         run = [sys.executable, "-c", KILLED, str(file)]
-        assert subprocess.run(run, cwd=Path(__file__).parent).returncode == -signal.SIGKILL
+        assert subprocess.run(run, cwd=HERE, env=BESIDE).returncode == -signal.SIGKILL
     else:
         stopped = evolve(problem, schedule, checkpoint=file, monitor=interrupt)
         assert stopped.status is Status.STOPPED
@@ -370,11 +376,10 @@ def test_schedules_check_their_times():
 
 
 def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():
-    from ngepc.geometries import lshape
-
     from ngepc import semismooth_newton
     from ngepc.evolution.file import problem_fingerprint
     from ngepc.evolution.solver import cold_start
+    from ngepc.geometries import lshape
     from ngepc.model.examples import lshape_problem
 
     names = {cold_start(semismooth_newton, gamma=g).__qualname__ for g in (1e3, 1e4)}

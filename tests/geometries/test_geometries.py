@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, cook, lshape, plate, punch, quarter_cube, ring, wrench
 from ngsolve import CF, Integrate, ds
 
-from ngepc.discretisation.elements import element_facets
+from ngepc.geometries import block, cook, lshape, plate, punch, quarter_cube, ring, wrench
+from ngepc.model.elements import element_facets
 from ngepc.model.support import check_conforming
 
 PAPER_A = (833, 1601, 3201, 6273, 12545, 24833)

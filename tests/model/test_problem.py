@@ -4,12 +4,12 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, wrench
 from ngsolve import CF, Integrate, Parameter, ds, x, y, z
 
 from ngepc import Material, Problem, lame_parameters
 from ngepc.checks.arguments import boundary_names, require_integer, require_number, sample
-from ngepc.discretisation.elements import element_facets
+from ngepc.geometries import block, lshape, wrench
+from ngepc.model.elements import element_facets
 from ngepc.model.support import (
     check_conforming,
     connected,
@@ -36,7 +36,9 @@ def test_least_problem():
     assert problem.gaps == {}
     assert problem.tractions == {}
     assert problem.f is None
-    assert values(problem.p_0).shape[1] == 4
+    assert problem.kinematics.name == "plane strain"
+    assert problem.order == 1
+    assert values(problem.p_0).shape[1] == 9
     assert not values(problem.p_0).any()
     scalar, back_stress = problem.alpha_0
     assert not values(scalar).any()
@@ -112,7 +114,8 @@ def test_normal_is_outward_where_netgen_turns_it():
 
 def test_initial_plastic_strain_is_kept():
     p = CF((x, y, y, -x), dims=(2, 2))
-    assert Problem(SQUARE, STEEL, initial_plastic_strain=p).p_0 is p
+    problem = Problem(SQUARE, STEEL, initial_plastic_strain=p, kinematics="two-dimensional")
+    assert problem.p_0 is p
 
 
 TENSOR = CF((3.0, 1.0, 1.0, -1.0), dims=(2, 2))
@@ -132,7 +135,8 @@ TENSOR = CF((3.0, 1.0, 1.0, -1.0), dims=(2, 2))
 )
 def test_initial_hardening(given, scalar, back):
     """(alpha_1, dev alpha_2): the back stress counts by its deviator only."""
-    alpha = Problem(SQUARE, STEEL, initial_hardening=given).alpha_0
+    problem = Problem(SQUARE, STEEL, initial_hardening=given, kinematics="two-dimensional")
+    alpha = problem.alpha_0
     assert values(alpha[0])[0] == pytest.approx(scalar)
     assert values(alpha[1])[0] == pytest.approx(back)
 
@@ -189,12 +193,13 @@ def test_lame_parameters(young, poisson):
     assert lam / (2 * (lam + mu)) == pytest.approx(poisson)
 
 
-def test_ellipticity_depends_on_the_dimension():
-    """Lambda = -0.9 mu is elliptic for N = 2 (lambda + mu > 0), not for N = 3."""
+def test_ellipticity_depends_on_the_kinematics():
+    """Lambda = -0.9 mu is elliptic for 2 x 2 tensors (lambda + mu > 0), not for 3 x 3."""
     weak = replace(STEEL, lame_lambda=-720.0)
-    assert Problem(SQUARE, weak).N == 2
-    with pytest.raises(ValueError, match="needed in 3 dimensions"):
-        Problem(CUBE, weak)
+    assert Problem(SQUARE, weak, kinematics="two-dimensional").N == 2
+    for mesh in (SQUARE, CUBE):
+        with pytest.raises(ValueError, match="needed for 3 x 3 tensors"):
+            Problem(mesh, weak)
 
 
 def test_held_values():

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from ngepc.geometries import block
+from coordinates import basis, coordinates, coordinates_count, deviator, strain, tensor
 from ngsolve import CF, Grad, GridFunction, VectorH1, sin, x, y, z
 
-from ngepc.model.tensors import basis, coordinates, coordinates_count, deviator, strain, tensor
+from ngepc.geometries import block
 
 MESHES = {2: block.structured_mesh(1, 1), 3: block.structured_mesh(1, 1, 1)}
 DIMENSIONS = pytest.mark.parametrize("N", [2, 3])

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 import pytest
+from bodies import FLAT
 from closed_forms import Ring
 from netgen.csg import CSGeometry, Plane, Pnt, Vec
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
@@ -64,7 +65,15 @@ def shell_problem(N, maxh, pressure, gap=math.inf):
     }
     contact = {} if gap == math.inf else {"contact": "outer", "gap": gap}
     load = {"inner": -pressure * outward_normal(mesh)}
-    return Problem(mesh, STEEL, clamped=None, prescribed=prescribed, traction=load, **contact)
+    return Problem(
+        mesh,
+        STEEL,
+        clamped=None,
+        prescribed=prescribed,
+        traction=load,
+        **contact,
+        kinematics=FLAT[mesh.dim],
+    )
 
 
 SHELLS = {  # N, pressure, gap, mesh widths, bounds for the relative errors on the finer mesh
@@ -183,7 +192,14 @@ def layered_problem(N, maxh, push):
     walls = {"left|right": (0, *(None,) * (N - 1))}
     if N == 3:
         walls["front|back"] = (None, 0, None)
-    return Problem(mesh, Material(**data), contact="contact", gap=-push, prescribed=walls)
+    return Problem(
+        mesh,
+        Material(**data),
+        contact="contact",
+        gap=-push,
+        prescribed=walls,
+        kinematics=FLAT[mesh.dim],
+    )
 
 
 def layered_solution(N, push):
@@ -238,7 +254,7 @@ def stretched_bar(N, maxh, stretch):
         name: tuple(0 if i == axis else None for i in range(N)) for axis, name in enumerate(sides)
     }
     right = {"right": (stretch, *(None,) * (N - 1))}
-    return Problem(mesh, STEEL, clamped=None, prescribed=rollers | right)
+    return Problem(mesh, STEEL, clamped=None, prescribed=rollers | right, kinematics=FLAT[mesh.dim])
 
 
 def uniaxial_stress(N, stretch, p_0=0.0):

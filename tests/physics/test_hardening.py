@@ -5,7 +5,8 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from ngepc.geometries import block
+from bodies import FLAT
+from coordinates import coordinates_count, deviator, strain, tensor
 from ngsolve import (
     CF,
     H1,
@@ -26,7 +27,7 @@ from ngsolve import (
 
 from ngepc import Material, Problem, Status, semismooth_newton
 from ngepc.dual.blocks import primal_energy
-from ngepc.model.tensors import coordinates_count, deviator, strain, tensor
+from ngepc.geometries import block
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields, frobenius
 
@@ -57,6 +58,7 @@ def general_problem(N, **material):
         initial_hardening=(0.3 * (1 + y), (1 - x) * TENSOR[N]),
         contact="contact",
         gap=0.01,
+        kinematics=FLAT[mesh.dim],
     )
 
 
@@ -209,6 +211,7 @@ def uniform_problem(epsilon, **state):
         clamped=None,
         prescribed={"left|right|clamped|contact": motion},
         **state,
+        kinematics=FLAT[mesh.dim],
     )
 
 
@@ -285,7 +288,14 @@ def test_initial_plastic_strain_alone_is_stress_free(solver):
     p_0 = CF((1e-3, 0, 0, -1e-3), dims=(2, 2))
     rollers = {"left": (0, None), "clamped": (None, 0)}
     material = Material.combined(**DATA)
-    problem = Problem(mesh, material, clamped=None, prescribed=rollers, initial_plastic_strain=p_0)
+    problem = Problem(
+        mesh,
+        material,
+        clamped=None,
+        prescribed=rollers,
+        initial_plastic_strain=p_0,
+        kinematics=FLAT[mesh.dim],
+    )
     result = solve(problem, solver)
     assert result.status is Status.CONVERGED
     expected = CF((1e-3 * x, -1e-3 * y))
@@ -318,7 +328,11 @@ def test_column_under_its_weight(force):
     for n in (4, 8, 16):
         mesh = block.structured_mesh(2, n, simplices=True)
         problem = Problem(
-            mesh, material, prescribed={"left|right": (0, None)}, body_force=(0, force)
+            mesh,
+            material,
+            prescribed={"left|right": (0, None)},
+            body_force=(0, force),
+            kinematics=FLAT[mesh.dim],
         )
         result = primal_newton(problem)
         assert result.status is Status.CONVERGED
@@ -333,7 +347,13 @@ def test_body_force_enters_the_dual():
     """The dual solver with f: V -> -J of the primal one."""
     material = Material.combined(**DATA)
     mesh = block.structured_mesh(4, 8, simplices=True)
-    problem = Problem(mesh, material, prescribed={"left|right": (0, None)}, body_force=(0, 8.0))
+    problem = Problem(
+        mesh,
+        material,
+        prescribed={"left|right": (0, None)},
+        body_force=(0, 8.0),
+        kinematics=FLAT[mesh.dim],
+    )
     primal = primal_newton(problem)
     dual = semismooth_newton(problem)
     assert dual.status is Status.CONVERGED

@@ -7,9 +7,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from bodies import FLAT
 from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
-from ngepc.geometries import lshape
 from ngsolve import CF, Mesh, x, y
 
 from ngepc import (
@@ -21,6 +21,7 @@ from ngepc import (
     Units,
     semismooth_newton,
 )
+from ngepc.geometries import lshape
 from ngepc.primal.solver import primal_newton
 
 STRESS, LENGTH = 2e8, 0.25
@@ -85,6 +86,7 @@ def problem(motion=None, mesh=None):
         body_force=force,
         initial_plastic_strain=CF(tuple(p_0.ravel().tolist()), dims=(2, 2)),
         initial_hardening=(0.1, CF(tuple(back.ravel().tolist()), dims=(2, 2))),
+        kinematics=FLAT[mesh.dim],
     )
 
 

@@ -5,7 +5,9 @@ import math
 
 import numpy as np
 import pytest
+from bodies import FLAT
 from closed_forms import Law, Ring
+from coordinates import coordinates, tensor
 from ngsolve import CF, Integrate, Norm, ds, dx, grad, sqrt, x, y, z
 from scipy.optimize import brentq
 
@@ -21,7 +23,6 @@ from ngepc import (
 )
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.geometries import block, lshape
-from ngepc.model.tensors import coordinates, tensor
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
 from ngepc.studies.verification.witness import distance_bound
@@ -72,13 +73,15 @@ def bar(material, load, **changes):
     rollers = {"left": (0, None), "clamped": (None, 0)}
     mesh = block.mesh(0.5, (1.0, 1.0))
     data = {"clamped": None, "prescribed": rollers, "traction": {"right": (load, 0)}, **changes}
-    return Problem(mesh, material, **data)
+    return Problem(mesh, material, **data, kinematics=FLAT[mesh.dim])
 
 
 def fixed_everywhere(mesh, material, u, **changes):
     """Displacements given on the whole boundary."""
     names = "|".join(sorted(set(mesh.GetBoundaries())))
-    return Problem(mesh, material, clamped=None, prescribed={names: u}, **changes)
+    return Problem(
+        mesh, material, clamped=None, prescribed={names: u}, **changes, kinematics=FLAT[mesh.dim]
+    )
 
 
 def largest(difference, mesh):
@@ -132,7 +135,9 @@ def test_column_and_obstacle(regularisation, push):
     R = REGULARISATIONS[regularisation]
     mesh = block.mesh(0.4, (1.0, 0.5))
     walls = {"left|right": (0, None)}
-    problem = Problem(mesh, COMBINED, contact="contact", gap=-push, prescribed=walls)
+    problem = Problem(
+        mesh, COMBINED, contact="contact", gap=-push, prescribed=walls, kinematics=FLAT[mesh.dim]
+    )
     result, law = solve(problem, R), Law.of(problem, R)
     two_mu, bulk = 2 * COMBINED.lame_mu, COMBINED.lame_lambda + COMBINED.lame_mu
 
@@ -315,7 +320,9 @@ def test_energy_falls_on_nested_meshes_with_contact_and_plasticity():
     for n in (2, 4, 8, 16):
         mesh = block.structured_mesh(n, n, simplices=True)
         load = {"left": CF((0.0, 4.0))}
-        problem = Problem(mesh, KINEMATIC, traction=load, contact="contact", gap=0.004)
+        problem = Problem(
+            mesh, KINEMATIC, traction=load, contact="contact", gap=0.004, kinematics=FLAT[mesh.dim]
+        )
         energies.append(solve(problem, None).primal_energy)
     assert (np.diff(energies) < 0).all()
 

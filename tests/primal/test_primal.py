@@ -1,12 +1,12 @@
 """The primal solver: closed forms, identities, step-42, counts, statuses."""
 
 import dataclasses
-import itertools
 import math
 import re
 
 import numpy as np
 import pytest
+from bodies import FLAT
 from ngsolve import (
     CF,
     H1,
@@ -25,12 +25,11 @@ from ngsolve import (
 from ngepc.discretisation.loads import Supports, nodal
 from ngepc.discretisation.pointfunctions import interpolated
 from ngepc.discretisation.rows import contact_rows
-from ngepc.discretisation.rules import plastic_points
 from ngepc.geometries import block, lshape, ring
-from ngepc.linalg.complementarity import solve_complementarity
 from ngepc.linalg.linesearch import Bracket
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
+from ngepc.model.rules import plastic_points
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.outcome import SolverError, Status
@@ -85,7 +84,9 @@ def step_42(n):
     gap = IfPos(under - 1e-12, 0.59 - sqrt(IfPos(under, under, 0.0)), 1e3)
     sides = dict.fromkeys(("left", "right", "front", "back"), (0, 0, None))
     mesh = block.structured_mesh(n, n, n)
-    return Problem(mesh, material, contact="contact", gap=gap, prescribed=sides)
+    return Problem(
+        mesh, material, contact="contact", gap=gap, prescribed=sides, kinematics=FLAT[mesh.dim]
+    )
 
 
 def test_step_42_contact_force_is_that_of_its_documentation():
@@ -216,7 +217,9 @@ def test_block_of_tetrahedra_yields_like_a_bar():
     mesh = block.mesh(0.6)
     rollers = {"left": (0, None, None), "clamped": (None, None, 0), "front": (None, 0, None)}
     traction = {"right": (4.0, 0, 0)}
-    problem = Problem(mesh, STEEL, clamped=None, prescribed=rollers, traction=traction)
+    problem = Problem(
+        mesh, STEEL, clamped=None, prescribed=rollers, traction=traction, kinematics=FLAT[mesh.dim]
+    )
     result = primal_newton(problem).raise_for_status()
     p = (4.0 * math.sqrt(2 / 3) - 1.25) / 100.0
     elongation = 4.0 / 2.5e3 + p * math.sqrt(2 / 3)
@@ -266,7 +269,7 @@ def test_derivatives_match_central_differences(mesh):
     loads = {"traction": {"contact": (0.3,) * N}}
     if N == 2:
         loads |= {"initial_plastic_strain": TRACE_FREE, "initial_hardening": 30 * TRACE_FREE}
-    energy = ReducedEnergy(Problem(mesh, STEEL, **loads))
+    energy = ReducedEnergy(Problem(mesh, STEEL, **loads, kinematics=FLAT[mesh.dim]))
     rng = np.random.default_rng(5)
     u, d = np.where(energy.free, rng.normal(size=(2, *energy.free.shape)), 0.0) * 2e-4
     assert 0 < energy.plastic_measure(u) < Integrate(CF(1), mesh)
@@ -302,7 +305,9 @@ def test_eliminated_plastic_strain_minimises_the_energy():
 
 @pytest.mark.parametrize("mesh", [block.structured_mesh(2, 2, 2), block.structured_mesh(3, 3)])
 def test_interpolated_takes_the_values_at_the_plastic_points(mesh):
-    problem = Problem(mesh, STEEL, traction={"contact": (1.0,) * mesh.dim})
+    problem = Problem(
+        mesh, STEEL, traction={"contact": (1.0,) * mesh.dim}, kinematics=FLAT[mesh.dim]
+    )
     value = CF((x * x * y, IfPos(x - 0.3, 1.0, 2.0)))
     points = mesh.MapToAllElements(plastic_points(mesh, 1), mesh.Materials(".*"))
     assert np.abs(interpolated(problem, value)(points) - value(points)).max() < 1e-13
@@ -310,7 +315,13 @@ def test_interpolated_takes_the_values_at_the_plastic_points(mesh):
 
 def test_normals_on_a_circle_point_outward_along_the_radius():
     problem = Problem(
-        ring.mesh(0.2), STEEL, clamped="inner", contact="outer", gap=0.1, traction=None
+        ring.mesh(0.2),
+        STEEL,
+        clamped="inner",
+        contact="outer",
+        gap=0.1,
+        traction=None,
+        kinematics="two-dimensional",
     )
     contact = contact_rows(problem, Supports(problem))
     points = np.asarray(problem.mesh.ngmesh.Coordinates())[contact.vertices, :2]
@@ -329,30 +340,12 @@ def test_a_corner_between_two_obstacles_touches_both():
         prescribed=rollers,
         contact="contact|right",
         gap={"contact": -0.02, "right": -0.01},
+        kinematics=FLAT[mesh.dim],
     )
     result = primal_newton(problem).raise_for_status()
     assert result.displacement(mesh(1.0, 1.0)) == pytest.approx((-0.01, -0.02), rel=1e-12)
     assert len(result.rows) == 6
     assert np.abs(result.reaction + result.contact_resultant).max() < 1e-10
-
-
-def test_complementarity_solver_finds_the_solution_among_all_active_sets():
-    rng = np.random.default_rng(11)
-    for _ in range(40):
-        A, q = rng.normal(size=(6, 6)), rng.normal(size=6)
-        W = A @ A.T + 1e-3 * np.eye(6)
-        x0 = np.maximum(rng.normal(size=6), 0)
-        start = rng.random(6) < 0.5
-        found = solve_complementarity(lambda i, W=W: W[:, i], q + W @ x0, start, x0).values
-        candidates = []
-        for active in itertools.product([False, True], repeat=6):
-            s = np.array(active)
-            z = np.zeros(6)
-            z[s] = -np.linalg.solve(W[np.ix_(s, s)], q[s])
-            if z.min() >= 0 and (q + W @ z)[~s].min(initial=0) >= 0:
-                candidates.append(z)
-        assert len(candidates) == 1
-        assert found == pytest.approx(candidates[0], rel=1e-8, abs=1e-10)
 
 
 def test_random_problems_converge_with_exact_complementarity():
@@ -376,6 +369,7 @@ def test_random_problems_converge_with_exact_complementarity():
             contact="contact",
             gap=float(rng.choice([-0.01, 0.0, 0.001, 0.01])),
             traction={side: tuple(force.tolist())},
+            kinematics=FLAT[mesh.dim],
         )
         result = primal_newton(problem).raise_for_status()
         scale = max(abs(result.primal_energy), abs(result.dual_energy))

@@ -4,7 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, plate, ring, wrench
+from coordinates import deviator, tensor
 from ngsolve import CF, GridFunction, Id, IfPos, Integrate, Norm, ds, x, y, z
 
 from ngepc import (
@@ -15,7 +15,7 @@ from ngepc import (
     wrench_problem,
 )
 from ngepc.dual.blocks import primal_energy
-from ngepc.model.tensors import deviator, tensor
+from ngepc.geometries import block, lshape, plate, ring, wrench
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Result, SolverError, Status

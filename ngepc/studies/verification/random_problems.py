@@ -150,6 +150,7 @@ def build(draw: Draw) -> Problem:
         {body.load: tuple(draw.load * bound * c for c in direction)},
         **contact,
         **_history(draw, material, mesh.dim),
+        kinematics="two-dimensional" if mesh.dim == 2 else "solid",
     )
 
 
@@ -169,14 +170,14 @@ def _material(draw: Draw) -> Material:
     )
 
 
-def _history(draw: Draw, material: Material, N: int) -> dict:
+def _history(draw: Draw, material: Material, size: int) -> dict:
     if draw.history == 0:
         return {}
-    size = draw.history * material.yield_stress / (2 * material.lame_mu)
-    p = np.zeros((N, N))
-    p[0, 0], p[1, 1], p[0, 1], p[1, 0] = 0.6 * size, -0.6 * size, 0.3 * size, 0.3 * size
+    strain_size = draw.history * material.yield_stress / (2 * material.lame_mu)
+    p = np.zeros((size, size))
+    p[0, 0], p[1, 1], p[0, 1], p[1, 0] = (c * strain_size for c in (0.6, -0.6, 0.3, 0.3))
     strain, back = (
-        CF(tuple((c * p).ravel().tolist()), dims=(N, N)) for c in (1, material.hardening)
+        CF(tuple((c * p).ravel().tolist()), dims=p.shape) for c in (1, material.hardening)
     )
     norm = float(np.linalg.norm(p))
     scalar = material.hardening_stiffness * material.hardening_modulus * material.yield_stress

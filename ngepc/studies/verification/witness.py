@@ -35,7 +35,6 @@ from ngepc.dual.parameters import Weights
 from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.tensors import strain, tensor
 from ngepc.primal.result import PrimalResult
 from ngepc.results.exact import DiscreteSolution
 from ngepc.results.outcome import Result
@@ -50,8 +49,9 @@ def elastic_product(
     problem: Problem, h: Coefficient, u: Field, p: Field, v: Field, r: Field
 ) -> CoefficientFunction:
     """The integrand of <D (u, p), (v, r)>: C (eps(u) - p) : (eps(v) - r) + h p . r."""
-    m, N = problem.material, problem.N
-    e, d = strain(u) - tensor(p, N), strain(v) - tensor(r, N)
+    m = problem.material
+    strain, tensor = problem.kinematics.strain, problem.kinematics.tensor
+    e, d = strain(u) - tensor(p), strain(v) - tensor(r)
     return m.lame_lambda * Trace(e) * Trace(d) + 2 * m.lame_mu * InnerProduct(e, d) + h * p * r
 
 
@@ -179,7 +179,7 @@ def balance_residual(result: DiscreteSolution) -> float:
     V = u.space
     v = V.TestFunction()
     internal, applied = LinearForm(V), LinearForm(V)
-    internal += InnerProduct(result.stress, strain(v)) * dx(bonus_intorder=2)
+    internal += InnerProduct(result.stress, problem.kinematics.strain(v)) * dx(bonus_intorder=2)
     for name, g in problem.tractions.items():
         applied += g * v * ds(name, bonus_intorder=3)
     if problem.f is not None:

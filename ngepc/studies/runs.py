@@ -11,11 +11,11 @@ from ngsolve import GridFunction
 from ngepc.discretisation.spaces import displacement_space
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.regularisation import Coupled
+from ngepc.dual.restore import restore
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import primal_newton
 from ngepc.results import checkpoint
 from ngepc.results.outcome import History, IterationRecord, Result, Status
-from ngepc.results.restore import restore
 
 FINGERPRINT = {"kind": "run of ngepc solve", "version": 2}
 

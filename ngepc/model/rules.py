@@ -17,7 +17,7 @@ import math
 from ngsolve import ET, IntegrationRule, Mesh
 
 from ngepc.checks.arguments import ELEMENT_TYPES
-from ngepc.discretisation.elements import element_vertices
+from ngepc.model.elements import element_vertices
 
 _SHAPE_OF = {
     (2, 3): ET.TRIG,

@@ -1,0 +1,258 @@
+"""The user says how accurate: meshes that follow the guaranteed bound."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from ngsolve import Mesh
+
+from ngepc.bounds.bound import ErrorBound, bound_of_state
+from ngepc.bounds.coverage import check_covered
+from ngepc.bounds.setting import Setting
+from ngepc.bounds.transfer import bisected, carried_state, check_carried, on_mesh
+from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.kinds import require_function, require_instance
+from ngepc.local.factors import Factors
+from ngepc.local.newton import run
+from ngepc.local.result import ExactResult
+from ngepc.local.start import starting_state
+from ngepc.local.system import DiscreteProblem
+from ngepc.model.problem import Problem
+from ngepc.results.outcome import IterationRecord, Status
+
+log = logging.getLogger(__name__)
+
+ALGEBRAIC_SHARE = 0.1
+"""Newton's part of the bound that ends the iteration on a mesh."""
+
+SMALL_STEP = 0.01
+"""Newton pauses at a step that lowers the energy by less than this part of the last bound."""
+
+TOLERANCE = 1e-10
+"""The residual at which Newton stops if no small step stops it before."""
+
+SOLVED = (Status.CONVERGED, Status.STAGNATED)
+"""How Newton's method ends where refinement goes on."""
+
+LINE = "nodes:%(nodes)6d energy:%(energy).8e bound:%(total).2e"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refinement:
+    """How meshes follow the bound.
+
+    Parameters
+    ----------
+    marking
+        Doerfler's share: the fewest elements whose indicators add up to this part of the bound
+        are bisected, in (0, 1].
+    max_nodes
+        No mesh gets more vertices.
+    max_iterations
+        Most Newton steps on one mesh.
+    """
+
+    marking: float = 0.5
+    max_nodes: int = 200_000
+    max_iterations: int = 100
+
+    def __post_init__(self) -> None:
+        if require_number("marking", self.marking, 0, strict=True) > 1:
+            raise ValueError(f"marking={self.marking!r}: a number in (0, 1] is needed")
+        require_integer("max_nodes", self.max_nodes, 3)
+        require_integer("max_iterations", self.max_iterations, 1)
+
+
+@dataclass(frozen=True)
+class MeshRecord:
+    """What is known once a mesh is done.
+
+    Parameters
+    ----------
+    nodes, iterations
+        Vertices of the mesh and Newton steps on it.
+    energy, total, algebraic, relative
+        J(u) and what ``ErrorBound`` says.
+    """
+
+    nodes: int
+    iterations: int
+    energy: float
+    total: float
+    algebraic: float
+    relative: float
+
+
+@dataclass(frozen=True, eq=False)
+class BoundedResult:
+    """What ``solve_to`` returns.
+
+    Parameters
+    ----------
+    result, bound
+        The result on the last mesh and its error bound.
+    asked
+        The relative error that was asked for.
+    records
+        One record for each mesh.
+    message
+        Why it ended before ``bound.relative <= asked``; empty if it did not.
+    """
+
+    result: ExactResult
+    bound: ErrorBound
+    asked: float
+    records: list[MeshRecord]
+    message: str
+
+    @property
+    def reached(self) -> bool:
+        """Whether the bound is below what was asked for."""
+        return self.bound.relative <= self.asked
+
+    @property
+    def iterations(self) -> int:
+        """Newton steps on all meshes."""
+        return sum(record.iterations for record in self.records)
+
+
+def solve_to(
+    problem: Problem,
+    relative_error: float = 0.01,
+    options: Refinement | None = None,
+    monitor: Callable[[MeshRecord], None] | None = None,
+) -> BoundedResult:
+    """Solve to a guaranteed relative error of the energy.
+
+    Parameters
+    ----------
+    problem
+        The data; its mesh is where refinement starts, and stays as it is.
+    relative_error
+        Bound for ``ErrorBound.relative``, > 0.
+    options
+        Marking and limits.
+    monitor
+        Called with the record of each mesh; raising StopIteration ends the run.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For arguments that are not legal, and problems that no bound covers.
+    """
+    require_instance("problem", problem, Problem, "a Problem")
+    require_number("relative_error", relative_error, 0, strict=True)
+    require_function("monitor", monitor, "a record", optional=True)
+    options = Refinement() if options is None else options
+    require_instance("options", options, Refinement, "Refinement(...)")
+    check_covered(problem)
+    check_carried(problem)
+    records: list[MeshRecord] = []
+    mesh, last = Mesh(problem.mesh.ngmesh.Copy()), None
+    while True:
+        result, bound = solved(DiscreteProblem(on_mesh(problem, mesh)), last, options)
+        records.append(recorded(result, bound))
+        log.info(LINE, vars(records[-1]))
+        message = verdict(result, bound, relative_error, records[-1], monitor)
+        if message is None:
+            mesh, last = bisected(mesh, marked(bound.per_triangle, options.marking)), bound
+            if mesh.nv > options.max_nodes:
+                message = f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
+        if message is not None:
+            return BoundedResult(result, bound, relative_error, records, message)
+
+
+def solved(
+    discrete: DiscreteProblem, last: ErrorBound | None, options: Refinement
+) -> tuple[ExactResult, ErrorBound]:
+    """Newton steps on one mesh until their part of the bound is small."""
+    setting, tangent = Setting(discrete), Factors(discrete, "sparsecholesky")
+    if last is None:
+        state, pause = starting_state(discrete, None), Pause(0.0)
+    else:
+        state, pause = carried_state(last.state, discrete), Pause(SMALL_STEP * last.total)
+    steps = 0
+    while True:
+        result = run(discrete, state, tangent, TOLERANCE, options.max_iterations - steps, pause)
+        steps += result.iterations
+        bound = bound_of_state(setting, result.state, tangent)
+        if not pause.reached or bound.algebraic <= ALGEBRAIC_SHARE * bound.total:
+            return paused(result, bound, steps) if pause.reached else result, bound
+        state, pause = result.state, Pause(pause.small / 30)
+
+
+class Pause:
+    """A monitor that stops Newton's method at a small step.
+
+    Parameters
+    ----------
+    small
+        A smaller decrease of the energy is small.
+
+    Attributes
+    ----------
+    reached
+        Whether it has stopped a run.
+    """
+
+    def __init__(self, small: float) -> None:
+        self.small, self.reached, self._energy = small, False, math.nan
+
+    def __call__(self, record: IterationRecord) -> None:
+        """Compare with the record before.
+
+        Raises
+        ------
+        StopIteration
+            At a small step.
+        """
+        gained, self._energy = self._energy - record.energy, record.energy
+        self.reached = record.iteration > 0 and abs(gained) < self.small
+        if self.reached:
+            raise StopIteration
+
+
+def paused(result: ExactResult, bound: ErrorBound, steps: int) -> ExactResult:
+    """The result of a run that has done enough for its mesh."""
+    part = bound.algebraic / bound.total
+    ending = f"Newton's part of the error bound is {part:.1e} after {steps} steps."
+    return replace(result, status=Status.CONVERGED, ending=ending)
+
+
+def recorded(result: ExactResult, bound: ErrorBound) -> MeshRecord:
+    """The record of a mesh."""
+    nodes = result.problem.mesh.nv
+    return MeshRecord(
+        nodes, result.iterations, bound.energy, bound.total, bound.algebraic, bound.relative
+    )
+
+
+def verdict(
+    result: ExactResult,
+    bound: ErrorBound,
+    asked: float,
+    record: MeshRecord,
+    monitor: Callable[[MeshRecord], None] | None,
+) -> str | None:
+    """None to go on, "" where the error is small enough, or why the run ends."""
+    try:
+        if monitor is not None:
+            monitor(record)
+    except StopIteration:
+        return "The monitor ended the run."
+    if result.status not in SOLVED:
+        return result.ending or result.status.value
+    return "" if bound.relative <= asked else None
+
+
+def marked(indicators: np.ndarray, share: float) -> np.ndarray:
+    """The fewest elements whose indicators add up to a share of all, as booleans (Doerfler)."""
+    order = np.argsort(-indicators)
+    sums = np.cumsum(np.maximum(indicators[order], 0.0))
+    result = np.zeros(len(indicators), dtype=bool)
+    result[order[: np.searchsorted(sums, share * sums[-1]) + 1]] = True
+    return result

@@ -1,0 +1,198 @@
+"""Self-equilibrated stresses of a triangulation: Airy functions, and the least dual energy on them.
+
+Unknowns are the value and the gradient of the Airy function at each vertex and, on each edge, by
+how much its normal derivative in the middle exceeds the mean of those at the ends.  Where
+tractions are given the function and its gradient vanish, so that tractions stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ngepc.bounds.boundary import Boundary
+from ngepc.bounds.conjugate import TO_PLANE
+from ngepc.bounds.element import AIRY_MAP, CORNERS, NORMALS, midpoint_rows
+from ngepc.bounds.held import Held, Pair
+from ngepc.bounds.triangles import PAIRS
+
+AIRY_POINTS = midpoint_rows(AIRY_MAP)
+"""Stresses times det J at the nine midpoints from the unknowns of a triangle, (27, 12)."""
+
+PORTION = 1000
+"""Triangles whose matrices are made at once: they stay in the processor's cache."""
+
+VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def _stiffness_map() -> np.ndarray:
+    """Stiffness of a triangle from the six compliances at the nine points, (6, 9, 144)."""
+    result = np.empty((6, 9, 12, 12))
+    for q, rows in enumerate(AIRY_POINTS.reshape(9, 3, 12)):
+        for c, (i, j) in enumerate(VOIGT):
+            product = np.outer(rows[i], rows[j])
+            result[c, q] = product if i == j else product + product.T
+    return result.reshape(6, 9, 144)
+
+
+STIFFNESS_MAP = _stiffness_map()
+
+
+def _edge_rows() -> np.ndarray:
+    """How far the tangential derivative in the middle exceeds the mean, times L, (3, 9)."""
+    rows = np.zeros((3, 9))
+    for k, (i, j) in enumerate(PAIRS):
+        rows[k, 3 * j], rows[k, 3 * i] = 1.5, -1.5
+        for v in (i, j):
+            rows[k, 3 * v + 1 : 3 * v + 3] = -0.75 * (CORNERS[j] - CORNERS[i])
+    return rows
+
+
+GRADIENTS = [slice(3 * v + 1, 3 * v + 3) for v in range(3)]
+EDGE_ROWS = _edge_rows()
+EDGE_PAIRS = np.einsum("ki,lj->klij", EDGE_ROWS, EDGE_ROWS).reshape(9, 81)
+
+
+class AirySpace:
+    """The Airy functions of a triangulation.
+
+    Parameters
+    ----------
+    boundary
+        Which tractions are given.
+
+    Attributes
+    ----------
+    held
+        Which unknowns are held, and how held ones may move together.
+    to_plane
+        In-plane stress coordinates of reference stresses, shape (nt, 3, 3).
+    """
+
+    def __init__(self, boundary: Boundary) -> None:
+        self.boundary, self.triangles = boundary, boundary.triangles
+        t = self.triangles
+        self.to_plane = np.matmul(TO_PLANE, piola(t.jacobian) / t.det[:, None, None])
+        self._edge_map()
+        self.held = Held(boundary)
+
+    def _edge_map(self) -> None:
+        """The edge unknowns of the reference triangle: across * unknown + along * EDGE_ROWS."""
+        t = self.triangles
+        directions = np.matmul(t.jacobian, NORMALS.T).transpose(0, 2, 1)  # images of the normals
+        tangents = np.matmul(t.jacobian, (CORNERS[[2, 0, 1]] - CORNERS[[1, 2, 0]]).T)
+        tangents = tangents.transpose(0, 2, 1)
+        square = np.einsum("tki,tki->tk", tangents, tangents)
+        self._across = np.einsum("tki,tki->tk", directions, t.normal[t.edge_of])
+        self._along = np.einsum("tki,tki->tk", directions, tangents) / square
+
+    def local(self, vertex: np.ndarray, edge: np.ndarray) -> np.ndarray:
+        """The unknowns of each triangle, shape (nt, 12)."""
+        corner = vertex[self.triangles.nodes].reshape(-1, 9)
+        return np.concatenate([corner, edge[self.triangles.edge_of]], axis=1)
+
+    def gathered(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The transpose of ``local``."""
+        t = self.triangles
+        nodes, nv = t.nodes.ravel(), len(t.points)
+        corner = local[:, :9].reshape(-1, 3).T
+        vertex = np.stack([np.bincount(nodes, v, minlength=nv) for v in corner], axis=1)
+        edge = np.bincount(t.edge_of.ravel(), local[:, 9:].ravel(), minlength=len(t.edges))
+        return vertex, edge
+
+    def product(self, K: np.ndarray, x: Pair) -> Pair:
+        """K x for the matrices K of the triangles, (nt, 12, 12)."""
+        return self.gathered(np.matmul(K, self.local(*x)[:, :, None])[:, :, 0])
+
+    def reference(self, local: np.ndarray) -> np.ndarray:
+        """Unknowns of the reference triangle, shape (nt, 12)."""
+        result, J = local.copy(), self.triangles.jacobian
+        for pair in GRADIENTS:
+            turn(result[:, pair], J.swapaxes(1, 2))
+        result[:, 9:] *= self._across
+        result[:, 9:] += self._along * (result[:, :9] @ EDGE_ROWS.T)
+        return result
+
+    def _transposed(self, reference: np.ndarray) -> np.ndarray:
+        """The transpose of ``reference``."""
+        result = reference.copy()
+        result[:, :9] += (self._along * reference[:, 9:]) @ EDGE_ROWS
+        result[:, 9:] *= self._across
+        for pair in GRADIENTS:
+            turn(result[:, pair], self.triangles.jacobian)
+        return result
+
+    def fill(
+        self, K: np.ndarray, chosen: np.ndarray, compliance: Callable[[np.ndarray], np.ndarray]
+    ) -> None:
+        """Put the stiffness matrices (12, 12) of some triangles at their places in K.
+
+        ``compliance`` gives d2 phi*/dz2 of triangles at one point or nine, (n, 1 or 9, 3, 3).
+        """
+        for first in range(0, len(chosen), PORTION):
+            part = chosen[first : first + PORTION]
+            K[part] = self.stiffness(compliance(part), part)
+
+    def stiffness(self, H: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """Stiffness matrices (n, 12, 12) of chosen triangles from d2 phi*/dz2."""
+        t = self.triangles
+        scale = np.sqrt(t.area[chosen] / 9) / t.det[chosen]
+        M = (self.to_plane[chosen] * scale[:, None, None]).transpose(1, 2, 0)
+        six = congruent(H.transpose(2, 3, 1, 0), M).reshape(6 * H.shape[1], -1)
+        table = STIFFNESS_MAP if H.shape[1] == 9 else STIFFNESS_MAP.sum(axis=1)
+        K = (six.T @ table.reshape(-1, 144)).reshape(-1, 12, 12)
+        return self._in_unknowns(K, chosen)
+
+    def _in_unknowns(self, K: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """From unknowns of the reference triangle to those of the mesh, in place."""
+        along, across = self._along[chosen], self._across[chosen]
+        J = self.triangles.jacobian[chosen][:, None]
+        middle = K[:, 9:, 9:] * along[:, None, :]
+        cross = (K[:, :9, 9:] * along[:, None, :]) @ EDGE_ROWS
+        twice = np.einsum("tkl,tk->tkl", middle, along).reshape(-1, 9) @ EDGE_PAIRS
+        K[:, :9, :9] += cross + cross.transpose(0, 2, 1) + twice.reshape(-1, 9, 9)
+        K[:, 9:, :9] += middle @ EDGE_ROWS
+        K[:, 9:] *= across[:, :, None]
+        K[:, 9:, 9:] *= across[:, None, :]
+        for pair in GRADIENTS:
+            turn(K[:, :, pair], J)
+        for pair in GRADIENTS:
+            turn(K[:, pair, :9].swapaxes(1, 2), J)
+        K[:, :9, 9:] = K[:, 9:, :9].transpose(0, 2, 1)
+        return K
+
+    def stress(self, local: np.ndarray) -> np.ndarray:
+        """In-plane stress coordinates at the midpoints, shape (nt, 9, 3)."""
+        reference = self.reference(local) / self.triangles.det[:, None]
+        return self.in_plane(reference @ AIRY_POINTS.T)
+
+    def in_plane(self, reference: np.ndarray) -> np.ndarray:
+        """In-plane coordinates (nt, 9, 3) of stresses on the reference triangle (nt, 27)."""
+        return np.matmul(reference.reshape(-1, 9, 3), self.to_plane.transpose(0, 2, 1))
+
+    def forces(self, strain: np.ndarray) -> np.ndarray:
+        """The transpose of ``stress`` with the weights of the points, shape (nt, 12)."""
+        t = self.triangles
+        M = self.to_plane * (t.area / 9 / t.det)[:, None, None]
+        return self._transposed(np.matmul(strain, M).reshape(-1, 27) @ AIRY_POINTS)
+
+
+def turn(pairs: np.ndarray, J: np.ndarray) -> None:
+    """Replace pairs g (..., 2) by J g, in place."""
+    first = J[..., 0, 0] * pairs[..., 0] + J[..., 0, 1] * pairs[..., 1]
+    pairs[..., 1] = J[..., 1, 0] * pairs[..., 0] + J[..., 1, 1] * pairs[..., 1]
+    pairs[..., 0] = first
+
+
+def congruent(H: np.ndarray, M: np.ndarray) -> np.ndarray:
+    """The entries VOIGT of M' H M for H (3, 3, points, n) and M (3, 3, n), (6, points, n)."""
+    HM = [[sum(H[i, k] * M[k, j] for k in range(3)) for j in range(3)] for i in range(3)]
+    return np.stack([sum(M[k, i] * HM[k][j] for k in range(3)) for i, j in VOIGT])
+
+
+def piola(J: np.ndarray) -> np.ndarray:
+    """J s J' for symmetric s as a matrix on (xx, yy, xy), shape (n, 3, 3)."""
+    a, b, c, d = J[:, 0, 0], J[:, 0, 1], J[:, 1, 0], J[:, 1, 1]
+    rows = [[a * a, b * b, 2 * a * b], [c * c, d * d, 2 * c * d], [a * c, b * d, a * d + b * c]]
+    return np.moveaxis(np.array(rows), 2, 0)

@@ -1,0 +1,205 @@
+"""The bound of the energy error of a result, from an admissible stress.
+
+For every displacement u that is admissible and every stress that is in equilibrium with loads and
+a contact pressure P >= 0,
+
+    J(u) - inf J  <=  J(u) + D(sigma)
+        =  int [phi(eps(u)) + phi*(sigma) - sigma : eps(u)] + int_contact P (psi - u . n),
+
+where phi is the density of J that is smallest over p.  Both integrands are nowhere negative: they
+are the indicators.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from ngsolve import L2, GridFunction
+
+from ngepc.bounds.coverage import on_segments
+from ngepc.bounds.element import at_nodes
+from ngepc.bounds.setting import Setting
+from ngepc.bounds.tightening import Dual, Effort, tightened
+from ngepc.discretisation.loads import nodal
+from ngepc.local.factors import Factors
+from ngepc.local.result import ExactResult
+from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorBound:
+    """How far a result is from the solution of the continuous problem, guaranteed.
+
+    Parameters
+    ----------
+    state
+        The displacement that is judged; J(u) - inf J is its energy error.
+    total
+        No less than the energy error (force times length).
+    algebraic
+        No less than J(u) - J_h, the part that further iterations on this mesh would remove.
+    per_triangle
+        What each triangle adds to ``total``, nowhere negative but for rounding.
+    admissible
+        The in-plane stresses ((xx + yy)/2, (xx - yy)/2^(1/2), 2^(1/2) xy) at the edge midpoints of
+        the sub-triangles, shape (triangles, 9, 3).
+    pressure
+        The contact pressure P >= 0 that goes with it, at the ends of the contact edges.
+    moved
+        By how much the displacement of the result was changed to clear the obstacle (length).
+    """
+
+    state: State = field(repr=False)
+    total: float
+    algebraic: float
+    per_triangle: np.ndarray = field(repr=False)
+    admissible: np.ndarray = field(repr=False)
+    pressure: np.ndarray = field(repr=False)
+    moved: float = 0.0
+
+    @property
+    def problem(self) -> Problem:
+        """The problem."""
+        return self.state.discrete.problem
+
+    @property
+    def discretisation(self) -> float:
+        """``total`` without ``algebraic``: what only another mesh removes."""
+        return max(self.total - self.algebraic, 0.0)
+
+    @property
+    def energy(self) -> float:
+        """J(u), no less than inf J."""
+        return self.state.energy
+
+    @property
+    def least_energy(self) -> float:
+        """J(u) - total, no more than inf J."""
+        return self.energy - self.total
+
+    @cached_property
+    def strain_energy(self) -> float:
+        """int 1/2 C^-1 sigma : sigma + h/2 |p|^2 + beta |p| (force times length).
+
+        What the body stores elastically and by hardening, and what it dissipates in the step.
+        """
+        state, law = self.state, self.state.discrete.law
+        stress, p = law.stress(state.at), state.at.gained
+        elastic = law.bulk * state.volume**2 + np.einsum("pd,pd->p", stress, stress) / law.two_mu
+        plastic = (law.hardening * p / 2 + law.beta) * p
+        return state.discrete.points.integral(elastic / 2 + plastic)
+
+    @property
+    def relative(self) -> float:
+        """``total`` over the strain energy; 0 for a body without stress and without error."""
+        return self.total / self.strain_energy if self.strain_energy > 0 else float(self.total > 0)
+
+    @property
+    def stress(self) -> float:
+        """Bound of (int C^-1 d : d + h |p_h - p|^2)^(1/2) for the error d of the stress.
+
+        Its square is an energy: 2 ``total``.
+        """
+        return float(np.sqrt(2 * max(self.total, 0.0)))
+
+    @property
+    def strain(self) -> float:
+        """Bound of the L2 norm of eps(u) - eps of the solution (length^(N/2))."""
+        law = self.state.discrete.law
+        size = self.problem.kinematics.size
+        elastic = max((1 / law.two_mu).max(), (1 / (size * law.bulk)).max())
+        return float(np.sqrt(elastic + (1 / law.hardening).max())) * self.stress
+
+    @cached_property
+    def indicators(self) -> GridFunction:
+        """``per_triangle`` as a function to draw (force times length for each triangle)."""
+        result = GridFunction(L2(self.problem.mesh, order=0), name="error_indicators")
+        result.vec.FV().NumPy()[:] = self.per_triangle
+        return result
+
+
+def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
+    """A guaranteed bound of the energy error of a result, converged or not.
+
+    Parameters
+    ----------
+    result
+        What a solver of a :class:`Problem` returned.  Where its displacement violates the obstacle
+        it is moved, the plastic strain is the best one for it: ``ErrorBound.state`` is what the
+        bound is for.
+    effort
+        How hard to look for a sharp bound; every effort gives a bound.
+
+    Raises
+    ------
+    TypeError
+        If ``result`` is none.
+    ValueError
+        For what no bound covers, naming the argument of the problem.
+    """
+    problem = getattr(result, "problem", None)
+    if not isinstance(problem, Problem):
+        raise TypeError(f"result={result!r}: a result with a displacement is needed")
+    exact = isinstance(result, ExactResult)
+    setting = Setting(result.discrete if exact else DiscreteProblem(problem))
+    state = result.state if exact else state_of(setting, result)
+    return bound_of_state(setting, state, Factors(setting.discrete, "sparsecholesky"), effort)
+
+
+def state_of(setting: Setting, result: object) -> State:
+    """Displacement and contact forces of any result, with the best plastic strain."""
+    discrete, rows = setting.discrete, setting.discrete.rows
+    u = nodal(result.displacement.vec.FV().NumPy(), setting.problem)
+    multipliers = np.zeros(len(rows))
+    if len(rows):
+        ends = setting.boundary.on_contact(on_segments(setting.problem, result.contact_pressure))
+        there = setting.row_of >= 0
+        multipliers[setting.row_of[there]] = np.maximum(ends[there], 0.0)
+    return discrete.state(u.copy(), contact=multipliers * rows.weights)
+
+
+def bound_of_state(
+    setting: Setting, given: State, tangent: Factors, effort: Effort | None = None
+) -> ErrorBound:
+    """The bound for a state on the mesh of a setting; ``tangent`` gets other factors."""
+    discrete, u = setting.discrete, setting.feasible(given.u)
+    moved = float(np.abs(u - given.u).max(initial=0.0))
+    state = (
+        given
+        if moved <= given.touching_distance
+        else discrete.state(u, contact=given.multipliers)
+    )
+    tangent.update(discrete.law.moduli(state.at, state.yielding))
+    P = setting.pressure(state.multipliers)
+    moments, forces = setting.loads(P)
+    stress = setting.balanced(state, tangent, forces)
+    z, contact = setting.admissible(stress, moments), setting.contact_gaps(state.u, P)
+    dual = Dual(setting.space, setting.conjugate, setting.strain(state))
+    rest = float(local_gaps(setting, state, 0 * stress).sum() + contact.sum())
+    z = tightened(dual, z, stress, rest, effort or Effort())
+    local = local_gaps(setting, state, z.mean(axis=1))
+    per_triangle, _ = setting.conjugate.integrals(at_nodes(z), setting.triangles.area, local)
+    owners = setting.triangles.owners[setting.boundary.contact, 0]
+    per_triangle += np.bincount(owners, contact, minlength=len(per_triangle))
+    algebraic = algebraic_part(setting, state, tangent)
+    return ErrorBound(state, float(per_triangle.sum()), algebraic, per_triangle, z, P, moved)
+
+
+def local_gaps(setting: Setting, state: State, mean: np.ndarray) -> np.ndarray:
+    """int [phi(eps) - sigma : eps] over each triangle for stresses with this mean (nt, 3)."""
+    law = setting.discrete.law
+    phi = law.energy_density(state.volume, state.at)
+    work = np.einsum("tc,tc->t", mean, setting.strain(state))
+    return setting.triangles.area * (phi - work)
+
+
+def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
+    """No less than J(u) - J_h: the same bound with a discrete stress and the discrete contact."""
+    rows, multipliers = setting.discrete.rows, np.maximum(state.multipliers, 0.0)
+    z = setting.balanced(state, tangent, rows.forces(multipliers))
+    dual = setting.conjugate.value(setting.conjugate.completed(z[:, None]))[:, 0]
+    gaps = local_gaps(setting, state, z) + setting.triangles.area * dual
+    return float(gaps.sum() + multipliers @ rows.open_gap(state.u))

@@ -1,0 +1,252 @@
+"""The density of the dual functional: phi*(sigma), its derivatives, and an integrable upper bound.
+
+In-plane stresses have the coordinates z = (a, b_0, b_1) = ((xx + yy)/2, (xx - yy)/2^(1/2),
+2^(1/2) xy), whose product with (tr eps, e_0, e_1) is sigma : eps.  With the mean part m and the
+deviatoric coordinates d of the stress
+
+    phi*(sigma) = m^2 / (2 bulk) + |d|^2 / (4 mu_2) + d . p_0 + mu_2 |p_0|^2
+                  + 1/(2 h) ([|d - dev alpha_0| - beta]_+)^2.
+
+It is conjugate to the density of J, which leaves out mu_2 |p_0|^2.
+
+In the law of two dimensions m = a and d = b.  In plane strain no equation restricts sigma_zz, that
+is the coordinate d_1 = zeta of diag(1, 1, -2)/6^(1/2) with m = a - zeta/6^(1/2): every zeta bounds,
+the one that is taken nearly minimises phi*.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ngepc.discretisation.law import Law
+
+R6 = np.sqrt(6.0)
+
+TO_PLANE = np.array([[0.5, 0.5, 0.0], [0.5**0.5, -(0.5**0.5), 0.0], [0.0, 0.0, 2**0.5]])
+"""(a, b_0, b_1) from (xx, yy, xy)."""
+
+ZETA_STEPS = 6
+"""Newton steps for zeta where the stress yields."""
+
+SPLIT = np.array(
+    [
+        [[1, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5]],
+        [[0, 1, 0], [0, 0.5, 0.5], [0.5, 0.5, 0]],
+        [[0, 0, 1], [0.5, 0, 0.5], [0, 0.5, 0.5]],
+        [[0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]],
+    ]
+)
+"""Barycentric coordinates of the four parts of a triangle."""
+
+WORTH = 0.005
+"""Sub-triangles are split for the plastic term until that can gain this part of the bound.
+
+Half of it on each level: there are parts enough whose gain is nothing.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Completed:
+    """A stress with its third direction: m, d, and what of d - dev alpha_0 exceeds beta.
+
+    Parameters
+    ----------
+    mean, deviator
+        Shapes (...) and (..., d).
+    over, direction
+        [|s| - beta]_+ and s/|s| for s = d - dev alpha_0, shapes (...) and (..., d).
+    size
+        |s|.
+    """
+
+    mean: np.ndarray
+    deviator: np.ndarray
+    over: np.ndarray
+    direction: np.ndarray
+    size: np.ndarray
+
+    def of(self, triangles: np.ndarray) -> Completed:
+        """Those of some triangles."""
+        return Completed(*(getattr(self, f.name)[triangles] for f in fields(self)))
+
+
+class Conjugate:
+    """phi* on triangles that carry one set of material data each.
+
+    Parameters
+    ----------
+    law
+        The material at the points, one for each triangle.
+    """
+
+    def __init__(self, law: Law) -> None:
+        self.law = law
+        self.d = law.back.shape[1]
+        self.constant = 0.5 * law.two_mu * np.einsum("td,td->t", law.initial, law.initial)
+
+    def completed(self, z: np.ndarray, of: np.ndarray | slice = slice(None)) -> Completed:
+        """The whole stress for in-plane z (triangles, points, 3) of the triangles ``of``."""
+        if self.d == 2:
+            return self._completed(z[..., 0], z[..., 1:], of)
+        return self._completed(*self._with_zeta(z, self._best_zeta(z, of)), of)
+
+    def _completed(self, m: np.ndarray, d: np.ndarray, of: np.ndarray | slice) -> Completed:
+        s = d - self.law.back[of][:, None]
+        size = np.sqrt(np.einsum("tqd,tqd->tq", s, s))
+        over = np.maximum(size - self.law.beta[of][:, None], 0.0)
+        return Completed(m, d, over, s / np.where(size > 0, size, 1.0)[..., None], size)
+
+    def _with_zeta(self, z: np.ndarray, zeta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return z[..., 0] - zeta / R6, np.stack([z[..., 1], zeta, z[..., 2]], axis=-1)
+
+    def _best_zeta(self, z: np.ndarray, of: np.ndarray | slice) -> np.ndarray:
+        """Elastic where the stress that follows does not yield, some Newton steps elsewhere."""
+        law = self.law
+        bulk, two_mu, h = (v[of][:, None] for v in (law.bulk, law.two_mu, law.hardening))
+        initial = law.initial[of][:, None, 1]
+        stiff = 1 / (6 * bulk) + 1 / two_mu
+        zeta = (z[..., 0] / (R6 * bulk) - initial) / stiff
+        for _ in range(ZETA_STEPS):
+            at = self._completed(*self._with_zeta(z, zeta), of)
+            if not at.over.any():
+                break
+            n = at.direction[..., 1]
+            slope = stiff * zeta - z[..., 0] / (R6 * bulk) + initial + n * at.over / h
+            part = at.over / np.where(at.size > 0, at.size, 1.0)
+            zeta = zeta - slope / (stiff + ((at.over > 0) * n**2 + part * (1 - n**2)) / h)
+        return zeta
+
+    def value(self, at: Completed, of: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """phi* at completed stresses, shape (triangles, points)."""
+        return self._smooth(at, of) + at.over**2 / (2 * self.law.hardening[of][:, None])
+
+    def _smooth(self, at: Completed, of: np.ndarray | slice) -> np.ndarray:
+        law = self.law
+        bulk, two_mu = law.bulk[of][:, None], law.two_mu[of][:, None]
+        square = np.einsum("tqd,tqd->tq", at.deviator, at.deviator)
+        history = np.einsum("tqd,td->tq", at.deviator, law.initial[of])
+        quadratic = at.mean**2 / bulk + square / two_mu
+        return quadratic / 2 + history + self.constant[of][:, None]
+
+    def gradient(self, at: Completed) -> np.ndarray:
+        """The strain d phi* / dz, shape (triangles, points, 3)."""
+        law = self.law
+        strain = at.deviator / law.two_mu[:, None, None] + law.initial[:, None]
+        strain = strain + (at.over / law.hardening[:, None])[..., None] * at.direction
+        first = (at.mean / law.bulk[:, None])[..., None]
+        return np.concatenate([first, strain[..., [0, -1]]], axis=-1)
+
+    def compliance(self, at: Completed, of: np.ndarray) -> np.ndarray:
+        """d2 phi*/dz2 of the triangles ``of``, shape (triangles, points, 3, 3)."""
+        law, n = self.law, at.direction
+        h, size = law.hardening[of][:, None], np.where(at.size > 0, at.size, 1.0)
+        across = at.over / size / h
+        along = (at.over > 0) / h - across
+        whole = along[..., None, None] * n[..., :, None] * n[..., None, :]
+        for k in range(self.d):
+            whole[..., k, k] += across + 1 / law.two_mu[of][:, None]
+        bulk = np.broadcast_to(1 / law.bulk[of][:, None], at.mean.shape)
+        if self.d == 2:
+            result = np.zeros((*at.mean.shape, 3, 3))
+            result[..., 0, 0], result[..., 1:, 1:] = bulk, whole
+            return result
+        return self._without_zeta(bulk, whole)
+
+    def _without_zeta(self, bulk: np.ndarray, whole: np.ndarray) -> np.ndarray:
+        """The Schur complement of the coordinate zeta in (a, b_0, b_1, zeta)."""
+        rest, column = np.zeros((*bulk.shape, 3, 3)), np.zeros((*bulk.shape, 3))
+        rest[..., 0, 0] = bulk
+        rest[..., 1:, 1:] = whole[..., [[0], [2]], [0, 2]]
+        column[..., 0], column[..., 1:] = -bulk / R6, whole[..., [0, 2], 1]
+        corner = bulk / 6 + whole[..., 1, 1]
+        return rest - column[..., :, None] * column[..., None, :] / corner[..., None, None]
+
+    def integrals(
+        self, nodal: np.ndarray, area: np.ndarray, rest: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Upper bounds of int phi* over each triangle, plus ``rest``, and what they give away.
+
+        The plastic term is the integral of the squared distance of s from the ball |q| <= beta.
+        That is at most |s - q| for the affine q whose nodal values are the nearest points of the
+        ball; sub-triangles are split where that exceeds the midpoint rule most.
+
+        Parameters
+        ----------
+        nodal
+            In-plane stresses at the nodes of the sub-triangles, shape (triangles, 9, 3).
+        area
+            Of the triangles.
+        rest
+            What is added to the integrals before "small" means small beside them.
+        """
+        at, count = self.completed(nodal), len(nodal)
+        result = rest + self._smooth_integrals(at, area)
+        over = at.over.reshape(count, 3, 3)
+        triangle, k = np.nonzero((over > 0).any(axis=2))
+        s = (at.size[..., None] * at.direction).reshape(count, 3, 3, -1)[triangle, k]
+        weight, given_away = area[triangle] / 3, 0.0
+        bound, likely = self._plastic(s, weight, triangle)
+        allowed = WORTH * max(result.sum() + likely.sum(), 0.0)
+        for level in range(SPLIT_LEVELS + 1):
+            gain = bound - likely
+            kept = (
+                np.ones(len(gain), bool) if level == SPLIT_LEVELS else smallest(gain, allowed / 2)
+            )
+            result += np.bincount(triangle[kept], bound[kept], minlength=count)
+            given_away += gain[kept].sum()
+            allowed -= gain[kept].sum()
+            if kept.all():
+                break
+            s = np.einsum("pij,tjd->tpid", SPLIT, s[~kept]).reshape(-1, 3, self.d)
+            weight, triangle = np.repeat(weight[~kept] / 4, 4), np.repeat(triangle[~kept], 4)
+            bound, likely = self._plastic(s, weight, triangle)
+        return result, float(given_away)
+
+    def _smooth_integrals(self, at: Completed, area: np.ndarray) -> np.ndarray:
+        count, part, law = len(area), area[:, None] / 3, self.law
+        mean = at.mean.reshape(count, 3, 3, 1)
+        deviator = at.deviator.reshape(count, 3, 3, self.d)
+        quadratic = square_integrals(mean, part) / law.bulk[:, None]
+        quadratic += square_integrals(deviator, part) / law.two_mu[:, None]
+        history = np.einsum("tkid,td->tk", deviator, law.initial) / 3
+        return (quadratic / 2 + part * (history + self.constant[:, None])).sum(axis=1)
+
+    def _plastic(
+        self, s: np.ndarray, area: np.ndarray, triangle: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The bound and the midpoint rule for affine s (parts, 3, d) on parts of triangles."""
+        two_h = 2 * self.law.hardening[triangle]
+        outside = beyond(s, self.law.beta[triangle])
+        bound = square_integrals(outside, area) / two_h
+        middles = beyond((s.sum(axis=1, keepdims=True) - s) / 2, self.law.beta[triangle])
+        likely = area * np.einsum("tqd,tqd->t", middles, middles) / (3 * two_h)
+        return bound, np.minimum(likely, bound)
+
+
+SPLIT_LEVELS = 3
+"""How often a sub-triangle is split into four at most."""
+
+
+def beyond(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
+    """S minus the nearest point of the ball of radius beta, for s (parts, points, d)."""
+    size = np.sqrt(np.einsum("tqd,tqd->tq", s, s))
+    share = np.maximum(size - beta[:, None], 0.0) / np.where(size > 0, size, 1.0)
+    return share[..., None] * s
+
+
+def square_integrals(nodal: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """int |v|^2 for affine v with nodal values (..., 3, c) on triangles of these areas (...)."""
+    total = nodal.sum(axis=-2)
+    squares = np.einsum("...nc,...nc->...", nodal, nodal)
+    return area / 12 * (squares + np.einsum("...c,...c->...", total, total))
+
+
+def smallest(gain: np.ndarray, allowed: float) -> np.ndarray:
+    """The parts with the smallest gains, which add up to no more than what is allowed."""
+    order = np.argsort(gain)
+    small = np.cumsum(gain[order]) <= allowed
+    result = np.zeros(len(gain), dtype=bool)
+    result[order[small]] = True
+    return result

@@ -1,0 +1,139 @@
+"""The data of a problem, and its displacements, on a bisected copy of the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+
+import numpy as np
+from netgen.meshing import NetgenGeometry
+from ngsolve import (
+    CF,
+    L2,
+    VOL,
+    CoefficientFunction,
+    ElementId,
+    GridFunction,
+    IntegrationRule,
+    Mesh,
+    VectorValued,
+)
+
+from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.material import Material
+from ngepc.model.problem import Problem
+
+CENTRE = IntegrationRule([(1 / 3, 1 / 3)], [0.5])
+
+
+def bisected(mesh: Mesh, marked: np.ndarray) -> Mesh:
+    """A copy of the mesh with the marked elements bisected, and neighbours to conform.
+
+    The copy is made first: spaces on meshes that Netgen has refined before transfer wrongly.  The
+    body stays the polygon that it is: new vertices are not moved to curved boundaries.
+    """
+    netgen_mesh = mesh.ngmesh.Copy()
+    netgen_mesh.SetGeometry(NetgenGeometry())
+    finer = Mesh(netgen_mesh)
+    for number, flag in enumerate(marked.tolist()):
+        finer.SetRefinementFlag(ElementId(VOL, number), flag)
+    finer.Refine()
+    return finer
+
+
+def check_carried(problem: Problem) -> None:
+    """Refuse boundary data made of finite element functions: they belong to one mesh.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
+    """
+    data: dict[str, object] = {"gap": problem.gap, "traction": problem.traction}
+    data["prescribed"] = problem.prescribed
+    for name, value in data.items():
+        for one in values_in(value):
+            if "gridfunction" in str(one).lower():
+                raise ValueError(
+                    f"{name} is made of a GridFunction, which belongs to one mesh: numbers or "
+                    "functions of position are needed"
+                )
+
+
+def values_in(value: object) -> list[CoefficientFunction]:
+    """The coefficient functions in a value, a mapping or a sequence."""
+    if isinstance(value, CoefficientFunction):
+        return [value]
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return [one for item in value for one in values_in(item)]
+    return []
+
+
+def on_mesh(problem: Problem, mesh: Mesh) -> Problem:
+    """The problem on a mesh that refines its own.
+
+    Data that are constant on the elements of the problem's mesh stay what they are.
+    """
+    data = {f.name: getattr(problem, f.name) for f in fields(Problem)}
+    carry = Carrier(problem.mesh, mesh)
+    material = problem.material
+    carried = {f.name: carry(getattr(material, f.name)) for f in fields(Material)}
+    data["mesh"], data["material"] = mesh, replace(material, **carried)
+    for name in ("initial_plastic_strain", "body_force", "initial_accumulated"):
+        data[name] = carry(data[name])
+    hardening = data["initial_hardening"]
+    if isinstance(hardening, tuple):
+        data["initial_hardening"] = tuple(carry(part) for part in hardening)
+    else:
+        data["initial_hardening"] = carry(hardening)
+    return Problem(**data)
+
+
+class Carrier:
+    """Coefficients that are constant on the elements of one mesh, as functions on a finer one.
+
+    Parameters
+    ----------
+    old, new
+        The meshes.
+    """
+
+    def __init__(self, old: Mesh, new: Mesh) -> None:
+        self.old, self.new = old, new
+        vertices = np.asarray(new.ngmesh.Coordinates())[:, :2]
+        nodes = new.ngmesh.Elements2D().NumPy()["nodes"][:, :3].astype(int) - 1
+        self._centres = vertices[nodes].mean(axis=1)
+
+    def __call__(self, value: object) -> object:
+        """A number or a coefficient on the old mesh as one on the new mesh."""
+        if not isinstance(value, CoefficientFunction):
+            return value
+        values = np.asarray(value(self.old(*self._centres.T))).reshape(len(self._centres), -1)
+        space = L2(self.new, order=0)
+        if values.shape[1] > 1:
+            space = VectorValued(space, values.shape[1])
+        result = GridFunction(space)
+        result.vec.FV().NumPy()[:] = values.T.ravel()
+        if values.shape[1] == 1:
+            return result
+        entries = tuple(result[i] for i in range(values.shape[1]))
+        return CF(entries, dims=tuple(value.dims)) if len(value.dims) == 2 else CF(entries)
+
+
+def carried_state(old: State, discrete: DiscreteProblem) -> State:
+    """The state on a bisected mesh: new vertices take the mean of their parents."""
+    mesh, before = discrete.problem.mesh, old.discrete
+    count, rows = len(old.u), before.rows
+    nodal = np.zeros((mesh.nv, 3))
+    nodal[:count, :2] = old.u
+    forces = np.bincount(rows.vertices, old.multipliers, minlength=count)
+    area = np.bincount(rows.vertices, rows.weights, minlength=count)
+    nodal[:count, 2] = forces / np.where(area > 0, area, 1.0)
+    for vertex in range(count, mesh.nv):
+        a, b = mesh.GetParentVertices(vertex)
+        nodal[vertex] = (nodal[a] + nodal[b]) / 2
+    supports, there = discrete.supports, discrete.rows
+    u = np.where(supports.free, nodal[:, :2], supports.values)
+    return discrete.state(u, contact=nodal[there.vertices, 2] * there.weights)

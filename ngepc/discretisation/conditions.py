@@ -1,0 +1,174 @@
+"""The conditions of contact and friction between nodal displacements and the forces of rows.
+
+The forces x of the rows stand one after the other: the normal forces n of all rows, with friction
+then the tangential forces t.  R maps displacements to the normal displacements N u and, with
+friction, to the tangential ones; the gaps are what it leaves open, (gaps - N u, slip origin - T u).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from ngsolve import H1, GridFunction
+from scipy.sparse import csr_matrix, vstack
+
+from ngepc.checks.arguments import Coefficient
+from ngepc.discretisation.loads import Supports, nodal
+from ngepc.discretisation.rows import ContactRows, contact_rows
+from ngepc.linalg.complementarity import exchange
+from ngepc.linalg.friction import FrictionCone
+from ngepc.linalg.secants import SmallProblem
+from ngepc.model.friction import Coulomb
+from ngepc.model.problem import Problem, as_scalar
+
+STEEPEST = 100.0
+"""Friction with a given bound is at most so many times the normal force.
+
+Without it friction would jump to its bound when a row closes; the little normal force that it
+itself causes could then open and close a row at the edge of contact for ever.
+"""
+
+
+class ContactConditions:
+    """Rows, their law and their matrix.
+
+    Parameters
+    ----------
+    problem, supports
+        The problem and what holds the body.
+
+    Attributes
+    ----------
+    rows
+        The contact rows.
+    friction
+        The law of the tangential forces; None without friction.
+    matrix
+        R, sparse, shape (n, nodes N), n = m without friction and m N with it.
+    """
+
+    def __init__(self, problem: Problem, supports: Supports) -> None:
+        self.rows: ContactRows = contact_rows(problem, supports)
+        self.friction = friction_cone(problem, self.rows)
+        self.matrix: csr_matrix = self.rows.normal
+        self._closed_at = self.rows.gaps
+        if self.friction is not None:
+            self.matrix = vstack([self.rows.normal, self.rows.tangential], format="csr")
+            origin = self.rows.slip(initial_displacements(problem, supports))
+            self._closed_at = np.concatenate([self.rows.gaps, origin.ravel()])
+
+    def __len__(self) -> int:
+        return len(self._closed_at)
+
+    @property
+    def small_problem(self) -> SmallProblem:
+        """What solves the conditions with a known compliance."""
+        return exchange if self.friction is None else self.friction
+
+    @property
+    def unsolvable(self) -> str:
+        """Why there may be no solution."""
+        if self.friction is None:
+            return "the contact conditions of neighbouring nodes are dependent"
+        return (
+            "contact with friction was not solved: for a large coefficient there may be no solution"
+            " or several; try a smaller load step"
+        )
+
+    @cached_property
+    def _transposed(self) -> csr_matrix:
+        return self.matrix.T.tocsr()
+
+    def displacement(self, u: np.ndarray) -> np.ndarray:
+        """R u for nodal displacements (nodes, N)."""
+        return self.matrix @ u.ravel()
+
+    def gaps(self, u: np.ndarray) -> np.ndarray:
+        """Open gaps, negative where penetrated, with friction then minus the slip, shape (n,)."""
+        return self._closed_at - self.displacement(u)
+
+    def forces(self, x: np.ndarray) -> np.ndarray:
+        """R' x, the nodal forces of the body on the obstacle, shape (nodes, N)."""
+        return (self._transposed @ x).reshape(-1, self.rows.normals.shape[1])
+
+    def normal(self, x: np.ndarray) -> np.ndarray:
+        """The normal forces among the forces or gaps of all rows, shape (m,)."""
+        return x[: len(self.rows)]
+
+    def tangential(self, x: np.ndarray) -> np.ndarray:
+        """The tangential ones, shape (m, N - 1), zero without friction."""
+        m, d = len(self.rows), self.rows.normals.shape[1] - 1
+        return x[m:].reshape(m, d) if self.friction is not None else np.zeros((m, d))
+
+    def bound(self, x: np.ndarray) -> np.ndarray:
+        """The bound of the tangential forces, shape (m,)."""
+        if self.friction is None:
+            return np.zeros(len(self.rows))
+        return self.friction.bound(self.normal(x))
+
+    def stiffness(self, diagonal: np.ndarray) -> np.ndarray:
+        """Stiffness of the nodes of each row (force per length), one number for all its tangents.
+
+        ``diagonal`` is that of the stiffness matrix, shape (nodes, N).
+        """
+        each = self.matrix.power(2) @ diagonal.ravel()
+        if self.friction is None:
+            return each
+        mean = self.tangential(each).mean(axis=1)
+        return np.concatenate([self.normal(each), np.repeat(mean, self.friction.d)])
+
+    def held(
+        self, x: np.ndarray, following: np.ndarray, touches: np.ndarray, sticks: np.ndarray
+    ) -> np.ndarray:
+        """The forces x that do no work: normal ones of rows that stay closed, those that stick."""
+        closed = touches & (self.normal(following) > 0)
+        if self.friction is not None:
+            closed = np.concatenate([closed, np.repeat(sticks, self.friction.d)])
+        return np.where(closed, x, 0.0)
+
+    def defect(self, x: np.ndarray, pushed: np.ndarray) -> np.ndarray:
+        """x minus the admissible forces closest to x - k gaps, a force: zero where all holds.
+
+        ``pushed`` is k gaps with any stiffness k > 0.
+        """
+        trial = x - pushed
+        admissible = np.maximum(trial, 0.0)
+        if self.friction is not None:
+            admissible = self.friction.projected(trial)
+        return x - admissible
+
+    def friction_work(self, x: np.ndarray, gaps: np.ndarray, rounding: float) -> float:
+        """The sum of b |slip| over the rows (force times length); less than rounding is no slip."""
+        size = np.linalg.norm(self.tangential(gaps), axis=1)
+        return float(self.bound(x) @ np.where(size > rounding, size, 0.0))
+
+
+def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone | None:
+    """The law of friction row by row; None without friction."""
+    law = problem.friction
+    if law is None:
+        return None
+    m, d = len(rows), problem.N - 1
+    if isinstance(law, Coulomb):
+        return FrictionCone(np.full(m, np.inf), _at_rows(problem, rows, law.coefficient), d)
+    return FrictionCone(rows.weights * _at_rows(problem, rows, law), np.full(m, STEEPEST), d)
+
+
+def _at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarray:
+    values = GridFunction(H1(problem.mesh, order=1))
+    region = problem.mesh.Boundaries("|".join(problem.contact_names))
+    values.Set(as_scalar(value), definedon=region)
+    return values.vec.FV().NumPy()[rows.vertices]
+
+
+def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:
+    """Nodal displacements at the begin of the step, shape (nodes, N), zero if none are given."""
+    given, space = problem.initial_displacement, supports.space
+    if given is None:
+        return np.zeros_like(supports.values)
+    own = isinstance(given, GridFunction) and given.space.mesh is space.mesh
+    if not (own and len(given.vec) == space.ndof):
+        given = GridFunction(space)
+        given.Set(problem.u_0)
+    return nodal(given.vec.FV().NumPy(), problem)

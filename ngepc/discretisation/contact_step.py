@@ -1,0 +1,107 @@
+"""Contact in a Newton step: the forces that meet its conditions, and the work along the step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ngepc.discretisation.conditions import ContactConditions
+from ngepc.linalg.compliance import Compliance
+from ngepc.linalg.secants import solve_by_secants
+
+ROUNDING = 1e-13
+"""Gaps of closed rows below this part of the displacements are zero."""
+
+BESIDE = 1e-3
+"""Where the slope of friction is taken beside a kink, as a part of the step length."""
+
+
+def with_contact(
+    conditions: ContactConditions,
+    solve: Callable[[np.ndarray], np.ndarray],
+    u: np.ndarray,
+    forces: np.ndarray,
+    change: np.ndarray,
+    compliance: Compliance,
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Newton's step with the conditions of contact and friction met at its end.
+
+    Parameters
+    ----------
+    conditions
+        The conditions.
+    solve
+        Nodal forces (nodes, N) -> displacements, by the tangent of the step.
+    u, forces
+        Displacements and forces of the rows where the step starts.
+    change
+        The step that leaves these forces as they are, shape (nodes, N).
+    compliance
+        A guess of the compliance of the rows; it learns.
+
+    Returns
+    -------
+    tuple or None
+        The step and the forces at its end; None if no solution was found.
+    """
+
+    def product(more: np.ndarray) -> np.ndarray:
+        nonlocal change
+        answer = solve(conditions.forces(more))
+        change = change - answer
+        return conditions.displacement(answer)
+
+    gaps = conditions.gaps(u) - conditions.displacement(change)
+    sizes = np.abs(u + change).max(initial=0.0), -conditions.normal(gaps).min(initial=0.0)
+    slack = ROUNDING * float(max(sizes))
+    found = solve_by_secants(conditions.small_problem, product, compliance, gaps, forces, slack)
+    return None if found is None else (change, found)
+
+
+class ContactWork:
+    """What contact adds to the slope of the energy along a step.
+
+    Normal forces of rows that stay closed and tangential ones of rows that stick do no work; rows
+    that slip dissipate their bound, taken at the end of the step, times the way.
+
+    Parameters
+    ----------
+    conditions
+        The conditions.
+    u, forces
+        Displacements and forces where the step starts.
+    change, following
+        The step and the forces at its end.
+    touching
+        Gaps and slips below it are rounding (length).
+
+    Attributes
+    ----------
+    held
+        Nodal forces of the rows that do no work, shape (nodes, N).
+    """
+
+    def __init__(
+        self,
+        conditions: ContactConditions,
+        u: np.ndarray,
+        forces: np.ndarray,
+        change: np.ndarray,
+        following: np.ndarray,
+        touching: float,
+    ) -> None:
+        gaps = conditions.gaps(u)
+        self._slip = -conditions.tangential(gaps)
+        way = conditions.tangential(conditions.displacement(change))
+        ends = np.linalg.norm(np.stack([self._slip, self._slip + way]), axis=2)
+        moves = ends.max(axis=0) > touching
+        self._way, self._bound = np.where(moves[:, None], way, 0.0), conditions.bound(following)
+        touches = conditions.normal(gaps) <= touching
+        self.held = conditions.forces(conditions.held(forces, following, touches, ~moves))
+
+    def slope(self, t: float) -> float:
+        """d/dt of the sum of bound times |slip|, just before t (just after 0)."""
+        slip = self._slip + max(t * (1 - BESIDE), BESIDE) * self._way
+        along, size = np.einsum("ij,ij->i", slip, self._way), np.linalg.norm(slip, axis=1)
+        return float(self._bound @ (along / np.where(size > 0, size, 1.0)))

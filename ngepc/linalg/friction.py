@@ -1,0 +1,188 @@
+"""Contact with friction as a small dense problem: semismooth Newton on the cones |t| <= b(n).
+
+The forces x = (n, t) of m rows with d tangents each stand one after the other, all n first.  With
+the gaps g = (open gap, minus slip) that they cause, and any c > 0, contact with friction reads
+
+    n = [n - c g_n]_+,   t = the point of |t| <= b(n) closest to t - c g_t,   b(n) = min(F, mu n).
+
+A bound F alone is Tresca's, a coefficient mu alone Coulomb's law.  No force acts where n = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ngepc.linalg.compliance import Compliance
+from ngepc.linalg.secants import SmallAnswer
+
+SOFT = 0.1
+"""c times the compliance of a row: small enough for full steps to converge."""
+
+STEPS = 30
+"""Newton steps before sweeps over the rows come to help."""
+
+SWEEPS = 30
+"""Sweeps over the rows each time."""
+
+SHORTEST = 1e-3
+"""The shortest step length."""
+
+ROUNDS = 3
+"""How often sweeps help before it is given up."""
+
+EXACT = 1e-13
+"""Part of the largest force that a Newton step may still change."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionCone:
+    """The law |t| <= min(F, mu n) of m contact rows with d tangents each.
+
+    Parameters
+    ----------
+    cap
+        F (force), inf where there is none, shape (m,).
+    coefficient
+        mu >= 0, shape (m,).
+    d
+        Number of tangents of a row, 1 or 2.
+    """
+
+    cap: np.ndarray
+    coefficient: np.ndarray
+    d: int
+
+    def bound(self, n: np.ndarray) -> np.ndarray:
+        """b(n), shape (m,)."""
+        return np.minimum(self.cap, self.coefficient * np.maximum(n, 0.0))
+
+    def projected(self, y: np.ndarray) -> np.ndarray:
+        """The point of |t| <= b(n) closest to y_t, with n = [y_n]_+; both stacked."""
+        n, t = self._split(y)
+        b, size = self.bound(n), np.linalg.norm(t, axis=1)
+        kept = np.where(size > b, b / np.where(size > 0, size, 1.0), 1.0)
+        return np.concatenate([np.maximum(n, 0.0), (kept[:, None] * t).ravel()])
+
+    def _split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        m = len(self.cap)
+        return x[:m], x[m:].reshape(m, self.d)
+
+    def __call__(self, W: Compliance, gaps: np.ndarray, forces: np.ndarray) -> SmallAnswer:
+        """The change of the forces that meets the law, a ``SmallProblem`` of ``secants``."""
+        n, t = self._split(W.diagonal)
+        c = SOFT / np.concatenate([n, np.repeat(t.mean(axis=1), self.d)])
+        change = np.zeros_like(forces)
+        for _ in range(ROUNDS):
+            found, exact = self._newton(W, gaps, forces, change, c)
+            if exact:
+                break
+            found = change = self._swept(W, gaps, forces, found)
+        return SmallAnswer(found, exact)
+
+    def _rows(self, rows: np.ndarray) -> np.ndarray:
+        """Numbers of the forces of some rows, n first."""
+        tangents = len(self.cap) + self.d * rows[:, None] + np.arange(self.d)
+        return np.concatenate([rows, tangents.ravel()])
+
+    def _newton(
+        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
+    ) -> tuple[np.ndarray, bool]:
+        """Newton steps from a change, and whether they have converged.
+
+        A step that does not lower the residual is shortened; when that does not help it is taken
+        all the same, which breaks cycles.
+        """
+        for _ in range(STEPS):
+            step = self._step(W, gaps, forces, change, c)
+            if step is None:
+                return change, False
+            size, length = self._residual(W, gaps, forces, change, c), 1.0
+            while length > SHORTEST and not (
+                self._residual(W, gaps, forces, change + length * step, c) < size
+            ):
+                length /= 2
+            change = change + (length if length > SHORTEST else 1.0) * step
+            x = forces + change
+            if np.abs(step).max(initial=0.0) <= EXACT * np.abs(x).max(initial=0.0):
+                return np.where(x == 0, -forces, change + (self.projected(x) - x)), True
+        return change, False
+
+    def _residual(
+        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
+    ) -> float:
+        """Norm of x minus its projection from x - c g."""
+        x = forces + change
+        return float(np.linalg.norm(x - self.projected(x - c * (gaps + W @ change))))
+
+    def _step(
+        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
+    ) -> np.ndarray | None:
+        """One semismooth Newton step; None if its matrix is singular."""
+        closed = np.flatnonzero(self._split(forces + change - c * (gaps + W @ change))[0] > 0)
+        chosen, following = self._rows(closed), -forces
+        following[chosen] = change[chosen]
+        force, slack = forces + following, c * (gaps + W @ following)
+        law = FrictionCone(self.cap[closed], self.coefficient[closed], self.d)
+        J, r = law.linearised(c[chosen, None] * W.block(chosen), slack[chosen], force[chosen])
+        try:
+            following[chosen] -= np.linalg.solve(J, r)
+        except np.linalg.LinAlgError:
+            return None
+        return following - change if np.isfinite(following).all() else None
+
+    def linearised(
+        self, J: np.ndarray, slack: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Matrix and residual of closed rows: g_n = 0, and g_t = 0 or t = b(n) y_t/|y_t|.
+
+        Parameters
+        ----------
+        J
+            Derivative of ``slack`` with respect to the forces.
+        slack
+            c g, a force.
+        x
+            The forces.
+        """
+        k, d = len(self.cap), self.d
+        n, y = self._split(x - slack)
+        b, size = self.bound(n), np.linalg.norm(y, axis=1)
+        slips = (size > b) | (b <= 0)
+        size = np.where(size > 0, size, 1.0)
+        e = y / size[:, None]
+        grows = np.where(self.coefficient * n < self.cap, self.coefficient, 0.0)
+        identity = np.eye(len(J))
+        db = grows[:, None] * (identity[:k] - J[:k])
+        across = (b / size)[:, None, None] * (np.eye(d) - e[:, :, None] * e[:, None, :])
+        I_t, J_t = (A[k:].reshape(k, d, len(J)) for A in (identity, J))
+        sliding = I_t - e[:, :, None] * db[:, None, :] - across @ (I_t - J_t)
+        t, r = self._split(x)[1], slack.copy()
+        r[k:] = np.where(slips[:, None], t - b[:, None] * e, slack[k:].reshape(k, d)).ravel()
+        J_t = np.where(slips[:, None, None], sliding, J_t)
+        return np.concatenate([J[:k], J_t.reshape(k * d, len(J))]), r
+
+    def _swept(
+        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray
+    ) -> np.ndarray:
+        """Gauss-Seidel sweeps over the rows that press or penetrate, the others open."""
+        n = self._split(forces + change)[0]
+        rows = np.flatnonzero((n > 0) | (self._split(gaps + W @ change)[0] <= 0))
+        chosen, k = self._rows(rows), len(rows)
+        change = np.where(np.isin(np.arange(len(forces)), chosen), change, -forces)
+        dense, g, x = W.block(chosen), (gaps + W @ change)[chosen], (forces + change)[chosen]
+        law = FrictionCone(self.cap[rows], self.coefficient[rows], self.d)
+        for _ in range(SWEEPS):
+            for i in range(k):
+                normal, tangents = i, slice(k + self.d * i, k + self.d * (i + 1))
+                moved = max(0.0, x[normal] - g[normal] / dense[normal, normal]) - x[normal]
+                x[normal] += moved
+                g += moved * dense[normal]
+                y = x[tangents] - g[tangents] / np.diag(dense)[tangents].max()
+                size, b = np.linalg.norm(y), min(law.cap[i], law.coefficient[i] * x[normal])
+                moved = (y if size <= b else b / size * y) - x[tangents]
+                x[tangents] += moved
+                g += moved @ dense[tangents]
+        change[chosen] = x - forces[chosen]
+        return change

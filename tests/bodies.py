@@ -1,0 +1,79 @@
+"""Small bodies of every shape of element, with loads that make a part yield and touch."""
+
+from ngsolve import x
+from ngsolve.meshes import MakeStructured3DMesh
+
+from ngepc import Material, Problem, outward_normal
+from ngepc.geometries import block, ring
+
+STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+
+FLAT = {2: "two-dimensional", 3: "solid"}
+"""Dimension of a mesh -> kinematics in which tensors are as large: the law of the paper."""
+
+MESHES = {
+    "triangles": lambda: block.structured_mesh(3, 3, simplices=True),
+    "quadrilaterals": lambda: block.structured_mesh(3, 3),
+    "tetrahedra": lambda: block.structured_mesh(2, 2, 2, simplices=True),
+    "hexahedra": lambda: block.structured_mesh(2, 2, 2),
+    "prisms": lambda: prisms(2),
+    "curved triangles": lambda: curved(ring.quarter_mesh(0.5)),
+    "curved tetrahedra": lambda: curved(ring.shell_octant_mesh(1.0)),
+}
+
+PLANAR = ("plane strain", "two-dimensional", "axisymmetric")
+
+CASES = [
+    (shape, kinematics, order)
+    for shape in MESHES
+    for kinematics in (PLANAR if shape in ("triangles", "quadrilaterals") else (None,))
+    for order in (1, 2)
+]
+
+
+def curved(mesh):
+    """The mesh with elements bent to the geometry."""
+    mesh.Curve(2)
+    return mesh
+
+
+def prisms(n):
+    """The unit cube as 2 n^3 prisms, with the boundary names of ``geometries.block``."""
+    mesh = MakeStructured3DMesh(hexes=False, prism=True, nx=n, ny=n, nz=n)
+    names = {"bottom": "clamped", "top": "contact"}
+    for number, name in enumerate(mesh.GetBoundaries()):
+        mesh.ngmesh.SetBCName(number, names.get(name, name))
+    return mesh
+
+
+def pressed_body(shape, kinematics=None, order=1, material=STEEL):
+    """A body of ``MESHES`` that yields in a part and touches its obstacle in a part."""
+    mesh = MESHES[shape]()
+    model = {"material": material, "kinematics": kinematics, "order": order}
+    if shape.startswith("curved"):
+        blown = {"inner": -1.4 * outward_normal(mesh)}
+        sides = {"left": (0, None), "bottom": (None, 0)}
+        if mesh.dim == 3:
+            sides = {
+                "left": (0, None, None),
+                "front": (None, 0, None),
+                "bottom": (None, None, 0),
+            }
+        return Problem(
+            mesh,
+            clamped=None,
+            traction=blown,
+            prescribed=sides,
+            contact="outer",
+            gap=5e-4 * x,
+            **model,
+        )
+    pull, lift = ((2.0, 1.5), (0.0, 1.0)) if mesh.dim == 2 else ((2.0, 0.5, 1.0), (0.0, 0.0, 1.0))
+    gap = 3e-4 + 2e-3 * (x - 0.3) ** 2
+    load = {"traction": {"right": pull}, "body_force": lift}
+    return Problem(mesh, contact="contact", gap=gap, **load, **model)
+
+
+def flat_problem(mesh, *arguments, **named):
+    """A Problem with the law of the paper: tensors as large as the mesh has dimensions."""
+    return Problem(mesh, *arguments, kinematics=FLAT[mesh.dim], **named)

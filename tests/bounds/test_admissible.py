@@ -1,0 +1,198 @@
+"""The stress of a bound is admissible: that, and nothing else, is what guarantees it."""
+
+import numpy as np
+import pytest
+from ngsolve import BND, CF, x, y
+
+from ngepc import Material, Problem, lshape_problem, semismooth_newton, wrench_problem
+from ngepc.bounds.bound import error_bound
+from ngepc.bounds.element import at_nodes
+from ngepc.bounds.setting import tensors
+from ngepc.bounds.transfer import bisected, on_mesh
+from ngepc.bounds.triangles import PAIRS
+from ngepc.geometries import block, lshape, wrench
+
+MATERIAL = Material.combined(
+    lame_lambda=1e3,
+    lame_mu=1e3,
+    yield_stress=1.25,
+    hardening=60.0,
+    hardening_modulus=2.0,
+    hardening_stiffness=6.0,
+)
+P_0 = CF((2e-4, 1e-4, 0, 1e-4, -3e-4, 0, 0, 0, 1e-4), dims=(3, 3))
+BACK = CF((0.012, 0.006, 0, 0.006, -0.018, 0, 0, 0, 0.006), dims=(3, 3))
+TRACTION = CF((3.0, -1.0 - 2 * y))
+
+
+def pressed_block():
+    """Plane strain, a parabola above, body force, history, a traction that is affine."""
+    return Problem(
+        block.mesh(0.25, (1.0, 1.0)),
+        MATERIAL,
+        traction={"right": TRACTION},
+        contact="contact",
+        gap=0.1 * (x - 0.4) ** 2 - 2e-3,
+        body_force=(2.0, -1.0),
+        initial_plastic_strain=P_0,
+        initial_hardening=(0.01, BACK),
+        kinematics="plane strain",
+    )
+
+
+def rollers(kinematics="plane strain"):
+    """A quarter of a plate with a hole; what is prescribed moves."""
+    return Problem(
+        block.with_hole(0.12, (1.0, 1.0)),
+        MATERIAL,
+        clamped=None,
+        prescribed={"left": (0, None), "clamped": (None, 0), "right": (2e-3, None)},
+        traction={"contact": (0.5, 0.2)},
+        kinematics=kinematics,
+    )
+
+
+def tangential_roller():
+    """The tangential displacement is held, the normal one is free."""
+    return Problem(
+        block.mesh(0.3, (1.0, 0.7)),
+        MATERIAL,
+        prescribed={"right": (None, 1e-3 * y)},
+        traction={"left": (-3.0, 2.0)},
+        kinematics="two-dimensional",
+    )
+
+
+PROBLEMS = {
+    "lshape": lambda: lshape_problem(lshape.paper_mesh(113)),
+    "wrench": lambda: wrench_problem(wrench.paper_mesh(245)),
+    "pressed block": pressed_block,
+    "rollers": rollers,
+    "rollers in two dimensions": lambda: rollers("two-dimensional"),
+    "tangential roller": tangential_roller,
+}
+
+
+@pytest.fixture(scope="module", params=PROBLEMS)
+def bound(request):
+    return error_bound(semismooth_newton(PROBLEMS[request.param]()))
+
+
+def corners(bound):
+    """Stress tensors (nt, 3, 3, 2, 2) and places (nt, 3, 3, 2) of the sub-triangles' nodes."""
+    sigma = tensors(at_nodes(bound.admissible)).reshape(-1, 3, 3, 2, 2)
+    mesh = bound.problem.mesh
+    points = np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, :2]
+    nodes = np.array([[v.nr for v in element.vertices] for element in mesh.Elements()])
+    places = points[nodes]
+    turned = np.linalg.det(places[:, 1:] - places[:, :1]) < 0
+    nodes[turned] = nodes[turned][:, [0, 2, 1]]
+    places, centres = points[nodes], points[nodes].mean(axis=1)
+    around = [np.stack([places[:, i], places[:, j], centres], axis=1) for i, j in PAIRS]
+    return sigma, np.stack(around, axis=1), nodes
+
+
+def tractions(bound):
+    """{edge: [(outer tractions at its ascending vertices, outer normal), ...]}"""
+    sigma, places, nodes = corners(bound)
+    found = {}
+    for k, pair in enumerate(PAIRS):
+        t = places[:, k, 1] - places[:, k, 0]
+        n = np.stack([t[:, 1], -t[:, 0]], axis=1) / np.linalg.norm(t, axis=1)[:, None]
+        sn = np.einsum("tnij,tj->tni", sigma[:, k, :2], n)
+        for ends, values, normal in zip(nodes[:, pair].tolist(), sn, n, strict=True):
+            ordered = values if ends[0] < ends[1] else values[::-1]
+            found.setdefault(tuple(sorted(ends)), []).append((ordered, normal))
+    return found
+
+
+def size(bound):
+    return np.abs(bound.admissible).max()
+
+
+def test_divergence(bound):
+    sigma, places, _ = corners(bound)
+    frames = places[:, :, 1:] - places[:, :, :1]
+    slopes = np.linalg.solve(
+        frames, (sigma[:, :, 1:] - sigma[:, :, :1]).reshape(*frames.shape[:3], 4)
+    )
+    gradient = slopes.reshape(*slopes.shape[:3], 2, 2)  # [direction, i, j]
+    divergence = np.einsum("tkjij->tki", gradient)
+    f = bound.problem.body_force or (0.0, 0.0)
+    width = np.abs(frames).max(axis=(1, 2, 3)).min()
+    assert np.abs(divergence + np.array(f)).max() <= 1e-11 * size(bound) / width
+
+
+def test_tractions_are_continuous(bound):
+    jumps = [
+        a + b
+        for a, b in (
+            [s[0] for s in sides] for sides in tractions(bound).values() if len(sides) == 2
+        )
+    ]
+    assert np.abs(jumps).max() <= 1e-12 * size(bound)
+
+
+def test_inner_tractions_are_continuous(bound):
+    sigma, places, _ = corners(bound)
+    for k, j in ((0, 1), (1, 2), (2, 0)):  # the end j' of k is the end i' of the next one
+        shared = next(v for v in PAIRS[k] if v in PAIRS[j])
+        a, b = PAIRS[k].index(shared), PAIRS[j].index(shared)
+        t = places[:, k, 2] - places[:, k, a]
+        n = np.stack([t[:, 1], -t[:, 0]], axis=1) / np.linalg.norm(t, axis=1)[:, None]
+        for at_k, at_j in ((a, b), (2, 2)):
+            jump = np.einsum("tij,tj->ti", sigma[:, k, at_k] - sigma[:, j, at_j], n)
+            assert np.abs(jump).max() <= 1e-12 * size(bound)
+
+
+def given_traction(problem, name, points, n):
+    """The traction at two points of a boundary with the outer normal n, by hand."""
+    if name == "load":
+        return np.array([n, n]) * (-10.0 if problem.gap == 0.1 else -6e-3)
+    if name == "right" and problem.body_force:
+        return np.array([(3.0, -1.0 - 2 * height) for _, height in points])
+    g = (problem.traction or {}).get(name, (0.0, 0.0))
+    return np.array([g, g])
+
+
+def test_boundary(bound):
+    """Given tractions hold; contact presses, without shear."""
+    problem, found = bound.problem, tractions(bound)
+    held = {name: (True, True) for name in problem.clamped_names}
+    for names, values in (problem.prescribed or {}).items():
+        held |= {name: tuple(v is not None for v in values) for name in names.split("|")}
+    for segment in problem.mesh.Elements(BND):
+        ends = tuple(sorted(v.nr for v in segment.vertices))
+        ((sn, n),) = found[ends]
+        if segment.mat in problem.contact_names:
+            pressure = -sn @ n
+            assert pressure.min() >= -1e-12 * size(bound)
+            assert np.abs(sn + pressure[:, None] * n).max() <= 1e-12 * size(bound)
+            continue
+        free = ~np.array(held.get(segment.mat, (False, False)))
+        points = np.asarray(problem.mesh.ngmesh.Coordinates())[list(ends), :2]
+        expected = given_traction(problem, segment.mat, points, n)
+        assert np.abs((sn - expected)[:, free]).max(initial=0.0) <= 1e-12 * size(bound)
+
+
+def test_indicators_are_nowhere_negative(bound):
+    assert bound.per_triangle.min() >= -1e-12 * bound.strain_energy
+    assert bound.per_triangle.sum() == bound.total
+
+
+def test_solved_problems_have_no_algebraic_part(bound):
+    """But for the block, whose obstacle is convex: its displacement had to be moved."""
+    assert bound.algebraic <= (0.1 if bound.moved else 1e-9) * bound.total
+    assert bound.algebraic >= -1e-9 * bound.total
+
+
+def test_energies_of_meshes_do_not_cross(bound):
+    """A lower bound from a coarse mesh is below the energy on every fine one."""
+    mesh = bound.problem.mesh
+    for _ in range(2):
+        mesh = bisected(mesh, np.ones(mesh.ne, dtype=bool))
+    fine = error_bound(semismooth_newton(on_mesh(bound.problem, mesh)))
+    assert bound.least_energy < fine.energy
+    assert fine.least_energy < fine.energy < bound.energy
+    assert bound.least_energy < fine.least_energy
+    assert bound.total < 1.7 * (bound.energy - fine.energy + fine.total / 2)

@@ -1,0 +1,184 @@
+"""What the bound bounds, for results of every kind, and what it refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ngsolve import CF, L2, GridFunction, Integrate, x, y
+
+from ngepc import (
+    Coupled,
+    Material,
+    NewtonOptions,
+    Problem,
+    lshape_problem,
+    primal_newton,
+    semismooth_newton,
+    wrench_problem,
+)
+from ngepc.bounds.bound import error_bound
+from ngepc.bounds.tightening import Effort
+from ngepc.geometries import block, lshape, wrench
+from ngepc.geometries.bisection import triangulated
+
+LIMITS = {"a": -0.375251, "b": -0.0023608}
+"""Energies of Examples (a) and (b), from adaptive meshes."""
+
+
+def example(name, nodes):
+    if name == "a":
+        return lshape_problem(lshape.paper_mesh(nodes))
+    return wrench_problem(wrench.paper_mesh(nodes))
+
+
+@pytest.mark.parametrize(("name", "nodes"), [("a", 417), ("a", 1601), ("b", 873)])
+def test_effectivity_on_uniform_meshes(name, nodes):
+    result = semismooth_newton(example(name, nodes))
+    bound = error_bound(result)
+    true = result.primal_energy - LIMITS[name]
+    assert true <= bound.total <= 1.35 * true
+
+
+@pytest.mark.parametrize("steps", [1, 3, 5])
+def test_unconverged_results_have_bounds(steps):
+    """Both parts hold for iterates; the algebraic one against the discrete solution."""
+    problem = example("a", 417)
+    solved = semismooth_newton(problem)
+    iterate = semismooth_newton(problem, options=NewtonOptions(max_iterations=steps))
+    bound = error_bound(iterate)
+    assert bound.algebraic >= bound.energy - solved.primal_energy > 0
+    assert bound.total >= bound.energy - LIMITS["a"]
+    assert bound.discretisation == pytest.approx(bound.total - bound.algebraic)
+
+
+def test_converged_results_have_no_algebraic_part():
+    bound = error_bound(semismooth_newton(example("a", 417)))
+    assert abs(bound.algebraic) <= 1e-12 * bound.total
+    assert bound.moved == 0
+
+
+def test_primal_and_exact_results_have_the_same_bound():
+    problem = example("a", 417)
+    one, other = error_bound(semismooth_newton(problem)), error_bound(primal_newton(problem))
+    assert other.total == pytest.approx(one.total, rel=1e-6)
+
+
+def test_regularised_results_are_made_feasible():
+    problem = example("a", 113)
+    bound = error_bound(semismooth_newton(problem, regularisation=Coupled(1e4)))
+    assert bound.moved > 0
+    assert bound.state.penetration <= bound.state.touching_distance
+    assert bound.total >= bound.energy - LIMITS["a"]
+    assert bound.algebraic > 1e-3 * bound.total
+
+
+def test_less_effort_gives_a_bound_too():
+    result = semismooth_newton(example("b", 873))
+    efforts = [Effort(newton=0, steps=1), Effort(newton=0), Effort(), Effort(newton=2, gain=1e-3)]
+    totals = [error_bound(result, effort).total for effort in efforts]
+    assert sorted(totals, reverse=True) == totals
+    assert totals[-1] >= result.primal_energy - LIMITS["b"]
+
+
+def test_errors_of_stress_and_strain_are_within_their_bounds():
+    """||sigma_h - sigma||^2 + h ||p_h - p||^2 <= 2 total, seen from a much finer solution."""
+    problem = lshape_problem(lshape.paper_mesh(113))
+    coarse = semismooth_newton(problem)
+    fine = semismooth_newton(lshape_problem(lshape.paper_mesh(6273)))
+    bound, law, points = error_bound(coarse), fine.discrete.law, fine.discrete.points
+    centres = [points.at(c) for c in (x, y)]
+    parent = element_at(problem.mesh, centres)
+    stress, other = law.stress(fine.state.at), coarse.discrete.law.stress(coarse.state.at)[parent]
+    mean = law.bulk * (fine.state.volume - coarse.state.volume[parent])
+    p = fine.state.at.plastic_strain - coarse.state.at.plastic_strain[parent]
+    elastic = mean**2 / law.bulk + ((stress - other) ** 2).sum(axis=1) / law.two_mu
+    plastic = law.hardening * (p**2).sum(axis=1)
+    assert 0 < points.integral(elastic + plastic) <= bound.stress**2
+    e = fine.state.deviator - coarse.state.deviator[parent]
+    volume = fine.state.volume - coarse.state.volume[parent]
+    strain = points.integral(volume**2 / 2 + (e**2).sum(axis=1))
+    assert 0 < strain <= bound.strain**2
+
+
+def element_at(mesh, places):
+    """Numbers of the elements that hold these places."""
+    number = GridFunction(L2(mesh, order=0))
+    number.vec.FV().NumPy()[:] = np.arange(mesh.ne)
+    return np.ravel(number(mesh(*places))).round().astype(int)
+
+
+def test_elastic_and_unloaded_bodies():
+    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+    problem = Problem(block.mesh(0.5, (1.0, 1.0)), material)
+    bound = error_bound(semismooth_newton(problem))
+    assert bound.total == bound.relative == 0
+    stretched = replace(problem, prescribed={"contact": (1e-4 * x, None)})
+    assert error_bound(semismooth_newton(stretched)).total > 0
+
+
+def test_a_solution_in_the_space_has_no_error():
+    """Uniaxial stretch beyond yield: eps and sigma are constant."""
+    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+    rollers = {"left": (0, None), "clamped": (None, 0), "right": (5e-3, None)}
+    problem = Problem(block.mesh(0.3, (1.0, 1.0)), material, clamped=None, prescribed=rollers)
+    result = semismooth_newton(problem)
+    assert result.state.at.yields.all()
+    bound = error_bound(result)
+    assert abs(bound.total) <= 1e-10 * bound.strain_energy
+
+
+def test_indicators_are_drawn_where_they_belong():
+    bound = error_bound(semismooth_newton(example("a", 113)))
+    mesh = bound.problem.mesh
+    areas = Integrate(CF(1.0), mesh, element_wise=True).NumPy()
+    means = Integrate(bound.indicators, mesh, element_wise=True).NumPy() / areas
+    assert np.allclose(means, bound.per_triangle, rtol=1e-12)
+
+
+MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+
+
+def square(material=MATERIAL, **data):
+    return Problem(block.mesh(0.5, (1.0, 1.0)), material, **data)
+
+
+@pytest.mark.parametrize(
+    ("word", "make"),
+    [
+        ("three", lambda: Problem(block.mesh(0.9), MATERIAL)),
+        ("order", lambda: square(order=2)),
+        ("axisymmetric", lambda: square(kinematics="axisymmetric")),
+        ("body_force", lambda: square(body_force=(x, 0.0))),
+        ("traction", lambda: square(traction={"contact": (0.0, x**2)})),
+        ("prescribed", lambda: square(prescribed={"contact": (None, 1e-3 * x**2)})),
+        ("friction", lambda: square(contact="contact", gap=0.1, friction=1.0)),
+        (
+            "lame_mu",
+            lambda: Problem(block.mesh(0.5, (1.0, 1.0)), replace(MATERIAL, lame_mu=1e3 + x)),
+        ),
+    ],
+)
+def test_what_is_not_covered_is_refused_by_name(word, make):
+    problem = make()
+
+    class Result:
+        displacement = None
+
+    result = Result()
+    result.problem = problem
+    with pytest.raises(ValueError, match=word):
+        error_bound(result)
+
+
+def test_parts_that_hinge_at_a_vertex_are_refused():
+    mesh = triangulated(
+        [((0, 0), (1, 0), (1, 1), (0, 1)), ((1, 1), (2, 1), (2, 2), (1, 2))],
+        lambda a, b: "clamped" if a[0] == b[0] in (0, 2) else "free",
+    )
+    with pytest.raises(ValueError, match="hang together by edges"):
+        error_bound(semismooth_newton(Problem(mesh, MATERIAL, traction={"free": (1.0, 0.0)})))
+
+
+def test_a_result_is_needed():
+    with pytest.raises(TypeError, match="result=3"):
+        error_bound(3)

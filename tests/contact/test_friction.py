@@ -1,0 +1,242 @@
+"""Friction on contact rows: homogeneous bodies in closed form, balance, duality, limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from netgen.geom2d import SplineGeometry
+from ngsolve import CF, IfPos, Mesh, x, y
+
+from ngepc import Coulomb, Material, Problem, Status, primal_newton, semismooth_newton
+from ngepc.geometries import block
+
+MU, PRESSURE = 100.0, 4.0
+SPRINGY = Material.kinematic(lame_lambda=0.0, lame_mu=MU, yield_stress=1e6, hardening=1.0)
+"""Without lateral strain: compression and shear of a block do not mix."""
+
+
+def solved(problem, **choices):
+    result = semismooth_newton(problem, **choices)
+    assert result.status is Status.CONVERGED, result.message
+    size = np.abs(result.equilibrium.contact).max(initial=1.0)
+    assert np.abs(result.equilibrium.imbalance).max() < 1e-9 * size
+    return result
+
+
+def sheared(mesh, g, s, law, u_0):
+    """A unit block on its base, pressed by PRESSURE against a plane, with the load g on top.
+
+    The shear stress s on its sides makes u = s/mu y along the plane.
+    """
+    if mesh.dim == 2:
+        loads = {"contact": (g[0], 0), "right": (0, s[0]), "left": (0, -s[0])}
+    else:
+        loads = {
+            **{"contact": (*g, 0), "right": (0, 0, s[0]), "left": (0, 0, -s[0])},
+            **{"back": (0, 0, s[1]), "front": (0, 0, -s[1])},
+        }
+    gap = -PRESSURE / (2 * MU)
+    return Problem(
+        mesh, SPRINGY, "clamped", loads, "contact", gap, friction=law, initial_displacement=u_0
+    )
+
+
+PATHS = {
+    2: [(3.0,), (2.5,), (0.0,), (-4.0,), (-3.5,)],
+    3: [(3.0, 0.0), (3.0, 3.0), (2.5, 2.5), (-1.0, 2.0), (0.0, 0.0)],
+}
+
+
+@pytest.mark.parametrize("N", [2, 3])
+@pytest.mark.parametrize("law", [1.0, Coulomb(0.25)])
+def test_slip_reversal(N, law):
+    """t = -F (g - mu u_0)/|g - mu u_0| where it slips, g - mu u_0 + t = 0 where it sticks."""
+    F, cells = 1.0, (3, 3) if N == 2 else (2, 2, 2)
+    mesh = block.structured_mesh(*cells, simplices=True)
+    slipped, u_0, seen = np.zeros(N - 1), None, set()
+    for g in PATHS[N]:
+        trial = np.array(g) - MU * slipped
+        slides = np.linalg.norm(trial) > F
+        t = -trial * min(1.0, F / np.linalg.norm(trial))
+        s = np.array(g) + t
+        result = solved(sheared(mesh, g, s, law, u_0))
+        assert np.array(result.friction_force)[: N - 1] == pytest.approx(t, abs=1e-11)
+        assert result.contact_force == pytest.approx(PRESSURE, rel=1e-11)
+        u = result.displacement(mesh(*([0.5] * (N - 1)), 1.0))
+        assert np.array(u)[: N - 1] == pytest.approx(s / MU, abs=1e-13)
+        assert result.sliding.vec.FV().NumPy().any() == slides
+        gap = result.primal_energy + result.dual_energy
+        assert abs(gap) <= 1e-12 * abs(result.primal_energy)
+        slipped, u_0 = s / MU, result.displacement
+        seen.add(bool(slides))
+    assert seen == {True, False}
+
+
+def wedge_mesh(slope):
+    """0 < x < 1, 0 < y < 1 + slope x, with the inclined top as contact boundary."""
+    shape = SplineGeometry()
+    corners = [(0, 0), (1, 0), (1, 1 + slope), (0, 1)]
+    p = [shape.AppendPoint(*corner) for corner in corners]
+    for i, name in enumerate(["clamped", "right", "contact", "left"]):
+        shape.Append(["line", p[i], p[(i + 1) % 4]], bc=name, leftdomain=1, rightdomain=0)
+    return Mesh(shape.GenerateMesh(maxh=0.3))
+
+
+@pytest.mark.parametrize(("coefficient", "slides"), [(0.1, True), (0.2, True), (5.0, False)])
+def test_loaded_wedge(coefficient, slides):
+    """u = (a y, b y): n . u = -d y on the top, and Coulomb's law there for a and b."""
+    slope, d, load = 0.3, 0.02, np.array([5.0, 0.0])
+    n = np.array([-slope, 1.0]) / np.hypot(1, slope)
+    tangent = np.array([n[1], -n[0]])
+    traction = MU * np.array([[n[1], 0.0], [n[0], 2 * n[1]]])  # sigma n from (a, b)
+    if slides:  # t = -mu p for slip > 0, p = -n . (sigma n - load)
+        row = tangent @ traction - coefficient * (n @ traction)
+        a, b = np.linalg.solve([n, row], [-d, (tangent - coefficient * n) @ load])
+    else:
+        a, b = np.linalg.solve([n, tangent], [-d, 0.0])
+    on_body = traction @ (a, b) - load
+    pressure, t = -n @ on_body, tangent @ on_body
+    assert pressure > 0
+    assert abs(t) <= coefficient * pressure * (1 + 1e-12)
+    assert (tangent @ (a, b) > 1e-3) == slides
+    mesh = wedge_mesh(slope)
+    loads = {"contact": tuple(load), "right": (0, MU * a), "left": (0, -MU * a)}
+    problem = Problem(
+        mesh, SPRINGY, "clamped", loads, "contact", -d * y, friction=Coulomb(coefficient)
+    )
+    result = solved(problem)
+    length = np.hypot(1, slope)
+    assert result.contact_force == pytest.approx(pressure * length, rel=1e-11)
+    assert result.friction_force == pytest.approx(tuple(t * length * tangent), abs=1e-10)
+    assert result.displacement(mesh(0.5, 0.5)) == pytest.approx((a / 2, b / 2), abs=1e-13)
+
+
+def pressed(cells, friction, gap=-0.02):
+    """A block on its base, pressed down by 0.02: it bulges against the friction of the press."""
+    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=15.0, hardening=100.0)
+    mesh = block.structured_mesh(*cells, simplices=True)
+    return Problem(mesh, material, contact="contact", gap=gap, friction=friction)
+
+
+@pytest.mark.parametrize("cells", [(8, 4), (3, 3, 3)])
+@pytest.mark.parametrize("friction", [0.0, 2.0, 40.0, Coulomb(0.1), Coulomb(0.8)])
+def test_plastic_block(cells, friction):
+    """Balance, both laws on each row, J + J* = 0, at most two steps more than without friction."""
+    smooth, result = solved(pressed(cells, None)), solved(pressed(cells, friction))
+    assert result.iterations <= smooth.iterations + 2
+    assert abs(result.primal_energy + result.dual_energy) <= 1e-11 * result.primal_energy
+    n, t, slip = result.nodal_contact_forces, result.nodal_friction_forces, result.nodal_slip
+    size, slipped = np.linalg.norm(t, axis=1), np.linalg.norm(slip, axis=1)
+    coulomb = isinstance(friction, Coulomb)
+    bound = (
+        friction.coefficient * n if coulomb else np.minimum(friction * result.rows.weights, 100 * n)
+    )
+    assert (size <= bound + 1e-10 * n.max()).all()
+    moving = slipped > 1e-9
+    assert size[moving] == pytest.approx(bound[moving], abs=1e-9 * n.max())
+    assert (t * slip).sum(axis=1)[moving] == pytest.approx((size * slipped)[moving], abs=1e-10)
+    total = np.array(result.equilibrium.resultant(result.equilibrium.contact))
+    assert total[:-1] == pytest.approx(result.friction_force[:-1], abs=1e-9)
+
+
+def test_zero_bound_and_zero_coefficient_are_no_friction():
+    smooth, *rough = (solved(pressed((8, 4), law)) for law in (None, 0.0, Coulomb(0.0)))
+    for result in rough:
+        assert np.abs(result.state.u - smooth.state.u).max() < 1e-13
+
+
+def test_whatever_does_not_slip_does_not_feel_the_bound():
+    results = [solved(pressed((8, 4), law)) for law in (1e4, 1e6, Coulomb(50.0))]
+    held = replace(pressed((8, 4), None), prescribed={"contact": (0, None)})
+    for result in results:
+        assert np.abs(result.state.u - solved(held).state.u).max() < 1e-12
+
+
+def test_no_force_across_an_open_gap():
+    """The right half is far from the obstacle and is pushed along it by a traction."""
+    problem = pressed((8, 4), 5.0, gap=IfPos(x - 0.6, 1.0, -0.02))
+    problem = replace(problem, traction={"contact": CF((2.0, 0.0))})
+    result = solved(problem)
+    open_rows = result.open_gap > 1e-6
+    assert open_rows.sum() >= 3
+    assert not result.nodal_friction_forces[open_rows].any()
+    assert (np.linalg.norm(result.nodal_slip[open_rows], axis=1) > 1e-4).all()
+
+
+def test_same_load_again_changes_nothing():
+    """Friction keeps the bulge when the press is lifted a little, and a press at rest rests."""
+    problem = pressed((8, 4), Coulomb(0.3))
+    problem = replace(problem, material=replace(problem.material, yield_stress=1e3))
+    first = solved(problem)
+    again = solved(replace(problem, initial_displacement=first.displacement))
+    assert np.abs(again.state.u - first.state.u).max() < 1e-12
+    assert not again.sliding.vec.FV().NumPy().any()
+    kept = solved(replace(problem, initial_displacement=first.displacement, gap=-0.019))
+    fresh = solved(replace(problem, gap=-0.019))
+    bulge = [np.abs(r.rows.slip(r.state.u)).max() for r in (first, kept, fresh)]
+    assert bulge[0] == pytest.approx(bulge[1], rel=0.02)
+    assert bulge[2] < 0.96 * bulge[0]
+
+
+def test_turned_bodies_give_turned_solutions():
+    """Cone, not box: a block turned about the press axis, with other tangents and row numbers."""
+    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=15.0, hardening=100.0)
+    results = []
+    for angle in (0.0, 0.61):
+        c, s = np.cos(angle), np.sin(angle)
+        mesh = block.structured_mesh(2, 3, 2, simplices=True)
+        for point in mesh.ngmesh.Points():
+            a, b = point.p[:2]
+            point[0], point[1] = c * a - s * b, s * a + c * b
+        turned = Mesh(mesh.ngmesh)
+        load = {"contact": (2 * c, 2 * s, 0.0)}
+        law = Coulomb(0.3)
+        problem = Problem(turned, material, "clamped", load, "contact", -0.02, friction=law)
+        results.append(solved(problem))
+    one, two = results
+    assert one.primal_energy == pytest.approx(two.primal_energy, rel=1e-10)
+    fx, fy, _ = two.friction_force
+    assert (c * fx + s * fy, c * fy - s * fx) == pytest.approx(one.friction_force[:2], abs=1e-8)
+
+
+@pytest.mark.parametrize("law", [4.0, Coulomb(0.3)])
+@pytest.mark.parametrize("cells", [(8, 4), (3, 3, 3)])
+def test_primal_method_agrees(cells, law):
+    problem = pressed(cells, law)
+    one, two = solved(problem), primal_newton(problem).raise_for_status()
+    size = np.abs(one.state.u).max()
+    assert np.abs(one.state.u - two.state.u).max() < 1e-9 * size
+    assert two.nodal_friction_forces == pytest.approx(one.nodal_friction_forces, abs=1e-7)
+    assert two.primal_energy == pytest.approx(one.primal_energy, rel=1e-11)
+    assert two.dual_energy == pytest.approx(-two.primal_energy, rel=1e-9)
+
+
+def test_start_from_a_coarser_mesh():
+    coarse, problem = solved(pressed((8, 4), 4.0)), pressed((16, 8), 4.0)
+    cold, warm = solved(problem), solved(problem, start=coarse)
+    assert warm.iterations <= cold.iterations
+    assert warm.history.residual_norms[1] < 0.2 * cold.history.residual_norms[1]
+    assert np.abs(warm.state.u - cold.state.u).max() < 1e-12
+
+
+BAD = {
+    "negative": (-1.0, ValueError, "friction falls to -1: values >= 0"),
+    "NaN": (float("nan"), ValueError, "friction=nan: a finite number"),
+    "a vector": (CF((1.0, 1.0)), ValueError, "friction has shape (2,): a scalar"),
+    "a string": ("1", TypeError, "friction='1': a number or a CoefficientFunction"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_laws_are_refused(name):
+    law, error, message = BAD[name]
+    with pytest.raises(error) as caught:
+        pressed((2, 2), law)
+    assert message in str(caught.value)
+
+
+def test_bad_coefficients_are_refused():
+    with pytest.raises(ValueError, match="coefficient=-1: a finite number >= 0"):
+        Coulomb(-1)
+    with pytest.raises(TypeError, match="coefficient='1': a number or"):
+        Coulomb("1")

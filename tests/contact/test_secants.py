@@ -1,0 +1,107 @@
+"""The small problems of contact and their compliance, against dense linear algebra."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from ngepc.linalg.complementarity import exchange
+from ngepc.linalg.compliance import Compliance
+from ngepc.linalg.secants import solve_by_secants
+
+
+def spd(rng, n, condition):
+    """A random symmetric positive definite matrix."""
+    Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    return (Q * np.geomspace(1, condition, n)) @ Q.T
+
+
+def known(S):
+    """A compliance that has learned all of S."""
+    W = Compliance(np.ones(len(S)))
+    for e in np.eye(len(S)):
+        W.learn(e, S @ e)
+    return W
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+def test_compliance_knows_what_it_has_learned_and_stays_positive(rng):
+    S, T = spd(rng, 12, 1e4), spd(rng, 12, 1e2)
+    W = Compliance(np.ones(12))
+    for matrix in (T, S):
+        W.restart()
+        learned = rng.normal(size=(5, 12))
+        assert all(W.learn(v, matrix @ v) for v in learned)
+        assert np.array([W @ v for v in learned]) == pytest.approx(learned @ matrix, rel=1e-9)
+        assert not W.learn(learned[0] - 2 * learned[3], matrix @ (learned[0] - 2 * learned[3]))
+    dense = W.block(np.ones(12, dtype=bool))
+    assert dense @ learned[1] == pytest.approx(W @ learned[1])
+    assert np.linalg.eigvalsh(dense).min() > 0
+
+
+@pytest.mark.parametrize("condition", [1e1, 1e5])
+def test_exchange_meets_the_conditions(rng, condition):
+    for n in (1, 3, 20, 60):
+        W = known(spd(rng, n, condition))
+        gaps, forces = rng.normal(size=n), np.maximum(rng.normal(size=n), 0)
+        change, exact = exchange(W, gaps, forces)
+        assert exact
+        x, w = forces + change, gaps + W @ change
+        assert x.min() >= 0
+        assert np.abs(np.minimum(x, w)).max() <= 1e-9 * np.abs(gaps).max()
+
+
+def test_exchange_finds_the_solution_among_all_active_sets(rng):
+    for _ in range(40):
+        A, q, x0 = rng.normal(size=(6, 6)), rng.normal(size=6), rng.normal(size=6)
+        S, x0 = A @ A.T + 1e-3 * np.eye(6), np.maximum(x0, 0)
+        found = x0 + exchange(known(S), q + S @ x0, x0).change
+        candidates = []
+        for active in itertools.product([False, True], repeat=6):
+            s, z = np.array(active), np.zeros(6)
+            z[s] = -np.linalg.solve(S[np.ix_(s, s)], q[s])
+            if z.min() >= 0 and (q + S @ z)[~s].min(initial=0) >= 0:
+                candidates.append(z)
+        assert len(candidates) == 1
+        assert found == pytest.approx(candidates[0], rel=1e-6, abs=1e-8)
+
+
+def test_secants_find_the_forces_with_few_products(rng):
+    """As many products as rows at most, two or three from a compliance that is nearly right."""
+    S = spd(rng, 40, 1e3)
+    gaps, nothing, products = rng.normal(size=40), np.zeros(40), []
+
+    def product(d):
+        products.append(d)
+        return S @ d
+
+    W = Compliance(np.diag(S).copy())
+    x = solve_by_secants(exchange, product, W, gaps, nothing, 1e-12)
+    assert np.abs(np.minimum(x, gaps + S @ x)).max() < 1e-11
+    assert len(products) <= 41
+    assert sum(products) == pytest.approx(x, abs=1e-12)
+    products.clear()
+    S *= 1 + 1e-6
+    again = solve_by_secants(exchange, product, W, gaps + S @ x, x, 1e-12)
+    assert np.abs(np.minimum(again, gaps + S @ again)).max() < 1e-11
+    assert len(products) <= 3
+
+
+def test_dependent_rows_share_a_force():
+    """Two rows with one compliance: any split for the same gap, the deeper one alone for two."""
+    S = np.ones((2, 2))
+    for gaps, forces in (([-1.0, -1.0], [0.5, 0.5]), ([-1.0, -2.0], [0.0, 2.0])):
+        W = Compliance(np.ones(2))
+        found = solve_by_secants(exchange, S.dot, W, np.array(gaps), np.zeros(2), 1e-12)
+        assert found == pytest.approx(forces)
+        assert (np.array(gaps) + S @ found >= -1e-12).all()
+
+
+def test_numbers_that_are_not_finite_are_refused():
+    W = Compliance(np.ones(2))
+    gaps = np.array([-1.0, -1.0])
+    assert solve_by_secants(exchange, lambda d: d * np.nan, W, gaps, np.zeros(2), 1e-12) is None

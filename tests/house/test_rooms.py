@@ -1,0 +1,117 @@
+"""The rooms of the package: what each is, and that imports only ever go downwards."""
+
+import ast
+
+import pytest
+from sources import arrows, circles, imports, modules, room, rooms
+
+FLOORS = (
+    ("checks",),
+    ("geometries",),
+    ("model",),
+    ("linalg",),
+    ("discretisation",),
+    ("results",),
+    ("local", "primal"),
+    ("dual",),
+    ("path",),
+    ("evolution",),
+    ("bounds", "sensitivity"),
+    ("theory",),
+    ("pictures",),
+    ("studies",),
+    ("cli",),
+)
+"""From the ground up; rooms on one floor do not import each other."""
+
+FLOOR = {name: number for number, names in enumerate(FLOORS) for name in names}
+ANYWHERE = {"ngepc._version"}
+"""What every room may import from the entrance hall; the command line also ``ngepc`` itself."""
+
+STILL_UPWARDS = set()
+"""Pairs (module, imported module) that break the rule today; this set may only shrink."""
+
+STILL_IN_CIRCLES = {
+    frozenset({"ngepc.model.checks", "ngepc.model.problem", "ngepc.model.support"}),
+    frozenset({"ngepc.studies.counts", "ngepc.studies.counts_page"}),
+}
+"""Groups of modules that import each other today, type hints included; it may only shrink."""
+
+OPTIONAL = {
+    ("ngepc.pictures.monitors", "IPython.display"),
+    ("ngepc.pictures.scenes", "ngsolve.webgui"),
+}
+"""Imports of what an extra brings, with an error that names the extra; this set may only shrink."""
+
+
+def goes_down(a, b):
+    """Whether module ``a`` may import ``b``."""
+    here, there = room(a), room(b)
+    if b in ANYWHERE or here == there or here == "":
+        return True
+    return here == "cli" if there == "" else FLOOR[there] < FLOOR[here]
+
+
+def test_every_room_has_its_floor():
+    assert {name.split(".")[1] for name in rooms()} <= set(FLOOR)
+
+
+def test_imports_go_down():
+    upwards = {(a, b) for a, b in arrows() if not goes_down(a, b)}
+    assert upwards == STILL_UPWARDS
+
+
+def test_the_entrance_hall_is_light():
+    """``import ngepc`` knows the rooms by name only."""
+    assert {b for a, b in arrows() if a == "ngepc"} == ANYWHERE
+
+
+def test_no_modules_import_each_other():
+    assert circles(arrows()) == STILL_IN_CIRCLES
+
+
+def in_functions(tree):
+    """Modules that are imported inside a function."""
+    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.Lambda)]
+    inner = {id(node) for function in functions for node in ast.walk(function)}
+    return [target for target, node in imports(tree) if id(node) in inner]
+
+
+def test_imports_stand_at_the_top():
+    """But for the command line, which answers ``--help`` before NGSolve is loaded."""
+    late = {
+        (name, target)
+        for name, tree in modules().items()
+        for target in in_functions(tree)
+        if room(name) != "cli" and name != "ngepc.__main__"
+    }
+    assert late == OPTIONAL
+
+
+@pytest.mark.parametrize("name", sorted(rooms() - {"ngepc.geometries"}))
+def test_a_room_says_what_it_is(name):
+    first = (ast.get_docstring(modules()[name]) or "").split("\n\n")[0]
+    assert first.endswith("."), name
+    assert len(first.split()) >= 8, first
+    assert not first.startswith(name.split(".")[1]), "a sentence, not the name again"
+
+
+# The tools themselves: a rule that cannot fail is none
+
+
+def test_circles_are_found():
+    assert circles({("a", "b"), ("b", "c"), ("c", "a"), ("c", "d")}) == {frozenset("abc")}
+    assert circles({("a", "a"), ("a", "b")}) == {frozenset("a")}
+    assert circles({("a", "b"), ("a", "c"), ("b", "c")}) == set()
+
+
+def test_imports_for_hints_and_in_functions_are_seen():
+    code = "if TYPE_CHECKING:\n  from ngepc.cli import solve\ndef f():\n  import ngepc.dual.newton"
+    tree = ast.parse(code)
+    assert [target for target, _ in imports(tree)] == ["ngepc.cli.solve", "ngepc.dual.newton"]
+    assert in_functions(tree) == ["ngepc.dual.newton"]
+    assert not goes_down("ngepc.model.problem", "ngepc.cli.solve")
+    assert not goes_down("ngepc.local.step", "ngepc.primal.state")
+    assert not goes_down("ngepc.model.problem", "ngepc.__main__")
+    assert not goes_down("ngepc.pictures.curves", "ngepc")
+    assert goes_down("ngepc.cli.solve", "ngepc.model.problem")
