@@ -27,6 +27,7 @@ from ngepc.evolution.solver import evolve as evolve
 from ngepc.linalg.linesearch import Armijo as Armijo
 from ngepc.local.result import ExactResult as ExactResult
 from ngepc.model import obstacles as obstacles
+from ngepc.model.contact import Contact as Contact
 from ngepc.model.examples import lshape_problem as lshape_problem
 from ngepc.model.examples import wrench_problem as wrench_problem
 from ngepc.model.friction import Coulomb as Coulomb

@@ -53,7 +53,7 @@ class Factors:
 
     def __init__(self, discrete: DiscreteProblem, name: str) -> None:
         self._free = discrete.supports.free
-        self._stiffness = Stiffness(discrete.points, self._free)
+        self._stiffness = Stiffness(discrete.points, self._free, discrete.springs)
         self._name, self._inverse, self.back_substitutions = name, None, 0
         self._right, self._left = (self._stiffness.matrix.CreateColVector() for _ in range(2))
 
