@@ -179,7 +179,7 @@ def solved(
     while True:
         result = run(discrete, state, tangent, TOLERANCE, options.max_iterations - steps, pause)
         steps += result.iterations
-        bound = bound_of_state(setting, result.state)
+        bound = bound_of_state(setting, result.state, tangent)
         if not pause.reached or bound.algebraic <= ALGEBRAIC_SHARE * bound.total:
             return paused(result, bound, steps) if pause.reached else result, bound
         state, pause = result.state, Pause(pause.small / 30)

@@ -146,7 +146,7 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
     exact = isinstance(result, ExactResult)
     setting = Setting(result.discrete if exact else DiscreteProblem(problem))
     state = result.state if exact else state_of(setting, result)
-    return bound_of_state(setting, state, effort)
+    return bound_of_state(setting, state, Factors(setting.discrete, "sparsecholesky"), effort)
 
 
 def state_of(setting: Setting, result: object) -> State:
@@ -161,8 +161,10 @@ def state_of(setting: Setting, result: object) -> State:
     return discrete.state(u.copy(), multipliers=multipliers * rows.weights)
 
 
-def bound_of_state(setting: Setting, given: State, effort: Effort | None = None) -> ErrorBound:
-    """The bound for a state on the mesh of a setting."""
+def bound_of_state(
+    setting: Setting, given: State, tangent: Factors, effort: Effort | None = None
+) -> ErrorBound:
+    """The bound for a state on the mesh of a setting; ``tangent`` gets other factors."""
     discrete, u = setting.discrete, setting.feasible(given.u)
     moved = float(np.abs(u - given.u).max(initial=0.0))
     state = (
@@ -170,7 +172,6 @@ def bound_of_state(setting: Setting, given: State, effort: Effort | None = None)
         if moved <= given.touching_distance
         else discrete.state(u, multipliers=given.multipliers)
     )
-    tangent = Factors(discrete, "sparsecholesky")
     tangent.update(discrete.law.moduli(state.at, state.yielding))
     P = setting.pressure(state.multipliers)
     moments, forces = setting.loads(P)

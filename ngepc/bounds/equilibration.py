@@ -17,6 +17,9 @@ import numpy as np
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.triangles import PAIRS, Triangles
 
+BALANCED = 1e-8
+"""Part of the largest corner force that may be out of balance."""
+
 
 class Patches:
     """The triangles around each vertex and the pseudo-inverses of their equations.
@@ -25,11 +28,18 @@ class Patches:
     ----------
     boundary
         Which tractions are given.
+
+    Raises
+    ------
+    ValueError
+        For a body whose parts meet in a single vertex.
     """
 
     def __init__(self, boundary: Boundary) -> None:
         self.boundary = boundary
         self.triangles = t = boundary.triangles
+        if np.bincount(t.edges[t.outer].ravel()).max() > 2:
+            raise ValueError("mesh: bounds need parts that hang together by edges")
         self._number_corners()
         corners = self._edge_corners()
         self._first, self._second = corners[:, :, 0], corners[:, :, 1]
@@ -93,16 +103,18 @@ class Patches:
             Shape (nt, 2).
         given
             Moments of the tractions on the outer boundary, shape (ne, 2, 2).
+
+        Raises
+        ------
+        RuntimeError
+            If rounding leaves triangles out of equilibrium: there is no bound then.
         """
         t, inner = self.triangles, ~self.triangles.outer
         known = self.boundary.given[:, None, :]
         mu = np.where(known, given, self._mean_moments(stress)[:, None])
-        defect = corner_forces(t, stress, body_force).reshape(-1, 2)
-        for end in (0, 1):
-            gather(defect, self._first[:, end], -mu[:, end])
-            gather(defect, self._second[inner, end], mu[inner, end])
+        internal = corner_forces(t, stress, body_force).reshape(-1, 2)
         forces = np.zeros((len(t.points), self.most, 2))
-        forces[t.nodes.ravel(), self.place] = defect
+        forces[t.nodes.ravel(), self.place] = self._defect(internal, mu)
         y = np.stack(
             [np.matmul(M, forces[:, :, c, None])[:, :, 0] for c, M in enumerate(self.inverses)],
             axis=2,
@@ -111,7 +123,18 @@ class Patches:
             here = y[t.edges[:, end], self.place[self._first[:, end]]]
             there = y[t.edges[:, end], self.place[self._second[:, end]]]
             mu[:, end] += np.where(known[:, 0], 0.0, here - np.where(inner[:, None], there, 0.0))
+        left, size = np.abs(self._defect(internal, mu)).max(), np.abs(internal).max()
+        if left > BALANCED * max(size, np.abs(mu).max()):
+            raise RuntimeError(f"the stress is out of equilibrium by {left / size:.1e} of its size")
         return mu
+
+    def _defect(self, internal: np.ndarray, mu: np.ndarray) -> np.ndarray:
+        """What the moments lack at the corners, shape (3 nt, 2)."""
+        defect, inner = internal.copy(), ~self.triangles.outer
+        for end in (0, 1):
+            gather(defect, self._first[:, end], -mu[:, end])
+            gather(defect, self._second[inner, end], mu[inner, end])
+        return defect
 
     def _mean_moments(self, stress: np.ndarray) -> np.ndarray:
         t = self.triangles

@@ -23,9 +23,9 @@ from ngsolve import (
     x,
 )
 
-from ngepc.discretisation.rules import plastic_points
 from ngepc.model.elements import element_numbers, element_vertices
 from ngepc.model.kinematics import Kinematics
+from ngepc.model.rules import plastic_points
 
 CHUNK = 20_000
 """Elements whose stiffness matrices are held in memory at once."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from ngsolve import H1, BaseMatrix, BilinearForm, dx
+from ngsolve.la import SparseMatrixd
 
 from ngepc.discretisation.points import CHUNK, Elements, Moduli, Points
 

@@ -16,6 +16,8 @@ import numpy as np
 
 from ngepc.linalg.compliance import Compliance
 
+EPSILON = float(np.finfo(float).eps)
+
 FIRST = 1e-2
 """Part of the slack below which the first change counts as rounding."""
 
@@ -78,4 +80,5 @@ def solve_by_secants(
         if not compliance.learn(change, answer):  # rounding of far larger answers hides this one
             compliance.restart()
             compliance.learn(change, answer)
+        slack = max(slack, EPSILON * np.abs(answer).max(initial=0.0))  # it stays in the gaps
     return None

@@ -37,9 +37,9 @@ from ngsolve.la import BaseMatrix
 from ngepc.discretisation.law import ROUNDING
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
-from ngepc.discretisation.rules import plastic_order
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import as_scalar
+from ngepc.model.rules import plastic_order
 
 
 class SaddleForms:

@@ -13,6 +13,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, Det, Mesh, specialcf
 
 from ngepc.checks.arguments import (
+    Coefficient,
     boundary_names,
     require_coefficient,
     require_finite,
@@ -22,6 +23,7 @@ from ngepc.model.elements import element_nodes, vertices_of
 from ngepc.model.friction import Coulomb
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
+from ngepc.model.rules import plastic_points
 from ngepc.model.support import check_support
 
 if TYPE_CHECKING:
@@ -228,7 +230,11 @@ def check_friction(problem: Problem) -> None:
 
 
 def check_history(problem: Problem) -> None:
-    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
+    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind.
+
+    A polynomial with alpha_1 >= 0 at the integration points, which histories carry, may fall below
+    zero between them, but not its means on the elements.
+    """
     N, mesh = problem.kinematics.size, problem.mesh
     if problem.initial_plastic_strain is not None:
         require_coefficient("initial_plastic_strain", problem.initial_plastic_strain, [(N, N)])
@@ -247,7 +253,7 @@ def check_history(problem: Problem) -> None:
     scalar, back_stress = split_hardening(problem.initial_hardening)
     if scalar is not None:
         require_coefficient("initial_hardening", scalar)
-        least = require_finite("initial_hardening", scalar, mesh).min()
+        least = _least("initial_hardening", scalar, problem)
         if least < 0:
             raise ValueError(f"initial_hardening falls to {least:g}: alpha_1 >= 0 is needed")
     if back_stress is not None:
@@ -256,9 +262,23 @@ def check_history(problem: Problem) -> None:
         _check_symmetric("initial_hardening", samples.reshape(-1, N, N))
     if problem.initial_accumulated is not None:
         require_coefficient("initial_accumulated", problem.initial_accumulated)
-        least = require_finite("initial_accumulated", problem.initial_accumulated, mesh).min()
+        least = _least("initial_accumulated", problem.initial_accumulated, problem)
         if least < 0:
             raise ValueError(f"initial_accumulated falls to {least:g}: values >= 0 are needed")
+
+
+def _least(name: str, value: Coefficient, problem: Problem) -> float:
+    """The least value at the integration points, where histories live; below rounding it is 0.
+
+    Between them the polynomials that earlier steps leave may fall below what they interpolate.
+    """
+    require_finite(name, value, problem.mesh)
+    if not isinstance(value, CoefficientFunction):
+        return float(value)
+    mesh = problem.mesh
+    points = mesh.MapToAllElements(plastic_points(mesh, problem.order), mesh.Materials(".*"))
+    values = np.ravel(value(points))
+    return 0.0 if values.min() >= -1e-14 * np.abs(values).max() else float(values.min())
 
 
 def _check_symmetric(name: str, A: np.ndarray) -> None:

@@ -20,8 +20,8 @@ from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.loads import Supports, applied_forces, nodal
-from ngepc.discretisation.rules import plastic_points
 from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.rules import plastic_points
 from ngepc.primal.return_mapping import ReturnMapping
 
 INVERSE = "sparsecholesky"

@@ -9,8 +9,8 @@ import numpy as np
 from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, VectorH1, sqrt
 
 from ngepc.discretisation.rows import ContactRows
-from ngepc.discretisation.rules import plastic_points
 from ngepc.model.problem import Problem
+from ngepc.model.rules import plastic_points
 from ngepc.results.fields import Fields, Recovered
 from ngepc.results.outcome import Ending, History
 from ngepc.results.summary import Summarised

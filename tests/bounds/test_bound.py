@@ -19,6 +19,7 @@ from ngepc import (
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.tightening import Effort
 from ngepc.geometries import block, lshape, wrench
+from ngepc.geometries.bisection import triangulated
 
 LIMITS = {"a": -0.375251, "b": -0.0023608}
 """Energies of Examples (a) and (b), from adaptive meshes."""
@@ -167,6 +168,15 @@ def test_what_is_not_covered_is_refused_by_name(word, make):
     result.problem = problem
     with pytest.raises(ValueError, match=word):
         error_bound(result)
+
+
+def test_parts_that_hinge_at_a_vertex_are_refused():
+    mesh = triangulated(
+        [((0, 0), (1, 0), (1, 1), (0, 1)), ((1, 1), (2, 1), (2, 2), (1, 2))],
+        lambda a, b: "clamped" if a[0] == b[0] in (0, 2) else "free",
+    )
+    with pytest.raises(ValueError, match="hang together by edges"):
+        error_bound(semismooth_newton(Problem(mesh, MATERIAL, traction={"free": (1.0, 0.0)})))
 
 
 def test_a_result_is_needed():

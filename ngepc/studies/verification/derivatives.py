@@ -29,7 +29,7 @@ from ngepc.sensitivity.states import Solution, states_of
 STENCIL = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
 """Central difference of fourth order."""
 
-STEP = 3e-6
+STEP = 3e-5
 """Its step, relative to the size of the parameters."""
 
 SIDES = {True: ("bottom", "top", "right"), False: ("clamped", "contact", "right")}
