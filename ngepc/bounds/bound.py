@@ -158,7 +158,7 @@ def state_of(setting: Setting, result: object) -> State:
         ends = setting.boundary.on_contact(on_segments(setting.problem, result.contact_pressure))
         there = setting.row_of >= 0
         multipliers[setting.row_of[there]] = np.maximum(ends[there], 0.0)
-    return discrete.state(u.copy(), multipliers=multipliers * rows.weights)
+    return discrete.state(u.copy(), contact=multipliers * rows.weights)
 
 
 def bound_of_state(
@@ -170,7 +170,7 @@ def bound_of_state(
     state = (
         given
         if moved <= given.touching_distance
-        else discrete.state(u, multipliers=given.multipliers)
+        else discrete.state(u, contact=given.multipliers)
     )
     tangent.update(discrete.law.moduli(state.at, state.yielding))
     P = setting.pressure(state.multipliers)

@@ -136,4 +136,4 @@ def carried_state(old: State, discrete: DiscreteProblem) -> State:
         nodal[vertex] = (nodal[a] + nodal[b]) / 2
     supports, there = discrete.supports, discrete.rows
     u = np.where(supports.free, nodal[:, :2], supports.values)
-    return discrete.state(u, multipliers=nodal[there.vertices, 2] * there.weights)
+    return discrete.state(u, contact=nodal[there.vertices, 2] * there.weights)
