@@ -133,7 +133,7 @@ STUDIES = {
     ),
     "benchmark": Study(
         "what a Newton step costs in elastic solves: counts, ratios, scaling, memory",
-        "benchmark:Benchmark",
+        "cost:Benchmark",
         {**LEVELS, "modes": (words, "of default,primal,1e4")},
     ),
     "fuzz": Study(

@@ -8,7 +8,7 @@ import pytest
 from ngepc import lshape_problem, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.geometries import lshape
-from ngepc.studies.benchmark import (
+from ngepc.studies.cost import (
     HEAD,
     NODES,
     Benchmark,
