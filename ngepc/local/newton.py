@@ -11,7 +11,7 @@ import numpy as np
 
 from ngepc.local.factors import Tangent, TangentError
 from ngepc.local.result import ExactResult
-from ngepc.local.step import Line, newton_target, step_length
+from ngepc.local.step import Line, Target, newton_target, step_length
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.results.outcome import History, IterationRecord, Status
 
@@ -39,6 +39,7 @@ def run(
     tolerance: float,
     max_iterations: int,
     monitor: Monitor | None = None,
+    target: Callable[[State, Tangent], Target] = newton_target,
 ) -> ExactResult:
     """Newton steps from a state until the residual is small or something stops them.
 
@@ -54,6 +55,8 @@ def run(
         Most Newton steps.
     monitor
         Called with the record of each iterate; raising StopIteration stops.
+    target
+        What finds where Newton's model is smallest.
     """
     history, before, length, trials = History(), None, 1.0, 0
     status, message = None, ""
@@ -67,7 +70,7 @@ def run(
             status, message = verdict(state, before, history, tolerance, max_iterations)
             if status is None:
                 before = state
-                state, length, trials = following(state, tangent)
+                state, length, trials = following(state, target(state, tangent))
     except TangentError as error:
         status, message = Status.NONFINITE, f"{error}."
     except StuckError as stuck:
@@ -77,9 +80,9 @@ def run(
     return ExactResult(state, status, message, history)
 
 
-def following(here: State, tangent: Tangent) -> tuple[State, float, int]:
+def following(here: State, target: Target) -> tuple[State, float, int]:
     """The next state, the step length and its trials."""
-    line = Line(here, newton_target(here, tangent))
+    line = Line(here, target)
     if here.penetration > here.touching_distance:
         return line.state(1.0), 1.0, 0  # the first step makes u feasible
     found = step_length(line)

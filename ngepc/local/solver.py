@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ngepc.local.active_set import InexactTarget
 from ngepc.local.factors import Factors
 from ngepc.local.newton import Monitor, run
 from ngepc.local.result import ExactResult
@@ -29,4 +30,7 @@ def solve_exactly(
     """
     discrete = DiscreteProblem(problem)
     state = starting_state(discrete, start)
-    return run(discrete, state, Factors(discrete, inverse), tolerance, max_iterations, monitor)
+    if isinstance(inverse, str):
+        return run(discrete, state, Factors(discrete, inverse), tolerance, max_iterations, monitor)
+    tangent, target = inverse.tangent(discrete), InexactTarget(inverse.forcing, tolerance)
+    return run(discrete, state, tangent, tolerance, max_iterations, monitor, target)

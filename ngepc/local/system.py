@@ -213,12 +213,14 @@ class State:
         return self._relative(self.contact_defect)
 
     def _relative(self, forces: np.ndarray) -> float:
-        size = float(np.linalg.norm(forces))
-        return 0.0 if size == 0 else size / self.force_scale
+        size, scale = float(np.linalg.norm(forces)), self.force_scale
+        if size == 0 or scale == 0:
+            return float(size > 0)  # an obstacle alone, before the first step
+        return size / scale
 
     @property
     def rounding(self) -> float:
         """What rounding leaves of ``residual_norm``."""
-        if self.trial_forces == 0:
+        if self.trial_forces == 0 or self.force_scale == 0:
             return 0.0
         return 4 * EPSILON * self.trial_forces / self.force_scale

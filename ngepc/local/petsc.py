@@ -1,0 +1,164 @@
+"""PETSc does the linear algebra of large bodies: ``NewtonOptions(inverse=PETSc())``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import count
+
+import numpy as np
+
+from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.kinds import require_text
+from ngepc.local.iterative import FullPattern, IterativeTangent
+from ngepc.local.system import DiscreteProblem
+
+try:
+    from petsc4py import PETSc as petsc
+except ImportError:  # said when PETSc() is made
+    petsc = None
+
+INSTALL = (
+    "PETSc() needs petsc4py: 'apt install python3-petsc4py' and PETSC_DIR=/usr/lib/petscdir/"
+    "petsc-real (Debian, Ubuntu), or 'conda install -c conda-forge petsc4py'"
+)
+
+GAMG = "-pc_type gamg"
+
+_numbers = count()
+
+
+@dataclass(frozen=True, kw_only=True)
+class PETSc:
+    """Conjugate gradients with a preconditioner of PETSc, multigrid by default.
+
+    Parameters
+    ----------
+    options
+        PETSc's own option string for the preconditioner, for instance "-pc_type hypre".
+    forcing
+        Relative residual at which the solves of the first Newton steps end.
+    patience
+        Iterations of a solve beyond which the next one makes a new hierarchy.
+    max_iterations
+        Iterations after which a solve gives up.
+
+    Raises
+    ------
+    ImportError
+        If petsc4py is missing.
+    TypeError, ValueError
+        If an option is out of its range.
+    """
+
+    options: str = ""
+    forcing: float = 1e-2
+    patience: int = 25
+    max_iterations: int = 500
+
+    def __post_init__(self) -> None:
+        if petsc is None:
+            raise ImportError(INSTALL)
+        require_text("options", self.options)
+        require_number("forcing", self.forcing, 1e-12)
+        require_integer("patience", self.patience, 1)
+        require_integer("max_iterations", self.max_iterations, 1)
+
+    def tangent(self, discrete: DiscreteProblem) -> IterativeTangent:
+        """The tangent of a discrete problem."""
+        engine = partial(PETScEngine, options=self.options)
+        return IterativeTangent(discrete, engine, self.patience, self.max_iterations)
+
+
+class PETScEngine:
+    """Matrix and preconditioner of PETSc on one process.
+
+    Parameters
+    ----------
+    pattern, discrete
+        The blocks and the discrete problem that they come from.
+    options
+        PETSc's option string.
+    """
+
+    def __init__(self, pattern: FullPattern, discrete: DiscreteProblem, options: str) -> None:
+        self._N = discrete.problem.N
+        self._starts, self._columns, self._places = _scalar_rows(pattern, self._N)
+        self._size = len(self._starts) - 1
+        self._values = np.zeros(len(self._columns))
+        self._matrix = self._wrapped(self._values)
+        self._pc, self._coarse = petsc.PC().create(petsc.COMM_SELF), None
+        self._prefix = f"ngepc{next(_numbers)}_"
+        self._set(f"{GAMG} {options}")
+        self._in, self._out = (petsc.Vec().createSeq(self._size, bsize=self._N) for _ in range(2))
+
+    def _wrapped(self, values: np.ndarray) -> object:
+        return petsc.Mat().createAIJWithArrays(
+            self._size, (self._starts, self._columns, values), bsize=self._N, comm=petsc.COMM_SELF
+        )
+
+    def _set(self, options: str) -> None:
+        """PETSc's data base with these options under the preconditioner's own prefix."""
+        base = petsc.Options(self._prefix)
+        words = options.split()
+        for word, following in zip(words, [*words[1:], "-"], strict=True):
+            if is_name(word):
+                base[word.lstrip("-")] = None if is_name(following) else following
+        self._pc.setOptionsPrefix(self._prefix)
+
+    def take(self, values: np.ndarray) -> None:
+        """The matrix for multiplication."""
+        self._values[self._places] = values.ravel()
+        self._matrix.stateIncrease()
+
+    def build(self, values: np.ndarray, modes: np.ndarray) -> None:
+        """A new preconditioner."""
+        entries = np.empty_like(self._values)
+        entries[self._places] = values.ravel()
+        self._coarse = self._wrapped(entries)
+        self._coarse_values = entries  # PETSc does not keep them alive
+        orthonormal, _ = np.linalg.qr(modes)
+        vectors = [
+            petsc.Vec().createWithArray(column.copy(), bsize=self._N, comm=petsc.COMM_SELF)
+            for column in orthonormal.T
+        ]
+        self._coarse.setNearNullSpace(
+            petsc.NullSpace().create(vectors=vectors, comm=petsc.COMM_SELF)
+        )
+        self._pc.reset()
+        self._pc.setOperators(self._coarse, self._coarse)
+        self._pc.setFromOptions()
+        self._pc.setUp()
+
+    def multiply(self, x: np.ndarray) -> np.ndarray:
+        """The matrix times x."""
+        return self._applied(self._matrix.mult, x)
+
+    def precondition(self, r: np.ndarray) -> np.ndarray:
+        """The preconditioner times r."""
+        return self._applied(self._pc.apply, r)
+
+    def _applied(self, operator: object, x: np.ndarray) -> np.ndarray:
+        self._in.getArray()[:] = x
+        operator(self._in, self._out)
+        return self._out.getArray().copy()
+
+
+def is_name(word: str) -> bool:
+    """Whether a word of an option string is a name, not a value: -pc_type, but not -1e-3."""
+    return word.startswith("-") and not word[1:2].isdigit() and word[1:2] != "."
+
+
+def _scalar_rows(pattern: FullPattern, N: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """CSR of the scalar matrix: starts, columns, and the place there of each entry of a block."""
+    counts = np.diff(pattern.starts)
+    starts = np.zeros(N * len(counts) + 1, dtype=np.int32)
+    np.cumsum(np.repeat(N * counts, N), out=starts[1:])
+    within = np.arange(len(pattern.rows), dtype=np.int32) - pattern.starts[pattern.rows]
+    first = starts[N * pattern.rows] + N * within
+    along = np.arange(N, dtype=np.int32)
+    step = (N * counts[pattern.rows]).astype(np.int32)
+    places = first[:, None, None] + step[:, None, None] * along[:, None] + along
+    columns = np.empty(starts[-1], dtype=np.int32)
+    columns[places] = (N * pattern.columns)[:, None, None] + along
+    return starts, columns, places.ravel()
