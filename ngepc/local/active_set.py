@@ -17,6 +17,10 @@ SETS = 30
 """Most active sets of one Newton step."""
 
 
+FINEST = 1e-9
+"""Smallest relative residual of a linear system."""
+
+
 class InexactTarget:
     """Newton's model, minimised as exactly as the distance to the solution deserves.
 
@@ -29,13 +33,13 @@ class InexactTarget:
     """
 
     def __init__(self, forcing: float, tolerance: float) -> None:
-        self._forcing, self._tolerance, self._before = forcing, tolerance, np.inf
+        self._forcing, self._tolerance, self._before = forcing, tolerance, 0.0
 
     def accuracy(self, residual: float) -> float:
         """The relative residual for a step from here (Eisenstat and Walker 1996, choice 2)."""
-        falling = 0.5 * (residual / self._before) ** 1.5
-        self._before = residual
-        return max(min(self._forcing, falling), 0.1 * min(1.0, self._tolerance / residual), 1e-9)
+        before, self._before = self._before, residual
+        falling = 0.5 * (residual / before) ** 1.5 if before else 1.0
+        return min(self._forcing, max(falling, 0.3 * self._tolerance / residual, FINEST))
 
     def __call__(self, here: State, tangent: IterativeTangent) -> Target:
         """The change of u, and contact there."""

@@ -23,7 +23,7 @@ INSTALL = (
     "petsc-real (Debian, Ubuntu), or 'conda install -c conda-forge petsc4py'"
 )
 
-GAMG = "-pc_type gamg"
+GAMG = "-pc_type gamg -pc_gamg_threshold 0.0"
 
 _numbers = count()
 
@@ -87,15 +87,15 @@ class PETScEngine:
         self._size = len(self._starts) - 1
         self._values = np.zeros(len(self._columns))
         self._matrix = self._wrapped(self._values)
-        self._pc, self._coarse = petsc.PC().create(petsc.COMM_SELF), None
-        self._prefix = f"ngepc{next(_numbers)}_"
+        self._pc, self._kept, self._prefix = None, None, f"ngepc{next(_numbers)}_"
         self._set(f"{GAMG} {options}")
         self._in, self._out = (petsc.Vec().createSeq(self._size, bsize=self._N) for _ in range(2))
 
     def _wrapped(self, values: np.ndarray) -> object:
-        return petsc.Mat().createAIJWithArrays(
-            self._size, (self._starts, self._columns, values), bsize=self._N, comm=petsc.COMM_SELF
-        )
+        rows = (self._starts, self._columns, values)
+        matrix = petsc.Mat().createAIJWithArrays(self._size, rows, comm=petsc.COMM_SELF)
+        matrix.setBlockSize(self._N)
+        return matrix
 
     def _set(self, options: str) -> None:
         """PETSc's data base with these options under the preconditioner's own prefix."""
@@ -104,7 +104,6 @@ class PETScEngine:
         for word, following in zip(words, [*words[1:], "-"], strict=True):
             if is_name(word):
                 base[word.lstrip("-")] = None if is_name(following) else following
-        self._pc.setOptionsPrefix(self._prefix)
 
     def take(self, values: np.ndarray) -> None:
         """The matrix for multiplication."""
@@ -115,18 +114,16 @@ class PETScEngine:
         """A new preconditioner."""
         entries = np.empty_like(self._values)
         entries[self._places] = values.ravel()
-        self._coarse = self._wrapped(entries)
-        self._coarse_values = entries  # PETSc does not keep them alive
-        orthonormal, _ = np.linalg.qr(modes)
+        matrix, columns = self._wrapped(entries), np.linalg.qr(modes)[0].T.copy()
         vectors = [
-            petsc.Vec().createWithArray(column.copy(), bsize=self._N, comm=petsc.COMM_SELF)
-            for column in orthonormal.T
+            petsc.Vec().createWithArray(c, bsize=self._N, comm=petsc.COMM_SELF) for c in columns
         ]
-        self._coarse.setNearNullSpace(
-            petsc.NullSpace().create(vectors=vectors, comm=petsc.COMM_SELF)
-        )
-        self._pc.reset()
-        self._pc.setOperators(self._coarse, self._coarse)
+        matrix.setNearNullSpace(petsc.NullSpace().create(vectors=vectors, comm=petsc.COMM_SELF))
+        if self._pc is not None:
+            self._pc.destroy()  # one that is set up again keeps parts of its old hierarchy
+        self._pc, self._kept = petsc.PC().create(petsc.COMM_SELF), (entries, columns)
+        self._pc.setOptionsPrefix(self._prefix)
+        self._pc.setOperators(matrix, matrix)
         self._pc.setFromOptions()
         self._pc.setUp()
 
