@@ -26,6 +26,7 @@ _HOME = {
     "NearMinimum": "linalg.linesearch",
     "NewtonOptions": "dual.newton",
     "NodalContact": "dual.balanced",
+    "PETSc": "local.petsc",
     "PathOptions": "path.options",
     "PathResult": "path.result",
     "PenaltyContact": "dual.balanced",

@@ -56,8 +56,8 @@ class NewtonOptions:
         ``Armijo()``, ``NearMinimum()`` or None for full steps; by default the regularisation's
         own choice, Armijo for ``Coupled``.
     inverse
-        What solves the linear systems: NGSolve's name of a direct solver that does LDL^T, or
-        ``Krylov()`` for large bodies.
+        What solves the linear systems: NGSolve's name of a direct solver that does LDL^T, or, for
+        large bodies without gamma, ``PETSc()`` (``Krylov()`` with gamma).
 
     Raises
     ------
@@ -136,6 +136,8 @@ def semismooth_newton(
     if regularisation is None:
         regularisation = Coupled(gamma)
     require_regularisation(regularisation)
+    if hasattr(options.inverse, "tangent"):
+        raise ValueError(f"inverse={options.inverse!r}: a direct solver is needed with gamma")
     if start is not None and not isinstance(start, DualResult):
         raise TypeError(f"start={start!r}: a result of semismooth_newton or None is needed")
     check_supported(problem, regularisation, options.inverse, start)

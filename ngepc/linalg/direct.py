@@ -78,14 +78,16 @@ def linear_solver(inverse: str | LinearSolver) -> LinearSolver:
 
 
 def require_linear_solver(name: str, value: object) -> None:
-    """Accept a LinearSolver or NGSolve's name of a direct one that this installation has.
+    """Accept a solver object or NGSolve's name of a direct one that this installation has.
 
     Raises
     ------
     ValueError
         If it is neither.
     """
-    if not hasattr(value, "newton_system"):
+    if isinstance(value, type) or not (
+        hasattr(value, "newton_system") or hasattr(value, "tangent")
+    ):
         require_direct_solver(name, value)
 
 

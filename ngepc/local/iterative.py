@@ -7,6 +7,7 @@ iterations see an elasticity matrix and nothing else.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -42,6 +43,16 @@ class Engine(Protocol):
 
     def precondition(self, r: np.ndarray) -> np.ndarray:
         """The preconditioner, symmetric and positive definite, times a vector."""
+        ...
+
+
+class Iterative(Protocol):
+    """What ``NewtonOptions(inverse=...)`` takes beside the name of a direct solver."""
+
+    forcing: float
+
+    def tangent(self, discrete: DiscreteProblem) -> IterativeTangent:
+        """The tangent of a discrete problem."""
         ...
 
 
@@ -146,7 +157,7 @@ class IterativeTangent:
     discrete
         The discrete problem.
     engine
-        Called with the pattern: the ``Engine``.
+        Called with the pattern and the discrete problem: the ``Engine``.
     patience
         Iterations of a solve beyond which the next one makes a new hierarchy.
     most
@@ -161,12 +172,16 @@ class IterativeTangent:
     """
 
     def __init__(
-        self, discrete: DiscreteProblem, engine: object, patience: int, most: int
+        self,
+        discrete: DiscreteProblem,
+        engine: Callable[[FullPattern, DiscreteProblem], Engine],
+        patience: int,
+        most: int,
     ) -> None:
         self._discrete, self._patience, self._most = discrete, patience, most
         self._blocks = StiffnessBlocks(discrete.points, discrete.supports.free)
         self._pattern = FullPattern(self._blocks)
-        self._engine: Engine = engine(self._pattern, discrete)
+        self._engine = engine(self._pattern, discrete)
         self._modes = low_energy_modes(discrete)
         self._stale, self.hierarchies, self._values = True, 0, np.zeros(0)
         self.back_substitutions = self.linear_iterations = 0
@@ -249,7 +264,7 @@ class IterativeTangent:
 
 def conjugate_gradients(
     engine: Engine,
-    project: object,
+    project: Callable[[np.ndarray], np.ndarray],
     right: np.ndarray,
     start: np.ndarray,
     tolerance: float,

@@ -23,7 +23,11 @@ INSTALL = (
     "petsc-real (Debian, Ubuntu), or 'conda install -c conda-forge petsc4py'"
 )
 
-GAMG = "-pc_type gamg -pc_gamg_threshold 0.0"
+GAMG = (
+    "-pc_type gamg -pc_gamg_threshold 0.0 "
+    "-pc_gamg_square_graph 10 -pc_gamg_aggressive_coarsening 10"  # before and since PETSc 3.19
+)
+"""Smoothed aggregation that coarsens fast on all levels: a third of the time to set up."""
 
 _numbers = count()
 

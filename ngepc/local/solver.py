@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.factors import Factors
+from ngepc.local.iterative import Iterative
 from ngepc.local.newton import Monitor, run
 from ngepc.local.result import ExactResult
 from ngepc.local.start import starting_state
@@ -16,7 +17,7 @@ def solve_exactly(
     start: object | None,
     tolerance: float,
     max_iterations: int,
-    inverse: str,
+    inverse: str | Iterative,
     monitor: Monitor | None,
 ) -> ExactResult:
     """Minimise J(u, p) of (2.14) over the discrete displacements with N u <= gaps.

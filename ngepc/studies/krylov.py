@@ -6,17 +6,14 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ngsolve import sqrt, x, y
-
 from ngepc.dual.balanced import Balanced
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.plastic_strain import PointwisePlasticStrain
 from ngepc.dual.result import DualResult
-from ngepc.geometries import block
 from ngepc.krylov.solver import Krylov
-from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.studies.benchmark import peak_memory
+from ngepc.studies.large import indented_block
 from ngepc.studies.output import Table, write_table
 
 POINTWISE = PointwisePlasticStrain()
@@ -39,16 +36,6 @@ DIRECT_NODES = 2000
 
 QUADRATURE_POINTS = 60
 TOLERANCE = 1e-8
-
-
-def indented_block(refinements: int) -> Problem:
-    """A sphere of radius 1 pressed 0.03 into a unit block; 55, 281, 1745, 12,193, ... nodes."""
-    mesh = block.mesh(maxh=0.4)
-    for _ in range(refinements):
-        mesh.Refine()
-    steel = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0)
-    gap = 1.0 - sqrt(1.0 - (x - 0.5) ** 2 - (y - 0.5) ** 2) - 0.03
-    return Problem(mesh, steel, "clamped", contact="contact", gap=gap)
 
 
 def count_iterations(
