@@ -6,7 +6,7 @@ import numpy as np
 from ngsolve import H1, BaseMatrix, BilinearForm, dx
 from ngsolve.la import SparseMatrixd
 
-from ngepc.discretisation.points import CHUNK, Elements, Moduli, Points
+from ngepc.discretisation.points import Elements, Moduli, Points, chunks
 
 
 class StiffnessBlocks:
@@ -43,9 +43,8 @@ class StiffnessBlocks:
         """The blocks for these moduli at the points, shape (blocks, N, N)."""
         entries = np.zeros((self.N**2, len(self.rows)))
         for block, (a, b, places, turned) in zip(self.points.blocks, self._places, strict=True):
-            count, k = block.nodes.shape
-            for first in range(0, count, CHUNK):
-                part = slice(first, first + CHUNK)
+            k = block.nodes.shape[1]
+            for part in chunks(len(block)):
                 K = self.points.element_stiffness(block, part, moduli)
                 K = K.reshape(-1, k, self.N, k, self.N)[:, a, :, b, :].swapaxes(0, 1)
                 swap = turned[part]

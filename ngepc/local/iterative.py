@@ -183,13 +183,13 @@ class IterativeTangent:
         self._pattern = FullPattern(self._blocks)
         self._engine = engine(self._pattern, discrete)
         self._modes = low_energy_modes(discrete)
-        self._stale, self.hierarchies, self._values = True, 0, np.zeros(0)
+        self._stale, self.hierarchies, self._lower = True, 0, np.zeros(0)
         self.back_substitutions = self.linear_iterations = 0
 
     def update(self, moduli: Moduli) -> None:
         """Assemble; the hierarchy stays as it is."""
-        self._values = self._pattern.values(self._blocks.values(moduli))
-        self._engine.take(self._values)
+        self._lower = self._blocks.values(moduli)
+        self._engine.take(self._pattern.values(self._lower))
         self.back_substitutions = self.linear_iterations = 0
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
@@ -201,26 +201,26 @@ class IterativeTangent:
         if not self._stale:
             return
         N, (nodes, projections) = self._discrete.problem.N, closed.pins(self._discrete.problem.N)
-        values = self._pinned(nodes, projections) if len(nodes) else self._values
+        values = self._pattern.values(self._lower)
+        if len(nodes):
+            self._pin(values, nodes, projections)
         modes = self._modes.reshape(-1, N, self._modes.shape[1]).copy()
         modes[nodes] = projections @ modes[nodes]
         self._engine.build(values, modes.reshape(self._modes.shape))
         self._stale, self.hierarchies = False, self.hierarchies + 1
 
-    def _pinned(self, nodes: np.ndarray, projections: np.ndarray) -> np.ndarray:
-        """The blocks with what is pinned projected out, and the size of the diagonal put there."""
+    def _pin(self, values: np.ndarray, nodes: np.ndarray, projections: np.ndarray) -> None:
+        """Project out of the blocks what is pinned, and put the size of the diagonal there."""
         rows, columns, N = self._pattern.rows, self._pattern.columns, projections.shape[1]
         place = np.full(len(self._pattern.starts) - 1, -1)
         place[nodes] = np.arange(len(nodes))
         padded = np.concatenate([projections, np.eye(N)[None]])  # number -1: not pinned
         hit = np.flatnonzero((place[rows] >= 0) | (place[columns] >= 0))
-        left, right = padded[place[rows[hit]]], padded[place[columns[hit]]]
-        values = self._values.copy()
-        values[hit] = left @ values[hit] @ right
-        diagonal = hit[rows[hit] == columns[hit]]
-        size = np.trace(self._values[diagonal], axis1=1, axis2=2)[:, None, None] / N
-        values[diagonal] += size * (np.eye(N) - padded[place[rows[diagonal]]])
-        return values
+        before, same = values[hit], rows[hit] == columns[hit]
+        after = padded[place[rows[hit]]] @ before @ padded[place[columns[hit]]]
+        size = np.trace(before[same], axis1=1, axis2=2)[:, None, None] / N
+        after[same] += size * (np.eye(N) - padded[place[rows[hit[same]]]])
+        values[hit] = after
 
     def minimise(
         self, closed: Closed, right: np.ndarray, start: np.ndarray, tolerance: float

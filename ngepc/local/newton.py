@@ -69,7 +69,7 @@ def run(
                 monitor(watched(record, state, history))
             status, message = verdict(state, before, history, tolerance, max_iterations)
             if status is None:
-                before = state
+                before = state.residual_norm
                 state, length, trials = following(state, target(state, tangent))
     except TangentError as error:
         status, message = Status.NONFINITE, f"{error}."
@@ -96,15 +96,15 @@ def following(here: State, target: Target) -> tuple[State, float, int]:
 
 
 def verdict(
-    here: State, before: State | None, history: History, tolerance: float, max_iterations: int
+    here: State, before: float | None, history: History, tolerance: float, max_iterations: int
 ) -> tuple[Status | None, str]:
-    """Whether the run ends with a state, and why; None to go on."""
+    """Whether the run ends with a state, the residual before it, and why; None to go on."""
     steps, residual = len(history.records) - 1, here.residual_norm
     if not np.isfinite(residual + here.energy):
         return Status.NONFINITE, "The energy or the residual is NaN or infinite."
     if residual <= tolerance and here.penetration <= here.touching_distance:
         return Status.CONVERGED, ""
-    settled = before is not None and residual > SETTLED * before.residual_norm
+    settled = before is not None and residual > SETTLED * before
     if settled and residual <= here.rounding:
         return Status.STAGNATED, drowned(here, steps)
     if steps == max_iterations:

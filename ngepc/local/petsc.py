@@ -57,7 +57,7 @@ class PETSc:
 
     options: str = ""
     forcing: float = 1e-2
-    patience: int = 25
+    patience: int = 20
     max_iterations: int = 500
 
     def __post_init__(self) -> None:
