@@ -19,8 +19,8 @@ except ImportError:  # said when PETSc() is made
     petsc = None
 
 INSTALL = (
-    "PETSc() needs petsc4py: 'apt install python3-petsc4py' and PETSC_DIR=/usr/lib/petscdir/"
-    "petsc-real (Debian, Ubuntu), or 'conda install -c conda-forge petsc4py'"
+    "PETSc() needs petsc4py: 'conda install -c conda-forge petsc4py', or on Debian and Ubuntu "
+    "'apt install python3-petsc4py' with PETSC_DIR=$(echo /usr/lib/petscdir/petsc3*/*-real)"
 )
 
 GAMG = (
@@ -116,6 +116,9 @@ class PETScEngine:
 
     def build(self, values: np.ndarray, modes: np.ndarray) -> None:
         """A new preconditioner."""
+        if self._pc is not None:
+            self._pc.destroy()  # one that is set up again keeps parts of its old hierarchy
+            self._kept = None
         entries = np.empty_like(self._values)
         entries[self._places] = values.ravel()
         matrix, columns = self._wrapped(entries), np.linalg.qr(modes)[0].T.copy()
@@ -123,8 +126,6 @@ class PETScEngine:
             petsc.Vec().createWithArray(c, bsize=self._N, comm=petsc.COMM_SELF) for c in columns
         ]
         matrix.setNearNullSpace(petsc.NullSpace().create(vectors=vectors, comm=petsc.COMM_SELF))
-        if self._pc is not None:
-            self._pc.destroy()  # one that is set up again keeps parts of its old hierarchy
         self._pc, self._kept = petsc.PC().create(petsc.COMM_SELF), (entries, columns)
         self._pc.setOptionsPrefix(self._prefix)
         self._pc.setOperators(matrix, matrix)
