@@ -34,6 +34,7 @@ _HOME = {
     "PrimalOptions": "primal.options",
     "PrimalResult": "primal.result",
     "Problem": "model.problem",
+    "PyAMG": "local.pyamg",
     "Schedule": "evolution.load_path",
     "ReturnMapping": "dual.predictor",
     "SolverError": "results.outcome",
