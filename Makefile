@@ -1,4 +1,5 @@
 # make demo: the main job, Example (a) over a family of meshes.   make test: all tests.
+# make test-petsc: the tests of large bodies once more, with Debian's PETSc.
 # make docs: this project's site in out/docs.   make benchmark: what a Newton step costs,
 # make benchmark-pieces: its pieces.
 PYTHON ?= python3
@@ -7,18 +8,26 @@ LEVELS ?= 3
 OUT ?= out/demo
 ROWS ?= 1e0,1e1,1e2,1e3,1e4,default,default*,primal
 
+# Debian builds petsc4py for its own Python and numpy 1, so it has a second environment.
+PETSC_VENV ?= .venv-petsc
+PETSC_PYTHON ?= /usr/bin/python3
+PETSC_DIR ?= $(lastword $(wildcard /usr/lib/petscdir/petsc*/*-real))
+
 BIN := $(VENV)/bin
 export MPLBACKEND := Agg
 export NGS_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint docs benchmark benchmark-pieces clean
+.PHONY: demo test test-petsc lint docs benchmark benchmark-pieces clean
 
 demo: $(VENV)/.run
 	$(BIN)/ngepc study table1 --levels $(LEVELS) --rows $(ROWS) --figures --out $(OUT)
 
 test: $(VENV)/.test
 	$(BIN)/python -m pytest
+
+test-petsc: $(PETSC_VENV)/.test
+	PETSC_DIR=$(PETSC_DIR) NGEPC_NEEDS_PETSC=1 $(PETSC_VENV)/bin/python -m pytest tests/local
 
 benchmark: $(VENV)/.run
 	$(BIN)/ngepc study cost --levels 5 --out results
@@ -45,6 +54,11 @@ $(VENV)/.test: $(BIN)/python setup.cfg pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[html,notebook,test,docs]"
 	touch $@ $(VENV)/.run $(VENV)/.docs
 
+$(PETSC_VENV)/.test: setup.cfg pyproject.toml
+	$(PETSC_PYTHON) -m venv --system-site-packages $(PETSC_VENV)
+	$(PETSC_VENV)/bin/python -m pip install --quiet "numpy<2" --editable ".[test]"
+	touch $@
+
 $(VENV)/.docs: $(BIN)/python setup.cfg pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[notebook,docs]"
 	touch $@
@@ -54,4 +68,4 @@ $(VENV)/.dev: $(BIN)/python setup.cfg pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist out *.egg-info
+	rm -rf $(VENV) $(PETSC_VENV) build dist out *.egg-info

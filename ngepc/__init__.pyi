@@ -25,6 +25,8 @@ from ngepc.evolution.result import Evolution as Evolution
 from ngepc.evolution.solver import cold_start as cold_start
 from ngepc.evolution.solver import evolve as evolve
 from ngepc.linalg.linesearch import Armijo as Armijo
+from ngepc.local.petsc import PETSc as PETSc
+from ngepc.local.pyamg import PyAMG as PyAMG
 from ngepc.local.result import ExactResult as ExactResult
 from ngepc.model import obstacles as obstacles
 from ngepc.model.contact import Contact as Contact

@@ -249,6 +249,6 @@ class State:
     @property
     def rounding(self) -> float:
         """What rounding leaves of ``residual_norm``."""
-        if self.trial_forces == 0:
+        if self.trial_forces == 0 or self.force_scale == 0:
             return 0.0
         return 4 * EPSILON * self.trial_forces / self.force_scale
