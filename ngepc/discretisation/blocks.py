@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from ngsolve import H1, BaseMatrix, BilinearForm, dx
-from ngsolve.la import SparseMatrixd
 
 from ngepc.discretisation.points import Elements, Moduli, Points, chunks
 
@@ -29,7 +28,7 @@ class StiffnessBlocks:
 
     def __init__(self, points: Points, free: np.ndarray, springs: np.ndarray | None = None) -> None:
         self.points, self.free, self.N = points, free, points.kinematics.N
-        self.rows, self.columns = _lower_pattern(points.scalar)
+        self.rows, self.columns = lower_pattern(pattern_matrix(points.scalar))
         self._keys = self.rows * np.int64(points.scalar.ndof) + self.columns
         self._touched = np.flatnonzero(~(free[self.rows] & free[self.columns]).all(axis=1))
         self._places = [self._places_of(block) for block in points.blocks]
@@ -77,16 +76,14 @@ class StiffnessBlocks:
         values[self._touched] = held
 
 
-def _lower_pattern(space: H1) -> tuple[np.ndarray, np.ndarray]:
+def lower_pattern(matrix: BaseMatrix) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the entries on and below the diagonal, row by row."""
-    matrix = mass_matrix(space)
-    assert isinstance(matrix, SparseMatrixd)
     _, columns, starts = (np.asarray(a) for a in matrix.CSR())
     rows = np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts.astype(np.int64)))
     return rows, columns.astype(np.int64)
 
 
-def mass_matrix(space: H1) -> BaseMatrix:
+def pattern_matrix(space: H1) -> BaseMatrix:
     """A symmetric matrix with the pattern of the space, its lower triangle stored."""
     u, v = space.TnT()
     form = BilinearForm(space, symmetric=True, symmetric_storage=True)

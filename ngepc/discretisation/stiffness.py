@@ -12,7 +12,7 @@ import numpy as np
 from ngsolve import H1
 from ngsolve.la import SparseMatrixd
 
-from ngepc.discretisation.blocks import StiffnessBlocks, mass_matrix
+from ngepc.discretisation.blocks import StiffnessBlocks, pattern_matrix
 from ngepc.discretisation.points import Moduli, Points
 
 
@@ -32,7 +32,7 @@ class Stiffness:
 
     def __init__(self, points: Points, free: np.ndarray, springs: np.ndarray | None = None) -> None:
         self._blocks = StiffnessBlocks(points, free, springs)
-        self.matrix = mass_matrix(H1(points.mesh, order=points.order, dim=points.kinematics.N))
+        self.matrix = pattern_matrix(H1(points.mesh, order=points.order, dim=points.kinematics.N))
         if self.entries.shape[0] != len(self._blocks.rows):
             raise RuntimeError("the block matrix has another pattern than the scalar one")
 

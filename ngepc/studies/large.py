@@ -17,7 +17,7 @@ from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
-from ngepc.studies.benchmark import peak_memory
+from ngepc.studies.cost import peak_memory
 
 LAME_MU = 1e3
 
