@@ -70,7 +70,7 @@ def run(
                 monitor(watched(record, state, history))
             status, message = verdict(state, before, history, tolerance, max_iterations)
             if status is None:
-                before = state
+                before = state.residual_norm
                 state, length, trials = following(state, target(state, tangent))
     except TangentError as error:
         status, message = Status.NONFINITE, f"{error}."
