@@ -139,6 +139,9 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
         If ``result`` is none.
     ValueError
         For what no bound covers, naming the argument of the problem.
+    RuntimeError
+        If rounding leaves the stress out of equilibrium, or supports keep the displacement from
+        clearing the obstacle.
     """
     problem = getattr(result, "problem", None)
     if not isinstance(problem, Problem):
