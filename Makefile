@@ -21,7 +21,7 @@ test: $(VENV)/.test
 	$(BIN)/python -m pytest
 
 benchmark: $(VENV)/.run
-	$(BIN)/ngepc study benchmark --levels 5 --out results
+	$(BIN)/ngepc study cost --levels 5 --out results
 
 benchmark-pieces: $(VENV)/.test $(VENV)/.dev
 	$(BIN)/python -m pytest benchmarks

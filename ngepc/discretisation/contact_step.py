@@ -10,7 +10,7 @@ from ngepc.discretisation.conditions import ContactConditions
 from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.secants import solve_by_secants
 
-ROUNDING = 1e-13
+ROUNDING = 3e-14
 """Gaps of closed rows below this part of the displacements are zero."""
 
 BESIDE = 1e-3

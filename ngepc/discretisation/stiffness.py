@@ -6,6 +6,8 @@ nodes instead of single components, which takes a third of the time.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from ngsolve import H1, BaseMatrix, BilinearForm, dx
 from ngsolve.la import SparseMatrixd
@@ -22,6 +24,8 @@ class Stiffness:
         The points with their strain rows.
     free
         Boolean, shape (nodes, N): components that no support holds.
+    springs
+        Numbers added to the diagonal at free components, shape (nodes, N); None for none.
 
     Attributes
     ----------
@@ -29,7 +33,7 @@ class Stiffness:
         The lower triangle as an NGSolve matrix of N x N blocks.
     """
 
-    def __init__(self, points: Points, free: np.ndarray) -> None:
+    def __init__(self, points: Points, free: np.ndarray, springs: np.ndarray | None = None) -> None:
         self.points, self.N = points, points.kinematics.N
         self.matrix = pattern_matrix(H1(points.mesh, order=points.order, dim=self.N))
         rows, columns = lower_pattern(self.matrix)
@@ -41,8 +45,18 @@ class Stiffness:
         identity = np.zeros_like(entries, dtype=bool)
         diagonal = rows == columns
         identity[diagonal] = (~free[rows[diagonal]])[:, :, None] & np.eye(self.N, dtype=bool)
-        self._identity = identity
+        self._added = np.where(identity, 1.0, 0.0)
+        if springs is not None:
+            axes = np.arange(self.N)
+            own = np.where(free, springs, 0.0)[rows[diagonal]]
+            self._added[np.flatnonzero(diagonal)[:, None], axes, axes] += own
         self._places = [self._places_of(block) for block in points.blocks]
+
+    def another(self) -> Stiffness:
+        """One more matrix on the same pattern."""
+        other = copy(self)
+        other.matrix = self.matrix.CreateMatrix()
+        return other
 
     @property
     def entries(self) -> np.ndarray:
@@ -87,8 +101,7 @@ class Stiffness:
                     entries[c] += np.bincount(where, values, minlength=len(self._keys))
         values = entries.T.reshape(-1, self.N, self.N)
         values[self._held] = 0.0
-        values[self._identity] = 1.0
-        self.entries[:] = values
+        self.entries[:] = values + self._added
 
 
 def lower_pattern(matrix: BaseMatrix) -> tuple[np.ndarray, np.ndarray]:

@@ -16,9 +16,10 @@ import numpy as np
 
 from ngepc.linalg.compliance import Compliance
 
-EPSILON = float(np.finfo(float).eps)
+ROUNDING = 3e-14
+"""Part of an answer that is rounding."""
 
-FIRST = 1e-2
+FIRST = 3e-2
 """Part of the slack below which the first change counts as rounding."""
 
 RESTARTS = 4
@@ -80,5 +81,5 @@ def solve_by_secants(
         if not compliance.learn(change, answer):  # rounding of far larger answers hides this one
             compliance.restart()
             compliance.learn(change, answer)
-        slack = max(slack, EPSILON * np.abs(answer).max(initial=0.0))  # it stays in the gaps
+        slack = max(slack, ROUNDING * float(np.abs(answer).max()))  # it stays in the gaps
     return None

@@ -36,6 +36,7 @@ def check_problem(problem: Problem) -> None:
     check_axis(problem)
     check_boundaries(problem)
     check_loads(problem)
+    check_pairs(problem)
     check_gap(problem)
     check_friction(problem)
     check_history(problem)
@@ -182,9 +183,29 @@ def _check_vector(argument: str, value: object, N: int) -> None:
         raise TypeError(f"{argument}={value!r}: a vector of {N} components is needed")
 
 
+def check_pairs(problem: Problem) -> None:
+    """Existing names, two different boundaries in each pair, none of them a rigid obstacle's."""
+    mesh, rigid = problem.mesh, set(problem.contact_names)
+    held = vertices_of(mesh, problem.clamped_names) if problem.clamped_names else set()
+    for pair in problem.contact_pairs:
+        one, two = (boundary_names("contact", n, mesh) for n in (pair.first, pair.second))
+        if set(one) & set(two) or (set(one) | set(two)) & rigid:
+            raise ValueError(
+                f"contact={pair!r}: two different boundaries are needed, and no obstacle on them"
+            )
+        if vertices_of(mesh, one) & vertices_of(mesh, two):
+            raise ValueError(
+                f"contact={pair!r}: the bodies share nodes; mesh them apart (without Glue)"
+            )
+        if held & vertices_of(mesh, one) and not pair.tied:
+            raise ValueError(
+                f"contact={pair!r}: the first boundary must keep away from the clamped one"
+            )
+
+
 def check_gap(problem: Problem) -> None:
     """A finite gap on the contact boundary, and none without one."""
-    if problem.contact is None:
+    if not problem.contact_names:
         if problem.gap is not None:
             raise ValueError(
                 f"gap={problem.gap!r}: name the contact boundary too, or leave gap out"
@@ -221,12 +242,12 @@ def check_friction(problem: Problem) -> None:
     name = "friction.coefficient" if coulomb else "friction"
     value = problem.friction.coefficient if coulomb else problem.friction
     require_coefficient(name, value)
-    least = require_finite(name, value, problem.mesh, problem.contact_names).min()
+    least = require_finite(name, value, problem.mesh, problem.touching_names).min()
     if least < 0:
         raise ValueError(f"{name} falls to {least:g}: values >= 0 are needed")
     if problem.initial_displacement is not None:
         _check_vector("initial_displacement", problem.initial_displacement, problem.N)
-        require_finite("initial_displacement", problem.u_0, problem.mesh, problem.contact_names)
+        require_finite("initial_displacement", problem.u_0, problem.mesh, problem.touching_names)
 
 
 def check_history(problem: Problem) -> None:

@@ -106,7 +106,12 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     @property
     def contact_force(self) -> float:
         """Resultant of the normal contact pressure, positive in compression (force)."""
-        return float(self.nodal_contact_forces.sum())
+        return float(self.pressing.sum())
+
+    @property
+    def pressing(self) -> np.ndarray:
+        """``nodal_contact_forces`` without those of tied rows, shape (m,)."""
+        return np.where(self.rows.tied, 0.0, self.nodal_contact_forces)
 
     @cached_property
     def contact_pressure(self) -> GridFunction:
@@ -114,7 +119,7 @@ class DiscreteSolution(Summarised, Recovered, Ending):
 
         Draw it on the contact boundary; inside the body it is the P1 extension and means nothing.
         """
-        return self._density("contact_pressure", self.nodal_contact_forces[:, None])
+        return self._density("contact_pressure", self.pressing[:, None])
 
     @cached_property
     def friction_stress(self) -> GridFunction:
@@ -138,7 +143,7 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         size = np.linalg.norm(self.nodal_slip, axis=1)
         slips = size > SLIPPING * float(np.abs(self.displacement.vec.FV().NumPy()).max(initial=0.0))
         slips |= self.problem.friction is None
-        vertices = self.rows.vertices[slips & (self.nodal_contact_forces > 0)]
+        vertices = self.rows.vertices[slips & (self.pressing > 0)]
         sliding = GridFunction(H1(self.problem.mesh, order=1), name="sliding")
         sliding.vec.FV().NumPy()[vertices] = 1.0
         return sliding
@@ -162,15 +167,15 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     @property
     def contact_area(self) -> float:
         """Area that belongs to the rows with a contact force."""
-        return float(self.rows.weights[self.nodal_contact_forces > 0].sum())
+        return float(self.rows.weights[self.pressing > 0].sum())
 
     @cached_property
     def contact_facets(self) -> int:
         """Number of contact facets all of whose vertices are pressed."""
-        pressed = set(self.rows.vertices[self.nodal_contact_forces > 0].tolist())
+        pressed = set(self.rows.vertices[self.pressing > 0].tolist())
         return sum(
             all(vertex.nr in pressed for vertex in facet.vertices)
-            for name in self.problem.contact_names
+            for name in self.problem.touching_names
             for facet in self.problem.mesh.Boundaries(name).Elements()
         )
 
@@ -188,7 +193,7 @@ class DiscreteSolution(Summarised, Recovered, Ending):
 def observations(result: DiscreteSolution) -> list[str]:
     """Sentences about a solution that a user must not overlook."""
     rows, found = result.rows, []
-    touching = np.count_nonzero(result.nodal_contact_forces > 0)
+    touching = np.count_nonzero(result.pressing > 0)
     if len(rows) and not touching:
         nearest = int(result.open_gap.argmin())
         mesh = result.problem.mesh

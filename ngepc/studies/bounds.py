@@ -14,10 +14,11 @@ from ngepc.bounds.adaptive import MeshRecord, Refinement, solve_to
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.dual.newton import semismooth_newton
-from ngepc.geometries import lshape, wrench
-from ngepc.model.examples import lshape_problem, wrench_problem
 from ngepc.model.problem import Problem
+from ngepc.studies.examples import example
 from ngepc.studies.verification.random_problems import Draw, build, draws
+
+EXAMPLES = {"a": "lshape", "b": "wrench"}
 
 LIMITS = {"a": -0.3752486, "b": -0.0023607}
 """Energies of Examples (a) and (b), seven digits.
@@ -53,16 +54,9 @@ class Effectivity:
     bound_seconds: float
 
 
-def example(name: str, nodes: int) -> Problem:
-    """Example (a) or (b) on a mesh of its family."""
-    if name == "a":
-        return lshape_problem(lshape.paper_mesh(nodes))
-    return wrench_problem(wrench.paper_mesh(nodes))
-
-
 def uniform_effectivities(name: str, family: list[int]) -> list[Effectivity]:
     """The table of bounds on uniform meshes of Example "a" or "b"."""
-    return [_measured(example(name, nodes), LIMITS[name]) for nodes in family]
+    return [_measured(example(EXAMPLES[name], nodes), LIMITS[name]) for nodes in family]
 
 
 def _measured(problem: Problem, limit: float) -> Effectivity:
@@ -92,7 +86,7 @@ def adaptive_effectivities(
     def note(record: MeshRecord) -> None:
         rows.append((record, record.energy - LIMITS[name], time.process_time() - begun))
 
-    solve_to(example(name, start), relative_error, Refinement(max_nodes=max_nodes), note)
+    solve_to(example(EXAMPLES[name], start), relative_error, Refinement(max_nodes=max_nodes), note)
     return rows
 
 
