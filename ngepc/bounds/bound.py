@@ -171,9 +171,7 @@ def bound_of_state(
     discrete, u = setting.discrete, setting.feasible(given.u)
     moved = float(np.abs(u - given.u).max(initial=0.0))
     state = (
-        given
-        if moved <= given.touching_distance
-        else discrete.state(u, contact=given.multipliers)
+        given if moved <= given.touching_distance else discrete.state(u, contact=given.multipliers)
     )
     tangent.update(discrete.law.moduli(state.at, state.yielding))
     P = setting.pressure(state.multipliers)
