@@ -1,4 +1,6 @@
-# make demo: the main job, Example (a) over a family of meshes.   make test: all tests.
+# make demo: the main job, Example (a) over a family of meshes.
+# make check: the quick tests, while one works.   make test: all tests.   make coverage: what they
+# run of the package, in out/coverage.   make lint: style.
 # make test-petsc: the tests of large bodies once more, with Debian's PETSc.
 # make docs: this project's site in out/docs.   make benchmark: what a Newton step costs,
 # make benchmark-pieces: its pieces.
@@ -13,18 +15,28 @@ PETSC_VENV ?= .venv-petsc
 PETSC_PYTHON ?= /usr/bin/python3
 PETSC_DIR ?= $(lastword $(wildcard /usr/lib/petscdir/petsc*/*-real))
 
+WORKERS ?= auto
+PARALLEL = -n $(WORKERS) --dist loadfile
+
 BIN := $(VENV)/bin
 export MPLBACKEND := Agg
 export NGS_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test test-petsc lint docs benchmark benchmark-pieces clean
+.PHONY: demo check test test-petsc coverage lint docs benchmark benchmark-pieces clean
 
 demo: $(VENV)/.run
 	$(BIN)/ngepc study table1 --levels $(LEVELS) --rows $(ROWS) --figures --out $(OUT)
 
+check: $(VENV)/.test
+	$(BIN)/python -m pytest $(PARALLEL) -m "not slow and not notebooks"
+
 test: $(VENV)/.test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PARALLEL)
+
+coverage: $(VENV)/.test
+	$(BIN)/python -m pytest $(PARALLEL) -m "not notebooks" --cov \
+	  --cov-report=term:skip-covered --cov-report=html:out/coverage
 
 test-petsc: $(PETSC_VENV)/.test
 	PETSC_DIR=$(PETSC_DIR) NGEPC_NEEDS_PETSC=1 $(PETSC_VENV)/bin/python -m pytest tests/local
