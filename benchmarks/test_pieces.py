@@ -17,7 +17,7 @@ from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import Iterate, Line
 from ngepc.dual.system import NewtonSystem
 from ngepc.geometries import lshape
-from ngepc.studies.benchmark import elastic_solve
+from ngepc.studies.cost import elastic_solve
 
 COUPLED = Coupled(1e4)
 

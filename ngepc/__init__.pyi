@@ -25,6 +25,8 @@ from ngepc.evolution.result import Evolution as Evolution
 from ngepc.evolution.solver import cold_start as cold_start
 from ngepc.evolution.solver import evolve as evolve
 from ngepc.linalg.linesearch import Armijo as Armijo
+from ngepc.local.petsc import PETSc as PETSc
+from ngepc.local.pyamg import PyAMG as PyAMG
 from ngepc.local.result import ExactResult as ExactResult
 from ngepc.model import obstacles as obstacles
 from ngepc.model.contact import Contact as Contact
@@ -54,5 +56,16 @@ from ngepc.primal.solver import primal_newton as primal_newton
 from ngepc.results.fields import Fields as Fields
 from ngepc.results.outcome import SolverError as SolverError
 from ngepc.results.outcome import Status as Status
+from ngepc.sensitivity.calibration import Calibration as Calibration
+from ngepc.sensitivity.calibration import Curve as Curve
+from ngepc.sensitivity.calibration import calibrate as calibrate
+from ngepc.sensitivity.functionals import DisplacementAt as DisplacementAt
+from ngepc.sensitivity.functionals import Reaction as Reaction
+from ngepc.sensitivity.functionals import misfit as misfit
+from ngepc.sensitivity.gradient import Gradient as Gradient
+from ngepc.sensitivity.gradient import gradient as gradient
+from ngepc.sensitivity.parameters import Direction as Direction
+from ngepc.sensitivity.tangent import TangentResult as TangentResult
+from ngepc.sensitivity.tangent import tangent as tangent
 from ngepc.theory.duality import duality_report as duality_report
 from ngepc.theory.shifts import augmented_lagrangian as augmented_lagrangian

@@ -1,7 +1,7 @@
 """A ring under internal pressure inside a rigid ring: yielding, contact, and the closed form.
 
-The gap closes while the ring yields from inside.  ``studies.verification.pressed_shell`` has the
-solution, with equilibrium, the flow rule and the contact condition satisfied exactly.
+The gap closes while the ring yields from inside.  ``pressed_shell.py`` has the solution,
+with equilibrium, the flow rule and the contact condition satisfied exactly.
 """
 
 import math
@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 from ngsolve import CF, InnerProduct, Integrate, ds
+from pressed_shell import PressedShell
 from shared import check, plain, run, save
 
 from ngepc import Material, Problem, outward_normal, semismooth_newton
 from ngepc.geometries import ring
 from ngepc.pictures import beside, plot_field
-from ngepc.studies.verification.pressed_shell import PressedShell
 
 MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 GAP, PRESSURES = 4e-4, (0.3, 0.6, 0.9, 1.2, 1.5)

@@ -139,6 +139,9 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
         If ``result`` is none.
     ValueError
         For what no bound covers, naming the argument of the problem.
+    RuntimeError
+        If rounding leaves the stress out of equilibrium, or supports keep the displacement from
+        clearing the obstacle.
     """
     problem = getattr(result, "problem", None)
     if not isinstance(problem, Problem):
@@ -168,9 +171,7 @@ def bound_of_state(
     discrete, u = setting.discrete, setting.feasible(given.u)
     moved = float(np.abs(u - given.u).max(initial=0.0))
     state = (
-        given
-        if moved <= given.touching_distance
-        else discrete.state(u, contact=given.multipliers)
+        given if moved <= given.touching_distance else discrete.state(u, contact=given.multipliers)
     )
     tangent.update(discrete.law.moduli(state.at, state.yielding))
     P = setting.pressure(state.multipliers)
@@ -181,7 +182,7 @@ def bound_of_state(
     rest = float(local_gaps(setting, state, 0 * stress).sum() + contact.sum())
     z = tightened(dual, z, stress, rest, effort or Effort())
     local = local_gaps(setting, state, z.mean(axis=1))
-    per_triangle, _ = setting.conjugate.integrals(at_nodes(z), setting.triangles.area, local)
+    per_triangle = setting.conjugate.integrals(at_nodes(z), setting.triangles.area, local)
     owners = setting.triangles.owners[setting.boundary.contact, 0]
     per_triangle += np.bincount(owners, contact, minlength=len(per_triangle))
     algebraic = algebraic_part(setting, state, tangent)

@@ -163,10 +163,8 @@ class Conjugate:
         corner = bulk / 6 + whole[..., 1, 1]
         return rest - column[..., :, None] * column[..., None, :] / corner[..., None, None]
 
-    def integrals(
-        self, nodal: np.ndarray, area: np.ndarray, rest: np.ndarray
-    ) -> tuple[np.ndarray, float]:
-        """Upper bounds of int phi* over each triangle, plus ``rest``, and what they give away.
+    def integrals(self, nodal: np.ndarray, area: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Upper bounds of int phi* over each triangle, plus ``rest``, shape (triangles,).
 
         The plastic term is the integral of the squared distance of s from the ball |q| <= beta.
         That is at most |s - q| for the affine q whose nodal values are the nearest points of the
@@ -186,7 +184,7 @@ class Conjugate:
         over = at.over.reshape(count, 3, 3)
         triangle, k = np.nonzero((over > 0).any(axis=2))
         s = (at.size[..., None] * at.direction).reshape(count, 3, 3, -1)[triangle, k]
-        weight, given_away = area[triangle] / 3, 0.0
+        weight = area[triangle] / 3
         bound, likely = self._plastic(s, weight, triangle)
         allowed = WORTH * max(result.sum() + likely.sum(), 0.0)
         for level in range(SPLIT_LEVELS + 1):
@@ -195,14 +193,13 @@ class Conjugate:
                 np.ones(len(gain), bool) if level == SPLIT_LEVELS else smallest(gain, allowed / 2)
             )
             result += np.bincount(triangle[kept], bound[kept], minlength=count)
-            given_away += gain[kept].sum()
             allowed -= gain[kept].sum()
             if kept.all():
                 break
             s = np.einsum("pij,tjd->tpid", SPLIT, s[~kept]).reshape(-1, 3, self.d)
             weight, triangle = np.repeat(weight[~kept] / 4, 4), np.repeat(triangle[~kept], 4)
             bound, likely = self._plastic(s, weight, triangle)
-        return result, float(given_away)
+        return result
 
     def _smooth_integrals(self, at: Completed, area: np.ndarray) -> np.ndarray:
         count, part, law = len(area), area[:, None] / 3, self.law

@@ -7,7 +7,7 @@ from ngsolve import H1
 
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.held import Pair
-from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
+from ngepc.discretisation.blocks import lower_pattern, pattern_matrix
 
 
 class TwoLevels:

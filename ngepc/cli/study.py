@@ -131,10 +131,21 @@ STUDIES = {
     "step42": Study(
         "the default method against the primal one on the body of step-42", "step42:Step42", LEVELS
     ),
-    "benchmark": Study(
-        "what a Newton step costs in elastic solves: counts, ratios, scaling, memory",
-        "benchmark:Benchmark",
-        {**LEVELS, "modes": (words, "of default,primal,1e4")},
+    "counts": Study(
+        "Newton steps of the default method: meshes, nested, hardening, 3D; the primal one beside",
+        "newton_counts:NewtonCounts",
+        LEVELS,
+        success=bool,
+    ),
+    "cost": Study(
+        "what a solve costs in elastic solves: counts, ratios, scaling, memory",
+        "cost:Cost",
+        {**LEVELS, "modes": (words, "of default,order 2,primal,1e4")},
+    ),
+    "locking": Study(
+        "volume locking: three classical tests, elements of order 1 and 2",
+        "locking:Locking",
+        LEVELS,
     ),
     "fuzz": Study(
         "random problems by two methods, judged",

@@ -7,7 +7,6 @@ from typing import Protocol
 import numpy as np
 
 from ngepc.discretisation.points import Moduli
-from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS
 from ngepc.local.system import DiscreteProblem
 
@@ -53,7 +52,7 @@ class Factors:
 
     def __init__(self, discrete: DiscreteProblem, name: str) -> None:
         self._free = discrete.supports.free
-        self._stiffness = Stiffness(discrete.points, self._free, discrete.springs)
+        self._stiffness = discrete.stiffness.another()
         self._name, self._inverse, self.back_substitutions = name, None, 0
         self._right, self._left = (self._stiffness.matrix.CreateColVector() for _ in range(2))
 

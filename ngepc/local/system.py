@@ -18,6 +18,7 @@ from ngepc.discretisation.law import Law, Return
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.points import Points
 from ngepc.discretisation.rows import ContactRows
+from ngepc.discretisation.stiffness import Stiffness
 from ngepc.model.problem import Problem
 from ngepc.model.support import has_floating_parts
 
@@ -59,6 +60,11 @@ class DiscreteProblem:
         self.contact = ContactConditions(problem, self.supports)
         self.rows: ContactRows = self.contact.rows
         self.load = applied_forces(problem, self.supports.space)
+
+    @cached_property
+    def stiffness(self) -> Stiffness:
+        """The pattern of the tangents; who fills it takes ``another()``."""
+        return Stiffness(self.points, self.supports.free, self.springs)
 
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:
@@ -243,6 +249,6 @@ class State:
     @property
     def rounding(self) -> float:
         """What rounding leaves of ``residual_norm``."""
-        if self.trial_forces == 0:
+        if self.trial_forces == 0 or self.force_scale == 0:
             return 0.0
         return 4 * EPSILON * self.trial_forces / self.force_scale

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,14 @@ class Biactive:
             f"{len(self.rows)} contact rows and {len(self.points)} points are biactive: there the "
             "solution has one-sided derivatives only, which tangent(...) gives for a direction."
         )
+
+
+def told(steps: Sequence[Biactive]) -> str:
+    """What is biactive, step by step; empty if nothing is."""
+    said = [(number, found.message) for number, found in enumerate(steps, 1) if len(found)]
+    if len(steps) == 1:
+        return "".join(text for _, text in said)
+    return " ".join(f"Step {number}: {text}" for number, text in said)
 
 
 def biactive_set(state: State, tolerance: float = BIACTIVE) -> Biactive:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ngepc.local.system import State
 from ngepc.sensitivity.adjoint import derivative_by_data, paired, summed
-from ngepc.sensitivity.biactive import Biactive, biactive_set
+from ngepc.sensitivity.biactive import Biactive, biactive_set, told
 from ngepc.sensitivity.functionals import Form, Functional, Slope, as_functional
 from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Constants, Parameters, changed_data, directions
@@ -58,11 +58,7 @@ class Gradient(Mapping):
     @property
     def message(self) -> str:
         """What is biactive, step by step; empty where the functional is differentiable."""
-        steps = enumerate(self.biactive, start=1)
-        said = [(step, found.message) for step, found in steps if len(found)]
-        if len(self.biactive) == 1:
-            return " ".join(text for _, text in said)
-        return " ".join(f"Step {step}: {text}" for step, text in said)
+        return told(self.biactive)
 
 
 def gradient(

@@ -51,7 +51,7 @@ class HeldSystem:
         free = discrete.supports.free
         self.rows = discrete.rows.normal[held].multiply(free.ravel()[None, :]).tocsr()
         self.back_substitutions = 0
-        stiffness = Stiffness(discrete.points, free)
+        stiffness = discrete.stiffness.another()
         stiffness.fill(self.moduli)
         springs = discrete.problem.order == 1
         self._spring = self._add_springs(stiffness) if springs else np.zeros(len(held))

@@ -5,8 +5,7 @@ In a direction the biactive rows and points choose their side: the derivative of
     N u' <= gaps',  lambda' >= 0  with equality in one of them    for biactive rows,
     p' = [s' . s/|s| - beta']_+ / (2 mu_2 + h) s/|s|              for biactive points.
 
-It is the minimiser of a strictly convex energy; sides that contradict themselves are exchanged
-until none does.
+It is the minimiser of a strictly convex, piecewise quadratic energy.
 """
 
 from __future__ import annotations
@@ -17,12 +16,13 @@ from functools import reduce
 
 import numpy as np
 from ngsolve import GridFunction
+from scipy.optimize import brentq
 
 from ngepc.checks.arguments import require_number
 from ngepc.local.factors import TangentError
 from ngepc.local.system import State
 from ngepc.sensitivity.adjoint import paired, summed
-from ngepc.sensitivity.biactive import Biactive, biactive_set
+from ngepc.sensitivity.biactive import Biactive, biactive_set, told
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Constants, Direction, changed_data, directions
@@ -31,6 +31,9 @@ from ngepc.sensitivity.states import Solution, states_of
 
 EXCHANGES = 50
 """Most exchanges of sides."""
+
+NEUTRAL = 1e-9
+"""Relative change below which either side is right: a body that waits stays on its yield bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +54,8 @@ class TangentResult:
         The changes of p, of the deviatoric stress (points, d) and of the mean stress (points,).
     biactive
         The rows and points that chose their side.
+    before
+        Those of the time steps before.
     """
 
     state: State
@@ -62,11 +67,12 @@ class TangentResult:
     stress: np.ndarray
     mean: np.ndarray
     biactive: Biactive
+    before: tuple[Biactive, ...] = ()
 
     @property
     def message(self) -> str:
         """What is one-sided; empty where the solution is differentiable."""
-        return self.biactive.message
+        return told((*self.before, self.biactive))
 
     @property
     def displacement(self) -> GridFunction:
@@ -128,21 +134,48 @@ def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
         constants = Constants(state.discrete)
         data = summed(total_change(constants, rates, number == 0), memory)
         data["beta"] = data.get("beta", 0.0) + constants.memory * data.pop("alpha_1", 0.0)
-        found.append(change_of(state, data))
+        before = tuple(step.biactive for step in found)
+        found.append(replace(change_of(state, data), before=before))
         memory = left_behind(found[-1], constants, memory)
     return found
 
 
 def change_of(state: State, data: Data) -> TangentResult:
-    """The derivative of a solution for a change of its data, with sides that fit."""
-    biactive, held = biactive_set(state), state.multipliers > 0
+    """The derivative of a solution for a change of its data, with sides that fit.
+
+    Newton's method for the convex energy of the change, which is quadratic for given sides.
+    """
+    biactive, held, u = biactive_set(state), state.multipliers > 0, None
     for _ in range(EXCHANGES):
         found = change_with_sides(state, held, data, biactive)
-        held, yields = chosen_sides(found)
-        if (held == found.held).all() and (yields == state.at.yields).all():
+        rows, yields = chosen_rows(found), chosen_points(state, biactive, data, found.u)
+        if (rows == held).all() and (yields == state.at.yields).all():
             return found
+        if u is None or (rows != held).any():
+            u, held = found.u, rows
+        else:
+            u = lowest(state, biactive, data, u, found.u - u)
+        yields = chosen_points(state, biactive, data, u)
         state = replace(state, at=replace(state.at, yields=yields)).on_sphere()
     raise TangentError(f"the sides of biactive rows and points did not settle: {biactive.message}")
+
+
+def lowest(
+    state: State, biactive: Biactive, data: Data, u: np.ndarray, du: np.ndarray
+) -> np.ndarray:
+    """Where the energy of the change is lowest between u and u + du."""
+    points, law = state.discrete.points, state.discrete.law
+    (volume, e), (dvolume, de) = points.strain(u), points.strain(du)
+    work = float(np.sum(data.get("load", 0.0) * du))
+
+    def slope(t: float) -> float:
+        yields = chosen_points(state, biactive, data, u + t * du)
+        radial = RadialDerivative(law, replace(state.at, yields=yields))
+        _, stress = radial.forward(e + t * de, data)
+        mean = law.bulk * (volume + t * dvolume) + data.get("bulk", 0.0) * state.volume
+        return points.integral((stress * de).sum(axis=1) + mean * dvolume) - work
+
+    return u + du * (1.0 if slope(1.0) <= 0 or slope(0.0) >= 0 else brentq(slope, 0.0, 1.0))
 
 
 def left_behind(found: TangentResult, constants: Constants, memory: Data) -> Data:
@@ -193,14 +226,22 @@ def change_with_sides(
     return TangentResult(state, held, data, u, multipliers, p, stress, mean, biactive)
 
 
-def chosen_sides(found: TangentResult) -> tuple[np.ndarray, np.ndarray]:
-    """Held rows and yielding points that the change asks for: biactive ones may change side."""
-    state, data, rows, points = found.state, found.data, found.biactive.rows, found.biactive.points
-    held, yields = found.held.copy(), state.at.yields.copy()
-    apart = data.get("gaps", 0.0) - state.discrete.rows.displacement(found.u)
-    presses, opens = found.multipliers[rows] >= 0, apart[rows] >= 0
-    held[rows] = np.where(held[rows], presses, ~opens)
-    _, e = state.discrete.points.strain(found.u)
-    over = RadialDerivative(state.discrete.law, state.at).overshoot(e, data)
-    yields[points] = over[points] > 0
-    return held, yields
+def chosen_rows(found: TangentResult) -> np.ndarray:
+    """Held rows that the change asks for: biactive ones may change side."""
+    rows, held = found.biactive.rows, found.held.copy()
+    apart = found.data.get("gaps", 0.0) - found.state.discrete.rows.displacement(found.u)
+    least = -NEUTRAL * np.abs(found.multipliers).max(initial=0.0)
+    closes = apart < -NEUTRAL * np.abs(found.u).max()
+    held[rows] = np.where(held[rows], found.multipliers[rows] >= least, closes[rows])
+    return held
+
+
+def chosen_points(state: State, biactive: Biactive, data: Data, u: np.ndarray) -> np.ndarray:
+    """Yielding points that a change u asks for: biactive ones may change side."""
+    yields, (_, e) = state.at.yields.copy(), state.discrete.points.strain(u)
+    law = state.discrete.law
+    over = RadialDerivative(law, state.at).overshoot(e, data)
+    neutral = np.abs(over) <= NEUTRAL * np.abs(law.two_mu[:, None] * e).max()
+    chosen = np.where(neutral, yields, over > 0)
+    yields[biactive.points] = chosen[biactive.points]
+    return yields

@@ -1,18 +1,19 @@
-"""What a Newton step costs: measured against a linear-elastic solve on the same mesh.
+"""What a solve and a Newton step cost: measured against a linear-elastic solve on the same mesh.
 
 One cell is one solve in a process of its own.  Before and after each of its Newton steps the
-linear-elastic problem of the same mesh is solved (assembly, factorisation, solve) and the step
-is compared with the mean of the two, so that whatever else the machine is doing weighs on both.
-Times are processor times of one thread; a step is everything between two records: assembly,
-factorisation, solve, line search, residual norms.
+linear-elastic problem of the same mesh and order is solved by NGSolve (assembly, factorisation,
+solve) and the step is compared with the mean of the two, so that whatever else the machine is doing
+weighs on both.  Times are processor times of one thread; a step is everything between two records:
+contact, assembly, factorisation, solve, line search, residual norms.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import fmean, median
@@ -37,18 +38,21 @@ from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.starts import coarse_start
 from ngepc.model.problem import Problem
 from ngepc.pictures.style import COLOURS, Picture, save_figure
-from ngepc.results.outcome import IterationRecord
+from ngepc.results.outcome import IterationRecord, Result
 from ngepc.studies.examples import example, solved
-from ngepc.studies.work import Table, Work, first_of
+from ngepc.studies.work import Cell, Outcome, Table, Work, chosen, first_of
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
 """Meshes of Example (a): the paper's from 1601 on, and the next two bisections."""
-MODES = ("default", "primal", "1e4")
-"""The default method and the primal one cold, the paper's at gamma = 1e4 from 417 nodes."""
+ORDER_2 = "order 2"
+MODES = ("default", ORDER_2, "primal", "1e4")
+"""The default method, with displacements of order 2 too (a fourth of the nodes), the primal one,
+all cold; the paper's at gamma = 1e4 from 417 nodes."""
 HEAD = {
     "mode": "method",
     "nodes": "nodes",
     "iterations": "Newton steps",
+    "solve_seconds": "whole solve (s)",
     "elastic_seconds": "elastic solve (s)",
     "step_seconds": "step (s)",
     "step_ratio": "step / elastic: median",
@@ -61,16 +65,17 @@ HEAD = {
 NOTES = (
     "Example (a), tolerance 1e-10. Times are processor times of one thread, medians over a run; "
     "every step is compared with the linear-elastic solves (assembly, sparsecholesky, solution) "
-    "right before and after it. A step is assembly, factorisation, solve, line search and residual "
-    "norms. Largest is the dearest step of the run, set-up everything before the first; peak "
-    "memory is that of the process, mesh and elastic solves included.",
+    "right before and after it. A step is assembly, factorisation, contact, line search and "
+    "residual norms. Largest is the dearest step of the run, set-up everything before the first, "
+    "the whole solve both and the result; peak memory is that of the process, NGSolve, mesh and "
+    "elastic solves included. The load average counts everything that ran on the machine.",
 )
 
 
 def elastic_solve(problem: Problem) -> float:
     """Processor time (s) of one linear-elastic solve: assembly, sparsecholesky, solution."""
     begin, m = time.process_time(), problem.material
-    V = VectorH1(problem.mesh, order=1, dirichlet="|".join(problem.clamped_names))
+    V = VectorH1(problem.mesh, order=problem.order, dirichlet="|".join(problem.clamped_names))
     u, v = V.TnT()
     energy = m.lame_lambda * div(u) * div(v)
     energy += 2 * m.lame_mu * InnerProduct(Sym(Grad(u)), Sym(Grad(v)))
@@ -117,17 +122,23 @@ class StepClock:
 def measure(mode: str, nodes: int) -> dict:
     """One solve in this process: the record of a cell."""
     SetNumThreads(1)
-    problem, options = example("lshape", nodes), NewtonOptions()
-    own = mode in ("default", "primal")
-    start = None if own else coarse_start("lshape", float(mode), options)
+    problem, options, start = example("lshape", nodes), NewtonOptions(), None
+    if mode == ORDER_2:
+        problem, mode = replace(problem, order=2), "default"
+    elif mode not in ("default", "primal"):
+        start = coarse_start("lshape", float(mode), options)
     clock = StepClock(problem)
     result = solved(mode, problem, start, options, clock)
+    return numbers(result, clock)
+
+
+def numbers(result: Result, clock: StepClock) -> dict:
+    """What a run and its clock tell, for the columns of ``HEAD``."""
     setup, *ratios = clock.ratios
     return {
-        "mode": mode,
-        "nodes": nodes,
         "status": result.status.label,
         "iterations": result.iterations,
+        "solve_seconds": sum(clock.spans),
         "elastic_seconds": median(clock.elastic),
         "step_seconds": median(clock.spans[1:]),
         "step_ratio": median(ratios),
@@ -156,81 +167,94 @@ def growth(cells: Sequence[dict]) -> float:
     return float(np.polyfit(np.log(nodes), np.log(seconds), 1)[0])
 
 
-class Benchmark(Work):
-    """The study.
+@dataclass(eq=False)
+class Cost(Work):
+    """The study; nothing is kept, every run measures anew.
 
     Parameters
     ----------
-    folder, progress
-        As for ``Work``; nothing is kept, every run measures anew.
     levels
-        Meshes, 1 to 7.
+        Meshes, 1 to 7; order 2 takes two less.
     modes
         From MODES; None for all.
     """
 
-    name = "benchmark"
+    levels: int = 3
+    modes: Sequence[str] | None = None
 
-    def __init__(
-        self,
-        folder: Path,
-        levels: int = 3,
-        modes: Sequence[str] | None = None,
-        progress: Callable[[str], None] | None = None,
-    ) -> None:
-        super().__init__(folder, progress)
-        self.modes, self.nodes = tuple(modes or MODES), first_of(NODES, levels)
-        if set(self.modes) - set(MODES):
-            raise ValueError(f"modes={self.modes}: {', '.join(MODES)} are available")
+    name = "cost"
 
-    def run(self) -> list[dict]:
-        """Measure the cells one after the other, each in a new process."""
-        table = []
-        for mode, nodes in [(mode, n) for mode in self.modes for n in self.nodes]:
-            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-                cell = pool.submit(measure, mode, nodes).result()
-            self.progress(
-                f"{mode:8s} {nodes:6d} nodes: {cell['iterations']} steps, {cell['status']}; a step "
-                f"costs {cell['step_ratio']:.2f} elastic solves, {cell['step_seconds']:.3f} s"
-            )
-            table.append(cell)
-        return table
+    def __post_init__(self) -> None:
+        self.modes, _ = chosen(dict.fromkeys(MODES), self.modes), first_of(NODES, self.levels)
 
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write benchmark.csv, .md, .json and .png; returns their paths."""
+    def cells(self) -> list[Cell]:
+        """The meshes of each method."""
+        levels = {m: max(1, self.levels - 2) if m == ORDER_2 else self.levels for m in self.modes}
+        return [Cell(mode, n) for mode in self.modes for n in NODES[: levels[mode]]]
+
+    def kept(self, cell: Cell) -> Outcome:
+        """A measurement in a new process."""
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            found = pool.submit(measure, cell.row, cell.nodes).result()
+        return Outcome({"mode": cell.row, "nodes": cell.nodes, **found})
+
+    solve = kept
+
+    def line(self, r: dict) -> str:
+        """Counts and ratios."""
+        return (
+            f"{r['mode']:8s} {r['nodes']:6d} nodes: {r['iterations']} steps, {r['status']}, "
+            f"{r['solve_seconds']:.2f} s; a step costs {r['step_ratio']:.2f} elastic solves"
+        )
+
+    def table(self, records: Sequence[dict]) -> Table:
+        """One row for each method and mesh."""
         grown = [
             f"Time per step grows like nodes^{growth(cells):.2f} ({mode})."
-            for mode, cells in by_mode(table).items()
+            for mode, cells in by_mode(records).items()
             if len(cells) > 1
         ]
-        written = Table(
+        return Table(
             name=self.name,
-            title="What a Newton step costs",
+            title="What a solve costs",
             head=list(HEAD.values()),
-            rows=[[_text(cell[key]) for key in HEAD] for cell in table],
-            notes=[*NOTES, *grown],
-            cells=table,
-        ).write(self.folder)
-        return [*written, save_figure(plot_benchmark(table), self.folder / "benchmark.png")]
+            rows=[[_text(cell[key]) for key in HEAD] for cell in records],
+            notes=[*NOTES, *grown, *_beside_primal(records)],
+            cells=records,
+        )
+
+    def write(self, table: Sequence[dict]) -> list[Path]:
+        """Write cost.csv, .md, .json and .png; returns their paths."""
+        picture = save_figure(plot_cost(table), self.folder / "cost.png")
+        return [*super().write(table), picture]
 
 
 def by_mode(table: Sequence[dict]) -> dict[str, list[dict]]:
     """Mode -> its cells."""
-    return {mode: [c for c in table if c["mode"] == mode] for mode in MODES
-            if any(c["mode"] == mode for c in table)}  # fmt: skip
+    present = dict.fromkeys(cell["mode"] for cell in table)
+    return {mode: [c for c in table if c["mode"] == mode] for mode in present}
 
 
-def plot_benchmark(table: Sequence[dict]) -> Figure:
+def _beside_primal(table: Sequence[dict]) -> list[str]:
+    seconds = {(c["mode"], c["nodes"]): c["solve_seconds"] for c in table}
+    return [
+        f"Whole solve on {nodes} nodes: {seconds['default', nodes] / primal:.2f} of the primal one."
+        for (mode, nodes), primal in seconds.items()
+        if mode == "primal" and ("default", nodes) in seconds
+    ]
+
+
+def plot_cost(table: Sequence[dict]) -> Figure:
     """Time per step, cost in elastic solves and memory over the number of nodes."""
     figure = Picture(figsize=(10, 3.4))
     panels = figure.subplots(1, 3)
-    for colour, (mode, cells) in zip(COLOURS, by_mode(table).items(), strict=False):
-        label = mode if mode in ("default", "primal") else f"gamma = {mode}"
+    modes = by_mode(table)
+    for colour, (mode, cells) in zip(COLOURS, modes.items(), strict=False):
+        label = f"gamma = {mode}" if mode[0].isdigit() else mode
         for axes, key in zip(panels, ("step_seconds", "step_ratio", "peak_megabytes"), strict=True):
             _curve(axes, cells, key, color=colour, marker="o", label=label)
-        if mode == next(iter(by_mode(table))):
-            style = {"color": "#6b7680", "linestyle": ":", "label": "elastic solve"}
-            _curve(panels[0], cells, "elastic_seconds", **style)
+    style = {"color": "#6b7680", "linestyle": ":", "label": "elastic solve"}
+    _curve(panels[0], next(iter(modes.values())), "elastic_seconds", **style)
     panels[1].axhline(1.0, color="#6b7680", linestyle=":", label="an elastic solve")
     nodes = sorted({cell["nodes"] for cell in table})
     units = ("seconds per step", "step / elastic solve", "peak memory (MB)")

@@ -8,28 +8,36 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
+
+from matplotlib.figure import Figure
 
 from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.regularisation import Coupled
 from ngepc.dual.restore import restore
+from ngepc.pictures.curves import plot_counts, plot_history
+from ngepc.pictures.report import solution_sections, standard_figures, write_report
+from ngepc.pictures.style import save_figure
+from ngepc.results import records as texts
 from ngepc.results.outcome import History, IterationRecord, Result, Status
-from ngepc.studies.counts_page import write_page, write_pictures
-from ngepc.studies.examples import BODIES, FAMILIES, TITLES, example, solved
+from ngepc.studies.examples import BODIES, FAMILIES, THRESHOLDS, TITLES, example, solved
 from ngepc.studies.paper import TABLE_1, TABLE_2
 from ngepc.studies.work import Cell, Outcome, Table, Work, chosen, ending, first_of
 
 OWN_ROWS = ("default", "default*", "primal", "primal*")
+ALWAYS_ONE_STEP = 1e2
+"""Up to this gamma Example (a) is elastic and takes one step on every mesh."""
 
 
+@dataclass(eq=False)
 class CountTable(Work):
     """A table of the paper with our counts; its rows and further ones of other methods.
 
     Parameters
     ----------
-    folder, progress
-        As for ``Work``.
     levels, nodes
         How many meshes of the family, or their node counts.
     rows
@@ -49,57 +57,43 @@ class CountTable(Work):
         What is counted, for the notes below the table.
     """
 
-    body: str
-    paper: Mapping[str, Sequence[int]]
-    about: str
+    levels: int = 3
+    rows: Sequence[str] | None = None
+    tolerance: float = 1e-10
+    figures: bool = False
+    nodes: Sequence[int] | None = field(default=None, kw_only=True)
 
-    def __init__(
-        self,
-        folder: Path,
-        levels: int = 3,
-        rows: Sequence[str] | None = None,
-        tolerance: float = 1e-10,
-        figures: bool = False,
-        *,
-        nodes: Sequence[int] | None = None,
-        progress: Callable[[str], None] | None = None,
-    ) -> None:
-        self.family, self.figures = FAMILIES[self.body], figures
-        self.nodes = first_of(self.family, levels) if nodes is None else tuple(nodes)
+    body: ClassVar[str]
+    paper: ClassVar[Mapping[str, Sequence[int]]]
+    about: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        self.family = FAMILIES[self.body]
+        self.nodes = self.nodes or first_of(self.family, self.levels)
         known = dict.fromkeys([*self.paper, *OWN_ROWS])
-        self.rows = (*self.paper, "default") if rows is None else chosen(known, rows)
-        self.options = NewtonOptions(tolerance=tolerance, max_iterations=2000)
-        points = self.options.quadrature_points
-        super().__init__(folder, progress, tolerance=tolerance, quadrature_points=points)
+        self.rows = chosen(known, self.rows or (*self.paper, "default"))
+        self.options = NewtonOptions(tolerance=self.tolerance, max_iterations=2000)
         self._results: dict[Cell, Result] = {}
 
-    def run(self) -> list[dict]:
-        """Fill the table, coarse meshes first; returns one record for each cell."""
-        cells = [Cell(row, nodes) for nodes in self.nodes for row in self.rows]
-        table = []
-        for number, cell in enumerate(cells, 1):
-            record = self.outcome(cell).record
-            paper = "" if record["paper"] is None else f" (paper {record['paper']})"
-            self.progress(
-                f"[{number}/{len(cells)}] {cell.row:>8} nodes {cell.nodes:>5}: "
-                f"{record['iterations']} steps{paper}, {record['status']}, "
-                f"{record['wall_time_s']:.1f} s"
-            )
-            table.append(record)
-        return table
+    def settings(self) -> dict:
+        """Tolerance and quadrature."""
+        points = self.options.quadrature_points
+        return {"tolerance": self.tolerance, "quadrature_points": points}
 
-    def outcome(self, cell: Cell) -> Outcome:
-        """The outcome of a cell, from disk or solved now."""
-        return self.kept(cell, self._solved)
+    def cells(self) -> list[Cell]:
+        """All rows on one mesh after the other."""
+        return [Cell(row, nodes) for nodes in self.nodes for row in self.rows]
+
+    def line(self, r: dict) -> str:
+        """The count beside the paper's."""
+        return f"{r['row']:>8} nodes {r['nodes']:>5}: {entry(r)} steps, {r['status']}"
 
     def result(self, cell: Cell) -> Result:
         """A cell with all its fields: the paper's method from its dual variable, others again."""
         if cell not in self._results:
-            method = cell.row.rstrip("*")
-            if method in ("default", "primal"):
-                self._results[cell] = self._solve(cell)
-            else:
-                self._results[cell] = self._restored(cell, float(method))
+            gamma = gamma_of(cell.row)
+            found = self._solved(cell) if math.isinf(gamma) else self._restored(cell, gamma)
+            self._results[cell] = found
         return self._results[cell]
 
     def start_of(self, cell: Cell) -> Cell | None:
@@ -116,59 +110,64 @@ class CountTable(Work):
             return None
         return self.paper[cell.row][self.family.index(cell.nodes)]
 
-    def entry(self, record: dict) -> str:
-        """Ours (paper), with the status where the run did not converge."""
-        paper = "" if record["paper"] is None else f" ({record['paper']})"
-        return f"{record['iterations']}{paper}{ending(record)}"
-
     def rows_of(self, table: Sequence[dict]) -> list[list[str]]:
         """The entries, row by row with its label in front."""
-        found = {(r["row"], r["nodes"]): self.entry(r) for r in table}
+        found = {(r["row"], r["nodes"]): entry(r) for r in table}
         return [[row, *(found.get((row, n), "") for n in self.nodes)] for row in self.rows]
 
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write the table, and pictures if they were asked for; returns the paths."""
-        notes = [
-            f"Newton steps for {TITLES[self.body]}, ours (the paper's in parentheses). "
-            f"{self.about} Rows 'default' are the default method and 'primal' the primal one, cold "
-            f"or with * nested. Tolerance {self.options.tolerance:g}, "
-            f"{self.options.quadrature_points} quadrature points per triangle for the paper's rows."
-        ]
-        written = Table(
+    def table(self, records: Sequence[dict]) -> Table:
+        """Rows over meshes."""
+        return Table(
             name=self.name,
             title=f"Table {self.name[-1]}",
             head=["gamma", *(f"{n} nodes" for n in self.nodes)],
-            rows=self.rows_of(table),
-            notes=notes,
-            cells=[{key: r[key] for key in r if key != "history"} for r in table],
-        ).write(self.folder)
-        return written + (write_pictures(self, table) if self.figures else [])
+            rows=self.rows_of(records),
+            notes=[
+                f"Newton steps for {TITLES[self.body]}, ours (the paper's in parentheses). "
+                f"{self.about} Rows 'default' are the default method and 'primal' the primal one, "
+                f"cold or with * nested. Tolerance {self.tolerance:g}, "
+                f"{self.options.quadrature_points} quadrature points per triangle for the paper's "
+                "rows."
+            ],
+            cells=[{key: r[key] for key in r if key != "history"} for r in records],
+        )
 
-    def _solved(self, cell: Cell) -> Outcome:
-        result = self._results[cell] = self._solve(cell)
+    def write(self, table: Sequence[dict]) -> list[Path]:
+        """Write the table, and pictures and a page if they were asked for; returns the paths."""
+        written = super().write(table)
+        if not self.figures:
+            return written
+        cell = last_cell(self)
+        about = standard_figures(self.result(cell), THRESHOLDS[self.body])
+        figures = {f"{self.body}_{name}": figure for name, figure in about.items()}
+        figures[f"{self.name}_steps"] = counts_figure(self, table)
+        figures[f"{self.name}_residuals"] = residuals_figure(self, cell.row)
+        written += [save_figure(f, self.folder / f"{name}.png") for name, f in figures.items()]
+        return [*written, write_page(self, table, self.folder / f"{self.body}.html")]
+
+    def solve(self, cell: Cell) -> Outcome:
+        """Solve, and keep the dual variable of the paper's method."""
+        result = self._results[cell] = self._solved(cell)
+        names = ("iterations", "primal_energy", "dual_energy", "residual_norm")
         record = {
             "row": cell.row,
             "nodes": cell.nodes,
-            "iterations": result.iterations,
             "paper": self.paper_value(cell),
             "status": result.status.label,
-            "primal_energy": result.primal_energy,
-            "dual_energy": result.dual_energy,
-            "residual_norm": result.residual_norm,
+            **{name: getattr(result, name) for name in names},
             "halvings": result.history.halvings,
             "history": result.history.as_rows(),
         }
-        own = cell.row.rstrip("*") in ("default", "primal")
+        own = math.isinf(gamma_of(cell.row))
         return Outcome(record, {} if own else {"v": result.v.FV().NumPy().copy()})
 
-    def _solve(self, cell: Cell) -> Result:
+    def _solved(self, cell: Cell) -> Result:
         start = self.start_of(cell)
         begin = None if start is None else self.result(start)
-        problem, method = example(self.body, cell.nodes), cell.row.rstrip("*")
-        return solved(method, problem, begin, self.options)
+        return solved(cell.row.rstrip("*"), example(self.body, cell.nodes), begin, self.options)
 
     def _restored(self, cell: Cell, gamma: float) -> Result:
-        outcome = self.outcome(cell)
+        outcome = self.kept(cell)
         history = History([IterationRecord(**row) for row in outcome.record["history"]])
         status, problem = Status[outcome.record["status"].upper()], example(self.body, cell.nodes)
         v = outcome.arrays["v"]
@@ -186,14 +185,14 @@ class Table1(CountTable):
 
     def start_of(self, cell: Cell) -> Cell | None:
         """For the paper's rows the 417-node solution, which takes steps of ten in gamma."""
-        coarse, method = BODIES[self.body].COARSE_NODES, cell.row.rstrip("*")
-        if method in ("default", "primal"):
+        coarse, gamma = BODIES[self.body].COARSE_NODES, gamma_of(cell.row)
+        if math.isinf(gamma):
             return super().start_of(cell)
         if cell.nodes == coarse:
-            decade = round(math.log10(float(method)))
+            decade = round(math.log10(gamma))
             return Cell(f"1e{decade - 1}", coarse) if decade > 3 else None
         nested = cell.row.endswith("*") and cell.nodes > self.family[0]
-        return super().start_of(cell) if nested else Cell(method, coarse)
+        return super().start_of(cell) if nested else Cell(cell.row.rstrip("*"), coarse)
 
 
 class Table2(CountTable):
@@ -203,6 +202,73 @@ class Table2(CountTable):
     about = (
         "The paper's method starts from v = 0. The paper prints 24927 nodes for the mesh with "
         "24993; its polygon is lost, ours is reconstructed (docs/reading.md)."
+    )
+
+
+def entry(record: dict) -> str:
+    """Ours (paper), with the status where the run did not converge."""
+    paper = "" if record["paper"] is None else f" ({record['paper']})"
+    return f"{record['iterations']}{paper}{ending(record)}"
+
+
+def gamma_of(row: str) -> float:
+    """Gamma of a row, infinity for the methods without one."""
+    method = row.rstrip("*")
+    return math.inf if method in ("default", "primal") else float(method)
+
+
+def label_of(row: str) -> str:
+    """What a row is called in pictures."""
+    method = row.rstrip("*")
+    name = f"{method} method" if math.isinf(gamma_of(row)) else f"gamma = {method}"
+    return f"{name}, nested" if row.endswith("*") else name
+
+
+def last_cell(study: CountTable) -> Cell:
+    """The default method, or else the largest gamma, on the finest mesh."""
+    row = "default" if "default" in study.rows else max(study.rows, key=gamma_of)
+    return Cell(row, study.nodes[-1])
+
+
+def counts_figure(study: CountTable, table: Sequence[dict]) -> Figure:
+    """Newton steps over nodes, one curve for each row, with the paper's dashed.
+
+    Rows that count one step everywhere are left out if there are others.
+    """
+    rows = [r for r in study.rows if gamma_of(r) > ALWAYS_ONE_STEP] or study.rows
+    ours = {r: {c["nodes"]: c["iterations"] for c in table if c["row"] == r} for r in rows}
+    paper = {r: {n: study.paper_value(Cell(r, n)) for n in study.nodes} for r in rows}
+    return plot_counts(
+        {label_of(row): counts for row, counts in ours.items()},
+        {label_of(row): counts for row, counts in paper.items() if row in study.paper},
+    )
+
+
+def residuals_figure(study: CountTable, row: str) -> Figure:
+    """The histories of a row on all meshes."""
+    histories = {f"{n} nodes": study.result(Cell(row, n)).history for n in study.nodes}
+    return plot_history(histories, tolerance=study.tolerance)
+
+
+def write_page(study: CountTable, table: Sequence[dict], path: Path) -> Path:
+    """Write an HTML page of the counts, the curves and the last solution; returns its path."""
+    cell = last_cell(study)
+    result = study.result(cell)
+    head = ["gamma", *(f"{n} nodes" for n in study.nodes)]
+    counts = [dict(zip(head, row, strict=True)) for row in study.rows_of(table)]
+    about = (
+        "Ours, and in parentheses the paper's. Rows named `default` are the default method, "
+        "which solves the problem itself instead of a regularised one."
+    )
+    pictures = [counts_figure(study, table), residuals_figure(study, cell.row)]
+    title = f"The solution: {label_of(cell.row)}, {cell.nodes} nodes"
+    return write_report(
+        path,
+        f"Mesh independence: {study.name} of Hintermüller and Rösel",
+        ("The problem", [result.problem]),
+        ("Newton steps", [about, counts, *pictures]),
+        *solution_sections(result, title, THRESHOLDS[study.body]),
+        footer=", ".join(f"{key} {value}" for key, value in texts.provenance().items()),
     )
 
 

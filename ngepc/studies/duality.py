@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
 from ngepc.studies.examples import example
-from ngepc.studies.work import Table, Work
+from ngepc.studies.work import Cell, Outcome, Table, Work
 from ngepc.theory.duality import duality_report
 
 COLUMNS = {
@@ -35,51 +35,49 @@ NOTE = (
 )
 
 
+@dataclass(eq=False)
 class Duality(Work):
     """The study: the paths of both examples, on small meshes by default.
 
     Parameters
     ----------
-    folder, progress
-        As for ``Work``.
     lshape_nodes, wrench_nodes
         Members of the mesh families.
     gamma_end
         Last gamma of the paths, which rise by factors of ten.
     """
 
+    lshape_nodes: int = 833
+    wrench_nodes: int = 873
+    gamma_end: float = 1e6
+
     name = "duality"
 
-    def __init__(
-        self,
-        folder: Path,
-        lshape_nodes: int = 833,
-        wrench_nodes: int = 873,
-        gamma_end: float = 1e6,
-        progress: Callable[[str], None] | None = None,
-    ) -> None:
-        super().__init__(folder, progress)
-        self.options = PathOptions(growth=10.0, gamma_end=gamma_end, inner_scale=1e-8)
-        self.nodes = {"lshape": lshape_nodes, "wrench": wrench_nodes}
-        self._problems = {name: example(name, nodes) for name, nodes in self.nodes.items()}
+    def __post_init__(self) -> None:
+        for cell in self.cells():
+            example(cell.row, cell.nodes)
 
-    def run(self) -> list[dict]:
-        """A record for each example and gamma."""
-        return [record for name in self.nodes for record in self.along_path(name)]
+    def settings(self) -> dict:
+        """The end of the paths."""
+        return {"gamma_end": self.gamma_end}
 
-    def along_path(self, name: str) -> list[dict]:
-        """Follow the path of an example; returns a record for each gamma."""
+    def cells(self) -> list[Cell]:
+        """A path for each example."""
+        return [Cell("lshape", self.lshape_nodes), Cell("wrench", self.wrench_nodes)]
+
+    def solve(self, cell: Cell) -> Outcome:
+        """Follow the path of an example; a report for each gamma."""
         reports: list[dict] = []
         path = follow_path(
-            self._problems[name],
-            self.options,
-            lambda s: self.progress(f"{name} gamma {s.gamma:9.4g}: {s.iterations} steps"),
+            example(cell.row, cell.nodes),
+            PathOptions(growth=10.0, gamma_end=self.gamma_end, inner_scale=1e-8),
+            lambda s: self.progress(f"{cell.row} gamma {s.gamma:9.4g}: {s.iterations} steps"),
             observer=lambda result: reports.append(duality_report(result).as_dict()),
         ).or_interrupted()
-        return [
+        steps = [
             {
-                "example": name,
-                "nodes": self.nodes[name],
+                "example": cell.row,
+                "nodes": cell.nodes,
                 "gamma": step.gamma,
                 "iterations": step.iterations,
                 "status": step.status.label,
@@ -87,18 +85,23 @@ class Duality(Work):
             }
             for step, report in zip(path.steps, reports, strict=False)
         ]
+        return Outcome({"steps": steps})
 
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write duality.csv, duality.md and duality.json; returns their paths."""
+    def line(self, record: dict) -> str:
+        """How far it went."""
+        return f"{len(record['steps'])} values of gamma"
+
+    def run(self) -> list[dict]:
+        """A record for each example and gamma."""
+        return [step for record in super().run() for step in record["steps"]]
+
+    def table(self, records: Sequence[dict]) -> Table:
+        """One row for each gamma."""
         rows = [
             [r["example"], r["nodes"], f"{r['gamma']:.3g}", *(f"{r[key]:.3g}" for key in COLUMNS)]
-            for r in table
+            for r in records
         ]
+        head = ["example", "nodes", "gamma", *COLUMNS.values()]
         return Table(
-            name=self.name,
-            title="Duality",
-            head=["example", "nodes", "gamma", *COLUMNS.values()],
-            rows=rows,
-            notes=[NOTE],
-            cells=table,
-        ).write(self.folder)
+            name=self.name, title="Duality", head=head, rows=rows, notes=[NOTE], cells=records
+        )

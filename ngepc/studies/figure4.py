@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -92,13 +92,12 @@ def h_norm(result: DualResult, w: np.ndarray) -> float:
     return math.sqrt(max(0.0, functional.tichonov(v, v) * functional.weights.tichonov))
 
 
+@dataclass(eq=False)
 class Figure4(Work):
     """The study: Example (a) from the 417-node solution, Example (b) from v = 0.
 
     Parameters
     ----------
-    folder, progress
-        As for ``Work``.
     levels
         Number of meshes of each example, the coarsest of the paper's tables first.
     gamma
@@ -107,57 +106,59 @@ class Figure4(Work):
         Example -> node counts of the meshes, instead of ``levels``.
     """
 
+    levels: int = 3
+    gamma: float = 1e4
+    nodes: dict[str, Sequence[int]] | None = field(default=None, kw_only=True)
+
     name = "figure4"
 
-    def __init__(
-        self,
-        folder: Path,
-        levels: int = 3,
-        gamma: float = 1e4,
-        *,
-        nodes: dict[str, Sequence[int]] | None = None,
-        progress: Callable[[str], None] | None = None,
-    ) -> None:
-        super().__init__(folder, progress, gamma=gamma)
-        self.nodes = nodes or {name: first_of(f, levels) for name, f in FAMILIES.items()}
-        self.gamma, self.options = gamma, NewtonOptions(max_iterations=2000)
+    def __post_init__(self) -> None:
+        if self.nodes is None:
+            self.nodes = {name: first_of(f, self.levels) for name, f in FAMILIES.items()}
 
-    def run(self) -> list[dict]:
-        """One record for each example and mesh."""
-        table = []
-        for cell in [Cell(name, n) for name, family in self.nodes.items() for n in family]:
-            record = self.kept(Cell(f"quotients-{cell.row}", cell.nodes), self._solve).record
-            quotients = ", ".join(f"{q:.2g}" for q in record["quotients"])
-            self.progress(f"{cell.row} {cell.nodes}: {record['iterations']} steps, Q = {quotients}")
-            table.append(record)
-        return table
+    def settings(self) -> dict:
+        """Gamma."""
+        return {"gamma": self.gamma}
 
-    def _solve(self, cell: Cell) -> Outcome:
-        name = cell.row.removeprefix("quotients-")
-        start = coarse_start(name, self.gamma, self.options) if name == "lshape" else None
+    def cells(self) -> list[Cell]:
+        """All meshes of both examples."""
+        return [Cell(name, n) for name, family in self.nodes.items() for n in family]
+
+    def solve(self, cell: Cell) -> Outcome:
+        """The quotients of one run."""
+        name, options = cell.row, NewtonOptions(max_iterations=2000)
+        start = coarse_start(name, self.gamma, options) if name == "lshape" else None
         problem = example(name, cell.nodes)
-        quotients = convergence_quotients(problem, self.gamma, start, self.options)
+        quotients = convergence_quotients(problem, self.gamma, start, options)
         return Outcome({"example": name, **quotients})
 
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write figure4.png, .csv, .md and .json; returns their paths."""
+    def line(self, r: dict) -> str:
+        """The quotients."""
+        quotients = ", ".join(f"{q:.2g}" for q in r["quotients"])
+        return f"{r['example']} {r['nodes']}: {r['iterations']} steps, Q = {quotients}"
+
+    def table(self, records: Sequence[dict]) -> Table:
+        """One row for each mesh."""
         note = (
             f"Quotients of the H norms of v^j - v* at gamma = {self.gamma:g}. v* is the solution "
             "for the tolerance 1e-14, or the last iterate before the residual stops falling (its "
             "residual is in the table). In parentheses: the distance is below ten times the "
             "rounding of v*, the quotient says nothing."
         )
-        picture = save_figure(draw_quotients(table), self.folder / "figure4.png")
-        written = Table(
+        return Table(
             name=self.name,
             title="Figure 4: convergence quotients",
             head=["example", "nodes", "steps", *(f"Q_{j}" for j in range(1, LAST)),
                   "residual of v*", "rounding of v*"],
-            rows=[_row(record) for record in table],
+            rows=[_row(record) for record in records],
             notes=[note],
-            cells=table,
-        ).write(self.folder)  # fmt: skip
-        return [picture, *written]
+            cells=records,
+        )  # fmt: skip
+
+    def write(self, table: Sequence[dict]) -> list[Path]:
+        """Write figure4.png, .csv, .md and .json; returns their paths."""
+        picture = save_figure(draw_quotients(table), self.folder / "figure4.png")
+        return [picture, *super().write(table)]
 
 
 def _row(r: dict) -> list[str]:

@@ -7,7 +7,8 @@ which the caption (1.2e9) allows and the text leaves open.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -21,7 +22,7 @@ from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
 from ngepc.pictures.sampling import body_corners
 from ngepc.pictures.style import beside, save_figure
 from ngepc.studies.examples import THRESHOLDS, example
-from ngepc.studies.work import Table, Work, ending
+from ngepc.studies.work import Cell, Outcome, Table, Work, ending
 
 PATHS = {
     "lshape": PathOptions(gamma_start=1.0, growth=5.0, gamma_end=5.0**13),
@@ -77,13 +78,12 @@ def field_numbers(result: DualResult, threshold: float) -> dict[str, float]:
     }
 
 
+@dataclass(eq=False)
 class Figures(Work):
     """The study; paths are kept gamma by gamma.
 
     Parameters
     ----------
-    folder, progress
-        As for ``Work``.
     only
         Numbers of the figures, from 2, 3, 5, 6; None for all.
     lshape_nodes, wrench_nodes
@@ -95,40 +95,44 @@ class Figures(Work):
         For other numbers.
     """
 
+    only: Sequence[int] | None = None
+    lshape_nodes: int = 3201
+    wrench_nodes: int = 6353
+
     name = "figures"
 
-    def __init__(
-        self,
-        folder: Path,
-        only: Sequence[int] | None = None,
-        lshape_nodes: int = 3201,
-        wrench_nodes: int = 6353,
-        progress: Callable[[str], None] | None = None,
-    ) -> None:
-        super().__init__(folder, progress)
-        self.numbers = tuple(CAPTIONS if only is None else only)
-        if not self.numbers or set(self.numbers) - set(CAPTIONS):
-            raise ValueError(f"only={self.numbers}: figures {', '.join(map(str, CAPTIONS))}")
-        self.nodes = {"lshape": lshape_nodes, "wrench": wrench_nodes}
+    def __post_init__(self) -> None:
+        self.only = tuple(CAPTIONS if self.only is None else self.only)
+        if not self.only or set(self.only) - set(CAPTIONS):
+            raise ValueError(f"only={self.only}: figures {', '.join(map(str, CAPTIONS))}")
 
-    def path(self, name: str) -> PathResult:
+    def path(self, cell: Cell) -> PathResult:
         """The path of an example, from disk or followed now."""
-        problem, cells = example(name, self.nodes[name]), self.folder / "cells"
-        cells.mkdir(parents=True, exist_ok=True)
+        folder = self.folder / "cells"
+        folder.mkdir(parents=True, exist_ok=True)
         return follow_path(
-            problem,
-            PATHS[name],
-            lambda s: self.progress(f"{name} gamma {s.gamma:9.4g}: {s.iterations} steps"),
-            checkpoint=cells / f"figures-{name}-{self.nodes[name]}.npz",
+            example(cell.row, cell.nodes),
+            PATHS[cell.row],
+            lambda s: self.progress(f"{cell.row} gamma {s.gamma:9.4g}: {s.iterations} steps"),
+            checkpoint=folder / f"figures-{cell.name}.npz",
         ).or_interrupted()
+
+    def cells(self) -> list[Cell]:
+        """The path of each example whose figures are wanted."""
+        nodes = {"lshape": self.lshape_nodes, "wrench": self.wrench_nodes}
+        return [Cell(name, n) for name, n in nodes.items() if name in map(BODY.get, self.only)]
 
     def run(self) -> list[dict]:
         """Draw the figures as figureN.png; returns one record for each."""
-        table = []
-        for name in dict.fromkeys(BODY[number] for number in self.numbers):
-            path = self.path(name)
-            table += [self._drawn(n, path) for n in self.numbers if BODY[n] == name]
-        return table
+        return [record for cell in self.cells() for record in self.kept(cell).record["figures"]]
+
+    def kept(self, cell: Cell) -> Outcome:
+        """The figures of an example; the path keeps itself."""
+        path = self.path(cell)
+        wanted = [number for number in self.only if BODY[number] == cell.row]
+        return Outcome({"figures": [self._drawn(number, path) for number in wanted]})
+
+    solve = kept
 
     def _drawn(self, number: int, path: PathResult) -> dict:
         name = BODY[number]
@@ -146,8 +150,12 @@ class Figures(Work):
             **field_numbers(path.last, THRESHOLDS[name]),
         }
 
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write figures.csv, figures.md and figures.json; returns all paths, PNGs included."""
+    def line(self, record: dict) -> str:
+        """What a figure shows."""
+        return record["shows"]
+
+    def table(self, records: Sequence[dict]) -> Table:
+        """One row for each figure."""
         rows = [
             [
                 f"[{r['figure']}]({r['file']})",
@@ -158,19 +166,22 @@ class Figures(Work):
                 f"{r['plastic_strain_max']:.4g}",
                 f"{r['zone_area'] / r['body_area']:.4f}",
             ]
-            for r in table
+            for r in records
         ]
         note = (
             "Deformed configurations, displacement not scaled; lengths and stresses in the units "
             "of the examples. max |p|_F of Example (a) grows without bound under refinement "
             "(re-entrant corner)."
         )
-        written = Table(
+        return Table(
             name=self.name,
             title="Figures 2, 3, 5 and 6",
             head=("figure", "shows", "nodes", "gamma", "Newton steps", "max |p|_F", "zone / body"),
             rows=rows,
             notes=[note],
-            cells=table,
-        ).write(self.folder)
-        return [*(self.folder / r["file"] for r in table), *written]
+            cells=records,
+        )
+
+    def write(self, table: Sequence[dict]) -> list[Path]:
+        """Write figures.csv, figures.md and figures.json; returns all paths, PNGs included."""
+        return [*(self.folder / r["file"] for r in table), *super().write(table)]

@@ -9,8 +9,8 @@ body that symmetry leaves is meshed towards the contact zone.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from ngsolve import H1, GridFunction, Mesh
@@ -21,7 +21,7 @@ from ngepc.model.obstacles import Sphere
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Result
 from ngepc.studies.examples import solved
-from ngepc.studies.work import Cell, Outcome, Table, Work, ending
+from ngepc.studies.work import Cell, Outcome, Table, Work, ending, first_of
 
 DEPTH, BOUND = 0.01, 400.0
 CELLS = {"tetrahedra": (4, 6, 8, 12, 16), "hexahedra": (4, 6, 8, 12)}
@@ -109,41 +109,31 @@ def _numbers(result: Result) -> dict:
     }
 
 
+@dataclass(eq=False)
 class Step42(Work):
     """The study.
 
     Parameters
     ----------
-    folder, progress
-        As for ``Work``.
     levels
         Meshes of each shape, 1 to 5 (hexahedra: at most 4).
     """
 
+    levels: int = 3
+
     name = "step42"
 
-    def __init__(
-        self, folder: Path, levels: int = 3, progress: Callable[[str], None] | None = None
-    ) -> None:
-        super().__init__(folder, progress)
-        most = max(map(len, CELLS.values()))
-        if not 1 <= levels <= most:
-            raise ValueError(f"levels={levels}: 1 to {most} are available")
-        meshes = [(shape, n) for shape, cells in CELLS.items() for n in cells[:levels]]
-        self.meshes = [*meshes, (OWN, 4)]
+    def __post_init__(self) -> None:
+        first_of(CELLS["tetrahedra"], self.levels)
 
-    def run(self) -> list[dict]:
-        """One record for each mesh."""
-        table = []
-        for shape, n in self.meshes:
-            cell = Cell(f"step42 {shape}, {n}", 0)
-            record = self.kept(cell, lambda _, s=shape, k=n: self._solve(s, k)).record
-            forces = " and ".join(f"{record[m]['contact_force']:.4f}" for m in METHODS)
-            self.progress(f"{shape}, {n}: {forces}")
-            table.append(record)
-        return table
+    def cells(self) -> list[Cell]:
+        """Tetrahedra, hexahedra, and the mesh of step-42 itself."""
+        meshes = [Cell(shape, n) for shape, cells in CELLS.items() for n in cells[: self.levels]]
+        return [*meshes, Cell(OWN, 4)]
 
-    def _solve(self, shape: str, n: int) -> Outcome:
+    def solve(self, cell: Cell) -> Outcome:
+        """Both methods on one mesh."""
+        shape, n = cell.row, cell.nodes
         if shape == OWN:
             mesh = quarter_cube.mesh(n, 2 * n, grading=0.0, simplices=False)
         else:
@@ -151,17 +141,21 @@ class Step42(Work):
         found = compare_methods(step42_problem(mesh))
         return Outcome({"mesh": shape, "cells": n, "nodes": mesh.nv, **found})
 
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write step42.csv, step42.md and step42.json; returns their paths."""
-        rows = [_row(r, before) for r, before in zip(table, [None, *table[:-1]], strict=True)]
+    def line(self, record: dict) -> str:
+        """The contact forces."""
+        forces = " and ".join(f"{record[m]['contact_force']:.4f}" for m in METHODS)
+        return f"{record['mesh']}, {record['cells']}: {forces}"
+
+    def table(self, records: Sequence[dict]) -> Table:
+        """One row for each mesh."""
         return Table(
             name=self.name,
             title="Step-42: the default method against the primal one",
             head=HEAD,
-            rows=rows,
+            rows=[_row(r, before) for r, before in zip(records, [None, *records], strict=False)],
             notes=[NOTE],
-            cells=table,
-        ).write(self.folder)
+            cells=records,
+        )
 
 
 def relative(record: dict, quantity: str) -> float:

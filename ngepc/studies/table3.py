@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 from ngepc.dual.widths import mesh_width
 from ngepc.path.options import PathOptions
@@ -20,49 +19,58 @@ HEAD = (
 )
 
 
+@dataclass(eq=False)
 class Table3(Work):
     """The study; paths are kept gamma by gamma.
 
     Parameters
     ----------
-    folder, progress
-        As for ``Work``.
     levels, nodes
         How many meshes of the wrench's family, or their node counts.
     inner_scale
         Factor c on the inner tolerances.
     """
 
+    levels: int = 3
+    inner_scale: float = PathOptions().inner_scale
+    nodes: Sequence[int] | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        self.nodes = self.nodes or first_of(FAMILIES["wrench"], self.levels)
+        self.options = PathOptions(inner_scale=self.inner_scale)
+        self._scale = f"c{self.inner_scale:g}"
+
     name = "table3"
 
-    def __init__(
-        self,
-        folder: Path,
-        levels: int = 3,
-        inner_scale: float = PathOptions().inner_scale,
-        *,
-        nodes: Sequence[int] | None = None,
-        progress: Callable[[str], None] | None = None,
-    ) -> None:
-        self.nodes = first_of(FAMILIES["wrench"], levels) if nodes is None else tuple(nodes)
-        self.options = o = PathOptions(inner_scale=inner_scale)
+    def settings(self) -> dict:
+        """The options of the path."""
         names = ("gamma_start", "growth", "inner_tolerance", "outer_tolerance")
-        super().__init__(folder, progress, **{name: getattr(o, name) for name in names})
-        self._scale = f"c{o.inner_scale:g}"
+        return {name: getattr(self.options, name) for name in names}
+
+    def cells(self) -> list[Cell]:
+        """The paths."""
+        return [Cell(f"path-{self._scale}", n) for n in self.nodes]
 
     def run(self) -> list[dict]:
         """Fill the table; returns one record for each mesh."""
         table = []
-        for n in self.nodes:
-            path = self.kept(Cell(f"path-{self._scale}", n), self._follow).record
-            self.progress(
-                f"nodes {n:>5}: {path['outer_iterations']}({path['total_inner_iterations']}) "
-                f"(paper {path['paper']}), gamma_end {path['gamma_end']:.3g}, {path['status']}"
-            )
-            direct = self.kept(Cell(f"direct-{self._scale}", n), self._direct).record
+        for path in super().run():
+            n = path["nodes"]
+            direct = self.kept(Cell(f"direct-{self._scale}", n)).record
             self.progress(f"nodes {n:>5}: directly {direct['iterations']} steps")
             table.append(path | {f"direct_{key}": value for key, value in direct.items()})
         return table
+
+    def line(self, r: dict) -> str:
+        """The counts beside the paper's."""
+        return (
+            f"nodes {r['nodes']:>5}: {r['outer_iterations']}({r['total_inner_iterations']}) "
+            f"(paper {r['paper']}), gamma_end {r['gamma_end']:.3g}, {r['status']}"
+        )
+
+    def solve(self, cell: Cell) -> Outcome:
+        """A path, or the direct solve at its end."""
+        return self._follow(cell) if cell.row.startswith("path") else self._direct(cell)
 
     def _follow(self, cell: Cell) -> Outcome:
         problem = example("wrench", cell.nodes)
@@ -79,7 +87,7 @@ class Table3(Work):
             {
                 "nodes": cell.nodes,
                 "h": h,
-                "inner_scale": self.options.inner_scale,
+                "inner_scale": self.inner_scale,
                 "paper": paper_value(cell.nodes),
                 "status": path.status.label,
                 **{name: getattr(path, name) for name in names},
@@ -90,8 +98,7 @@ class Table3(Work):
 
     def _direct(self, cell: Cell) -> Outcome:
         """Algorithm 7.1 from v = 0 at the last gamma of the path, to the same precision."""
-        path = self.kept(Cell(f"path-{self._scale}", cell.nodes), self._follow).record
-        gamma = path["gamma_end"]
+        gamma = self.kept(Cell(f"path-{self._scale}", cell.nodes)).record["gamma_end"]
         options = replace(self.options, gamma_start=gamma, gamma_end=gamma)
         direct = follow_path(example("wrench", cell.nodes), options)
         return Outcome(
@@ -104,8 +111,8 @@ class Table3(Work):
             }
         )
 
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write table3.csv, table3.md and table3.json (with _cX for another scale)."""
+    def table(self, records: Sequence[dict]) -> Table:
+        """One row for each mesh, in table3.* (with _cX for another scale)."""
         o = self.options
         notes = [
             "Outer (total inner) iterations of Algorithm 7.2 for Example (b) from v = 0, "
@@ -124,10 +131,10 @@ class Table3(Work):
             name="table3" if usual else f"table3_{self._scale}",
             title="Table 3" if usual else f"Table 3 with c = {o.inner_scale:g}",
             head=HEAD,
-            rows=[_row(record) for record in table],
+            rows=[_row(record) for record in records],
             notes=notes,
-            cells=table,
-        ).write(self.folder)
+            cells=records,
+        )
 
 
 def _row(r: dict) -> list[str]:

@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 from ngepc.results import checkpoint, records
 from ngepc.results.files import check_folder
@@ -17,10 +18,10 @@ from ngepc.results.outcome import Status
 
 @dataclass(frozen=True)
 class Cell:
-    """One solve of a study: label of its row and number of nodes of its column."""
+    """One solve of a study: label of its row, and the number of nodes or cells of its mesh."""
 
     row: str
-    nodes: int
+    nodes: int = 0
 
     @property
     def name(self) -> str:
@@ -36,6 +37,11 @@ class Outcome:
     arrays: dict = field(default_factory=dict)
 
 
+def silent(line: str) -> None:
+    """Progress that nobody wants to read."""
+
+
+@dataclass(eq=False)
 class Work(ABC):
     """A study at work: ``run`` gives one record for each cell, ``write`` the files.
 
@@ -45,8 +51,6 @@ class Work(ABC):
         Where results go; each cell is solved once and kept in ``folder``/cells.
     progress
         Called with a line of text after each cell.
-    settings
-        Everything that determines the cells; kept ones with other settings are refused.
 
     Attributes
     ----------
@@ -54,24 +58,44 @@ class Work(ABC):
         File name of the results without ending.
     """
 
-    name: str
+    folder: Path
+    progress: Callable[[str], None] = field(default=silent, kw_only=True)
 
-    def __init__(
-        self, folder: Path, progress: Callable[[str], None] | None = None, **settings: object
-    ) -> None:
-        self.folder, self.progress = Path(folder), progress or (lambda line: None)
-        version = records.provenance()["version"]
-        self._settings = {"study": self.name, "ngepc": version, **settings}
+    name: ClassVar[str]
+
+    def settings(self) -> dict:
+        """Everything that determines a cell beside its name; kept ones with others are refused."""
+        return {}
 
     @abstractmethod
+    def cells(self) -> Sequence[Cell]:
+        """The cells, in the order in which they are solved."""
+
+    @abstractmethod
+    def solve(self, cell: Cell) -> Outcome:
+        """Solve a cell."""
+
+    @abstractmethod
+    def line(self, record: dict) -> str:
+        """What progress says about a record."""
+
+    @abstractmethod
+    def table(self, records: Sequence[dict]) -> Table:
+        """The table of the records that ``run`` has returned."""
+
     def run(self) -> list[dict]:
-        """Do the work, coarse meshes first; returns one record for each cell."""
+        """Do the work; returns one record for each cell."""
+        table = []
+        for cell in self.cells():
+            table.append(self.kept(cell).record)
+            self.progress(self.line(table[-1]))
+        return table
 
-    @abstractmethod
     def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write what ``run`` has returned; returns the paths of the files."""
+        """Write what ``run`` has returned as NAME.csv, .md and .json; returns their paths."""
+        return self.table(table).write(self.folder)
 
-    def kept(self, cell: Cell, solve: Callable[[Cell], Outcome]) -> Outcome:
+    def kept(self, cell: Cell) -> Outcome:
         """The stored outcome of a cell, or the one that ``solve`` gives, which is then stored.
 
         Raises
@@ -80,13 +104,14 @@ class Work(ABC):
             If the solve was stopped: half a cell is not stored.
         """
         check_folder(self.folder / "cells")
-        path = self.folder / "cells" / f"{cell.name}.npz"
-        fingerprint = {**self._settings, "row": cell.row, "nodes": cell.nodes}
+        path = self.folder / "cells" / f"{self.name}-{cell.name}.npz"
+        about = {"study": self.name, "ngepc": records.provenance()["version"], **self.settings()}
+        fingerprint = {**about, "row": cell.row, "nodes": cell.nodes}
         stored = checkpoint.load(path, fingerprint)
         if stored is not None:
             return Outcome(stored.record, stored.arrays)
         begin = time.perf_counter()
-        outcome = solve(cell)
+        outcome = self.solve(cell)
         if outcome.record.get("status") == Status.STOPPED.label:
             raise KeyboardInterrupt
         outcome.record["wall_time_s"] = time.perf_counter() - begin

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from witness import dual_residual
 
 from ngepc import Status, primal_newton
 from ngepc.studies.verification.robustness import (
@@ -21,7 +22,7 @@ from ngepc.studies.verification.robustness import (
     extreme_problem,
     solve,
 )
-from ngepc.studies.verification.witness import balance_residual, dual_residual
+from ngepc.studies.verification.witness import balance_residual
 
 LIMIT, CELLS = 60, 6
 RESULTS = Path(__file__).resolve().parent.parent.parent / "results"

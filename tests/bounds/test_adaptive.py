@@ -10,8 +10,9 @@ from ngepc.bounds.bound import error_bound
 from ngepc.bounds.transfer import Carrier, bisected, carried_state, on_mesh
 from ngepc.geometries import block, lshape
 from ngepc.local.system import DiscreteProblem
+from ngepc.studies.bounds import LIMITS
 
-LIMIT = -0.375251
+LIMIT = LIMITS["lshape"]
 MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
 
 

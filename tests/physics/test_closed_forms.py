@@ -16,6 +16,7 @@ from closed_forms import Ring
 from netgen.csg import CSGeometry, Plane, Pnt, Vec
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from ngsolve import CF, IfPos, InnerProduct, Integrate, Mesh, ds, x, y, z
+from pressed_shell import PressedShell
 from scipy.optimize import brentq
 
 from ngepc import (
@@ -32,7 +33,6 @@ from ngepc.evolution.load_path import load_cycle
 from ngepc.evolution.solver import cold_start, evolve
 from ngepc.geometries import block, ring
 from ngepc.primal.solver import primal_newton
-from ngepc.studies.verification.pressed_shell import PressedShell
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 METHODS = {

@@ -10,6 +10,7 @@ from closed_forms import Law, Ring
 from coordinates import coordinates, tensor
 from ngsolve import CF, Integrate, Norm, ds, dx, grad, sqrt, x, y, z
 from scipy.optimize import brentq
+from witness import distance_bound
 
 from ngepc import (
     Coupled,
@@ -25,7 +26,6 @@ from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.geometries import block, lshape
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
-from ngepc.studies.verification.witness import distance_bound
 
 KINEMATIC = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 ISOTROPIC = Material.isotropic(

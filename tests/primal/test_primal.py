@@ -457,7 +457,6 @@ SOFT_CORNER = Draw(  # one plastic element held by its contact force alone
     gap="near",
     gap_size=4.16761373643151,
     history=0.0,
-    method="coupled",
 )
 JUMPING_SLOPE = Draw(  # soft plastic elements turn elastic in the middle of a step
     body="wrench",
@@ -473,7 +472,6 @@ JUMPING_SLOPE = Draw(  # soft plastic elements turn elastic in the middle of a s
     gap="touching",
     gap_size=0.1265114747103373,
     history=1.0480462305880969,
-    method="balanced (R2)",
 )
 
 

@@ -58,3 +58,16 @@ def test_one_step_is_a_history_of_one():
     for functional in functionals(problem).values():
         one = tangents(history, "gap")[0].of(functional)
         assert gradient(history, functional, names)["gap"] == pytest.approx(one, rel=1e-9)
+
+
+def test_a_body_that_waits_is_biactive():
+    problem = lshape_problem(lshape.paper_mesh(113))
+    waiting = evolve(problem, [(1.0, {}), (2.0, {}), (3.0, {"gap": 0.11})])
+    slopes, yields = (
+        gradient(waiting, "contact_force", "gap"),
+        restored_state(waiting.steps[0], waiting.memory.functions.points).at.yields,
+    )
+    assert not slopes.differentiable
+    assert f"Step 2: 0 contact rows and {yields.sum()} points are biactive" in slopes.message
+    assert slopes.message.startswith("Step 2")
+    assert tangents(waiting, "gap")[-1].message == slopes.message

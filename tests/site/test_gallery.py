@@ -10,7 +10,8 @@ import pytest
 from matplotlib.image import imread
 
 GALLERY = Path(__file__).resolve().parents[2] / "docs" / "gallery"
-SCRIPTS = sorted(path.stem for path in GALLERY.glob("*.py") if path.stem != "shared")
+NO_SCRIPTS = ("shared", "pressed_shell")
+SCRIPTS = sorted(p.stem for p in GALLERY.glob("*.py") if p.stem not in NO_SCRIPTS)
 
 
 @pytest.fixture
@@ -18,7 +19,7 @@ def script(monkeypatch):
     """Import a script as it is found when it runs: with its folder on the path."""
     monkeypatch.syspath_prepend(str(GALLERY))
     yield importlib.import_module
-    for name in (*SCRIPTS, "shared"):
+    for name in (*SCRIPTS, *NO_SCRIPTS):
         sys.modules.pop(name, None)
 
 

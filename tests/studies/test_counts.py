@@ -7,8 +7,7 @@ import pytest
 
 from ngepc.__main__ import main
 from ngepc.results import checkpoint
-from ngepc.studies.counts import Table1, Table2
-from ngepc.studies.counts_page import counts_figure
+from ngepc.studies.counts import Table1, Table2, counts_figure
 from ngepc.studies.paper import TABLE_1
 from ngepc.studies.work import Cell
 
@@ -77,16 +76,16 @@ def test_interrupted_study_resumes_with_the_same_digits(finished, tmp_path):
 def test_damaged_and_foreign_cells_are_refused_and_kept(tmp_path):
     study = small_table(tmp_path)
     cell = Cell("1e0", 833)
-    path = tmp_path / "cells" / f"{cell.name}.npz"
+    path = tmp_path / "cells" / f"table1-{cell.name}.npz"
     path.parent.mkdir()
     path.write_bytes(b"not a checkpoint")
     with pytest.raises(ValueError, match="damaged"):
-        study.outcome(cell)
+        study.kept(cell)
     assert path.read_bytes() == b"not a checkpoint"
     path.unlink()
     checkpoint.save(path, {"study": "other"}, {}, {"v": np.zeros(3)})
     with pytest.raises(ValueError, match="other work"):
-        study.outcome(cell)
+        study.kept(cell)
 
 
 def test_starts_are_those_of_the_paper(tmp_path):

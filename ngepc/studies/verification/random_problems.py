@@ -13,8 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import CF, Mesh
 
-from ngepc.dual.regularisation import Coupled, Units
-from ngepc.dual.tichonov import FullProduct
 from ngepc.geometries import block, lshape, plate, wrench
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
@@ -22,17 +20,7 @@ from ngepc.model.problem import Problem
 
 @dataclass(frozen=True)
 class DrawnBody:
-    """A body with the names of its parts; the contact boundary is flat.
-
-    Parameters
-    ----------
-    mesh
-        Mesh width (relative to ``length``) -> mesh.
-    length
-        Size of the body.
-    clamped, load, contact
-        Boundary names.
-    """
+    """A body of size ``length`` with the names of its parts; the contact boundary is flat."""
 
     mesh: Callable[[float], Mesh]
     length: float
@@ -53,7 +41,6 @@ BODIES = {
 
 GAPS = ("none", "open", "touching", "near", "pushed")
 HARDENINGS = ("kinematic", "isotropic", "combined")
-METHODS = ("default", "coupled")
 
 
 @dataclass(frozen=True)
@@ -78,8 +65,6 @@ class Draw:
         One of GAPS; size of the gap, or of the push, over length times yield strain.
     history
         Size of the initial plastic strain over the yield strain.
-    method
-        One of METHODS, solved beside the primal one.
     """
 
     body: str
@@ -95,7 +80,6 @@ class Draw:
     gap: str
     gap_size: float
     history: float
-    method: str
 
 
 def draws(seed: int) -> Iterator[Draw]:
@@ -120,7 +104,6 @@ def draws(seed: int) -> Iterator[Draw]:
             gap=one_of(GAPS),
             gap_size=float(10 ** random.uniform(-1, 1)),
             history=float(random.choice([0.0, 0.0, random.uniform(0, 2)])),
-            method=one_of(METHODS),
         )
 
 
@@ -182,10 +165,3 @@ def _history(draw: Draw, material: Material, size: int) -> dict:
     norm = float(np.linalg.norm(p))
     scalar = material.hardening_stiffness * material.hardening_modulus * material.yield_stress
     return {"initial_plastic_strain": strain, "initial_hardening": (scalar * norm, back)}
-
-
-def coupled(draw: Draw, problem: Problem) -> Coupled:
-    """The paper's regularisation in units in which lame_mu is 1e3 and the body has size one."""
-    length = BODIES[draw.body].length * 10**draw.length_unit
-    units = Units(stress=problem.material.lame_mu / 1e3, length=length)
-    return Coupled(10.0, tichonov=FullProduct(), units=units)

@@ -6,9 +6,8 @@ an obstacle above.  Every cell of the table is a run from a cold start that ends
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from ngsolve import BND, CF, CoefficientFunction, IfPos, Mesh, x
 
@@ -117,42 +116,37 @@ def solve(case: Case, method: str, limit: int, cells: int = 12) -> Result | Path
     return solved(case.gamma if method == "coupled" else method, problem, options=options)
 
 
+@dataclass(eq=False)
 class Robustness(Work):
     """The study.
 
     Parameters
     ----------
-    folder, progress
-        As for ``Work``.
     rows
         Labels of CASES; None for all.
     limit
         Most Newton steps of one run.
     """
 
+    rows: Sequence[str] | None = None
+    limit: int = 200
+
     name = "robustness"
 
-    def __init__(
-        self,
-        folder: Path,
-        rows: Sequence[str] | None = None,
-        limit: int = 200,
-        progress: Callable[[str], None] | None = None,
-    ) -> None:
-        super().__init__(folder, progress, limit=limit)
-        self.rows, self.limit = chosen(CASES, rows), limit
+    def __post_init__(self) -> None:
+        self.rows = chosen(CASES, self.rows)
 
-    def run(self) -> list[dict]:
-        """Fill the table; returns one record for each cell."""
-        table = []
-        for row, method in [(row, method) for row in self.rows for method in METHODS]:
-            cell = Cell(f"{row}, {method}", 0)
-            record = self.kept(cell, lambda _, r=row, m=method: self._solve(r, m)).record
-            self.progress(f"{row}, {method}: {record['iterations']}{ending(record)}")
-            table.append(record)
-        return table
+    def settings(self) -> dict:
+        """The limit."""
+        return {"limit": self.limit}
 
-    def _solve(self, row: str, method: str) -> Outcome:
+    def cells(self) -> list[Cell]:
+        """All methods in each row."""
+        return [Cell(f"{row}, {method}") for row in self.rows for method in METHODS]
+
+    def solve(self, cell: Cell) -> Outcome:
+        """One run."""
+        row, method = cell.row.rsplit(", ", 1)
         result = solve(CASES[row], method, self.limit).or_interrupted()
         last = getattr(result, "result", result)
         return Outcome(
@@ -169,9 +163,13 @@ class Robustness(Work):
             }
         )
 
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write robustness.csv, robustness.md and robustness.json; returns their paths."""
-        found = {(r["row"], r["method"]): f"{r['iterations']}{ending(r)}" for r in table}
+    def line(self, r: dict) -> str:
+        """The count."""
+        return f"{r['row']}, {r['method']}: {r['iterations']}{ending(r)}"
+
+    def table(self, records: Sequence[dict]) -> Table:
+        """Cases over methods."""
+        found = {(r["row"], r["method"]): f"{r['iterations']}{ending(r)}" for r in records}
         note = (
             "Newton steps, with the status in words where a run did not converge. The unit square "
             "on 169 nodes, fixed below, sheared and pulled against an obstacle; one datum at a "
@@ -186,5 +184,5 @@ class Robustness(Work):
             head=["", *METHODS],
             rows=[[row, *(found[row, method] for method in METHODS)] for row in self.rows],
             notes=[note],
-            cells=table,
-        ).write(self.folder)
+            cells=records,
+        )

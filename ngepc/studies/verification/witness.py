@@ -1,21 +1,11 @@
-"""An independent look at results: residuals and error bounds assembled the plain way.
-
-Nothing here uses the solvers' own assembly.  The residual Psi_gamma is integrated with all the
-quadrature points on every element, no element is sorted out, D is neither condensed nor shared.
-"""
+"""An independent look at results: residuals and error bounds assembled the plain way by NGSolve."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 from ngsolve import (
-    BilinearForm,
     CoefficientFunction,
-    FESpace,
     GridFunction,
-    IfPos,
     InnerProduct,
     Integrate,
     LinearForm,
@@ -25,21 +15,12 @@ from ngsolve import (
     dx,
 )
 from ngsolve.comp import ProxyFunction
-from ngsolve.la import BaseMatrix, BaseVector
 
 from ngepc.checks.arguments import Coefficient
-from ngepc.discretisation.quadrature import boundary_rules, fine_rules
-from ngepc.discretisation.spaces import prescribed_displacement
 from ngepc.dual.blocks import load_terms
-from ngepc.dual.parameters import Weights
-from ngepc.dual.parts import CONTACT, PLASTIC
-from ngepc.dual.result import DualResult
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.primal.result import PrimalResult
 from ngepc.results.exact import DiscreteSolution
-from ngepc.results.outcome import Result
-
-POINTS = 400
 
 Field = ProxyFunction | GridFunction
 """A displacement or a plastic strain."""
@@ -63,113 +44,6 @@ def energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
     return Integrate(stored, problem.mesh) - work
 
 
-@dataclass(frozen=True)
-class WitnessedResidual:
-    """A residual norm and the size of what rounding may leave of it.
-
-    Parameters
-    ----------
-    norm
-        ||Psi_gamma(v)||_{H*}.
-    rounding
-        The norm of the difference that another direct solver for y makes.
-    """
-
-    norm: float
-    rounding: float
-
-
-def dual_residual(result: DualResult, points: int = POINTS) -> WitnessedResidual:
-    """The residual of the dual variable v alone.
-
-    Parameters
-    ----------
-    result
-        A result without friction; only ``v`` and the spaces are taken from it.
-    points
-        Quadrature points for M^2 on each element.
-    """
-    blocks, w, problem = result.functional.blocks, result.functional.weights, result.problem
-    parts = {name: GridFunction(part.space) for name, part in blocks.parts.items()}
-    for name, part in parts.items():
-        part.vec.data = blocks.part_of(result.v, name)
-    y, other = (
-        _primal_of(problem, blocks.Y, parts, solver) for solver in ("umfpack", "sparsecholesky")
-    )
-    total, rounding = 0.0, 0.0
-    for name, part in parts.items():
-        inverse = blocks.B[name].Inverse(part.space.FreeDofs(), inverse="umfpack")
-        linear, penalty = _contact_terms if name == CONTACT else _plastic_terms
-        r, twin = linear(problem, y, part), linear(problem, other, part)
-        twin -= r
-        rounding += _norm_squared(twin, inverse)
-        r.data += 1 / w.tichonov * (blocks.B[name] * part.vec)
-        r += penalty(problem, w, part, points)
-        total += _norm_squared(r, inverse)
-    return WitnessedResidual(math.sqrt(total), math.sqrt(rounding))
-
-
-def _norm_squared(r: BaseVector, inverse: BaseMatrix) -> float:
-    riesz = r.CreateVector()
-    riesz.data = inverse * r
-    return max(0.0, InnerProduct(riesz, r))
-
-
-def _primal_of(
-    problem: Problem, Y: FESpace, parts: dict[str, GridFunction], solver: str
-) -> GridFunction:
-    """(u, p) with D (u, p) = Lambda* v - l, by an uncondensed solve."""
-    (u, p), (du, dp) = Y.TnT()
-    h = problem.effective_hardening
-    D = BilinearForm(elastic_product(problem, h, u, p, du, dp) * dx).Assemble().mat
-    right = LinearForm(Y)
-    for term in load_terms(problem, du, dp):
-        right += term
-    right += parts[PLASTIC] * dp * dx
-    if CONTACT in parts:
-        right += parts[CONTACT] * (du * problem.normal) * ds("|".join(problem.contact_names))
-    right.Assemble()
-    y = GridFunction(Y)
-    V = Y.components[0]
-    y.components[0].vec.data = prescribed_displacement(problem, V).vec
-    rest = right.vec.CreateVector()
-    rest.data = right.vec - D * y.vec
-    y.vec.data += D.Inverse(Y.FreeDofs(), inverse=solver) * rest
-    return y
-
-
-def _overlap(problem: Problem, y: GridFunction, z: GridFunction) -> BaseVector:
-    """(u.n - psi, w)."""
-    w, on_contact = z.space.TestFunction(), ds("|".join(problem.contact_names))
-    overlap = y.components[0] * problem.normal - problem.psi
-    return LinearForm(overlap * w * on_contact).Assemble().vec
-
-
-def _pull(problem: Problem, w: Weights, z: GridFunction, points: int) -> BaseVector:
-    """(M^1)'(z)."""
-    rules = boundary_rules(problem.N, points)
-    on_contact = ds("|".join(problem.contact_names), intrules=rules)
-    tension = as_scalar(w.contact_shift) + w.contact * z
-    pull = IfPos(tension, tension, 0.0) * z.space.TestFunction()
-    return LinearForm(pull * on_contact).Assemble().vec
-
-
-def _increment(problem: Problem, y: GridFunction, q: GridFunction) -> BaseVector:
-    """(p, r)."""
-    return LinearForm(y.components[1] * q.space.TestFunction() * dx).Assemble().vec
-
-
-def _flow(problem: Problem, w: Weights, q: GridFunction, points: int) -> BaseVector:
-    """(M^2)'(q)."""
-    size = Norm(q) + 1e-300
-    excess = w.plastic_shift + w.plastic * (size - w.yield_bound)
-    gradient = IfPos(excess, excess / size, 0.0) * (q * q.space.TestFunction())
-    return LinearForm(gradient * dx(intrules=fine_rules(problem.N, points))).Assemble().vec
-
-
-_contact_terms, _plastic_terms = (_overlap, _pull), (_increment, _flow)
-
-
 def balance_residual(result: DiscreteSolution) -> float:
     """Nodal forces out of balance over the larger of applied and internal ones.
 
@@ -191,33 +65,8 @@ def balance_residual(result: DiscreteSolution) -> float:
     return float(balance / max(np.linalg.norm(inside), np.linalg.norm(outside), 1e-300))
 
 
-def distance_bound(primal: PrimalResult, dual: DualResult) -> tuple[float, float]:
-    """1/2 |y - y_gamma|_D^2 and what it cannot exceed, for the same problem on one mesh.
-
-    y solves the discrete (2.14) and y_gamma the problem that J*_gamma is the dual of, which
-    differs by hardening 1/gamma_q more, an adhesion (psi - u.n)^2 / (2 gamma_z) and a
-    supremum over fewer dual variables.  Hence what y is worth there is at most
-
-        J(y) + int |p|^2 / (2 gamma_q) + int (psi - u.n)^2 / (2 gamma_z),
-
-    the minimum there is -J*_gamma, and the problem is convex with modulus D.  It holds to
-    round-off on simplices with flat contact, a gap that is linear on each, and no friction.
-    """
-    problem, w = primal.problem, dual.functional.weights
-    mesh, h = problem.mesh, problem.effective_hardening
-    u, p = primal.displacement, primal.plastic_increment
-    worth = energy(problem, u, p) + Integrate(p * p / (2 * w.plastic), mesh)
-    if problem.contact_names:
-        gap = problem.psi - u * problem.normal
-        on_contact = ds("|".join(problem.contact_names))
-        worth += Integrate(gap * gap / (2 * w.contact) * on_contact, mesh)
-    du, dp = u - dual.displacement, p - dual.plastic_increment
-    distance = Integrate(elastic_product(problem, h, du, dp, du, dp), mesh) / 2
-    return distance, worth + dual.dual_energy
-
-
-def feasible_bound(primal: PrimalResult, other: Result) -> tuple[float, float]:
-    """1/2 |y - y'|_D^2 and J(y') - J(y), which it cannot exceed, the other way round.
+def feasible_bound(primal: PrimalResult, other: DiscreteSolution) -> tuple[float, float]:
+    """1/2 |y - y'|_D^2 and J(y') - J(y), which it cannot exceed.
 
     y' is the solution of the other method with nodes that penetrate moved back to the obstacle:
     it is admissible for the primal problem, whose minimum is J(y).

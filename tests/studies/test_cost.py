@@ -1,4 +1,4 @@
-"""The benchmark's arithmetic, its records and its command; no time is judged here."""
+"""The arithmetic of costs, its records and its command; no time is judged here."""
 
 import json
 import math
@@ -8,14 +8,14 @@ import pytest
 from ngepc import lshape_problem, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.geometries import lshape
-from ngepc.studies.benchmark import (
+from ngepc.studies.cost import (
     HEAD,
     NODES,
-    Benchmark,
+    Cost,
     StepClock,
     growth,
     peak_memory,
-    plot_benchmark,
+    plot_cost,
 )
 
 
@@ -57,7 +57,7 @@ def test_peak_memory_counts_a_large_array():
 
 
 def test_plot_has_labels_for_every_line_and_no_values_where_there_are_none():
-    figure = plot_benchmark([cell(n, 1e-5 * n, m) for m in ("default", "1e4")
+    figure = plot_cost([cell(n, 1e-5 * n, m) for m in ("default", "1e4")
                              for n in (1601, 3201)])  # fmt: skip
     for axes in figure.axes[:2]:
         assert all(not line.get_label().startswith("_") for line in axes.lines)
@@ -65,18 +65,18 @@ def test_plot_has_labels_for_every_line_and_no_values_where_there_are_none():
 
 
 def test_command_writes_table_plot_and_records(tmp_path, capsys):
-    arguments = ["study", "benchmark", "--levels", "1", "--modes", "default"]
+    arguments = ["study", "cost", "--levels", "1", "--modes", "default"]
     assert main([*arguments, "--out", str(tmp_path)]) == 0
-    (found,) = json.loads((tmp_path / "benchmark.json").read_text())["cells"]
+    (found,) = json.loads((tmp_path / "cost.json").read_text())["cells"]
     assert (found["nodes"], found["status"]) == (1601, "converged")
     assert found["largest_ratio"] >= found["step_ratio"] > 0
     assert {p.name for p in tmp_path.iterdir() if p.is_file()} == {
-        f"benchmark.{ending}" for ending in ("csv", "md", "json", "png")
+        f"cost.{ending}" for ending in ("csv", "md", "json", "png")
     }
 
 
 def test_what_is_not_there_is_refused(tmp_path):
     with pytest.raises(ValueError, match="1 to 7"):
-        Benchmark(tmp_path, 8)
-    with pytest.raises(ValueError, match="modes"):
-        Benchmark(tmp_path, 1, ["all"])
+        Cost(tmp_path, 8)
+    with pytest.raises(ValueError, match="rows"):
+        Cost(tmp_path, 1, ["all"])

@@ -1,0 +1,159 @@
+"""Volume locking: cantilever, Prandtl's punch and Cook's membrane by elements of order 1 and 2."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from ngsolve import CoefficientFunction, IfPos, Mesh, x, y
+from ngsolve.meshes import MakeStructured2DMesh
+
+from ngepc.discretisation.points import Points
+from ngepc.local.factors import Factors
+from ngepc.local.newton import run
+from ngepc.local.result import ExactResult
+from ngepc.local.start import starting_state
+from ngepc.local.system import DiscreteProblem
+from ngepc.model.material import Material, lame_parameters
+from ngepc.model.problem import Problem
+from ngepc.studies.work import Cell, Outcome, Table, Work, ending, first_of
+
+POISSON = 0.4999
+ELASTIC = {"yield_stress": 1e6, "hardening": 1.0}
+MEAN = ", mean volume"
+KINDS = ("P1", "P2", f"P2{MEAN}", "Q1", f"Q1{MEAN}", "Q2", f"Q2{MEAN}")
+"""Triangles and quadrilaterals of order 1 and 2; mean volume averages tr eps over each element."""
+
+
+def cantilever(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
+    """10 x 1 cells of 1/n, nearly incompressible, held at the left, sheared at the right."""
+    body = mesh(nx=5 * n, ny=n, mapping=lambda s, t: (10 * s, t - 0.5))
+    shear = {"right": (0, 1.5 * (1 - 4 * y * y))}
+    return Problem(body, _material(1000.0, POISSON), "left", shear, order=order)
+
+
+def deflection(result: ExactResult) -> float:
+    """That of the tip over beam theory (plane strain)."""
+    young, nu = 1000.0 / (1 - POISSON**2), POISSON / (1 - POISSON)
+    beam = ((4 + 5 * nu) * 10 / 4 + 2 * 10**3) / (6 * young / 12)
+    return _upwards(result, 10 - 1e-9, 0.0) / beam
+
+
+def punch(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
+    """Half of a smooth punch of width 1, 0.06 down into a block 4 deep, hardly any hardening."""
+    body = mesh(nx=n, ny=n, mapping=lambda s, t: (4 * s, 4 * t - 4))
+    mu = lame_parameters(1000.0, 0.3)[1]
+    soft = _material(1000.0, 0.3, yield_stress=math.sqrt(2), hardening=1e-3 * mu)
+    walls = {"left": (0, None), "right": (0, None)}
+    gap: CoefficientFunction = IfPos(x - 0.5 - 1e-6, 10.0, -0.06)
+    return Problem(body, soft, "bottom", prescribed=walls, contact="top", gap=gap, order=order)
+
+
+def pressure(result: ExactResult) -> float:
+    """The mean pressure over that of Prandtl, (2 + pi) k with k = 1."""
+    return result.contact_force / 0.5 / (2 + math.pi)
+
+
+def cook(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
+    """Cook's membrane with E = 1, nearly incompressible, sheared by 1/16 at the right."""
+    body = mesh(nx=n, ny=n, mapping=lambda s, t: (48 * s, 44 * s + t * (44 - 28 * s)))
+    return Problem(body, _material(1.0, POISSON), "left", {"right": (0, 1 / 16)}, order=order)
+
+
+def tip(result: ExactResult) -> float:
+    """The displacement of its upper right corner."""
+    return _upwards(result, 48 - 1e-9, 60 - 1e-6)
+
+
+TESTS = {
+    "cantilever, tip over beam theory": (cantilever, deflection, (2, 4, 8, 16)),
+    "punch, pressure over (2 + pi) k": (punch, pressure, (8, 16, 32, 64)),
+    "Cook's membrane, tip": (cook, tip, (4, 8, 16, 32)),
+}
+"""Name and what is shown -> the problem, its number, cells along a side."""
+
+
+def _material(
+    young: float, nu: float, yield_stress: float = 1e6, hardening: float = 1.0
+) -> Material:
+    lame_lambda, lame_mu = lame_parameters(young, nu)
+    return Material.kinematic(
+        lame_lambda=lame_lambda, lame_mu=lame_mu, yield_stress=yield_stress, hardening=hardening
+    )
+
+
+def _upwards(result: ExactResult, at_x: float, at_y: float) -> float:
+    return float(result.displacement(result.problem.mesh(at_x, at_y))[1])
+
+
+def solve_with(problem: Problem, mean_volume: bool) -> ExactResult:
+    """The default method at points whose volume strain may be averaged over each element."""
+    parts = problem.mesh, problem.kinematics, problem.order
+    discrete = DiscreteProblem(problem, Points(*parts, mean_volume=mean_volume))
+    factors = Factors(discrete, "sparsecholesky")
+    return run(discrete, starting_state(discrete, None), factors, 1e-10, 300)
+
+
+@dataclass(eq=False)
+class Locking(Work):
+    """The study.
+
+    Parameters
+    ----------
+    levels
+        Meshes of each problem, 1 to 4.
+    """
+
+    levels: int = 3
+
+    name = "locking"
+
+    def cells(self) -> list[Cell]:
+        """All kinds of elements on all meshes of all problems."""
+        meshes = [(test, n) for test, (*_, f) in TESTS.items() for n in first_of(f, self.levels)]
+        return [Cell(f"{test}: {kind}", n) for test, n in meshes for kind in KINDS]
+
+    def solve(self, cell: Cell) -> Outcome:
+        """One problem on one mesh."""
+        test, _, kind = cell.row.partition(": ")
+        build, number, _ = TESTS[test]
+        quads, order, mean = kind.startswith("Q"), int(kind[1]), kind.endswith(MEAN)
+        problem = build(partial(MakeStructured2DMesh, quads=quads), cell.nodes, order)
+        result = solve_with(problem, mean).or_interrupted()
+        return Outcome(
+            {
+                "problem": test,
+                "elements": kind,
+                "cells": cell.nodes,
+                "nodes": problem.mesh.nv,
+                "status": result.status.label,
+                "iterations": result.iterations,
+                "value": number(result),
+            }
+        )
+
+    def line(self, r: dict) -> str:
+        """The number that is shown."""
+        return f"{r['problem']}, {r['cells']} cells, {r['elements']}: {r['value']:.4g}{ending(r)}"
+
+    def table(self, records: Sequence[dict]) -> Table:
+        """One row for each problem and mesh, one column for each kind of element."""
+        found = {(r["problem"], r["cells"], r["elements"]): r for r in records}
+        meshes = dict.fromkeys((r["problem"], r["cells"]) for r in records)
+        entries = {place: f"{r['value']:.3f}{ending(r)}" for place, r in found.items()}
+        return Table(
+            name=self.name,
+            title="Volume locking",
+            head=["problem, what is shown", "cells", *KINDS],
+            rows=[[*place, *(entries[(*place, kind)] for kind in KINDS)] for place in meshes],
+            notes=[
+                "Triangles (P) and quadrilaterals (Q) of order 1 and 2, plane strain; mean volume "
+                "averages tr eps over each element (for order 2 that is one number too few). "
+                "Cantilever 10 x 1 and Cook's membrane: elastic, Poisson's ratio 0.4999; cells "
+                "over the height, along a side. Punch: half of a smooth one of width 1 in a block "
+                "4 x 4, Poisson's ratio 0.3, h / mu = 1e-3; the limit without hardening is 1."
+            ],
+            cells=list(records),
+        )

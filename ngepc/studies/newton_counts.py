@@ -1,0 +1,175 @@
+"""Newton steps of the default method: meshes, nested iteration, small hardening, three dimensions.
+
+Beside it the primal method, and GetFEM 5.4.2 on Example (a) as it was measured.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+from ngsolve import sqrt, x, y
+
+from ngepc.geometries import block
+from ngepc.model.material import Material
+from ngepc.model.problem import Problem
+from ngepc.results.outcome import Result
+from ngepc.studies.examples import BODIES, FAMILIES, TITLES, example, solved
+from ngepc.studies.work import Cell, Outcome, Table, Work, ending, first_of
+
+RATIOS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
+HARDENED_NODES = (833, 3201)
+GETFEM = {833: (11, 0.1), 3201: (15, 0.8), 12545: (22, 4.7)}
+"""Nodes of Example (a) -> Newton steps and CPU seconds of GetFEM 5.4.2 with its best parameter."""
+
+BLOCK_RATIOS = (1e-1, 1e-3)
+BLOCKS = {
+    "tetrahedra": {281: 1, 1745: 2, 12193: 3},
+    "hexahedra": {343: 6, 1728: 11, 12167: 22},
+}
+"""Elements -> nodes -> refinements of a coarse mesh, or cells along an edge."""
+
+HEAD = ("problem", "h / mu", "nodes", "steps", "CPU s", "nested: steps", "CPU s",
+        "primal: steps", "CPU s", "GetFEM: steps", "CPU s")  # fmt: skip
+
+
+def hardened(ratio: float, nodes: int) -> Problem:
+    """Example (a) with the kinematic hardening ``ratio`` mu."""
+    problem = example("lshape", nodes)
+    mu = problem.material.lame_mu
+    return replace(problem, material=replace(problem.material, hardening=ratio * mu))
+
+
+def pressed_block(elements: str, nodes: int, ratio: float) -> Problem:
+    """A sphere of radius 1 pressed 0.03 into the unit cube, which is fixed below."""
+    size = BLOCKS[elements][nodes]
+    if elements == "hexahedra":
+        mesh = block.structured_mesh(size, size, size)
+    else:
+        mesh = block.mesh(0.4)
+        for _ in range(size):
+            mesh.Refine()
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=ratio * 1e3
+    )
+    gap = 1.0 - sqrt(1.0 - (x - 0.5) ** 2 - (y - 0.5) ** 2) - 0.03
+    return Problem(mesh, material, "clamped", contact="contact", gap=gap)
+
+
+@cache
+def nested(name: str, nodes: int) -> Result:
+    """The solution of an example on a mesh, reached through all coarser ones of its family."""
+    family = (BODIES[name].COARSE_NODES, *FAMILIES[name])
+    coarser = family.index(nodes) - 1
+    start = nested(name, family[coarser]) if coarser >= 0 else None
+    return solved("default", example(name, nodes), start)
+
+
+def timed(solve: Callable[[], Result]) -> dict:
+    """Status, steps and processor time (s) of a solve, set-up included."""
+    begin = time.process_time()
+    result = solve().or_interrupted()
+    seconds = time.process_time() - begin
+    return {
+        "status": result.status.label,
+        "iterations": result.iterations,
+        "cpu_s": seconds,
+        "energy": result.primal_energy,
+    }
+
+
+@dataclass(eq=False)
+class NewtonCounts(Work):
+    """The study.
+
+    Parameters
+    ----------
+    levels
+        Meshes of each family, 1 to 6 (blocks: at most 3).
+    """
+
+    levels: int = 3
+
+    name = "counts"
+
+    def cells(self) -> list[Cell]:
+        """Both examples, then small hardening, then blocks."""
+        found = [Cell(name, n) for name, f in FAMILIES.items() for n in first_of(f, self.levels)]
+        found += [Cell(f"lshape, {r:g}", n) for n in HARDENED_NODES for r in RATIOS]
+        blocks = [(e, n) for e, sizes in BLOCKS.items() for n in list(sizes)[: self.levels]]
+        return found + [Cell(f"{e}, {r:g}", n) for r in BLOCK_RATIOS for e, n in blocks]
+
+    def solve(self, cell: Cell) -> Outcome:
+        """By all methods that the table shows for it."""
+        body, _, ratio = cell.row.partition(", ")
+        problem = _problem(body, ratio, cell.nodes)
+        found = {m: timed(lambda m=m: solved(m, problem)) for m in ("default", "primal")}
+        if not ratio:
+            family = (BODIES[body].COARSE_NODES, *FAMILIES[body])
+            nested(body, family[family.index(cell.nodes) - 1])
+            found["nested"] = timed(lambda: nested(body, cell.nodes))
+        name = TITLES.get(body, f"block, {body}")
+        h = float(ratio) if ratio else None
+        return Outcome({"problem": name, "hardening": h, "nodes": problem.mesh.nv, **found})
+
+    def line(self, record: dict) -> str:
+        """The counts."""
+        return ", ".join(map(str, _row(record)))
+
+    def table(self, records: Sequence[dict]) -> Table:
+        """One row for each problem and mesh."""
+        totals = [
+            f"{name}: {sum(r['nested']['iterations'] for r in rows)} nested steps on "
+            f"{len(rows)} meshes, the first one started from {coarse} nodes."
+            for name, coarse, rows in _families(records)
+        ]
+        apart = max(abs(r["default"]["energy"] / r["primal"]["energy"] - 1) for r in records)
+        return Table(
+            name=self.name,
+            title="Newton steps of the default method",
+            head=HEAD,
+            rows=[_row(record) for record in records],
+            notes=[
+                "Cold starts, nested ones from the next coarser mesh, and the primal method; "
+                "tolerance 1e-10 (relative forces out of balance); CPU seconds of one thread, "
+                "set-up included. Rows with h / mu are Example (a) with other hardening, and "
+                "a sphere of radius 1 pressed 0.03 into a unit cube. GetFEM 5.4.2 with its best "
+                "parameter: measured earlier, on a quiet machine, not in this run. 'stagnated': "
+                "the residual has come down to its own rounding, which is above 1e-10 there. "
+                f"The energies of the two methods differ by at most {apart:.1e}, relative.",
+                *totals,
+            ],
+            cells=list(records),
+        )
+
+
+def _problem(body: str, ratio: str, nodes: int) -> Problem:
+    if not ratio:
+        return example(body, nodes)
+    if body == "lshape":
+        return hardened(float(ratio), nodes)
+    return pressed_block(body, nodes, float(ratio))
+
+
+def _families(records: Sequence[dict]) -> list[tuple[str, int, list[dict]]]:
+    """Title, nodes of the coarse mesh and records of each example."""
+    return [
+        (title, BODIES[name].COARSE_NODES, rows)
+        for name, title in TITLES.items()
+        if (rows := [r for r in records if r["problem"] == title and "nested" in r])
+    ]
+
+
+def _row(r: dict) -> list[object]:
+    ratio = "" if r["hardening"] is None else f"{r['hardening']:g}"
+    runs = [r.get(key) for key in ("default", "nested", "primal")]
+    pairs = [
+        text
+        for run in runs
+        for text in (("", "") if run is None else
+                     (f"{run['iterations']}{ending(run)}", f"{run['cpu_s']:.2f}"))
+    ]  # fmt: skip
+    theirs = GETFEM.get(r["nodes"], ("", "")) if r["problem"] == TITLES["lshape"] else ("", "")
+    return [r["problem"], ratio, r["nodes"], *pairs, *(theirs if not ratio else ("", ""))]

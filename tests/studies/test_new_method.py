@@ -1,0 +1,68 @@
+"""The studies of the default method: its counts, and what locks."""
+
+import json
+from functools import partial
+
+import pytest
+from ngsolve.meshes import MakeStructured2DMesh
+
+from ngepc import semismooth_newton
+from ngepc.__main__ import main
+from ngepc.studies.locking import KINDS, Locking, cantilever, deflection, solve_with
+from ngepc.studies.newton_counts import (
+    BLOCKS,
+    NewtonCounts,
+    hardened,
+    nested,
+    pressed_block,
+    timed,
+)
+from ngepc.studies.work import Cell
+
+
+def test_counts_of_one_mesh(tmp_path):
+    study = NewtonCounts(tmp_path, levels=1)
+    record = study.solve(Cell("lshape", 833)).record
+    assert record["nested"]["iterations"] <= record["default"]["iterations"] <= 11
+    assert record["default"]["energy"] == pytest.approx(record["primal"]["energy"], rel=1e-12)
+    table = study.table([record])
+    assert table.rows[0][:3] == ["Example (a)", "", 833]
+    assert table.rows[0][-2:] == [11, 0.1]
+    assert "on 1 meshes, the first one started from 417 nodes" in table.notes[1]
+
+
+def test_blocks_have_the_nodes_they_are_called_by():
+    for elements, sizes in BLOCKS.items():
+        smallest = min(sizes)
+        assert pressed_block(elements, smallest, 0.1).mesh.nv == smallest
+
+
+def test_hardening_is_the_ratio_to_mu():
+    material = hardened(1e-3, 833).material
+    assert material.hardening == pytest.approx(1e-3 * material.lame_mu)
+
+
+def test_nested_solution_is_the_cold_one():
+    cold = timed(lambda: semismooth_newton(nested("wrench", 873).problem))
+    assert nested("wrench", 873).primal_energy == pytest.approx(cold["energy"], rel=1e-12)
+
+
+def test_mean_volume_at_one_point_changes_nothing():
+    """Linear triangles have one integration point: the mean is the value."""
+    problem = cantilever(partial(MakeStructured2DMesh, quads=False), 2, 1)
+    plain, mean = (deflection(solve_with(problem, m)) for m in (False, True))
+    assert plain == mean
+
+
+def test_locking_study(tmp_path):
+    arguments = ["study", "locking", "--levels", "1", "--out", str(tmp_path)]
+    assert main(arguments) == 0
+    cells = json.loads((tmp_path / "locking.json").read_text())["cells"]
+    value = {(c["problem"], c["elements"]): c["value"] for c in cells}
+    beam, soil, _ = dict.fromkeys(c["problem"] for c in cells)
+    assert set(KINDS) == {elements for _, elements in value}
+    assert value[beam, "P1"] < 0.05 < 0.85 < value[beam, "P2"] < 1
+    assert value[beam, "Q1"] < 0.05 < 0.85 < value[beam, "Q1, mean volume"] < 1
+    assert value[soil, "P1"] > 2 > 1.4 > value[soil, "Q1, mean volume"] > 1
+    with pytest.raises(ValueError, match="levels=5"):
+        Locking(tmp_path, 5).cells()

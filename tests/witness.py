@@ -1,0 +1,159 @@
+"""An independent look at regularised results: residual and error bound assembled the plain way.
+
+Nothing here uses the solvers' own assembly.  The residual Psi_gamma is integrated with all the
+quadrature points on every element, no element is sorted out, D is neither condensed nor shared.
+"""
+
+import math
+from dataclasses import dataclass
+
+from ngsolve import (
+    BilinearForm,
+    GridFunction,
+    IfPos,
+    InnerProduct,
+    Integrate,
+    LinearForm,
+    Norm,
+    ds,
+    dx,
+)
+
+from ngepc.discretisation.quadrature import boundary_rules, fine_rules
+from ngepc.discretisation.spaces import prescribed_displacement
+from ngepc.dual.blocks import load_terms
+from ngepc.dual.parts import CONTACT, PLASTIC
+from ngepc.model.problem import as_scalar
+from ngepc.studies.verification.witness import elastic_product, energy
+
+POINTS = 400
+
+
+@dataclass(frozen=True)
+class WitnessedResidual:
+    """A residual norm and the size of what rounding may leave of it.
+
+    Parameters
+    ----------
+    norm
+        ||Psi_gamma(v)||_{H*}.
+    rounding
+        The norm of the difference that another direct solver for y makes.
+    """
+
+    norm: float
+    rounding: float
+
+
+def dual_residual(result, points=POINTS):
+    """The residual of the dual variable v alone.
+
+    Parameters
+    ----------
+    result
+        A result without friction; only ``v`` and the spaces are taken from it.
+    points
+        Quadrature points for M^2 on each element.
+    """
+    blocks, w, problem = result.functional.blocks, result.functional.weights, result.problem
+    parts = {name: GridFunction(part.space) for name, part in blocks.parts.items()}
+    for name, part in parts.items():
+        part.vec.data = blocks.part_of(result.v, name)
+    y, other = (
+        _primal_of(problem, blocks.Y, parts, solver) for solver in ("umfpack", "sparsecholesky")
+    )
+    total, rounding = 0.0, 0.0
+    for name, part in parts.items():
+        inverse = blocks.B[name].Inverse(part.space.FreeDofs(), inverse="umfpack")
+        linear, penalty = _contact_terms if name == CONTACT else _plastic_terms
+        r, twin = linear(problem, y, part), linear(problem, other, part)
+        twin -= r
+        rounding += _norm_squared(twin, inverse)
+        r.data += 1 / w.tichonov * (blocks.B[name] * part.vec)
+        r += penalty(problem, w, part, points)
+        total += _norm_squared(r, inverse)
+    return WitnessedResidual(math.sqrt(total), math.sqrt(rounding))
+
+
+def _norm_squared(r, inverse):
+    riesz = r.CreateVector()
+    riesz.data = inverse * r
+    return max(0.0, InnerProduct(riesz, r))
+
+
+def _primal_of(problem, Y, parts, solver):
+    """(u, p) with D (u, p) = Lambda* v - l, by an uncondensed solve."""
+    (u, p), (du, dp) = Y.TnT()
+    h = problem.effective_hardening
+    D = BilinearForm(elastic_product(problem, h, u, p, du, dp) * dx).Assemble().mat
+    right = LinearForm(Y)
+    for term in load_terms(problem, du, dp):
+        right += term
+    right += parts[PLASTIC] * dp * dx
+    if CONTACT in parts:
+        right += parts[CONTACT] * (du * problem.normal) * ds("|".join(problem.contact_names))
+    right.Assemble()
+    y = GridFunction(Y)
+    V = Y.components[0]
+    y.components[0].vec.data = prescribed_displacement(problem, V).vec
+    rest = right.vec.CreateVector()
+    rest.data = right.vec - D * y.vec
+    y.vec.data += D.Inverse(Y.FreeDofs(), inverse=solver) * rest
+    return y
+
+
+def _overlap(problem, y, z):
+    """(u.n - psi, w)."""
+    w, on_contact = z.space.TestFunction(), ds("|".join(problem.contact_names))
+    overlap = y.components[0] * problem.normal - problem.psi
+    return LinearForm(overlap * w * on_contact).Assemble().vec
+
+
+def _pull(problem, w, z, points):
+    """(M^1)'(z)."""
+    rules = boundary_rules(problem.N, points)
+    on_contact = ds("|".join(problem.contact_names), intrules=rules)
+    tension = as_scalar(w.contact_shift) + w.contact * z
+    pull = IfPos(tension, tension, 0.0) * z.space.TestFunction()
+    return LinearForm(pull * on_contact).Assemble().vec
+
+
+def _increment(problem, y, q):
+    """(p, r)."""
+    return LinearForm(y.components[1] * q.space.TestFunction() * dx).Assemble().vec
+
+
+def _flow(problem, w, q, points):
+    """(M^2)'(q)."""
+    size = Norm(q) + 1e-300
+    excess = w.plastic_shift + w.plastic * (size - w.yield_bound)
+    gradient = IfPos(excess, excess / size, 0.0) * (q * q.space.TestFunction())
+    return LinearForm(gradient * dx(intrules=fine_rules(problem.N, points))).Assemble().vec
+
+
+_contact_terms, _plastic_terms = (_overlap, _pull), (_increment, _flow)
+
+
+def distance_bound(primal, dual):
+    """1/2 |y - y_gamma|_D^2 and what it cannot exceed, for the same problem on one mesh.
+
+    y solves the discrete (2.14) and y_gamma the problem that J*_gamma is the dual of, which
+    differs by hardening 1/gamma_q more, an adhesion (psi - u.n)^2 / (2 gamma_z) and a
+    supremum over fewer dual variables.  Hence what y is worth there is at most
+
+        J(y) + int |p|^2 / (2 gamma_q) + int (psi - u.n)^2 / (2 gamma_z),
+
+    the minimum there is -J*_gamma, and the problem is convex with modulus D.  It holds to
+    round-off on simplices with flat contact, a gap that is linear on each, and no friction.
+    """
+    problem, w = primal.problem, dual.functional.weights
+    mesh, h = problem.mesh, problem.effective_hardening
+    u, p = primal.displacement, primal.plastic_increment
+    worth = energy(problem, u, p) + Integrate(p * p / (2 * w.plastic), mesh)
+    if problem.contact_names:
+        gap = problem.psi - u * problem.normal
+        on_contact = ds("|".join(problem.contact_names))
+        worth += Integrate(gap * gap / (2 * w.contact) * on_contact, mesh)
+    du, dp = u - dual.displacement, p - dual.plastic_increment
+    distance = Integrate(elastic_product(problem, h, du, dp, du, dp), mesh) / 2
+    return distance, worth + dual.dual_energy
