@@ -62,7 +62,7 @@ def test_the_data_go_to_their_extremes():
 @pytest.mark.parametrize("row", ROWS)
 def test_every_cell_ends_in_a_named_status_with_a_state(row, method):
     result = solve(CASES[row], method, LIMIT, CELLS)
-    last = getattr(result, "result", result)
+    last = getattr(result, "last", result)
     assert isinstance(result.status, Status)
     assert np.isfinite(state(last)).all()
     assert math.isfinite(last.primal_energy)
