@@ -151,7 +151,9 @@ class Robustness(Work):
             {
                 "row": row,
                 "method": method,
-                "iterations": result.total_inner_iterations if method == "path" else result.iterations,
+                "iterations": result.total_inner_iterations
+                if method == "path"
+                else result.iterations,
                 "status": result.status.label,
                 "residual": last.residual_norm,
                 "plastic": last.history.records[-1].plastic_active,
