@@ -139,6 +139,9 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
         If ``result`` is none.
     ValueError
         For what no bound covers, naming the argument of the problem.
+    RuntimeError
+        If rounding leaves the stress out of equilibrium, or supports keep the displacement from
+        clearing the obstacle.
     """
     problem = getattr(result, "problem", None)
     if not isinstance(problem, Problem):
@@ -168,9 +171,7 @@ def bound_of_state(
     discrete, u = setting.discrete, setting.feasible(given.u)
     moved = float(np.abs(u - given.u).max(initial=0.0))
     state = (
-        given
-        if moved <= given.touching_distance
-        else discrete.state(u, contact=given.multipliers)
+        given if moved <= given.touching_distance else discrete.state(u, contact=given.multipliers)
     )
     tangent.update(discrete.law.moduli(state.at, state.yielding))
     P = setting.pressure(state.multipliers)

@@ -12,7 +12,7 @@ from ngepc.geometries import block, lshape
 from ngepc.local.system import DiscreteProblem
 from ngepc.studies.bounds import LIMITS
 
-LIMIT = LIMITS["a"]
+LIMIT = LIMITS["lshape"]
 MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
 
 

@@ -7,7 +7,7 @@ import pytest
 from netgen.geom2d import SplineGeometry
 from ngsolve import CF, IfPos, Mesh, x, y
 
-from ngepc import Coulomb, Material, Problem, Status, primal_newton, semismooth_newton
+from ngepc import Coulomb, Material, Problem, Status, evolve, primal_newton, semismooth_newton
 from ngepc.geometries import block
 
 MU, PRESSURE = 100.0, 4.0
@@ -176,6 +176,17 @@ def test_same_load_again_changes_nothing():
     bulge = [np.abs(r.rows.slip(r.state.u)).max() for r in (first, kept, fresh)]
     assert bulge[0] == pytest.approx(bulge[1], rel=0.02)
     assert bulge[2] < 0.96 * bulge[0]
+
+
+def test_histories_remember_where_the_body_stuck():
+    """Two steps of ``evolve`` with friction; the same load a second time changes nothing."""
+    problem = pressed((6, 3), Coulomb(0.3))
+    history = evolve(problem, [(1.0, {}), (2.0, {"gap": -0.018}), (3.0, {"gap": -0.018})])
+    assert history.status is Status.CONVERGED
+    first, second, third = (step.fields for step in history.steps)
+    assert second.problem.initial_displacement is first.displacement
+    u, again = (f.displacement.vec.FV().NumPy() for f in (second, third))
+    assert np.abs(u - again).max() < 1e-12 * np.abs(u).max()
 
 
 def test_turned_bodies_give_turned_solutions():

@@ -5,7 +5,16 @@ import pytest
 from netgen.occ import Box, Circle, Compound, Glue, MoveTo, OCCGeometry, Rectangle, X, Y, Z
 from ngsolve import Mesh
 
-from ngepc import Contact, Coulomb, Material, Problem, Status, primal_newton, semismooth_newton
+from ngepc import (
+    Contact,
+    Coulomb,
+    Material,
+    Problem,
+    Status,
+    evolve,
+    primal_newton,
+    semismooth_newton,
+)
 
 LAMBDA, MU, SQUEEZE = 1000.0, 500.0, 0.02
 NU = LAMBDA / (2 * (LAMBDA + MU))
@@ -173,6 +182,20 @@ def test_bad_pairs_are_refused(name):
     with pytest.raises(error) as caught:
         solved(Problem(squares(), ELASTIC, None, prescribed=prescribed, contact=[pair]))
     assert message in str(caught.value)
+
+
+def test_the_regularised_method_refuses_pairs():
+    with pytest.raises(ValueError, match="rigid obstacles only"):
+        semismooth_newton(stacked(2), gamma=1e3)
+
+
+def test_histories_and_summaries_know_pairs(tmp_path):
+    problem = stacked(2, load=10.0, friction=Coulomb(0.3))
+    steps = [(1.0, {"traction": {"top": (0.0, -5.0)}}), (2.0, {})]
+    history = evolve(problem, steps, checkpoint=tmp_path / "history.npz")
+    assert history.status is Status.CONVERGED
+    assert [step.record.contact_force for step in history.steps] == pytest.approx([5.0, 10.0])
+    assert "contact force 10" in repr(solved(problem))
 
 
 def test_a_gap_is_for_obstacles_and_a_part_that_touches_nothing_is_refused():
