@@ -23,7 +23,7 @@ COMMANDS = {
     "solve": (solve, "solve one problem on one mesh"),
     "path": (path, "follow the path in gamma on one mesh"),
     "study": (study, "remake a table or figure of the paper, count, compare, measure"),
-    "report": (report, "write one HTML file about a saved run or a finished study"),
+    "report": (report, "write one HTML file about a saved run"),
     "notebooks": (notebooks, "copy the notebooks to a folder"),
 }
 

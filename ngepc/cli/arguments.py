@@ -70,13 +70,7 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 
 def say(line: str) -> None:
-    """One line of progress on standard error.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If Ctrl-C has been pressed and was lost on its way.
-    """
+    """One line of progress on standard error; KeyboardInterrupt if Ctrl-C was lost on its way."""
     sys.stderr.write(line + "\n")
     sys.stderr.flush()
     raise_if_pressed()
@@ -87,6 +81,14 @@ def say_nothing(line: str) -> None:
     raise_if_pressed()
 
 
+def ending(command: str, status: str, done: str, how: str) -> int:
+    """The exit status of a run; after Ctrl-C with a line that says how to go on."""
+    if status != "stopped":
+        return 0 if status == "converged" else 1
+    sys.stderr.write(f"ngepc {command}: stopped by you after {done}; {how}\n")
+    return 130
+
+
 def name_written(paths: Iterable[Path]) -> None:
     """One line on standard output for each file that was written."""
     sys.stdout.write("".join(f"wrote {path}\n" for path in paths))
@@ -95,16 +97,8 @@ def name_written(paths: Iterable[Path]) -> None:
 def report(record: dict, lines: dict[str, object], target: Path | None, quiet: bool) -> None:
     """Some lines and the message of a record on standard output, all of it as JSON in a file.
 
-    Parameters
-    ----------
-    record
-        The whole record.
-    lines
-        Label -> what is printed after it.
-    target
-        The file; '-' puts the JSON on standard output instead, None leaves it out.
-    quiet
-        Whether to print nothing but JSON.
+    ``lines`` maps labels to what is printed after them; ``target`` '-' puts the JSON on standard
+    output instead, None leaves it out; ``quiet`` leaves out the lines.
     """
     from ngepc.results import records
 

@@ -25,15 +25,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def copy_notebooks(folder: Path, force: bool = False, solutions: bool = False) -> list[Path]:
     """Copy all notebooks and exercises; returns the copies.
 
-    Parameters
-    ----------
-    folder
-        Where to; it is made if missing.
-    force
-        Whether to replace files that are there already.
-    solutions
-        Whether to copy the solutions of the exercises, too.
-
     Raises
     ------
     FileExistsError

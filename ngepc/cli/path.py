@@ -1,7 +1,6 @@
 """``ngepc path``: follow the path in gamma by Algorithm 7.2."""
 
 import argparse
-import sys
 import time
 
 from ngepc.cli.arguments import (
@@ -9,6 +8,7 @@ from ngepc.cli.arguments import (
     add_json,
     check_targets,
     count,
+    ending,
     location,
     positive,
     report,
@@ -66,27 +66,13 @@ def run(args: argparse.Namespace) -> int:
              "primal_energy", "contact_force", "wall_time_s")  # fmt: skip
     lines = {key.replace("_", " "): record[key] for key in shown}
     report(record, lines, args.json, args.quiet)
-    if record["status"] != "stopped":
-        return 0 if record["status"] == "converged" else 1
     kept = "give --checkpoint FILE next time to be able to go on"
     how = kept if args.checkpoint is None else "resume with the same command"
-    done = len(path.steps)
-    sys.stderr.write(f"ngepc path: stopped by you after {done} values of gamma; {how}\n")
-    return 130
+    return ending("path", record["status"], f"{len(path.steps)} values of gamma", how)
 
 
 def path_record(name: str, path: object, wall_time: float) -> dict:
-    """A path as a dictionary: its own records first, then the fields of its last solve.
-
-    Parameters
-    ----------
-    name
-        Name of the problem.
-    path
-        A PathResult.
-    wall_time
-        Seconds for the whole path.
-    """
+    """A path as a dictionary: its own records first, then the fields of its last solve."""
     from ngepc.results import records
 
     names = ("message", "outer_iterations", "inner_iterations", "total_inner_iterations",

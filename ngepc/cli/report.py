@@ -1,4 +1,4 @@
-"""``ngepc report RUN``: one HTML file about a saved run or a finished study."""
+"""``ngepc report RUN``: one HTML file about a saved run."""
 
 import argparse
 
@@ -6,7 +6,6 @@ from ngepc.cli.arguments import location, name_written
 
 EXAMPLES = """examples:
   ngepc solve lshape --save run.npz && ngepc report run.npz
-  ngepc study table1 --out out/demo && ngepc report out/demo
 """
 
 NUMBERS = ("status", "iterations", "residual_norm", "dual_energy", "primal_energy",
@@ -16,7 +15,7 @@ PROVENANCE = ("command", "version", "ngsolve", "numpy", "python")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    text = "file of ngepc solve --save, or folder of table1"
+    text = "file of ngepc solve --save"
     parser.add_argument("run_file", metavar="RUN", type=location, help=text)
     parser.add_argument("--out", type=location, help="the HTML file; default beside RUN")
 
@@ -24,13 +23,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the report and name it."""
     from ngepc.pictures.report import solution_sections, write_report
-    from ngepc.studies.counts import folder_report
     from ngepc.studies.examples import THRESHOLDS, example
     from ngepc.studies.runs import load_run
 
-    if args.run_file.is_dir():
-        name_written([folder_report(args.run_file, args.out or args.run_file / "report.html")])
-        return 0
     record, result = load_run(args.run_file, example)
     numbers = [{"what": key.replace("_", " "), "value": record[key]} for key in NUMBERS]
     path = write_report(

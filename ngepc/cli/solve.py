@@ -14,6 +14,7 @@ from ngepc.cli.arguments import (
     add_json,
     check_targets,
     count,
+    ending,
     location,
     name_written,
     positive,
@@ -35,21 +36,16 @@ EXAMPLES = """examples:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_body(parser)
-    parser.add_argument(
-        "--method", choices=("default", "primal"), default="default", help="default: default"
-    )
-    parser.add_argument("--gamma", type=positive, help="the paper's method, regularised by gamma")
-    parser.add_argument(
-        "--start",
-        metavar="START",
-        default="zero",
-        help="zero, coarse (the solution on the paper's coarse mesh), or a file of --save",
-    )
-    parser.add_argument("--tolerance", type=positive, default=1e-10, help="default 1e-10")
-    parser.add_argument("--max-iterations", type=count, default=300, help="default 300")
+    add, methods = parser.add_argument, ("default", "primal")
+    add("--method", choices=methods, default="default", help="default: default")
+    add("--gamma", type=positive, help="the paper's method, regularised by gamma")
+    text = "zero, coarse (the solution on the paper's coarse mesh), or a file of --save"
+    add("--start", metavar="START", default="zero", help=text)
+    add("--tolerance", type=positive, default=1e-10, help="default 1e-10")
+    add("--max-iterations", type=count, default=300, help="default 300")
     add_json(parser)
-    parser.add_argument("--save", metavar="FILE", type=location, help="keep the run in a .npz file")
-    parser.add_argument("--figures", metavar="DIR", type=location, help="write PNG figures there")
+    add("--save", metavar="FILE", type=location, help="keep the run in a .npz file")
+    add("--figures", metavar="DIR", type=location, help="write PNG figures there")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -74,7 +70,10 @@ def run(args: argparse.Namespace) -> int:
     written = _files(args, method, record, result)
     if not args.quiet and str(args.json) != "-":
         name_written(written)
-    return _ending(args, record)
+    how = "give --save FILE next time to be able to go on"
+    if args.save is not None:
+        how = f"resume with: {record['command']} --start {args.save}"
+    return ending("solve", record["status"], f"step {record['iterations']}", how)
 
 
 def _method(args: argparse.Namespace) -> str:
@@ -146,15 +145,3 @@ def _files(args: argparse.Namespace, method: str, record: dict, result: Result) 
             save_figure(f, args.figures / f"{args.problem}_{name}.png") for name, f in figures
         ]
     return written
-
-
-def _ending(args: argparse.Namespace, record: dict) -> int:
-    """The exit status; after Ctrl-C with a line that says how to go on."""
-    if record["status"] != "stopped":
-        return 0 if record["status"] == "converged" else 1
-    how = "give --save FILE next time to be able to go on"
-    if args.save is not None:
-        words = " ".join(word for word in (record["command"], f"--start {args.save}"))
-        how = f"resume with: {words}"
-    sys.stderr.write(f"ngepc solve: stopped by you after step {record['iterations']}; {how}\n")
-    return 130

@@ -37,11 +37,6 @@ def plot_history(
         A History, or label -> History.
     tolerance
         Drawn as a horizontal line when given.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If there is no history, or one without a record, or the tolerance is no number > 0.
     """
     histories = {"": histories} if isinstance(histories, History) else histories
     require_mapping("histories", histories, "label -> History, or a History")
@@ -108,16 +103,8 @@ def plot_progress(
 ) -> Figure:
     """The active sets on the body, residual norms and step lengths, for monitors.
 
-    Parameters
-    ----------
-    result
-        Any iterate: a result of a solver, or the snapshot of a record.
-    runs
-        Histories one after the other, such as those of a path; by default that of ``result``.
-    tolerance
-        Drawn as a line when given.
-    deformation_scale
-        Factor >= 0 on the displacement.
+    ``result`` is any iterate, ``runs`` are histories one after the other, such as those of a path;
+    by default that of ``result``.
     """
     require_attributes("result", result, ("problem", "history", "yield_excess"), "a result")
     histories = [result.history] if runs is None else runs
@@ -150,11 +137,6 @@ def plot_counts(
     ----------
     counts, paper
         Label (such as 'gamma = 1e4') -> number of nodes -> steps.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``counts`` is empty, or no mapping of this kind.
     """
     require_mapping("counts", counts, "label -> (number of nodes -> steps)")
     paper = {} if paper is None else paper
@@ -195,19 +177,7 @@ def plot_contact_pressure(
     """The contact pressure (positive in compression) along the contact boundary of 2D bodies.
 
     The position is the arc length from the end with the smaller x (then y); several contact
-    boundaries and several results are separate curves.
-
-    Parameters
-    ----------
-    sources
-        A result with ``contact_pressure``, or label -> result.
-    units
-        Names of the units.
-
-    Raises
-    ------
-    ValueError
-        For problems without contact boundary and for 3D bodies.
+    boundaries and several results (label -> result) are separate curves.
     """
     units = unit_names(units)
     if not isinstance(sources, Mapping):

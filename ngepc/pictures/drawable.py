@@ -64,20 +64,9 @@ KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class Drawable:
-    """A scalar coefficient on a mesh with what to write beside it.
+    """A scalar coefficient with its label, with and without mathematics, and its colour map.
 
-    Parameters
-    ----------
-    coefficient
-        Scalar coefficient in the body.
-    label
-        Text for the colour bar, mathematics between dollar signs.
-    plain_label
-        The same without mathematics.
-    signed
-        Whether both signs are equally welcome (components of vectors and matrices).
-    colormap
-        Name of the matplotlib colour map that suits it.
+    ``signed`` says whether both signs are equally welcome (components of vectors and matrices).
     """
 
     coefficient: CoefficientFunction
@@ -101,11 +90,6 @@ def drawable(
 
     Vectors and matrices are drawn by their Euclidean and Frobenius norms, their components by
     names such as 'displacement_x' and 'stress_xy'.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``field`` is neither a coefficient nor the name of a field of ``source``.
     """
     units = unit_names(units)
     if isinstance(field, CoefficientFunction):
@@ -161,12 +145,7 @@ def _plain(kind: FieldKind, component: str) -> str:
 def fields_of(source: object, name: str = "source") -> Fields:
     """The recovered fields of a result, or ``source`` itself if it is ``Fields``.
 
-    ``name`` is what an error calls it.
-
-    Raises
-    ------
-    TypeError
-        If ``source`` is neither.
+    ``name`` is what the TypeError for anything else calls it.
     """
     fields = source if isinstance(source, Fields) else getattr(source, "fields", None)
     if not isinstance(fields, Fields):
@@ -175,26 +154,14 @@ def fields_of(source: object, name: str = "source") -> Fields:
 
 
 def require_sources(sources: object) -> None:
-    """Accept a mapping of text -> result or ``Fields``, with at least one entry.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none, or empty.
-    """
+    """Accept a mapping of text -> result or ``Fields``, with at least one entry."""
     require_mapping("sources", sources, "text -> result")
     for label, source in sources.items():
         fields_of(source, f"sources[{label!r}]")
 
 
 def field_of(source: object, name: str) -> CoefficientFunction:
-    """A field by name: the solver's own approximation where it has one, else the recovered one.
-
-    Raises
-    ------
-    ValueError
-        If the source has neither.
-    """
+    """A field by name: the solver's own approximation where it has one, else the recovered one."""
     for owner in (source, fields_of(source)):
         found = getattr(owner, name, None)
         if isinstance(found, CoefficientFunction):

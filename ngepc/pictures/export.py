@@ -13,7 +13,6 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
-from xml.sax.saxutils import quoteattr
 
 from ngsolve import CF, CoefficientFunction, VTKOutput
 
@@ -36,7 +35,7 @@ _DATA = b'<AppendedData encoding="raw">\n_'
 
 
 def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = FIELDS) -> Path:
-    """Write the fields of a result to a VTU file.
+    """Write the fields of a result to a VTU file; returns its path.
 
     Parameters
     ----------
@@ -47,15 +46,8 @@ def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = 
     fields
         Names of fields, see ``drawable.KINDS``.
 
-    Returns
-    -------
-    Path
-        The file, which exists and has the mesh and all the fields.
-
     Raises
     ------
-    TypeError, ValueError
-        If ``path`` does not end in '.vtu', a field is unknown, or an argument of the wrong kind.
     OSError
         If the file could not be written completely.
     """
@@ -91,16 +83,6 @@ def export_series(
         The collection, ending in '.pvd'; the steps stand beside it as '<stem>_0000.vtu', ...
     fields
         Names of fields.
-
-    Returns
-    -------
-    Path
-        The collection.
-
-    Raises
-    ------
-    ValueError
-        If there are no results, or ``path`` does not end in '.pvd'.
     """
     path = require_path("path", path, ".pvd")
     check_names(fields)
@@ -112,17 +94,14 @@ def export_series(
     for time, source in steps.items():
         require_number("times in sources", time)
         fields_of(source, f"sources[{time!r}]")
-    lines = []
+    root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
+    collection = ElementTree.SubElement(root, "Collection")
     for number, (time, source) in enumerate(steps.items()):
         name = f"{path.stem}_{number:04d}.vtu"
         export_vtu(source, path.with_name(name), fields)
-        lines.append(f'    <DataSet timestep="{float(time)!r}" part="0" file={quoteattr(name)}/>')
-    text = (
-        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
-        + "\n".join(lines)
-        + "\n  </Collection>\n</VTKFile>\n"
-    )
-    write_text(path, text)
+        place = {"timestep": repr(float(time)), "part": "0", "file": name}
+        ElementTree.SubElement(collection, "DataSet", place)
+    write_text(path, '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode"))
     return path
 
 

@@ -133,21 +133,9 @@ def plot_plastic_zone(
     units: UnitNames | None = None,
     axes: Axes | None = None,
 ) -> Figure:
-    """The part of the body where |p|_F exceeds ``threshold``, dark, as in Figures 2 and 6.
+    """The part of the body where |p|_F exceeds ``threshold`` >= 0, dark, as in Figures 2 and 6.
 
-    Parameters
-    ----------
-    source
-        Result of a solver, or ``Fields``.
-    threshold
-        Number >= 0 (1).
-    deformation_scale, title, units, axes
-        As for ``plot_field``.
-
-    Raises
-    ------
-    ValueError
-        If the threshold is negative.
+    The other arguments are those of ``plot_field``.
     """
     scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
     require_number("threshold", threshold, 0.0)
@@ -172,20 +160,8 @@ def plot_active_sets(
 ) -> Figure:
     """The active sets: dark where the body yields in this step, orange where it is in contact.
 
-    Parameters
-    ----------
-    result
-        A result of a solver, or the snapshot of an iterate.
-    deformation_scale
-        Factor >= 0 on the displacement; by default the body before the deformation, which stays
-        where it is while iterates come and go.
-    title, units, axes
-        As for ``plot_field``.
-
-    Raises
-    ------
-    ValueError
-        If ``deformation_scale`` is negative.
+    ``result`` is a result of a solver or the snapshot of an iterate.  By default it is drawn before
+    the deformation, where it stays while iterates come and go.
     """
     scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
     check_drawing(axes, title=title)
@@ -199,9 +175,7 @@ def plot_active_sets(
     if fields.problem.N == 3:
         classes[pushed] = 2.0
     axes = _draw_classes(axes, result, sampled, classes, SET_COLOURS, scale)
-    words = (
-        "yields (dark), in contact (orange)" if fields.problem.contact_names else "yields (dark)"
-    )
+    words = "yields (dark)" + ", in contact (orange)" * bool(fields.problem.contact_names)
     _decorate(axes, result, scale, units, title, words)
     if fields.problem.N == 2:
         lines = touching.deformed(scale)[pushed]
@@ -219,19 +193,9 @@ def plot_comparison(
     vmax: float | None = None,
     units: UnitNames | None = None,
 ) -> Figure:
-    """The same field of several results side by side on one colour scale.
+    """The same field of several results (title -> result) side by side on one colour scale.
 
-    Parameters
-    ----------
-    sources
-        Title -> result or ``Fields``.
-    field, deformation_scale, vmin, vmax, units
-        As for ``plot_field``.
-
-    Raises
-    ------
-    ValueError
-        If there is nothing to compare.
+    The other arguments are those of ``plot_field``.
     """
     require_sources(sources)
     scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
@@ -239,21 +203,12 @@ def plot_comparison(
     corners = {t: body_corners(fields_of(s), what[t].coefficient) for t, s in sources.items()}
     first, sample = next(iter(what.values())), next(iter(corners.values()))
     limits = colour_range(*corners.values(), vmin=vmin, vmax=vmax, symmetric=first.signed)
-    width, height = body_size(sample, scale)
-    rows = math.ceil(len(sources) / 3)
-    columns = math.ceil(len(sources) / rows)
-    shrink = min(1.0, 3.6 / width) if columns > 2 else 1.0
-    size = (shrink * width * columns + 0.8, shrink * height * rows)
-    figure = Picture(figsize=size, layout="compressed")
-    projection = {"projection": "3d"} if sample.points.shape[2] == 3 else {}
-    panels = figure.subplots(rows, columns, squeeze=False, subplot_kw=projection).ravel()
-    for panel in panels[len(sources) :]:
-        panel.set_axis_off()
-    for panel, (title, sampled) in zip(panels, corners.items(), strict=False):
+    panels = _panels(len(sources), sample, scale)
+    for panel, (title, sampled) in zip(panels, corners.items(), strict=True):
         patch = _draw(panel, sources[title], sampled, limits, first.colormap, scale, False)
         _decorate(panel, sources[title], scale, units, title)
-    shown = list(panels[: len(sources)])
-    bar = figure.colorbar(patch, ax=shown, extend=limits.extend, shrink=0.85, aspect=30)
+    figure = panels[0].figure
+    bar = figure.colorbar(patch, ax=panels, extend=limits.extend, shrink=0.85, aspect=30)
     _label_bar(bar, first.label)
     return figure
 
@@ -295,6 +250,19 @@ def body_size(corners: Corners, scale: float) -> tuple[float, float]:
     width, height = np.ptp(both, axis=0)
     unit = min(6.0 / width, 4.0 / height)
     return max(3.5, unit * width + 0.8), max(2.2, unit * height + 0.8)
+
+
+def _panels(count: int, sample: Corners, scale: float) -> list[Axes]:
+    """Axes of a new figure for several bodies, at most three in a row."""
+    width, height = body_size(sample, scale)
+    rows = math.ceil(count / 3)
+    columns = math.ceil(count / rows)
+    shrink = min(1.0, 3.6 / width) if columns > 2 else 1.0
+    size = (shrink * width * columns + 0.8, shrink * height * rows)
+    projection = "3d" if sample.points.shape[2] == 3 else None
+    figure = Picture(figsize=size, layout="compressed")
+    places = range(1, count + 1)
+    return [figure.add_subplot(rows, columns, k, projection=projection) for k in places]
 
 
 def _body_axes(corners: Corners, scale: float, *, bar: bool) -> Axes:

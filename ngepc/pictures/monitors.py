@@ -62,11 +62,6 @@ def table_monitor(stream: TextIO | None = None) -> RecordMonitor:
     """A monitor that writes one aligned line for each iterate, with a heading at the start.
 
     ``stream`` is where to; standard error by default.
-
-    Raises
-    ------
-    TypeError
-        If ``stream`` cannot be written to.
     """
     check_stream(stream)
     widths = [int(form.split(".")[0].rstrip("defg")) for _, _, form in COLUMNS]
@@ -193,17 +188,7 @@ def live_plot_monitor(interval: float = 0.3, tolerance: float | None = None) -> 
 def watch(results: Iterable[object], draw: Callable[[object], Figure]) -> object:
     """Draw each result as it comes, in one place of a notebook, and return the last one.
 
-    Parameters
-    ----------
-    results
-        Results one after the other: load steps, a path.
-    draw
-        What to draw of each, such as ``ngepc.pictures.plot_progress``.
-
-    Raises
-    ------
-    ValueError
-        If there was no result.
+    ``draw`` is what to draw of each, such as ``ngepc.pictures.plot_progress``.
     """
     require_attributes("results", results, ("__iter__",), "a sequence of results")
     require_function("draw", draw, "a result")
@@ -217,14 +202,9 @@ def watch(results: Iterable[object], draw: Callable[[object], Figure]) -> object
 
 def _shown(handle: object, figure: Figure) -> object:
     """Show a figure in its place of the running notebook; returns the handle of that place."""
-    if handle is None:
-        return _display(figure)
-    handle.update(figure)
-    return handle
-
-
-def _display(figure: Figure) -> object:
-    """Show a figure in the running notebook; returns the handle that updates it."""
+    if handle is not None:
+        handle.update(figure)
+        return handle
     try:
         from IPython.display import display
     except ImportError as error:

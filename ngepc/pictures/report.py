@@ -8,8 +8,6 @@ from __future__ import annotations
 import base64
 import html
 import io
-import math
-import numbers
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -45,7 +43,7 @@ Section = tuple[str, Sequence[object]]
 def write_report(
     path: str | os.PathLike, title: str, *sections: Section, subtitle: str = "", footer: str = ""
 ) -> Path:
-    """Write a report from sections.
+    """Write a report from sections to an HTML file; returns its path.
 
     Parameters
     ----------
@@ -57,17 +55,10 @@ def write_report(
         Pairs (heading, contents); each piece of contents is text, a list of dictionaries, a
         figure, the path of a PNG file, a ``View`` or a ``Problem``.
 
-    Returns
-    -------
-    Path
-        The file.
-
     Raises
     ------
-    TypeError, ValueError
-        If a piece is none of these, or another argument is not legal.
-    OSError
-        If a picture cannot be read, or the report not be written.
+    TypeError
+        If a piece is none of these.
     """
     path = require_path("path", path)
     for name, text in (("title", title), ("subtitle", subtitle), ("footer", footer)):
@@ -89,12 +80,7 @@ def write_report(
 def standard_figures(result: object, threshold: float = 0.0) -> dict[str, Figure]:
     """Name -> figure: deformed body with |p|_F, yield function, plastic zone, residuals, pressure.
 
-    Parameters
-    ----------
-    result
-        A result of any solver.
-    threshold
-        The |p|_F above which the plastic zone is dark (1).
+    The plastic zone is dark where |p|_F exceeds ``threshold``.
     """
     figures = {
         "plastic_strain": plot_field(result, "equivalent_plastic_strain"),
@@ -136,8 +122,7 @@ def _piece(piece: object) -> str:
         return f'<p><img src="{png_address(piece)}" alt="figure"></p>'
     if isinstance(piece, View):
         return piece._repr_html_()
-    if isinstance(piece, Problem):
-        return html_table(describe_problem(piece))
+    piece = describe_problem(piece) if isinstance(piece, Problem) else piece
     if isinstance(piece, Sequence) and piece and all(isinstance(row, Mapping) for row in piece):
         return html_table(piece)
     raise TypeError(
@@ -160,14 +145,9 @@ def _cell(value: object) -> str:
 
 def number(value: object) -> str:
     """A table entry: integers in full, other numbers with four significant digits."""
-    if value is None:
-        return ""
-    if isinstance(value, bool | str) or not isinstance(value, numbers.Real):
-        return str(value)
-    if isinstance(value, numbers.Integral):
-        return str(int(value))
-    text = f"{float(value):.4g}" if math.isfinite(value) else str(float(value))
-    return text.replace("-", "\N{MINUS SIGN}")
+    if isinstance(value, float):
+        return f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
+    return "" if value is None else str(value)
 
 
 def _inline(text: str) -> str:

@@ -174,13 +174,7 @@ def sample_corners(
 
 
 def contact_offset(fields: Fields, distance: CoefficientFunction, scale: float) -> np.ndarray:
-    """The 2D contact boundary, deformed by ``scale`` u, moved by ``distance`` along n.
-
-    Returns
-    -------
-    numpy.ndarray
-        Segments, shape (segments, 2, 2).
-    """
+    """Segments of the 2D contact boundary, deformed by ``scale`` u, moved by ``distance`` n."""
     reach = distance * outward_normal(fields.problem.mesh)
     names = fields.problem.contact_names
     place = [boundary_corners(fields, names, reach[i]) for i in range(2)]
@@ -192,11 +186,6 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
 
     Parts whose gap stands for no obstacle are left out, and those farther away than a quarter of
     the body, unless all are.  A straight obstacle is drawn as long as the body above it.
-
-    Returns
-    -------
-    numpy.ndarray
-        Segments, shape (segments, 2, 2).
     """
     psi = fields.problem.psi
     gaps = boundary_corners(fields, fields.problem.contact_names, psi).values.max(axis=1)
@@ -251,11 +240,6 @@ def colour_range(
     it may lie outside at either end.  An end where that would gain less than a quarter of the
     scale stays where the data end, and a scale of one sign that comes close to zero begins there.
     ``symmetric`` fields get limits of opposite sign; ``vmin`` and ``vmax`` overrule either limit.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If a limit is no finite number, or ``vmin`` not below ``vmax``.
     """
     for name, end in (("vmin", vmin), ("vmax", vmax)):
         if end is not None:
@@ -276,14 +260,10 @@ def colour_range(
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
     low, high = (0.0 if abs(end) < 1e-9 * span else end for end in (low, high))
     low, high = low if vmin is None else float(vmin), high if vmax is None else float(vmax)
-    if low >= high:
+    if low >= high:  # a constant field
         size = max(abs(low), abs(high)) or 1.0
-        if vmin is not None:
-            high = low + size
-        elif vmax is not None:
-            low = high - size
-        else:
-            low, high = low - size / 2, low + size / 2
+        below = 0.0 if vmin is not None else 1.0 if vmax is not None else 0.5
+        low, high = (high if vmin is None else low) - below * size, low + (1 - below) * size
     slack = 1e-6 * (high - low)
     return ColourRange(low, high, lowest < low - slack, highest > high + slack)
 

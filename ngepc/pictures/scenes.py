@@ -117,11 +117,6 @@ def scene_data(
     """What webgui needs to draw a scalar on the deformed body, ready for JSON.
 
     ``peak`` is the contact pressure drawn at full height in 2D, 0 for none.
-
-    Raises
-    ------
-    ImportError
-        If NGSolve's webgui cannot be imported.
     """
     draw, fields = webgui_draw(), fields_of(source)
     problem = fields.problem

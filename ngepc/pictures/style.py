@@ -85,11 +85,6 @@ def beside(
         Inches of one panel.
     three
         Whether the axes are for 3D bodies.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If there are no panels, or an argument is not legal.
     """
     if not panels:
         raise ValueError("panels=(): at least one panel is needed")

@@ -84,8 +84,6 @@ def show(
     ------
     ImportError
         If the viewer is not installed; the message says what to install.
-    TypeError, ValueError
-        For an unknown field.
     """
     return compare({"": source}, field, options, title)
 
@@ -112,14 +110,8 @@ def slide(
 ) -> View:
     """One scene with a slider through results: over gamma, load steps or Newton iterates.
 
-    Parameters
-    ----------
-    sources
-        Text beside the slider -> result, in the order of the slider.
-    field, options, title
-        As for ``show``.
-    name
-        What the slider moves through, such as 'gamma'.
+    ``sources`` maps the text beside the slider to results, in the order of the slider; ``name`` is
+    what it moves through, such as 'gamma'.
     """
     options = checked(sources, options, title=title, name=name)
     scenes, what, limits = scenes_of(sources, field, options)
@@ -136,7 +128,7 @@ def export_html(
     title: str = "",
     options: ViewOptions | None = None,
 ) -> Path:
-    """Write an interactive page of a result that opens from disk without network.
+    """Write an interactive page of a result that opens from disk without network; its path.
 
     Parameters
     ----------
@@ -148,18 +140,6 @@ def export_html(
         As in ``show``.
     deformation
         Whether to draw the deformed body.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ImportError
-        If the viewer is not installed; the message says what to install.
-    TypeError, ValueError
-        If an argument is not legal.
     """
     path = require_path("path", path)
     require_flag("deformation", deformation)

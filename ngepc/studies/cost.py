@@ -19,8 +19,6 @@ from pathlib import Path
 from statistics import fmean, median
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from ngsolve import (  # fmt: skip
     BilinearForm,
     Grad,
@@ -37,10 +35,9 @@ from ngsolve import (  # fmt: skip
 from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.starts import coarse_start
 from ngepc.model.problem import Problem
-from ngepc.pictures.style import COLOURS, Picture, save_figure
 from ngepc.results.outcome import IterationRecord, Result
 from ngepc.studies.examples import example, solved
-from ngepc.studies.work import Cell, Outcome, Table, Work, chosen, first_of
+from ngepc.studies.work import Cell, Outcome, Work, chosen, first_of
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
 """Meshes of Example (a): the paper's from 1601 on, and the next two bisections."""
@@ -56,19 +53,18 @@ HEAD = {
     "elastic_seconds": "elastic solve (s)",
     "step_seconds": "step (s)",
     "step_ratio": "step / elastic: median",
-    "mean_ratio": "mean",
     "largest_ratio": "largest",
     "setup_ratio": "set-up / elastic",
     "peak_megabytes": "peak memory (MB)",
     "load_average": "load average",
 }
-NOTES = (
+NOTE = (
     "Example (a), tolerance 1e-10. Times are processor times of one thread, medians over a run; "
     "every step is compared with the linear-elastic solves (assembly, sparsecholesky, solution) "
     "right before and after it. A step is assembly, factorisation, contact, line search and "
     "residual norms. Largest is the dearest step of the run, set-up everything before the first, "
     "the whole solve both and the result; peak memory is that of the process, NGSolve, mesh and "
-    "elastic solves included. The load average counts everything that ran on the machine.",
+    "elastic solves included. The load average counts everything that ran on the machine."
 )
 
 
@@ -142,7 +138,6 @@ def numbers(result: Result, clock: StepClock) -> dict:
         "elastic_seconds": median(clock.elastic),
         "step_seconds": median(clock.spans[1:]),
         "step_ratio": median(ratios),
-        "mean_ratio": fmean(ratios),
         "largest_ratio": max(ratios),
         "setup_ratio": setup,
         "peak_megabytes": peak_memory(),
@@ -182,7 +177,7 @@ class Cost(Work):
     levels: int = 3
     modes: Sequence[str] | None = None
 
-    name = "cost"
+    name, title, head = "cost", "What a solve costs", tuple(HEAD.values())
 
     def __post_init__(self) -> None:
         self.modes, _ = chosen(dict.fromkeys(MODES), self.modes), first_of(NODES, self.levels)
@@ -207,26 +202,18 @@ class Cost(Work):
             f"{r['solve_seconds']:.2f} s; a step costs {r['step_ratio']:.2f} elastic solves"
         )
 
-    def table(self, records: Sequence[dict]) -> Table:
-        """One row for each method and mesh."""
+    def row(self, record: dict) -> list[str]:
+        """Three digits."""
+        return [_text(record[key]) for key in HEAD]
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """How it was measured, growth, and the part of the primal method's time."""
         grown = [
             f"Time per step grows like nodes^{growth(cells):.2f} ({mode})."
             for mode, cells in by_mode(records).items()
             if len(cells) > 1
         ]
-        return Table(
-            name=self.name,
-            title="What a solve costs",
-            head=list(HEAD.values()),
-            rows=[[_text(cell[key]) for key in HEAD] for cell in records],
-            notes=[*NOTES, *grown, *_beside_primal(records)],
-            cells=records,
-        )
-
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write cost.csv, .md, .json and .png; returns their paths."""
-        picture = save_figure(plot_cost(table), self.folder / "cost.png")
-        return [*super().write(table), picture]
+        return [NOTE, *grown, *_beside_primal(records)]
 
 
 def by_mode(table: Sequence[dict]) -> dict[str, list[dict]]:
@@ -242,37 +229,6 @@ def _beside_primal(table: Sequence[dict]) -> list[str]:
         for (mode, nodes), primal in seconds.items()
         if mode == "primal" and ("default", nodes) in seconds
     ]
-
-
-def plot_cost(table: Sequence[dict]) -> Figure:
-    """Time per step, cost in elastic solves and memory over the number of nodes."""
-    figure = Picture(figsize=(10, 3.4))
-    panels = figure.subplots(1, 3)
-    modes = by_mode(table)
-    for colour, (mode, cells) in zip(COLOURS, modes.items(), strict=False):
-        label = f"gamma = {mode}" if mode[0].isdigit() else mode
-        for axes, key in zip(panels, ("step_seconds", "step_ratio", "peak_megabytes"), strict=True):
-            _curve(axes, cells, key, color=colour, marker="o", label=label)
-    style = {"color": "#6b7680", "linestyle": ":", "label": "elastic solve"}
-    _curve(panels[0], next(iter(modes.values())), "elastic_seconds", **style)
-    panels[1].axhline(1.0, color="#6b7680", linestyle=":", label="an elastic solve")
-    nodes = sorted({cell["nodes"] for cell in table})
-    units = ("seconds per step", "step / elastic solve", "peak memory (MB)")
-    for axes, label in zip(panels, units, strict=True):
-        axes.set(xscale="log", xlabel="nodes of the mesh", ylabel=label)
-        axes.set_xticks(nodes, [str(n) for n in nodes], rotation=30)
-        axes.minorticks_off()
-    panels[0].set_yscale("log")
-    for axes in panels[1:]:
-        axes.set_ylim(bottom=0)
-    panels[0].legend()
-    panels[1].legend()
-    return figure
-
-
-def _curve(axes: Axes, cells: Sequence[dict], key: str, **style: object) -> None:
-    values = [np.nan if cell[key] is None else cell[key] for cell in cells]
-    axes.plot([cell["nodes"] for cell in cells], values, **style)
 
 
 def _text(value: object) -> str:

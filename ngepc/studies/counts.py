@@ -6,7 +6,6 @@ iteration, each mesh started from the solution on the next coarser one.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -270,19 +269,3 @@ def write_page(study: CountTable, table: Sequence[dict], path: Path) -> Path:
         *solution_sections(result, title, THRESHOLDS[study.body]),
         footer=", ".join(f"{key} {value}" for key, value in texts.provenance().items()),
     )
-
-
-def folder_report(folder: Path, path: Path) -> Path:
-    """The HTML report of a finished table1 folder, from its table1.json and its cells.
-
-    Raises
-    ------
-    ValueError
-        If the folder has no finished study.
-    """
-    source = folder / "table1.json"
-    if not source.is_file():
-        raise ValueError(f"{folder} holds no table1.json: run ngepc study table1 --out {folder}")
-    table = json.loads(source.read_text(encoding="utf-8"))["cells"]
-    nodes, rows = (tuple(dict.fromkeys(r[key] for r in table)) for key in ("nodes", "row"))
-    return write_page(Table1(folder, rows=rows, nodes=nodes), table, path)

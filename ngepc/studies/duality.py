@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
 from ngepc.studies.examples import example
-from ngepc.studies.work import Cell, Outcome, Table, Work
+from ngepc.studies.work import Cell, Outcome, Work
 from ngepc.theory.duality import duality_report
 
 COLUMNS = {
@@ -51,7 +51,8 @@ class Duality(Work):
     wrench_nodes: int = 873
     gamma_end: float = 1e6
 
-    name = "duality"
+    name, title = "duality", "Duality"
+    head = ("example", "nodes", "gamma", *COLUMNS.values())
 
     def __post_init__(self) -> None:
         for cell in self.cells():
@@ -95,13 +96,11 @@ class Duality(Work):
         """A record for each example and gamma."""
         return [step for record in super().run() for step in record["steps"]]
 
-    def table(self, records: Sequence[dict]) -> Table:
-        """One row for each gamma."""
-        rows = [
-            [r["example"], r["nodes"], f"{r['gamma']:.3g}", *(f"{r[key]:.3g}" for key in COLUMNS)]
-            for r in records
-        ]
-        head = ["example", "nodes", "gamma", *COLUMNS.values()]
-        return Table(
-            name=self.name, title="Duality", head=head, rows=rows, notes=[NOTE], cells=records
-        )
+    def row(self, r: dict) -> list[object]:
+        """The parts of the gap."""
+        parts = [f"{r[key]:.3g}" for key in COLUMNS]
+        return [r["example"], r["nodes"], f"{r['gamma']:.3g}", *parts]
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """What the columns are."""
+        return [NOTE]

@@ -27,7 +27,7 @@ from ngepc.model.problem import Problem
 from ngepc.pictures.style import COLOURS, MARKERS, beside, save_figure
 from ngepc.results.outcome import IterationRecord
 from ngepc.studies.examples import FAMILIES, TITLES, example
-from ngepc.studies.work import Cell, Outcome, Table, Work, first_of
+from ngepc.studies.work import Cell, Outcome, Work, first_of
 
 LAST = 6
 """Iterates that enter the five quotients."""
@@ -110,7 +110,9 @@ class Figure4(Work):
     gamma: float = 1e4
     nodes: dict[str, Sequence[int]] | None = field(default=None, kw_only=True)
 
-    name = "figure4"
+    name, title = "figure4", "Figure 4: convergence quotients"
+    head = ("example", "nodes", "steps", *(f"Q_{j}" for j in range(1, LAST)), "residual of v*",
+            "rounding of v*")  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.nodes is None:
@@ -137,38 +139,29 @@ class Figure4(Work):
         quotients = ", ".join(f"{q:.2g}" for q in r["quotients"])
         return f"{r['example']} {r['nodes']}: {r['iterations']} steps, Q = {quotients}"
 
-    def table(self, records: Sequence[dict]) -> Table:
-        """One row for each mesh."""
-        note = (
+    def row(self, r: dict) -> list[str]:
+        """The quotients, those of rounding in parentheses."""
+        entries = [
+            f"{q:.3g}" if sound else f"({q:.2g})"
+            for q, sound in zip(r["quotients"], r["meaningful"], strict=True)
+        ]
+        entries = [""] * (5 - len(entries)) + entries
+        first = [TITLES[r["example"]], str(r["nodes"]), str(r["iterations"])]
+        return [*first, *entries, f"{r['reference_residual']:.1e}", f"{r['rounding']:.1e}"]
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """What v* is."""
+        return [
             f"Quotients of the H norms of v^j - v* at gamma = {self.gamma:g}. v* is the solution "
             "for the tolerance 1e-14, or the last iterate before the residual stops falling (its "
             "residual is in the table). In parentheses: the distance is below ten times the "
             "rounding of v*, the quotient says nothing."
-        )
-        return Table(
-            name=self.name,
-            title="Figure 4: convergence quotients",
-            head=["example", "nodes", "steps", *(f"Q_{j}" for j in range(1, LAST)),
-                  "residual of v*", "rounding of v*"],
-            rows=[_row(record) for record in records],
-            notes=[note],
-            cells=records,
-        )  # fmt: skip
+        ]
 
     def write(self, table: Sequence[dict]) -> list[Path]:
         """Write figure4.png, .csv, .md and .json; returns their paths."""
         picture = save_figure(draw_quotients(table), self.folder / "figure4.png")
         return [picture, *super().write(table)]
-
-
-def _row(r: dict) -> list[str]:
-    entries = [
-        f"{q:.3g}" if sound else f"({q:.2g})"
-        for q, sound in zip(r["quotients"], r["meaningful"], strict=True)
-    ]
-    entries = [""] * (5 - len(entries)) + entries
-    first = [TITLES[r["example"]], str(r["nodes"]), str(r["iterations"])]
-    return [*first, *entries, f"{r['reference_residual']:.1e}", f"{r['rounding']:.1e}"]
 
 
 def draw_quotients(table: Sequence[dict]) -> Figure:

@@ -22,7 +22,7 @@ from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
 from ngepc.pictures.sampling import body_corners
 from ngepc.pictures.style import beside, save_figure
 from ngepc.studies.examples import THRESHOLDS, example
-from ngepc.studies.work import Cell, Outcome, Table, Work, ending
+from ngepc.studies.work import Cell, Outcome, Work, ending
 
 PATHS = {
     "lshape": PathOptions(gamma_start=1.0, growth=5.0, gamma_end=5.0**13),
@@ -99,7 +99,8 @@ class Figures(Work):
     lshape_nodes: int = 3201
     wrench_nodes: int = 6353
 
-    name = "figures"
+    name, title = "figures", "Figures 2, 3, 5 and 6"
+    head = ("figure", "shows", "nodes", "gamma", "Newton steps", "max |p|_F", "zone / body")
 
     def __post_init__(self) -> None:
         self.only = tuple(CAPTIONS if self.only is None else self.only)
@@ -154,33 +155,25 @@ class Figures(Work):
         """What a figure shows."""
         return record["shows"]
 
-    def table(self, records: Sequence[dict]) -> Table:
-        """One row for each figure."""
-        rows = [
-            [
-                f"[{r['figure']}]({r['file']})",
-                r["shows"],
-                r["nodes"],
-                f"{r['gamma']:.3g}{ending(r)}",
-                sum(r["inner_iterations"]),
-                f"{r['plastic_strain_max']:.4g}",
-                f"{r['zone_area'] / r['body_area']:.4f}",
-            ]
-            for r in records
+    def row(self, r: dict) -> list[object]:
+        """What can be read from a figure."""
+        return [
+            f"[{r['figure']}]({r['file']})",
+            r["shows"],
+            r["nodes"],
+            f"{r['gamma']:.3g}{ending(r)}",
+            sum(r["inner_iterations"]),
+            f"{r['plastic_strain_max']:.4g}",
+            f"{r['zone_area'] / r['body_area']:.4f}",
         ]
-        note = (
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """Scales."""
+        return [
             "Deformed configurations, displacement not scaled; lengths and stresses in the units "
             "of the examples. max |p|_F of Example (a) grows without bound under refinement "
             "(re-entrant corner)."
-        )
-        return Table(
-            name=self.name,
-            title="Figures 2, 3, 5 and 6",
-            head=("figure", "shows", "nodes", "gamma", "Newton steps", "max |p|_F", "zone / body"),
-            rows=rows,
-            notes=[note],
-            cells=records,
-        )
+        ]
 
     def write(self, table: Sequence[dict]) -> list[Path]:
         """Write figures.csv, figures.md and figures.json; returns all paths, PNGs included."""

@@ -17,7 +17,7 @@ from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Result
 from ngepc.studies.examples import BODIES, FAMILIES, TITLES, example, solved
-from ngepc.studies.work import Cell, Outcome, Table, Work, ending, first_of
+from ngepc.studies.work import Cell, Outcome, Work, ending, first_of
 
 RATIOS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 HARDENED_NODES = (833, 3201)
@@ -33,6 +33,13 @@ BLOCKS = {
 
 HEAD = ("problem", "h / mu", "nodes", "steps", "CPU s", "nested: steps", "CPU s",
         "primal: steps", "CPU s", "GetFEM: steps", "CPU s")  # fmt: skip
+NOTE = (
+    "Cold starts, nested ones from the next coarser mesh, and the primal method; tolerance 1e-10 "
+    "(relative forces out of balance); CPU seconds of one thread, set-up included. Rows with h / "
+    "mu are Example (a) with other hardening, and a sphere of radius 1 pressed 0.03 into a unit "
+    "cube. GetFEM 5.4.2 with its best parameter: measured earlier, on a quiet machine, not here. "
+    "'stagnated': the residual has come down to its own rounding, which is above 1e-10 there."
+)
 
 
 def hardened(ratio: float, nodes: int) -> Problem:
@@ -92,7 +99,7 @@ class NewtonCounts(Work):
 
     levels: int = 3
 
-    name = "counts"
+    name, title, head = "counts", "Newton steps of the default method", HEAD
 
     def cells(self) -> list[Cell]:
         """Both examples, then small hardening, then blocks."""
@@ -116,33 +123,18 @@ class NewtonCounts(Work):
 
     def line(self, record: dict) -> str:
         """The counts."""
-        return ", ".join(map(str, _row(record)))
+        return ", ".join(map(str, self.row(record)))
 
-    def table(self, records: Sequence[dict]) -> Table:
-        """One row for each problem and mesh."""
-        totals = [
-            f"{name}: {sum(r['nested']['iterations'] for r in rows)} nested steps on "
-            f"{len(rows)} meshes, the first one started from {coarse} nodes."
-            for name, coarse, rows in _families(records)
-        ]
-        apart = max(abs(r["default"]["energy"] / r["primal"]["energy"] - 1) for r in records)
-        return Table(
-            name=self.name,
-            title="Newton steps of the default method",
-            head=HEAD,
-            rows=[_row(record) for record in records],
-            notes=[
-                "Cold starts, nested ones from the next coarser mesh, and the primal method; "
-                "tolerance 1e-10 (relative forces out of balance); CPU seconds of one thread, "
-                "set-up included. Rows with h / mu are Example (a) with other hardening, and "
-                "a sphere of radius 1 pressed 0.03 into a unit cube. GetFEM 5.4.2 with its best "
-                "parameter: measured earlier, on a quiet machine, not in this run. 'stagnated': "
-                "the residual has come down to its own rounding, which is above 1e-10 there. "
-                f"The energies of the two methods differ by at most {apart:.1e}, relative.",
-                *totals,
-            ],
-            cells=list(records),
-        )
+    def row(self, r: dict) -> list[object]:
+        """Steps and seconds of each method."""
+        h = "" if r["hardening"] is None else f"{r['hardening']:g}"
+        runs = [_entries(r.get(method)) for method in ("default", "nested", "primal")]
+        theirs = not h and r["problem"] == TITLES["lshape"] and GETFEM.get(r["nodes"])
+        return [r["problem"], h, r["nodes"], *sum(runs, ()), *(theirs or ("", ""))]
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """How it was measured, and totals of nested iteration."""
+        return [NOTE, *_agreement(records), *_totals(records)]
 
 
 def _problem(body: str, ratio: str, nodes: int) -> Problem:
@@ -153,23 +145,23 @@ def _problem(body: str, ratio: str, nodes: int) -> Problem:
     return pressed_block(body, nodes, float(ratio))
 
 
-def _families(records: Sequence[dict]) -> list[tuple[str, int, list[dict]]]:
-    """Title, nodes of the coarse mesh and records of each example."""
-    return [
-        (title, BODIES[name].COARSE_NODES, rows)
-        for name, title in TITLES.items()
-        if (rows := [r for r in records if r["problem"] == title and "nested" in r])
-    ]
+def _entries(run: dict | None) -> tuple[str, str]:
+    return ("", "") if run is None else (f"{run['iterations']}{ending(run)}", f"{run['cpu_s']:.2f}")
 
 
-def _row(r: dict) -> list[object]:
-    ratio = "" if r["hardening"] is None else f"{r['hardening']:g}"
-    runs = [r.get(key) for key in ("default", "nested", "primal")]
-    pairs = [
-        text
-        for run in runs
-        for text in (("", "") if run is None else
-                     (f"{run['iterations']}{ending(run)}", f"{run['cpu_s']:.2f}"))
-    ]  # fmt: skip
-    theirs = GETFEM.get(r["nodes"], ("", "")) if r["problem"] == TITLES["lshape"] else ("", "")
-    return [r["problem"], ratio, r["nodes"], *pairs, *(theirs if not ratio else ("", ""))]
+def _agreement(records: Sequence[dict]) -> list[str]:
+    good = [r for r in records if {r[m]["status"] for m in ("default", "primal")} == {"converged"}]
+    apart = [abs(r["default"]["energy"] / r["primal"]["energy"] - 1) for r in good]
+    return [f"Energies of the two methods differ by at most {max(apart):.1e}, relative, where both "
+            "converge."] if apart else []  # fmt: skip
+
+
+def _totals(records: Sequence[dict]) -> list[str]:
+    """Nested steps over the family of each example."""
+    found = []
+    for name, title in TITLES.items():
+        runs = [r["nested"] for r in records if r["problem"] == title and "nested" in r]
+        total = sum(run["iterations"] for run in runs)
+        found.append(f"{title}: {total} nested steps on {len(runs)} meshes, the first one "
+                     f"started from {BODIES[name].COARSE_NODES} nodes.")  # fmt: skip
+    return found

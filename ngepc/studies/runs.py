@@ -23,18 +23,8 @@ FINGERPRINT = {"kind": "run of ngepc solve", "version": 2}
 def save_run(path: Path, place: dict, gamma: float | None, record: dict, result: Result) -> None:
     """Write a run atomically.
 
-    Parameters
-    ----------
-    path
-        The file, by convention ending in .npz.
-    place
-        What makes the problem again: keywords of the ``build`` of ``load_run``.
-    gamma
-        Of the paper's method, None for the others.
-    record
-        ``records.FIELDS``.
-    result
-        The result of the run.
+    ``place`` makes the problem again: keywords of the ``build`` of ``load_run``; ``gamma`` is None
+    but for the paper's method; ``record`` has the ``records.FIELDS``.
     """
     vector = result.displacement.vec if gamma is None else result.v
     kept = {"place": place, "gamma": gamma, "record": record, "history": result.history.as_rows()}
@@ -45,14 +35,7 @@ def load_run(path: Path, build: Callable[..., Problem]) -> tuple[dict, Result]:
     """The record and the result of a saved run, fields included.
 
     The primal method is started where it ended; the default method, which needs a dozen steps,
-    solves again.
-
-    Parameters
-    ----------
-    path
-        The file.
-    build
-        Makes the problem from the keywords ``place`` of ``save_run``.
+    solves again.  ``build`` makes the problem from the keywords ``place`` of ``save_run``.
 
     Raises
     ------

@@ -8,6 +8,7 @@ body that symmetry leaves is meshed towards the contact zone.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from ngepc.model.obstacles import Sphere
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Result
 from ngepc.studies.examples import solved
-from ngepc.studies.work import Cell, Outcome, Table, Work, ending, first_of
+from ngepc.studies.work import Cell, Outcome, Work, ending, first_of
 
 DEPTH, BOUND = 0.01, 400.0
 CELLS = {"tetrahedra": (4, 6, 8, 12, 16), "hexahedra": (4, 6, 8, 12)}
@@ -52,14 +53,9 @@ NOTE = (
 
 
 def step42_problem(mesh: Mesh, prescribed: dict | None = None) -> Problem:
-    """The problem of step-42 on the whole cube (``geometries.block``) or on its quarter.
+    """The problem of step-42 on a mesh of ``geometries.quarter_cube``.
 
-    Parameters
-    ----------
-    mesh
-        Of ``geometries.quarter_cube``, or of ``geometries.block`` with ``prescribed=WHOLE``.
-    prescribed
-        Supports beside the clamped bottom; None for those of the quarter.
+    For the whole cube, ``geometries.block``, with ``prescribed=WHOLE``.
     """
     lame_lambda, lame_mu = lame_parameters(2e5, 0.3)
     material = Material.isotropic(
@@ -75,13 +71,9 @@ def step42_problem(mesh: Mesh, prescribed: dict | None = None) -> Problem:
 
 
 def compare_methods(problem: Problem) -> dict:
-    """Both methods on one mesh of the quarter.
+    """Both methods on one mesh of the quarter: method -> status, steps, numbers of the whole body.
 
-    Returns
-    -------
-    dict
-        Method -> status, steps, numbers of the whole body; 'displacement_difference': the largest
-        nodal difference of the displacements over the depth.
+    'displacement_difference' is the largest nodal one of the displacements over the depth.
     """
     found, nodal = {}, []
     for method in METHODS:
@@ -121,7 +113,8 @@ class Step42(Work):
 
     levels: int = 3
 
-    name = "step42"
+    name, head = "step42", HEAD
+    title = "Step-42: the default method against the primal one"
 
     def __post_init__(self) -> None:
         first_of(CELLS["tetrahedra"], self.levels)
@@ -146,36 +139,35 @@ class Step42(Work):
         forces = " and ".join(f"{record[m]['contact_force']:.4f}" for m in METHODS)
         return f"{record['mesh']}, {record['cells']}: {forces}"
 
-    def table(self, records: Sequence[dict]) -> Table:
-        """One row for each mesh."""
-        return Table(
-            name=self.name,
-            title="Step-42: the default method against the primal one",
-            head=HEAD,
-            rows=[_row(r, before) for r, before in zip(records, [None, *records], strict=False)],
-            notes=[NOTE],
-            cells=records,
-        )
+    def run(self) -> list[dict]:
+        """One record for each mesh, with the change of F from the next coarser one."""
+        records = super().run()
+        for record, coarser in zip(records, [None, *records], strict=False):
+            same = coarser is not None and coarser["mesh"] == record["mesh"]
+            before = coarser["primal"]["contact_force"] if same else math.nan
+            record["change"] = abs(record["primal"]["contact_force"] / before - 1)
+        return records
+
+    def row(self, record: dict) -> list[str]:
+        """Both methods side by side, then their differences."""
+        runs, change = [record[name] for name in METHODS], record["change"]
+        own = record["mesh"] == OWN
+        return [
+            OWN if own else f"{record['cells']}^3 cells, {record['mesh']}",
+            str(record["nodes"]),
+            ", ".join(str(run["touching"]) for run in runs),
+            ", ".join(f"{run['iterations']}{ending(run)}" for run in runs),
+            *(f"{run['contact_force']:.4f}" for run in runs),
+            *(f"{relative(record, quantity):.1e}" for quantity in QUANTITIES),
+            f"{record['displacement_difference']:.1e}",
+            "-" if math.isnan(change) else f"{change:.1e}",
+        ]
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """What the columns are."""
+        return [NOTE]
 
 
 def relative(record: dict, quantity: str) -> float:
     """The difference of a quantity between the methods, relative to the primal one."""
     return abs(record["default"][quantity] / record["primal"][quantity] - 1)
-
-
-def _row(record: dict, coarser: dict | None) -> list[str]:
-    runs, change = [record[name] for name in METHODS], "-"
-    if coarser is not None and coarser["mesh"] == record["mesh"]:
-        before = coarser["primal"]["contact_force"]
-        change = f"{abs(record['primal']['contact_force'] / before - 1):.1e}"
-    own = record["mesh"] == OWN
-    return [
-        OWN if own else f"{record['cells']}^3 cells, {record['mesh']}",
-        str(record["nodes"]),
-        ", ".join(str(run["touching"]) for run in runs),
-        ", ".join(f"{run['iterations']}{ending(run)}" for run in runs),
-        *(f"{run['contact_force']:.4f}" for run in runs),
-        *(f"{relative(record, quantity):.1e}" for quantity in QUANTITIES),
-        f"{record['displacement_difference']:.1e}",
-        change,
-    ]

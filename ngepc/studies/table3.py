@@ -111,6 +111,22 @@ class Table3(Work):
             }
         )
 
+    def row(self, r: dict) -> list[str]:
+        """A path, and the direct solve at its end."""
+        quotients = [c / r["outer_bound"] for c in r["changes"][-2:] if c is not None]
+        return [
+            str(r["nodes"]),
+            f"{r['outer_iterations']}({r['total_inner_iterations']}){ending(r)}",
+            str(r["paper"]),
+            f"{r['gamma_end']:.3g}",
+            " ".join(map(str, r["inner_iterations"])),
+            ", ".join(f"{q:.3f}" for q in quotients),
+            f"{r['direct_iterations']}{ending(r, 'direct_')}",
+            f"{r['direct_iterations'] / r['total_inner_iterations']:.2f}",
+            f"{r['residual_norms'][-1]:.1e}",
+            f"{r['path_values'][-1]:.6f}",
+        ]
+
     def table(self, records: Sequence[dict]) -> Table:
         """One row for each mesh, in table3.* (with _cX for another scale)."""
         o = self.options
@@ -131,26 +147,10 @@ class Table3(Work):
             name="table3" if usual else f"table3_{self._scale}",
             title="Table 3" if usual else f"Table 3 with c = {o.inner_scale:g}",
             head=HEAD,
-            rows=[_row(record) for record in records],
+            rows=[self.row(record) for record in records],
             notes=notes,
             cells=records,
         )
-
-
-def _row(r: dict) -> list[str]:
-    quotients = [c / r["outer_bound"] for c in r["changes"][-2:] if c is not None]
-    return [
-        str(r["nodes"]),
-        f"{r['outer_iterations']}({r['total_inner_iterations']}){ending(r)}",
-        str(r["paper"]),
-        f"{r['gamma_end']:.3g}",
-        " ".join(map(str, r["inner_iterations"])),
-        ", ".join(f"{q:.3f}" for q in quotients),
-        f"{r['direct_iterations']}{ending(r, 'direct_')}",
-        f"{r['direct_iterations'] / r['total_inner_iterations']:.2f}",
-        f"{r['residual_norms'][-1]:.1e}",
-        f"{r['path_values'][-1]:.6f}",
-    ]
 
 
 def paper_value(nodes: int) -> str | None:

@@ -56,12 +56,16 @@ class Work(ABC):
     ----------
     name
         File name of the results without ending.
+    title, head
+        Of the table.
     """
 
     folder: Path
     progress: Callable[[str], None] = field(default=silent, kw_only=True)
 
     name: ClassVar[str]
+    title: ClassVar[str] = ""
+    head: ClassVar[Sequence[str]] = ()
 
     def settings(self) -> dict:
         """Everything that determines a cell beside its name; kept ones with others are refused."""
@@ -79,9 +83,24 @@ class Work(ABC):
     def line(self, record: dict) -> str:
         """What progress says about a record."""
 
-    @abstractmethod
+    def row(self, record: dict) -> Sequence[object]:
+        """The entries of a record under ``head``."""
+        return list(record.values())
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """What is said below the table."""
+        return []
+
     def table(self, records: Sequence[dict]) -> Table:
-        """The table of the records that ``run`` has returned."""
+        """The table of the records that ``run`` has returned, a row for each."""
+        return Table(
+            name=self.name,
+            title=self.title,
+            head=self.head,
+            rows=[self.row(record) for record in records],
+            notes=self.notes(records),
+            cells=records,
+        )
 
     def run(self) -> list[dict]:
         """Do the work; returns one record for each cell."""

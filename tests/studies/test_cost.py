@@ -15,7 +15,6 @@ from ngepc.studies.cost import (
     StepClock,
     growth,
     peak_memory,
-    plot_cost,
 )
 
 
@@ -56,22 +55,14 @@ def test_peak_memory_counts_a_large_array():
     assert peak_memory() >= before
 
 
-def test_plot_has_labels_for_every_line_and_no_values_where_there_are_none():
-    figure = plot_cost([cell(n, 1e-5 * n, m) for m in ("default", "1e4")
-                             for n in (1601, 3201)])  # fmt: skip
-    for axes in figure.axes[:2]:
-        assert all(not line.get_label().startswith("_") for line in axes.lines)
-    assert [list(line.get_ydata()) for line in figure.axes[1].lines[:2]] == [[2.0, 2.0]] * 2
-
-
-def test_command_writes_table_plot_and_records(tmp_path, capsys):
+def test_command_writes_table_and_records(tmp_path, capsys):
     arguments = ["study", "cost", "--levels", "1", "--modes", "default"]
     assert main([*arguments, "--out", str(tmp_path)]) == 0
     (found,) = json.loads((tmp_path / "cost.json").read_text())["cells"]
     assert (found["nodes"], found["status"]) == (1601, "converged")
     assert found["largest_ratio"] >= found["step_ratio"] > 0
     assert {p.name for p in tmp_path.iterdir() if p.is_file()} == {
-        f"cost.{ending}" for ending in ("csv", "md", "json", "png")
+        f"cost.{ending}" for ending in ("csv", "md", "json")
     }
 
 

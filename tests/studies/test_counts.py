@@ -134,9 +134,3 @@ def test_checkpoint_round_trip_and_truncation(tmp_path):
         path.write_bytes(whole[:length])
         with pytest.raises(ValueError, match="damaged"):
             checkpoint.load(path, {"a": 1})
-
-
-def test_report_of_a_finished_study(finished, tmp_path):
-    page = tmp_path / "report.html"
-    assert main(["report", str(finished), "--out", str(page)]) == 0
-    assert "Mesh independence" in page.read_text()

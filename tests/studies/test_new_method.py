@@ -28,7 +28,7 @@ def test_counts_of_one_mesh(tmp_path):
     table = study.table([record])
     assert table.rows[0][:3] == ["Example (a)", "", 833]
     assert table.rows[0][-2:] == [11, 0.1]
-    assert "on 1 meshes, the first one started from 417 nodes" in table.notes[1]
+    assert "on 1 meshes, the first one started from 417 nodes" in table.notes[2]
 
 
 def test_blocks_have_the_nodes_they_are_called_by():

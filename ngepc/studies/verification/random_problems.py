@@ -47,24 +47,11 @@ HARDENINGS = ("kinematic", "isotropic", "combined")
 class Draw:
     """A random problem: all that ``build`` needs, as plain numbers.
 
-    Parameters
-    ----------
-    body, maxh
-        Name in BODIES and mesh width relative to its length.
-    stress_unit, length_unit
-        Powers of ten that all stresses and lengths are multiplied with.
-    poisson
-        Poisson's ratio.
-    yield_bound
-        log10 of the yield bound over lame_mu.
-    hardening, kind
-        log10 of the effective hardening over lame_mu; how it is made up.
-    load, angle
-        Size of the load over the yield bound, and its direction (radians).
-    gap, gap_size
-        One of GAPS; size of the gap, or of the push, over length times yield strain.
-    history
-        Size of the initial plastic strain over the yield strain.
+    ``maxh`` is relative to the size of the body; ``stress_unit`` and ``length_unit`` are powers of
+    ten that all stresses and lengths are multiplied with; ``yield_bound`` and ``hardening`` are
+    log10 of them over lame_mu; ``load`` is in units of the yield bound, its ``angle`` in radians;
+    ``gap_size`` (or the push) in units of length times yield strain; ``history`` is the size of
+    the initial plastic strain over the yield strain.
     """
 
     body: str

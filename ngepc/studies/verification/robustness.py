@@ -33,24 +33,22 @@ ASPECT = (1.0, 10.0, 100.0, 1000.0)
 CONTACT = ("none", "one node", "full", "grazing", "from an end")
 
 METHODS = ("primal", "default", "coupled", "path")
+NOTE = (
+    "Newton steps, with the status in words where a run did not converge. The unit square on 169 "
+    "nodes, fixed below, sheared and pulled against an obstacle; one datum at a time leaves its "
+    "usual value (Poisson 0.3, h/mu 0.1, gamma 1e3 for the coupled method, aspect ratio 1, half of "
+    "the upper side in contact). Cold starts, at most {limit} steps; the path goes up in factors "
+    "of ten from gamma = 1 and counts all its steps."
+)
 
 
 @dataclass(frozen=True)
 class Case:
     """One row of the table: a datum that leaves its usual value.
 
-    Parameters
-    ----------
-    poisson
-        Poisson's ratio.
-    hardening
-        h over lame_mu.
-    gamma
-        gamma of the coupled method and of the last step of the path.
-    aspect
-        Longest over shortest side of the elements.
-    contact
-        One of CONTACT, or 'part': about half of the upper side.
+    ``hardening`` is h over lame_mu; ``gamma`` that of the coupled method and of the last step of
+    the path; ``aspect`` the longest over the shortest side of the elements; ``contact`` one of
+    CONTACT, or 'part': about half of the upper side.
     """
 
     poisson: float = 0.3
@@ -148,12 +146,14 @@ class Robustness(Work):
         """One run."""
         row, method = cell.row.rsplit(", ", 1)
         result = solve(CASES[row], method, self.limit).or_interrupted()
-        last = getattr(result, "result", result)
+        last = getattr(result, "last", result)
         return Outcome(
             {
                 "row": row,
                 "method": method,
-                "iterations": getattr(result, "total_inner_iterations", last.iterations),
+                "iterations": result.total_inner_iterations
+                if method == "path"
+                else result.iterations,
                 "status": result.status.label,
                 "residual": last.residual_norm,
                 "plastic": last.history.records[-1].plastic_active,
@@ -170,19 +170,7 @@ class Robustness(Work):
     def table(self, records: Sequence[dict]) -> Table:
         """Cases over methods."""
         found = {(r["row"], r["method"]): f"{r['iterations']}{ending(r)}" for r in records}
-        note = (
-            "Newton steps, with the status in words where a run did not converge. The unit square "
-            "on 169 nodes, fixed below, sheared and pulled against an obstacle; one datum at a "
-            "time leaves its usual value (Poisson 0.3, h/mu 0.1, gamma 1e3 for the coupled method, "
-            "aspect ratio 1, half of the upper side in contact). Cold starts, at most "
-            f"{self.limit} steps; the path goes up in factors of ten from gamma = 1 and counts all "
-            "its steps."
-        )
-        return Table(
-            name=self.name,
-            title="Robustness",
-            head=["", *METHODS],
-            rows=[[row, *(found[row, method] for method in METHODS)] for row in self.rows],
-            notes=[note],
-            cells=records,
-        )
+        rows = [[row, *(found[row, method] for method in METHODS)] for row in self.rows]
+        note = NOTE.format(limit=self.limit)
+        parts = {"head": ["", *METHODS], "rows": rows, "notes": [note], "cells": records}
+        return Table(name=self.name, title="Robustness", **parts)
