@@ -72,7 +72,7 @@ def examine(draw: Draw) -> dict:
         return EMPTY | {"draw": asdict(draw), "complaints": (f"{type(error).__name__}: {error}",)}
 
 
-def verdict(primal: PrimalResult, default: ExactResult) -> dict:
+def judged(primal: PrimalResult, default: ExactResult) -> dict:
     """What ``examine`` says about two results for one problem."""
     problem, last = primal.problem, primal.history.records[-1]
     gap, out_of_order = _energies(primal, default)
