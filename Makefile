@@ -1,4 +1,7 @@
-# make demo: the main job, Example (a) over a family of meshes.   make test: all tests.
+# make demo: the main job, Example (a) over a family of meshes.
+# make check: the quick tests, while one works.   make test: all tests.   make coverage: what they
+# run of the package, in out/coverage.   make lint: style.
+# make test-petsc: the tests of large bodies once more, with Debian's PETSc.
 # make docs: this project's site in out/docs.   make benchmark: what a Newton step costs,
 # make benchmark-pieces: its pieces.
 PYTHON ?= python3
@@ -7,18 +10,36 @@ LEVELS ?= 3
 OUT ?= out/demo
 ROWS ?= 1e0,1e1,1e2,1e3,1e4,default,default*,primal
 
+# Debian builds petsc4py for its own Python and numpy 1, so it has a second environment.
+PETSC_VENV ?= .venv-petsc
+PETSC_PYTHON ?= /usr/bin/python3
+PETSC_DIR ?= $(lastword $(wildcard /usr/lib/petscdir/petsc*/*-real))
+
+WORKERS ?= auto
+PARALLEL = -n $(WORKERS) --dist loadfile
+
 BIN := $(VENV)/bin
 export MPLBACKEND := Agg
 export NGS_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint docs benchmark benchmark-pieces clean
+.PHONY: demo check test test-petsc coverage lint docs benchmark benchmark-pieces clean
 
 demo: $(VENV)/.run
 	$(BIN)/ngepc study table1 --levels $(LEVELS) --rows $(ROWS) --figures --out $(OUT)
 
+check: $(VENV)/.test
+	$(BIN)/python -m pytest $(PARALLEL) -m "not slow and not notebooks"
+
 test: $(VENV)/.test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PARALLEL)
+
+coverage: $(VENV)/.test
+	$(BIN)/python -m pytest $(PARALLEL) -m "not notebooks" --cov \
+	  --cov-report=term:skip-covered --cov-report=html:out/coverage
+
+test-petsc: $(PETSC_VENV)/.test
+	PETSC_DIR=$(PETSC_DIR) NGEPC_NEEDS_PETSC=1 $(PETSC_VENV)/bin/python -m pytest tests/local
 
 benchmark: $(VENV)/.run
 	$(BIN)/ngepc study cost --levels 5 --out results
@@ -45,6 +66,11 @@ $(VENV)/.test: $(BIN)/python setup.cfg pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[html,notebook,test,docs]"
 	touch $@ $(VENV)/.run $(VENV)/.docs
 
+$(PETSC_VENV)/.test: setup.cfg pyproject.toml
+	$(PETSC_PYTHON) -m venv --system-site-packages $(PETSC_VENV)
+	$(PETSC_VENV)/bin/python -m pip install --quiet "numpy<2" --editable ".[test]"
+	touch $@
+
 $(VENV)/.docs: $(BIN)/python setup.cfg pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[notebook,docs]"
 	touch $@
@@ -54,4 +80,4 @@ $(VENV)/.dev: $(BIN)/python setup.cfg pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist out *.egg-info
+	rm -rf $(VENV) $(PETSC_VENV) build dist out *.egg-info

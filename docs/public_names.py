@@ -87,7 +87,7 @@ def without_markup(line: str) -> str:
 
 
 def list_notes(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Put pages that no other page lists into notes.md and tables.md, and links to results/ right."""
+    """Complete the lists of notes.md and tables.md by pages not listed; mend links to results/."""
     listed = re.compile(r"^[\w/.]+$", re.MULTILINE)
     if docname in ("notes", "tables"):
         app.env.note_reread()  # it depends on which pages there are

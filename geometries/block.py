@@ -18,6 +18,7 @@ from ngepc.checks.arguments import (
     require_number,
     require_vector,
 )
+from ngepc.checks.kinds import require_flag
 
 _NAMES = {"bottom": "clamped", "top": "contact"}
 _NAMES_3D = {"back": "left", "front": "right", "left": "front", "right": "back", **_NAMES}
@@ -96,6 +97,7 @@ def structured_mesh(
     cells = {"nx": nx, "ny": ny} if nz is None else {"nx": nx, "ny": ny, "nz": nz}
     for name, n in cells.items():
         require_integer(name, n, 1, 10_000 if nz is None else 500)
+    require_flag("simplices", simplices)
     size = _sides((1.0,) * len(cells) if size is None else size)
     if len(size) != len(cells):
         raise ValueError(f"size={size!r}: {len(cells)} sides are needed for {len(cells)} counts")

@@ -72,3 +72,8 @@ def pressed_body(shape, kinematics=None, order=1, material=STEEL):
     gap = 3e-4 + 2e-3 * (x - 0.3) ** 2
     load = {"traction": {"right": pull}, "body_force": lift}
     return Problem(mesh, contact="contact", gap=gap, **load, **model)
+
+
+def flat_problem(mesh, *arguments, **named):
+    """A Problem with the law of the paper: tensors as large as the mesh has dimensions."""
+    return Problem(mesh, *arguments, kinematics=FLAT[mesh.dim], **named)

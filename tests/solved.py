@@ -2,10 +2,10 @@
 
 from functools import cache
 
-from ngepc.geometries import block, lshape
 from ngsolve import CF
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton
+from ngepc.geometries import block, lshape
 from ngepc.primal.solver import primal_newton
 
 

@@ -29,7 +29,7 @@ def pressed(mesh, yield_stress):
         lame_lambda=LAME, lame_mu=LAME, yield_stress=yield_stress, hardening=100.0
     )
     gap = Disc((0.0, RADIUS), RADIUS).gap(mesh, motion=(0.0, -DEPTH))
-    problem = Problem(mesh, material, contact="contact", gap=gap)
+    problem = Problem(mesh, material, contact="contact", gap=gap, order=2)
     return semismooth_newton(problem).raise_for_status()
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from ngsolve import Integrate
 from shared import check, plain, run, save
 
-from ngepc import Material, Problem, semismooth_newton
+from ngepc import Material, Problem
 from ngepc.evolution.load_path import load_cycle
-from ngepc.evolution.solver import cold_start, evolve
+from ngepc.evolution.solver import evolve
 from ngepc.geometries import plate
 from ngepc.pictures import beside, plot_field
 from ngepc.primal.solver import primal_newton
@@ -30,41 +30,36 @@ def quarter(maxh):
 def loop(history):
     """Displacement and force of the top at the steps; the force by virtual work with (0, y)."""
     factors = np.interp(history.times, range(len(CORNERS) + 1), (0, *CORNERS))
-    forces = history.values(lambda fields: Integrate(fields.stress[3], history.problem.mesh))
+    forces = history.values(lambda fields: Integrate(fields.stress[1, 1], history.problem.mesh))
     return STRETCH * factors, np.array(forces)
 
 
 def main(out: Path, coarse: bool = False) -> str:
-    """Compare the area of the last loop with the dissipation, and both methods."""
+    """Compare the area of the last loop with the dissipation, and with a second solver."""
     problem = quarter(0.2 if coarse else 0.08)
     steps = 4 if coarse else 12
     path = load_cycle(problem, CORNERS, steps)
-    dual = cold_start(semismooth_newton)
-    histories = {
-        "primal": evolve(problem, path, primal_newton).raise_for_status(),
-        "dual": evolve(problem, path, dual).raise_for_status(),
-    }
-    loops = {name: loop(history) for name, history in histories.items()}
-    (moved, force), (_, other) = loops["primal"], loops["dual"]
+    history = evolve(problem, path).raise_for_status()
+    witness = evolve(problem, path, primal_newton).raise_for_status()
+    moved, force = loop(history)
+    _, other = loop(witness)
     first, last = (slice(k * steps - 1, (k + 2) * steps) for k in (1, 3))
     area = np.trapezoid(force[last], moved[last])
-    lost = sum(histories["primal"].column("dissipation")[-2 * steps :])
+    lost = sum(history.column("dissipation")[-2 * steps :])
     line = check("area of the loop", area, lost, 0.15 if coarse else 0.03)
     assert np.abs(force[last] - force[first]).max() < 0.02 * force.max()
-    line += ", largest force, dual " + check("method", other.max(), force.max(), 0.02)
+    line += ", largest force " + check("primal", other.max(), force.max(), 1e-8)
 
     def curves(axes):
         plain(axes, "displacement of the top (length)", "force (stress times length)")
-        for style, (name, (u, f)) in zip(("k-", "C1--"), loops.items(), strict=True):
-            axes.plot([0, *u], [0, *f], style, linewidth=1, label=f"{name} method")
+        axes.plot([0, *moved], [0, *force], ".-", linewidth=1, markersize=3)
         axes.ticklabel_format(axis="x", scilimits=(-2, 3))
-        axes.legend(fontsize=8, frameon=False)
 
     def body(axes):
-        plot_field(histories["dual"].steps[-1].fields, axes=axes, title="after two cycles")
+        plot_field(history.steps[-1].fields, axes=axes, title="after two cycles")
 
     save(beside(curves, body), out, "holed_plate")
-    return f"holed plate: {line} (primal)"
+    return f"holed plate: {line} (exact)"
 
 
 if __name__ == "__main__":

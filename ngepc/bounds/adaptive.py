@@ -154,8 +154,9 @@ def solve_to(
     records: list[MeshRecord] = []
     mesh, last = Mesh(problem.mesh.ngmesh.Copy()), None
     while True:
-        result, bound = solved(DiscreteProblem(on_mesh(problem, mesh)), last, options)
-        records.append(recorded(result, bound))
+        discrete = DiscreteProblem(on_mesh(problem, mesh))
+        result, bound, steps = solved(discrete, last, options)
+        records.append(recorded(bound, steps))
         log.info(LINE, vars(records[-1]))
         message = verdict(result, bound, relative_error, records[-1], monitor)
         if message is None:
@@ -168,8 +169,8 @@ def solve_to(
 
 def solved(
     discrete: DiscreteProblem, last: ErrorBound | None, options: Refinement
-) -> tuple[ExactResult, ErrorBound]:
-    """Newton steps on one mesh until their part of the bound is small."""
+) -> tuple[ExactResult, ErrorBound, int]:
+    """Newton steps on one mesh until their part of the bound is small, and their number."""
     setting, tangent = Setting(discrete), Factors(discrete, "sparsecholesky")
     if last is None:
         state, pause = starting_state(discrete, None), Pause(0.0)
@@ -179,9 +180,9 @@ def solved(
     while True:
         result = run(discrete, state, tangent, TOLERANCE, options.max_iterations - steps, pause)
         steps += result.iterations
-        bound = bound_of_state(setting, result.state)
+        bound = bound_of_state(setting, result.state, tangent)
         if not pause.reached or bound.algebraic <= ALGEBRAIC_SHARE * bound.total:
-            return paused(result, bound, steps) if pause.reached else result, bound
+            return paused(result, bound, steps) if pause.reached else result, bound, steps
         state, pause = result.state, Pause(pause.small / 30)
 
 
@@ -218,17 +219,15 @@ class Pause:
 
 def paused(result: ExactResult, bound: ErrorBound, steps: int) -> ExactResult:
     """The result of a run that has done enough for its mesh."""
-    part = bound.algebraic / bound.total
+    part = bound.algebraic / bound.total if bound.total > 0 else 0.0
     ending = f"Newton's part of the error bound is {part:.1e} after {steps} steps."
     return replace(result, status=Status.CONVERGED, ending=ending)
 
 
-def recorded(result: ExactResult, bound: ErrorBound) -> MeshRecord:
+def recorded(bound: ErrorBound, steps: int) -> MeshRecord:
     """The record of a mesh."""
-    nodes = result.problem.mesh.nv
-    return MeshRecord(
-        nodes, result.iterations, bound.energy, bound.total, bound.algebraic, bound.relative
-    )
+    parts = (bound.energy, bound.total, bound.algebraic, bound.relative)
+    return MeshRecord(bound.problem.mesh.nv, steps, *parts)
 
 
 def verdict(

@@ -4,7 +4,7 @@ For every displacement u that is admissible and every stress that is in equilibr
 a contact pressure P >= 0,
 
     J(u) - inf J  <=  J(u) + D(sigma)
-                  =   int [phi(eps(u)) + phi*(sigma) - sigma : eps(u)] + int_contact P (psi - u . n),
+        =  int [phi(eps(u)) + phi*(sigma) - sigma : eps(u)] + int_contact P (psi - u . n),
 
 where phi is the density of J that is smallest over p.  Both integrands are nowhere negative: they
 are the indicators.
@@ -139,6 +139,9 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
         If ``result`` is none.
     ValueError
         For what no bound covers, naming the argument of the problem.
+    RuntimeError
+        If rounding leaves the stress out of equilibrium, or supports keep the displacement from
+        clearing the obstacle.
     """
     problem = getattr(result, "problem", None)
     if not isinstance(problem, Problem):
@@ -146,7 +149,7 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
     exact = isinstance(result, ExactResult)
     setting = Setting(result.discrete if exact else DiscreteProblem(problem))
     state = result.state if exact else state_of(setting, result)
-    return bound_of_state(setting, state, effort)
+    return bound_of_state(setting, state, Factors(setting.discrete, "sparsecholesky"), effort)
 
 
 def state_of(setting: Setting, result: object) -> State:
@@ -158,19 +161,18 @@ def state_of(setting: Setting, result: object) -> State:
         ends = setting.boundary.on_contact(on_segments(setting.problem, result.contact_pressure))
         there = setting.row_of >= 0
         multipliers[setting.row_of[there]] = np.maximum(ends[there], 0.0)
-    return discrete.state(u.copy(), multipliers=multipliers * rows.weights)
+    return discrete.state(u.copy(), contact=multipliers * rows.weights)
 
 
-def bound_of_state(setting: Setting, given: State, effort: Effort | None = None) -> ErrorBound:
-    """The bound for a state on the mesh of a setting."""
+def bound_of_state(
+    setting: Setting, given: State, tangent: Factors, effort: Effort | None = None
+) -> ErrorBound:
+    """The bound for a state on the mesh of a setting; ``tangent`` gets other factors."""
     discrete, u = setting.discrete, setting.feasible(given.u)
     moved = float(np.abs(u - given.u).max(initial=0.0))
     state = (
-        given
-        if moved <= given.touching_distance
-        else discrete.state(u, multipliers=given.multipliers)
+        given if moved <= given.touching_distance else discrete.state(u, contact=given.multipliers)
     )
-    tangent = Factors(discrete, "sparsecholesky")
     tangent.update(discrete.law.moduli(state.at, state.yielding))
     P = setting.pressure(state.multipliers)
     moments, forces = setting.loads(P)
@@ -180,7 +182,7 @@ def bound_of_state(setting: Setting, given: State, effort: Effort | None = None)
     rest = float(local_gaps(setting, state, 0 * stress).sum() + contact.sum())
     z = tightened(dual, z, stress, rest, effort or Effort())
     local = local_gaps(setting, state, z.mean(axis=1))
-    per_triangle, _ = setting.conjugate.integrals(at_nodes(z), setting.triangles.area, local)
+    per_triangle = setting.conjugate.integrals(at_nodes(z), setting.triangles.area, local)
     owners = setting.triangles.owners[setting.boundary.contact, 0]
     per_triangle += np.bincount(owners, contact, minlength=len(per_triangle))
     algebraic = algebraic_part(setting, state, tangent)
@@ -190,7 +192,7 @@ def bound_of_state(setting: Setting, given: State, effort: Effort | None = None)
 def local_gaps(setting: Setting, state: State, mean: np.ndarray) -> np.ndarray:
     """int [phi(eps) - sigma : eps] over each triangle for stresses with this mean (nt, 3)."""
     law = setting.discrete.law
-    phi = law.energy_density(state.volume, state.at) + setting.conjugate.constant
+    phi = law.energy_density(state.volume, state.at)
     work = np.einsum("tc,tc->t", mean, setting.strain(state))
     return setting.triangles.area * (phi - work)
 

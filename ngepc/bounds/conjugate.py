@@ -7,6 +7,8 @@ deviatoric coordinates d of the stress
     phi*(sigma) = m^2 / (2 bulk) + |d|^2 / (4 mu_2) + d . p_0 + mu_2 |p_0|^2
                   + 1/(2 h) ([|d - dev alpha_0| - beta]_+)^2.
 
+It is conjugate to the density of J, which leaves out mu_2 |p_0|^2.
+
 In the law of two dimensions m = a and d = b.  In plane strain no equation restricts sigma_zz, that
 is the coordinate d_1 = zeta of diag(1, 1, -2)/6^(1/2) with m = a - zeta/6^(1/2): every zeta bounds,
 the one that is taken nearly minimises phi*.
@@ -85,7 +87,7 @@ class Conjugate:
         self.constant = 0.5 * law.two_mu * np.einsum("td,td->t", law.initial, law.initial)
 
     def completed(self, z: np.ndarray, of: np.ndarray | slice = slice(None)) -> Completed:
-        """The whole stress for in-plane stresses z (triangles, points, 3) of the triangles ``of``."""
+        """The whole stress for in-plane z (triangles, points, 3) of the triangles ``of``."""
         if self.d == 2:
             return self._completed(z[..., 0], z[..., 1:], of)
         return self._completed(*self._with_zeta(z, self._best_zeta(z, of)), of)
@@ -161,10 +163,8 @@ class Conjugate:
         corner = bulk / 6 + whole[..., 1, 1]
         return rest - column[..., :, None] * column[..., None, :] / corner[..., None, None]
 
-    def integrals(
-        self, nodal: np.ndarray, area: np.ndarray, rest: np.ndarray
-    ) -> tuple[np.ndarray, float]:
-        """Upper bounds of int phi* over each triangle, plus ``rest``, and what they give away.
+    def integrals(self, nodal: np.ndarray, area: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Upper bounds of int phi* over each triangle, plus ``rest``, shape (triangles,).
 
         The plastic term is the integral of the squared distance of s from the ball |q| <= beta.
         That is at most |s - q| for the affine q whose nodal values are the nearest points of the
@@ -184,7 +184,7 @@ class Conjugate:
         over = at.over.reshape(count, 3, 3)
         triangle, k = np.nonzero((over > 0).any(axis=2))
         s = (at.size[..., None] * at.direction).reshape(count, 3, 3, -1)[triangle, k]
-        weight, given_away = area[triangle] / 3, 0.0
+        weight = area[triangle] / 3
         bound, likely = self._plastic(s, weight, triangle)
         allowed = WORTH * max(result.sum() + likely.sum(), 0.0)
         for level in range(SPLIT_LEVELS + 1):
@@ -193,14 +193,13 @@ class Conjugate:
                 np.ones(len(gain), bool) if level == SPLIT_LEVELS else smallest(gain, allowed / 2)
             )
             result += np.bincount(triangle[kept], bound[kept], minlength=count)
-            given_away += gain[kept].sum()
             allowed -= gain[kept].sum()
             if kept.all():
                 break
             s = np.einsum("pij,tjd->tpid", SPLIT, s[~kept]).reshape(-1, 3, self.d)
             weight, triangle = np.repeat(weight[~kept] / 4, 4), np.repeat(triangle[~kept], 4)
             bound, likely = self._plastic(s, weight, triangle)
-        return result, float(given_away)
+        return result
 
     def _smooth_integrals(self, at: Completed, area: np.ndarray) -> np.ndarray:
         count, part, law = len(area), area[:, None] / 3, self.law

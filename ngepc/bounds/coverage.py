@@ -7,8 +7,8 @@ import math
 import numpy as np
 from ngsolve import BND, ET, VOL, CoefficientFunction, IntegrationRule
 
-from ngepc.discretisation.rules import has_straight_simplices
 from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.rules import has_straight_simplices
 
 CONSTANT = 1e-10
 """Part of its largest value by which a coefficient may vary on an element and count as constant."""

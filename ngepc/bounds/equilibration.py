@@ -17,6 +17,9 @@ import numpy as np
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.triangles import PAIRS, Triangles
 
+BALANCED = 1e-8
+"""Part of the largest corner force that may be out of balance."""
+
 
 class Patches:
     """The triangles around each vertex and the pseudo-inverses of their equations.
@@ -25,15 +28,25 @@ class Patches:
     ----------
     boundary
         Which tractions are given.
+
+    Raises
+    ------
+    ValueError
+        For a body whose parts meet in a single vertex.
     """
 
     def __init__(self, boundary: Boundary) -> None:
         self.boundary = boundary
         self.triangles = t = boundary.triangles
+        if np.bincount(t.edges[t.outer].ravel()).max() > 2:
+            raise ValueError("mesh: bounds need parts that hang together by edges")
         self._number_corners()
         corners = self._edge_corners()
         self._first, self._second = corners[:, :, 0], corners[:, :, 1]
-        self.inverses = [self._inverse(t.outer & ~boundary.given[:, c]) for c in (0, 1)]
+        open_ = [t.outer & ~boundary.given[:, c] for c in (0, 1)]
+        first = self._inverse(open_[0])
+        same = (open_[0] == open_[1]).all()
+        self.inverses = [first, first if same else self._inverse(open_[1])]
 
     def _number_corners(self) -> None:
         """The place of each corner (triangle, vertex) among those of its vertex."""
@@ -59,16 +72,19 @@ class Patches:
     def _inverse(self, open_: np.ndarray) -> np.ndarray:
         """Pseudo-inverses of the vertices' Laplacians, (nv, most, most); open edges ground them."""
         t, nv, most = self.triangles, len(self.triangles.points), self.most
-        laplacian, inner = np.zeros(nv * most * most), ~t.outer
+        inner, places, values = ~t.outer, [], []
         grounded = np.zeros(nv, dtype=bool)
         grounded[t.edges[open_]] = True
         for end in (0, 1):
             base = t.edges[:, end] * most
             i, j = (self.place[c[:, end]] for c in (self._first, self._second))
-            pairs = [(i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)]
-            for a, b, value in pairs:
-                np.add.at(laplacian, ((base + a) * most + b)[inner], value)
-            np.add.at(laplacian, ((base + i) * most + i)[open_], 1.0)
+            for a, b, value in ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0)):
+                places.append(((base + a) * most + b)[inner])
+                values.append(np.full(len(places[-1]), value))
+            places.append(((base + i) * most + i)[open_])
+            values.append(np.ones(len(places[-1])))
+        where, what = np.concatenate(places), np.concatenate(values)
+        laplacian = np.bincount(where, what, minlength=nv * most * most)
         laplacian = laplacian.reshape(nv, most, most)
         there = np.arange(most) < self.count[:, None]
         mean = np.where(grounded, 0.0, 1 / self.count)[:, None, None]
@@ -87,16 +103,18 @@ class Patches:
             Shape (nt, 2).
         given
             Moments of the tractions on the outer boundary, shape (ne, 2, 2).
+
+        Raises
+        ------
+        RuntimeError
+            If rounding leaves triangles out of equilibrium: there is no bound then.
         """
         t, inner = self.triangles, ~self.triangles.outer
         known = self.boundary.given[:, None, :]
         mu = np.where(known, given, self._mean_moments(stress)[:, None])
-        defect = corner_forces(t, stress, body_force).reshape(-1, 2)
-        for end in (0, 1):
-            gather(defect, self._first[:, end], -mu[:, end])
-            gather(defect, self._second[inner, end], mu[inner, end])
+        internal = corner_forces(t, stress, body_force).reshape(-1, 2)
         forces = np.zeros((len(t.points), self.most, 2))
-        forces[t.nodes.ravel(), self.place] = defect
+        forces[t.nodes.ravel(), self.place] = self._defect(internal, mu)
         y = np.stack(
             [np.matmul(M, forces[:, :, c, None])[:, :, 0] for c, M in enumerate(self.inverses)],
             axis=2,
@@ -105,7 +123,18 @@ class Patches:
             here = y[t.edges[:, end], self.place[self._first[:, end]]]
             there = y[t.edges[:, end], self.place[self._second[:, end]]]
             mu[:, end] += np.where(known[:, 0], 0.0, here - np.where(inner[:, None], there, 0.0))
+        left, size = np.abs(self._defect(internal, mu)).max(), np.abs(internal).max()
+        if left > BALANCED * max(size, np.abs(mu).max()):
+            raise RuntimeError(f"the stress is out of equilibrium by {left / size:.1e} of its size")
         return mu
+
+    def _defect(self, internal: np.ndarray, mu: np.ndarray) -> np.ndarray:
+        """What the moments lack at the corners, shape (3 nt, 2)."""
+        defect, inner = internal.copy(), ~self.triangles.outer
+        for end in (0, 1):
+            gather(defect, self._first[:, end], -mu[:, end])
+            gather(defect, self._second[inner, end], mu[inner, end])
+        return defect
 
     def _mean_moments(self, stress: np.ndarray) -> np.ndarray:
         t = self.triangles

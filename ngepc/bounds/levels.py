@@ -7,7 +7,7 @@ from ngsolve import H1
 
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.held import Pair
-from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
+from ngepc.discretisation.blocks import lower_pattern, pattern_matrix
 
 
 class TwoLevels:
@@ -21,9 +21,8 @@ class TwoLevels:
 
     def __init__(self, space: AirySpace) -> None:
         self.space, t = space, space.triangles
-        scalar = H1(t.mesh, order=1)
-        rows, columns = lower_pattern(scalar)
         self.matrix = pattern_matrix(H1(t.mesh, order=1, dim=3))
+        rows, columns = lower_pattern(self.matrix)
         self._keys = rows * np.int64(len(t.points)) + columns
         a, b = np.tril_indices(3)
         i, j = t.nodes[:, a], t.nodes[:, b]

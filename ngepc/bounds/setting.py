@@ -19,7 +19,13 @@ START_MAP = midpoint_rows(STRESS_MAP)
 
 FROM_PLANE = np.linalg.inv(TO_PLANE)
 
-NORMAL_PASSES = 20
+LEVEL = 1e-9
+"""Square of the free part of a normal that moves nothing."""
+
+CLEAR = 1e-12
+"""Part of the largest displacement that counts as no penetration."""
+
+NORMAL_PASSES = 50
 """Most passes over the facets that meet at a vertex until all of them are clear."""
 
 
@@ -70,20 +76,28 @@ class Setting:
         return np.einsum("eac,ec->ea", u[t.edges[on]], t.normal[on])
 
     def feasible(self, u: np.ndarray) -> np.ndarray:
-        """Nodal displacements near ``u`` that meet supports and clear the obstacle everywhere."""
+        """Nodal displacements near ``u`` that meet supports and clear the obstacle everywhere.
+
+        Raises
+        ------
+        RuntimeError
+            Where supports keep a vertex from clearing it.
+        """
         t, on, free = self.triangles, self.boundary.contact, self.discrete.supports.free
         u = np.where(free, u, self.discrete.supports.values)
+        rounding = CLEAR * np.abs(u).max(initial=0.0)
         for _ in range(NORMAL_PASSES):
-            excess = self.normal_displacement(u) - self.boundary.gap
-            if excess.max(initial=0.0) <= 1e-13 * np.abs(u).max(initial=0.0):
-                break
+            if (self.normal_displacement(u) - self.boundary.gap).max(initial=0.0) <= rounding:
+                return u
             for end in (0, 1):
-                deep = excess[:, end] > 0
-                vertices, n = t.edges[on][deep, end], t.normal[on][deep]
+                excess = (self.normal_displacement(u) - self.boundary.gap)[:, end]
+                vertices, n = t.edges[on][:, end], t.normal[on]
                 n = np.where(free[vertices], n, 0.0)
-                u[vertices] -= (excess[deep, end] / np.einsum("ec,ec->e", n, n))[:, None] * n
-                excess = self.normal_displacement(u) - self.boundary.gap
-        return u
+                square = np.einsum("ec,ec->e", n, n)
+                deep = (excess > 0) & (square > LEVEL)
+                n[deep] *= (excess[deep] / square[deep])[:, None]
+                u[vertices[deep]] -= n[deep]
+        raise RuntimeError("the displacement could not be moved clear of the obstacle")
 
     def pressure(self, multipliers: np.ndarray) -> np.ndarray:
         """P >= 0 at the ends of the contact edges from forces of the rows (stress).

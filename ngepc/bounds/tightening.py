@@ -22,7 +22,9 @@ class Effort:
     Parameters
     ----------
     newton
-        Newton steps after the tangent at the discrete stress.
+        Most Newton steps after the tangent at the discrete stress.
+    trust
+        None is done where the bound exceeds what the tangent promised by less than this part.
     gain
         Conjugate gradients stop at a step that gains less than this part of the bound.
     steps
@@ -30,6 +32,7 @@ class Effort:
     """
 
     newton: int = 1
+    trust: float = 0.03
     gain: float = 0.02
     steps: int = 12
 
@@ -86,32 +89,35 @@ def tightened(
     moved = np.matmul(z - centre, H[:, 0])
     first = dual.gradient(at)
     model = dual.value(centre, at) + product(space, z - centre, first + moved / 2)
-    z = z + change(precondition, K, first + moved, rest + model, effort)
+    step, promised = change(precondition, K, first + moved, rest + model, effort)
+    z = z + step
     for _ in range(effort.newton):
         at = conjugate.completed(z)
+        value = dual.value(z, at)
+        if rest + value - promised <= effort.trust * (rest + value):
+            break
         yields = np.flatnonzero((at.over > 0).any(axis=1))
         space.fill(K, yields, lambda part, at=at: conjugate.compliance(at.of(part), part))
         precondition.smooth(K)
-        value = dual.value(z, at)
-        step = change(precondition, K, dual.gradient(at), rest + value, effort)
+        step, promised = change(precondition, K, dual.gradient(at), rest + value, effort)
         z = descended(dual, z, step, value)
     return z
 
 
 def change(
     precondition: TwoLevels, K: np.ndarray, strain: np.ndarray, bound: float, effort: Effort
-) -> np.ndarray:
-    """The change of the stress that makes the strains d phi*/dz (nt, 9, 3) more compatible."""
+) -> tuple[np.ndarray, float]:
+    """The change of the stress for the strains d phi*/dz (nt, 9, 3), and the bound it promises."""
     space = precondition.space
     right = tuple(-v for v in space.gathered(space.forces(strain)))
-    x = conjugate_gradients(precondition, K, right, bound, effort)
-    return space.stress(space.local(*x))
+    x, promised = conjugate_gradients(precondition, K, right, bound, effort)
+    return space.stress(space.local(*x)), promised
 
 
 def conjugate_gradients(
     precondition: TwoLevels, K: np.ndarray, right: Pair, bound: float, effort: Effort
-) -> Pair:
-    """Unknowns that nearly solve K x = right; each step lowers the bound."""
+) -> tuple[Pair, float]:
+    """Unknowns that nearly solve K x = right, and the bound, which each step lowers."""
     space, r = precondition.space, [v.copy() for v in right]
     p = z = precondition(K, r)
     rz, x = inner(r, z), [np.zeros_like(v) for v in r]
@@ -130,7 +136,7 @@ def conjugate_gradients(
         z = precondition(K, r)
         rz, before = inner(r, z), rz
         p = tuple(a + rz / before * b for a, b in zip(z, p, strict=True))
-    return tuple(x)
+    return tuple(x), bound
 
 
 def descended(dual: Dual, z: np.ndarray, step: np.ndarray, value: float) -> np.ndarray:

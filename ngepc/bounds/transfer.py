@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 
 import numpy as np
+from netgen.meshing import NetgenGeometry
 from ngsolve import (
     CF,
     L2,
@@ -28,9 +29,12 @@ CENTRE = IntegrationRule([(1 / 3, 1 / 3)], [0.5])
 def bisected(mesh: Mesh, marked: np.ndarray) -> Mesh:
     """A copy of the mesh with the marked elements bisected, and neighbours to conform.
 
-    The copy is made first: spaces on meshes that Netgen has refined before transfer wrongly.
+    The copy is made first: spaces on meshes that Netgen has refined before transfer wrongly.  The
+    body stays the polygon that it is: new vertices are not moved to curved boundaries.
     """
-    finer = Mesh(mesh.ngmesh.Copy())
+    netgen_mesh = mesh.ngmesh.Copy()
+    netgen_mesh.SetGeometry(NetgenGeometry())
+    finer = Mesh(netgen_mesh)
     for number, flag in enumerate(marked.tolist()):
         finer.SetRefinementFlag(ElementId(VOL, number), flag)
     finer.Refine()
@@ -49,7 +53,7 @@ def check_carried(problem: Problem) -> None:
     data["prescribed"] = problem.prescribed
     for name, value in data.items():
         for one in values_in(value):
-            if "GridFunction" in str(one):
+            if "gridfunction" in str(one).lower():
                 raise ValueError(
                     f"{name} is made of a GridFunction, which belongs to one mesh: numbers or "
                     "functions of position are needed"
@@ -132,4 +136,4 @@ def carried_state(old: State, discrete: DiscreteProblem) -> State:
         nodal[vertex] = (nodal[a] + nodal[b]) / 2
     supports, there = discrete.supports, discrete.rows
     u = np.where(supports.free, nodal[:, :2], supports.values)
-    return discrete.state(u, multipliers=nodal[there.vertices, 2] * there.weights)
+    return discrete.state(u, contact=nodal[there.vertices, 2] * there.weights)

@@ -7,7 +7,7 @@ friction, to the tangential ones; the gaps are what it leaves open, (gaps - N u,
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from ngsolve import H1, GridFunction
@@ -15,7 +15,8 @@ from scipy.sparse import csr_matrix, vstack
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.loads import Supports, nodal
-from ngepc.discretisation.rows import ContactRows, contact_rows
+from ngepc.discretisation.mortar import mortar_rows
+from ngepc.discretisation.rows import ContactRows, contact_rows, joined
 from ngepc.linalg.complementarity import exchange
 from ngepc.linalg.friction import FrictionCone
 from ngepc.linalg.secants import SmallProblem
@@ -49,7 +50,8 @@ class ContactConditions:
     """
 
     def __init__(self, problem: Problem, supports: Supports) -> None:
-        self.rows: ContactRows = contact_rows(problem, supports)
+        pairs = [mortar_rows(problem, supports, pair) for pair in problem.contact_pairs]
+        self.rows: ContactRows = joined([contact_rows(problem, supports), *pairs])
         self.friction = friction_cone(problem, self.rows)
         self.matrix: csr_matrix = self.rows.normal
         self._closed_at = self.rows.gaps
@@ -64,7 +66,9 @@ class ContactConditions:
     @property
     def small_problem(self) -> SmallProblem:
         """What solves the conditions with a known compliance."""
-        return exchange if self.friction is None else self.friction
+        if self.friction is None:
+            return partial(exchange, tied=self.rows.tied)
+        return self.friction
 
     @property
     def unsolvable(self) -> str:
@@ -110,17 +114,21 @@ class ContactConditions:
     def stiffness(self, diagonal: np.ndarray) -> np.ndarray:
         """Stiffness of the nodes of each row (force per length), one number for all its tangents.
 
-        ``diagonal`` is that of the stiffness matrix, shape (nodes, N).
+        A row whose tangents are held has that of its normal.  ``diagonal`` is that of the stiffness
+        matrix, shape (nodes, N).
         """
         each = self.matrix.power(2) @ diagonal.ravel()
         if self.friction is None:
             return each
-        mean = self.tangential(each).mean(axis=1)
-        return np.concatenate([self.normal(each), np.repeat(mean, self.friction.d)])
+        normal, mean = self.normal(each), self.tangential(each).mean(axis=1)
+        mean = np.where(mean > 0, mean, normal)
+        return np.concatenate([normal, np.repeat(mean, self.friction.d)])
 
-    def held(self, x: np.ndarray, following: np.ndarray, sticks: np.ndarray) -> np.ndarray:
+    def held(
+        self, x: np.ndarray, following: np.ndarray, touches: np.ndarray, sticks: np.ndarray
+    ) -> np.ndarray:
         """The forces x that do no work: normal ones of rows that stay closed, those that stick."""
-        closed = self.normal(following) > 0
+        closed = touches & (self.normal(following) > 0) | self.rows.tied
         if self.friction is not None:
             closed = np.concatenate([closed, np.repeat(sticks, self.friction.d)])
         return np.where(closed, x, 0.0)
@@ -131,10 +139,9 @@ class ContactConditions:
         ``pushed`` is k gaps with any stiffness k > 0.
         """
         trial = x - pushed
-        admissible = np.maximum(trial, 0.0)
         if self.friction is not None:
-            admissible = self.friction.projected(trial)
-        return x - admissible
+            return x - self.friction.projected(trial)
+        return x - np.where(self.rows.tied, trial, np.maximum(trial, 0.0))
 
     def friction_work(self, x: np.ndarray, gaps: np.ndarray, rounding: float) -> float:
         """The sum of b |slip| over the rows (force times length); less than rounding is no slip."""
@@ -147,15 +154,17 @@ def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone | None:
     law = problem.friction
     if law is None:
         return None
-    m, d = len(rows), problem.N - 1
+    cap, coefficient = np.full(len(rows), np.inf), np.full(len(rows), STEEPEST)
     if isinstance(law, Coulomb):
-        return FrictionCone(np.full(m, np.inf), _at_rows(problem, rows, law.coefficient), d)
-    return FrictionCone(rows.weights * _at_rows(problem, rows, law), np.full(m, STEEPEST), d)
+        coefficient = _at_rows(problem, rows, law.coefficient)
+    else:
+        cap = rows.weights * _at_rows(problem, rows, law)
+    return FrictionCone(cap, np.where(rows.tied, 0.0, coefficient), rows.tied, problem.N - 1)
 
 
 def _at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarray:
     values = GridFunction(H1(problem.mesh, order=1))
-    region = problem.mesh.Boundaries("|".join(problem.contact_names))
+    region = problem.mesh.Boundaries("|".join(problem.touching_names))
     values.Set(as_scalar(value), definedon=region)
     return values.vec.FV().NumPy()[rows.vertices]
 

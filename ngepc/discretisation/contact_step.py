@@ -10,7 +10,7 @@ from ngepc.discretisation.conditions import ContactConditions
 from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.secants import solve_by_secants
 
-ROUNDING = 1e-13
+ROUNDING = 3e-14
 """Gaps of closed rows below this part of the displacements are zero."""
 
 BESIDE = 1e-3
@@ -91,12 +91,14 @@ class ContactWork:
         following: np.ndarray,
         touching: float,
     ) -> None:
-        self._slip = -conditions.tangential(conditions.gaps(u))
+        gaps = conditions.gaps(u)
+        self._slip = -conditions.tangential(gaps)
         way = conditions.tangential(conditions.displacement(change))
         ends = np.linalg.norm(np.stack([self._slip, self._slip + way]), axis=2)
         moves = ends.max(axis=0) > touching
         self._way, self._bound = np.where(moves[:, None], way, 0.0), conditions.bound(following)
-        self.held = conditions.forces(conditions.held(forces, following, ~moves))
+        touches = conditions.normal(gaps) <= touching
+        self.held = conditions.forces(conditions.held(forces, following, touches, ~moves))
 
     def slope(self, t: float) -> float:
         """d/dt of the sum of bound times |slip|, just before t (just after 0)."""

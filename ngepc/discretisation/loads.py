@@ -5,6 +5,8 @@ Nodal arrays have shape (nodes, N): one row for each degree of freedom of a disp
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from ngsolve import (
     BND,
@@ -27,13 +29,23 @@ BONUS_ORDER = 3
 
 def external_work(problem: Problem, v: CoefficientFunction | ProxyFunction) -> list:
     """The integrals of int_Gn g . v + int f . v, with points for loads that vary."""
+    return work_of(problem, v, problem.tractions, problem.f)
+
+
+def work_of(
+    problem: Problem,
+    v: CoefficientFunction | ProxyFunction,
+    tractions: Mapping[str, CoefficientFunction],
+    f: CoefficientFunction | None,
+) -> list:
+    """The integrals of other loads on the body of a problem."""
     weight = problem.kinematics.weight
     work = [
         weight * InnerProduct(g, v) * ds(name, bonus_intorder=BONUS_ORDER)
-        for name, g in problem.tractions.items()
+        for name, g in tractions.items()
     ]
-    if problem.f is not None:
-        work.append(weight * InnerProduct(problem.f, v) * dx(bonus_intorder=BONUS_ORDER))
+    if f is not None:
+        work.append(weight * InnerProduct(f, v) * dx(bonus_intorder=BONUS_ORDER))
     return work
 
 
@@ -44,8 +56,18 @@ def nodal(vector: np.ndarray, problem: Problem) -> np.ndarray:
 
 def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
     """Nodal forces of tractions and body force, shape (nodes, N)."""
+    return forces_of(problem, V, problem.tractions, problem.f)
+
+
+def forces_of(
+    problem: Problem,
+    V: FESpace,
+    tractions: Mapping[str, CoefficientFunction],
+    f: CoefficientFunction | None,
+) -> np.ndarray:
+    """Nodal forces of other loads on the body of a problem, shape (nodes, N)."""
     load = LinearForm(V)
-    for term in external_work(problem, V.TestFunction()):
+    for term in work_of(problem, V.TestFunction(), tractions, f):
         load += term
     return nodal(load.Assemble().vec.FV().NumPy(), problem).copy()
 

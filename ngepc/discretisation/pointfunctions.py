@@ -6,8 +6,8 @@ import numpy as np
 from ngsolve import L2, CoefficientFunction, GridFunction, VectorValued
 
 from ngepc.discretisation.points import Points
-from ngepc.discretisation.rules import plastic_order
 from ngepc.model.problem import Problem
+from ngepc.model.rules import plastic_order
 
 
 class PointFunctions:
@@ -50,6 +50,14 @@ class PointFunctions:
         result = GridFunction(space, name=name)
         result.vec.FV().NumPy()[:] = coefficients.T.ravel()
         return result
+
+    def transposed(self, slope: np.ndarray, components: int) -> np.ndarray:
+        """Derivatives by the values at the points, (points, components), from those by ``vec``."""
+        columns = slope.reshape(components, -1).T
+        values = np.empty_like(columns)
+        for block, inverse in zip(self.points.blocks, self._inverses, strict=True):
+            values[block.points] = inverse.swapaxes(1, 2) @ columns[self._dofs(block.points)]
+        return values
 
 
 def interpolated(problem: Problem, value: CoefficientFunction) -> GridFunction:

@@ -23,12 +23,12 @@ from ngsolve import (
     x,
 )
 
-from ngepc.discretisation.rules import plastic_points
 from ngepc.model.elements import element_numbers, element_vertices
 from ngepc.model.kinematics import Kinematics
+from ngepc.model.rules import plastic_points
 
 CHUNK = 20_000
-"""Elements whose stiffness matrices are held in memory at once."""
+"""Elements whose matrices are held in memory at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +51,23 @@ class Elements:
     volume: np.ndarray
     deviator: np.ndarray
 
+    def __len__(self) -> int:
+        return len(self.nodes)
+
     def local(self, u: np.ndarray) -> np.ndarray:
         """Displacements of the nodes of each element, shape (elements, k N)."""
         return u[self.nodes].reshape(len(self.nodes), -1)
+
+    def part(self, chosen: slice) -> Elements:
+        """Some of the elements, as views."""
+        return Elements(
+            self.nodes[chosen], self.points[chosen], self.volume[chosen], self.deviator[chosen]
+        )
+
+
+def chunks(count: int) -> list[slice]:
+    """The slices of ``CHUNK`` that cover ``count`` elements."""
+    return [slice(first, first + CHUNK) for first in range(0, count, CHUNK)]
 
 
 class Points:
@@ -121,9 +135,14 @@ class Points:
             weights[points] = np.array(rule.weights)
             nodes = vertices if self.order == 1 else self._nodes(numbers)
             slopes, values = _reference(element, rule)
-            gradients = np.einsum("pkj,epji->epki", slopes, inverses[points], optimize=True)
-            hoop = None if radii is None else values / radii[points][:, :, None]
-            yield Elements(nodes, points, *strain_rows(self.kinematics, gradients, hoop))
+            k, d = self.kinematics.N * nodes.shape[1], self.kinematics.d
+            volume, deviator = np.empty((*points.shape, k)), np.empty((*points.shape, d, k))
+            for part in chunks(len(points)):
+                here = points[part]
+                gradients = np.einsum("pkj,epji->epki", slopes, inverses[here], optimize=True)
+                hoop = None if radii is None else values / radii[here][:, :, None]
+                volume[part], deviator[part] = strain_rows(self.kinematics, gradients, hoop)
+            yield Elements(nodes, points, volume, deviator)
         self.weights *= weights
 
     def _with_mean_volume(self, block: Elements) -> Elements:
@@ -179,8 +198,11 @@ class Points:
         result = np.zeros(count * N)
         for block in self.blocks:
             dofs = (N * block.nodes[:, :, None] + np.arange(N)).ravel()
-            values = local(block, self.weights[block.points]).ravel()
-            result += np.bincount(dofs, values, minlength=count * N)
+            values = np.empty((len(block), N * block.nodes.shape[1]))
+            for part in chunks(len(block)):
+                some = block.part(part)
+                values[part] = local(some, self.weights[some.points])
+            result += np.bincount(dofs, values.ravel(), minlength=count * N)
         return result.reshape(count, N)
 
     def integral(self, density: np.ndarray) -> float:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from ngsolve import BND, ET, H1, ElementId, IntegrationRule, specialcf
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, vstack
 
 from ngepc.discretisation.loads import Supports
 from ngepc.model.problem import Problem
@@ -42,6 +42,9 @@ _HATS = {
 }
 
 
+_ARRAYS = ("gaps", "weights", "vertices", "normals", "tangents", "tied")
+
+
 @dataclass(frozen=True, eq=False)
 class ContactRows:
     """The contact condition N u <= gaps; u flattened node by node, N components each.
@@ -62,6 +65,8 @@ class ContactRows:
         Unit outer normals, shape (m, N).
     tangents
         Orthonormal tangents, shape (m, N - 1, N).
+    tied
+        Boolean, shape (m,): rows of glued bodies, N u = gaps with forces of either sign.
     """
 
     normal: csr_matrix
@@ -71,9 +76,20 @@ class ContactRows:
     vertices: np.ndarray
     normals: np.ndarray
     tangents: np.ndarray
+    tied: np.ndarray
 
     def __len__(self) -> int:
         return len(self.gaps)
+
+    def chosen(self, rows: np.ndarray) -> ContactRows:
+        """Some of the rows, by their numbers."""
+        d = self.tangents.shape[1]
+        tangents = (d * rows[:, None] + np.arange(d)).ravel()
+        return ContactRows(
+            normal=self.normal[rows],
+            tangential=self.tangential[tangents],
+            **{name: getattr(self, name)[rows] for name in _ARRAYS},
+        )
 
     def open_gap(self, u: np.ndarray) -> np.ndarray:
         """gaps - N u for nodal displacements ``u`` (nodes, N); negative where penetrated."""
@@ -94,6 +110,15 @@ class ContactRows:
     def friction_forces(self, multipliers: np.ndarray) -> np.ndarray:
         """T' lambda_t for tangential multipliers (m, N - 1), shape (nodes, N)."""
         return (self.tangential.T @ multipliers.ravel()).reshape(-1, self.normals.shape[1])
+
+
+def joined(parts: list[ContactRows]) -> ContactRows:
+    """The rows of several parts, one after the other."""
+    return ContactRows(
+        normal=vstack([part.normal for part in parts], format="csr"),
+        tangential=vstack([part.tangential for part in parts], format="csr"),
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS},
+    )
 
 
 @dataclass
@@ -152,7 +177,7 @@ def _assembled(problem: Problem, supports: Supports, found: list[tuple[int, _Fac
     keep = np.flatnonzero(np.sqrt(part.multiply(part).sum(axis=1)).A1 > HELD)
     found, normals, tangents = [found[i] for i in keep], normals[keep], tangents[keep]
     stacked = [_sparse(found, tangents[:, k], problem.order, free.size) for k in range(N - 1)]
-    tangential = _interleaved(stacked, free.size)
+    tangential = interleaved(stacked, free.size)
     return ContactRows(
         normal=normal[keep],
         tangential=tangential,
@@ -161,6 +186,7 @@ def _assembled(problem: Problem, supports: Supports, found: list[tuple[int, _Fac
         vertices=np.array([vertex for vertex, _ in found], dtype=int),
         normals=normals,
         tangents=tangents,
+        tied=np.zeros(len(found), dtype=bool),
     )
 
 
@@ -187,7 +213,7 @@ def _sparse(found: list, directions: np.ndarray, order: int, size: int) -> csr_m
     return csr_matrix((values, (rows, columns)), shape=(len(found), size))
 
 
-def _interleaved(matrices: list[csr_matrix], size: int) -> csr_matrix:
+def interleaved(matrices: list[csr_matrix], size: int) -> csr_matrix:
     """Row i of each matrix, then row i + 1 of each."""
     m, k = matrices[0].shape[0], len(matrices)
     parts = [M.tocoo() for M in matrices]

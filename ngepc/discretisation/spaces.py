@@ -21,8 +21,8 @@ from ngsolve import (
 )
 
 from ngepc.checks.arguments import boundary_names
-from ngepc.discretisation.rules import plastic_order
 from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.rules import plastic_order
 
 AXES = "xyz"
 

@@ -1,4 +1,4 @@
-"""The stiffness matrix of the displacements, filled in place and factorised again and again.
+"""The stiffness matrix of the displacements for NGSolve's direct solvers, filled in place.
 
 Its entries are N x N blocks, one for each pair of nodes: the direct solver orders and eliminates
 nodes instead of single components, which takes a third of the time.
@@ -6,11 +6,14 @@ nodes instead of single components, which takes a third of the time.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
-from ngsolve import H1, BaseMatrix, BilinearForm, dx
+from ngsolve import H1
 from ngsolve.la import SparseMatrixd
 
-from ngepc.discretisation.points import CHUNK, Elements, Moduli, Points
+from ngepc.discretisation.blocks import StiffnessBlocks, pattern_matrix
+from ngepc.discretisation.points import Moduli, Points
 
 
 class Stiffness:
@@ -18,10 +21,8 @@ class Stiffness:
 
     Parameters
     ----------
-    points
-        The points with their strain rows.
-    free
-        Boolean, shape (nodes, N): components that no support holds.
+    points, free, springs
+        As for ``StiffnessBlocks``.
 
     Attributes
     ----------
@@ -29,69 +30,39 @@ class Stiffness:
         The lower triangle as an NGSolve matrix of N x N blocks.
     """
 
-    def __init__(self, points: Points, free: np.ndarray) -> None:
-        self.points, self.N = points, points.kinematics.N
-        rows, columns = lower_pattern(points.scalar)
-        self._keys = rows * np.int64(points.scalar.ndof) + columns
-        self.matrix = _block_matrix(points)
-        entries = self.entries
-        if entries.shape[0] != len(rows):
+    def __init__(self, points: Points, free: np.ndarray, springs: np.ndarray | None = None) -> None:
+        self._blocks = StiffnessBlocks(points, free, springs)
+        self.matrix = pattern_matrix(H1(points.mesh, order=points.order, dim=points.kinematics.N))
+        if self.entries.shape[0] != len(self._blocks.rows):
             raise RuntimeError("the block matrix has another pattern than the scalar one")
-        self._held = ~(free[rows][:, :, None] & free[columns][:, None, :])
-        identity = np.zeros_like(entries, dtype=bool)
-        diagonal = rows == columns
-        identity[diagonal] = (~free[rows[diagonal]])[:, :, None] & np.eye(self.N, dtype=bool)
-        self._identity = identity
-        self._places = [self._places_of(block) for block in points.blocks]
+
+    def another(self) -> Stiffness:
+        """One more matrix on the same pattern."""
+        other = copy(self)
+        other.matrix = self.matrix.CreateMatrix()
+        return other
 
     @property
     def entries(self) -> np.ndarray:
         """View of the entries, shape (entries, N, N)."""
-        return self.matrix.AsVector().FV().NumPy().reshape(-1, self.N, self.N)
+        N = self._blocks.N
+        return self.matrix.AsVector().FV().NumPy().reshape(-1, N, N)
 
-    def _places_of(self, block: Elements) -> tuple[np.ndarray, ...]:
-        """Local pairs a >= b, the entry of each in each element, and where to transpose."""
-        a, b = np.tril_indices(block.nodes.shape[1])
-        i, j = block.nodes[:, a], block.nodes[:, b]
-        keys = np.maximum(i, j) * np.int64(self.points.scalar.ndof) + np.minimum(i, j)
-        return a, b, np.searchsorted(self._keys, keys), i < j
+    def whole(self) -> SparseMatrixd:
+        """A matrix with both triangles, number by number, for solvers that need it."""
+        N, rows, columns = self._blocks.N, self._blocks.rows, self._blocks.columns
+        i, j = np.indices((N, N))
+        r = (N * rows[:, None, None] + i).ravel()
+        c = (N * columns[:, None, None] + j).ravel()
+        values, upper = self.entries.ravel(), np.repeat(rows != columns, N * N)
+        r, c = np.concatenate([r, c[upper]]), np.concatenate([c, r[upper]])
+        size, values = N * len(self._blocks.free), np.concatenate([values, values[upper]])
+        return SparseMatrixd.CreateFromCOO(r, c, values, size, size)
+
+    def diagonal_places(self, nodes: np.ndarray) -> np.ndarray:
+        """Where in ``entries`` the diagonal blocks of these nodes are."""
+        return self._blocks.diagonal_places(nodes)
 
     def fill(self, moduli: Moduli) -> None:
         """Assemble the entries for these moduli at the points."""
-        entries = np.zeros((self.N**2, len(self._keys)))
-        for block, (a, b, places, turned) in zip(self.points.blocks, self._places, strict=True):
-            count, k = block.nodes.shape
-            for first in range(0, count, CHUNK):
-                part = slice(first, first + CHUNK)
-                K = self.points.element_stiffness(block, part, moduli)
-                K = K.reshape(-1, k, self.N, k, self.N)[:, a, :, b, :].swapaxes(0, 1)
-                swap = turned[part]
-                K[swap] = K[swap].swapaxes(1, 2)
-                where = places[part].ravel()
-                for c, values in enumerate(K.reshape(-1, self.N**2).T):
-                    entries[c] += np.bincount(where, values, minlength=len(self._keys))
-        values = entries.T.reshape(-1, self.N, self.N)
-        values[self._held] = 0.0
-        values[self._identity] = 1.0
-        self.entries[:] = values
-
-
-def lower_pattern(space: H1) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the entries on and below the diagonal, row by row."""
-    matrix = pattern_matrix(space)
-    assert isinstance(matrix, SparseMatrixd)
-    _, columns, starts = (np.asarray(a) for a in matrix.CSR())
-    rows = np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts.astype(np.int64)))
-    return rows, columns.astype(np.int64)
-
-
-def _block_matrix(points: Points) -> BaseMatrix:
-    return pattern_matrix(H1(points.mesh, order=points.order, dim=points.kinematics.N))
-
-
-def pattern_matrix(space: H1) -> BaseMatrix:
-    """A symmetric matrix with the pattern of the space."""
-    u, v = space.TnT()
-    form = BilinearForm(space, symmetric=True, symmetric_storage=True)
-    form += u * v * dx
-    return form.Assemble().mat
+        self.entries[:] = self._blocks.values(moduli)

@@ -86,7 +86,7 @@ def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
 
 
 def require_papers_problem(problem: Problem) -> None:
-    """Accept what the paper's method is for: no body of revolution, order one, no friction.
+    """Accept what the paper's method is for: no revolution, order one, no friction, no pairs.
 
     Raises
     ------
@@ -98,6 +98,8 @@ def require_papers_problem(problem: Problem) -> None:
         raise ValueError(
             f"friction={problem.friction!r}: the paper's regularised method has none; {advice}"
         )
+    if problem.contact_pairs:
+        raise ValueError(f"contact={problem.contact!r}: rigid obstacles only with gamma, {advice}")
     if problem.order != 1:
         raise ValueError(f"order={problem.order}: the regularised method needs 1; {advice}")
     if problem.kinematics.hoop:

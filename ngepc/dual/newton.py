@@ -24,6 +24,7 @@ from ngepc.dual.stopping import End, ResidualBelow, StoppingRule, final_check
 from ngepc.dual.system import FactorisationError, NewtonSystem
 from ngepc.linalg.direct import require_direct_solver
 from ngepc.linalg.linesearch import ROUNDING, Armijo, Descent, FullSteps, LineSearch
+from ngepc.local.iterative import Iterative
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
@@ -59,7 +60,8 @@ class NewtonOptions:
     linesearch
         (D_gamma) ``Armijo()``, or None for full steps.
     inverse
-        NGSolve's name of a direct solver that does LDL^T.
+        NGSolve's name of a direct solver that does LDL^T, or, for large bodies without gamma,
+        ``PETSc()`` or ``PyAMG()``.
 
     Raises
     ------
@@ -72,14 +74,15 @@ class NewtonOptions:
     quadrature_points: int = 400
     vectorised: bool = True
     linesearch: LineSearch | None = field(default_factory=Armijo)
-    inverse: str = "sparsecholesky"
+    inverse: str | Iterative = "sparsecholesky"
 
     def __post_init__(self) -> None:
         require_number("tolerance", self.tolerance, 1e-16)
         require_integer("max_iterations", self.max_iterations, 1)
         require_integer("quadrature_points", self.quadrature_points, 1, 900)
         require_instance("vectorised", self.vectorised, bool, "True or False")
-        require_direct_solver("inverse", self.inverse)
+        if isinstance(self.inverse, type) or not hasattr(self.inverse, "tangent"):
+            require_direct_solver("inverse", self.inverse)
         if self.linesearch is not None and not hasattr(self.linesearch, "search"):
             raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
 
@@ -164,6 +167,8 @@ def semismooth_newton(
     if gamma is None and regularisation is None:
         tolerance, limit = options.tolerance, options.max_iterations
         return solve_exactly(problem, start, tolerance, limit, options.inverse, monitor)
+    if not isinstance(options.inverse, str):
+        raise ValueError(f"inverse={options.inverse!r}: a direct solver is needed with gamma")
     regularisation = Coupled(gamma) if regularisation is None else regularisation
     require_instance("regularisation", regularisation, Coupled, "Coupled(...)")
     require_instance(

@@ -24,11 +24,11 @@ from ngepc.discretisation.quadrature import (
     fine_rules,
     smooth_rules,
 )
-from ngepc.discretisation.rules import has_straight_simplices
 from ngepc.dual.parameters import Weights
 from ngepc.dual.radial import RadialLaw
 from ngepc.model.elements import element_vertices
 from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.rules import has_straight_simplices
 
 CHUNK_POINTS = 1 << 15
 """Points that are looked at together: their arrays fit into the cache."""

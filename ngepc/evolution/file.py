@@ -124,6 +124,7 @@ def problem_fingerprint(problem: Problem) -> str:
     """A digest of all data of a problem but its mesh, sampled on the mesh."""
     mesh, material, digest = problem.mesh, problem.material, hashlib.sha256()
     names = (problem.clamped_names, problem.contact_names, sorted(problem.prescribed or {}))
+    names += problem.contact_pairs
     digest.update(repr((*names, problem.kinematics.name, problem.order)).encode())
     body = [material.lame_lambda, material.lame_mu, material.effective_hardening]
     body += [material.hardening, problem.beta, problem.p_0, *problem.alpha_0]
@@ -137,7 +138,7 @@ def problem_fingerprint(problem: Problem) -> str:
         law = problem.friction
         value = law.coefficient if isinstance(law, Coulomb) else law
         digest.update(b"Coulomb" if isinstance(law, Coulomb) else b"Tresca")
-        digest.update(sample(value, mesh, list(problem.contact_names)).tobytes())
+        digest.update(sample(value, mesh, list(problem.touching_names)).tobytes())
     if problem.initial_displacement is not None:
         digest.update(sample(as_vector(problem.initial_displacement), mesh).tobytes())
     for names, components in sorted((problem.prescribed or {}).items()):

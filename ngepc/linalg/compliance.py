@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-SPANNED = 1e-20
+SPANNED = 1e-12
 """A force whose part beyond those learned does a smaller share of its work is one of them."""
 
 

@@ -46,12 +46,15 @@ class FrictionCone:
         F (force), inf where there is none, shape (m,).
     coefficient
         mu >= 0, shape (m,).
+    tied
+        Boolean, shape (m,): rows that stay closed, with normal forces of either sign.
     d
         Number of tangents of a row, 1 or 2.
     """
 
     cap: np.ndarray
     coefficient: np.ndarray
+    tied: np.ndarray
     d: int
 
     def bound(self, n: np.ndarray) -> np.ndarray:
@@ -63,7 +66,12 @@ class FrictionCone:
         n, t = self._split(y)
         b, size = self.bound(n), np.linalg.norm(t, axis=1)
         kept = np.where(size > b, b / np.where(size > 0, size, 1.0), 1.0)
-        return np.concatenate([np.maximum(n, 0.0), (kept[:, None] * t).ravel()])
+        n = np.where(self.tied, n, np.maximum(n, 0.0))
+        return np.concatenate([n, (kept[:, None] * t).ravel()])
+
+    def _of(self, rows: np.ndarray) -> FrictionCone:
+        """The law of some rows."""
+        return FrictionCone(self.cap[rows], self.coefficient[rows], self.tied[rows], self.d)
 
     def _split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         m = len(self.cap)
@@ -120,11 +128,12 @@ class FrictionCone:
         self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
     ) -> np.ndarray | None:
         """One semismooth Newton step; None if its matrix is singular."""
-        closed = np.flatnonzero(self._split(forces + change - c * (gaps + W @ change))[0] > 0)
+        n, _ = self._split(forces + change - c * (gaps + W @ change))
+        closed = np.flatnonzero((n > 0) | self.tied)
         chosen, following = self._rows(closed), -forces
         following[chosen] = change[chosen]
         force, slack = forces + following, c * (gaps + W @ following)
-        law = FrictionCone(self.cap[closed], self.coefficient[closed], self.d)
+        law = self._of(closed)
         J, r = law.linearised(c[chosen, None] * W.block(chosen), slack[chosen], force[chosen])
         try:
             following[chosen] -= np.linalg.solve(J, r)
@@ -168,15 +177,16 @@ class FrictionCone:
     ) -> np.ndarray:
         """Gauss-Seidel sweeps over the rows that press or penetrate, the others open."""
         n = self._split(forces + change)[0]
-        rows = np.flatnonzero((n > 0) | (self._split(gaps + W @ change)[0] <= 0))
+        rows = np.flatnonzero((n > 0) | (self._split(gaps + W @ change)[0] <= 0) | self.tied)
         chosen, k = self._rows(rows), len(rows)
         change = np.where(np.isin(np.arange(len(forces)), chosen), change, -forces)
         dense, g, x = W.block(chosen), (gaps + W @ change)[chosen], (forces + change)[chosen]
-        law = FrictionCone(self.cap[rows], self.coefficient[rows], self.d)
+        law = self._of(rows)
         for _ in range(SWEEPS):
             for i in range(k):
                 normal, tangents = i, slice(k + self.d * i, k + self.d * (i + 1))
-                moved = max(0.0, x[normal] - g[normal] / dense[normal, normal]) - x[normal]
+                moved = -g[normal] / dense[normal, normal]
+                moved = moved if law.tied[i] else max(moved, -x[normal])
                 x[normal] += moved
                 g += moved * dense[normal]
                 y = x[tangents] - g[tangents] / np.diag(dense)[tangents].max()

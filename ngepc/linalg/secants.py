@@ -16,10 +16,14 @@ import numpy as np
 
 from ngepc.linalg.compliance import Compliance
 
-EPSILON = float(np.finfo(float).eps)
+ROUNDING = 3e-14
+"""Part of an answer that is rounding."""
 
-FIRST = 1e-2
+FIRST = 3e-2
 """Part of the slack below which the first change counts as rounding."""
+
+RESTARTS = 4
+"""Products are at most so many times as many as rows."""
 
 
 class SmallAnswer(NamedTuple):
@@ -65,7 +69,7 @@ def solve_by_secants(
         The forces; None if a number became NaN or infinite or rows are dependent.
     """
     compliance.restart()
-    for number in range(len(gaps) + 3):
+    for number in range(RESTARTS * (len(gaps) + 3)):
         change, exact = small(compliance, gaps, forces)
         rounding = slack * (1 if number else FIRST)
         if exact and np.abs(compliance @ change).max(initial=0.0) <= rounding:
@@ -74,6 +78,8 @@ def solve_by_secants(
         gaps, forces = gaps + answer, forces + change
         if not np.isfinite(answer).all():
             return None
-        compliance.learn(change, answer)
-        slack = max(slack, EPSILON * np.abs(answer).max(initial=0.0))  # it stays in the gaps
+        if not compliance.learn(change, answer):  # rounding of far larger answers hides this one
+            compliance.restart()
+            compliance.learn(change, answer)
+        slack = max(slack, ROUNDING * float(np.abs(answer).max()))  # it stays in the gaps
     return None

@@ -5,15 +5,10 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from netgen.meshing import NgException
 
 from ngepc.discretisation.points import Moduli
-from ngepc.discretisation.stiffness import Stiffness
+from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS
 from ngepc.local.system import DiscreteProblem
-
-SOLVER_ERRORS = (NgException, RuntimeError, MemoryError)
-"""What assembly and factorisation raise: NGSolve's own exception, RuntimeError where a library is
-missing or gives up, MemoryError where the fill-in does not fit."""
 
 
 class TangentError(RuntimeError):
@@ -43,7 +38,7 @@ class Factors:
     discrete
         The discrete problem.
     name
-        NGSolve's name of a direct solver for symmetric positive definite matrices.
+        NGSolve's name of a direct solver.
 
     Attributes
     ----------
@@ -57,7 +52,7 @@ class Factors:
 
     def __init__(self, discrete: DiscreteProblem, name: str) -> None:
         self._free = discrete.supports.free
-        self._stiffness = Stiffness(discrete.points, self._free)
+        self._stiffness = discrete.stiffness.another()
         self._name, self._inverse, self.back_substitutions = name, None, 0
         self._right, self._left = (self._stiffness.matrix.CreateColVector() for _ in range(2))
 
@@ -72,7 +67,9 @@ class Factors:
         self._stiffness.fill(moduli)
         self.back_substitutions = 0
         try:
-            if self._inverse is None:
+            if self._name not in FROM_LOWER_TRIANGLE:
+                self._inverse = self._stiffness.whole().Inverse(inverse=self._name)
+            elif self._inverse is None:
                 self._inverse = self._stiffness.matrix.Inverse(inverse=self._name)
             else:
                 self._inverse.Update()

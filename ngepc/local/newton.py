@@ -9,10 +9,9 @@ from functools import partial
 
 import numpy as np
 
-from ngepc.linalg.compliance import Compliance
 from ngepc.local.factors import Tangent, TangentError
 from ngepc.local.result import ExactResult
-from ngepc.local.step import Line, newton_target, step_length
+from ngepc.local.step import ExactTarget, Line, Target, TargetFinder, step_length
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.results.outcome import History, IterationRecord, Status
 
@@ -40,6 +39,7 @@ def run(
     tolerance: float,
     max_iterations: int,
     monitor: Monitor | None = None,
+    target: TargetFinder | None = None,
 ) -> ExactResult:
     """Newton steps from a state until the residual is small or something stops them.
 
@@ -55,9 +55,11 @@ def run(
         Most Newton steps.
     monitor
         Called with the record of each iterate; raising StopIteration stops.
+    target
+        What finds where Newton's model is smallest; None for ``ExactTarget``.
     """
+    target = ExactTarget(discrete) if target is None else target
     history, before, length, trials = History(), None, 1.0, 0
-    compliance = Compliance(1 / discrete.row_stiffness)
     status, message = None, ""
     try:
         while status is None:
@@ -68,8 +70,8 @@ def run(
                 monitor(watched(record, state, history))
             status, message = verdict(state, before, history, tolerance, max_iterations)
             if status is None:
-                before = state
-                state, length, trials = following(state, tangent, compliance)
+                before = state.residual_norm
+                state, length, trials = following(state, target(state, tangent))
     except TangentError as error:
         status, message = Status.NONFINITE, f"{error}."
     except StuckError as stuck:
@@ -79,9 +81,9 @@ def run(
     return ExactResult(state, status, message, history)
 
 
-def following(here: State, tangent: Tangent, compliance: Compliance) -> tuple[State, float, int]:
+def following(here: State, target: Target) -> tuple[State, float, int]:
     """The next state, the step length and its trials."""
-    line = Line(here, newton_target(here, tangent, compliance))
+    line = Line(here, target)
     if here.penetration > here.touching_distance:
         return line.state(1.0), 1.0, 0  # the first step makes u feasible
     found = step_length(line)
@@ -95,15 +97,15 @@ def following(here: State, tangent: Tangent, compliance: Compliance) -> tuple[St
 
 
 def verdict(
-    here: State, before: State | None, history: History, tolerance: float, max_iterations: int
+    here: State, before: float | None, history: History, tolerance: float, max_iterations: int
 ) -> tuple[Status | None, str]:
-    """Whether the run ends with a state, and why; None to go on."""
+    """Whether the run ends with a state, the residual before it, and why; None to go on."""
     steps, residual = len(history.records) - 1, here.residual_norm
     if not np.isfinite(residual + here.energy):
         return Status.NONFINITE, "The energy or the residual is NaN or infinite."
     if residual <= tolerance and here.penetration <= here.touching_distance:
         return Status.CONVERGED, ""
-    settled = before is not None and residual > SETTLED * before.residual_norm
+    settled = before is not None and residual > SETTLED * before
     if settled and residual <= here.rounding:
         return Status.STAGNATED, drowned(here, steps)
     if steps == max_iterations:
@@ -126,11 +128,12 @@ class StuckError(Exception):
 
 def drowned(here: State, steps: int | None = None) -> str:
     """The sentences for a tolerance that rounding does not let any iterate meet."""
-    after = "" if steps is None else f"After {steps} steps the relative residual is "
+    after = "The" if steps is None else f"After {steps} steps the"
     return (
-        f"{after}{here.residual_norm:.3g}. Rounding alone leaves about {here.rounding:.2g} of it: "
-        "strains as large as these cancel in the stress, the hardening is small beside the elastic "
-        f"moduli. A tolerance above {1.1 * here.rounding:.2g} is within reach."
+        f"{after} relative residual is {here.residual_norm:.3g}. Rounding alone leaves about "
+        f"{here.rounding:.2g} of it: strains as large as these cancel in the stress, the hardening "
+        "is small beside the elastic moduli. "
+        f"A tolerance above {1.1 * here.rounding:.2g} is within reach."
     )
 
 

@@ -58,31 +58,11 @@ class ExactResult(DiscreteSolution):
         return self.discrete.rows
 
     @property
-    def open_gap(self) -> np.ndarray:
-        """gaps - N u, shape (m,)."""
-        return self.state.open_gap
-
-    @property
     def largest_strain(self) -> float:
         """The largest |eps(u)| at the points."""
         state, size = self.state, self.problem.kinematics.size
         squared = state.volume**2 / size + (state.deviator**2).sum(1)
         return float(np.sqrt(squared.max(initial=0.0)))
-
-    @property
-    def residual_norm(self) -> float:
-        """Relative norm of the forces out of balance and of what contact leaves."""
-        return self.state.residual_norm
-
-    @property
-    def residual_rounding(self) -> float:
-        """What rounding leaves of ``residual_norm``: a smaller tolerance cannot be met."""
-        return self.state.rounding
-
-    @property
-    def primal_energy(self) -> float:
-        """J(u, p) of (2.14), with int F |slip| where there is friction (force times length)."""
-        return self.state.energy
 
     @cached_property
     def dual_energy(self) -> float:
@@ -124,11 +104,6 @@ class ExactResult(DiscreteSolution):
             missing.T,
             discrete.supports.free.T,
         )
-
-    @property
-    def nodal_contact_forces(self) -> np.ndarray:
-        """Force >= 0 of each contact row, positive in compression, shape (m,)."""
-        return self.state.multipliers
 
     @property
     def nodal_friction_forces(self) -> np.ndarray:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from ngepc.local.active_set import InexactTarget
 from ngepc.local.factors import Factors
+from ngepc.local.iterative import Iterative
 from ngepc.local.newton import Monitor, run
 from ngepc.local.result import ExactResult
 from ngepc.local.start import starting_state
@@ -15,7 +17,7 @@ def solve_exactly(
     start: object | None,
     tolerance: float,
     max_iterations: int,
-    inverse: str,
+    inverse: str | Iterative,
     monitor: Monitor | None,
 ) -> ExactResult:
     """Minimise J(u, p) of (2.14) over the discrete displacements with N u <= gaps.
@@ -29,4 +31,7 @@ def solve_exactly(
     """
     discrete = DiscreteProblem(problem)
     state = starting_state(discrete, start)
-    return run(discrete, state, Factors(discrete, inverse), tolerance, max_iterations, monitor)
+    if isinstance(inverse, str):
+        return run(discrete, state, Factors(discrete, inverse), tolerance, max_iterations, monitor)
+    tangent, target = inverse.tangent(discrete), InexactTarget(inverse.forcing, tolerance)
+    return run(discrete, state, tangent, tolerance, max_iterations, monitor, target)

@@ -39,6 +39,7 @@ def carried_forces(discrete: DiscreteProblem, start: object) -> np.ndarray | Non
     if not isinstance(pressure, GridFunction) or not len(rows):
         return None
     normal = np.maximum(_at_vertices(pressure, discrete)[:, 0], 0.0) * rows.weights
+    normal = np.where(rows.tied, 0.0, normal)
     if discrete.contact.friction is None:
         return normal
     friction = getattr(start, "friction_stress", None)

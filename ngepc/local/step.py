@@ -12,14 +12,15 @@ exact in each step: u + du minimises Newton's model over N u <= gaps.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from ngepc.discretisation.contact_step import ContactWork, with_contact
+from ngepc.discretisation.contact_step import ROUNDING, ContactWork, with_contact
 from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.linesearch import Bracket
 from ngepc.local.factors import Tangent, TangentError
-from ngepc.local.system import EPSILON, State
+from ngepc.local.system import EPSILON, DiscreteProblem, State
 
 FLATNESS = 0.2
 """The line search ends where |phi'(t)| <= FLATNESS |phi'(0)|."""
@@ -47,30 +48,42 @@ class Target:
     contact: np.ndarray
 
 
-def newton_target(here: State, tangent: Tangent, compliance: Compliance) -> Target:
-    """Factorise the tangent at a state and solve Newton's model with contact and friction.
+class TargetFinder(Protocol):
+    """What finds where Newton's model is smallest."""
+
+    def __call__(self, here: State, tangent: Tangent) -> Target:
+        """Take the tangent at a state and solve Newton's model there."""
+        ...
+
+
+class ExactTarget:
+    """Newton's model solved exactly, contact and friction included.
 
     Parameters
     ----------
-    here
-        The state.
-    tangent
-        The linear solver.
-    compliance
-        A guess of the compliance of the rows; it learns.
-
-    Raises
-    ------
-    TangentError
-        If the linear solver gives up, or contact rows are dependent.
+    discrete
+        The discrete problem; what its contact rows answer is learned from step to step.
     """
-    discrete, contact = here.discrete, here.discrete.contact
-    tangent.update(discrete.law.moduli(here.at, here.yielding))
-    change = tangent.solve(-here.imbalance)
-    found = with_contact(contact, tangent.solve, here.u, here.contact, change, compliance)
-    if found is None:
-        raise TangentError(contact.unsolvable)
-    return Target(*found)
+
+    def __init__(self, discrete: DiscreteProblem) -> None:
+        self._compliance = Compliance(1 / discrete.row_stiffness)
+
+    def __call__(self, here: State, tangent: Tangent) -> Target:
+        """Factorise the tangent at a state and solve Newton's model with contact and friction.
+
+        Raises
+        ------
+        TangentError
+            If the linear solver gives up, or contact rows are dependent.
+        """
+        discrete, contact = here.discrete, here.discrete.contact
+        tangent.update(discrete.law.moduli(here.at, here.yielding))
+        change = tangent.solve(-here.imbalance)
+        work = contact, tangent.solve, here.u, here.contact, change, self._compliance
+        found = with_contact(*work)
+        if found is None:
+            raise TangentError(contact.unsolvable)
+        return Target(*found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +125,8 @@ class Line:
     def noise(self) -> float:
         """What rounding leaves of a slope, also where du is nothing but rounding of u itself."""
         terms = NOISE * np.abs(self.target.change) + 2 * EPSILON * np.abs(self.here.u)
-        return float(np.vdot(np.abs(self.here.internal_forces), terms))
+        pressed = np.abs(self.target.contact).sum() * ROUNDING * np.abs(self.here.u).max()
+        return float(np.vdot(np.abs(self.here.internal_forces), terms) + pressed)
 
     def state(self, t: float) -> State:
         """The state at u + t du, with w and lambda moved along."""

@@ -18,12 +18,17 @@ from ngepc.discretisation.law import Law, Return
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.points import Points
 from ngepc.discretisation.rows import ContactRows
+from ngepc.discretisation.stiffness import Stiffness
 from ngepc.model.problem import Problem
+from ngepc.model.support import has_floating_parts
 
 EPSILON = float(np.finfo(float).eps)
 
 TOUCHING = 1e-12
 """Part of the largest displacement that a gap has to exceed to be open."""
+
+FLOATING = 1e-4
+"""Stiffness of all springs of a floating part, about, relative to that of the part."""
 
 ROUNDING_SCALE = 4e-6
 """Part of |K| |u| that counts as a force where nothing else does, in a body without forces."""
@@ -57,6 +62,11 @@ class DiscreteProblem:
         self.load = applied_forces(problem, self.supports.space)
 
     @cached_property
+    def stiffness(self) -> Stiffness:
+        """The pattern of the tangents; who fills it takes ``another()``."""
+        return Stiffness(self.points, self.supports.free, self.springs)
+
+    @cached_property
     def stiffness_diagonal(self) -> np.ndarray:
         """Diagonal of the elastic stiffness, shape (nodes, N): the size of forces per length."""
         return self.points.diagonal(self.law.bulk, self.law.two_mu)
@@ -65,6 +75,17 @@ class DiscreteProblem:
     def row_stiffness(self) -> np.ndarray:
         """Elastic stiffness of each row of ``contact`` (force per length)."""
         return self.contact.stiffness(self.stiffness_diagonal)
+
+    @cached_property
+    def springs(self) -> np.ndarray | None:
+        """Weak springs of the tangent for parts that contact alone holds; None if there are none.
+
+        They resist the change of each Newton step, not the displacement: a proximal term that does
+        not change the solution and costs about a factor FLOATING in the speed of convergence.
+        """
+        if not has_floating_parts(self.problem):
+            return None
+        return FLOATING / len(self.supports.free) * self.stiffness_diagonal
 
     @cached_property
     def yield_forces(self) -> float:
@@ -228,6 +249,6 @@ class State:
     @property
     def rounding(self) -> float:
         """What rounding leaves of ``residual_norm``."""
-        if self.trial_forces == 0:
+        if self.trial_forces == 0 or self.force_scale == 0:
             return 0.0
         return 4 * EPSILON * self.trial_forces / self.force_scale

@@ -13,6 +13,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, Det, Mesh, specialcf
 
 from ngepc.checks.arguments import (
+    Coefficient,
     boundary_names,
     require_coefficient,
     require_finite,
@@ -22,6 +23,7 @@ from ngepc.model.elements import element_nodes, vertices_of
 from ngepc.model.friction import Coulomb
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
+from ngepc.model.rules import plastic_points
 from ngepc.model.support import check_support
 
 if TYPE_CHECKING:
@@ -34,6 +36,7 @@ def check_problem(problem: Problem) -> None:
     check_axis(problem)
     check_boundaries(problem)
     check_loads(problem)
+    check_pairs(problem)
     check_gap(problem)
     check_friction(problem)
     check_history(problem)
@@ -180,9 +183,29 @@ def _check_vector(argument: str, value: object, N: int) -> None:
         raise TypeError(f"{argument}={value!r}: a vector of {N} components is needed")
 
 
+def check_pairs(problem: Problem) -> None:
+    """Existing names, two different boundaries in each pair, none of them a rigid obstacle's."""
+    mesh, rigid = problem.mesh, set(problem.contact_names)
+    held = vertices_of(mesh, problem.clamped_names) if problem.clamped_names else set()
+    for pair in problem.contact_pairs:
+        one, two = (boundary_names("contact", n, mesh) for n in (pair.first, pair.second))
+        if set(one) & set(two) or (set(one) | set(two)) & rigid:
+            raise ValueError(
+                f"contact={pair!r}: two different boundaries are needed, and no obstacle on them"
+            )
+        if vertices_of(mesh, one) & vertices_of(mesh, two):
+            raise ValueError(
+                f"contact={pair!r}: the bodies share nodes; mesh them apart (without Glue)"
+            )
+        if held & vertices_of(mesh, one) and not pair.tied:
+            raise ValueError(
+                f"contact={pair!r}: the first boundary must keep away from the clamped one"
+            )
+
+
 def check_gap(problem: Problem) -> None:
     """A finite gap on the contact boundary, and none without one."""
-    if problem.contact is None:
+    if not problem.contact_names:
         if problem.gap is not None:
             raise ValueError(
                 f"gap={problem.gap!r}: name the contact boundary too, or leave gap out"
@@ -219,16 +242,20 @@ def check_friction(problem: Problem) -> None:
     name = "friction.coefficient" if coulomb else "friction"
     value = problem.friction.coefficient if coulomb else problem.friction
     require_coefficient(name, value)
-    least = require_finite(name, value, problem.mesh, problem.contact_names).min()
+    least = require_finite(name, value, problem.mesh, problem.touching_names).min()
     if least < 0:
         raise ValueError(f"{name} falls to {least:g}: values >= 0 are needed")
     if problem.initial_displacement is not None:
         _check_vector("initial_displacement", problem.initial_displacement, problem.N)
-        require_finite("initial_displacement", problem.u_0, problem.mesh, problem.contact_names)
+        require_finite("initial_displacement", problem.u_0, problem.mesh, problem.touching_names)
 
 
 def check_history(problem: Problem) -> None:
-    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
+    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind.
+
+    A polynomial with alpha_1 >= 0 at the integration points, which histories carry, may fall below
+    zero between them, but not its means on the elements.
+    """
     N, mesh = problem.kinematics.size, problem.mesh
     if problem.initial_plastic_strain is not None:
         require_coefficient("initial_plastic_strain", problem.initial_plastic_strain, [(N, N)])
@@ -247,12 +274,32 @@ def check_history(problem: Problem) -> None:
     scalar, back_stress = split_hardening(problem.initial_hardening)
     if scalar is not None:
         require_coefficient("initial_hardening", scalar)
-        if require_finite("initial_hardening", scalar, mesh).min() < 0:
-            raise ValueError("initial_hardening falls below 0: the scalar alpha_1 must be >= 0")
+        least = _least("initial_hardening", scalar, problem)
+        if least < 0:
+            raise ValueError(f"initial_hardening falls to {least:g}: alpha_1 >= 0 is needed")
     if back_stress is not None:
         require_coefficient("initial_hardening", back_stress, [(N, N)])
         samples = require_finite("initial_hardening", back_stress, mesh)
         _check_symmetric("initial_hardening", samples.reshape(-1, N, N))
+    if problem.initial_accumulated is not None:
+        require_coefficient("initial_accumulated", problem.initial_accumulated)
+        least = _least("initial_accumulated", problem.initial_accumulated, problem)
+        if least < 0:
+            raise ValueError(f"initial_accumulated falls to {least:g}: values >= 0 are needed")
+
+
+def _least(name: str, value: Coefficient, problem: Problem) -> float:
+    """The least value at the integration points, where histories live; below rounding it is 0.
+
+    Between them the polynomials that earlier steps leave may fall below what they interpolate.
+    """
+    require_finite(name, value, problem.mesh)
+    if not isinstance(value, CoefficientFunction):
+        return float(value)
+    mesh = problem.mesh
+    points = mesh.MapToAllElements(plastic_points(mesh, problem.order), mesh.Materials(".*"))
+    values = np.ravel(value(points))
+    return 0.0 if values.min() >= -1e-14 * np.abs(values).max() else float(values.min())
 
 
 def _check_symmetric(name: str, A: np.ndarray) -> None:

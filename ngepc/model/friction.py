@@ -2,7 +2,12 @@
 
 from dataclasses import dataclass
 
-from ngepc.checks.arguments import Coefficient, is_number
+from ngepc.checks.arguments import (
+    Coefficient,
+    is_number,
+    require_coefficient,
+    require_number,
+)
 
 
 @dataclass(frozen=True)
@@ -19,12 +24,13 @@ class Coulomb:
 
     Raises
     ------
-    ValueError
-        If it is a negative number.
+    TypeError, ValueError
+        If it is neither, negative, infinite or NaN.
     """
 
     coefficient: Coefficient
 
     def __post_init__(self) -> None:
-        if is_number(self.coefficient) and not self.coefficient >= 0:
-            raise ValueError(f"coefficient={self.coefficient!r}: a number >= 0 is needed")
+        require_coefficient("coefficient", self.coefficient)
+        if is_number(self.coefficient):
+            require_number("coefficient", self.coefficient, 0)

@@ -7,6 +7,7 @@ from ngsolve import CF, CoefficientFunction, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number, require_integer
 from ngepc.model import checks
+from ngepc.model.contact import Contact
 from ngepc.model.friction import Coulomb
 from ngepc.model.kinematics import Kinematics, kinematics_of
 from ngepc.model.material import Material, split_hardening
@@ -35,7 +36,8 @@ class Problem:
         Boundary name -> surface load g (force per area), a vector.  It may act on any boundary
         that is not clamped.
     contact
-        Names of the possible contact boundary (Gamma_c); None if there is none.
+        Names of the possible contact boundary (Gamma_c), ``Contact(first, second)`` for two bodies
+        of the mesh that may touch or are tied, or a sequence of both; None if there is none.
     gap
         psi: distance to the obstacle along the outer normal (length), a number, a scalar
         coefficient, or a mapping of boundary name -> either.  Negative where it pushes in.
@@ -75,7 +77,7 @@ class Problem:
     material: Material
     clamped: str | Sequence[str] | None = "clamped"
     traction: Mapping[str, Vector] | None = None
-    contact: str | Sequence[str] | None = None
+    contact: str | Contact | Sequence[str | Contact] | None = None
     gap: Coefficient | Mapping[str, Coefficient] | None = None
     body_force: Vector | None = None
     initial_plastic_strain: CoefficientFunction | None = None
@@ -111,8 +113,34 @@ class Problem:
 
     @property
     def contact_names(self) -> tuple[str, ...]:
-        """Names of Gamma_c, empty without contact."""
-        return () if self.contact is None else boundary_names("contact", self.contact, self.mesh)
+        """Names of Gamma_c, where rigid obstacles are; empty without."""
+        names = [part for part in self._contact_parts if not isinstance(part, Contact)]
+        if not names:
+            return ()
+        given = names[0] if len(names) == 1 else names
+        return boundary_names("contact", given, self.mesh)
+
+    @property
+    def contact_pairs(self) -> tuple[Contact, ...]:
+        """The pairs of boundaries of two bodies that touch or are tied."""
+        return tuple(part for part in self._contact_parts if isinstance(part, Contact))
+
+    @property
+    def touching_names(self) -> tuple[str, ...]:
+        """Names of all boundaries where contact conditions stand: Gamma_c and the first ones."""
+        firsts = [
+            name
+            for pair in self.contact_pairs
+            for name in boundary_names("contact", pair.first, self.mesh)
+        ]
+        return tuple(dict.fromkeys((*self.contact_names, *firsts)))
+
+    @property
+    def _contact_parts(self) -> tuple:
+        if self.contact is None:
+            return ()
+        several = isinstance(self.contact, Sequence) and not isinstance(self.contact, str)
+        return tuple(self.contact) if several else (self.contact,)
 
     @property
     def tractions(self) -> dict[str, CoefficientFunction]:

@@ -7,7 +7,7 @@ blocks joined along an edge are found to hinge.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -139,6 +139,37 @@ def check_free_normal(problem: Problem, held: np.ndarray) -> None:
 def check_rigid_motions(problem: Problem, held: np.ndarray, pairs: np.ndarray) -> None:
     """The held components rule out every rigid motion of every connected part.
 
+    A part that may touch another body can be held by contact alone: whether it is shows in the
+    solution.  ``pairs`` are those of ``part_vertices``.
+    """
+    touching = set()
+    for pair in problem.contact_pairs:
+        for names in (pair.first, pair.second):
+            touching |= vertices_of(problem.mesh, boundary_names("contact", names, problem.mesh))
+    for free, vertices in free_motions(problem, held, pairs):
+        if touching.isdisjoint(vertices.tolist()):
+            centre = vertex_coordinates(problem.mesh)[vertices].mean(axis=0)
+            raise ValueError(
+                f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave {free} "
+                f"rigid motion(s) of the part around {centre.round(6).tolist()}: "
+                "every connected part must be held"
+            )
+
+
+def has_floating_parts(problem: Problem) -> bool:
+    """Whether parts of the body are held by the contact with others alone."""
+    if not problem.contact_pairs:
+        return False
+    a, b = check_conforming(*element_facets(problem.mesh))
+    held = ~np.isnan(held_values(problem))
+    return any(free_motions(problem, held, part_vertices(problem.mesh, a, b)))
+
+
+def free_motions(
+    problem: Problem, held: np.ndarray, pairs: np.ndarray
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Number of free rigid motions and vertices of each part that has some.
+
     ``pairs`` are those of ``part_vertices``; parts with common vertices are looked at together.
     """
     if problem.kinematics.hoop:  # u_r / r is a strain: only the motion along the axis is free
@@ -156,12 +187,7 @@ def check_rigid_motions(problem: Problem, held: np.ndarray, pairs: np.ndarray) -
         equations += _joint_rows(joints[np.isin(joints[:, 0], members)], scaled, members)
         free, moving = _mechanisms(np.vstack(equations), len(members))
         if free:
-            centre = x[pairs[pairs[:, 0] == members[moving], 1]].mean(axis=0)
-            raise ValueError(
-                f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave {free} "
-                f"rigid motion(s) of the part around {centre.round(6).tolist()}: "
-                "every connected part must be held"
-            )
+            yield free, pairs[pairs[:, 0] == members[moving], 1]
 
 
 def _mechanisms(equations: np.ndarray, parts: int) -> tuple[int, int]:

@@ -25,7 +25,9 @@ FIELDS = (
     "displacement",
     "plastic_strain",
     "equivalent_plastic_strain",
+    "accumulated_plastic_strain",
     "stress",
+    "von_mises",
     "yield_function",
 )
 

@@ -15,14 +15,13 @@ from ngsolve import (
     Norm,
     dx,
     specialcf,
-    sqrt,
 )
 from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.loads import Supports, applied_forces, nodal
-from ngepc.discretisation.rules import plastic_points
 from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.rules import plastic_points
 from ngepc.primal.return_mapping import ReturnMapping
 
 INVERSE = "sparsecholesky"
@@ -71,7 +70,9 @@ class ReducedEnergy:
         self._plastic = self.mapping.plastic.Compile()
         self._inverse = None
         matrix = self._tangent.Assemble().mat
-        self.stiffness_diagonal = nodal(csr_matrix(_triple(matrix)).diagonal(), problem)
+        self.stiffness_diagonal = nodal(
+            csr_matrix(tuple(map(np.asarray, matrix.CSR()))).diagonal(), problem
+        )
         self.row_stiffness = self.contact.stiffness(self.stiffness_diagonal)
         self.yield_forces = self._yield_forces()
 
@@ -118,13 +119,6 @@ class ReducedEnergy:
         self.set(u)
         return self.integral(self._plastic)
 
-    def largest_strain(self, u: np.ndarray) -> float:
-        """The largest |eps(u)| at the points."""
-        self.set(u)
-        strain, mesh = self.problem.kinematics.strain(self.displacement), self.problem.mesh
-        points = mesh.MapToAllElements(self.rules, mesh.Materials(".*"))
-        return float(np.max(sqrt(InnerProduct(strain, strain))(points)))
-
     def first_order_energy(self, u: np.ndarray) -> float:
         """l(u, p) + int beta |p| of (2.15), (2.16) at the plastic strain of ``u``."""
         self.set(u)
@@ -143,9 +137,3 @@ class ReducedEnergy:
         density = as_scalar(self.problem.beta) / specialcf.mesh_size * form.space.TestFunction()
         form += self._integral(density)
         return float(np.linalg.norm(form.Assemble().vec.FV().NumPy()))
-
-
-def _triple(matrix) -> tuple:
-    """Values, columns and row starts of a matrix, as scipy takes them."""
-    values, columns, starts = (np.asarray(part) for part in matrix.CSR())
-    return values, columns, starts

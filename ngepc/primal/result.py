@@ -48,21 +48,6 @@ class PrimalResult(DiscreteSolution):
         """The contact conditions N u <= gaps."""
         return self.state.reduced.contact.rows
 
-    @property
-    def residual_norm(self) -> float:
-        """Relative norm of the nodal forces out of balance, ``PrimalOptions.tolerance``."""
-        return self.state.residual_norm
-
-    @property
-    def residual_rounding(self) -> float:
-        """What rounding leaves of ``residual_norm``: a smaller tolerance cannot be met."""
-        return self.state.rounding
-
-    @property
-    def primal_energy(self) -> float:
-        """J(u, p), (2.14), with int F |slip| where there is friction (force times length)."""
-        return self.state.energy
-
     @cached_property
     def dual_energy(self) -> float:
         """-J at the solution by an identity that only the solution satisfies.
@@ -96,11 +81,6 @@ class PrimalResult(DiscreteSolution):
         return Equilibrium(self.problem, *forces, reduced.free.T)
 
     @property
-    def nodal_contact_forces(self) -> np.ndarray:
-        """Force >= 0 of each contact row, positive in compression, shape (m,)."""
-        return self.state.multipliers
-
-    @property
     def nodal_friction_forces(self) -> np.ndarray:
         """Tangential forces of the body on the obstacle at each row, shape (m, N - 1)."""
         return self.state.reduced.contact.tangential(self.state.contact)
@@ -109,13 +89,3 @@ class PrimalResult(DiscreteSolution):
     def nodal_slip(self) -> np.ndarray:
         """What each row has slipped in this step (length), rounding where it sticks, (m, N - 1)."""
         return -self.state.reduced.contact.tangential(self.state.gaps)
-
-    @property
-    def open_gap(self) -> np.ndarray:
-        """gaps - N u, shape (m,)."""
-        return self.state.open_gap
-
-    @cached_property
-    def largest_strain(self) -> float:
-        """The largest |eps(u)| at the points."""
-        return self.state.reduced.largest_strain(self.state.u)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from ngepc.checks.arguments import require_integer, require_number
 from ngepc.discretisation.contact_step import ContactWork, with_contact
 from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.direct import SOLVER_ERRORS
 from ngepc.linalg.linesearch import Bracket
 from ngepc.primal.energy import ReducedEnergy
-from ngepc.primal.options import PrimalOptions
 from ngepc.primal.result import PrimalResult
 from ngepc.primal.state import EPSILON, PrimalState
 from ngepc.results.outcome import History, IterationRecord, Status
@@ -34,6 +34,34 @@ SLOPE_ROUNDING = 1e-14
 
 SETTLED = 0.5
 """Within rounding, a step that leaves more than this part of the residual ends the run."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrimalOptions:
+    """How far ``primal_newton`` iterates.
+
+    Parameters
+    ----------
+    tolerance
+        Bound for ``residual_norm``: the Euclidean norm of the nodal forces out of balance and of
+        what contact leaves, relative to the larger of the norms of applied and internal forces,
+        or to the smaller of beta/h and 4e-6 |K| |u|, where strains cancel; in [1e-13, 1).
+    max_iterations
+        Newton steps before the run gives up, >= 1.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a value out of its range.
+    """
+
+    tolerance: float = 1e-10
+    max_iterations: int = 100
+
+    def __post_init__(self) -> None:
+        require_integer("max_iterations", self.max_iterations, 1)
+        if require_number("tolerance", self.tolerance, 1e-13) >= 1:
+            raise ValueError(f"tolerance={self.tolerance!r}: a number < 1 is needed")
 
 
 class Interrupted(Exception):
@@ -94,15 +122,16 @@ class Run:
         if not np.isfinite(here.residual_norm + here.energy):
             cause = "The energy or the residual is NaN or infinite: check the coefficients."
             raise Interrupted(Status.NONFINITE, cause)
-        if here.residual_norm <= self.options.tolerance and here.penetration <= (
-            here.touching_distance
-        ):
+        touching = here.penetration <= here.touching_distance
+        if here.residual_norm <= self.options.tolerance and touching:
             return True
         settled = before is not None and here.residual_norm > SETTLED * before.residual_norm
         if settled and here.residual_norm <= here.rounding:
             raise Interrupted(Status.STAGNATED, self._drowned())
         if self._steps == self.options.max_iterations:
-            raise Interrupted(Status.ITERATION_LIMIT, self._advice())
+            advice = "try more steps, a smaller load step or a start from a coarser mesh."
+            seen = f"{self._steps} steps, relative residual {here.residual_norm:.3g}; {advice}"
+            raise Interrupted(Status.ITERATION_LIMIT, seen)
         return False
 
     def _step(self) -> None:
@@ -165,12 +194,9 @@ class Run:
     def _stuck(self, slope: float) -> Interrupted:
         if self.state.residual_norm <= self.state.rounding:
             return Interrupted(Status.STAGNATED, self._drowned())
-        return Interrupted(
-            Status.LINESEARCH_FAILED,
-            f"In step {self._steps + 1} the slope is {slope:.3g} and the relative residual "
-            f"{self.state.residual_norm:.3g}: try a smaller load step or a start from a coarser "
-            "mesh.",
-        )
+        seen = f"the slope is {slope:.3g} and the relative residual {self.state.residual_norm:.3g}"
+        advice = "try a smaller load step or a start from a coarser mesh."
+        return Interrupted(Status.LINESEARCH_FAILED, f"In step {self._steps + 1} {seen}: {advice}")
 
     def _record(self, length: float, trials: int) -> None:
         state = self.state
@@ -199,12 +225,4 @@ class Run:
             f"Rounding alone leaves about {state.rounding:.2g} of it where strains as huge as "
             "these cancel: the hardening is small beside the elastic moduli. "
             f"A tolerance above {1.1 * state.rounding:.2g} is within reach."
-        )
-
-    def _advice(self) -> str:
-        last = self.history.records[-1]
-        return (
-            f"{last.iteration} steps, relative residual {last.residual_norm:.3g}, last step "
-            f"length {last.step_length:.3g}; try more steps, a smaller load step or a start from "
-            "a coarser mesh."
         )

@@ -1,10 +1,9 @@
 """The primal reference solver: Newton on the displacement alone, exact contact, no regularisation.
 
 The plastic strain is eliminated point by point (``return_mapping``); what is left is a convex,
-differentiable energy phi(u) under the contact conditions N u <= gaps.  Each step minimises
-Newton's quadratic model of phi over the *feasible* set: one factorisation, and a complementarity
-problem on the contact rows that is solved exactly by primal-dual active sets.  All iterates are
-feasible, every step goes downhill, and the line search on phi makes cycles impossible.
+differentiable energy under the contact conditions N u <= gaps.  Each step minimises Newton's model
+of it over the *feasible* set: one factorisation, and a complementarity problem on the contact rows
+that is solved exactly.  All iterates are feasible and every step goes downhill.
 
 Everything is assembled from symbolic forms of NGSolve: it is the independent witness of
 ``ngepc.local``, with which it shares supports, loads, integration rules and contact rows only.
@@ -19,9 +18,8 @@ from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.prolongation import nodal_values
 from ngepc.model.problem import Problem
 from ngepc.primal.energy import ReducedEnergy
-from ngepc.primal.options import PrimalOptions
 from ngepc.primal.result import PrimalResult
-from ngepc.primal.run import Monitor, Run
+from ngepc.primal.run import Monitor, PrimalOptions, Run
 
 
 def primal_newton(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
+from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, VectorH1, sqrt
 
 from ngepc.discretisation.rows import ContactRows
 from ngepc.model.problem import Problem
+from ngepc.model.rules import plastic_points
 from ngepc.results.fields import Fields, Recovered
 from ngepc.results.outcome import Ending, History
 from ngepc.results.summary import Summarised
@@ -34,16 +36,13 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         As in every result.
     ending
         A sentence about how the run ended, empty for a run that converged.
+    state
+        The last iterate with ``energy``, ``multipliers``, ``open_gap``, ``residual_norm`` and
+        ``rounding``.
     rows
         The contact conditions N u <= gaps.
-    nodal_contact_forces
-        Force >= 0 of each row, positive in compression, shape (m,).
     nodal_friction_forces, nodal_slip
         Tangential forces of the body on the obstacle and what has slipped, shape (m, N - 1).
-    open_gap
-        gaps - N u, shape (m,).
-    largest_strain
-        The largest |eps(u)| at the points.
     """
 
     problem: Problem
@@ -51,12 +50,43 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     ending: str
     displacement: GridFunction
     plastic_increment: GridFunction
+    state: Any
     rows: ContactRows
-    nodal_contact_forces: np.ndarray
     nodal_friction_forces: np.ndarray
     nodal_slip: np.ndarray
-    open_gap: np.ndarray
-    largest_strain: float
+
+    @cached_property
+    def largest_strain(self) -> float:
+        """The largest |eps(u)| at the points."""
+        mesh, strain = self.problem.mesh, self.strain
+        rules = plastic_points(mesh, self.problem.order)
+        points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
+        return float(np.max(sqrt(InnerProduct(strain, strain))(points)))
+
+    @property
+    def residual_norm(self) -> float:
+        """Relative norm of the forces out of balance and of what contact leaves."""
+        return self.state.residual_norm
+
+    @property
+    def residual_rounding(self) -> float:
+        """What rounding leaves of ``residual_norm``: a smaller tolerance cannot be met."""
+        return self.state.rounding
+
+    @property
+    def primal_energy(self) -> float:
+        """J(u, p) of (2.14), with int F |slip| where there is friction (force times length)."""
+        return self.state.energy
+
+    @property
+    def nodal_contact_forces(self) -> np.ndarray:
+        """Force >= 0 of each contact row, positive in compression, shape (m,)."""
+        return self.state.multipliers
+
+    @property
+    def open_gap(self) -> np.ndarray:
+        """gaps - N u of each contact row (length), shape (m,)."""
+        return self.state.open_gap
 
     @property
     def iterations(self) -> int:
@@ -76,7 +106,12 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     @property
     def contact_force(self) -> float:
         """Resultant of the normal contact pressure, positive in compression (force)."""
-        return float(self.nodal_contact_forces.sum())
+        return float(self.pressing.sum())
+
+    @property
+    def pressing(self) -> np.ndarray:
+        """``nodal_contact_forces`` without those of tied rows, shape (m,)."""
+        return np.where(self.rows.tied, 0.0, self.nodal_contact_forces)
 
     @cached_property
     def contact_pressure(self) -> GridFunction:
@@ -84,7 +119,7 @@ class DiscreteSolution(Summarised, Recovered, Ending):
 
         Draw it on the contact boundary; inside the body it is the P1 extension and means nothing.
         """
-        return self._density("contact_pressure", self.nodal_contact_forces[:, None])
+        return self._density("contact_pressure", self.pressing[:, None])
 
     @cached_property
     def friction_stress(self) -> GridFunction:
@@ -108,7 +143,7 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         size = np.linalg.norm(self.nodal_slip, axis=1)
         slips = size > SLIPPING * float(np.abs(self.displacement.vec.FV().NumPy()).max(initial=0.0))
         slips |= self.problem.friction is None
-        vertices = self.rows.vertices[slips & (self.nodal_contact_forces > 0)]
+        vertices = self.rows.vertices[slips & (self.pressing > 0)]
         sliding = GridFunction(H1(self.problem.mesh, order=1), name="sliding")
         sliding.vec.FV().NumPy()[vertices] = 1.0
         return sliding
@@ -132,15 +167,15 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     @property
     def contact_area(self) -> float:
         """Area that belongs to the rows with a contact force."""
-        return float(self.rows.weights[self.nodal_contact_forces > 0].sum())
+        return float(self.rows.weights[self.pressing > 0].sum())
 
     @cached_property
     def contact_facets(self) -> int:
         """Number of contact facets all of whose vertices are pressed."""
-        pressed = set(self.rows.vertices[self.nodal_contact_forces > 0].tolist())
+        pressed = set(self.rows.vertices[self.pressing > 0].tolist())
         return sum(
             all(vertex.nr in pressed for vertex in facet.vertices)
-            for name in self.problem.contact_names
+            for name in self.problem.touching_names
             for facet in self.problem.mesh.Boundaries(name).Elements()
         )
 
@@ -158,7 +193,7 @@ class DiscreteSolution(Summarised, Recovered, Ending):
 def observations(result: DiscreteSolution) -> list[str]:
     """Sentences about a solution that a user must not overlook."""
     rows, found = result.rows, []
-    touching = np.count_nonzero(result.nodal_contact_forces > 0)
+    touching = np.count_nonzero(result.pressing > 0)
     if len(rows) and not touching:
         nearest = int(result.open_gap.argmin())
         mesh = result.problem.mesh

@@ -20,7 +20,7 @@ class Summarised:
             "body": f"{mesh.nv} nodes, {mesh.ne} elements, order {problem.order}, {kinematics}",
             "energy J": f"{self.primal_energy:.10g}",
         }
-        if problem.contact_names:
+        if problem.touching_names:
             rows["contact force"] = f"{self.contact_force:.8g}"
         return rows | ({"note": self.message} if self.message else {})
 

@@ -8,7 +8,7 @@ from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.geometries import lshape, wrench
 from ngepc.model.examples import lshape_problem, wrench_problem
 from ngepc.model.problem import Problem
-from ngepc.primal.options import PrimalOptions
+from ngepc.primal.run import PrimalOptions
 from ngepc.primal.solver import primal_newton
 from ngepc.results.outcome import Result
 

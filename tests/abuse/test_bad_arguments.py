@@ -2,31 +2,41 @@
 
 ``USES`` holds a legal use of each callable and what of the nonsense is legal for an argument.  All
 the rest must raise TypeError or ValueError with a message that names the argument and its value
-and says what is needed.  ``test_bad_input`` has the finer table for problems and materials.
+and says what is needed.  ``test_bad_input`` has the finer tables for problems and materials.
 """
 
-import inspect
 import io
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
 
-import numpy as np
 import pytest
 from ngsolve import CF
+from nonsense import (
+    CALLABLE,
+    COEFFICIENTS,
+    MESH,
+    NONSENSE,
+    NOT_NEGATIVE,
+    NOTHING,
+    NUMBERS,
+    POSITIVE,
+    UNSEEN,
+    Use,
+)
 
 import ngepc
 from ngepc import (
     Armijo,
+    Coulomb,
     Coupled,
     DualParameters,
     DualSpaces,
     Fields,
     Fractional,
     FullProduct,
+    Material,
     NewtonOptions,
     PathOptions,
     PrimalOptions,
+    Problem,
     Schedule,
     Status,
     SurfaceGradient,
@@ -52,7 +62,7 @@ from ngepc import (
     wrench_problem,
     write_report,
 )
-from ngepc.geometries import lshape
+from ngepc.geometries import block, lshape, ring
 from ngepc.model.obstacles import Cavity, Cylinder, Plane, SignedDistance, Sphere
 from ngepc.pictures import (
     UnitNames,
@@ -68,103 +78,76 @@ from ngepc.pictures.export import export_series
 from ngepc.pictures.monitors import ProgressLine, together, watch
 from ngepc.pictures.views import View, ViewOptions, compare, slide
 
-MESH = lshape.paper_mesh(21)
 PROBLEM = lshape_problem(MESH)
+STEEL = {"lame_lambda": 1000.0, "lame_mu": 800.0, "yield_stress": 5.0, "hardening": 100.0}
+BLOCK = {
+    "mesh": MESH,
+    "material": Material(**STEEL),
+    "contact": "contact",
+    "gap": 0.1,
+    "friction": 0.1,
+}
 QUICK = NewtonOptions(max_iterations=3, quadrature_points=9)
 DUAL = semismooth_newton(PROBLEM, 10.0, options=QUICK)
 PRIMAL = primal_newton(PROBLEM)
 SHORT_PATH = PathOptions(gamma_start=1.0, growth=10.0, gamma_end=1.0)
 
-NONSENSE = {
-    "None": None,
-    "True": True,
-    "a text": "junk",
-    "an empty text": "",
-    "bytes": b"junk",
-    "a complex number": 1j,
-    "NaN": math.nan,
-    "infinity": math.inf,
-    "minus infinity": -math.inf,
-    "zero": 0,
-    "a negative number": -1,
-    "a fraction": 1.5,
-    "an integer too large": 10**400,
-    "an object": object(),
-    "a function": math.sin,
-    "a class": int,
-    "a set": {1},
-    "an empty list": [],
-    "a list": [1, "a"],
-    "a mapping": {"a": 1},
-    "an array of NaN": np.full(2, math.nan),
-    "a vector coefficient": CF((1, 2, 3)),
-    "a mesh": MESH,
-}
-NUMBERS = {"zero", "a negative number", "a fraction"}
-TEXTS = {"a text", "an empty text"}
-CALLABLE = {"a function", "a class", "a vector coefficient", "a mesh"}
-"""What can be called; what it does then is up to the user, as with any function of theirs."""
-
-
-@dataclass(frozen=True)
-class Use:
-    """A legal use of a callable.
-
-    Parameters
-    ----------
-    call
-        The callable.
-    legal
-        Arguments of a legal call; those that are named 'path' become files in a new folder.
-    may
-        Argument -> kinds of nonsense that are legal for it.
-    skip
-        Arguments that are not checked here.
-    """
-
-    call: Callable
-    legal: dict = field(default_factory=dict)
-    may: dict = field(default_factory=dict)
-    skip: tuple = ()
-
-
-POSITIVE, NOT_NEGATIVE = {"a fraction"}, {"a fraction", "zero"}
-DRAWN = {"deformation_scale": NOT_NEGATIVE, "title": TEXTS, "label": TEXTS}
-SHOWN = {"field": {"a vector coefficient"}, "title": TEXTS, "name": TEXTS}
-
+DRAWN = {"deformation_scale": NOT_NEGATIVE, "colormap": NOTHING}
+RANGE = {"vmin": NUMBERS, "vmax": NUMBERS}
+FIELD = {"field": COEFFICIENTS}
+EMPTY = frozenset({"an empty list", "an empty tuple"})
 
 USES = {
-    "Armijo": Use(Armijo),
-    "NewtonOptions": Use(
-        NewtonOptions, may={"tolerance": POSITIVE, "linesearch": {"None"}, "vectorised": {"True"}}
+    # the problem
+    "Problem": Use(
+        Problem,
+        BLOCK,
+        {
+            "clamped": NOTHING,
+            "gap": NUMBERS,
+            "initial_hardening": NOT_NEGATIVE | {"a coefficient of nine"},
+            "friction": NOT_NEGATIVE,
+            "initial_accumulated": NOT_NEGATIVE,
+        },
     ),
-    "PathOptions": Use(
-        PathOptions,
-        may=dict.fromkeys(
-            (
-                "gamma_start",
-                "growth",
-                "inner_tolerance",
-                "inner_scale",
-                "outer_tolerance",
-                "residual_tolerance",
-            ),
-            POSITIVE,
-        ),
+    "Material": Use(
+        Material,
+        STEEL,
+        {
+            **{name: NOT_NEGATIVE | UNSEEN for name in Material.__dataclass_fields__},
+            **dict.fromkeys(("lame_mu", "yield_stress"), POSITIVE | UNSEEN),
+            "lame_lambda": NUMBERS | UNSEEN,
+        },
     ),
-    "PrimalOptions": Use(PrimalOptions),
-    "Units": Use(Units, may={"stress": POSITIVE, "length": POSITIVE}),
+    "Coulomb": Use(Coulomb, {"coefficient": 0.3}, {"coefficient": NOT_NEGATIVE | UNSEEN}),
+    "lame_parameters": Use(
+        ngepc.lame_parameters, {"young": 1.0, "poisson": 0.3}, {"poisson": {"zero"}}
+    ),
+    "lshape_problem": Use(lshape_problem, {"mesh": MESH}),
+    "wrench_problem": Use(wrench_problem, {"mesh": MESH}),
+    "outward_normal": Use(outward_normal, {"mesh": MESH}),
+    # bodies
+    "lshape.mesh": Use(lshape.mesh, {"maxh": 0.5}),
+    "lshape.paper_mesh": Use(lshape.paper_mesh, {"nodes": 21}),
+    "block.mesh": Use(block.mesh, {"maxh": 0.5}),
+    "block.with_hole": Use(block.with_hole, {"maxh": 0.5}, {"radius": NOTHING}),
+    "block.structured_mesh": Use(block.structured_mesh, {"nx": 1, "ny": 1}),
+    "ring.quarter_mesh": Use(ring.quarter_mesh, {"maxh": 0.5}),
+    # options
+    "Armijo": Use(Armijo, may=dict.fromkeys(("slope", "shrink", "smallest"), NOTHING)),
+    "NewtonOptions": Use(NewtonOptions, may={"inverse": NOTHING}),
+    "PathOptions": Use(PathOptions, may={"reduction": NOTHING, "gamma_end": NOTHING}),
+    "PrimalOptions": Use(PrimalOptions, may={"tolerance": NOTHING}),
+    "Units": Use(Units),
     "DualSpaces": Use(DualSpaces),
     **{
         kind.__name__: Use(
             kind,
             {"gamma": 10.0},
             {
-                "gamma": POSITIVE,
-                "gamma_tichonov": POSITIVE,
-                "contact_shift": NOT_NEGATIVE,
-                "plastic_shift": NOT_NEGATIVE,
-                "beta_gamma": POSITIVE,
+                "contact_shift": NOT_NEGATIVE | UNSEEN,
+                "plastic_shift": NOT_NEGATIVE | UNSEEN,
+                "beta_gamma": POSITIVE | UNSEEN,
             },
         )
         for kind in (Coupled, DualParameters)
@@ -180,26 +163,11 @@ USES = {
             "plastic_increment": PRIMAL.plastic_increment,
         },
     ),
-    "lame_parameters": Use(
-        ngepc.lame_parameters,
-        {"young": 1.0, "poisson": 0.3},
-        {"young": POSITIVE, "poisson": {"zero"}},
-    ),
-    "lshape_problem": Use(lshape_problem, {"mesh": MESH}, {"mesh": {"a mesh"}}),
-    "wrench_problem": Use(wrench_problem, {"mesh": MESH}, {"mesh": {"a mesh"}}),
-    "outward_normal": Use(outward_normal, {"mesh": MESH}, {"mesh": {"a mesh"}}),
     # solvers
-    "semismooth_newton": Use(
-        semismooth_newton,
-        {"problem": PROBLEM, "options": QUICK},
-        {"gamma": POSITIVE, "monitor": CALLABLE},
-    ),
-    "primal_newton": Use(primal_newton, {"problem": PROBLEM}, {"monitor": CALLABLE}),
+    "semismooth_newton": Use(semismooth_newton, {"problem": PROBLEM, "options": QUICK}),
+    "primal_newton": Use(primal_newton, {"problem": PROBLEM}),
     "follow_path": Use(
-        follow_path,
-        {"problem": PROBLEM, "options": SHORT_PATH},
-        {"checkpoint": {"a text"}}
-        | dict.fromkeys(("monitor", "newton_monitor", "observer", "parameters"), CALLABLE),
+        follow_path, {"problem": PROBLEM, "options": SHORT_PATH}, {"parameters": CALLABLE}
     ),
     "augmented_lagrangian": Use(
         augmented_lagrangian,
@@ -211,54 +179,31 @@ USES = {
     "Schedule": Use(
         Schedule,
         {"times": [1.0, 2.0], "changes": lambda time: {}},
-        {"changes": CALLABLE, "begin": {"zero", "a negative number"}},
+        {"begin": {"zero", "a negative number"}},
     ),
     "load_cycle": Use(load_cycle, {"problem": PROBLEM, "factors": [1.0]}, {"begin": NUMBERS}),
     "evolve": Use(
         evolve,
         {"problem": PROBLEM, "steps": load_cycle(PROBLEM, [1.0])},
-        {
-            "solver": CALLABLE,
-            "monitor": CALLABLE,
-            "cuts": {"zero"},
-            "checkpoint": {"a text"},
-        },
+        {"cuts": {"zero"}, "solver": CALLABLE},
     ),
     "cold_start": Use(cold_start, {"solver": primal_newton}, {"solver": CALLABLE}, ("settings",)),
     # monitors
     "table_monitor": Use(table_monitor),
-    "ProgressLine": Use(ProgressLine, may={"label": TEXTS}),
-    "live_plot_monitor": Use(
-        live_plot_monitor, may={"interval": NOT_NEGATIVE, "tolerance": POSITIVE}
-    ),
-    "watch": Use(watch, {"results": [DUAL], "draw": plot_mesh}, {"draw": CALLABLE}, ("results",)),
+    "ProgressLine": Use(ProgressLine),
+    "live_plot_monitor": Use(live_plot_monitor, may={"interval": NOT_NEGATIVE}),
+    "watch": Use(watch, {"results": [DUAL], "draw": plot_mesh}, skip=("results",)),
     # pictures
-    "plot_field": Use(
-        plot_field,
-        {"source": DUAL},
-        DRAWN
-        | {
-            "field": {"a vector coefficient"},
-            "vmin": NUMBERS,
-            "vmax": NUMBERS,
-            "mesh_lines": {"True"},
-        },
-    ),
+    "plot_field": Use(plot_field, {"source": DUAL}, DRAWN | RANGE | FIELD),
     "plot_plastic_zone": Use(
         plot_plastic_zone, {"source": DUAL}, DRAWN | {"threshold": NOT_NEGATIVE}
     ),
-    "plot_comparison": Use(
-        plot_comparison,
-        {"sources": {"one": DUAL}},
-        DRAWN | {"field": {"a vector coefficient"}, "vmin": NUMBERS, "vmax": NUMBERS},
-    ),
+    "plot_comparison": Use(plot_comparison, {"sources": {"one": DUAL}}, DRAWN | RANGE | FIELD),
     "plot_mesh": Use(plot_mesh, {"source": DUAL}),
     "plot_active_sets": Use(plot_active_sets, {"result": DUAL}, DRAWN),
-    "plot_progress": Use(
-        plot_progress, {"result": DUAL}, DRAWN | {"tolerance": POSITIVE, "runs": {"an empty list"}}
-    ),
-    "plot_history": Use(plot_history, {"histories": DUAL.history}, {"tolerance": POSITIVE}),
-    "plot_counts": Use(plot_counts, {"counts": {"a": {10: 3}}}, {"paper": {"None"}}),
+    "plot_progress": Use(plot_progress, {"result": DUAL}, DRAWN | {"runs": EMPTY}),
+    "plot_history": Use(plot_history, {"histories": DUAL.history}),
+    "plot_counts": Use(plot_counts, {"counts": {"a": {10: 3}}}),
     "plot_contact_pressure": Use(plot_contact_pressure, {"sources": DUAL}),
     "beside": Use(
         lambda width=4.0, height=4.0, three=False: beside(
@@ -266,48 +211,28 @@ USES = {
         ),
         may={"width": POSITIVE, "height": POSITIVE, "three": {"True"}},
     ),
-    "UnitNames": Use(UnitNames, may={"length": TEXTS, "stress": TEXTS}),
-    "ViewOptions": Use(
-        ViewOptions,
-        may={
-            "deformation_scale": NOT_NEGATIVE,
-            "vmin": NUMBERS,
-            "vmax": NUMBERS,
-            "mesh_lines": {"True"},
-            "contact_lines": {"True"},
-        },
-    ),
-    "show": Use(show, {"source": DUAL}, SHOWN),
-    "compare": Use(compare, {"sources": {"one": DUAL}}, SHOWN),
-    "slide": Use(slide, {"sources": {"one": DUAL}}, SHOWN),
+    "UnitNames": Use(UnitNames),
+    "ViewOptions": Use(ViewOptions, may=DRAWN | RANGE),
+    "show": Use(show, {"source": DUAL}, FIELD),
+    "compare": Use(compare, {"sources": {"one": DUAL}}, FIELD),
+    "slide": Use(slide, {"sources": {"one": DUAL}}, FIELD),
     # files
-    "export_html": Use(
-        export_html,
-        {"source": DUAL, "path": "view.html"},
-        SHOWN | {"path": {"a text"}, "deformation": {"True"}},
+    "export_html": Use(export_html, {"source": DUAL, "path": "view.html"}, FIELD),
+    "export_vtu": Use(export_vtu, {"source": DUAL, "path": "fields.vtu"}, {"path": NOTHING}),
+    "export_series": Use(
+        export_series, {"sources": [DUAL], "path": "series.pvd"}, {"path": NOTHING}
     ),
-    "export_vtu": Use(export_vtu, {"source": DUAL, "path": "fields.vtu"}),
-    "export_series": Use(export_series, {"sources": [DUAL], "path": "series.pvd"}),
-    "write_report": Use(
-        write_report,
-        {"path": "page.html", "title": "title"},
-        {"path": {"a text"}} | dict.fromkeys(("title", "subtitle", "footer"), TEXTS),
-        ("sections",),
-    ),
-    "View.save": Use(
-        lambda path: View("").save(path),
-        {"path": "v.html"},
-        {"path": {"a text"}},
-    ),
+    "write_report": Use(write_report, {"path": "page.html", "title": "title"}, skip=("sections",)),
+    "View.save": Use(lambda path: View("").save(path), {"path": "v.html"}, {"path": {"a text"}}),
     # obstacles
     "Plane": Use(Plane, {"point": (0, 0), "normal": (0, 1)}),
-    "Sphere": Use(Sphere, {"centre": (0, 0), "radius": 1.0}, {"radius": POSITIVE}),
-    "Cylinder": Use(
-        Cylinder, {"point": (0, 0, 0), "axis": (0, 0, 1), "radius": 1.0}, {"radius": POSITIVE}
-    ),
+    "Sphere": Use(Sphere, {"centre": (0, 0), "radius": 1.0}),
+    "Cylinder": Use(Cylinder, {"point": (0, 0, 0), "axis": (0, 0, 1), "radius": 1.0}),
     "Cavity": Use(Cavity, {"inside": Sphere((0, 0), 1.0)}),
     "SignedDistance": Use(
-        SignedDistance, {"distance": CF(1.0)}, {"gradient": {"a vector coefficient"}}
+        SignedDistance,
+        {"distance": CF(1.0)},
+        {"distance": UNSEEN, "gradient": {"a vector coefficient"}},
     ),
     "Obstacle.gap": Use(
         lambda mesh=MESH, motion=(0.0, 0.0), far=1.0: Sphere((0, 3), 1.0).gap(
@@ -317,73 +242,47 @@ USES = {
     ),
 }
 
-CELLS = [
-    (name, parameter.name)
-    for name, use in USES.items()
-    for parameter in inspect.signature(use.call).parameters.values()
-    if parameter.name not in use.skip
-    and parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
-]
-
-
-def nonsense_for(name, argument):
-    """Kinds of nonsense that are not legal for an argument."""
-    use = USES[name]
-    optional = inspect.signature(use.call).parameters[argument].default is None
-    legal = use.may.get(argument, set()) | ({"None"} if optional else set())
-    return [kind for kind in NONSENSE if kind not in legal]
-
 
 @pytest.fixture(autouse=True)
 def in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    yield
-    assert not [p for p in tmp_path.iterdir() if p.name == "junk"]
 
 
-@pytest.mark.parametrize("name", set(USES) - {"watch"})  # it shows pictures in notebooks only
-def test_the_legal_use_is_legal(name):
-    USES[name].call(**USES[name].legal)
-
-
-@pytest.mark.parametrize(("name", "argument"), CELLS)
-def test_nonsense_is_refused_by_name(name, argument, tmp_path):
+@pytest.mark.parametrize("name", USES)
+def test_nonsense_is_refused_by_name(name, tmp_path):
+    """Any argument, any kind; nothing is written before; what is legal is accepted."""
     use = USES[name]
-    for kind in nonsense_for(name, argument):
-        value = NONSENSE[kind]
-        with pytest.raises((TypeError, ValueError)) as caught:
-            use.call(**{**use.legal, argument: value})
-        message = str(caught.value)
-        assert argument in message, (kind, message)
-        assert names_the_value(message, value), (kind, message)
-        assert any(word in message for word in NEED), (kind, message)
-    assert list(tmp_path.iterdir()) == []  # refused before anything was written
+    assert use.complaints() == []
+    assert list(tmp_path.iterdir()) == []
+    if name != "watch":  # it shows pictures in notebooks only
+        use.call(**use.legal)
 
 
-NEED = ("needed", "needs", "one of", "legal", "the fields are", "give ", "asks for")
-"""Words that say what is legal."""
-
-
-def names_the_value(message, value):
-    """The value itself, one of its entries, or for coefficients its shape."""
-    texts = [repr(value), f"{value}", "has shape"]
-    if isinstance(value, list | dict | np.ndarray):
-        texts += [repr(entry) for entry in value]
-    return any(text in message for text in texts)
-
-
-def test_the_count_of_silent_acceptances_is_zero():
-    """All cells together, as RELIABILITY.md states them."""
-    cases = sum(len(nonsense_for(*cell)) for cell in CELLS)
+def test_the_count_of_cases_is_what_reliability_says():
     assert len(USES) >= 60
-    assert cases >= 4600
+    assert sum(len(list(use.cases())) for use in USES.values()) >= 5_500
 
 
-def test_every_public_callable_is_here_or_in_the_table_of_bad_input():
-    data = {"Status", "SolverError", "Evolution", "DualResult", "PrimalResult", "PathResult"}
-    elsewhere = {"Material", "Problem"}
-    callables = {n for n in ngepc.__all__ if not n.startswith("_")}
-    assert callables - set(USES) == data | elsewhere
+def test_every_public_callable_is_here():
+    given = {
+        "DualResult", "Evolution", "ExactResult", "Kinematics", "PathResult", "PrimalResult",
+        "SolverError", "Status",
+    }  # fmt: skip
+    assert {n for n in ngepc.__all__ if not n.startswith("_")} - set(USES) == given
+
+
+@pytest.mark.parametrize(
+    ("call", "complaint"),
+    [
+        (lambda size: None, "accepted"),
+        (lambda size: 1 / 0, "ZeroDivisionError"),
+        (lambda size: int("b"), "the argument is not named"),
+    ],
+)
+def test_complaints_are_made(call, complaint):
+    found = Use(call, {"size": 1}).complaints()
+    assert len(found) == len(NONSENSE)
+    assert all(complaint in line for line in found)
 
 
 # What functions of the user return is checked too

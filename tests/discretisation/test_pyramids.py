@@ -9,7 +9,7 @@ from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import ET, VOL, IntegrationRule, Mesh
 
 from ngepc import Material, Problem, evolve, load_cycle, primal_newton, semismooth_newton
-from ngepc.discretisation.rules import plastic_points, pyramid_rule
+from ngepc.model.rules import plastic_points, pyramid_rule
 from ngepc.primal.return_mapping import ReturnMapping
 
 FACES = {

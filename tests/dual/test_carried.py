@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from ngepc.geometries import lshape
 
 from ngepc import (
     Coupled,
@@ -11,6 +10,7 @@ from ngepc import (
 )
 from ngepc.dual.carried import carried_over, scaled_excess
 from ngepc.dual.newton import NewtonOptions, prepared
+from ngepc.geometries import lshape
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from ngepc.geometries import block
+from bodies import flat_problem
 from ngsolve import CF, InnerProduct, x, y, z
 
 from ngepc.dual.iterates import Iterate
@@ -14,8 +14,8 @@ from ngepc.dual.regularisation import Coupled
 from ngepc.dual.spaces import Units
 from ngepc.dual.system import NewtonSystem
 from ngepc.dual.tichonov import Fractional, FullProduct, PlasticSobolev
+from ngepc.geometries import block
 from ngepc.model.material import Material
-from ngepc.model.problem import Problem
 
 SHIFTS = {"contact_shift": 0.02, "plastic_shift": 0.3}
 BACK_STRESS = {
@@ -41,7 +41,7 @@ def body(N, *, varying=False, **changes):
     }
     load = (0.0,) * (N - 1) + (2.0,)
     return replace(
-        Problem(
+        flat_problem(
             mesh,
             material,
             traction={"left": load},

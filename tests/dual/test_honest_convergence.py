@@ -11,6 +11,7 @@ import re
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from bodies import flat_problem
 from ngsolve import CF, BilinearForm, GridFunction, dx, y
 from scipy.sparse.linalg import splu
 
@@ -19,7 +20,6 @@ from ngepc import (
     FullProduct,
     Material,
     NewtonOptions,
-    Problem,
     Status,
     lshape_problem,
     semismooth_newton,
@@ -156,7 +156,7 @@ def test_refined_displacements_satisfy_the_uncondensed_equations():
     material = Material.kinematic(lame_lambda=5e6, lame_mu=1e3, yield_stress=1.25, hardening=1e-2)
     mesh = block.structured_mesh(6, 6, simplices=True)
     load = {"left": CF((0.0, 3.0 * y))}
-    problem = Problem(mesh, material, traction=load, contact="contact", gap=1e-3)
+    problem = flat_problem(mesh, material, traction=load, contact="contact", gap=1e-3)
     result = semismooth_newton(problem, regularisation=Coupled(1e2))
     blocks = result.functional.blocks
     D, free = assembled(blocks, False)

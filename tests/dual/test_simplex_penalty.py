@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from bodies import flat_problem
 from ngsolve import GridFunction, IfPos, x
 
-from ngepc import Coupled, DualSpaces, Material, Problem, lshape_problem
+from ngepc import Coupled, DualSpaces, Material, lshape_problem
 from ngepc.discretisation.quadrature import SMOOTH, classify
 from ngepc.discretisation.spaces import plastic_dual_space
 from ngepc.dual.parts import PlasticPart
@@ -48,7 +49,7 @@ def entries(matrix, n):
 )
 def test_same_integrals_as_ngsolve(dim, regularisation, points, size):
     mesh = lshape.paper_mesh(225) if dim == 2 else block.mesh(0.4)
-    problem = Problem(mesh, MATERIAL, contact="contact", gap=0.1)
+    problem = flat_problem(mesh, MATERIAL, contact="contact", gap=0.1)
     R, q = smooth_field(problem, size)
     weights = regularisation.parameters.weights(problem, regularisation.units)
     theirs = PlasticPenalty(problem, weights, R, points).at(q)
@@ -141,5 +142,5 @@ def test_only_straight_simplices_with_constants_take_the_short_way():
     varied = Material.kinematic(
         lame_lambda=1.0, lame_mu=1.0, yield_stress=IfPos(x - 0.5, 1.0, 2.0), hardening=1.0
     )
-    assert kind(Problem(mesh, varied)) is PlasticPenalty
-    assert kind(Problem(block.structured_mesh(2, 2), MATERIAL)) is PlasticPenalty
+    assert kind(flat_problem(mesh, varied)) is PlasticPenalty
+    assert kind(flat_problem(block.structured_mesh(2, 2), MATERIAL)) is PlasticPenalty

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from bodies import flat_problem
 from ngsolve import CF, Integrate, Norm, Parameter, y
 from witness import dual_residual
 
@@ -16,7 +17,6 @@ from ngepc import (
     FullProduct,
     Material,
     NewtonOptions,
-    Problem,
     SolverError,
     Status,
     lshape_problem,
@@ -414,7 +414,7 @@ def test_hard_problems_end_in_a_status(name, method):
     )  # fmt: skip
     mesh = block.structured_mesh(4, 4, simplices=True)
     load = {"left": CF((0.0, 3.0 * y))}
-    problem = Problem(mesh, material, traction=load, contact="contact", gap=1e-3)
+    problem = flat_problem(mesh, material, traction=load, contact="contact", gap=1e-3)
     if method == "primal":
         result = primal_newton(problem)
         residual, tolerance = balance_residual(result), 2e-10

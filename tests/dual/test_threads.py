@@ -5,10 +5,10 @@ import subprocess
 import sys
 
 import pytest
-from ngepc.geometries import lshape
 from ngsolve import SetNumThreads, TaskManager
 
 from ngepc import Coupled, lshape_problem, primal_newton, semismooth_newton
+from ngepc.geometries import lshape
 
 METHODS = {
     "coupled": lambda problem: semismooth_newton(problem, regularisation=Coupled(1e3)),

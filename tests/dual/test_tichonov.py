@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, ring
+from bodies import flat_problem
 from ngsolve import BND, CF, Integrate, ds
 from scipy.integrate import dblquad, quad
 
@@ -11,7 +11,6 @@ from ngepc import (
     DualSpaces,
     Material,
     NewtonOptions,
-    Problem,
     Status,
     Units,
     lshape_problem,
@@ -28,6 +27,7 @@ from ngepc.dual.tichonov import (
     PlasticSobolev,
     SurfaceGradient,
 )
+from ngepc.geometries import block, lshape, ring
 
 QUICK = NewtonOptions(quadrature_points=49)
 
@@ -168,7 +168,7 @@ def scaled_problem(stress, length):
         hardening=100 * stress,
     )
     push = {"left": (6.0 * stress, 4.0 * stress)}
-    return Problem(mesh, material, traction=push, contact="contact", gap=-0.002 * length)
+    return flat_problem(mesh, material, traction=push, contact="contact", gap=-0.002 * length)
 
 
 @pytest.mark.parametrize("name", CHOICES)
@@ -223,7 +223,7 @@ def pressed_ring(maxh):
     """A ring held inside whose outer circle, of radius 2, is pushed in by 0.01; elastic."""
     material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1e3, hardening=100.0)
     mesh = ring.mesh(maxh)
-    return Problem(mesh, material, clamped="inner", contact="outer", gap=-0.01)
+    return flat_problem(mesh, material, clamped="inner", contact="outer", gap=-0.01)
 
 
 LAME_PRESSURE = -0.01 * 4500 / 1.5
@@ -270,7 +270,7 @@ def test_closed_contact_boundary_is_refused_by_the_seminorm():
 
 def test_one_closed_piece_is_enough_to_be_refused():
     mesh = block.with_hole(0.3, size=(1.0, 1.0))
-    problem = Problem(mesh, pressed_ring(0.5).material, contact="contact|hole", gap=0.0)
+    problem = flat_problem(mesh, pressed_ring(0.5).material, contact="contact|hole", gap=0.0)
     with pytest.raises(ValueError, match="closed piece without ends"):
         semismooth_newton(problem, 100.0)
 
@@ -278,7 +278,7 @@ def test_one_closed_piece_is_enough_to_be_refused():
 def test_fractional_product_on_a_surface_is_refused():
     mesh = block.structured_mesh(1, 1, 1, simplices=True)
     material = Material.kinematic(lame_lambda=1.0, lame_mu=1.0, yield_stress=1.0, hardening=1.0)
-    problem = Problem(mesh, material, contact="contact", gap=0.0)
+    problem = flat_problem(mesh, material, contact="contact", gap=0.0)
     with pytest.raises(ValueError, match="two dimensions"):
         LinearBlocks(problem, Coupled(1.0, tichonov=Fractional()), "sparsecholesky")
 

@@ -1,8 +1,9 @@
 """NGSolve's normals point outward on the bodies of the paper, CSG or bisected."""
 
 import pytest
-from ngepc.geometries import lshape, wrench
 from ngsolve import BND, CF, Integrate, specialcf, x, y
+
+from ngepc.geometries import lshape, wrench
 
 BODIES = {
     "lshape": lambda: lshape.mesh(0.2),

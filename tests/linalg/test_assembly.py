@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from netgen.geom2d import unit_square
-from ngepc.geometries import lshape
 from ngsolve import H1, BilinearForm, Mesh, dx, grad, x
 
 from ngepc import (
@@ -14,6 +13,7 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
+from ngepc.geometries import lshape
 from ngepc.linalg.assembly import Placed, SparseSum, from_entries
 from ngepc.linalg.direct import SHIPPED, require_direct_solver, symmetric_inverse
 

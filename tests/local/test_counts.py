@@ -3,9 +3,10 @@
 import dataclasses
 
 import pytest
+from ngsolve import sqrt, x, y
 
-from ngepc import lshape_problem, semismooth_newton, wrench_problem
-from ngepc.geometries import lshape, wrench
+from ngepc import Problem, lshape_problem, semismooth_newton, wrench_problem
+from ngepc.geometries import block, lshape, wrench
 from ngepc.model.material import Material
 
 LSHAPE, WRENCH = (417, 833, 1601, 3201), (873, 1641, 3281, 6353)
@@ -52,3 +53,29 @@ def test_small_hardening(nodes, ratio, most):
     result = semismooth_newton(dataclasses.replace(problem, material=material))
     assert result.iterations <= most
     assert result.residual_norm <= max(1e-10, result.residual_rounding)
+
+
+def indented_block(mesh, ratio):
+    """A sphere of radius 1 pressed 0.03 into the unit cube, h/mu given."""
+    steel = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=ratio * 1e3
+    )
+    gap = 1.0 - sqrt(1.0 - (x - 0.5) ** 2 - (y - 0.5) ** 2) - 0.03
+    return Problem(mesh, steel, contact="contact", gap=gap)
+
+
+@pytest.mark.parametrize("shape", ["tetrahedra", "hexahedra"])
+@pytest.mark.parametrize(("ratio", "most"), [(1e-1, 10), (1e-3, 12)])
+def test_sphere_on_a_block(shape, ratio, most):
+    """281 and 1745 nodes of tetrahedra, 216 and 1331 of hexahedra: the same few steps."""
+    for level in (0, 1):
+        mesh = block.structured_mesh(*3 * [5 * (level + 1)])
+        if shape == "tetrahedra":
+            mesh = block.mesh(maxh=0.4)
+            for _ in range(level + 1):
+                mesh.Refine()
+        problem = indented_block(mesh, ratio)
+        result = semismooth_newton(problem).raise_for_status()
+        assert result.iterations <= most
+        gap = result.primal_energy + result.dual_energy
+        assert abs(gap) < 1e-12 * abs(result.primal_energy)

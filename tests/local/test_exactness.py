@@ -1,5 +1,6 @@
 """The discrete problem is solved: J + J* = 0, both methods agree, everything is in balance."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,7 +18,7 @@ from ngepc import (
 )
 from ngepc.geometries import block, lshape, wrench
 from ngepc.model.material import Material
-from ngepc.primal.options import PrimalOptions
+from ngepc.primal.run import PrimalOptions
 from ngepc.studies.step42 import WHOLE, step42_problem
 
 every_case = pytest.mark.parametrize(("shape", "kinematics", "order"), CASES)
@@ -123,3 +124,14 @@ def test_a_contact_between_two_nodes_of_a_coarse_mesh_is_seen(method):
     result = method(problem).raise_for_status()
     assert result.contact_force == pytest.approx(2.69, abs=0.005)
     assert "whole facets" in result.message
+
+
+@pytest.mark.parametrize("change", [-1e-3, -3e-8, 3e-8, 1e-3])
+@pytest.mark.parametrize("carried", ["displacement", "contact forces too"])
+def test_a_start_whose_gap_has_changed(change, carried):
+    problem = lshape_problem(lshape.paper_mesh(113))
+    result = semismooth_newton(problem)
+    start = result.displacement if carried == "displacement" else result
+    other = semismooth_newton(replace(problem, gap=problem.gap + change), start=start)
+    cold = semismooth_newton(replace(problem, gap=problem.gap + change))
+    assert other.raise_for_status().contact_force == pytest.approx(cold.contact_force, rel=1e-8)

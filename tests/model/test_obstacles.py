@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, plate, ring, wrench
 from ngsolve import (
     CF,
     H1,
@@ -24,6 +23,7 @@ from ngsolve import (
 
 from ngepc import Material, Problem, outward_normal
 from ngepc.checks.arguments import sample
+from ngepc.geometries import block, lshape, plate, ring, wrench
 from ngepc.model.obstacles import Cavity, Cylinder, Disc, Plane, SignedDistance, Sphere
 
 SQUARE = block.structured_mesh(8, 8)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngepc.geometries import lshape, wrench
 
 from ngepc import (
     Coupled,
@@ -28,6 +27,7 @@ from ngepc.__main__ import main
 from ngepc.dual.newton import prepared
 from ngepc.dual.system import NewtonSystem
 from ngepc.dual.widths import contact_mesh_width, mesh_width
+from ngepc.geometries import lshape, wrench
 
 
 @pytest.fixture(scope="module")

@@ -25,11 +25,11 @@ from ngsolve import (
 from ngepc.discretisation.loads import Supports, nodal
 from ngepc.discretisation.pointfunctions import interpolated
 from ngepc.discretisation.rows import contact_rows
-from ngepc.discretisation.rules import plastic_points
 from ngepc.geometries import block, lshape, ring
 from ngepc.linalg.linesearch import Bracket
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
+from ngepc.model.rules import plastic_points
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.outcome import SolverError, Status

@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from ngepc.geometries import lshape, wrench
 
 from ngepc import (
     Armijo,
@@ -17,6 +16,7 @@ from ngepc import (
 )
 from ngepc.dual.newton import prepared
 from ngepc.dual.tichonov import Fractional, FullProduct
+from ngepc.geometries import lshape, wrench
 from ngepc.theory.lambda_newton import (
     MultiplierEquation,
     compare_algorithms,

@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from ngepc.geometries import lshape
 from ngsolve import CF, GridFunction, Integrate
 
 from ngepc import Coupled, NewtonOptions, lshape_problem, semismooth_newton
+from ngepc.geometries import lshape
 from ngepc.theory.differentiability import (
     FAMILIES,
     WITHOUT,

@@ -4,20 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape, wrench
+from bodies import flat_problem
 from ngsolve import CF
 
 from ngepc import (
     Coupled,
     Material,
     PathOptions,
-    Problem,
     duality_report,
     follow_path,
     lshape_problem,
     semismooth_newton,
     wrench_problem,
 )
+from ngepc.geometries import block, lshape, wrench
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_parts_add_up_with_initial_conditions_and_both_hardenings():
 
 def test_parts_add_up_in_three_dimensions():
     material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
-    problem = Problem(
+    problem = flat_problem(
         block.mesh(0.5), material, "clamped", {"right": (0, 0, 4.0)}, contact="contact", gap=0.001
     )
     report = duality_report(semismooth_newton(problem, 1e2))

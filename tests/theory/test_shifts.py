@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from ngepc.geometries import block, lshape
+from bodies import flat_problem
 from ngsolve import CF, H1, GridFunction, IfPos, Integrate, Norm, ds, dx, exp, x, y
 
 from ngepc import (
@@ -13,7 +13,6 @@ from ngepc import (
     FullProduct,
     Material,
     NewtonOptions,
-    Problem,
     Status,
     SurfaceGradient,
     lshape_problem,
@@ -21,6 +20,7 @@ from ngepc import (
 )
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.dual.newton import prepared
+from ngepc.geometries import block, lshape
 from ngepc.theory.shifts import augmented_lagrangian, positive_part, updated_shifts
 
 QUICK = NewtonOptions(quadrature_points=49)
@@ -212,7 +212,7 @@ def hardened(alpha, *, mesh=None, sigma=1.0, H=0.5):
         hardening_stiffness=100 / (H * sigma) ** 2,
     )
     loads = {"left": (6.0, 4.0)}
-    return Problem(
+    return flat_problem(
         mesh, material, traction=loads, contact="contact", gap=0.0, initial_hardening=alpha
     )
 

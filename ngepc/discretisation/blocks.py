@@ -1,0 +1,91 @@
+"""The entries of the stiffness matrix, N x N blocks for each pair of nodes, on one pattern."""
+
+from __future__ import annotations
+
+import numpy as np
+from ngsolve import H1, BaseMatrix, BilinearForm, dx
+
+from ngepc.discretisation.points import Elements, Moduli, Points, chunks
+
+
+class StiffnessBlocks:
+    """The blocks of B' C B on and below the diagonal, held components as the identity.
+
+    Parameters
+    ----------
+    points
+        The points with their strain rows.
+    free
+        Boolean, shape (nodes, N): components that no support holds.
+    springs
+        Numbers added to the diagonal at free components, shape (nodes, N); None for none.
+
+    Attributes
+    ----------
+    rows, columns
+        Nodes of the blocks, row by row, rows >= columns.
+    """
+
+    def __init__(self, points: Points, free: np.ndarray, springs: np.ndarray | None = None) -> None:
+        self.points, self.free, self.N = points, free, points.kinematics.N
+        self.rows, self.columns = lower_pattern(pattern_matrix(points.scalar))
+        self._keys = self.rows * np.int64(points.scalar.ndof) + self.columns
+        self._touched = np.flatnonzero(~(free[self.rows] & free[self.columns]).all(axis=1))
+        self._places = [self._places_of(block) for block in points.blocks]
+        self._springs = None if springs is None else np.where(free, springs, 0.0)
+
+    def diagonal_places(self, nodes: np.ndarray) -> np.ndarray:
+        """Numbers of the diagonal blocks of these nodes."""
+        return np.searchsorted(self._keys, nodes * np.int64(self.points.scalar.ndof + 1))
+
+    def _places_of(self, block: Elements) -> tuple[np.ndarray, ...]:
+        """Local pairs a >= b, the block of each in each element, and where to transpose."""
+        a, b = np.tril_indices(block.nodes.shape[1])
+        i, j = block.nodes[:, a], block.nodes[:, b]
+        keys = np.maximum(i, j) * np.int64(self.points.scalar.ndof) + np.minimum(i, j)
+        return a, b, np.searchsorted(self._keys, keys).astype(np.int32), i < j
+
+    def values(self, moduli: Moduli) -> np.ndarray:
+        """The blocks for these moduli at the points, shape (blocks, N, N)."""
+        entries = np.zeros((self.N**2, len(self.rows)))
+        for block, (a, b, places, turned) in zip(self.points.blocks, self._places, strict=True):
+            k = block.nodes.shape[1]
+            for part in chunks(len(block)):
+                K = self.points.element_stiffness(block, part, moduli)
+                K = K.reshape(-1, k, self.N, k, self.N)[:, a, :, b, :].swapaxes(0, 1)
+                swap = turned[part]
+                K[swap] = K[swap].swapaxes(1, 2)
+                where = places[part].ravel()
+                for c, values in enumerate(K.reshape(-1, self.N**2).T):
+                    entries[c] += np.bincount(where, values, minlength=len(self.rows))
+        values = np.ascontiguousarray(entries.T).reshape(-1, self.N, self.N)
+        self._hold(values)
+        if self._springs is not None:
+            nodes, axes = np.arange(len(self.free)), np.arange(self.N)
+            values[self.diagonal_places(nodes)[:, None], axes, axes] += self._springs
+        return values
+
+    def _hold(self, values: np.ndarray) -> None:
+        """Rows and columns of held components become those of the identity."""
+        rows, columns = self.rows[self._touched], self.columns[self._touched]
+        free_rows, free_columns = self.free[rows], self.free[columns]
+        held = values[self._touched]
+        held[~(free_rows[:, :, None] & free_columns[:, None, :])] = 0.0
+        same = (rows == columns)[:, None, None]
+        held[same & ~free_rows[:, :, None] & np.eye(self.N, dtype=bool)] = 1.0
+        values[self._touched] = held
+
+
+def lower_pattern(matrix: BaseMatrix) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the entries on and below the diagonal, row by row."""
+    _, columns, starts = (np.asarray(a) for a in matrix.CSR())
+    rows = np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts.astype(np.int64)))
+    return rows, columns.astype(np.int64)
+
+
+def pattern_matrix(space: H1) -> BaseMatrix:
+    """A symmetric matrix with the pattern of the space, its lower triangle stored."""
+    u, v = space.TnT()
+    form = BilinearForm(space, symmetric=True, symmetric_storage=True)
+    form += u * v * dx
+    return form.Assemble().mat

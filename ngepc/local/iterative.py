@@ -1,0 +1,311 @@
+"""The tangent by conjugate gradients with multigrid: memory and time grow like the body.
+
+In three dimensions factors grow like nodes^(4/3) in memory and nodes^2 in time.  Here nothing is
+factorised.  Rows of contact that are closed, and supports, are kept by a projection, so that the
+iterations see an elasticity matrix and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import splu
+
+from ngepc.discretisation.blocks import StiffnessBlocks
+from ngepc.discretisation.points import Moduli
+from ngepc.local.factors import TangentError
+from ngepc.local.system import DiscreteProblem
+
+ACCURACY = 1e-12
+"""Relative residual of ``solve``, for callers that take it for exact."""
+
+PARALLEL = 1e-8
+"""Normals at a node that are closer count as one."""
+
+
+class Engine(Protocol):
+    """What multiplies by the matrix of the tangent and preconditions it."""
+
+    def take(self, values: np.ndarray) -> None:
+        """Take the blocks of a new matrix, (blocks, N, N), in the order of the pattern."""
+        ...
+
+    def build(self, values: np.ndarray, modes: np.ndarray) -> None:
+        """Make the preconditioner from these blocks and modes of low energy, (unknowns, k)."""
+        ...
+
+    def multiply(self, x: np.ndarray) -> np.ndarray:
+        """The matrix times a vector, into a new one."""
+        ...
+
+    def precondition(self, r: np.ndarray) -> np.ndarray:
+        """The preconditioner, symmetric and positive definite, times a vector."""
+        ...
+
+
+class Iterative(Protocol):
+    """What ``NewtonOptions(inverse=...)`` takes beside the name of a direct solver."""
+
+    forcing: float
+
+    def tangent(self, discrete: DiscreteProblem) -> IterativeTangent:
+        """The tangent of a discrete problem."""
+        ...
+
+
+class FullPattern:
+    """The blocks of both triangles, from those below the diagonal.
+
+    Attributes
+    ----------
+    rows, columns, starts
+        Block rows and columns, row by row, and where each row begins: BSR without the values.
+    """
+
+    def __init__(self, lower: StiffnessBlocks) -> None:
+        i, j, nodes = lower.rows, lower.columns, lower.points.scalar.ndof
+        above = np.flatnonzero(i != j)
+        rows, columns = np.append(i, j[above]), np.append(j, i[above])
+        order = np.argsort(rows * nodes + columns)
+        self.rows, self.columns = (a[order].astype(np.int32) for a in (rows, columns))
+        self.starts = np.searchsorted(self.rows, np.arange(nodes + 1)).astype(np.int32)
+        self._source = np.append(np.arange(len(i)), above)[order].astype(np.int32)
+        self._turned = np.flatnonzero(order >= len(i))
+
+    def values(self, lower: np.ndarray) -> np.ndarray:
+        """All blocks, shape (blocks, N, N)."""
+        full = lower[self._source]
+        full[self._turned] = full[self._turned].swapaxes(1, 2)
+        return full
+
+
+class Closed:
+    """The displacements that keep supports and closed contact rows, and the projection onto them.
+
+    Parameters
+    ----------
+    discrete
+        The discrete problem.
+    active
+        Boolean, shape (m,): closed rows.
+
+    Raises
+    ------
+    TangentError
+        If the closed rows are dependent.
+    """
+
+    def __init__(self, discrete: DiscreteProblem, active: np.ndarray) -> None:
+        self.free = discrete.supports.free.ravel().astype(float)
+        self.rows = discrete.rows.normal[np.flatnonzero(active)].multiply(self.free).tocsr()
+        self._transposed = self.rows.T.tocsr()
+        if self.rows.shape[0]:
+            try:
+                self._gram = splu((self.rows @ self._transposed).tocsc())
+            except RuntimeError as error:
+                raise TangentError("contact rows of one node are dependent") from error
+
+    def moved(self, amounts: np.ndarray) -> np.ndarray:
+        """The smallest displacement that moves the closed rows by these amounts."""
+        if not self.rows.shape[0]:
+            return np.zeros(len(self.free))
+        return self._transposed @ self._gram.solve(amounts)
+
+    def forces(self, imbalance: np.ndarray) -> np.ndarray:
+        """The forces of the closed rows that balance nodal forces best."""
+        return self._gram.solve(self.rows @ imbalance) if self.rows.shape[0] else np.zeros(0)
+
+    def project(self, x: np.ndarray) -> np.ndarray:
+        """The part of a displacement, or of nodal forces, that supports and rows leave free."""
+        x = self.free * x
+        return x - self.moved(self.rows @ x)
+
+    def pins(self, N: int) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes of closed rows and the projections onto what they leave free there, (k, N, N).
+
+        Rows over several nodes pin the one where they are largest.
+        """
+        largest = _largest(self.rows)
+        nodes, which = np.unique(largest // N, return_inverse=True)
+        normals = np.zeros((len(largest), N))
+        for c in range(N):
+            normals[:, c] = np.asarray(
+                self.rows[np.arange(len(largest)), (largest // N) * N + c]
+            ).ravel()
+        gram = np.zeros((len(nodes), N, N))
+        np.add.at(gram, which, normals[:, :, None] * normals[:, None, :])
+        sizes, vectors = np.linalg.eigh(gram)
+        left = (sizes <= PARALLEL * sizes[:, -1:]).astype(float)
+        return nodes, np.einsum("kan,kn,kbn->kab", vectors, left, vectors)
+
+
+def _largest(rows: csr_matrix) -> np.ndarray:
+    """The column of the largest entry of each row."""
+    if not rows.shape[0]:
+        return np.zeros(0, dtype=int)
+    return np.asarray(abs(rows).argmax(axis=1)).ravel()
+
+
+class IterativeTangent:
+    """A tangent that is never factorised.
+
+    Parameters
+    ----------
+    discrete
+        The discrete problem.
+    engine
+        Called with the pattern and the discrete problem: the ``Engine``.
+    patience
+        Iterations of a solve beyond which the next one makes a new hierarchy.
+    most
+        Iterations after which a solve gives up.
+
+    Attributes
+    ----------
+    back_substitutions, linear_iterations
+        Solves with the present tangent and the iterations in them.
+    hierarchies
+        Preconditioners made.
+    """
+
+    def __init__(
+        self,
+        discrete: DiscreteProblem,
+        engine: Callable[[FullPattern, DiscreteProblem], Engine],
+        patience: int,
+        most: int,
+    ) -> None:
+        self._discrete, self._patience, self._most = discrete, patience, most
+        self._blocks = StiffnessBlocks(discrete.points, discrete.supports.free)
+        self._pattern = FullPattern(self._blocks)
+        self._engine = engine(self._pattern, discrete)
+        self._modes = low_energy_modes(discrete)
+        self._stale, self.hierarchies, self._lower = True, 0, np.zeros(0)
+        self.back_substitutions = self.linear_iterations = 0
+
+    def update(self, moduli: Moduli) -> None:
+        """Assemble; the hierarchy stays as it is."""
+        self._lower = self._blocks.values(moduli)
+        self._engine.take(self._pattern.values(self._lower))
+        self.back_substitutions = self.linear_iterations = 0
+
+    def multiply(self, x: np.ndarray) -> np.ndarray:
+        """The tangent times nodal displacements, flat."""
+        return self._engine.multiply(x)
+
+    def prepare(self, closed: Closed) -> None:
+        """Make a hierarchy for the present tangent and closed rows if the last one is worn out."""
+        if not self._stale:
+            return
+        N, (nodes, projections) = self._discrete.problem.N, closed.pins(self._discrete.problem.N)
+        values = self._pattern.values(self._lower)
+        if len(nodes):
+            self._pin(values, nodes, projections)
+        modes = self._modes.reshape(-1, N, self._modes.shape[1]).copy()
+        modes[nodes] = projections @ modes[nodes]
+        self._engine.build(values, modes.reshape(self._modes.shape))
+        self._stale, self.hierarchies = False, self.hierarchies + 1
+
+    def _pin(self, values: np.ndarray, nodes: np.ndarray, projections: np.ndarray) -> None:
+        """Project out of the blocks what is pinned, and put the size of the diagonal there."""
+        rows, columns, N = self._pattern.rows, self._pattern.columns, projections.shape[1]
+        place = np.full(len(self._pattern.starts) - 1, -1)
+        place[nodes] = np.arange(len(nodes))
+        padded = np.concatenate([projections, np.eye(N)[None]])  # number -1: not pinned
+        hit = np.flatnonzero((place[rows] >= 0) | (place[columns] >= 0))
+        before, same = values[hit], rows[hit] == columns[hit]
+        after = padded[place[rows[hit]]] @ before @ padded[place[columns[hit]]]
+        size = np.trace(before[same], axis1=1, axis2=2)[:, None, None] / N
+        after[same] += size * (np.eye(N) - padded[place[rows[hit[same]]]])
+        values[hit] = after
+
+    def minimise(
+        self, closed: Closed, right: np.ndarray, start: np.ndarray, tolerance: float
+    ) -> np.ndarray:
+        """The x that ``closed`` leaves free with K x = right there, flat.
+
+        Parameters
+        ----------
+        closed
+            What is held.
+        right
+            Nodal forces.
+        start
+            First guess, one that ``closed`` leaves free.
+        tolerance
+            Bound for the norm of the forces that remain.
+
+        Raises
+        ------
+        TangentError
+            If that takes more than ``most`` iterations or the preconditioner is not positive.
+        """
+        self.prepare(closed)
+        x, iterations = conjugate_gradients(
+            self._engine, closed.project, right, start, tolerance, self._most
+        )
+        self.back_substitutions += 1
+        self.linear_iterations += iterations
+        self._stale = iterations > self._patience
+        return x
+
+    def solve(self, forces: np.ndarray) -> np.ndarray:
+        """Displacements, zero where held, that answer nodal forces; both (nodes, N)."""
+        closed = Closed(self._discrete, np.zeros(len(self._discrete.rows), dtype=bool))
+        right = closed.project(forces.ravel())
+        size = float(np.linalg.norm(right))
+        return self.minimise(closed, right, np.zeros_like(right), ACCURACY * size).reshape(
+            forces.shape
+        )
+
+
+def conjugate_gradients(
+    engine: Engine,
+    project: Callable[[np.ndarray], np.ndarray],
+    right: np.ndarray,
+    start: np.ndarray,
+    tolerance: float,
+    most: int,
+) -> tuple[np.ndarray, int]:
+    """Projected conjugate gradients (Gould, Hribar, Nocedal 2001): the solution and its iterations.
+
+    Raises
+    ------
+    TangentError
+        If ``most`` iterations do not do, or the matrix or the preconditioner is indefinite.
+    """
+    x, r = start, project(right - engine.multiply(start) if start.any() else right)
+    direction, before = np.zeros_like(r), 1.0
+    for iteration in range(most):
+        if np.linalg.norm(r) <= tolerance:
+            return x, iteration
+        z = project(engine.precondition(r))
+        now = float(r @ z)
+        direction = z + (now / before if iteration else 0.0) * direction
+        image = project(engine.multiply(direction))
+        curvature = float(direction @ image)
+        if not (now > 0 and curvature > 0):
+            raise TangentError("the multigrid preconditioner is not positive definite")
+        x, r, before = x + now / curvature * direction, r - now / curvature * image, now
+    raise TangentError(f"conjugate gradients did not converge in {most} iterations")
+
+
+def low_energy_modes(discrete: DiscreteProblem) -> np.ndarray:
+    """Translations and rotations as nodal displacements, zero where held, shape (unknowns, k).
+
+    Nodes that are no vertices carry what is not linear: zero.
+    """
+    problem = discrete.problem
+    N, free = problem.N, discrete.supports.free
+    x = np.asarray(problem.mesh.ngmesh.Coordinates())[: problem.mesh.nv, :N]
+    x = x - x.mean(axis=0)
+    pairs = [(0, 1)] if N == 2 else [(0, 1), (1, 2), (2, 0)]
+    modes = np.zeros((*free.shape, N + len(pairs)))
+    for c in range(N):
+        modes[: len(x), c, c] = 1.0
+    for k, (a, b) in enumerate(pairs, start=N):
+        modes[: len(x), a, k], modes[: len(x), b, k] = -x[:, b], x[:, a]
+    return (modes * free[:, :, None]).reshape(free.size, -1)

@@ -1,0 +1,92 @@
+"""Multigrid by PyAMG for large bodies where PETSc is not at hand: ``inverse=PyAMG()``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import bsr_matrix
+
+from ngepc.checks.arguments import require_integer, require_number
+from ngepc.local.iterative import FullPattern, IterativeTangent
+from ngepc.local.system import DiscreteProblem
+
+try:
+    import pyamg
+except ImportError:  # said when PyAMG() is made
+    pyamg = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PyAMG:
+    """Conjugate gradients with smoothed aggregation: a wheel, one process, no compiler.
+
+    Parameters
+    ----------
+    forcing, patience, max_iterations
+        As for ``PETSc``.
+
+    Raises
+    ------
+    ImportError
+        If pyamg is missing.
+    TypeError, ValueError
+        If an option is out of its range.
+    """
+
+    forcing: float = 1e-2
+    patience: int = 30
+    max_iterations: int = 500
+
+    def __post_init__(self) -> None:
+        if pyamg is None:
+            raise ImportError("PyAMG() needs pyamg: 'pip install pyamg'")
+        require_number("forcing", self.forcing, 1e-12)
+        require_integer("patience", self.patience, 1)
+        require_integer("max_iterations", self.max_iterations, 1)
+
+    def tangent(self, discrete: DiscreteProblem) -> IterativeTangent:
+        """The tangent of a discrete problem."""
+        return IterativeTangent(discrete, PyAMGEngine, self.patience, self.max_iterations)
+
+
+class PyAMGEngine:
+    """Matrix of SciPy, preconditioner of PyAMG.
+
+    Parameters
+    ----------
+    pattern, discrete
+        The blocks and the discrete problem that they come from.
+    """
+
+    def __init__(self, pattern: FullPattern, discrete: DiscreteProblem) -> None:
+        self._pattern, self._size = pattern, discrete.supports.free.size
+        self._matrix = self._cycle = None
+
+    def _block_matrix(self, values: np.ndarray) -> bsr_matrix:
+        rows = (values, self._pattern.columns, self._pattern.starts)
+        return bsr_matrix(rows, shape=(self._size, self._size))
+
+    def take(self, values: np.ndarray) -> None:
+        """The matrix for multiplication."""
+        self._matrix = self._block_matrix(values).tocsr()
+
+    def build(self, values: np.ndarray, modes: np.ndarray) -> None:
+        """A new preconditioner."""
+        smoother = ("block_gauss_seidel", {"sweep": "symmetric"})
+        solver = pyamg.smoothed_aggregation_solver(
+            self._block_matrix(values),
+            B=modes,
+            symmetry="symmetric",
+            presmoother=smoother,
+            postsmoother=smoother,
+        )
+        self._cycle = solver.aspreconditioner()
+
+    def multiply(self, x: np.ndarray) -> np.ndarray:
+        """The matrix times x."""
+        return self._matrix @ x
+
+    def precondition(self, r: np.ndarray) -> np.ndarray:
+        """The preconditioner times r."""
+        return self._cycle @ r

@@ -1,0 +1,23 @@
+"""Contact between two bodies of a mesh."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two parts of the boundary that may touch, with small sliding; their gap is that of the mesh.
+
+    The conditions of contact stand on the first one: choose the finer or the softer side, and the
+    one that lies within the other.  The bodies must not share nodes.
+
+    Parameters
+    ----------
+    first, second
+        Boundary names, 'a' or 'a|b'.
+    tied
+        Whether the two are glued: no gap opens, nothing slips, also where they do not touch.
+    """
+
+    first: str
+    second: str
+    tied: bool = False

@@ -1,0 +1,272 @@
+"""Functionals of a solution with their derivatives: ready-made ones, and forms of NGSolve."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from ngsolve import (
+    VOL,
+    BilinearForm,
+    CoefficientFunction,
+    ElementId,
+    GridFunction,
+    Id,
+    InnerProduct,
+    Variation,
+    ds,
+    dx,
+)
+from ngsolve.comp import SumOfIntegrals
+
+from ngepc.checks.arguments import boundary_names, require_integer, require_vector
+from ngepc.checks.kinds import require_attributes
+from ngepc.discretisation.loads import nodal
+from ngepc.discretisation.pointfunctions import PointFunctions
+from ngepc.local.system import State
+from ngepc.sensitivity.radial import Data, RadialDerivative
+
+
+@dataclass(frozen=True, eq=False)
+class Slope:
+    """The value and the derivative of a functional F(u, p, tau, mean, lambda; data) at a state.
+
+    Parameters
+    ----------
+    value
+        F.
+    u
+        With respect to nodal displacements, shape (nodes, N); 0 for none, as in the following.
+    p, stress, mean
+        With respect to the plastic strain gained and the deviatoric stress (points, d), and to
+        the mean stress (points,); densities: the weights of the points are left out.
+    multipliers
+        With respect to the contact forces, shape (m,).
+    explicit
+        With respect to the data themselves.
+    """
+
+    value: float
+    u: np.ndarray | float = 0.0
+    p: np.ndarray | float = 0.0
+    stress: np.ndarray | float = 0.0
+    mean: np.ndarray | float = 0.0
+    multipliers: np.ndarray | float = 0.0
+    explicit: Data = field(default_factory=dict)
+
+
+class Functional(Protocol):
+    """What derivatives are taken of."""
+
+    def slope(self, state: State) -> Slope:
+        """Value and derivative at a state."""
+        ...
+
+
+class ContactForce:
+    """The resultant of the normal contact forces, positive in compression (force)."""
+
+    def slope(self, state: State) -> Slope:
+        """Value and derivative at a state."""
+        return Slope(float(state.multipliers.sum()), multipliers=np.ones(len(state.multipliers)))
+
+
+class PrimalEnergy:
+    """J(u, p) of (2.14) (force times length)."""
+
+    def slope(self, state: State) -> Slope:
+        """Value and derivative: p is best for u, so that J depends on u and on the data."""
+        law, at = state.discrete.law, state.at
+        elastic = RadialDerivative(law, at).elastic
+        forces = state.internal_forces - state.discrete.load
+        explicit = {
+            "two_mu": 0.5 * ((elastic**2).sum(1) - (law.initial**2).sum(1)),
+            "bulk": 0.5 * state.volume**2,
+            "hardening": 0.5 * at.gained**2,
+            "beta": at.gained,
+            "back": at.plastic_strain,
+            "initial": -law.two_mu[:, None] * (elastic + law.initial),
+            "load": -state.u,
+        }
+        return Slope(state.energy, u=forces, explicit=explicit)
+
+
+@dataclass(frozen=True)
+class DisplacementAt:
+    """One component of the displacement at a point (length).
+
+    Parameters
+    ----------
+    point
+        N coordinates, in the body.
+    component
+        0, 1 or 2.
+    """
+
+    point: Sequence[float]
+    component: int
+
+    def slope(self, state: State) -> Slope:
+        """Value and derivative at a state.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the point is not in the body, or there is no such component.
+        """
+        points, N = state.discrete.points, state.discrete.problem.N
+        place = require_vector("point", self.point, (N,))
+        component = require_integer("component", self.component, 0, N - 1)
+        if not points.mesh.Contains(*place):
+            raise ValueError(f"point={self.point!r}: a point in the body is needed")
+        there = points.mesh(*place)
+        element = ElementId(VOL, there.nr)
+        shape = np.array(points.scalar.GetFE(element).CalcShape(*there.pnt))
+        u = np.zeros_like(state.u)
+        u[list(points.scalar.GetDofNrs(element)), component] = shape
+        return Slope(float(np.vdot(u, state.u)), u=u)
+
+
+@dataclass(frozen=True)
+class Reaction:
+    """One component of the force of a support on the body (force).
+
+    Parameters
+    ----------
+    support
+        Name of a clamped or prescribed boundary.
+    component
+        0, 1 or 2.
+    """
+
+    support: str
+    component: int
+
+    def slope(self, state: State) -> Slope:
+        """Value and derivative at a state: the work of all forces in a motion of the support.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there is no such support or component.
+        """
+        discrete = state.discrete
+        problem = discrete.problem
+        component = require_integer("component", self.component, 0, problem.N - 1)
+        (name,) = boundary_names("support", self.support, problem.mesh)
+        region = problem.mesh.Boundaries(name)
+        there = np.array(discrete.supports.space.components[component].GetDofs(region), dtype=bool)
+        there[problem.mesh.nv :] = False
+        motion = np.zeros_like(state.u)
+        motion[there, component] = ~discrete.supports.free[there, component]
+        if not motion.any():
+            raise ValueError(f"support={self.support!r}: it does not hold component {component}")
+        missing = state.internal_forces + state.contact_forces - discrete.load
+        volume, e = discrete.points.strain(motion)
+        rows = discrete.rows.displacement(motion)
+        return Slope(
+            float(np.vdot(motion, missing)),
+            stress=e,
+            mean=volume,
+            multipliers=rows,
+            explicit={"load": -motion},
+        )
+
+
+Form = Callable[[CoefficientFunction, CoefficientFunction, CoefficientFunction], SumOfIntegrals]
+"""(u, plastic strain p_0 + p, stress) -> integrals of them, both tensors."""
+
+
+@dataclass(frozen=True, eq=False)
+class FormFunctional:
+    """Integrals of displacement, plastic strain and stress.
+
+    Plastic strain and stress are the polynomials through their values at the points; they have no
+    values on boundaries.
+
+    Parameters
+    ----------
+    form
+        Called with the displacement u, the plastic strain p_0 + p and the stress, two tensors;
+        returns integrals such as ``InnerProduct(u, u) * ds("contact")``.
+    """
+
+    form: Form
+
+    def slope(self, state: State) -> Slope:
+        """Value and derivative at a state, by ``Variation`` of the form.
+
+        Raises
+        ------
+        TypeError
+            If the form does not return integrals.
+        """
+        discrete, kinematics = state.discrete, state.discrete.points.kinematics
+        law, d, functions = discrete.law, kinematics.d, PointFunctions(discrete.points)
+        parts = (
+            functions.function(law.initial + state.at.plastic_strain),
+            functions.function(law.stress(state.at)),
+            functions.function(law.bulk * state.volume),
+        )
+        space = discrete.supports.space
+        for part in parts:
+            space = space * part.space
+        (u, p, tau, mean), _ = space.TnT()
+        stress = mean * Id(kinematics.size) + kinematics.tensor(tau)
+        integrals = self.form(u, kinematics.tensor(p), stress)
+        if not isinstance(integrals, SumOfIntegrals):
+            raise TypeError(f"functional returned {integrals!r}: integrals are needed")
+        form = BilinearForm(space)
+        form += Variation(integrals)
+        vectors = [state.u.T.ravel(), *(part.vec.FV().NumPy() for part in parts)]
+        value, slope = _value_and_slope(form, np.concatenate(vectors))
+        cuts = np.cumsum([len(v) for v in vectors])[:-1]
+        of_u, of_p, of_tau, of_mean = np.split(slope, cuts)
+        weights = discrete.points.weights
+        of_p, of_tau = (functions.transposed(v, d) / weights[:, None] for v in (of_p, of_tau))
+        return Slope(
+            value,
+            u=nodal(of_u, discrete.problem),
+            p=of_p,
+            stress=of_tau,
+            mean=functions.transposed(of_mean, 1)[:, 0] / weights,
+            explicit={"initial": of_p},
+        )
+
+
+def _value_and_slope(form: BilinearForm, coefficients: np.ndarray) -> tuple[float, np.ndarray]:
+    here = GridFunction(form.space).vec
+    here.FV().NumPy()[:] = coefficients
+    slope = here.CreateVector()
+    form.Apply(here, slope)
+    return float(form.Energy(here)), slope.FV().NumPy().copy()
+
+
+def misfit(observed: CoefficientFunction, boundary: str | None = None) -> FormFunctional:
+    """Int |u - observed|^2 over a boundary, or over the body."""
+    measure = dx if boundary is None else ds(boundary)
+    return FormFunctional(lambda u, p, stress: InnerProduct(u - observed, u - observed) * measure)
+
+
+NAMES = {"contact_force": ContactForce(), "primal_energy": PrimalEnergy()}
+"""Functionals that a name is enough for."""
+
+
+def as_functional(functional: object) -> Functional:
+    """A functional from its name, a form, or itself.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is none of them.
+    """
+    if isinstance(functional, str):
+        if functional not in NAMES:
+            raise ValueError(f"functional={functional!r}: one of {', '.join(NAMES)} is needed")
+        return NAMES[functional]
+    if callable(functional):
+        return FormFunctional(functional)
+    require_attributes("functional", functional, ["slope"], "a name, a form or a functional")
+    return functional

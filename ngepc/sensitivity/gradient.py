@@ -1,0 +1,138 @@
+"""Gradients of functionals by the adjoint, backwards through the time steps.
+
+One step is a history of one.  Backwards from the last one the derivative with respect to what a
+step has inherited, p_0, dev alpha_2 and alpha_1, is carried to the step before, which left
+
+    p_0 + p,    dev alpha_2 + k p    and    alpha_1 + k_1 H sigma_y |p|.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ngepc.local.system import State
+from ngepc.sensitivity.adjoint import derivative_by_data, paired, summed
+from ngepc.sensitivity.biactive import Biactive, biactive_set, told
+from ngepc.sensitivity.functionals import Form, Functional, Slope, as_functional
+from ngepc.sensitivity.held import HeldSystem
+from ngepc.sensitivity.parameters import Constants, Parameters, changed_data, directions
+from ngepc.sensitivity.radial import Data
+from ngepc.sensitivity.states import Solution, states_of
+
+
+@dataclass(frozen=True, eq=False)
+class Gradient(Mapping):
+    """Name of each parameter -> derivative, and whether the functional has one.
+
+    Parameters
+    ----------
+    derivatives
+        The derivatives by name.
+    functional
+        The value of the functional.
+    biactive
+        The weakly active rows and points of each time step that the functional depends on.
+    """
+
+    derivatives: Mapping[str, float]
+    functional: float
+    biactive: tuple[Biactive, ...]
+
+    def __getitem__(self, name: str) -> float:
+        return self.derivatives[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.derivatives)
+
+    def __len__(self) -> int:
+        return len(self.derivatives)
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether no row and no point is biactive; if False the numbers are those of one side."""
+        return not any(len(found) for found in self.biactive)
+
+    @property
+    def message(self) -> str:
+        """What is biactive, step by step; empty where the functional is differentiable."""
+        return told(self.biactive)
+
+
+def gradient(
+    result: Solution, functional: str | Form | Functional, parameters: Parameters, *, step: int = -1
+) -> Gradient:
+    """The derivatives of a functional of a solution with respect to data of its problem.
+
+    Parameters
+    ----------
+    result
+        A converged result of ``semismooth_newton`` without gamma, or of ``evolve``.
+    functional
+        "contact_force", "primal_energy", ``DisplacementAt``, ``Reaction``, ``misfit``, or a form,
+        see ``FormFunctional``.
+    parameters
+        Names such as ["hardening", "traction"], or name -> ``Direction``.  In a history a load or
+        gap changes in all steps, an initial plastic strain at the begin.
+    step
+        The time step of a history whose solution the functional is of.
+
+    Returns
+    -------
+    Gradient
+        A mapping; look at ``differentiable`` or ``message``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not legal, or the problem lacks such data or has friction.
+    SolverError
+        If the result is not that of a converged run.
+    TangentError
+        If the derivative does not exist because the tangent is singular.
+    """
+    wanted, functional = directions(parameters), as_functional(functional)
+    steps = states_of(result)
+    steps = steps[: range(len(steps))[step] + 1]
+    derivatives, found = dict.fromkeys(wanted, 0.0), []
+    later: Data = {}
+    value = None
+    for number in reversed(range(len(steps))):
+        state = steps[number]()
+        slope = functional.slope(state) if value is None else Slope(0.0)
+        value = slope.value if value is None else value
+        found.append(biactive_set(state))
+        system = HeldSystem(state, np.flatnonzero(state.multipliers > 0))
+        constants = Constants(state.discrete)
+        slope = with_memory(state, constants, slope, later)
+        slopes = derivative_by_data(state, system, slope)
+        for name, direction in wanted.items():
+            if number == 0 or not direction.inherited:
+                change = changed_data(constants, direction)
+                derivatives[name] += paired(state.discrete.points, slopes, change)
+        later = inherited(constants, slopes, later)
+    return Gradient(derivatives, value, tuple(reversed(found)))
+
+
+def with_memory(state: State, constants: Constants, slope: Slope, later: Data) -> Slope:
+    """The slope of a step's functional plus what later steps depend on through its memory."""
+    if not later:
+        return slope
+    at = state.at
+    on_size = constants.growth * later["alpha_1"]
+    p = later["initial"] + constants.k[:, None] * later["back"] + on_size[:, None] * at.direction
+    explicit = {
+        "initial": later["initial"],
+        "back": later["back"],
+        "kinematic": np.einsum("pd,pd->p", later["back"], at.plastic_strain),
+        "isotropic": later["alpha_1"] * at.gained,
+    }
+    return replace(slope, p=slope.p + p, explicit=summed(slope.explicit, explicit))
+
+
+def inherited(constants: Constants, slopes: Data, later: Data) -> Data:
+    """The derivative with respect to p_0, dev alpha_2 and alpha_1 at the begin of a step."""
+    remembered = later.get("alpha_1", 0.0) + constants.memory * slopes["beta"]
+    return {"initial": slopes["initial"], "back": slopes["back"], "alpha_1": remembered}

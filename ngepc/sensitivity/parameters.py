@@ -1,0 +1,205 @@
+"""What derivatives are taken with respect to: directions in which the data of a problem change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from ngsolve import CF
+
+from ngepc.checks.arguments import Coefficient, boundary_names, is_number
+from ngepc.checks.kinds import require_instance
+from ngepc.discretisation.loads import Supports, forces_of
+from ngepc.discretisation.rows import contact_rows
+from ngepc.local.system import DiscreteProblem
+from ngepc.model.problem import as_vector
+from ngepc.sensitivity.radial import Data
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """A change of one datum of a problem; derivatives are per unit of it.
+
+    Parameters
+    ----------
+    datum
+        A material constant such as "lame_mu", or "traction", "body_force", "gap", "prescribed",
+        "initial_plastic_strain".  After a colon one boundary: "traction:left", "prescribed:top".
+    change
+        What is added to the datum per unit, of the form that ``Problem`` or ``Material`` takes it:
+        ``mesh.MaterialCF({"core": 1.0})`` for the constant of one region.  None for the natural
+        one: 1 for a material constant that is a number and for a gap, which moves as a whole;
+        the datum itself for all others, so that the derivative is with respect to a factor.
+    """
+
+    datum: str
+    change: object = None
+
+    @property
+    def inherited(self) -> bool:
+        """Whether later steps of a history take the datum from the step before."""
+        return self.datum.startswith("initial")
+
+
+Parameters = str | Iterable[str] | Mapping[str, Direction]
+"""Names of data with their natural change, or name of the answer -> ``Direction``."""
+
+
+def directions(parameters: Parameters) -> dict[str, Direction]:
+    """Name -> direction.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a parameter is neither a known name nor a Direction.
+    """
+    if isinstance(parameters, str):
+        parameters = [parameters]
+    if not isinstance(parameters, Mapping):
+        parameters = {name: Direction(name) for name in parameters}
+    for name, direction in parameters.items():
+        require_instance(f"parameters[{name!r}]", direction, Direction, "a Direction")
+        datum = direction.datum.partition(":")[0]
+        if datum == "friction":
+            raise ValueError("parameters='friction': there are no derivatives with friction yet")
+        if datum not in _CHANGES and datum not in MATERIAL:
+            legal = ", ".join([*MATERIAL, *_CHANGES])
+            raise ValueError(f"parameters={direction.datum!r}: one of {legal} is needed")
+    return dict(parameters)
+
+
+def changed_data(constants: Constants, direction: Direction) -> Data:
+    """The change of the data of a discrete problem per unit of a direction.
+
+    Raises
+    ------
+    ValueError
+        If the problem has no such datum.
+    """
+    datum, _, boundary = direction.datum.partition(":")
+    if datum in MATERIAL:
+        return _material(constants, datum, direction.change)
+    return _CHANGES[datum](constants.discrete, boundary, direction.change)
+
+
+class Constants:
+    """The material constants of a discrete problem at its points, by the letters of section 2."""
+
+    def __init__(self, discrete: DiscreteProblem) -> None:
+        material, at = discrete.problem.material, discrete.points.at
+        self.discrete, self.size = discrete, discrete.points.kinematics.size
+        self.sigma_y, self.k = at(material.yield_stress), at(material.hardening)
+        self.H, self.k_1 = at(material.hardening_modulus), at(material.hardening_stiffness)
+        self.alpha_1 = at(discrete.problem.alpha_0[0])
+
+    @property
+    def growth(self) -> np.ndarray:
+        """k_1 H sigma_y, by which alpha_1 grows with |p|."""
+        return self.k_1 * self.H * self.sigma_y
+
+    @property
+    def memory(self) -> np.ndarray:
+        """d beta / d alpha_1,0."""
+        return self.sigma_y * self.H
+
+
+def _material(constants: Constants, name: str, change: Coefficient | None) -> Data:
+    value = getattr(constants.discrete.problem.material, name)
+    if change is None:
+        change = 1.0 if is_number(value) else value
+    amount = constants.discrete.points.at(change)
+    return {key: slope * amount for key, slope in MATERIAL[name](constants).items()}
+
+
+MATERIAL: dict[str, Callable[[Constants], dict]] = {
+    "lame_lambda": lambda c: {"bulk": 1.0},
+    "lame_mu": lambda c: {"two_mu": 2.0, "bulk": 2.0 / c.size},
+    "yield_stress": lambda c: {
+        "hardening": 2 * c.H**2 * c.sigma_y * c.k_1,
+        "beta": 1 + c.H * c.alpha_1,
+        "isotropic": c.k_1 * c.H,
+    },
+    "hardening": lambda c: {"hardening": 1.0, "kinematic": 1.0},
+    "hardening_modulus": lambda c: {
+        "hardening": 2 * c.H * c.sigma_y**2 * c.k_1,
+        "beta": c.sigma_y * c.alpha_1,
+        "isotropic": c.k_1 * c.sigma_y,
+    },
+    "hardening_stiffness": lambda c: {
+        "hardening": (c.H * c.sigma_y) ** 2,
+        "isotropic": c.H * c.sigma_y,
+    },
+}
+"""Material constant -> derivatives of h, beta, ... of ``Material`` with respect to it."""
+
+
+def _of_boundary(name: str, given: Mapping | None, boundary: str) -> Mapping:
+    """The part of a mapping of single boundaries that a parameter names, all of it by default."""
+    if not given:
+        raise ValueError(f"parameters={name!r}: the problem has none")
+    if not boundary:
+        return given
+    if boundary not in given:
+        raise ValueError(
+            f"parameters='{name}:{boundary}': one of {', '.join(sorted(given))} is needed"
+        )
+    return {boundary: given[boundary]}
+
+
+def _traction(discrete: DiscreteProblem, boundary: str, change: Mapping | None) -> Data:
+    problem, V = discrete.problem, discrete.supports.space
+    given = {
+        name: as_vector(g)
+        for names, g in (problem.tractions if change is None else change).items()
+        for name in boundary_names("traction", names, problem.mesh)
+    }
+    return {"load": forces_of(problem, V, _of_boundary("traction", given, boundary), None)}
+
+
+def _body_force(discrete: DiscreteProblem, boundary: str, change: object) -> Data:
+    f = discrete.problem.f if change is None else as_vector(change)
+    if f is None:
+        raise ValueError("parameters='body_force': the problem has none")
+    return {"load": forces_of(discrete.problem, discrete.supports.space, {}, f)}
+
+
+def _gap(discrete: DiscreteProblem, boundary: str, change: object) -> Data:
+    names = discrete.problem.contact_names
+    if change is None and not boundary:
+        _of_boundary("gap", dict.fromkeys(names), "")
+        return {"gaps": np.ones(len(discrete.rows))}
+    if not isinstance(change, Mapping):
+        change = dict.fromkeys(names, 1.0 if change is None else change)
+    change = dict.fromkeys(names, 0.0) | dict(_of_boundary("gap", change, boundary))
+    problem = replace(discrete.problem, gap=change)
+    return {"gaps": contact_rows(problem, discrete.supports).gaps}
+
+
+def _prescribed(discrete: DiscreteProblem, boundary: str, change: Mapping | None) -> Data:
+    problem = discrete.problem
+    given = problem.prescribed if change is None else change
+    if given and change is None and not boundary:
+        return {"values": discrete.supports.values}
+    moved = _of_boundary("prescribed", given, boundary)
+    rest = {n: c for n, c in (problem.prescribed or {}).items() if n not in moved}
+    still = {n: tuple(None if c is None else 0.0 for c in cs) for n, cs in rest.items()}
+    return {"values": Supports(replace(problem, prescribed=still | dict(moved))).values}
+
+
+def _initial_strain(discrete: DiscreteProblem, boundary: str, change: CF | None) -> Data:
+    if change is None:
+        if discrete.problem.initial_plastic_strain is None:
+            raise ValueError("parameters='initial_plastic_strain': the problem has none")
+        return {"initial": discrete.law.initial}
+    points = discrete.points
+    return {"initial": points.at(points.kinematics.coordinates(change))}
+
+
+_CHANGES: dict[str, Callable[[DiscreteProblem, str, object], Data]] = {
+    "traction": _traction,
+    "body_force": _body_force,
+    "gap": _gap,
+    "prescribed": _prescribed,
+    "initial_plastic_strain": _initial_strain,
+}

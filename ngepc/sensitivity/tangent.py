@@ -1,0 +1,247 @@
+"""Directional derivatives of solutions, step by step, one-sided where they are biactive.
+
+In a direction the biactive rows and points choose their side: the derivative of the solution has
+
+    N u' <= gaps',  lambda' >= 0  with equality in one of them    for biactive rows,
+    p' = [s' . s/|s| - beta']_+ / (2 mu_2 + h) s/|s|              for biactive points.
+
+It is the minimiser of a strictly convex, piecewise quadratic energy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+from ngsolve import GridFunction
+from scipy.optimize import brentq
+
+from ngepc.checks.arguments import require_number
+from ngepc.local.factors import TangentError
+from ngepc.local.system import State
+from ngepc.sensitivity.adjoint import paired, summed
+from ngepc.sensitivity.biactive import Biactive, biactive_set, told
+from ngepc.sensitivity.functionals import Form, Functional, as_functional
+from ngepc.sensitivity.held import HeldSystem
+from ngepc.sensitivity.parameters import Constants, Direction, changed_data, directions
+from ngepc.sensitivity.radial import Data, RadialDerivative
+from ngepc.sensitivity.states import Solution, states_of
+
+EXCHANGES = 50
+"""Most exchanges of sides."""
+
+NEUTRAL = 1e-9
+"""Relative change below which either side is right: a body that waits stays on its yield bound."""
+
+
+@dataclass(frozen=True, eq=False)
+class TangentResult:
+    """The derivative of a solution in one direction.
+
+    Parameters
+    ----------
+    state
+        The solution; ``state.at.yields`` has the sides that biactive points take.
+    held
+        Boolean, shape (m,): the rows that stay closed.
+    data
+        The change of the discrete data.
+    u, multipliers
+        The changes of nodal displacements (nodes, N) and of contact forces (m,).
+    plastic_strain, stress, mean
+        The changes of p, of the deviatoric stress (points, d) and of the mean stress (points,).
+    biactive
+        The rows and points that chose their side.
+    before
+        Those of the time steps before.
+    """
+
+    state: State
+    held: np.ndarray
+    data: Data
+    u: np.ndarray
+    multipliers: np.ndarray
+    plastic_strain: np.ndarray
+    stress: np.ndarray
+    mean: np.ndarray
+    biactive: Biactive
+    before: tuple[Biactive, ...] = ()
+
+    @property
+    def message(self) -> str:
+        """What is one-sided; empty where the solution is differentiable."""
+        return told((*self.before, self.biactive))
+
+    @property
+    def displacement(self) -> GridFunction:
+        """The change of u."""
+        return self.state.discrete.supports.function(self.u, "displacement_change")
+
+    @property
+    def contact_force(self) -> float:
+        """The change of the resultant contact force."""
+        return float(self.multipliers.sum())
+
+    def of(self, functional: str | Form | Functional) -> float:
+        """The derivative of a functional, see ``gradient``."""
+        slope, points = as_functional(functional).slope(self.state), self.state.discrete.points
+        local = (slope.p * self.plastic_strain + slope.stress * self.stress).sum(axis=1)
+        result = points.integral(local + slope.mean * self.mean)
+        result += float(np.sum(slope.u * self.u) + np.sum(slope.multipliers * self.multipliers))
+        return result + paired(points, slope.explicit, self.data)
+
+
+Rates = str | Mapping[str, float | tuple[float, Direction]]
+"""Name of a datum, or name -> rate: {"gap": -1.0, "hardening": 5.0}, or -> (rate, Direction)."""
+
+
+def tangent(result: Solution, parameters: Rates) -> TangentResult:
+    """The derivative of the solution in a direction; at biactive solutions the one-sided one.
+
+    Parameters
+    ----------
+    result
+        A converged result of ``semismooth_newton`` without gamma, or of ``evolve``, of which the
+        derivative of the last step is returned.
+    parameters
+        The name of a datum, or name -> rate, or name -> (rate, Direction), then the name is free.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not legal, or the problem lacks such data or has friction.
+    SolverError
+        If the result is not that of a converged run.
+    TangentError
+        If the tangent is singular, or the sides of biactive rows and points were not found.
+    """
+    return tangents(result, parameters)[-1]
+
+
+def tangents(result: Solution, parameters: Rates) -> list[TangentResult]:
+    """The derivatives of the solutions of all time steps, see ``tangent``."""
+    states = (give_state() for give_state in states_of(result))
+    return tangents_at(states, {parameters: 1.0} if isinstance(parameters, str) else parameters)
+
+
+def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
+    """The derivatives of the solutions of time steps, in time."""
+    found: list[TangentResult] = []
+    memory: Data = {}
+    for number, state in enumerate(states):
+        constants = Constants(state.discrete)
+        data = summed(total_change(constants, rates, number == 0), memory)
+        data["beta"] = data.get("beta", 0.0) + constants.memory * data.pop("alpha_1", 0.0)
+        before = tuple(step.biactive for step in found)
+        found.append(replace(change_of(state, data), before=before))
+        memory = left_behind(found[-1], constants, memory)
+    return found
+
+
+def change_of(state: State, data: Data) -> TangentResult:
+    """The derivative of a solution for a change of its data, with sides that fit.
+
+    Newton's method for the convex energy of the change, which is quadratic for given sides.
+    """
+    biactive, held, u = biactive_set(state), state.multipliers > 0, None
+    for _ in range(EXCHANGES):
+        found = change_with_sides(state, held, data, biactive)
+        rows, yields = chosen_rows(found), chosen_points(state, biactive, data, found.u)
+        if (rows == held).all() and (yields == state.at.yields).all():
+            return found
+        if u is None or (rows != held).any():
+            u, held = found.u, rows
+        else:
+            u = lowest(state, biactive, data, u, found.u - u)
+        yields = chosen_points(state, biactive, data, u)
+        state = replace(state, at=replace(state.at, yields=yields)).on_sphere()
+    raise TangentError(f"the sides of biactive rows and points did not settle: {biactive.message}")
+
+
+def lowest(
+    state: State, biactive: Biactive, data: Data, u: np.ndarray, du: np.ndarray
+) -> np.ndarray:
+    """Where the energy of the change is lowest between u and u + du."""
+    points, law = state.discrete.points, state.discrete.law
+    (volume, e), (dvolume, de) = points.strain(u), points.strain(du)
+    work = float(np.sum(data.get("load", 0.0) * du))
+
+    def slope(t: float) -> float:
+        yields = chosen_points(state, biactive, data, u + t * du)
+        radial = RadialDerivative(law, replace(state.at, yields=yields))
+        _, stress = radial.forward(e + t * de, data)
+        mean = law.bulk * (volume + t * dvolume) + data.get("bulk", 0.0) * state.volume
+        return points.integral((stress * de).sum(axis=1) + mean * dvolume) - work
+
+    return u + du * (1.0 if slope(1.0) <= 0 or slope(0.0) >= 0 else brentq(slope, 0.0, 1.0))
+
+
+def left_behind(found: TangentResult, constants: Constants, memory: Data) -> Data:
+    """The change of p_0, dev alpha_2 and alpha_1 that a step leaves to the next one."""
+    at, data, p = found.state.at, found.data, found.plastic_strain
+    size = np.einsum("pd,pd->p", at.direction, p)
+    back = constants.k[:, None] * p
+    back = back + np.reshape(data.get("kinematic", 0.0), (-1, 1)) * at.plastic_strain
+    scalar = constants.growth * size + data.get("isotropic", 0.0) * at.gained
+    return {
+        "initial": data.get("initial", 0.0) + p,
+        "back": data.get("back", 0.0) + back,
+        "alpha_1": memory.get("alpha_1", 0.0) + scalar,
+    }
+
+
+def total_change(constants: Constants, rates: Mapping, first: bool) -> dict[str, np.ndarray]:
+    """The change of the discrete data with the rates of several parameters, in one time step."""
+    pairs = {n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()}
+    legal = directions({name: direction for name, (_, direction) in pairs.items()})
+    changes = []
+    for name, direction in legal.items():
+        rate = require_number(f"parameters[{name!r}]", pairs[name][0])
+        if first or not direction.inherited:
+            change = changed_data(constants, direction)
+            changes.append({key: rate * value for key, value in change.items()})
+    return reduce(summed, changes, {})
+
+
+def change_with_sides(
+    state: State, held: np.ndarray, data: Data, biactive: Biactive
+) -> TangentResult:
+    """The change with given sides: ``held`` rows, and the points where ``state.at.yields``."""
+    discrete = state.discrete
+    points, rows, law = discrete.points, discrete.rows, discrete.law
+    radial = RadialDerivative(law, state.at)
+    moved = np.zeros_like(state.u) + data.get("values", 0.0)
+    volume, e = points.strain(moved)
+    _, stress = radial.forward(e, data)
+    mean = law.bulk * volume + data.get("bulk", 0.0) * state.volume
+    system = HeldSystem(state, np.flatnonzero(held))
+    shift = np.zeros(len(rows)) + data.get("gaps", 0.0) - rows.displacement(moved)
+    u, multipliers = system.solve(data.get("load", 0.0) - points.forces(mean, stress), shift)
+    u = u + moved
+    volume, e = points.strain(u)
+    p, stress = radial.forward(e, data)
+    mean = law.bulk * volume + data.get("bulk", 0.0) * state.volume
+    return TangentResult(state, held, data, u, multipliers, p, stress, mean, biactive)
+
+
+def chosen_rows(found: TangentResult) -> np.ndarray:
+    """Held rows that the change asks for: biactive ones may change side."""
+    rows, held = found.biactive.rows, found.held.copy()
+    apart = found.data.get("gaps", 0.0) - found.state.discrete.rows.displacement(found.u)
+    least = -NEUTRAL * np.abs(found.multipliers).max(initial=0.0)
+    closes = apart < -NEUTRAL * np.abs(found.u).max()
+    held[rows] = np.where(held[rows], found.multipliers[rows] >= least, closes[rows])
+    return held
+
+
+def chosen_points(state: State, biactive: Biactive, data: Data, u: np.ndarray) -> np.ndarray:
+    """Yielding points that a change u asks for: biactive ones may change side."""
+    yields, (_, e) = state.at.yields.copy(), state.discrete.points.strain(u)
+    law = state.discrete.law
+    over = RadialDerivative(law, state.at).overshoot(e, data)
+    neutral = np.abs(over) <= NEUTRAL * np.abs(law.two_mu[:, None] * e).max()
+    chosen = np.where(neutral, yields, over > 0)
+    yields[biactive.points] = chosen[biactive.points]
+    return yields

@@ -1,0 +1,161 @@
+"""Meshes that follow the bound, and what is carried from one to the next."""
+
+import numpy as np
+import pytest
+from ngsolve import CF, L2, GridFunction, Integrate, Mesh, VectorValued, x, y
+
+from ngepc import Material, Problem, lshape_problem, semismooth_newton
+from ngepc.bounds.adaptive import Refinement, marked, solve_to
+from ngepc.bounds.bound import error_bound
+from ngepc.bounds.transfer import Carrier, bisected, carried_state, on_mesh
+from ngepc.geometries import block, lshape
+from ngepc.local.system import DiscreteProblem
+from ngepc.studies.bounds import LIMITS
+
+LIMIT = LIMITS["lshape"]
+MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+
+
+@pytest.fixture(scope="module")
+def lshaped():
+    return solve_to(lshape_problem(lshape.paper_mesh(65)), 0.02)
+
+
+def test_what_is_asked_for_is_reached(lshaped):
+    assert lshaped.reached
+    assert lshaped.message == ""
+    assert lshaped.bound.relative <= 0.02
+    assert error_bound(lshaped.result).total == pytest.approx(lshaped.bound.total, rel=1e-9)
+
+
+def test_bounds_are_sharp_and_newton_ends_early(lshaped):
+    for record in lshaped.records:
+        assert record.algebraic <= 0.1 * record.total
+        assert record.total >= record.energy - LIMIT
+        if record.nodes > 400:
+            assert record.total <= 1.15 * (record.energy - LIMIT)
+    assert lshaped.iterations <= 4 * len(lshaped.records)
+
+
+def test_the_error_falls_as_fast_as_the_nodes_grow(lshaped):
+    records = [r for r in lshaped.records if r.nodes > 90]
+    rate = np.polyfit(
+        np.log([r.nodes for r in records]), np.log([r.energy - LIMIT for r in records]), 1
+    )[0]
+    assert rate <= -0.95
+
+
+def test_the_mesh_of_the_problem_stays_what_it_is():
+    problem = lshape_problem(lshape.paper_mesh(21))
+    solved = solve_to(problem, 0.2)
+    assert problem.mesh.nv == 21 < solved.result.problem.mesh.nv
+
+
+def test_limits_and_monitors_end_a_run_and_say_so():
+    problem = lshape_problem(lshape.paper_mesh(21))
+    stopped = solve_to(problem, 1e-3, Refinement(max_nodes=60))
+    assert not stopped.reached
+    assert "max_nodes=60" in stopped.message
+    seen = []
+
+    def monitor(record):
+        seen.append(record)
+        if len(seen) == 2:
+            raise StopIteration
+
+    ended = solve_to(problem, 1e-3, monitor=monitor)
+    assert ended.records == seen
+    assert "monitor" in ended.message
+
+
+def test_newton_that_fails_is_said():
+    problem = lshape_problem(lshape.paper_mesh(65))
+    failed = solve_to(problem, 1e-3, Refinement(max_iterations=2))
+    assert len(failed.records) == 1
+    assert "2 steps" in failed.message
+
+
+def test_doerfler_marking_takes_the_fewest():
+    eta = np.array([1.0, 5.0, 0.5, 3.0, -1e-18])
+    assert marked(eta, 0.5).tolist() == [False, True, False, False, False]
+    assert marked(eta, 0.8).tolist() == [False, True, False, True, False]
+    assert marked(eta, 1.0)[:4].all()
+
+
+def refined_twice(mesh):
+    """A mesh that NGSolve has refined: spaces on it used to transfer wrongly."""
+    mesh = Mesh(mesh.ngmesh.Copy())
+    for _ in range(2):
+        mesh.Refine()
+    return mesh
+
+
+def test_piecewise_constants_are_carried_exactly():
+    mesh = refined_twice(block.mesh(0.4, (1.0, 1.0)))
+    random = np.random.default_rng(0)
+    tensor = GridFunction(VectorValued(L2(mesh, order=0), 4))
+    tensor.vec.FV().NumPy()[:] = random.standard_normal(4 * mesh.ne)
+    value = CF(tuple(tensor[i] for i in range(4)), dims=(2, 2))
+    finer = everywhere(bisected(mesh, random.random(mesh.ne) < 0.3))
+    carried = Carrier(mesh, finer)(value)
+    for i in (0, 1):
+        for j in (0, 1):
+            for weight in (1, x, y * y):
+                before = Integrate(weight * value[i, j] * value[i, j], mesh)
+                after = Integrate(weight * carried[i, j] * carried[i, j], finer)
+                assert after == pytest.approx(before, rel=1e-12)
+
+
+def test_states_are_carried_exactly():
+    problem = lshape_problem(lshape.paper_mesh(113))
+    old = semismooth_newton(problem).state
+    mesh = bisected(problem.mesh, np.arange(problem.mesh.ne) % 3 == 0)
+    new = carried_state(old, DiscreteProblem(on_mesh(problem, mesh)))
+    assert new.energy == pytest.approx(old.energy, rel=1e-12)
+    assert new.penetration <= new.touching_distance
+    assert new.multipliers.sum() == pytest.approx(old.multipliers.sum(), rel=0.3)
+
+
+def test_histories_are_carried():
+    """A second step from p_0 and alpha_0 on L2 functions, on finer meshes."""
+    mesh = block.mesh(0.4, (1.0, 1.0))
+    loaded = Problem(mesh, MATERIAL, traction={"right": (4.0, 0.0)}, kinematics="two-dimensional")
+    first = semismooth_newton(loaded)
+    p = first.fields.plastic_strain
+    again = Problem(
+        mesh,
+        MATERIAL,
+        traction={"right": (4.0, 0.0)},
+        initial_plastic_strain=p,
+        initial_hardening=100.0 * p,
+        kinematics="two-dimensional",
+    )
+    solved = solve_to(again, 0.05, Refinement(max_nodes=600))
+    fine = semismooth_newton(on_mesh(again, everywhere(solved.result.problem.mesh)))
+    assert solved.bound.least_energy <= fine.primal_energy <= solved.bound.energy
+    assert solved.bound.total <= 0.3 * solved.records[0].total
+
+
+def everywhere(mesh):
+    return bisected(mesh, np.ones(mesh.ne, dtype=bool))
+
+
+def test_boundary_data_of_finite_elements_are_refused():
+    mesh = block.mesh(0.5, (1.0, 1.0))
+    gap = GridFunction(L2(mesh, order=0))
+    gap.Set(0.1)
+    problem = Problem(mesh, MATERIAL, contact="contact", gap=1.0 * gap)
+    with pytest.raises(ValueError, match="gap"):
+        solve_to(problem)
+
+
+def test_arguments_are_checked():
+    problem = lshape_problem(lshape.paper_mesh(21))
+    with pytest.raises(ValueError, match="relative_error=0"):
+        solve_to(problem, 0)
+    with pytest.raises(TypeError, match="problem"):
+        solve_to(3)
+    with pytest.raises(ValueError, match="marking=2"):
+        Refinement(marking=2)
+    with pytest.raises(TypeError, match="options"):
+        solve_to(problem, options=0.5)

@@ -1,0 +1,219 @@
+"""Contact of two bodies: patch tests on meshes that do not match, bodies held by contact, Hertz."""
+
+import numpy as np
+import pytest
+from netgen.occ import Box, Circle, Compound, Glue, MoveTo, OCCGeometry, Rectangle, X, Y, Z
+from ngsolve import Mesh
+
+from ngepc import (
+    Contact,
+    Coulomb,
+    Material,
+    Problem,
+    Status,
+    evolve,
+    primal_newton,
+    semismooth_newton,
+)
+
+LAMBDA, MU, SQUEEZE = 1000.0, 500.0, 0.02
+NU = LAMBDA / (2 * (LAMBDA + MU))
+E = 2 * MU * (1 + NU)
+ELASTIC = Material.kinematic(lame_lambda=LAMBDA, lame_mu=MU, yield_stress=1e6, hardening=100.0)
+
+
+def squares(gap=0.0):
+    """One unit square above the other, with 4 and 6 segments between them."""
+    lower, upper = Rectangle(1, 1).Face(), MoveTo(0, 1 + gap).Rectangle(1, 1).Face()
+    for body, maxh in ((lower, 0.31), (upper, 0.17)):
+        body.edges.name, body.faces.maxh = "side", maxh
+        body.edges.Min(X).name = "left"
+    lower.edges.Max(Y).name, lower.edges.Min(Y).name = "below", "bottom"
+    upper.edges.Min(Y).name, upper.edges.Max(Y).name = "above", "top"
+    return Mesh(OCCGeometry(Compound([lower, upper]), dim=2).GenerateMesh(maxh=1))
+
+
+def cubes(gap=0.0):
+    """One unit cube above the other."""
+    lower, upper = Box((0, 0, 0), (1, 1, 1)), Box((0, 0, 1 + gap), (1, 1, 2 + gap))
+    for body, maxh in ((lower, 0.6), (upper, 0.45)):
+        body.faces.name, body.solids.maxh = "side", maxh
+        body.faces.Min(X).name, body.faces.Min(Y).name = "left", "front"
+    lower.faces.Max(Z).name, lower.faces.Min(Z).name = "below", "bottom"
+    upper.faces.Min(Z).name, upper.faces.Max(Z).name = "above", "top"
+    return Mesh(OCCGeometry(Compound([lower, upper])).GenerateMesh(maxh=1))
+
+
+MESHES = {2: squares, 3: cubes}
+
+
+def stacked(N, gap=0.0, load=None, pair=("above", "below"), tied=False, **data):
+    """The two bodies between rollers; squeezed from above, or pressed by a load and floating."""
+    none = (None,) * (N - 1)
+    prescribed = {"left": (0, *none), "bottom": (*none, 0)}
+    prescribed |= {"front": (None, 0, None)} if N == 3 else {}
+    traction = None
+    if load is None:
+        prescribed["top"] = (*none, -SQUEEZE - gap)
+    else:
+        traction = {"top": (0.0,) * (N - 1) + (-load,)}
+    contact = Contact(*pair, tied=tied)
+    mesh = MESHES[N](gap)
+    return Problem(mesh, ELASTIC, None, traction, prescribed=prescribed, contact=contact, **data)
+
+
+def solved(problem):
+    result = semismooth_newton(problem)
+    assert result.status is Status.CONVERGED, result.message
+    return result
+
+
+@pytest.mark.parametrize("N", [2, 3])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("gap", "pair"), [(0.0, ("above", "below")), (0.05, ("below", "above"))])
+def test_patch(N, order, gap, pair):
+    """A constant pressure passes to 1e-10 between meshes that do not match, gap included."""
+    result = solved(stacked(N, gap, pair=pair, order=order))
+    p = SQUEEZE / 2 * (E / (1 - NU**2) if N == 2 else E)
+    assert result.rows.weights.sum() == pytest.approx(1.0, rel=1e-12)
+    pressure = result.nodal_contact_forces / result.rows.weights
+    assert pressure == pytest.approx(np.full(len(pressure), p), rel=1e-10)
+    stress = result.state.at.trial
+    assert np.abs(stress - stress[0]).max() < 1e-10 * np.abs(stress).max()
+    total = result.equilibrium.resultant(result.equilibrium.contact)
+    assert np.abs(total).max() < 1e-10
+    assert abs(result.primal_energy + result.dual_energy) < 1e-11 * result.primal_energy
+
+
+@pytest.mark.parametrize(("N", "order"), [(2, 1), (2, 2), (3, 1)])
+@pytest.mark.parametrize("friction", [None, Coulomb(0.3), 100.0])
+def test_floating_body(N, order, friction):
+    """The upper body is held by contact alone."""
+    result = solved(stacked(N, 0.05, load=10.0, order=order, friction=friction))
+    pressure = result.nodal_contact_forces / result.rows.weights
+    assert pressure == pytest.approx(np.full(len(pressure), 10.0), rel=1e-9)
+    assert result.contact_force == pytest.approx(10.0, rel=1e-9)
+    assert result.iterations <= 5
+
+
+@pytest.mark.parametrize("N", [2, 3])
+def test_tied_bodies_carry_tension(N):
+    result = solved(stacked(N, load=-10.0, tied=True))
+    stress = result.state.at.trial
+    assert np.abs(stress - stress[0]).max() < 1e-9 * np.abs(stress).max()
+    top = result.displacement(result.problem.mesh(*([0.5] * (N - 1)), 2.0))
+    assert top[-1] == pytest.approx(2 * 10.0 / (E / (1 - NU**2) if N == 2 else E), rel=1e-9)
+    assert result.contact_force == 0.0
+
+
+def test_primal_method_agrees():
+    problem = stacked(2, friction=Coulomb(0.3))
+    one, two = solved(problem), primal_newton(problem).raise_for_status()
+    assert np.abs(one.state.u - two.state.u).max() < 1e-11
+
+
+def roller(order, fine):
+    """Half of a roller of radius 50 on a block, NAFEMS R94: 35 kN/mm, E = 210 and 70 GPa."""
+    disc = Circle((0, 50), 50).Face() * Rectangle(50, 50).Face()
+    box, under = Rectangle(9, 6).Face(), MoveTo(0, -6).Rectangle(9, 6).Face()
+    block = MoveTo(0, -200).Rectangle(100, 200).Face()
+    parts = [(disc * box, fine, "roller"), (disc - box, 6, "roller")]
+    parts += [(block * under, 1.4 * fine, "block"), (block - under, 12, "block")]
+    for shape, maxh, name in parts:
+        shape.faces.name, shape.faces.maxh = name, maxh
+        for edge in shape.edges:
+            c = edge.center
+            sides = {"symmetry": c.x, "bottom": c.y + 200, "load": c.y - 50}
+            edge.name = next((n for n, d in sides.items() if abs(d) < 1e-9), "free")
+    for edge in parts[0][0].edges:
+        if 0.1 < edge.center.x < 9 and edge.center.y < 1.5:
+            edge.name = "arc"
+    for edge in parts[2][0].edges:
+        if abs(edge.center.y) < 1e-9:
+            edge.name = "flat"
+    shapes = [shape for shape, *_ in parts]
+    geometry = OCCGeometry(Compound([Glue(shapes[:2]), Glue(shapes[2:])]), dim=2)
+    mesh = Mesh(geometry.GenerateMesh(maxh=12, grading=0.3))
+    young = mesh.MaterialCF({"roller": 210e3, "block": 70e3})
+    nu = 0.3
+    material = Material.kinematic(
+        lame_lambda=young * nu / ((1 + nu) * (1 - 2 * nu)),
+        lame_mu=young / (2 * (1 + nu)),
+        yield_stress=1e9,
+        hardening=1e3,
+    )
+    return Problem(
+        mesh,
+        material,
+        None,
+        {"load": (0, -17500 / 50)},
+        prescribed={"symmetry": (0, None), "bottom": (0, 0)},
+        contact=Contact("flat", "arc"),
+        order=order,
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_hertz_roller(order):
+    """Peak pressure 3585.37 and half width 6.21 of NAFEMS R94 within two percent."""
+    result = solved(roller(order, 0.4))
+    rows, p = result.rows, result.nodal_contact_forces / result.rows.weights
+    x = np.asarray(result.problem.mesh.ngmesh.Coordinates())[rows.vertices, 0]
+    fitted = (p > 0.15 * p.max()) & (x < 5.5)
+    slope, top = np.polyfit(x[fitted] ** 2, p[fitted] ** 2, 1)
+    assert np.sqrt(top) == pytest.approx(3585.37, rel=0.02)
+    assert np.sqrt(-top / slope) == pytest.approx(6.2146, rel=0.02)
+    assert result.contact_force == pytest.approx(17500, rel=1e-9)
+    assert result.iterations <= 5
+
+
+BAD = {
+    "unknown": (Contact("above", "nowhere"), ValueError, "there is no boundary 'nowhere'"),
+    "the same": (Contact("above", "above"), ValueError, "two different boundaries"),
+    "neighbours": (Contact("above", "left"), ValueError, "the bodies share nodes"),
+    "turned away": (Contact("top", "bottom"), ValueError, "nowhere face each other"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_pairs_are_refused(name):
+    pair, error, message = BAD[name]
+    prescribed = {"left": (0, None), "bottom": (0, 0), "top": (0, 0)}
+    with pytest.raises(error) as caught:
+        solved(Problem(squares(), ELASTIC, None, prescribed=prescribed, contact=[pair]))
+    assert message in str(caught.value)
+
+
+def test_the_regularised_method_refuses_pairs():
+    with pytest.raises(ValueError, match="rigid obstacles only"):
+        semismooth_newton(stacked(2), gamma=1e3)
+
+
+def test_histories_and_summaries_know_pairs(tmp_path):
+    problem = stacked(2, load=10.0, friction=Coulomb(0.3))
+    steps = [(1.0, {"traction": {"top": (0.0, -5.0)}}), (2.0, {})]
+    history = evolve(problem, steps, checkpoint=tmp_path / "history.npz")
+    assert history.status is Status.CONVERGED
+    assert [step.record.contact_force for step in history.steps] == pytest.approx([5.0, 10.0])
+    assert "contact force 10" in repr(solved(problem))
+
+
+def test_a_gap_is_for_obstacles_and_a_part_that_touches_nothing_is_refused():
+    free = {"left": (0, None), "bottom": (0, 0)}
+    with pytest.raises(ValueError, match="leave 1 rigid"):
+        Problem(squares(), ELASTIC, None, prescribed=free)
+    with pytest.raises(ValueError, match="gap=0"):
+        Problem(squares(), ELASTIC, None, prescribed=free, contact=Contact("above", "below"), gap=0)
+
+
+def test_pairs_stand_beside_obstacles():
+    """The lower square on a rigid floor instead of rollers: the same pressure everywhere."""
+    prescribed = {"left": (0, None), "top": (None, -SQUEEZE)}
+    contact = [Contact("above", "below"), "bottom"]
+    problem = Problem(
+        squares(), ELASTIC, None, prescribed=prescribed, contact=contact, gap={"bottom": 0.0}
+    )
+    result = solved(problem)
+    pressure = result.nodal_contact_forces / result.rows.weights
+    p = SQUEEZE / 2 * E / (1 - NU**2)
+    assert pressure == pytest.approx(np.full(len(pressure), p), rel=1e-9)

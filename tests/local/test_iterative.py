@@ -1,0 +1,138 @@
+"""Projected conjugate gradients and the active sets of contact, without any library."""
+
+import numpy as np
+import pytest
+
+from ngepc.local.active_set import InexactTarget
+from ngepc.local.factors import Factors, TangentError
+from ngepc.local.iterative import Closed, FullPattern, IterativeTangent, conjugate_gradients
+from ngepc.local.newton import run
+from ngepc.local.solver import solve_exactly
+from ngepc.local.start import starting_state
+from ngepc.local.system import DiscreteProblem
+from ngepc.studies.large import indented_block
+
+
+class Dense:
+    """A matrix and its diagonal as the preconditioner."""
+
+    def __init__(self, pattern: FullPattern, discrete: DiscreteProblem) -> None:
+        self._pattern, self._size = pattern, discrete.supports.free.size
+
+    def take(self, values):
+        self.matrix = dense(self._pattern, values, self._size)
+
+    def build(self, values, modes):
+        self._diagonal = np.diag(dense(self._pattern, values, self._size))
+
+    def multiply(self, x):
+        return self.matrix @ x
+
+    def precondition(self, r):
+        return r / self._diagonal
+
+
+def dense(pattern, values, size):
+    N = values.shape[1]
+    matrix = np.zeros((size // N, N, size // N, N))
+    matrix[pattern.rows, :, pattern.columns, :] = values
+    return matrix.reshape(size, size)
+
+
+@pytest.fixture(scope="module", params=[1, 2], ids=["order 1", "order 2"])
+def discrete(request):
+    return DiscreteProblem(indented_block(0, order=request.param))
+
+
+def tangent_of(discrete, most=2000):
+    return IterativeTangent(discrete, Dense, 10**6, most)
+
+
+def elastic(discrete):
+    state = starting_state(discrete, None)
+    return discrete.law.moduli(state.at, state.yielding)
+
+
+def test_both_triangles_are_the_matrix_of_the_direct_solver(discrete):
+    tangent, factors = tangent_of(discrete), Factors(discrete, "sparsecholesky")
+    tangent.update(elastic(discrete))
+    factors.update(elastic(discrete))
+    matrix = tangent._engine.matrix
+    assert np.abs(matrix - matrix.T).max() < 1e-14 * matrix.max()
+    forces = np.random.default_rng(1).standard_normal(discrete.supports.free.shape)
+    forces[~discrete.supports.free] = 0.0
+    u = factors.solve(forces)
+    assert np.abs(matrix @ u.ravel() - forces.ravel()).max() < 1e-12 * np.abs(forces).max()
+    assert np.abs(tangent.solve(forces) - u).max() < 1e-9 * np.abs(u).max()
+    assert tangent.back_substitutions == 1
+    assert tangent.linear_iterations > 10
+
+
+def test_the_projection_keeps_supports_and_closed_rows(discrete):
+    active = np.arange(len(discrete.rows)) % 2 == 0
+    closed, rng = Closed(discrete, active), np.random.default_rng(2)
+    x, y = rng.standard_normal((2, discrete.supports.free.size))
+    kept = closed.project(x)
+    assert kept == pytest.approx(closed.project(kept), abs=1e-13)
+    assert kept @ y == pytest.approx(x @ closed.project(y), rel=1e-12)
+    assert np.abs(discrete.rows.normal[active] @ kept).max() < 1e-13
+    assert not kept[~discrete.supports.free.ravel()].any()
+    amounts = rng.standard_normal(active.sum())
+    assert discrete.rows.normal[active] @ closed.moved(amounts) == pytest.approx(amounts)
+
+
+def test_pins_are_projections_across_the_normals(discrete):
+    active = np.ones(len(discrete.rows), dtype=bool)
+    nodes, projections = Closed(discrete, active).pins(3)
+    assert set(nodes) <= set(discrete.rows.vertices)
+    assert projections == pytest.approx(projections @ projections, abs=1e-13)
+    for node, projection in zip(nodes, projections, strict=True):
+        normal = discrete.rows.normals[discrete.rows.vertices == node]
+        assert np.abs(normal @ projection).max() < 1e-12
+
+
+def test_conjugate_gradients_minimise_over_what_is_free(discrete):
+    tangent = tangent_of(discrete)
+    tangent.update(elastic(discrete))
+    closed = Closed(discrete, np.ones(len(discrete.rows), dtype=bool))
+    right = closed.project(np.random.default_rng(3).standard_normal(discrete.supports.free.size))
+    x = tangent.minimise(closed, right, np.zeros_like(right), 1e-9)
+    assert closed.project(x) == pytest.approx(x, abs=1e-14)
+    assert np.linalg.norm(closed.project(tangent.multiply(x) - right)) < 2e-9
+
+
+def test_too_few_iterations_are_said(discrete):
+    tangent = tangent_of(discrete, most=3)
+    tangent.update(elastic(discrete))
+    with pytest.raises(TangentError, match="did not converge in 3 iterations"):
+        tangent.solve(np.ones(discrete.supports.free.shape))
+
+
+def test_an_indefinite_preconditioner_is_said(discrete):
+    tangent = tangent_of(discrete)
+    tangent.update(elastic(discrete))
+    closed = Closed(discrete, np.zeros(len(discrete.rows), dtype=bool))
+    tangent.prepare(closed)
+    tangent._engine._diagonal = -tangent._engine._diagonal
+    right = closed.project(np.ones(discrete.supports.free.size))
+    with pytest.raises(TangentError, match="not positive definite"):
+        conjugate_gradients(tangent._engine, closed.project, right, 0 * right, 1e-9, 100)
+
+
+def test_active_sets_find_the_solution_of_the_direct_method(discrete):
+    start, tolerance = starting_state(discrete, None), 1e-10
+    target = InexactTarget(1e-2, tolerance)
+    found = run(discrete, start, tangent_of(discrete), tolerance, 20, None, target)
+    exact = solve_exactly(discrete.problem, None, tolerance, 20, "sparsecholesky", None)
+    assert found.status.label == exact.status.label == "converged"
+    assert found.primal_energy == pytest.approx(exact.primal_energy, rel=1e-10)
+    assert found.contact_force == pytest.approx(exact.contact_force, rel=1e-7)
+    assert found.iterations <= exact.iterations + 2
+    assert found.penetration <= found.state.touching_distance
+
+
+def test_linear_systems_are_solved_as_exactly_as_the_step_deserves():
+    target = InexactTarget(1e-2, 1e-10)
+    assert target.accuracy(1.0) == 1e-2
+    assert target.accuracy(1e-2) == pytest.approx(0.5 * 1e-3)
+    assert target.accuracy(1e-9) == pytest.approx(1e-2)  # no better than the tolerance needs

@@ -1,0 +1,105 @@
+"""Multigrid of PETSc and of PyAMG against the direct solver, on every kinematics and order."""
+
+import os
+
+import pytest
+
+from ngepc import NewtonOptions, PETSc, Problem, PyAMG, lshape_problem, semismooth_newton
+from ngepc.geometries import lshape
+from ngepc.local import petsc, pyamg
+from ngepc.studies.large import indented_block, solve_large
+
+needed = pytest.mark.skipif(
+    petsc.petsc is None and not os.environ.get("NGEPC_NEEDS_PETSC"), reason="petsc4py is missing"
+)
+wheel = pytest.mark.skipif(pyamg.pyamg is None, reason="pyamg is missing")
+both = pytest.mark.parametrize(
+    "solver", [pytest.param(PETSc, marks=needed), pytest.param(PyAMG, marks=wheel)]
+)
+
+
+def lshape_with(kinematics):
+    paper = lshape_problem(lshape.paper_mesh(417))
+    return Problem(
+        paper.mesh,
+        paper.material,
+        "clamped",
+        paper.tractions,
+        contact="contact",
+        gap=0.1,
+        kinematics=kinematics,
+    )
+
+
+CASES = {
+    "solid": lambda: indented_block(2),
+    "solid, order 2": lambda: indented_block(1, order=2),
+    "little hardening": lambda: indented_block(1, hardening=1.0),
+    "two-dimensional": lambda: lshape_with("two-dimensional"),
+    "plane strain": lambda: lshape_with("plane strain"),
+}
+
+
+@both
+@pytest.mark.parametrize("case", CASES)
+def test_the_solution_is_that_of_the_direct_solver(case, solver):
+    problem = CASES[case]()
+    direct = semismooth_newton(problem)
+    large = semismooth_newton(problem, options=NewtonOptions(inverse=solver()))
+    assert large.status.label == direct.status.label == "converged"
+    assert large.primal_energy == pytest.approx(direct.primal_energy, rel=1e-10)
+    assert large.contact_force == pytest.approx(direct.contact_force, rel=1e-7)
+    assert large.iterations <= direct.iterations + 2
+    assert sum(large.history.column("linear_iterations")) > 0
+
+
+@needed
+def test_options_are_those_of_petsc():
+    problem = indented_block(1)
+    counts = {}
+    for options in ("", "-pc_type hypre", "-pc_type jacobi", "-pc_type cholesky"):
+        result = semismooth_newton(problem, options=NewtonOptions(inverse=PETSc(options=options)))
+        assert result.status.label == "converged"
+        counts[options] = sum(result.history.column("linear_iterations"))
+    assert counts["-pc_type jacobi"] > 3 * counts[""]
+    assert counts["-pc_type cholesky"] < counts[""] < 2 * counts["-pc_type hypre"]
+
+
+@both
+@pytest.mark.parametrize("hardening", [1.0, 1e-3])
+def test_counts_do_not_grow_with_the_mesh_or_without_hardening(solver, hardening):
+    records = solve_large(2, solver(), hardening)
+    for record in records:
+        assert record["status"] == "converged"
+        assert record["steps"] <= 10
+        assert record["difference"] < 1e-8
+        pairs = zip(record["iterations"], record["solves"], strict=True)
+        assert max(n / k for n, k in pairs) <= 25
+
+
+@both
+def test_gamma_wants_a_direct_solver(solver):
+    with pytest.raises(ValueError, match="a direct solver is needed with gamma"):
+        semismooth_newton(indented_block(0), 1e3, options=NewtonOptions(inverse=solver()))
+
+
+def test_without_the_library_the_message_says_how_to_install_it(monkeypatch):
+    monkeypatch.setattr(petsc, "petsc", None)
+    with pytest.raises(ImportError, match="apt install python3-petsc4py"):
+        PETSc()
+    monkeypatch.setattr(pyamg, "pyamg", None)
+    with pytest.raises(ImportError, match="pip install pyamg"):
+        PyAMG()
+
+
+@both
+@pytest.mark.parametrize("name", ["forcing", "patience", "max_iterations"])
+def test_options_out_of_range_are_named(solver, name):
+    with pytest.raises(ValueError, match=name):
+        solver(**{name: 0})
+
+
+@needed
+def test_options_of_petsc_are_a_text():
+    with pytest.raises(TypeError, match="options=3"):
+        PETSc(options=3)

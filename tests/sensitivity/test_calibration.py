@@ -1,0 +1,92 @@
+"""Calibration from an indentation curve with noise."""
+
+import numpy as np
+import pytest
+from ngsolve import x
+
+from ngepc import Material, Problem, Schedule, evolve
+from ngepc.geometries import block
+from ngepc.sensitivity.calibration import Curve, calibrate
+
+TRUTH = {"yield_stress": 2.0, "hardening": 60.0}
+MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, **TRUTH)
+
+
+def indentation(depth: float) -> tuple[Problem, Schedule]:
+    """A parabola pressed into a block in six steps, and a seventh step back."""
+    problem = Problem(
+        block.mesh(0.25, (2.0, 1.0)),
+        MATERIAL,
+        contact="contact",
+        gap=1.0,
+        kinematics="plane strain",
+    )
+    times = (0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1)
+
+    def changes(t: float) -> dict:
+        return {"gap": (x - 1) ** 2 / 2 - depth * min(t, 2 - t)}
+
+    return problem, Schedule(times, changes)
+
+
+def forces(depth: float) -> tuple[Problem, Schedule, np.ndarray]:
+    problem, schedule = indentation(depth)
+    return problem, schedule, np.array(evolve(problem, schedule).column("contact_force"))
+
+
+@pytest.fixture(scope="module")
+def deep():
+    return forces(0.03)
+
+
+def test_exact_data_give_the_constants_back(deep):
+    problem, schedule, force = deep
+    found = calibrate(
+        problem, Curve(schedule, "contact_force", force), {"yield_stress": 5.0, "hardening": 200.0}
+    )
+    assert found.converged
+    assert found.evaluations <= 15
+    assert found.values == pytest.approx(TRUTH, rel=1e-6)
+    assert found.problem.material.hardening == found.values["hardening"]
+
+
+def test_noisy_data_and_intervals(deep):
+    problem, schedule, force = deep
+    noise = 0.01 * force.max()
+    measured = force + noise * np.random.default_rng(1).standard_normal(len(force))
+    known = Curve(schedule, "contact_force", measured, noise)
+    found = calibrate(problem, known, {"yield_stress": 1.0, "hardening": 20.0})
+    assert found.converged
+    assert found.evaluations <= 15
+    assert found.condition < 100
+    for name, (low, high) in found.intervals.items():
+        assert low < TRUTH[name] < high
+        assert high < 1.5 * low
+    guessed = calibrate(problem, Curve(schedule, "contact_force", measured), found.values)
+    assert guessed.values == pytest.approx(found.values, rel=1e-5)
+
+
+def test_elastic_data_do_not_identify_hardening():
+    problem, schedule, force = forces(2e-4)
+    curve = Curve(schedule, "contact_force", force, 1e-6 * force.max())
+    found = calibrate(problem, curve, {"lame_mu": 1.2e3, "hardening": 50.0})
+    assert found.values["lame_mu"] == pytest.approx(1e3, rel=1e-6)
+    assert np.isinf(found.condition)
+    assert found.intervals["hardening"] == (0.0, np.inf)
+    assert np.isfinite(found.intervals["lame_mu"]).all()
+    assert "do not identify all of lame_mu, hardening" in found.message
+
+
+def test_what_is_refused(deep):
+    problem, schedule, force = deep
+    with pytest.raises(ValueError, match="one for each of 7 times"):
+        Curve(schedule, "contact_force", force[:3])
+    with pytest.raises(ValueError, match="noise=0"):
+        Curve(schedule, "contact_force", force, 0.0)
+    curve = Curve(schedule, "contact_force", force)
+    with pytest.raises(ValueError, match="start names 'gap'"):
+        calibrate(problem, curve, {"gap": 1.0})
+    with pytest.raises(ValueError, match=r"start\['hardening'\]"):
+        calibrate(problem, curve, {"hardening": 0.0})
+    with pytest.raises(ValueError, match="confidence=1"):
+        calibrate(problem, curve, {"hardening": 1.0}, confidence=1)

@@ -1,0 +1,73 @@
+"""Derivatives backwards and forwards through time steps."""
+
+import numpy as np
+import pytest
+
+from ngepc import evolve, load_cycle, lshape_problem
+from ngepc.geometries import lshape
+from ngepc.sensitivity.gradient import gradient
+from ngepc.sensitivity.states import restored_state
+from ngepc.sensitivity.tangent import tangents
+from ngepc.studies.verification.derivatives import (
+    compared,
+    four_times,
+    functionals,
+    random_problem,
+    sizes,
+)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 5, 6])
+def test_histories_agree_with_central_differences(seed):
+    part = slice(seed % 5, None, 5)
+    found = [c for c in compared(random_problem(seed), four_times, part) if c.smooth]
+    assert len(found) >= 5
+    assert max(c.error for c in found) < 1e-8
+
+
+@pytest.fixture(scope="module")
+def cycle():
+    problem = lshape_problem(lshape.paper_mesh(113))
+    return evolve(problem, load_cycle(problem, [1, 0], steps=10)).raise_for_status()
+
+
+def test_a_load_cycle_of_twenty_steps(cycle):
+    assert len(cycle.steps) == 20
+    names = ["lame_mu", "yield_stress", "hardening", "traction", "gap"]
+    found = {name: tangents(cycle, name) for name in names}
+    for step in (9, 19):
+        slopes = gradient(cycle, "primal_energy", names, step=step)
+        assert len(slopes.biactive) == step + 1
+        for name in names:
+            assert found[name][step].of("primal_energy") == pytest.approx(slopes[name], rel=1e-9)
+
+
+def test_states_are_rebuilt_from_displacements(cycle):
+    for step in cycle.steps[::5]:
+        state = restored_state(step, cycle.memory.functions.points)
+        assert state.multipliers.sum() == pytest.approx(step.record.contact_force, rel=1e-8)
+        assert state.residual_norm < 1e-9
+        at = state.discrete.points.at(step.fields.plastic_increment)
+        assert np.abs(state.at.plastic_strain - at).max() < 1e-12
+
+
+def test_one_step_is_a_history_of_one():
+    problem = random_problem(6)
+    names = list(sizes(problem))
+    history = evolve(problem, [(1.0, {})])
+    for functional in functionals(problem).values():
+        one = tangents(history, "gap")[0].of(functional)
+        assert gradient(history, functional, names)["gap"] == pytest.approx(one, rel=1e-9)
+
+
+def test_a_body_that_waits_is_biactive():
+    problem = lshape_problem(lshape.paper_mesh(113))
+    waiting = evolve(problem, [(1.0, {}), (2.0, {}), (3.0, {"gap": 0.11})])
+    slopes, yields = (
+        gradient(waiting, "contact_force", "gap"),
+        restored_state(waiting.steps[0], waiting.memory.functions.points).at.yields,
+    )
+    assert not slopes.differentiable
+    assert f"Step 2: 0 contact rows and {yields.sum()} points are biactive" in slopes.message
+    assert slopes.message.startswith("Step 2")
+    assert tangents(waiting, "gap")[-1].message == slopes.message

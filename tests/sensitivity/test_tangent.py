@@ -1,0 +1,113 @@
+"""Directional derivatives: dual to gradients, one-sided at biactive solutions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ngsolve import x
+
+from ngepc import Material, Problem, semismooth_newton
+from ngepc.geometries import block
+from ngepc.sensitivity.functionals import Reaction
+from ngepc.sensitivity.gradient import gradient
+from ngepc.sensitivity.held import HeldSystem
+from ngepc.sensitivity.parameters import Direction
+from ngepc.sensitivity.radial import RadialDerivative
+from ngepc.sensitivity.tangent import tangent
+from ngepc.studies.verification.derivatives import functionals, once, random_problem, sizes
+
+
+def test_reverse_is_the_transpose_of_forward():
+    state = once(random_problem(2)).state
+    law, random = RadialDerivative(state.discrete.law, state.at), np.random.default_rng(0)
+    e, p, stress, initial, back = (random.normal(size=state.deviator.shape) for _ in range(5))
+    scalars = {name: random.normal(size=len(e)) for name in ("two_mu", "hardening", "beta")}
+    data = {"initial": initial, "back": back} | scalars
+    dp, dstress = law.forward(e, data)
+    slopes = law.reverse(p, stress)
+    forward = (p * dp + stress * dstress).sum(axis=1)
+    products = [slopes["strain"] * e, *(slopes[name] * data[name] for name in data)]
+    backward = sum(product.reshape(len(e), -1).sum(axis=1) for product in products)
+    assert 0 < state.at.yields.mean() < 1
+    assert forward == pytest.approx(backward, rel=1e-10, abs=1e-7)
+
+
+@pytest.mark.parametrize("seed", [1, 5, 3])
+def test_held_rows_and_balance(seed):
+    state = once(random_problem(seed)).state.on_sphere()
+    rows = np.flatnonzero(state.multipliers > 0)
+    system, random = HeldSystem(state, rows), np.random.default_rng(seed)
+    force, shift = random.normal(size=state.u.shape), random.normal(size=state.multipliers.shape)
+    u, multipliers = system.solve(force, shift)
+    free = state.discrete.supports.free
+    left = system.internal(u) + state.discrete.rows.forces(multipliers) - force
+    assert np.abs(left[free]).max() < 1e-11 * np.abs(force).max()
+    assert state.discrete.rows.displacement(u)[rows] == pytest.approx(shift[rows], rel=1e-11)
+    assert not u[~free].any()
+    assert len(rows) > 0
+
+
+@pytest.mark.parametrize("seed", [0, 3, 5, 6])
+def test_tangents_are_dual_to_gradients(seed):
+    problem = random_problem(seed)
+    result, names = once(problem), list(sizes(problem))
+    for functional in functionals(problem).values():
+        slopes = gradient(result, functional, names)
+        for name in names:
+            found = tangent(result, name).of(functional)
+            assert found == pytest.approx(slopes[name], rel=1e-9, abs=1e-12)
+
+
+def test_rates_add_up():
+    result = once(random_problem(1))
+    both = tangent(result, {"gap": 2.0, "soft": (3.0, Direction("hardening", x))})
+    one = tangent(result, "gap")
+    other = tangent(result, {"soft": (1.0, Direction("hardening", x))})
+    assert both.u == pytest.approx(2 * one.u + 3 * other.u, rel=1e-9, abs=1e-12)
+    assert both.contact_force == pytest.approx(2 * one.contact_force + 3 * other.contact_force)
+    change = both.displacement.vec.FV().NumPy()
+    assert np.abs(change).max() == pytest.approx(np.abs(both.u).max())
+
+
+MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.0, hardening=100.0)
+
+
+def test_contact_that_only_touches_is_one_sided():
+    problem = Problem(block.mesh(0.4, (1.0, 1.0)), MATERIAL, "clamped", contact="contact", gap=0.0)
+    result = semismooth_newton(problem)
+    slopes = gradient(result, "contact_force", "gap")
+    assert not slopes.differentiable
+    assert f"{len(result.discrete.rows)} contact rows and 0 points are biactive" in slopes.message
+    assert tangent(result, {"gap": 1.0}).contact_force == 0.0
+    pressed = tangent(result, {"gap": -1.0})
+    other = semismooth_newton(replace(problem, gap=-1e-5))
+    assert pressed.contact_force == pytest.approx(other.contact_force / 1e-5, rel=1e-9)
+    assert pressed.message == slopes.message
+
+
+def on_the_yield_surface(factor: float = 1.0) -> Problem:
+    """Uniaxial strain c with |dev sigma| = 2 mu (2/3)^(1/2) c = beta."""
+    c = factor * MATERIAL.yield_stress / (2 * MATERIAL.lame_mu * np.sqrt(2 / 3))
+    held = {"left|right": (0.0, None), "contact": (None, c)}
+    return Problem(
+        block.mesh(0.4, (1.0, 1.0)),
+        MATERIAL,
+        "clamped",
+        prescribed=held,
+        kinematics="plane strain",
+    )
+
+
+def test_points_on_the_yield_surface_are_one_sided():
+    result, reaction = semismooth_newton(on_the_yield_surface()), Reaction("contact", 1)
+    slopes = gradient(result, reaction, "prescribed")
+    points = len(result.discrete.points)
+    assert f"0 contact rows and {points} points are biactive" in slopes.message
+    loading, unloading = (tangent(result, {"prescribed": rate}) for rate in (1.0, -1.0))
+    assert loading.state.at.yields.all()
+    assert not unloading.state.at.yields.any()
+    for found, step in ((loading, 1e-5), (unloading, -1e-5)):
+        other = semismooth_newton(on_the_yield_surface(1 + step))
+        before, after = (reaction.slope(r.state).value for r in (result, other))
+        assert found.of(reaction) == pytest.approx((after - before) / abs(step), rel=1e-6)
+    assert abs(loading.of(reaction)) < 0.8 * abs(unloading.of(reaction))
