@@ -81,7 +81,7 @@ def say_nothing(line: str) -> None:
     raise_if_pressed()
 
 
-def ending(command: str, status: str, done: str, how: str) -> int:
+def exit_status(command: str, status: str, done: str, how: str) -> int:
     """The exit status of a run; after Ctrl-C with a line that says how to go on."""
     if status != "stopped":
         return 0 if status == "converged" else 1

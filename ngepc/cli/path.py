@@ -8,7 +8,7 @@ from ngepc.cli.arguments import (
     add_json,
     check_targets,
     count,
-    ending,
+    exit_status,
     location,
     positive,
     report,
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     report(record, lines, args.json, args.quiet)
     kept = "give --checkpoint FILE next time to be able to go on"
     how = kept if args.checkpoint is None else "resume with the same command"
-    return ending("path", record["status"], f"{len(path.steps)} values of gamma", how)
+    return exit_status("path", record["status"], f"{len(path.steps)} values of gamma", how)
 
 
 def path_record(name: str, path: object, wall_time: float) -> dict:

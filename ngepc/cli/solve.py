@@ -14,7 +14,7 @@ from ngepc.cli.arguments import (
     add_json,
     check_targets,
     count,
-    ending,
+    exit_status,
     location,
     name_written,
     positive,
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     how = "give --save FILE next time to be able to go on"
     if args.save is not None:
         how = f"resume with: {record['command']} --start {args.save}"
-    return ending("solve", record["status"], f"step {record['iterations']}", how)
+    return exit_status("solve", record["status"], f"step {record['iterations']}", how)
 
 
 def _method(args: argparse.Namespace) -> str:

@@ -22,7 +22,7 @@ from ngepc.cli.arguments import (
 
 EXAMPLES = """examples:
   ngepc study table1 --levels 2 --figures --out out/demo
-  ngepc study benchmark --modes default
+  ngepc study cost --modes default
 Ctrl-C at any time: the same command goes on where it was.
 """
 

@@ -202,9 +202,14 @@ def watch(results: Iterable[object], draw: Callable[[object], Figure]) -> object
 
 def _shown(handle: object, figure: Figure) -> object:
     """Show a figure in its place of the running notebook; returns the handle of that place."""
-    if handle is not None:
-        handle.update(figure)
-        return handle
+    if handle is None:
+        return _display(figure)
+    handle.update(figure)
+    return handle
+
+
+def _display(figure: Figure) -> object:
+    """Show a figure in the running notebook; returns the handle that updates it."""
     try:
         from IPython.display import display
     except ImportError as error:

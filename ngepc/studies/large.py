@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from ngsolve import sqrt, x, y
+from ngsolve import Mesh, sqrt, x, y
 
 from ngepc.geometries import block
 from ngepc.local.iterative import Iterative
@@ -44,6 +44,11 @@ def indented_block(refinements: int, hardening: float = 100.0, order: int = 1) -
     mesh = block.mesh(maxh=0.4)
     for _ in range(refinements):
         mesh.Refine()
+    return pressed(mesh, hardening, order)
+
+
+def pressed(mesh: Mesh, hardening: float, order: int = 1) -> Problem:
+    """The same on another mesh of the unit cube."""
     steel = Material.kinematic(
         lame_lambda=1e3, lame_mu=LAME_MU, yield_stress=5.0, hardening=hardening
     )
@@ -80,7 +85,7 @@ def solve_large(
     for level in range(1, levels + 1):
         problem = indented_block(level, hardening * LAME_MU)
         result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, inverse, None)
-        record = recorded(result, hardening, time.process_time() - begin)
+        record = _recorded(result, hardening, time.process_time() - begin)
         if problem.mesh.nv <= DIRECT_NODES:
             clock = time.process_time()
             direct = solve_exactly(problem, None, TOLERANCE, MAX_STEPS, "sparsecholesky", None)
@@ -91,7 +96,7 @@ def solve_large(
     return records
 
 
-def recorded(result: ExactResult, hardening: float, seconds: float) -> dict:
+def _recorded(result: ExactResult, hardening: float, seconds: float) -> dict:
     """The numbers of one solve."""
     return {
         "hardening": hardening,

@@ -10,13 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from ngsolve import sqrt, x, y
-
 from ngepc.geometries import block
-from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Result
 from ngepc.studies.examples import BODIES, FAMILIES, TITLES, example, solved
+from ngepc.studies.large import LAME_MU, indented_block, pressed
 from ngepc.studies.work import Cell, Outcome, Work, ending, first_of
 
 RATIOS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
@@ -52,17 +50,9 @@ def hardened(ratio: float, nodes: int) -> Problem:
 def pressed_block(elements: str, nodes: int, ratio: float) -> Problem:
     """A sphere of radius 1 pressed 0.03 into the unit cube, which is fixed below."""
     size = BLOCKS[elements][nodes]
-    if elements == "hexahedra":
-        mesh = block.structured_mesh(size, size, size)
-    else:
-        mesh = block.mesh(0.4)
-        for _ in range(size):
-            mesh.Refine()
-    material = Material.kinematic(
-        lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=ratio * 1e3
-    )
-    gap = 1.0 - sqrt(1.0 - (x - 0.5) ** 2 - (y - 0.5) ** 2) - 0.03
-    return Problem(mesh, material, "clamped", contact="contact", gap=gap)
+    if elements == "tetrahedra":
+        return indented_block(size, ratio * LAME_MU)
+    return pressed(block.structured_mesh(size, size, size), ratio * LAME_MU)
 
 
 @cache

@@ -185,8 +185,6 @@ def test_report_refuses_what_is_no_run(tmp_path, capsys):
     for path, message in ((other, "damaged"), (tmp_path / "none.npz", "no such run")):
         assert main(["report", str(path)]) == 2
         assert message in capsys.readouterr().err
-    assert main(["report", str(tmp_path)]) == 2
-    assert "no table1.json" in capsys.readouterr().err
 
 
 def stopping_at(step, monkeypatch):

@@ -1,6 +1,6 @@
 """Random problems: both methods agree within what their energies allow, statuses are honest.
 
-A few derandomised examples run here; ``ngepc study fuzz --count 200 --seed 1`` runs many.
+A few derandomised examples run here; ``ngepc study fuzz --count 100 --seed 1`` runs many.
 """
 
 import dataclasses

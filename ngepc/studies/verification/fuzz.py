@@ -66,13 +66,13 @@ def examine(draw: Draw) -> dict:
         primal = primal_newton(problem).or_interrupted()
         return {
             "draw": asdict(draw),
-            **verdict(primal, semismooth_newton(problem).or_interrupted()),
+            **judged(primal, semismooth_newton(problem).or_interrupted()),
         }
     except Exception as error:  # any exception at all is a complaint: that is what is looked for
         return EMPTY | {"draw": asdict(draw), "complaints": (f"{type(error).__name__}: {error}",)}
 
 
-def verdict(primal: PrimalResult, default: ExactResult) -> dict:
+def judged(primal: PrimalResult, default: ExactResult) -> dict:
     """What ``examine`` says about two results for one problem."""
     problem, last = primal.problem, primal.history.records[-1]
     gap, out_of_order = _energies(primal, default)

@@ -147,13 +147,12 @@ class Robustness(Work):
         row, method = cell.row.rsplit(", ", 1)
         result = solve(CASES[row], method, self.limit).or_interrupted()
         last = getattr(result, "last", result)
+        steps = result.total_inner_iterations if method == "path" else result.iterations
         return Outcome(
             {
                 "row": row,
                 "method": method,
-                "iterations": result.total_inner_iterations
-                if method == "path"
-                else result.iterations,
+                "iterations": steps,
                 "status": result.status.label,
                 "residual": last.residual_norm,
                 "plastic": last.history.records[-1].plastic_active,
