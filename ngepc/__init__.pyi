@@ -6,6 +6,8 @@ A name that comes from a room (``ngepc.model``) is a module, others are classes 
 from ngepc import geometries as geometries
 from ngepc import pictures as pictures
 from ngepc._version import __version__ as __version__
+from ngepc.bounds.adaptive import BoundedResult as BoundedResult
+from ngepc.bounds.adaptive import Refinement as Refinement
 from ngepc.bounds.adaptive import solve_to as solve_to
 from ngepc.bounds.bound import ErrorBound as ErrorBound
 from ngepc.bounds.bound import error_bound as error_bound

@@ -1,6 +1,10 @@
-"""One thread (the same digits twice), no messages from the mesh generator, no windows."""
+"""One thread (the same digits twice), no messages from the mesh generator, no windows.
+
+``SLOW`` lists what ``make check`` leaves to ``make test``.
+"""
 
 import os
+from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -9,8 +13,41 @@ import pytest
 from netgen.meshing import SetMessageImportance
 from ngsolve import SetNumThreads
 
+HERE = Path(__file__).parent
+
+SLOW = (
+    "abuse/test_bad_command_lines.py",
+    "abuse/test_interruption.py",
+    "abuse/test_robustness.py",
+    "cli",
+    "dual/test_honest_convergence.py",
+    "dual/test_statuses.py",
+    "dual/test_threads.py",
+    "dual/test_tichonov.py",
+    "evolution",
+    "geometries/test_geometries.py",
+    "local/test_counts.py",
+    "local/test_multigrid.py",
+    "paper",
+    "path",
+    "physics",
+    "pictures",
+    "sensitivity",
+    "site",
+    "studies",
+    "theory",
+)
+"""Folders and files whose tests take more than about five seconds together."""
+
 
 @pytest.fixture(autouse=True, scope="session")
 def one_thread():
     SetNumThreads(1)
     SetMessageImportance(0)
+
+
+def pytest_collection_modifyitems(items):
+    slow = [HERE / name for name in SLOW]
+    for item in items:
+        if any(place in (item.path, *item.path.parents) for place in slow):
+            item.add_marker(pytest.mark.slow)

@@ -117,7 +117,11 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
         If a name is empty or unknown; the message lists the boundaries that exist.
     """
     parts = value.split("|") if isinstance(value, str) else value
-    if not isinstance(parts, Sequence) or not all(isinstance(part, str) for part in parts):
+    if (
+        not isinstance(parts, Sequence)
+        or isinstance(parts, bytes)
+        or not all(isinstance(part, str) for part in parts)
+    ):
         raise TypeError(
             f"{argument}={value!r}: a boundary name or several ('left|right') are needed"
         )

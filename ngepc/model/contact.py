@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from ngepc.checks.kinds import require_flag, require_text
+
 
 @dataclass(frozen=True)
 class Contact:
@@ -16,8 +18,18 @@ class Contact:
         Boundary names, 'a' or 'a|b'.
     tied
         Whether the two are glued: no gap opens, nothing slips, also where they do not touch.
+
+    Raises
+    ------
+    TypeError
+        If a name is no text, or ``tied`` neither True nor False.
     """
 
     first: str
     second: str
     tied: bool = False
+
+    def __post_init__(self) -> None:
+        require_text("first", self.first)
+        require_text("second", self.second)
+        require_flag("tied", self.tied)

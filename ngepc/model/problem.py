@@ -115,9 +115,9 @@ class Problem:
     def contact_names(self) -> tuple[str, ...]:
         """Names of Gamma_c, where rigid obstacles are; empty without."""
         names = [part for part in self._contact_parts if not isinstance(part, Contact)]
-        if not names:
+        if self.contact is None or (self.contact_pairs and not names):
             return ()
-        given = names[0] if len(names) == 1 else names
+        given = names if self.contact_pairs else self.contact
         return boundary_names("contact", given, self.mesh)
 
     @property
@@ -139,7 +139,7 @@ class Problem:
     def _contact_parts(self) -> tuple:
         if self.contact is None:
             return ()
-        several = isinstance(self.contact, Sequence) and not isinstance(self.contact, str)
+        several = isinstance(self.contact, Sequence) and not isinstance(self.contact, str | bytes)
         return tuple(self.contact) if several else (self.contact,)
 
     @property

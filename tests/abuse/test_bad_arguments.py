@@ -25,6 +25,7 @@ from nonsense import (
 import ngepc
 from ngepc import (
     Armijo,
+    Contact,
     Coulomb,
     Coupled,
     DualParameters,
@@ -97,8 +98,15 @@ RANGE = {"vmin": NUMBERS, "vmax": NUMBERS}
 FIELD = {"field": COEFFICIENTS}
 EMPTY = frozenset({"an empty list", "an empty tuple"})
 
+STILL_UNCHECKED = {
+    "Curve", "Direction", "DisplacementAt", "PETSc", "PyAMG", "Reaction", "calibrate",
+    "error_bound", "gradient", "misfit", "solve_to", "tangent",
+}  # fmt: skip
+"""Public callables whose arguments are not all refused by name today; it may only shrink."""
+
 USES = {
     # the problem
+    "Contact": Use(Contact, {"first": "left", "second": "right"}),
     "Problem": Use(
         Problem,
         BLOCK,
@@ -264,11 +272,12 @@ def test_the_count_of_cases_is_what_reliability_says():
 
 
 def test_every_public_callable_is_here():
-    given = {
-        "DualResult", "Evolution", "ExactResult", "Kinematics", "PathResult", "PrimalResult",
-        "SolverError", "Status",
+    returned = {
+        "Calibration", "DualResult", "ErrorBound", "Evolution", "ExactResult", "Gradient",
+        "Kinematics", "PathResult", "PrimalResult", "SolverError", "Status", "TangentResult",
     }  # fmt: skip
-    assert {n for n in ngepc.__all__ if not n.startswith("_")} - set(USES) == given
+    rest = {n for n in ngepc.__all__ if not n.startswith("_")} - set(USES)
+    assert rest == returned | STILL_UNCHECKED
 
 
 @pytest.mark.parametrize(

@@ -19,13 +19,13 @@ from ngepc.bounds.bound import error_bound
 from ngepc.bounds.tightening import Effort
 from ngepc.geometries import block, lshape
 from ngepc.geometries.bisection import triangulated
-from ngepc.studies.bounds import EXAMPLES, LIMITS
+from ngepc.studies.bounds import LIMITS
 from ngepc.studies.examples import example
 
 
 @pytest.mark.parametrize(("name", "nodes"), [("lshape", 417), ("lshape", 1601), ("wrench", 873)])
 def test_effectivity_on_uniform_meshes(name, nodes):
-    result = semismooth_newton(example(EXAMPLES[name], nodes))
+    result = semismooth_newton(example(name, nodes))
     bound = error_bound(result)
     true = result.primal_energy - LIMITS[name]
     assert true <= bound.total <= 1.35 * true

@@ -113,3 +113,9 @@ def test_imports_for_hints_and_in_functions_are_seen():
     assert not goes_down("ngepc.model.problem", "ngepc.__main__")
     assert not goes_down("ngepc.pictures.curves", "ngepc")
     assert goes_down("ngepc.cli.solve", "ngepc.model.problem")
+
+
+def test_every_slow_place_is_there(request):
+    """What ``make check`` leaves out, tests/conftest.py."""
+    conftest = next(p for p in request.config.pluginmanager.get_plugins() if hasattr(p, "SLOW"))
+    assert [name for name in conftest.SLOW if not (conftest.HERE / name).exists()] == []
