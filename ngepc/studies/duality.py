@@ -55,6 +55,7 @@ class Duality(Work):
     head = ("example", "nodes", "gamma", *COLUMNS.values())
 
     def __post_init__(self) -> None:
+        self.options = PathOptions(growth=10.0, gamma_end=self.gamma_end, inner_scale=1e-8)
         for cell in self.cells():
             example(cell.row, cell.nodes)
 
@@ -71,7 +72,7 @@ class Duality(Work):
         reports: list[dict] = []
         path = follow_path(
             example(cell.row, cell.nodes),
-            PathOptions(growth=10.0, gamma_end=self.gamma_end, inner_scale=1e-8),
+            self.options,
             lambda s: self.progress(f"{cell.row} gamma {s.gamma:9.4g}: {s.iterations} steps"),
             observer=lambda result: reports.append(duality_report(result).as_dict()),
         ).or_interrupted()

@@ -106,6 +106,8 @@ class Figures(Work):
         self.only = tuple(CAPTIONS if self.only is None else self.only)
         if not self.only or set(self.only) - set(CAPTIONS):
             raise ValueError(f"only={self.only}: figures {', '.join(map(str, CAPTIONS))}")
+        for cell in self.cells():
+            example(cell.row, cell.nodes)
 
     def path(self, cell: Cell) -> PathResult:
         """The path of an example, from disk or followed now."""
