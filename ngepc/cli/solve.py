@@ -99,7 +99,7 @@ def _refined(args: argparse.Namespace, problem: Problem) -> BoundedResult:
 
     bounded = solve_to(problem, args.error, monitor=None if args.quiet else note)
     if bounded.message:
-        print(f"ngepc solve: {bounded.message}", file=sys.stderr)
+        say(f"ngepc solve: {bounded.message}")
     return bounded
 
 
