@@ -9,13 +9,13 @@ from sources import lines, modules, public, public_methods, room
 MOST_LINES = 16_000
 """Lines of ngepc/ without geometries/ and notebooks/."""
 
-STILL_ABOVE = 8_100
+STILL_ABOVE = 7_664
 """Lines above that today; this number may only shrink."""
 
 COMMANDS = {"configure", "run"}
 """Each command of the command line has these two."""
 
-STILL_TWICE = {"Line", "conjugate_gradients", "recorded", "run", "solved", "verdict"}
+STILL_TWICE = {"Line", "conjugate_gradients", "run", "solved", "verdict"}
 """Public names that two modules have today; this set may only shrink."""
 
 
