@@ -20,6 +20,7 @@ SLOW = (
     "abuse/test_interruption.py",
     "abuse/test_robustness.py",
     "cli",
+    "contact/test_two_bodies.py",
     "dual/test_honest_convergence.py",
     "dual/test_statuses.py",
     "dual/test_threads.py",
@@ -29,15 +30,19 @@ SLOW = (
     "local/test_counts.py",
     "local/test_multigrid.py",
     "paper",
-    "path",
-    "physics",
+    "physics/test_closed_forms.py",
+    "physics/test_convergence_rates.py",
+    "physics/test_kinematics.py",
+    "physics/test_promises.py",
+    "physics/test_property.py",
+    "physics/test_verification.py",
     "pictures",
     "sensitivity",
     "site",
     "studies",
     "theory",
 )
-"""Folders and files whose tests take more than about five seconds together."""
+"""Folders and files whose tests take more than about four seconds of processor time together."""
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -22,6 +22,7 @@ from ngepc.cli.arguments import (
 )
 
 if TYPE_CHECKING:
+    from ngepc.bounds.adaptive import BoundedResult
     from ngepc.model.problem import Problem
     from ngepc.results.outcome import Result
 
@@ -29,6 +30,7 @@ EXAMPLES = """examples:
   ngepc solve lshape                               the default method on 833 nodes
   ngepc solve wrench --nodes 6353 --figures out    with pictures
   ngepc solve lshape --gamma 1e4 --start coarse    the paper's method, as in Table 1
+  ngepc solve lshape --error 1e-2                  refine until the error is guaranteed
   ngepc solve lshape --save run.npz                keep it for: ngepc report run.npz
 """
 
@@ -41,6 +43,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--gamma", type=positive, help="the paper's method, regularised by gamma")
     text = "zero, coarse (the solution on the paper's coarse mesh), or a file of --save"
     add("--start", metavar="START", default="zero", help=text)
+    text = "bisect the mesh until the energy error is guaranteed to be at most this part"
+    add("--error", type=positive, metavar="PART", help=f"{text} of the strain energy")
     add("--tolerance", type=positive, default=1e-10, help="default 1e-10")
     add("--max-iterations", type=count, default=300, help="default 300")
     add_json(parser)
@@ -56,14 +60,20 @@ def run(args: argparse.Namespace) -> int:
     method = _method(args)
     check_targets((args.json, args.save), args.figures)
     problem = example(args.problem, args.nodes, args.maxh)
-    begin = time.perf_counter()
-    result = _solved(args, method, problem)
+    begin, bounded = time.perf_counter(), None
+    if args.error is None:
+        result = _solved(args, method, problem)
+    else:
+        bounded = _refined(args, problem)
+        result = bounded.result
     seconds = time.perf_counter() - begin
     record = {
         **records.solve_record(args.problem, result, seconds),
         "method": method,
         "gamma": args.gamma,
         "start": args.start,
+        "error_asked": args.error,
+        "error_bound": None if bounded is None else bounded.bound.relative,
         **records.provenance(),
     }
     report(record, _summary(record), args.json, args.quiet)
@@ -76,7 +86,29 @@ def run(args: argparse.Namespace) -> int:
     return exit_status("solve", record["status"], f"step {record['iterations']}", how)
 
 
+def _refined(args: argparse.Namespace, problem: Problem) -> BoundedResult:
+    """The mesh bisected until the bound is as small as asked, a line for each mesh."""
+    from ngepc.bounds.adaptive import MeshRecord, solve_to
+    from ngepc.cli.arguments import say
+
+    def note(mesh: MeshRecord) -> None:
+        say(
+            f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps: energy error at most "
+            f"{100 * mesh.relative:.3g} percent"
+        )
+
+    bounded = solve_to(problem, args.error, monitor=None if args.quiet else note)
+    if bounded.message:
+        say(f"ngepc solve: {bounded.message}")
+    return bounded
+
+
 def _method(args: argparse.Namespace) -> str:
+    if args.error is not None:
+        given = {"--gamma": args.gamma is not None, "--save": args.save is not None}
+        given |= {"--method primal": args.method == "primal", "--start": args.start != "zero"}
+        for option in (name for name, there in given.items() if there):
+            raise ValueError(f"--error {args.error:g} and {option}: leave one of them out")
     if args.method == "primal" and args.gamma is not None:
         raise ValueError(f"--gamma {args.gamma:g}: the primal method has no regularisation")
     return args.method if args.gamma is None else "paper"
@@ -123,8 +155,13 @@ def _summary(record: dict) -> dict[str, object]:
         "energy J": f"{record['primal_energy']:.10g}",
         "-J*": f"{-record['dual_energy']:.10g}",
         "contact force": f"{record['contact_force']:.10g}",
+        "energy error": _error(record["error_bound"]),
         "time": f"{record['wall_time_s']:.2f} s",
     }
+
+
+def _error(bound: float | None) -> str:
+    return "not bounded" if bound is None else f"at most {100 * bound:.3g} percent, guaranteed"
 
 
 def _files(args: argparse.Namespace, method: str, record: dict, result: Result) -> list[Path]:

@@ -41,6 +41,13 @@ def nothing_to_complain(table: Sequence[dict]) -> bool:
     return not any(record["complaints"] for record in table)
 
 
+def multigrid(text: str) -> str:
+    """The name of an iterative solver."""
+    if text not in ("pyamg", "petsc"):
+        raise argparse.ArgumentTypeError(f"{text!r}: pyamg or petsc is needed")
+    return text
+
+
 @dataclass(frozen=True)
 class Study:
     """A study: what it is called, what it takes, which ``Work`` does it, when it has succeeded.
@@ -146,6 +153,19 @@ STUDIES = {
         "volume locking: three classical tests, elements of order 1 and 2",
         "locking:Locking",
         LEVELS,
+    ),
+    "bounds": Study(
+        "guaranteed bounds of the energy error beside the error, Examples (a) and (b)",
+        "bounds:Bounds",
+        LEVELS,
+    ),
+    "large": Study(
+        "large bodies: Newton steps and iterations of multigrid solvers, time and memory",
+        "large:Large",
+        {
+            **LEVELS,
+            "solver": (multigrid, "pyamg or petsc, default pyamg"),
+        },
     ),
     "fuzz": Study(
         "random problems by two methods, judged",

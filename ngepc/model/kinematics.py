@@ -15,7 +15,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import CF, CoefficientFunction, Grad, Id, InnerProduct, Sym, Trace, x
+from ngsolve import (
+    CF,
+    CoefficientFunction,
+    Grad,
+    GridFunction,
+    Id,
+    IfPos,
+    InnerProduct,
+    Sym,
+    Trace,
+    x,
+)
 
 _R2, _R6 = math.sqrt(2.0), math.sqrt(6.0)
 
@@ -72,9 +83,16 @@ class Kinematics:
         if self.size == self.N:
             return Sym(Grad(u))
         e = Sym(Grad(u))
-        hoop = u[0] / x if self.hoop else CF(0.0)
+        hoop = self._hoop(u, e) if self.hoop else CF(0.0)
         zero = CF(0.0)
         return CF((e[0, 0], e[0, 1], zero, e[1, 0], e[1, 1], zero, zero, zero, hoop), dims=(3, 3))
+
+    def _hoop(self, u: CoefficientFunction, e: CoefficientFunction) -> CoefficientFunction:
+        """u_r / r; fields are drawn on the axis too, where that tends to the radial strain."""
+        if not isinstance(u, GridFunction):
+            return u[0] / x
+        off = x * x - 1e-24
+        return IfPos(off, u[0] / IfPos(off, x, 1.0), e[0, 0])
 
     def coordinates(self, A: CoefficientFunction) -> CoefficientFunction:
         """The d coordinates of dev A, for a symmetric tensor ``A``."""

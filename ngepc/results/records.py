@@ -49,6 +49,8 @@ FIELDS = {
     "method": "default, paper or primal",
     "gamma": "of the paper's method, else null",
     "start": "zero, coarse or the file of a run",
+    "error_asked": "relative energy error asked for with --error, else null",
+    "error_bound": "guaranteed relative energy error that was reached with --error, else null",
     "version": "of ngepc",
     "ngsolve": "version",
     "numpy": "version",

@@ -22,7 +22,7 @@ from ngsolve import (
 from ngsolve.comp import SumOfIntegrals
 
 from ngepc.checks.arguments import boundary_names, require_integer, require_vector
-from ngepc.checks.kinds import require_attributes
+from ngepc.checks.kinds import require_attributes, require_instance, require_text
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.local.system import State
@@ -108,6 +108,10 @@ class DisplacementAt:
     point: Sequence[float]
     component: int
 
+    def __post_init__(self) -> None:
+        require_vector("point", self.point, (2, 3))
+        require_integer("component", self.component, 0, 2)
+
     def slope(self, state: State) -> Slope:
         """Value and derivative at a state.
 
@@ -143,6 +147,10 @@ class Reaction:
 
     support: str
     component: int
+
+    def __post_init__(self) -> None:
+        require_text("support", self.support)
+        require_integer("component", self.component, 0, 2)
 
     def slope(self, state: State) -> Slope:
         """Value and derivative at a state: the work of all forces in a motion of the support.
@@ -246,6 +254,8 @@ def _value_and_slope(form: BilinearForm, coefficients: np.ndarray) -> tuple[floa
 
 def misfit(observed: CoefficientFunction, boundary: str | None = None) -> FormFunctional:
     """Int |u - observed|^2 over a boundary, or over the body."""
+    require_instance("observed", observed, CoefficientFunction, "a vector coefficient")
+    require_text("boundary", boundary, optional=True)
     measure = dx if boundary is None else ds(boundary)
     return FormFunctional(lambda u, p, stress: InnerProduct(u - observed, u - observed) * measure)
 

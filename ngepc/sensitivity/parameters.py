@@ -9,7 +9,7 @@ import numpy as np
 from ngsolve import CF
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number
-from ngepc.checks.kinds import require_instance
+from ngepc.checks.kinds import require_instance, require_text
 from ngepc.discretisation.loads import Supports, forces_of
 from ngepc.discretisation.rows import contact_rows
 from ngepc.local.system import DiscreteProblem
@@ -35,6 +35,9 @@ class Direction:
 
     datum: str
     change: object = None
+
+    def __post_init__(self) -> None:
+        require_text("datum", self.datum)
 
     @property
     def inherited(self) -> bool:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from itertools import islice
 
 import numpy as np
@@ -15,8 +15,9 @@ from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.dual.newton import semismooth_newton
 from ngepc.model.problem import Problem
-from ngepc.studies.examples import example
+from ngepc.studies.examples import FAMILIES, example
 from ngepc.studies.verification.random_problems import Draw, build, draws
+from ngepc.studies.work import Cell, Outcome, Work, first_of
 
 LIMITS = {"lshape": -0.3752486, "wrench": -0.0023607}
 """Energies of Examples (a) and (b), seven digits.
@@ -130,3 +131,48 @@ def finer(problem: Problem, bisections: int) -> Problem:
     for _ in range(bisections):
         mesh = bisected(mesh, np.ones(mesh.ne, dtype=bool))
     return on_mesh(problem, mesh)
+
+
+@dataclass(eq=False)
+class Bounds(Work):
+    """The study: bounds on the paper's meshes beside the error.
+
+    Parameters
+    ----------
+    levels
+        Meshes of each family.
+    """
+
+    levels: int = 3
+
+    name = "bounds"
+    title = "Guaranteed bounds of the energy error"
+    head = ("example", "nodes", "energy error", "bound", "bound / error", "of the strain energy",
+            "Newton steps", "CPU s", "bound, CPU s")  # fmt: skip
+
+    def cells(self) -> list[Cell]:
+        """Both examples on their families of meshes."""
+        return [Cell(name, n) for name in LIMITS for n in first_of(FAMILIES[name], self.levels)]
+
+    def solve(self, cell: Cell) -> Outcome:
+        """One mesh."""
+        (found,) = uniform_effectivities(cell.row, [cell.nodes])
+        return Outcome({"example": cell.row, **asdict(found)})
+
+    def line(self, r: dict) -> str:
+        """Effectivity and size."""
+        return f"{r['example']} {r['nodes']} nodes: bound / error {r['effectivity']:.3f}"
+
+    def row(self, r: dict) -> list[str]:
+        """The entries."""
+        return [
+            *(r["example"], f"{r['nodes']}", f"{r['error']:.3g}", f"{r['bound']:.3g}"),
+            *(f"{r['effectivity']:.3f}", f"{100 * r['relative']:.2g} percent", f"{r['steps']}"),
+            *(f"{r['seconds']:.2f}", f"{r['bound_seconds']:.2f}"),
+        ]
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """Where the errors come from."""
+        return [
+            f"Errors are J + {-limit:g} for {name}: see LIMITS." for name, limit in LIMITS.items()
+        ]

@@ -7,17 +7,21 @@ included.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from ngsolve import Mesh, sqrt, x, y
 
 from ngepc.geometries import block
 from ngepc.local.iterative import Iterative
+from ngepc.local.petsc import PETSc
+from ngepc.local.pyamg import PyAMG
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.studies.cost import peak_memory
+from ngepc.studies.work import Cell, Outcome, Table, Work
 
 LAME_MU = 1e3
 
@@ -128,3 +132,57 @@ def text_of(record: dict) -> list[str]:
         f"{record['energy']:.10f}",
         check,
     ]
+
+
+HARDENINGS = (1.0, 0.1, 0.01, 0.001)
+"""Values of h/mu."""
+
+SOLVERS = {"pyamg": PyAMG, "petsc": PETSc}
+
+
+@dataclass(eq=False)
+class Large(Work):
+    """The study: all meshes in a row for each hardening, each started from the one before.
+
+    Parameters
+    ----------
+    levels
+        Meshes: 281, 1745, 12,193, 90,945 nodes.
+    solver
+        'pyamg' or 'petsc'.
+    """
+
+    levels: int = 3
+    solver: str = "pyamg"
+
+    name = "large"
+    title = "A sphere pressed into a block, by iterative solvers"
+
+    def settings(self) -> dict:
+        """The meshes and the solver."""
+        return {"levels": self.levels, "solver": self.solver}
+
+    def cells(self) -> list[Cell]:
+        """One for each hardening."""
+        return [Cell(f"h over mu {value:g}") for value in HARDENINGS]
+
+    def solve(self, cell: Cell) -> Outcome:
+        """All meshes for one hardening."""
+        inverse, value = SOLVERS[self.solver](), float(cell.row.split()[-1])
+        return Outcome({"hardening": value, "meshes": solve_large(self.levels, inverse, value)})
+
+    def line(self, r: dict) -> str:
+        """The last mesh."""
+        return f"h/mu {r['hardening']:g}: " + "  ".join(text_of(r["meshes"][-1]))
+
+    def table(self, records: Sequence[dict]) -> Table:
+        """A row for each mesh."""
+        rows = [[f"{r['hardening']:g}", *text_of(m)] for r in records for m in r["meshes"]]
+        note = (
+            f"Solver {self.solver}, tolerance {TOLERANCE:g}, nested from 281 nodes; CPU seconds "
+            "from the coarsest mesh on, meshes included; direct: difference of the energies."
+        )
+        head = ("h/mu", *HEAD)
+        return Table(
+            name=self.name, title=self.title, head=head, rows=rows, notes=[note], cells=records
+        )
