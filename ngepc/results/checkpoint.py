@@ -23,15 +23,7 @@ FORMAT = 1
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """What a checkpoint file holds.
-
-    Parameters
-    ----------
-    record
-        Numbers, strings, lists and dictionaries (JSON).
-    arrays
-        Name -> array.
-    """
+    """What a checkpoint file holds: numbers, texts, lists and dictionaries, and arrays by name."""
 
     record: dict
     arrays: dict[str, np.ndarray]

@@ -15,19 +15,8 @@ ROOM = 1 << 20
 def check_writable(path: Path, room: int = ROOM) -> None:
     """Raise OSError now, not after the work, if ``path`` cannot be written.
 
-    A missing folder is made.  A device or a pipe is left alone but for its permissions.
-
-    Parameters
-    ----------
-    path
-        The file that will be written.
-    room
-        Bytes that must fit on the disk.
-
-    Raises
-    ------
-    OSError
-        If the path is a folder, the folder cannot be made or written to, or the disk is full.
+    A missing folder is made, ``room`` bytes have to fit.  A device or a pipe is left alone but for
+    its permissions.
     """
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder: name a file")
@@ -39,13 +28,7 @@ def check_writable(path: Path, room: int = ROOM) -> None:
 
 
 def check_folder(folder: Path, room: int = ROOM) -> None:
-    """Make ``folder`` if it is missing, and write and remove ``room`` bytes there.
-
-    Raises
-    ------
-    OSError
-        If that fails, naming the folder.
-    """
+    """Make ``folder`` if it is missing, write and remove ``room`` bytes there, or raise OSError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder, prefix=".room.") as probe:

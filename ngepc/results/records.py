@@ -78,17 +78,7 @@ def l2_norm(field: Any, mesh: Any) -> float:
 
 
 def solve_record(name: str, result: Any, wall_time: float) -> dict[str, Any]:
-    """One solve as a dictionary, the part of ``FIELDS`` that the result knows.
-
-    Parameters
-    ----------
-    name
-        Name of the problem.
-    result
-        A result of any solver.
-    wall_time
-        Seconds from the start of the solve.
-    """
+    """One solve as a dictionary, the part of ``FIELDS`` that the result knows."""
     mesh, history = result.problem.mesh, result.history
     return {
         "schema": SCHEMA,
@@ -129,5 +119,5 @@ def _finite(value: Any) -> Any:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file atomically, see ``files.replace_contents``."""
+    """Write a text file whole or not at all, see ``files.replace_contents``."""
     replace_contents(path, text.encode())

@@ -104,10 +104,10 @@ class Work(ABC):
 
     def run(self) -> list[dict]:
         """Do the work; returns one record for each cell."""
-        table = []
-        for cell in self.cells():
+        cells, table = self.cells(), []
+        for number, cell in enumerate(cells, 1):
             table.append(self.kept(cell).record)
-            self.progress(self.line(table[-1]))
+            self.progress(f"[{number}/{len(cells)}] {self.line(table[-1])}")
         return table
 
     def write(self, table: Sequence[dict]) -> list[Path]:

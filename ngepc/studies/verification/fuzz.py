@@ -53,13 +53,10 @@ EMPTY = {
 def examine(draw: Draw) -> dict:
     """Solve a random problem by both methods and judge the results; never raises.
 
-    Returns
-    -------
-    dict
-        ``draw``; ``complaints``, a sentence each, none when all is well; ``nodes``; ``statuses``
-        and ``iterations`` of the primal method and the default one; ``plastic`` and ``contact``,
-        parts of the body that yield and of Gamma_c in contact; ``gap``, what the energies leave
-        between the solutions, relative; ``messages`` of runs that did not converge.
+    ``complaints`` are a sentence each, none when all is well; ``statuses`` and ``iterations`` are
+    those of the primal method and the default one; ``plastic`` and ``contact`` the parts of the
+    body that yield and of Gamma_c in contact; ``gap`` what the energies leave between the
+    solutions, relative.
     """
     try:
         problem = build(draw)
