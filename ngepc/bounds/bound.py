@@ -22,6 +22,7 @@ from ngepc.bounds.coverage import on_segments
 from ngepc.bounds.element import at_nodes
 from ngepc.bounds.setting import Setting
 from ngepc.bounds.tightening import Dual, Effort, tightened
+from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.loads import nodal
 from ngepc.local.factors import Factors
 from ngepc.local.result import ExactResult
@@ -146,6 +147,8 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
     problem = getattr(result, "problem", None)
     if not isinstance(problem, Problem):
         raise TypeError(f"result={result!r}: a result with a displacement is needed")
+    if effort is not None:
+        require_instance("effort", effort, Effort, "Effort(...)")
     exact = isinstance(result, ExactResult)
     setting = Setting(result.discrete if exact else DiscreteProblem(problem))
     state = result.state if exact else state_of(setting, result)

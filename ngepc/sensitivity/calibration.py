@@ -9,8 +9,8 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import OptimizeResult, least_squares
 
-from ngepc.checks.arguments import require_integer, require_number
-from ngepc.checks.kinds import require_instance, require_mapping
+from ngepc.checks.arguments import is_number, require_integer, require_number
+from ngepc.checks.kinds import require_instance, require_mapping, require_sequence
 from ngepc.evolution.load_path import Schedule
 from ngepc.evolution.result import Evolution
 from ngepc.evolution.solver import evolve
@@ -43,8 +43,9 @@ class Curve:
 
     Raises
     ------
-    ValueError
-        If the numbers of times and values differ, or a deviation is not positive.
+    TypeError, ValueError
+        If an argument is of the wrong kind, the numbers of times and values differ, or a deviation
+        is not positive.
     """
 
     schedule: Schedule
@@ -54,9 +55,19 @@ class Curve:
 
     def __post_init__(self) -> None:
         require_instance("schedule", self.schedule, Schedule, "a Schedule")
+        as_functional(self.functional)
+        require_numbers("measured", self.measured)
+        if is_number(self.noise):
+            require_number("noise", self.noise, 0, strict=True)
+        elif self.noise is not None:
+            require_numbers("noise", self.noise)
         count, times = len(self.measured), len(self.schedule.times)
         if count != times:
-            raise ValueError(f"measured has {count} values: one for each of {times} times needed")
+            raise ValueError(
+                f"measured={self.measured!r}: one value for each of {times} times is needed"
+            )
+        if np.ndim(self.noise) and len(self.noise) != count:
+            raise ValueError(f"noise={self.noise!r}: one number or {count} are needed")
         if self.noise is not None and not (np.asarray(self.noise, dtype=float) > 0).all():
             raise ValueError(f"noise={self.noise!r}: positive numbers are needed")
 
@@ -143,11 +154,17 @@ def calibrate(
         If the load path cannot be solved with some constants.
     """
     require_instance("problem", problem, Problem, "a Problem")
-    curves = [curves] if isinstance(curves, Curve) else list(curves)
+    curves = [curves] if isinstance(curves, Curve) else curves
+    require_sequence("curves", curves, "Curve objects")
+    if not len(curves):
+        raise ValueError(f"curves={curves!r}: at least one Curve is needed")
+    for number, curve in enumerate(curves):
+        require_instance(f"curves[{number}]", curve, Curve, "Curve(...)")
+    require_number("tolerance", tolerance, 0, strict=True)
     if not 0 < require_number("confidence", confidence) < 1:
         raise ValueError(f"confidence={confidence!r}: a number in (0, 1) is needed")
     limit = require_integer("max_evaluations", max_evaluations, 1)
-    search = _Search(problem, curves, tuple(checked_start(start)))
+    search = _Search(problem, list(curves), tuple(checked_start(start)))
     count = sum(len(curve.measured) for curve in curves)
     if count < len(start):
         raise ValueError(f"{count} measurements: at least {len(start)} are needed")
@@ -162,6 +179,13 @@ def calibrate(
         gtol=tolerance,
     )
     return search.calibration(found, confidence)
+
+
+def require_numbers(name: str, values: object) -> None:
+    """Accept a sequence of finite numbers."""
+    require_sequence(name, values, "numbers")
+    for i, value in enumerate(values):
+        require_number(f"{name}[{i}]", value)
 
 
 def checked_start(start: Mapping[str, float]) -> Mapping[str, float]:

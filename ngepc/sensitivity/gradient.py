@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ngepc.checks.arguments import require_integer
 from ngepc.local.system import State
 from ngepc.sensitivity.adjoint import derivative_by_data, paired, summed
 from ngepc.sensitivity.biactive import Biactive, biactive_set, told
@@ -95,7 +96,8 @@ def gradient(
     """
     wanted, functional = directions(parameters), as_functional(functional)
     steps = states_of(result)
-    steps = steps[: range(len(steps))[step] + 1]
+    last = require_integer("step", step, -len(steps), len(steps) - 1)
+    steps = steps[: range(len(steps))[last] + 1]
     derivatives, found = dict.fromkeys(wanted, 0.0), []
     later: Data = {}
     value = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,7 +45,7 @@ class Direction:
         return self.datum.startswith("initial")
 
 
-Parameters = str | Iterable[str] | Mapping[str, Direction]
+Parameters = str | Sequence[str] | Mapping[str, Direction]
 """Names of data with their natural change, or name of the answer -> ``Direction``."""
 
 
@@ -60,6 +60,10 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
     if isinstance(parameters, str):
         parameters = [parameters]
     if not isinstance(parameters, Mapping):
+        if not isinstance(parameters, list | tuple) or not parameters:
+            raise TypeError(f"parameters={parameters!r}: names of data are needed")
+        for number, name in enumerate(parameters):
+            require_text(f"parameters[{number}]", name)
         parameters = {name: Direction(name) for name in parameters}
     for name, direction in parameters.items():
         require_instance(f"parameters[{name!r}]", direction, Direction, "a Direction")

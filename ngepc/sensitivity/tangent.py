@@ -19,6 +19,7 @@ from ngsolve import GridFunction
 from scipy.optimize import brentq
 
 from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_mapping
 from ngepc.local.factors import TangentError
 from ngepc.local.system import State
 from ngepc.sensitivity.adjoint import paired, summed
@@ -123,7 +124,9 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
 def tangents(result: Solution, parameters: Rates) -> list[TangentResult]:
     """The derivatives of the solutions of all time steps, see ``tangent``."""
     states = (give_state() for give_state in states_of(result))
-    return tangents_at(states, {parameters: 1.0} if isinstance(parameters, str) else parameters)
+    rates = {parameters: 1.0} if isinstance(parameters, str) else parameters
+    require_mapping("parameters", rates, "the name of a datum, or name -> rate")
+    return tangents_at(states, rates)
 
 
 def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:

@@ -79,7 +79,7 @@ def test_elastic_data_do_not_identify_hardening():
 
 def test_what_is_refused(deep):
     problem, schedule, force = deep
-    with pytest.raises(ValueError, match="one for each of 7 times"):
+    with pytest.raises(ValueError, match="one value for each of 7 times"):
         Curve(schedule, "contact_force", force[:3])
     with pytest.raises(ValueError, match="noise=0"):
         Curve(schedule, "contact_force", force, 0.0)
