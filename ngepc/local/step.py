@@ -16,11 +16,12 @@ from typing import Protocol
 
 import numpy as np
 
+from ngepc.discretisation.balance import EPSILON
 from ngepc.discretisation.contact_step import ROUNDING, ContactWork, with_contact
 from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.linesearch import Bracket
 from ngepc.local.factors import Tangent, TangentError
-from ngepc.local.system import EPSILON, DiscreteProblem, State
+from ngepc.local.system import DiscreteProblem, State
 
 FLATNESS = 0.2
 """The line search ends where |phi'(t)| <= FLATNESS |phi'(0)|."""

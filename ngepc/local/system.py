@@ -6,13 +6,13 @@ known in closed form there (``discretisation.law``), so that J is a function of 
 
 from __future__ import annotations
 
-import math
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from ngepc.discretisation.balance import Balance
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.law import Law, Return
 from ngepc.discretisation.loads import Supports, applied_forces
@@ -22,16 +22,8 @@ from ngepc.discretisation.stiffness import Stiffness
 from ngepc.model.problem import Problem
 from ngepc.model.support import has_floating_parts
 
-EPSILON = float(np.finfo(float).eps)
-
-TOUCHING = 1e-12
-"""Part of the largest displacement that a gap has to exceed to be open."""
-
 FLOATING = 1e-4
 """Stiffness of all springs of a floating part, about, relative to that of the part."""
-
-ROUNDING_SCALE = 4e-6
-"""Part of |K| |u| that counts as a force where nothing else does, in a body without forces."""
 
 
 class DiscreteProblem:
@@ -60,6 +52,11 @@ class DiscreteProblem:
         self.contact = ContactConditions(problem, self.supports)
         self.rows: ContactRows = self.contact.rows
         self.load = applied_forces(problem, self.supports.space)
+
+    @property
+    def free(self) -> np.ndarray:
+        """Boolean, shape (nodes, N): components that no support holds."""
+        return self.supports.free
 
     @cached_property
     def stiffness(self) -> Stiffness:
@@ -109,7 +106,7 @@ class DiscreteProblem:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class State(Balance):
     """An iterate with everything that follows from it.
 
     Parameters
@@ -134,6 +131,11 @@ class State:
     deviator: np.ndarray
     at: Return = field(repr=False)
 
+    @property
+    def frame(self) -> DiscreteProblem:
+        """The discrete problem, see ``Balance``."""
+        return self.discrete
+
     def on_sphere(self) -> State:
         """The same state with w = beta s/|s| where s yields."""
         other = copy(self)
@@ -146,16 +148,6 @@ class State:
         density = self.discrete.law.energy_density(self.volume, self.at)
         work = float(np.vdot(self.discrete.load, self.u))
         return self.discrete.points.integral(density) - work + self.friction_work
-
-    @cached_property
-    def friction_work(self) -> float:
-        """The sum of bound times |slip| (force times length), zero without friction."""
-        return self.discrete.contact.friction_work(self.contact, self.gaps, self.touching_distance)
-
-    @property
-    def multipliers(self) -> np.ndarray:
-        """Normal forces lambda >= 0 of the rows, shape (m,)."""
-        return self.discrete.contact.normal(self.contact)
 
     @property
     def tangential_forces(self) -> np.ndarray:
@@ -179,76 +171,3 @@ class State:
         """Nodal forces of the stress, shape (nodes, N)."""
         law = self.discrete.law
         return self.discrete.points.forces(law.bulk * self.volume, law.stress(self.at))
-
-    @cached_property
-    def contact_forces(self) -> np.ndarray:
-        """Nodal forces of the body on the obstacle, friction included, shape (nodes, N)."""
-        return self.discrete.contact.forces(self.contact)
-
-    @cached_property
-    def imbalance(self) -> np.ndarray:
-        """Internal plus contact minus applied forces at free components, zero elsewhere."""
-        forces = self.internal_forces + self.contact_forces - self.discrete.load
-        return np.where(self.discrete.supports.free, forces, 0.0)
-
-    @cached_property
-    def gaps(self) -> np.ndarray:
-        """What the contact conditions leave open, ``ContactConditions.gaps``."""
-        return self.discrete.contact.gaps(self.u)
-
-    @property
-    def open_gap(self) -> np.ndarray:
-        """gaps - N u, negative where the obstacle is penetrated, shape (m,)."""
-        return self.discrete.contact.normal(self.gaps)
-
-    @property
-    def touching_distance(self) -> float:
-        """Gaps and penetrations below it are rounding (length)."""
-        return TOUCHING * float(np.abs(self.u).max(initial=0.0))
-
-    @property
-    def penetration(self) -> float:
-        """The deepest penetration (length), 0 for a feasible displacement."""
-        return float(np.maximum(-self.open_gap, 0.0).max(initial=0.0))
-
-    @cached_property
-    def force_scale(self) -> float:
-        """The force that residuals are relative to."""
-        trial = ROUNDING_SCALE * self.trial_forces
-        forces = (self.discrete.load, self.internal_forces, self.contact_defect)
-        sizes = [float(np.linalg.norm(given)) for given in forces]
-        return max(*sizes, min(trial, self.discrete.yield_forces))
-
-    @cached_property
-    def trial_forces(self) -> float:
-        """Norm of forces of size |K| |u|, from which the true ones are what does not cancel."""
-        size = np.linalg.norm(self.u, axis=1, keepdims=True)
-        return float(np.linalg.norm(self.discrete.stiffness_diagonal * size))
-
-    @cached_property
-    def contact_defect(self) -> np.ndarray:
-        """What the forces of contact lack, a force: min(lambda, k gap) without friction."""
-        return self.discrete.contact.defect(self.contact, self.discrete.row_stiffness * self.gaps)
-
-    @cached_property
-    def residual_norm(self) -> float:
-        """Norm of the forces out of balance and of the contact defect, relative."""
-        return math.hypot(self._relative(self.imbalance), self.contact_residual_norm)
-
-    @property
-    def contact_residual_norm(self) -> float:
-        """The part of ``residual_norm`` that contact leaves."""
-        return self._relative(self.contact_defect)
-
-    def _relative(self, forces: np.ndarray) -> float:
-        size = float(np.linalg.norm(forces))
-        if size == 0 or self.force_scale == 0:  # an obstacle that pushes a body at rest
-            return float(size > 0)
-        return size / self.force_scale
-
-    @property
-    def rounding(self) -> float:
-        """What rounding leaves of ``residual_norm``."""
-        if self.trial_forces == 0 or self.force_scale == 0:
-            return 0.0
-        return 4 * EPSILON * self.trial_forces / self.force_scale

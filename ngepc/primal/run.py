@@ -10,13 +10,14 @@ from functools import partial
 import numpy as np
 
 from ngepc.checks.arguments import require_integer, require_number
+from ngepc.discretisation.balance import EPSILON
 from ngepc.discretisation.contact_step import ContactWork, with_contact
 from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.direct import SOLVER_ERRORS
 from ngepc.linalg.linesearch import Bracket
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.result import PrimalResult
-from ngepc.primal.state import EPSILON, PrimalState
+from ngepc.primal.state import PrimalState
 from ngepc.results.outcome import History, IterationRecord, Status
 
 log = logging.getLogger(__name__)

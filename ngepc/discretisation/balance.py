@@ -1,0 +1,137 @@
+"""What is left of balance at a displacement with contact forces, and what rounding leaves of it."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from ngepc.discretisation.conditions import ContactConditions
+
+EPSILON = float(np.finfo(float).eps)
+
+TOUCHING = 1e-12
+"""Part of the largest displacement that a gap has to exceed to be open."""
+
+ROUNDING_SCALE = 4e-6
+"""Part of |K| |u| that counts as a force where nothing else does, in a body without forces."""
+
+
+class Frame(Protocol):
+    """What no Newton step changes, as far as balance asks for it."""
+
+    contact: ContactConditions
+    load: np.ndarray
+    free: np.ndarray
+    stiffness_diagonal: np.ndarray
+    row_stiffness: np.ndarray
+    yield_forces: float
+
+
+class Balance:
+    """Forces and gaps of an iterate; the iterates of both exact methods inherit it.
+
+    Attributes
+    ----------
+    frame
+        The discrete problem.
+    u
+        Nodal displacements, shape (nodes, N).
+    contact
+        Forces of the contact conditions: normal forces >= 0, with friction then tangential ones.
+    internal_forces
+        Nodal forces of the stress, shape (nodes, N).
+    """
+
+    frame: Frame
+    u: np.ndarray
+    contact: np.ndarray
+    internal_forces: np.ndarray
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Normal forces lambda >= 0 of the rows, shape (m,)."""
+        return self.frame.contact.normal(self.contact)
+
+    @cached_property
+    def contact_forces(self) -> np.ndarray:
+        """Nodal forces of the body on the obstacle, friction included, shape (nodes, N)."""
+        return self.frame.contact.forces(self.contact)
+
+    @cached_property
+    def missing(self) -> np.ndarray:
+        """Internal plus contact minus applied forces: reactions where held."""
+        return self.internal_forces + self.contact_forces - self.frame.load
+
+    @cached_property
+    def imbalance(self) -> np.ndarray:
+        """``missing`` at the free components, zero elsewhere."""
+        return np.where(self.frame.free, self.missing, 0.0)
+
+    @cached_property
+    def gaps(self) -> np.ndarray:
+        """What the contact conditions leave open, ``ContactConditions.gaps``."""
+        return self.frame.contact.gaps(self.u)
+
+    @property
+    def open_gap(self) -> np.ndarray:
+        """gaps - N u, negative where the obstacle is penetrated, shape (m,)."""
+        return self.frame.contact.normal(self.gaps)
+
+    @property
+    def touching_distance(self) -> float:
+        """Gaps and penetrations below it are rounding (length)."""
+        return TOUCHING * float(np.abs(self.u).max(initial=0.0))
+
+    @property
+    def penetration(self) -> float:
+        """The deepest penetration (length), 0 for a feasible displacement."""
+        return float(np.maximum(-self.open_gap, 0.0).max(initial=0.0))
+
+    @cached_property
+    def friction_work(self) -> float:
+        """The sum of bound times |slip| (force times length), zero without friction."""
+        return self.frame.contact.friction_work(self.contact, self.gaps, self.touching_distance)
+
+    @cached_property
+    def contact_defect(self) -> np.ndarray:
+        """What the forces of contact lack, a force: min(lambda, k gap) without friction."""
+        return self.frame.contact.defect(self.contact, self.frame.row_stiffness * self.gaps)
+
+    @cached_property
+    def force_scale(self) -> float:
+        """The force that residuals are relative to."""
+        forces = (self.frame.load, self.internal_forces, self.contact_defect)
+        sizes = [float(np.linalg.norm(given)) for given in forces]
+        return max(*sizes, min(ROUNDING_SCALE * self.trial_forces, self.frame.yield_forces))
+
+    @cached_property
+    def trial_forces(self) -> float:
+        """Norm of forces of size |K| |u|, from which the true ones are what does not cancel."""
+        size = np.linalg.norm(self.u, axis=1, keepdims=True)
+        return float(np.linalg.norm(self.frame.stiffness_diagonal * size))
+
+    @cached_property
+    def residual_norm(self) -> float:
+        """Norm of the forces out of balance and of the contact defect, relative."""
+        return math.hypot(self._relative(self.imbalance), self.contact_residual_norm)
+
+    @property
+    def contact_residual_norm(self) -> float:
+        """The part of ``residual_norm`` that contact leaves."""
+        return self._relative(self.contact_defect)
+
+    def _relative(self, forces: np.ndarray) -> float:
+        size = float(np.linalg.norm(forces))
+        if size == 0 or self.force_scale == 0:  # an obstacle that pushes a body at rest
+            return float(size > 0)
+        return size / self.force_scale
+
+    @property
+    def rounding(self) -> float:
+        """What rounding leaves of ``residual_norm``."""
+        if self.trial_forces == 0 or self.force_scale == 0:
+            return 0.0
+        return 4 * EPSILON * self.trial_forces / self.force_scale
