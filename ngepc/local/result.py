@@ -14,7 +14,6 @@ from ngepc.discretisation.rows import ContactRows
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import Problem
-from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.exact import DiscreteSolution
 from ngepc.results.outcome import History, Status
 
@@ -91,29 +90,6 @@ class ExactResult(DiscreteSolution):
     @cached_property
     def _functions(self) -> PointFunctions:
         return PointFunctions(self.discrete.points)
-
-    @cached_property
-    def equilibrium(self) -> Equilibrium:
-        """Nodal forces of loads, obstacles and supports."""
-        state, discrete = self.state, self.discrete
-        missing = state.internal_forces + state.contact_forces - discrete.load
-        return Equilibrium(
-            self.problem,
-            discrete.load.T,
-            -state.contact_forces.T,
-            missing.T,
-            discrete.supports.free.T,
-        )
-
-    @property
-    def nodal_friction_forces(self) -> np.ndarray:
-        """Tangential forces of the body on the obstacle at each row, shape (m, N - 1)."""
-        return self.state.tangential_forces
-
-    @property
-    def nodal_slip(self) -> np.ndarray:
-        """What each row has slipped in this step (length), rounding where it sticks, (m, N - 1)."""
-        return self.state.slip
 
 
 def dual_energy(state: State) -> float:

@@ -12,7 +12,6 @@ from ngepc.discretisation.pointfunctions import interpolated
 from ngepc.discretisation.rows import ContactRows
 from ngepc.model.problem import Problem
 from ngepc.primal.state import PrimalState
-from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.exact import DiscreteSolution
 from ngepc.results.outcome import History, Status
 
@@ -72,20 +71,3 @@ class PrimalResult(DiscreteSolution):
         reduced = self.state.reduced
         reduced.set(self.state.u)
         return interpolated(self.problem, reduced.mapping.plastic_increment)
-
-    @cached_property
-    def equilibrium(self) -> Equilibrium:
-        """Nodal forces of loads, obstacles and supports."""
-        state, reduced = self.state, self.state.reduced
-        forces = reduced.load.T, -state.contact_forces.T, state.missing.T
-        return Equilibrium(self.problem, *forces, reduced.free.T)
-
-    @property
-    def nodal_friction_forces(self) -> np.ndarray:
-        """Tangential forces of the body on the obstacle at each row, shape (m, N - 1)."""
-        return self.state.reduced.contact.tangential(self.state.contact)
-
-    @property
-    def nodal_slip(self) -> np.ndarray:
-        """What each row has slipped in this step (length), rounding where it sticks, (m, N - 1)."""
-        return -self.state.reduced.contact.tangential(self.state.gaps)

@@ -11,6 +11,7 @@ from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, V
 from ngepc.discretisation.rows import ContactRows
 from ngepc.model.problem import Problem
 from ngepc.model.rules import plastic_points
+from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.fields import Fields, Recovered
 from ngepc.results.outcome import Ending, History
 from ngepc.results.summary import Summarised
@@ -41,8 +42,6 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         ``rounding``.
     rows
         The contact conditions N u <= gaps.
-    nodal_friction_forces, nodal_slip
-        Tangential forces of the body on the obstacle and what has slipped, shape (m, N - 1).
     """
 
     problem: Problem
@@ -52,8 +51,6 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     plastic_increment: GridFunction
     state: Any
     rows: ContactRows
-    nodal_friction_forces: np.ndarray
-    nodal_slip: np.ndarray
 
     @cached_property
     def largest_strain(self) -> float:
@@ -77,6 +74,23 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     def primal_energy(self) -> float:
         """J(u, p) of (2.14), with int F |slip| where there is friction (force times length)."""
         return self.state.energy
+
+    @cached_property
+    def equilibrium(self) -> Equilibrium:
+        """Nodal forces of loads, obstacles and supports."""
+        state, frame = self.state, self.state.frame
+        forces = frame.load.T, -state.contact_forces.T, state.missing.T
+        return Equilibrium(self.problem, *forces, frame.free.T)
+
+    @property
+    def nodal_friction_forces(self) -> np.ndarray:
+        """Tangential forces of the body on the obstacle at each row, shape (m, N - 1)."""
+        return self.state.frame.contact.tangential(self.state.contact)
+
+    @property
+    def nodal_slip(self) -> np.ndarray:
+        """What each row has slipped in this step (length), rounding where it sticks, (m, N - 1)."""
+        return -self.state.frame.contact.tangential(self.state.gaps)
 
     @property
     def nodal_contact_forces(self) -> np.ndarray:
