@@ -180,7 +180,8 @@ class Large(Work):
         rows = [[f"{r['hardening']:g}", *text_of(m)] for r in records for m in r["meshes"]]
         note = (
             f"Solver {self.solver}, tolerance {TOLERANCE:g}, nested from 281 nodes; CPU seconds "
-            "from the coarsest mesh on, meshes included; direct: difference of the energies."
+            "from the coarsest mesh on, meshes included; MB: the most that the process has held so "
+            "far; direct: difference of the energies."
         )
         head = ("h/mu", *HEAD)
         return Table(
