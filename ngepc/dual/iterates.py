@@ -94,7 +94,7 @@ def _residual(
     return residual
 
 
-class Line:
+class DualLine:
     """J*_gamma along v + alpha dv, with y + alpha dy.
 
     Parameters

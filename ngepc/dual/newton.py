@@ -17,7 +17,7 @@ from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
 from ngepc.dual.diagnosis import RecentDuals, describe
 from ngepc.dual.functional import DualFunctional
-from ngepc.dual.iterates import Iterate, Line
+from ngepc.dual.iterates import DualLine, Iterate
 from ngepc.dual.regularisation import Coupled
 from ngepc.dual.result import DualResult
 from ngepc.dual.stopping import End, ResidualBelow, StoppingRule, final_check
@@ -262,7 +262,7 @@ def newton_step(
     if slope >= 0:
         rounding = slope <= ROUNDING * here.magnitude
         return here, End(Status.STAGNATED if rounding else Status.LINESEARCH_FAILED)
-    line = Line(functional, here, dy, dv)
+    line = DualLine(functional, here, dy, dv)
     phi = Descent(
         energy=line.energy,
         derivative=line.derivative,

@@ -18,6 +18,7 @@ from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.regularisation import Coupled
 from ngepc.dual.restore import restore
 from ngepc.pictures.curves import plot_counts, plot_history
+from ngepc.pictures.fields import plot_comparison
 from ngepc.pictures.report import solution_sections, standard_figures, write_report
 from ngepc.pictures.style import save_figure
 from ngepc.results import records as texts
@@ -138,6 +139,7 @@ class CountTable(Work):
             return written
         cell = last_cell(self)
         about = standard_figures(self.result(cell), THRESHOLDS[self.body])
+        about |= regularised_beside(self, cell)
         figures = {f"{self.body}_{name}": figure for name, figure in about.items()}
         figures[f"{self.name}_steps"] = counts_figure(self, table)
         figures[f"{self.name}_residuals"] = residuals_figure(self, cell.row)
@@ -249,6 +251,17 @@ def residuals_figure(study: CountTable, row: str) -> Figure:
     return plot_history(histories, tolerance=study.tolerance)
 
 
+def regularised_beside(study: CountTable, cell: Cell) -> dict[str, Figure]:
+    """The plastic strain of a cell beside that of the paper's method at the largest gamma there."""
+    regularised = [row for row in study.rows if not math.isinf(gamma_of(row))]
+    if not regularised or not math.isinf(gamma_of(cell.row)):
+        return {}
+    beside = Cell(max(regularised, key=gamma_of), cell.nodes)
+    title = f"the paper's regularised state, gamma = {beside.row.rstrip('*')}"
+    sources = {"the solution (exact)": study.result(cell), title: study.result(beside)}
+    return {"plastic_strain": plot_comparison(sources, "equivalent_plastic_strain")}
+
+
 def write_page(study: CountTable, table: Sequence[dict], path: Path) -> Path:
     """Write an HTML page of the counts, the curves and the last solution; returns its path."""
     cell = last_cell(study)
@@ -260,6 +273,7 @@ def write_page(study: CountTable, table: Sequence[dict], path: Path) -> Path:
         "which solves the problem itself instead of a regularised one."
     )
     pictures = [counts_figure(study, table), residuals_figure(study, cell.row)]
+    pictures = [*regularised_beside(study, cell).values(), *pictures]
     title = f"The solution: {label_of(cell.row)}, {cell.nodes} nodes"
     return write_report(
         path,
