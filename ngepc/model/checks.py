@@ -7,7 +7,6 @@ that names the argument, its value and what is legal.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from ngsolve import CoefficientFunction, Det, Mesh, specialcf
@@ -21,16 +20,14 @@ from ngepc.checks.arguments import (
 )
 from ngepc.model.elements import element_nodes, vertices_of
 from ngepc.model.friction import Coulomb
+from ngepc.model.given import Given
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.rules import plastic_points
 from ngepc.model.support import check_support
 
-if TYPE_CHECKING:
-    from ngepc.model.problem import Problem
 
-
-def check_problem(problem: Problem) -> None:
+def check_problem(problem: Given) -> None:
     """Raise TypeError or ValueError for the first thing that is wrong with ``problem``."""
     check_material(problem.material, problem.mesh, problem.kinematics)
     check_axis(problem)
@@ -71,7 +68,7 @@ def check_mesh(mesh: Mesh) -> None:
         raise ValueError("mesh has inverted elements (Jacobian determinants of both signs)")
 
 
-def check_axis(problem: Problem) -> None:
+def check_axis(problem: Given) -> None:
     """An axisymmetric body lies at radii x >= 0."""
     if not problem.kinematics.hoop:
         return
@@ -112,7 +109,7 @@ def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> No
         )
 
 
-def check_boundaries(problem: Problem) -> None:
+def check_boundaries(problem: Given) -> None:
     """Existing names; nothing both clamped and something else; contact away from clamped."""
     mesh, clamped, contact = problem.mesh, problem.clamped_names, problem.contact_names
     for argument in ("traction", "prescribed"):
@@ -143,7 +140,7 @@ def _keys(argument: str, given: Mapping | None, mesh: Mesh) -> list[str]:
     return keys
 
 
-def check_loads(problem: Problem) -> None:
+def check_loads(problem: Given) -> None:
     """Finite vector loads and prescribed displacements of N components."""
     N, mesh = problem.N, problem.mesh
     for name, g in (problem.traction or {}).items():
@@ -183,7 +180,7 @@ def _check_vector(argument: str, value: object, N: int) -> None:
         raise TypeError(f"{argument}={value!r}: a vector of {N} components is needed")
 
 
-def check_pairs(problem: Problem) -> None:
+def check_pairs(problem: Given) -> None:
     """Existing names, two different boundaries in each pair, none of them a rigid obstacle's."""
     mesh, rigid = problem.mesh, set(problem.contact_names)
     held = vertices_of(mesh, problem.clamped_names) if problem.clamped_names else set()
@@ -203,7 +200,7 @@ def check_pairs(problem: Problem) -> None:
             )
 
 
-def check_gap(problem: Problem) -> None:
+def check_gap(problem: Given) -> None:
     """A finite gap on the contact boundary, and none without one."""
     if not problem.contact_names:
         if problem.gap is not None:
@@ -225,7 +222,7 @@ def check_gap(problem: Problem) -> None:
         require_finite(argument, gap, problem.mesh, [name], corners=True)
 
 
-def check_friction(problem: Problem) -> None:
+def check_friction(problem: Given) -> None:
     """A finite friction law >= 0, none without contact; no u_0 without friction."""
     if problem.friction is None:
         if problem.initial_displacement is not None:
@@ -250,7 +247,7 @@ def check_friction(problem: Problem) -> None:
         require_finite("initial_displacement", problem.u_0, problem.mesh, problem.touching_names)
 
 
-def check_history(problem: Problem) -> None:
+def check_history(problem: Given) -> None:
     """Initial plastic strain symmetric and trace-free, initial hardening of the right kind.
 
     A polynomial with alpha_1 >= 0 at the integration points, which histories carry, may fall below
@@ -288,7 +285,7 @@ def check_history(problem: Problem) -> None:
             raise ValueError(f"initial_accumulated falls to {least:g}: values >= 0 are needed")
 
 
-def _least(name: str, value: Coefficient, problem: Problem) -> float:
+def _least(name: str, value: Coefficient, problem: Given) -> float:
     """The least value at the integration points, where histories live; below rounding it is 0.
 
     Between them the polynomials that earlier steps leave may fall below what they interpolate.

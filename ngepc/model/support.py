@@ -8,7 +8,6 @@ blocks joined along an edge are found to hinge.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from ngsolve import CoefficientFunction, Mesh
@@ -23,16 +22,14 @@ from ngepc.model.elements import (
     vertex_coordinates,
     vertices_of,
 )
+from ngepc.model.given import Given
 from ngepc.model.normals import outward_normal
-
-if TYPE_CHECKING:
-    from ngepc.model.problem import Problem
 
 FREE_NORMAL = 0.1
 """Least length of the free part of the unit normal where a held boundary meets contact."""
 
 
-def check_support(problem: Problem) -> None:
+def check_support(problem: Given) -> None:
     """A conforming mesh, boundary values that agree, a free normal on contact, no rigid motion."""
     keys, owners = element_facets(problem.mesh)
     a, b = check_conforming(keys, owners)
@@ -57,7 +54,7 @@ def check_conforming(keys: np.ndarray, owners: np.ndarray) -> tuple[np.ndarray, 
     return a, b
 
 
-def check_outer(problem: Problem, keys: np.ndarray) -> None:
+def check_outer(problem: Given, keys: np.ndarray) -> None:
     """Contact takes place on the outer boundary, not on an interface inside the body."""
     mesh = problem.mesh
     for name in problem.contact_names:
@@ -70,7 +67,7 @@ def check_outer(problem: Problem, keys: np.ndarray) -> None:
             )
 
 
-def held_values(problem: Problem) -> np.ndarray:
+def held_values(problem: Given) -> np.ndarray:
     """The given displacements at the vertices, shape (vertices, N), NaN where free.
 
     Raises
@@ -120,7 +117,7 @@ def at_corners(
     return corner_vertices(mesh, names), sample(value, mesh, names, corners=True)
 
 
-def check_free_normal(problem: Problem, held: np.ndarray) -> None:
+def check_free_normal(problem: Given, held: np.ndarray) -> None:
     """Where a held boundary meets contact, the normal displacement must remain free, (2.2)."""
     mesh, contact = problem.mesh, problem.contact_names
     if not contact or not held[sorted(vertices_of(mesh, contact))].any():
@@ -136,7 +133,7 @@ def check_free_normal(problem: Problem, held: np.ndarray) -> None:
         )
 
 
-def check_rigid_motions(problem: Problem, held: np.ndarray, pairs: np.ndarray) -> None:
+def check_rigid_motions(problem: Given, held: np.ndarray, pairs: np.ndarray) -> None:
     """The held components rule out every rigid motion of every connected part.
 
     A part that may touch another body can be held by contact alone: whether it is shows in the
@@ -156,7 +153,7 @@ def check_rigid_motions(problem: Problem, held: np.ndarray, pairs: np.ndarray) -
             )
 
 
-def has_floating_parts(problem: Problem) -> bool:
+def has_floating_parts(problem: Given) -> bool:
     """Whether parts of the body are held by the contact with others alone."""
     if not problem.contact_pairs:
         return False
@@ -166,7 +163,7 @@ def has_floating_parts(problem: Problem) -> bool:
 
 
 def free_motions(
-    problem: Problem, held: np.ndarray, pairs: np.ndarray
+    problem: Given, held: np.ndarray, pairs: np.ndarray
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Number of free rigid motions and vertices of each part that has some.
 

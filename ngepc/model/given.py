@@ -1,0 +1,154 @@
+"""What a time step is given, before anything is checked."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from ngsolve import CF, CoefficientFunction, Mesh
+
+from ngepc.checks.arguments import Coefficient, boundary_names, is_number
+from ngepc.model.contact import Contact
+from ngepc.model.friction import Coulomb
+from ngepc.model.kinematics import Kinematics
+from ngepc.model.material import Material, split_hardening
+from ngepc.model.normals import outward_normal
+
+Vector = CoefficientFunction | Sequence[Coefficient]
+"""A vector-valued CoefficientFunction, or a sequence of N numbers and scalar coefficients."""
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """The data of ``Problem`` with the paper's names for what follows from them, unchecked."""
+
+    mesh: Mesh
+    material: Material
+    clamped: str | Sequence[str] | None = "clamped"
+    traction: Mapping[str, Vector] | None = None
+    contact: str | Contact | Sequence[str | Contact] | None = None
+    gap: Coefficient | Mapping[str, Coefficient] | None = None
+    body_force: Vector | None = None
+    initial_plastic_strain: CoefficientFunction | None = None
+    initial_hardening: Coefficient | tuple | None = None
+    prescribed: Mapping[str, Sequence[Coefficient | None]] | None = None
+    friction: Coefficient | Coulomb | None = None
+    initial_displacement: Vector | None = None
+    initial_accumulated: Coefficient | None = None
+    kinematics: Kinematics | str | None = None
+    order: int = 1
+
+    @property
+    def N(self) -> int:
+        """Space dimension, 2 or 3."""
+        return self.mesh.dim
+
+    @property
+    def normal(self) -> CoefficientFunction:
+        """The outer unit normal n; ``specialcf.normal`` points inward on some CSG2d edges."""
+        return outward_normal(self.mesh)
+
+    @property
+    def clamped_names(self) -> tuple[str, ...]:
+        """Names of Gamma_d."""
+        return () if self.clamped is None else boundary_names("clamped", self.clamped, self.mesh)
+
+    @property
+    def contact_names(self) -> tuple[str, ...]:
+        """Names of Gamma_c, where rigid obstacles are; empty without."""
+        names = [part for part in self._contact_parts if not isinstance(part, Contact)]
+        if self.contact is None or (self.contact_pairs and not names):
+            return ()
+        given = names if self.contact_pairs else self.contact
+        return boundary_names("contact", given, self.mesh)
+
+    @property
+    def contact_pairs(self) -> tuple[Contact, ...]:
+        """The pairs of boundaries of two bodies that touch or are tied."""
+        return tuple(part for part in self._contact_parts if isinstance(part, Contact))
+
+    @property
+    def touching_names(self) -> tuple[str, ...]:
+        """Names of all boundaries where contact conditions stand: Gamma_c and the first ones."""
+        firsts = [
+            name
+            for pair in self.contact_pairs
+            for name in boundary_names("contact", pair.first, self.mesh)
+        ]
+        return tuple(dict.fromkeys((*self.contact_names, *firsts)))
+
+    @property
+    def _contact_parts(self) -> tuple:
+        if self.contact is None:
+            return ()
+        several = isinstance(self.contact, Sequence) and not isinstance(self.contact, str | bytes)
+        return tuple(self.contact) if several else (self.contact,)
+
+    @property
+    def tractions(self) -> dict[str, CoefficientFunction]:
+        """Single boundary name -> g as a vector-valued coefficient."""
+        return {
+            name: as_vector(g)
+            for names, g in (self.traction or {}).items()
+            for name in boundary_names("traction", names, self.mesh)
+        }
+
+    @property
+    def gaps(self) -> dict[str, CoefficientFunction]:
+        """Single contact boundary name -> psi as a scalar coefficient."""
+        if isinstance(self.gap, Mapping):
+            return {name: as_scalar(self.gap[name]) for name in self.contact_names}
+        return {name: as_scalar(self.gap) for name in self.contact_names}
+
+    @property
+    def psi(self) -> CoefficientFunction:
+        """The gap on the whole contact boundary, zero elsewhere."""
+        return self.mesh.BoundaryCF(self.gaps, default=0.0)
+
+    @property
+    def f(self) -> CoefficientFunction | None:
+        """Body force as a vector-valued coefficient, or None."""
+        return None if self.body_force is None else as_vector(self.body_force)
+
+    @property
+    def u_0(self) -> CoefficientFunction | None:
+        """Displacement at the begin of the step as a vector-valued coefficient, or None."""
+        u_0 = self.initial_displacement
+        return None if u_0 is None else as_vector(u_0)
+
+    @property
+    def p_0(self) -> CoefficientFunction:
+        """Initial plastic strain, a tensor."""
+        p_0 = self.initial_plastic_strain
+        return self.kinematics.zero() if p_0 is None else p_0
+
+    @property
+    def alpha_0(self) -> tuple[CoefficientFunction, CoefficientFunction]:
+        """Initial hardening (alpha_1, dev alpha_2): a scalar and a tensor."""
+        scalar, back_stress = split_hardening(self.initial_hardening)
+        back_stress = self.kinematics.zero() if back_stress is None else back_stress
+        return as_scalar(0.0 if scalar is None else scalar), self.kinematics.deviator(back_stress)
+
+    @property
+    def accumulated_0(self) -> CoefficientFunction:
+        """PEEQ at the begin of the step, scalar."""
+        return as_scalar(0.0 if self.initial_accumulated is None else self.initial_accumulated)
+
+    @property
+    def effective_hardening(self) -> CoefficientFunction:
+        """The scalar h in H~ p : p = h |p|^2."""
+        return as_scalar(self.material.effective_hardening)
+
+    @property
+    def beta(self) -> Coefficient:
+        """The yield bound, a number whenever the data are numbers."""
+        scalar, _ = split_hardening(self.initial_hardening)
+        return self.material.yield_bound(0.0 if scalar is None else scalar)
+
+
+def as_scalar(value: Coefficient) -> CoefficientFunction:
+    """A number or scalar coefficient as a CoefficientFunction."""
+    return CF(float(value)) if is_number(value) else value
+
+
+def as_vector(value: Vector) -> CoefficientFunction:
+    """A vector coefficient from itself or from a sequence of its components."""
+    return value if isinstance(value, CoefficientFunction) else CF(tuple(map(as_scalar, value)))
