@@ -17,7 +17,7 @@ from ngepc.bounds.transfer import bisected, carried_state, check_carried, on_mes
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.local.factors import Factors
-from ngepc.local.newton import run
+from ngepc.local.newton import primal_dual_newton
 from ngepc.local.result import ExactResult
 from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
@@ -178,7 +178,9 @@ def solved(
         state, pause = carried_state(last.state, discrete), Pause(SMALL_STEP * last.total)
     steps = 0
     while True:
-        result = run(discrete, state, tangent, TOLERANCE, options.max_iterations - steps, pause)
+        result = primal_dual_newton(
+            discrete, state, tangent, TOLERANCE, options.max_iterations - steps, pause
+        )
         steps += result.iterations
         bound = bound_of_state(setting, result.state, tangent)
         if not pause.reached or bound.algebraic <= ALGEBRAIC_SHARE * bound.total:

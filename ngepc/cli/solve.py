@@ -117,19 +117,19 @@ def _method(args: argparse.Namespace) -> str:
 def _solved(args: argparse.Namespace, method: str, problem: Problem) -> Result:
     from ngepc.dual.newton import NewtonOptions
     from ngepc.pictures.monitors import ProgressLine
-    from ngepc.studies.examples import solved
+    from ngepc.studies.examples import solved_by
 
     options = NewtonOptions(tolerance=args.tolerance, max_iterations=args.max_iterations)
     name = method if args.gamma is None else args.gamma
     start = _start(args, name, options)
     silent = args.quiet or args.verbose or not sys.stderr.isatty()
     with nullcontext() if silent else ProgressLine(args.problem) as line:
-        return solved(name, problem, start, options, line)
+        return solved_by(name, problem, start, options, line)
 
 
 def _start(args: argparse.Namespace, method: str | float, options: object) -> Result | None:
     from ngepc.dual.starts import coarse_problem, coarse_start
-    from ngepc.studies.examples import example, solved
+    from ngepc.studies.examples import example, solved_by
     from ngepc.studies.runs import load_run
 
     if args.start == "zero":
@@ -140,7 +140,7 @@ def _start(args: argparse.Namespace, method: str | float, options: object) -> Re
         return load_run(Path(args.start), example)[1]
     if args.gamma is not None:
         return coarse_start(args.problem, args.gamma, options)
-    return solved(method, coarse_problem(args.problem), options=options).or_interrupted()
+    return solved_by(method, coarse_problem(args.problem), options=options).or_interrupted()
 
 
 def _summary(record: dict) -> dict[str, object]:

@@ -21,7 +21,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.parameters import DualParameters
-from ngepc.dual.parts import TermState
+from ngepc.dual.penalty import AssembledState
 
 ROUNDING_SAMPLES = 2
 
@@ -57,7 +57,7 @@ class ActiveTerms:
     """
 
     blocks: LinearBlocks
-    by_part: dict[str, TermState]
+    by_part: dict[str, AssembledState]
 
     @cached_property
     def energy(self) -> float:
@@ -89,22 +89,15 @@ class DualFunctional:
         The numbers of the nonsmooth and Tichonov terms.
     quadrature_points
         Points for the nonsmooth terms on elements that a kink crosses.
-    vectorised
-        Whether M^2 is integrated by NumPy where the data allow it; the integrals are the same.
     """
 
     def __init__(
-        self,
-        blocks: LinearBlocks,
-        parameters: DualParameters,
-        quadrature_points: int,
-        vectorised: bool = True,
+        self, blocks: LinearBlocks, parameters: DualParameters, quadrature_points: int
     ) -> None:
         self.blocks, self.parameters = blocks, parameters
         self.weights = parameters.weights(blocks.problem, blocks.choice.units)
         self._terms = {
-            name: part.term(self.weights, quadrature_points, vectorised)
-            for name, part in blocks.parts.items()
+            name: part.term(self.weights, quadrature_points) for name, part in blocks.parts.items()
         }
 
     @property

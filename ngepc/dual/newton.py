@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import overload
 
 from ngsolve import InnerProduct
@@ -15,11 +13,11 @@ from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
-from ngepc.dual.diagnosis import RecentDuals, describe
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import DualLine, Iterate
 from ngepc.dual.regularisation import Coupled
 from ngepc.dual.result import DualResult
+from ngepc.dual.runlog import RunLog
 from ngepc.dual.stopping import End, ResidualBelow, StoppingRule, final_check
 from ngepc.dual.system import FactorisationError, NewtonSystem
 from ngepc.linalg.direct import require_direct_solver
@@ -28,17 +26,10 @@ from ngepc.local.iterative import Iterative
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
-from ngepc.results.outcome import History, IterationRecord, Status
-
-logger = logging.getLogger(__name__)
-
-Monitor = Callable[[IterationRecord], None]
+from ngepc.results.outcome import Monitor, Status
 
 ROUNDING_STEPS = 8
 """Steps in a row whose energies differ by rounding only that end a run."""
-
-TRUE_RESIDUAL = (Status.ITERATION_LIMIT, Status.LINESEARCH_FAILED, Status.STAGNATED)
-"""Statuses whose message quotes the residual computed afresh."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,9 +45,6 @@ class NewtonOptions:
         Most Newton steps.
     quadrature_points
         (D_gamma) Points for nonsmooth terms on each element that a kink crosses; 400 in the paper.
-    vectorised
-        (D_gamma) Whether NumPy integrates the plastic term where the data allow it, or always
-        NGSolve's forms: the integrals are the same.
     linesearch
         (D_gamma) ``Armijo()``, or None for full steps.
     inverse
@@ -72,7 +60,6 @@ class NewtonOptions:
     tolerance: float = 1e-10
     max_iterations: int = 300
     quadrature_points: int = 400
-    vectorised: bool = True
     linesearch: LineSearch | None = field(default_factory=Armijo)
     inverse: str | Iterative = "sparsecholesky"
 
@@ -80,7 +67,6 @@ class NewtonOptions:
         require_number("tolerance", self.tolerance, 1e-16)
         require_integer("max_iterations", self.max_iterations, 1)
         require_integer("quadrature_points", self.quadrature_points, 1, 900)
-        require_instance("vectorised", self.vectorised, bool, "True or False")
         if isinstance(self.inverse, type) or not hasattr(self.inverse, "tangent"):
             require_direct_solver("inverse", self.inverse)
         if self.linesearch is not None and not hasattr(self.linesearch, "search"):
@@ -176,18 +162,16 @@ def semismooth_newton(
     )
     functional = prepared(problem, regularisation, options)
     v = functional.blocks.H_vector() if start is None else carried_over(start, functional)
-    return run(functional, NewtonSystem(functional, options.inverse), v, options, monitor)
+    return algorithm_7_1(functional, NewtonSystem(functional, options.inverse), v, options, monitor)
 
 
 def prepared(problem: Problem, regularisation: Coupled, options: NewtonOptions) -> DualFunctional:
     """J*_gamma of a regularised problem with its matrices assembled."""
     blocks = LinearBlocks(problem, regularisation.spaces, options.inverse)
-    return DualFunctional(
-        blocks, regularisation.parameters, options.quadrature_points, options.vectorised
-    )
+    return DualFunctional(blocks, regularisation.parameters, options.quadrature_points)
 
 
-def run(
+def algorithm_7_1(
     functional: DualFunctional,
     system: NewtonSystem,
     v: BaseVector,
@@ -276,59 +260,3 @@ def newton_step(
         sane = math.isfinite(terms.energy + InnerProduct(terms.gradient, dv))
         return here, End(Status.LINESEARCH_FAILED if sane else Status.NONFINITE)
     return line.iterate(step), None
-
-
-class RunLog:
-    """What a run has shown: its history, its last iterates, and the result it ends with.
-
-    Parameters
-    ----------
-    functional, rule, monitor
-        As for ``run``.
-
-    Attributes
-    ----------
-    drowned
-        How many of the last steps in a row have changed the energy by rounding only.
-    """
-
-    def __init__(
-        self, functional: DualFunctional, rule: StoppingRule, monitor: Monitor | None
-    ) -> None:
-        self.functional, self.rule, self._monitor = functional, rule, monitor
-        self.history, self.drowned = History(), 0
-        self._recent = RecentDuals(functional)
-
-    @property
-    def last(self) -> IterationRecord:
-        """The record of the last iterate."""
-        return self.history.records[-1]
-
-    def note(self, here: Iterate) -> None:
-        """Record an iterate, log it and show it to the monitor."""
-        record = here.record(self.functional)
-        if self.history.records:
-            unmoved = abs(record.energy - self.last.energy) <= ROUNDING * here.magnitude
-            self.drowned = self.drowned + 1 if unmoved else 0
-        self.history.append(record)
-        self._recent.append(here.v)
-        logger.info(
-            "it:%4d residual:%.3e energy:%.12e step:%.4g",
-            *(record.iteration, record.residual_norm, record.energy, record.step_length),
-        )
-        if self._monitor is not None:
-            self._monitor(replace(record, snapshot=lambda: self._snapshot(here)))
-
-    def _snapshot(self, here: Iterate) -> DualResult:
-        """The result of a run that had stopped at an iterate."""
-        seen = History(self.history.records[: here.number + 1])
-        return DualResult(self.functional, here.y, here.v, Status.STOPPED, "", seen)
-
-    def result(self, here: Iterate, end: End) -> DualResult:
-        """The result of a run that ends at an iterate."""
-        last = self.history.records[-1] if self.history.records else None
-        if end.status in TRUE_RESIDUAL:
-            here.refresh(self.functional)
-            last = here.record(self.functional)
-        message = describe(end.status, self.history, last, self.rule, self._recent, end.cause)
-        return DualResult(self.functional, here.y, here.v, end.status, message, self.history)

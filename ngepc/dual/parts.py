@@ -12,19 +12,12 @@ from ngsolve.la import BaseMatrix
 
 from ngepc.discretisation.spaces import contact_space, plastic_dual_space
 from ngepc.dual.parameters import Weights
-from ngepc.dual.penalty import AssembledState, AssembledTerm, ContactPenalty, PlasticPenalty
-from ngepc.dual.simplex_penalty import SimplexPenalty, SimplexState, takes
+from ngepc.dual.penalty import ContactPenalty, PlasticPenalty
 from ngepc.dual.spaces import DualSpaces
 from ngepc.model.normals import outward_normal
 from ngepc.model.problem import Problem
 
 CONTACT, PLASTIC = "contact", "plastic"
-
-Term = AssembledTerm | SimplexPenalty
-"""A nonsmooth convex term M: ``at`` a function it is a ``TermState``."""
-
-TermState = AssembledState | SimplexState
-"""M at one function: ``energy``, ``active`` (the measure), ``gradient`` and ``hessian()``."""
 
 Integrals = CoefficientFunction
 """What forms are added up from."""
@@ -58,7 +51,7 @@ class ContactPart:
         """B_z."""
         return self._product.matrix(self._problem, self.space, self._length)
 
-    def term(self, weights: Weights, points: int, vectorised: bool) -> ContactPenalty:
+    def term(self, weights: Weights, points: int) -> ContactPenalty:
         """M^1."""
         return ContactPenalty(self._problem, weights, self.space, points)
 
@@ -92,12 +85,9 @@ class PlasticPart:
         """B_q."""
         return self._product.matrix(self._problem, self.space, self._length)
 
-    def term(
-        self, weights: Weights, points: int, vectorised: bool
-    ) -> PlasticPenalty | SimplexPenalty:
-        """M^2, by NumPy where that is wanted and possible, else by NGSolve's forms."""
-        kind = SimplexPenalty if vectorised and takes(self._problem, weights) else PlasticPenalty
-        return kind(self._problem, weights, self.space, points)
+    def term(self, weights: Weights, points: int) -> PlasticPenalty:
+        """M^2."""
+        return PlasticPenalty(self._problem, weights, self.space, points)
 
 
 def dual_parts(problem: Problem, choice: DualSpaces) -> dict[str, ContactPart | PlasticPart]:

@@ -7,21 +7,10 @@ With s = |q| - t, rho = s / |q| and d = q / |q| they are, where s > 0 and else z
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar
-
 from ngsolve import CoefficientFunction, IfPos
-
-T = TypeVar("T")
-"""A coefficient or an array."""
 
 TINY = 1e-290
 """What is added to |q|: q / |q| is zero at q = 0."""
-
-
-def is_positive(s: CoefficientFunction) -> CoefficientFunction:
-    """1 where s > 0, else 0."""
-    return IfPos(s, 1.0, 0.0)
 
 
 class RadialLaw:
@@ -29,32 +18,26 @@ class RadialLaw:
 
     Parameters
     ----------
-    size
-        |q|, a coefficient or an array.
-    threshold
-        t > 0.
-    indicator
-        1 where its argument is positive, else 0.
+    size, threshold
+        |q| and t > 0.
     """
 
-    def __init__(
-        self, size: T, threshold: T | float, indicator: Callable[[T], T] = is_positive
-    ) -> None:
+    def __init__(self, size: CoefficientFunction, threshold: CoefficientFunction | float) -> None:
         self.size, self._threshold = size + TINY, threshold
         self.excess = size - threshold
-        self.inside = indicator(self.excess)
+        self.inside = IfPos(self.excess, 1.0, 0.0)
 
     @property
-    def density(self) -> T:
+    def density(self) -> CoefficientFunction:
         """([s]^+)^2 / 2."""
         return self.inside * self.excess * self.excess / 2
 
     @property
-    def slope(self) -> T:
+    def slope(self) -> CoefficientFunction:
         """[rho]^+: the gradient is that times q, the first part of the derivative times Id."""
         return self.inside * self.excess / self.size
 
     @property
-    def across(self) -> T:
+    def across(self) -> CoefficientFunction:
         """1 - rho where s > 0: the second part of the derivative is that times d d^T."""
         return self.inside * self._threshold / self.size

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -13,11 +12,9 @@ from ngepc.local.factors import Tangent, TangentError
 from ngepc.local.result import ExactResult
 from ngepc.local.step import ExactTarget, Line, Target, TargetFinder, step_length
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.results.outcome import History, IterationRecord, Status
+from ngepc.results.outcome import History, IterationRecord, Monitor, Status
 
 log = logging.getLogger(__name__)
-
-Monitor = Callable[[IterationRecord], None]
 
 QUADRATIC = 5.0
 """A full step that divides the residual by more puts w on the sphere |w| = beta.
@@ -32,7 +29,7 @@ SETTLED = 0.5
 """Within rounding, a step that leaves more than this part of the residual ends the run."""
 
 
-def run(
+def primal_dual_newton(
     discrete: DiscreteProblem,
     state: State,
     tangent: Tangent,
@@ -68,7 +65,7 @@ def run(
             log.info(LINE, vars(record))
             if monitor is not None:
                 monitor(watched(record, state, history))
-            status, message = verdict(state, before, history, tolerance, max_iterations)
+            status, message = ending(state, before, history, tolerance, max_iterations)
             if status is None:
                 before = state.residual_norm
                 state, length, trials = following(state, target(state, tangent))
@@ -96,7 +93,7 @@ def following(here: State, target: Target) -> tuple[State, float, int]:
     return state, t, trials
 
 
-def verdict(
+def ending(
     here: State, before: float | None, history: History, tolerance: float, max_iterations: int
 ) -> tuple[Status | None, str]:
     """Whether the run ends with a state, the residual before it, and why; None to go on."""

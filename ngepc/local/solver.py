@@ -5,11 +5,12 @@ from __future__ import annotations
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.factors import Factors
 from ngepc.local.iterative import Iterative
-from ngepc.local.newton import Monitor, run
+from ngepc.local.newton import primal_dual_newton
 from ngepc.local.result import ExactResult
 from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.problem import Problem
+from ngepc.results.outcome import Monitor
 
 
 def solve_exactly(
@@ -32,6 +33,8 @@ def solve_exactly(
     discrete = DiscreteProblem(problem)
     state = starting_state(discrete, start)
     if isinstance(inverse, str):
-        return run(discrete, state, Factors(discrete, inverse), tolerance, max_iterations, monitor)
+        return primal_dual_newton(
+            discrete, state, Factors(discrete, inverse), tolerance, max_iterations, monitor
+        )
     tangent, target = inverse.tangent(discrete), InexactTarget(inverse.forcing, tolerance)
-    return run(discrete, state, tangent, tolerance, max_iterations, monitor, target)
+    return primal_dual_newton(discrete, state, tangent, tolerance, max_iterations, monitor, target)

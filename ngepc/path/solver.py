@@ -11,7 +11,7 @@ from ngepc.checks.kinds import require_function, require_instance
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
 from ngepc.dual.functional import DualFunctional
-from ngepc.dual.newton import Monitor, run
+from ngepc.dual.newton import algorithm_7_1
 from ngepc.dual.parameters import DualParameters
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import DualSpaces
@@ -21,7 +21,7 @@ from ngepc.model.problem import Problem
 from ngepc.path.options import InnerRule, PathOptions
 from ngepc.path.result import PathResult
 from ngepc.path.state import PathState, PathStep, PathStore
-from ngepc.results.outcome import Status
+from ngepc.results.outcome import Monitor, Status
 
 logger = logging.getLogger(__name__)
 
@@ -155,10 +155,8 @@ class _Walk:
 
     def move_to(self, gamma: float) -> None:
         """Make J*_gamma for this gamma the functional in use."""
-        self.gamma, newton = gamma, self.options.newton
-        self.functional = DualFunctional(
-            self.blocks, self._parameters(gamma), newton.quadrature_points, newton.vectorised
-        )
+        self.gamma, points = gamma, self.options.newton.quadrature_points
+        self.functional = DualFunctional(self.blocks, self._parameters(gamma), points)
 
     def inner_rule(self, guarded: bool) -> InnerRule:
         """The tolerances for the present gamma; ``guarded`` once the safeguard has acted."""
@@ -178,7 +176,7 @@ class _Walk:
             self._system = NewtonSystem(self.functional, self.options.newton.inverse)
         self._system.use(self.functional)
         rule = self.inner_rule(guarded=self._reductions(state.steps) > 0)
-        return run(self.functional, self._system, v, self.options.newton, monitor, rule)
+        return algorithm_7_1(self.functional, self._system, v, self.options.newton, monitor, rule)
 
     def verdict(self, steps: list[PathStep]) -> Status | None:
         """How the path has ended after these steps, None if it goes on."""

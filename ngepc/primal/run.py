@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,11 +17,9 @@ from ngepc.linalg.linesearch import Bracket
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.result import PrimalResult
 from ngepc.primal.state import PrimalState
-from ngepc.results.outcome import History, IterationRecord, Status
+from ngepc.results.outcome import History, IterationRecord, Monitor, Status
 
 log = logging.getLogger(__name__)
-
-Monitor = Callable[[IterationRecord], None]
 
 CURVATURE = 0.2
 """The line search ends where |phi'(t)| <= CURVATURE |phi'(0)|."""

@@ -19,7 +19,8 @@ from ngepc.discretisation.prolongation import nodal_values
 from ngepc.model.problem import Problem
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.result import PrimalResult
-from ngepc.primal.run import Monitor, PrimalOptions, Run
+from ngepc.primal.run import PrimalOptions, Run
+from ngepc.results.outcome import Monitor
 
 
 def primal_newton(

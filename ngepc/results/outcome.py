@@ -83,6 +83,10 @@ class IterationRecord:
         return {name: getattr(self, name) for name in names}
 
 
+Monitor = Callable[[IterationRecord], None]
+"""Called with the record of each iterate; raising StopIteration stops the run."""
+
+
 @dataclass
 class History:
     """The records of a run, start included; columns are lists, see ``IterationRecord``."""

@@ -36,7 +36,7 @@ from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.starts import coarse_start
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord, Result
-from ngepc.studies.examples import example, solved
+from ngepc.studies.examples import example, solved_by
 from ngepc.studies.work import Cell, Outcome, Work, chosen, first_of
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
@@ -124,7 +124,7 @@ def measure(mode: str, nodes: int) -> dict:
     elif mode not in ("default", "primal"):
         start = coarse_start("lshape", float(mode), options)
     clock = StepClock(problem)
-    result = solved(mode, problem, start, options, clock)
+    result = solved_by(mode, problem, start, options, clock)
     return numbers(result, clock)
 
 

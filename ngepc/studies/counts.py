@@ -23,7 +23,7 @@ from ngepc.pictures.report import solution_sections, standard_figures, write_rep
 from ngepc.pictures.style import save_figure
 from ngepc.results import records as texts
 from ngepc.results.outcome import History, IterationRecord, Result, Status
-from ngepc.studies.examples import BODIES, FAMILIES, THRESHOLDS, TITLES, example, solved
+from ngepc.studies.examples import BODIES, FAMILIES, THRESHOLDS, TITLES, example, solved_by
 from ngepc.studies.paper import TABLE_1, TABLE_2
 from ngepc.studies.work import Cell, Outcome, Table, Work, chosen, ending, first_of
 
@@ -165,7 +165,7 @@ class CountTable(Work):
     def _solved(self, cell: Cell) -> Result:
         start = self.start_of(cell)
         begin = None if start is None else self.result(start)
-        return solved(cell.row.rstrip("*"), example(self.body, cell.nodes), begin, self.options)
+        return solved_by(cell.row.rstrip("*"), example(self.body, cell.nodes), begin, self.options)
 
     def _restored(self, cell: Cell, gamma: float) -> Result:
         outcome = self.kept(cell)

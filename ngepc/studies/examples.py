@@ -41,7 +41,7 @@ def example(name: str, nodes: int | None = None, maxh: float | None = None) -> P
     return PROBLEMS[name](mesh)
 
 
-def solved(
+def solved_by(
     method: str | float,
     problem: Problem,
     start: Result | None = None,

@@ -12,7 +12,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc.discretisation.points import Points
 from ngepc.local.factors import Factors
-from ngepc.local.newton import run
+from ngepc.local.newton import primal_dual_newton
 from ngepc.local.result import ExactResult
 from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
@@ -93,7 +93,7 @@ def solve_with(problem: Problem, mean_volume: bool) -> ExactResult:
     parts = problem.mesh, problem.kinematics, problem.order
     discrete = DiscreteProblem(problem, Points(*parts, mean_volume=mean_volume))
     factors = Factors(discrete, "sparsecholesky")
-    return run(discrete, starting_state(discrete, None), factors, 1e-10, 300)
+    return primal_dual_newton(discrete, starting_state(discrete, None), factors, 1e-10, 300)
 
 
 @dataclass(eq=False)

@@ -13,7 +13,7 @@ from functools import cache
 from ngepc.geometries import block
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Result
-from ngepc.studies.examples import BODIES, FAMILIES, TITLES, example, solved
+from ngepc.studies.examples import BODIES, FAMILIES, TITLES, example, solved_by
 from ngepc.studies.large import LAME_MU, indented_block, pressed
 from ngepc.studies.work import Cell, Outcome, Work, ending, first_of
 
@@ -61,7 +61,7 @@ def nested(name: str, nodes: int) -> Result:
     family = (BODIES[name].COARSE_NODES, *FAMILIES[name])
     coarser = family.index(nodes) - 1
     start = nested(name, family[coarser]) if coarser >= 0 else None
-    return solved("default", example(name, nodes), start)
+    return solved_by("default", example(name, nodes), start)
 
 
 def timed(solve: Callable[[], Result]) -> dict:
@@ -102,7 +102,7 @@ class NewtonCounts(Work):
         """By all methods that the table shows for it."""
         body, _, ratio = cell.row.partition(", ")
         problem = _problem(body, ratio, cell.nodes)
-        found = {m: timed(lambda m=m: solved(m, problem)) for m in ("default", "primal")}
+        found = {m: timed(lambda m=m: solved_by(m, problem)) for m in ("default", "primal")}
         if not ratio:
             family = (BODIES[body].COARSE_NODES, *FAMILIES[body])
             nested(body, family[family.index(cell.nodes) - 1])

@@ -21,7 +21,7 @@ from ngepc.model.material import Material, lame_parameters
 from ngepc.model.obstacles import Sphere
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Result
-from ngepc.studies.examples import solved
+from ngepc.studies.examples import solved_by
 from ngepc.studies.work import Cell, Outcome, Work, ending, first_of
 
 DEPTH, BOUND = 0.01, 400.0
@@ -78,7 +78,7 @@ def compare_methods(problem: Problem) -> dict:
     found, nodal = {}, []
     for method in METHODS:
         clock = time.process_time()
-        result = solved(method, problem).or_interrupted()
+        result = solved_by(method, problem).or_interrupted()
         found[method] = _numbers(result) | {"cpu_s": time.process_time() - clock}
         nodal.append(result.displacement.vec.FV().NumPy().reshape(3, -1))
     apart = np.linalg.norm(nodal[0] - nodal[1], axis=0).max()

@@ -122,26 +122,10 @@ def test_yield_function_of_q_is_that_of_the_stress(solved, example_a):
     assert difference < 0.1 * math.sqrt(Integrate(by_q**2, mesh))
 
 
-KERNELS = pytest.mark.parametrize("vectorised", [True, False], ids=["numpy", "forms"])
-
-
-@KERNELS
-def test_adaptive_quadrature_equals_400_points_everywhere(
-    example_a, solved, monkeypatch, vectorised
-):
+def test_adaptive_quadrature_equals_400_points_everywhere(example_a, solved, monkeypatch):
     monkeypatch.setattr("ngepc.discretisation.quadrature.SMOOTH_VARIATION", 0.0)
-    options = NewtonOptions(vectorised=vectorised)
-    everywhere = semismooth_newton(example_a, 1e4, solved[1e4], options)
+    everywhere = semismooth_newton(example_a, 1e4, solved[1e4])
     assert everywhere.dual_energy == pytest.approx(solved[1e4].dual_energy, rel=1e-10)
-
-
-def test_both_kernels_give_the_same_run(small):
-    runs = [
-        semismooth_newton(small, 1e4, options=NewtonOptions(vectorised=vectorised))
-        for vectorised in (True, False)
-    ]
-    assert runs[0].history.step_lengths == runs[1].history.step_lengths
-    assert runs[0].dual_energy == pytest.approx(runs[1].dual_energy, rel=1e-12)
 
 
 def test_prolongation_to_a_finer_mesh_is_exact():

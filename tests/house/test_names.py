@@ -9,13 +9,13 @@ from sources import lines, modules, public, public_methods, room
 MOST_LINES = 16_000
 """Lines of ngepc/ without geometries/ and notebooks/."""
 
-STILL_ABOVE = 7_900
+STILL_ABOVE = 7_700
 """Lines above that today; this number may only shrink."""
 
 COMMANDS = {"configure", "run"}
 """Each command of the command line has these two."""
 
-STILL_TWICE = {"conjugate_gradients", "run", "solved", "verdict"}
+STILL_TWICE = {"conjugate_gradients"}
 """Public names that two modules have today; this set may only shrink."""
 
 
@@ -84,7 +84,7 @@ def test_the_library_prints_nothing():
 def test_the_package_does_not_grow():
     above = max(0, lines() - MOST_LINES)
     assert above <= STILL_ABOVE
-    assert above > STILL_ABOVE - 400, f"the package has shrunk: write STILL_ABOVE = {above}"
+    assert above > STILL_ABOVE - 400, f"the package has shrunk: write STILL_ABOVE = 7_700
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.factors import Factors, TangentError
 from ngepc.local.iterative import Closed, FullPattern, IterativeTangent, conjugate_gradients
-from ngepc.local.newton import run
+from ngepc.local.newton import primal_dual_newton
 from ngepc.local.solver import solve_exactly
 from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
@@ -122,7 +122,7 @@ def test_an_indefinite_preconditioner_is_said(discrete):
 def test_active_sets_find_the_solution_of_the_direct_method(discrete):
     start, tolerance = starting_state(discrete, None), 1e-10
     target = InexactTarget(1e-2, tolerance)
-    found = run(discrete, start, tangent_of(discrete), tolerance, 20, None, target)
+    found = primal_dual_newton(discrete, start, tangent_of(discrete), tolerance, 20, None, target)
     exact = solve_exactly(discrete.problem, None, tolerance, 20, "sparsecholesky", None)
     assert found.status.label == exact.status.label == "converged"
     assert found.primal_energy == pytest.approx(exact.primal_energy, rel=1e-10)

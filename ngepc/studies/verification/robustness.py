@@ -20,7 +20,7 @@ from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
 from ngepc.primal.solver import primal_newton
 from ngepc.results.outcome import Result
-from ngepc.studies.examples import solved
+from ngepc.studies.examples import solved_by
 from ngepc.studies.work import Cell, Outcome, Table, Work, chosen, ending
 
 LAME_MU, YIELD_STRESS = 1e3, 1.25
@@ -111,7 +111,7 @@ def solve(case: Case, method: str, limit: int, cells: int = 12) -> Result | Path
     if method == "path":
         path = PathOptions(gamma_start=1.0, growth=10.0, gamma_end=case.gamma, newton=options)
         return follow_path(problem, path)
-    return solved(case.gamma if method == "coupled" else method, problem, options=options)
+    return solved_by(case.gamma if method == "coupled" else method, problem, options=options)
 
 
 @dataclass(eq=False)
