@@ -65,7 +65,7 @@ def primal_dual_newton(
             log.info(LINE, vars(record))
             if monitor is not None:
                 monitor(watched(record, state, history))
-            status, message = ending(state, before, history, tolerance, max_iterations)
+            status, message = end_of(state, before, history, tolerance, max_iterations)
             if status is None:
                 before = state.residual_norm
                 state, length, trials = following(state, target(state, tangent))
@@ -93,7 +93,7 @@ def following(here: State, target: Target) -> tuple[State, float, int]:
     return state, t, trials
 
 
-def ending(
+def end_of(
     here: State, before: float | None, history: History, tolerance: float, max_iterations: int
 ) -> tuple[Status | None, str]:
     """Whether the run ends with a state, the residual before it, and why; None to go on."""
