@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from ngsolve import Mesh
 
-from ngepc.bounds.bound import ErrorBound, bound_of_state
+from ngepc.bounds.bound import ErrorBound, bound_of_state, setting_of
 from ngepc.bounds.coverage import check_covered
-from ngepc.bounds.setting import Setting
 from ngepc.bounds.transfer import bisected, carried_state, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
@@ -160,7 +159,7 @@ def solve_to(
         log.info(LINE, vars(records[-1]))
         message = verdict(result, bound, relative_error, records[-1], monitor)
         if message is None:
-            mesh, last = bisected(mesh, marked(bound.per_triangle, options.marking)), bound
+            mesh, last = bisected(mesh, marked(bound.per_cell, options.marking)), bound
             if mesh.nv > options.max_nodes:
                 message = f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
         if message is not None:
@@ -171,7 +170,7 @@ def solved(
     discrete: DiscreteProblem, last: ErrorBound | None, options: Refinement
 ) -> tuple[ExactResult, ErrorBound, int]:
     """Newton steps on one mesh until their part of the bound is small, and their number."""
-    setting, tangent = Setting(discrete), Factors(discrete, "sparsecholesky")
+    setting, tangent = setting_of(discrete), Factors(discrete, "sparsecholesky")
     if last is None:
         state, pause = starting_state(discrete, None), Pause(0.0)
     else:

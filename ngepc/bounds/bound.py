@@ -18,10 +18,10 @@ from functools import cached_property
 import numpy as np
 from ngsolve import L2, GridFunction
 
-from ngepc.bounds.coverage import on_segments
-from ngepc.bounds.element import at_nodes
+from ngepc.bounds.coverage import on_facets
+from ngepc.bounds.plane import PlaneSetting
 from ngepc.bounds.setting import Setting
-from ngepc.bounds.tightening import Dual, Effort, tightened
+from ngepc.bounds.tightening import Effort
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.loads import nodal
 from ngepc.local.factors import Factors
@@ -42,13 +42,14 @@ class ErrorBound:
         No less than the energy error (force times length).
     algebraic
         No less than J(u) - J_h, the part that further iterations on this mesh would remove.
-    per_triangle
-        What each triangle adds to ``total``, nowhere negative but for rounding.
+    per_cell
+        What each cell adds to ``total``, nowhere negative but for rounding.
     admissible
-        The in-plane stresses ((xx + yy)/2, (xx - yy)/2^(1/2), 2^(1/2) xy) at the edge midpoints of
-        the sub-triangles, shape (triangles, 9, 3).
+        The stress at the vertices of the parts of each cell, (triangles, 9, 3) in-plane coordinates
+        ((xx + yy)/2, (xx - yy)/2^(1/2), 2^(1/2) xy), or (tetrahedra, 16, 6) with the mean stress
+        and the five coordinates of the deviator.
     pressure
-        The contact pressure P >= 0 that goes with it, at the ends of the contact edges.
+        The contact pressure P >= 0 that goes with it, at the vertices of the contact facets.
     moved
         By how much the displacement of the result was changed to clear the obstacle (length).
     """
@@ -56,7 +57,7 @@ class ErrorBound:
     state: State = field(repr=False)
     total: float
     algebraic: float
-    per_triangle: np.ndarray = field(repr=False)
+    per_cell: np.ndarray = field(repr=False)
     admissible: np.ndarray = field(repr=False)
     pressure: np.ndarray = field(repr=False)
     moved: float = 0.0
@@ -116,9 +117,9 @@ class ErrorBound:
 
     @cached_property
     def indicators(self) -> GridFunction:
-        """``per_triangle`` as a function to draw (force times length for each triangle)."""
+        """``per_cell`` as a function to draw (force times length for each triangle)."""
         result = GridFunction(L2(self.problem.mesh, order=0), name="error_indicators")
-        result.vec.FV().NumPy()[:] = self.per_triangle
+        result.vec.FV().NumPy()[:] = self.per_cell
         return result
 
 
@@ -150,7 +151,7 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
     if effort is not None:
         require_instance("effort", effort, Effort, "Effort(...)")
     exact = isinstance(result, ExactResult)
-    setting = Setting(result.discrete if exact else DiscreteProblem(problem))
+    setting = setting_of(result.discrete if exact else DiscreteProblem(problem))
     state = result.state if exact else state_of(setting, result)
     return bound_of_state(setting, state, Factors(setting.discrete, "sparsecholesky"), effort)
 
@@ -161,10 +162,21 @@ def state_of(setting: Setting, result: object) -> State:
     u = nodal(result.displacement.vec.FV().NumPy(), setting.problem)
     multipliers = np.zeros(len(rows))
     if len(rows):
-        ends = setting.boundary.on_contact(on_segments(setting.problem, result.contact_pressure))
+        ends = setting.boundary.on_contact(on_facets(setting.problem, result.contact_pressure))
         there = setting.row_of >= 0
         multipliers[setting.row_of[there]] = np.maximum(ends[there], 0.0)
     return discrete.state(u.copy(), contact=multipliers * rows.weights)
+
+
+def setting_of(discrete: DiscreteProblem) -> Setting:
+    """What the bounds of all states on the mesh of a discrete problem have in common.
+
+    Raises
+    ------
+    ValueError
+        For a problem that no bound covers.
+    """
+    return PlaneSetting(discrete)
 
 
 def bound_of_state(
@@ -178,26 +190,13 @@ def bound_of_state(
     )
     tangent.update(discrete.law.moduli(state.at, state.yielding))
     P = setting.pressure(state.multipliers)
-    moments, forces = setting.loads(P)
-    stress = setting.balanced(state, tangent, forces)
-    z, contact = setting.admissible(stress, moments), setting.contact_gaps(state.u, P)
-    dual = Dual(setting.space, setting.conjugate, setting.strain(state))
-    rest = float(local_gaps(setting, state, 0 * stress).sum() + contact.sum())
-    z = tightened(dual, z, stress, rest, effort or Effort())
-    local = local_gaps(setting, state, z.mean(axis=1))
-    per_triangle = setting.conjugate.integrals(at_nodes(z), setting.triangles.area, local)
-    owners = setting.triangles.owners[setting.boundary.contact, 0]
-    per_triangle += np.bincount(owners, contact, minlength=len(per_triangle))
+    z, mean = setting.best_stress(state, tangent, P, effort)
+    contact = setting.contact_gaps(state.u, P)
+    volume, owners = setting.cells.volume, setting.cells.owners[setting.boundary.contact, 0]
+    per_cell = setting.conjugate.integrals(z, volume, setting.gaps(state, mean))
+    per_cell += np.bincount(owners, contact, minlength=len(per_cell))
     algebraic = algebraic_part(setting, state, tangent)
-    return ErrorBound(state, float(per_triangle.sum()), algebraic, per_triangle, z, P, moved)
-
-
-def local_gaps(setting: Setting, state: State, mean: np.ndarray) -> np.ndarray:
-    """int [phi(eps) - sigma : eps] over each triangle for stresses with this mean (nt, 3)."""
-    law = setting.discrete.law
-    phi = law.energy_density(state.volume, state.at)
-    work = np.einsum("tc,tc->t", mean, setting.strain(state))
-    return setting.triangles.area * (phi - work)
+    return ErrorBound(state, float(per_cell.sum()), algebraic, per_cell, z, P, moved)
 
 
 def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
@@ -205,5 +204,5 @@ def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
     rows, multipliers = setting.discrete.rows, np.maximum(state.multipliers, 0.0)
     z = setting.balanced(state, tangent, rows.forces(multipliers))
     dual = setting.conjugate.value(setting.conjugate.completed(z[:, None]))[:, 0]
-    gaps = local_gaps(setting, state, z) + setting.triangles.area * dual
+    gaps = setting.gaps(state, z) + setting.cells.volume * dual
     return float(gaps.sum() + multipliers @ rows.open_gap(state.u))

@@ -9,13 +9,16 @@ deviatoric coordinates d of the stress
 
 It is conjugate to the density of J, which leaves out mu_2 |p_0|^2.
 
-In the law of two dimensions m = a and d = b.  In plane strain no equation restricts sigma_zz, that
+In three dimensions the coordinates are m and the five of d, in the law of two dimensions m = a and
+d = b.  In plane strain no equation restricts sigma_zz, that
 is the coordinate d_1 = zeta of diag(1, 1, -2)/6^(1/2) with m = a - zeta/6^(1/2): every zeta bounds,
 the one that is taken nearly minimises phi*.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -30,15 +33,30 @@ TO_PLANE = np.array([[0.5, 0.5, 0.0], [0.5**0.5, -(0.5**0.5), 0.0], [0.0, 0.0, 2
 ZETA_STEPS = 6
 """Newton steps for zeta where the stress yields."""
 
-SPLIT = np.array(
-    [
-        [[1, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5]],
-        [[0, 1, 0], [0, 0.5, 0.5], [0.5, 0.5, 0]],
-        [[0, 0, 1], [0.5, 0, 0.5], [0, 0.5, 0.5]],
-        [[0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]],
-    ]
-)
-"""Barycentric coordinates of the four parts of a triangle."""
+
+def _split(pairs: Sequence[tuple[str, ...]]) -> np.ndarray:
+    """Barycentric coordinates of the parts whose corners are the means of two vertices each."""
+    count = int(max("".join(sum(pairs, ())))) + 1
+    unit = np.eye(count)
+    return np.array([[(unit[int(a)] + unit[int(b)]) / 2 for a, b in part] for part in pairs])
+
+
+SPLIT = {
+    3: _split([("00", "01", "02"), ("11", "12", "01"), ("22", "02", "12"), ("12", "02", "01")]),
+    4: _split(
+        [
+            *(("00", "01", "02", "03"), ("01", "11", "12", "13"), ("02", "12", "22", "23")),
+            *(("03", "13", "23", "33"), ("01", "02", "03", "13"), ("01", "02", "12", "13")),
+            *(("02", "03", "13", "23"), ("02", "12", "13", "23")),
+        ]
+    ),
+}
+"""The parts of equal volume of a triangle and a tetrahedron, by the number of vertices."""
+
+_INNER = (5 - math.sqrt(5)) / 20
+
+RULE = {3: (1 - np.eye(3)) / 2, 4: _INNER + (1 - 4 * _INNER) * np.eye(4)}
+"""Points of a rule of degree two with equal weights, by the number of vertices."""
 
 WORTH = 0.005
 """Sub-triangles are split for the plastic term until that can gain this part of the bound.
@@ -84,11 +102,12 @@ class Conjugate:
     def __init__(self, law: Law) -> None:
         self.law = law
         self.d = law.back.shape[1]
+        self.whole = self.d != 3  # no direction without an equation
         self.constant = 0.5 * law.two_mu * np.einsum("td,td->t", law.initial, law.initial)
 
     def completed(self, z: np.ndarray, of: np.ndarray | slice = slice(None)) -> Completed:
-        """The whole stress for in-plane z (triangles, points, 3) of the triangles ``of``."""
-        if self.d == 2:
+        """The whole stress for coordinates z (cells, points, c) of the cells ``of``."""
+        if self.whole:
             return self._completed(z[..., 0], z[..., 1:], of)
         return self._completed(*self._with_zeta(z, self._best_zeta(z, of)), of)
 
@@ -136,7 +155,7 @@ class Conjugate:
         strain = at.deviator / law.two_mu[:, None, None] + law.initial[:, None]
         strain = strain + (at.over / law.hardening[:, None])[..., None] * at.direction
         first = (at.mean / law.bulk[:, None])[..., None]
-        return np.concatenate([first, strain[..., [0, -1]]], axis=-1)
+        return np.concatenate([first, strain if self.whole else strain[..., [0, 2]]], axis=-1)
 
     def compliance(self, at: Completed, of: np.ndarray) -> np.ndarray:
         """d2 phi*/dz2 of the triangles ``of``, shape (triangles, points, 3, 3)."""
@@ -148,8 +167,8 @@ class Conjugate:
         for k in range(self.d):
             whole[..., k, k] += across + 1 / law.two_mu[of][:, None]
         bulk = np.broadcast_to(1 / law.bulk[of][:, None], at.mean.shape)
-        if self.d == 2:
-            result = np.zeros((*at.mean.shape, 3, 3))
+        if self.whole:
+            result = np.zeros((*at.mean.shape, self.d + 1, self.d + 1))
             result[..., 0, 0], result[..., 1:, 1:] = bulk, whole
             return result
         return self._without_zeta(bulk, whole)
@@ -163,67 +182,64 @@ class Conjugate:
         corner = bulk / 6 + whole[..., 1, 1]
         return rest - column[..., :, None] * column[..., None, :] / corner[..., None, None]
 
-    def integrals(self, nodal: np.ndarray, area: np.ndarray, rest: np.ndarray) -> np.ndarray:
-        """Upper bounds of int phi* over each triangle, plus ``rest``, shape (triangles,).
+    def integrals(self, nodal: np.ndarray, volume: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Upper bounds of int phi* over each cell, plus ``rest``, shape (cells,).
 
         The plastic term is the integral of the squared distance of s from the ball |q| <= beta.
         That is at most |s - q| for the affine q whose nodal values are the nearest points of the
-        ball; sub-triangles are split where that exceeds the midpoint rule most.
+        ball; parts are split where that exceeds a rule of degree two most.
 
         Parameters
         ----------
         nodal
-            In-plane stresses at the nodes of the sub-triangles, shape (triangles, 9, 3).
-        area
-            Of the triangles.
+            Stress coordinates at the vertices of the k parts of each cell, shape (cells, k^2, c).
+        volume
+            Of the cells.
         rest
             What is added to the integrals before "small" means small beside them.
         """
-        at, count = self.completed(nodal), len(nodal)
-        result = rest + self._smooth_integrals(at, area)
-        over = at.over.reshape(count, 3, 3)
-        triangle, k = np.nonzero((over > 0).any(axis=2))
-        s = (at.size[..., None] * at.direction).reshape(count, 3, 3, -1)[triangle, k]
-        weight = area[triangle] / 3
-        bound, likely = self._plastic(s, weight, triangle)
+        at, count, k = self.completed(nodal), len(nodal), round(math.sqrt(nodal.shape[1]))
+        result = rest + self._smooth_integrals(at, volume, k)
+        cell, part = np.nonzero((at.over.reshape(count, k, k) > 0).any(axis=2))
+        s = (at.size[..., None] * at.direction).reshape(count, k, k, -1)[cell, part]
+        weight = volume[cell] / k
+        bound, likely = self._plastic(s, weight, cell)
         allowed = WORTH * max(result.sum() + likely.sum(), 0.0)
-        for level in range(SPLIT_LEVELS + 1):
-            gain = bound - likely
-            kept = (
-                np.ones(len(gain), bool) if level == SPLIT_LEVELS else smallest(gain, allowed / 2)
-            )
-            result += np.bincount(triangle[kept], bound[kept], minlength=count)
+        for level in range(SPLIT_LEVELS[k] + 1):
+            gain, last = bound - likely, level == SPLIT_LEVELS[k]
+            kept = np.ones(len(gain), bool) if last else smallest(gain, allowed / 2)
+            result += np.bincount(cell[kept], bound[kept], minlength=count)
             allowed -= gain[kept].sum()
             if kept.all():
                 break
-            s = np.einsum("pij,tjd->tpid", SPLIT, s[~kept]).reshape(-1, 3, self.d)
-            weight, triangle = np.repeat(weight[~kept] / 4, 4), np.repeat(triangle[~kept], 4)
-            bound, likely = self._plastic(s, weight, triangle)
+            parts = len(SPLIT[k])
+            s = np.einsum("pij,tjd->tpid", SPLIT[k], s[~kept]).reshape(-1, k, self.d)
+            weight, cell = (np.repeat(v[~kept], parts) for v in (weight / parts, cell))
+            bound, likely = self._plastic(s, weight, cell)
         return result
 
-    def _smooth_integrals(self, at: Completed, area: np.ndarray) -> np.ndarray:
-        count, part, law = len(area), area[:, None] / 3, self.law
-        mean = at.mean.reshape(count, 3, 3, 1)
-        deviator = at.deviator.reshape(count, 3, 3, self.d)
+    def _smooth_integrals(self, at: Completed, volume: np.ndarray, k: int) -> np.ndarray:
+        count, part, law = len(volume), volume[:, None] / k, self.law
+        mean = at.mean.reshape(count, k, k, 1)
+        deviator = at.deviator.reshape(count, k, k, self.d)
         quadratic = square_integrals(mean, part) / law.bulk[:, None]
         quadratic += square_integrals(deviator, part) / law.two_mu[:, None]
-        history = np.einsum("tkid,td->tk", deviator, law.initial) / 3
+        history = np.einsum("tkid,td->tk", deviator, law.initial) / k
         return (quadratic / 2 + part * (history + self.constant[:, None])).sum(axis=1)
 
     def _plastic(
-        self, s: np.ndarray, area: np.ndarray, triangle: np.ndarray
+        self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The bound and the midpoint rule for affine s (parts, 3, d) on parts of triangles."""
-        two_h = 2 * self.law.hardening[triangle]
-        outside = beyond(s, self.law.beta[triangle])
-        bound = square_integrals(outside, area) / two_h
-        middles = beyond((s.sum(axis=1, keepdims=True) - s) / 2, self.law.beta[triangle])
-        likely = area * np.einsum("tqd,tqd->t", middles, middles) / (3 * two_h)
+        """The bound and the rule of degree two for affine s (parts, k, d) on parts of cells."""
+        two_h, k = 2 * self.law.hardening[cell], s.shape[1]
+        bound = square_integrals(beyond(s, self.law.beta[cell]), volume) / two_h
+        inside = beyond(np.matmul(RULE[k], s), self.law.beta[cell])
+        likely = volume * np.einsum("tqd,tqd->t", inside, inside) / (k * two_h)
         return bound, np.minimum(likely, bound)
 
 
-SPLIT_LEVELS = 3
-"""How often a sub-triangle is split into four at most."""
+SPLIT_LEVELS = {3: 3, 4: 2}
+"""How often a part is split at most, by its number of vertices."""
 
 
 def beyond(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
@@ -233,11 +249,11 @@ def beyond(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
     return share[..., None] * s
 
 
-def square_integrals(nodal: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """int |v|^2 for affine v with nodal values (..., 3, c) on triangles of these areas (...)."""
-    total = nodal.sum(axis=-2)
+def square_integrals(nodal: np.ndarray, volume: np.ndarray) -> np.ndarray:
+    """int |v|^2 for affine v with nodal values (..., k, c) on simplices of these volumes (...)."""
+    total, k = nodal.sum(axis=-2), nodal.shape[-2]
     squares = np.einsum("...nc,...nc->...", nodal, nodal)
-    return area / 12 * (squares + np.einsum("...c,...c->...", total, total))
+    return volume / (k * (k + 1)) * (squares + np.einsum("...c,...c->...", total, total))
 
 
 def smallest(gain: np.ndarray, allowed: float) -> np.ndarray:

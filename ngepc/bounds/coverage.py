@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from ngsolve import BND, ET, VOL, CoefficientFunction, IntegrationRule
@@ -13,18 +14,79 @@ from ngepc.model.rules import has_straight_simplices
 CONSTANT = 1e-10
 """Part of its largest value by which a coefficient may vary on an element and count as constant."""
 
-_INSIDE = IntegrationRule([(1 / 3, 1 / 3), (0.1, 0.1), (0.8, 0.1), (0.1, 0.8)], [0.125] * 4)
+_INSIDE = {
+    ET.TRIG: IntegrationRule([(1 / 3, 1 / 3), (0.1, 0.1), (0.8, 0.1), (0.1, 0.8)], [0.125] * 4),
+    ET.TET: IntegrationRule(
+        [(0.25, 0.25, 0.25), (0.1, 0.1, 0.1), (0.7, 0.1, 0.1), (0.1, 0.7, 0.1), (0.1, 0.1, 0.7)],
+        [1 / 30] * 5,
+    ),
+}
 
-_INNER = math.sqrt(3 / 7) / 2
 
-ENDS_AND_INSIDE = IntegrationRule(
-    points=[(1.0,), (0.0,), (0.5,), (0.5 - _INNER,), (0.5 + _INNER,)],
-    weights=[1 / 20, 1 / 20, 16 / 45, 49 / 180, 49 / 180],
-)
-"""Points on a boundary segment, its vertices first: Lobatto's rule of degree seven."""
+class FacetRule:
+    """Points on a boundary facet, its vertices first.
 
-SHARES = np.array([[t[0], 1 - t[0]] for t in ENDS_AND_INSIDE.points])
-"""Hat functions of the vertices at these points."""
+    Parameters
+    ----------
+    shape
+        The shape of the facet.
+    inside
+        Barycentric coordinates of the points that are no vertices.
+    weights
+        Of all points; they add up to 1.
+
+    Attributes
+    ----------
+    shares
+        Barycentric coordinates of all points.
+    """
+
+    def __init__(self, shape: ET, inside: Sequence[Sequence[float]], weights: list[float]) -> None:
+        self.shape, corners = shape, np.eye(len(inside[0]))
+        self.shares, self.weights = np.concatenate([corners, inside]), np.array(weights)
+        self.rule = IntegrationRule([tuple(p[:-1]) for p in self.shares.tolist()], weights)
+
+    def affine_defect(self, values: np.ndarray) -> np.ndarray:
+        """By how much values (facets, points, k) exceed the affine function of their vertices."""
+        return values - self.shares @ values[:, : self.shares.shape[1]]
+
+    def check_affine(self, name: str, values: np.ndarray) -> None:
+        """Refuse what is not affine on each facet.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+        """
+        defect = np.abs(self.affine_defect(values)).max(initial=0.0)
+        if defect > CONSTANT * np.abs(values).max(initial=1e-300):
+            raise ValueError(f"{name} is not affine on the boundary elements: bounds need it")
+
+
+_GAUSS = math.sqrt(3 / 7) / 2
+_NEAR, _FAR = ((6 + sign * math.sqrt(15)) / 21 for sign in (-1, 1))
+
+FACET_RULES = {
+    2: FacetRule(
+        ET.SEGM,
+        [(t, 1 - t) for t in (0.5, 0.5 - _GAUSS, 0.5 + _GAUSS)],
+        [1 / 20, 1 / 20, 16 / 45, 49 / 180, 49 / 180],
+    ),
+    3: FacetRule(
+        ET.TRIG,
+        [(1 / 3, 1 / 3, 1 / 3)]
+        + [
+            tuple(1 - 2 * a if i == k else a for i in range(3))
+            for a in (_NEAR, _FAR)
+            for k in range(3)
+        ],
+        [0.0] * 3
+        + [9 / 40]
+        + [(155 - math.sqrt(15)) / 1200] * 3
+        + [(155 + math.sqrt(15)) / 1200] * 3,
+    ),
+}
+"""The rules of Lobatto (degree seven) and Radon (degree five, with the vertices) by dimension."""
 
 
 def check_covered(problem: Problem) -> None:
@@ -42,7 +104,11 @@ def check_covered(problem: Problem) -> None:
     if problem.order != 1:
         raise ValueError(f"order={problem.order}: bounds need displacements of order 1")
     if not has_straight_simplices(problem.mesh):
-        raise ValueError("mesh: bounds need triangles with straight edges")
+        raise ValueError("mesh: bounds need triangles or tetrahedra with straight edges")
+    if problem.contact_pairs:
+        raise ValueError(
+            f"contact={problem.contact!r}: bounds need rigid obstacles, not two bodies"
+        )
     if problem.friction is not None:
         raise ValueError(f"friction={problem.friction!r}: bounds need contact without friction")
     material, (scalar, back) = problem.material, problem.alpha_0
@@ -63,25 +129,14 @@ def check_covered(problem: Problem) -> None:
 
 def check_constant(problem: Problem, name: str, value: CoefficientFunction) -> None:
     """One value on each element."""
-    points = problem.mesh.MapToAllElements({ET.TRIG: _INSIDE}, VOL)
-    values = np.asarray(value(points)).reshape(problem.mesh.ne, len(_INSIDE), -1)
+    points = problem.mesh.MapToAllElements(_INSIDE, VOL)
+    values = np.asarray(value(points)).reshape(problem.mesh.ne, -1, value.dim)
     if np.ptp(values, axis=1).max() > CONSTANT * np.abs(values).max(initial=1e-300):
         raise ValueError(f"{name} varies inside elements: bounds need one value on each element")
 
 
-def on_segments(problem: Problem, value: CoefficientFunction) -> np.ndarray:
-    """A coefficient at ENDS_AND_INSIDE of all boundary segments, shape (segments, 5, k)."""
-    points = problem.mesh.MapToAllElements({ET.SEGM: ENDS_AND_INSIDE}, BND)
-    return np.asarray(value(points)).reshape(-1, len(ENDS_AND_INSIDE.points), value.dim)
-
-
-def affine_defect(values: np.ndarray) -> np.ndarray:
-    """By how much (segments, 5, k) exceed the line between their ends."""
-    return values - SHARES @ values[:, :2]
-
-
-def check_affine(name: str, values: np.ndarray) -> None:
-    """An affine function on each segment."""
-    defect = np.abs(affine_defect(values)).max(initial=0.0)
-    if defect > CONSTANT * np.abs(values).max(initial=1e-300):
-        raise ValueError(f"{name} is not affine along the segments of the mesh: bounds need it")
+def on_facets(problem: Problem, value: CoefficientFunction) -> np.ndarray:
+    """A coefficient at the rule's points of all boundary elements, shape (elements, points, k)."""
+    rule = FACET_RULES[problem.N]
+    points = problem.mesh.MapToAllElements({rule.shape: rule.rule}, BND)
+    return np.asarray(value(points)).reshape(-1, len(rule.weights), value.dim)

@@ -1,28 +1,37 @@
-"""Edge moments in equilibrium on each triangle, from a stress in equilibrium against hat functions.
+"""Facet moments in equilibrium on each cell, from a stress in equilibrium against hat functions.
 
-After Ladeveze: the moments mu of an edge with the hat functions of its ends are sought such that,
-for each triangle T and vertex i,
+After Ladeveze: the moments mu of a facet with the hat functions of its vertices are sought such
+that, for each cell T and vertex i,
 
-    sum over the edges of T   +- mu_i = int_T sigma grad phi_i - int_T f phi_i.
+    sum over the facets of T   +- mu_i = what the cell needs there,
 
-The equations of a vertex hold only its own moments.  Their sum is the equilibrium of the nodal
-forces, so that they can be solved; the deviation from the mean of both triangles' tractions is
-kept small.
+that is int_T sigma grad phi_i - int_T f phi_i.  The equations of a vertex hold only its own
+moments: a graph Laplacian on the cells around it.  Their sum is the equilibrium of the nodal
+forces, so that they can be solved; the deviation from the moments that are wished is kept small.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_matrix, diags
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import cg
 
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.triangles import PAIRS, Triangles
+from ngepc.bounds.simplices import FACETS, Simplices
 
 BALANCED = 1e-8
 """Part of the largest corner force that may be out of balance."""
 
+SOLVED, PASSES = 1e-14, 3
+"""Relative residual of the Laplacians, and how often they are solved for what is left."""
+
+MOST_STEPS = 200
+"""Most conjugate gradients for the Laplacians, whose graphs have a few dozen nodes."""
+
 
 class Patches:
-    """The triangles around each vertex and the pseudo-inverses of their equations.
+    """The cells around each vertex and the Laplacians of their corners.
 
     Parameters
     ----------
@@ -32,130 +41,93 @@ class Patches:
     Raises
     ------
     ValueError
-        For a body whose parts meet in a single vertex.
+        For a body whose parts meet in a single vertex or edge.
     """
 
     def __init__(self, boundary: Boundary) -> None:
-        self.boundary = boundary
-        self.triangles = t = boundary.triangles
-        if np.bincount(t.edges[t.outer].ravel()).max() > 2:
-            raise ValueError("mesh: bounds need parts that hang together by edges")
-        self._number_corners()
-        corners = self._edge_corners()
-        self._first, self._second = corners[:, :, 0], corners[:, :, 1]
-        open_ = [t.outer & ~boundary.given[:, c] for c in (0, 1)]
-        first = self._inverse(open_[0])
-        same = (open_[0] == open_[1]).all()
-        self.inverses = [first, first if same else self._inverse(open_[1])]
+        self.boundary, self.cells = boundary, boundary.cells
+        c, N = self.cells, self.cells.N
+        local = np.array(FACETS[N])
+        corner = (N + 1) * np.arange(len(c.nodes))[:, None, None] + local
+        moment = N * c.facet_of[:, :, None] + c.place
+        signs = np.repeat(c.sign.ravel(), N)
+        shape = (N * len(c.facets), c.nodes.size)
+        self._jump = csr_matrix((signs, (moment.ravel(), corner.ravel())), shape)
+        self._sum = self._jump.T.tocsr()
+        connected = self._sum @ diags(np.repeat(~c.outer, N).astype(float)) @ self._jump
+        connected.eliminate_zeros()
+        if connected_components(connected)[0] > len(np.unique(c.nodes)):
+            parts = "edges" if N == 2 else "faces"
+            raise ValueError(f"mesh: bounds need parts that hang together by {parts}")
+        self._free = np.repeat(~boundary.given, N, axis=0).astype(float)
+        self._laplacians: list[csr_matrix] = []
+        for k in range(N):
+            same = [j for j in range(k) if (self._free[:, j] == self._free[:, k]).all()]
+            L = self._laplacians[same[0]] if same else self._laplacian(self._free[:, k])
+            self._laplacians.append(L)
 
-    def _number_corners(self) -> None:
-        """The place of each corner (triangle, vertex) among those of its vertex."""
-        vertex, nv = self.triangles.nodes.ravel(), len(self.triangles.points)
-        order = np.argsort(vertex, kind="stable")
-        self.count = np.bincount(vertex, minlength=nv)
-        before = np.concatenate([[0], np.cumsum(self.count)[:-1]])
-        self.place = np.empty(len(vertex), dtype=int)
-        self.place[order] = np.arange(len(vertex)) - np.repeat(before, self.count)
-        self.most = int(self.count.max())
+    def _laplacian(self, free: np.ndarray) -> csr_matrix:
+        """The graph Laplacians; where no moment is open outside, a corner is held."""
+        c = self.cells
+        open_ = (free > 0).reshape(-1, c.N) & c.outer[:, None]
+        closed = np.ones(len(c.points), dtype=bool)
+        closed[c.facets[open_]] = False
+        held, (vertex, corner) = np.zeros(c.nodes.size), np.unique(c.nodes, return_index=True)
+        held[corner] = closed[vertex]
+        return self._sum @ diags(free) @ self._jump + diags(held)
 
-    def _edge_corners(self) -> np.ndarray:
-        """Corners of both triangles at the ends of each edge, shape (ne, end, owner), or -1."""
-        t = self.triangles
-        corners, numbers = np.full((len(t.edges), 2, 2), -1), 3 * np.arange(len(t.nodes))
-        for k, pair in enumerate(PAIRS):
-            owner = np.where(t.sign[:, k] > 0, 0, 1)
-            for local, vertex in enumerate(pair):
-                end = np.where(t.forward[:, k], local, 1 - local)
-                corners[t.edge_of[:, k], end, owner] = numbers + vertex
-        return corners
-
-    def _inverse(self, open_: np.ndarray) -> np.ndarray:
-        """Pseudo-inverses of the vertices' Laplacians, (nv, most, most); open edges ground them."""
-        t, nv, most = self.triangles, len(self.triangles.points), self.most
-        inner, places, values = ~t.outer, [], []
-        grounded = np.zeros(nv, dtype=bool)
-        grounded[t.edges[open_]] = True
-        for end in (0, 1):
-            base = t.edges[:, end] * most
-            i, j = (self.place[c[:, end]] for c in (self._first, self._second))
-            for a, b, value in ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0)):
-                places.append(((base + a) * most + b)[inner])
-                values.append(np.full(len(places[-1]), value))
-            places.append(((base + i) * most + i)[open_])
-            values.append(np.ones(len(places[-1])))
-        where, what = np.concatenate(places), np.concatenate(values)
-        laplacian = np.bincount(where, what, minlength=nv * most * most)
-        laplacian = laplacian.reshape(nv, most, most)
-        there = np.arange(most) < self.count[:, None]
-        mean = np.where(grounded, 0.0, 1 / self.count)[:, None, None]
-        laplacian += mean * (there[:, :, None] & there[:, None, :])
-        laplacian[:, np.arange(most), np.arange(most)] += ~there
-        return np.linalg.inv(laplacian)
-
-    def moments(self, stress: np.ndarray, body_force: np.ndarray, given: np.ndarray) -> np.ndarray:
-        """The edge moments, outward of the first triangle, shape (ne, 2 ends, 2).
+    def repaired(self, wished: np.ndarray, needed: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """The facet moments, outward of the first cell, shape (nf, N vertices, N).
 
         Parameters
         ----------
-        stress
-            On each triangle, shape (nt, 2, 2), in equilibrium against the hat functions.
-        body_force
-            Shape (nt, 2).
+        wished
+            What they shall be near to, shape (nf, N, N).
+        needed
+            Their sums at the corners of the cells, shape (nt, N + 1, N), in equilibrium at each
+            vertex.
         given
-            Moments of the tractions on the outer boundary, shape (ne, 2, 2).
+            Moments of the tractions on the outer boundary, shape (nf, N, N).
 
         Raises
         ------
         RuntimeError
-            If rounding leaves triangles out of equilibrium: there is no bound then.
+            If rounding leaves cells out of equilibrium: there is no bound then.
         """
-        t, inner = self.triangles, ~self.triangles.outer
-        known = self.boundary.given[:, None, :]
-        mu = np.where(known, given, self._mean_moments(stress)[:, None])
-        internal = corner_forces(t, stress, body_force).reshape(-1, 2)
-        forces = np.zeros((len(t.points), self.most, 2))
-        forces[t.nodes.ravel(), self.place] = self._defect(internal, mu)
-        y = np.stack(
-            [np.matmul(M, forces[:, :, c, None])[:, :, 0] for c, M in enumerate(self.inverses)],
-            axis=2,
-        )
-        for end in (0, 1):
-            here = y[t.edges[:, end], self.place[self._first[:, end]]]
-            there = y[t.edges[:, end], self.place[self._second[:, end]]]
-            mu[:, end] += np.where(known[:, 0], 0.0, here - np.where(inner[:, None], there, 0.0))
-        left, size = np.abs(self._defect(internal, mu)).max(), np.abs(internal).max()
-        if left > BALANCED * max(size, np.abs(mu).max()):
+        N, needed = self.cells.N, needed.reshape(-1, self.cells.N)
+        mu = np.where(self._free > 0, wished.reshape(-1, N), given.reshape(-1, N))
+        size = max(np.abs(needed).max(), np.abs(mu).max())
+        for _ in range(PASSES):
+            missing = needed - self._sum @ mu
+            if np.abs(missing).max() <= SOLVED * size:
+                break
+            for k, L in enumerate(self._laplacians):
+                scale = diags(1 / L.diagonal())
+                y, _ = cg(L, missing[:, k], rtol=SOLVED, maxiter=MOST_STEPS, M=scale)
+                mu[:, k] += self._free[:, k] * (self._jump @ y)
+        left = np.abs(needed - self._sum @ mu).max()
+        if left > BALANCED * size:
             raise RuntimeError(f"the stress is out of equilibrium by {left / size:.1e} of its size")
-        return mu
-
-    def _defect(self, internal: np.ndarray, mu: np.ndarray) -> np.ndarray:
-        """What the moments lack at the corners, shape (3 nt, 2)."""
-        defect, inner = internal.copy(), ~self.triangles.outer
-        for end in (0, 1):
-            gather(defect, self._first[:, end], -mu[:, end])
-            gather(defect, self._second[inner, end], mu[inner, end])
-        return defect
-
-    def _mean_moments(self, stress: np.ndarray) -> np.ndarray:
-        t = self.triangles
-        first, second = (np.einsum("eij,ej->ei", stress[t.owners[:, k]], t.normal) for k in (0, 1))
-        mean = np.where(t.outer[:, None], first, (first + second) / 2)
-        return mean * (t.length / 2)[:, None]
+        return mu.reshape(-1, N, N)
 
 
-def corner_forces(t: Triangles, stress: np.ndarray, body_force: np.ndarray) -> np.ndarray:
-    """int_T sigma grad phi_i - int_T f phi_i, shape (nt, 3, 2)."""
-    forces = np.matmul(t.gradients, stress) * t.area[:, None, None]
-    return forces - (body_force * (t.area / 3)[:, None])[:, None]
+def corner_forces(cells: Simplices, stress: np.ndarray, body_force: np.ndarray) -> np.ndarray:
+    """int_T sigma grad phi_i - int_T f phi_i for constant sigma and f, shape (nt, N + 1, N)."""
+    forces = np.matmul(cells.gradients, stress) * cells.volume[:, None, None]
+    return forces - (body_force * (cells.volume / (cells.N + 1))[:, None])[:, None]
 
 
-def gather(target: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
-    """Add rows of values (n, 2) to rows of the target."""
-    for c in (0, 1):
-        target[:, c] += np.bincount(places, values[:, c], minlength=len(target))
+def mean_moments(cells: Simplices, stress: np.ndarray) -> np.ndarray:
+    """Moments of the mean tractions of both cells for constant sigma, shape (nf, N, N)."""
+    first, second = (
+        np.einsum("eij,ej->ei", stress[cells.owners[:, k]], cells.normal) for k in (0, 1)
+    )
+    mean = np.where(cells.outer[:, None], first, (first + second) / 2)
+    return np.repeat((mean * (cells.measure / cells.N)[:, None])[:, None], cells.N, axis=1)
 
 
-def end_moments(ends: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """Moments with the hat functions of affine functions given at the ends (n, 2, ...)."""
-    size = length.reshape(-1, *[1] * (ends.ndim - 1)) / 6
-    return size * (2 * ends + ends[:, ::-1])
+def moments_of(values: np.ndarray, measure: np.ndarray) -> np.ndarray:
+    """Moments with the hat functions of affine functions, from vertex values (n, N, ...)."""
+    N = values.shape[1]
+    size = measure.reshape(-1, *[1] * (values.ndim - 1)) / (N * (N + 1))
+    return size * (values + values.sum(axis=1, keepdims=True))

@@ -1,23 +1,19 @@
-"""What the bounds of all states on one mesh have in common."""
+"""What the bounds of all states on one mesh have in common, in two and three dimensions."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 
-from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.conjugate import TO_PLANE, Conjugate
+from ngepc.bounds.conjugate import R6, Conjugate
 from ngepc.bounds.coverage import check_covered
-from ngepc.bounds.element import STRESS_MAP, midpoint_rows
-from ngepc.bounds.equilibration import Patches, end_moments
+from ngepc.bounds.equilibration import Patches, moments_of
+from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.triangles import Triangles
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
-
-START_MAP = midpoint_rows(STRESS_MAP)
-"""Stresses at the midpoints from edge moments and body force, shape (27, 14)."""
-
-FROM_PLANE = np.linalg.inv(TO_PLANE)
 
 LEVEL = 1e-9
 """Square of the free part of a normal that moves nothing."""
@@ -29,13 +25,13 @@ NORMAL_PASSES = 50
 """Most passes over the facets that meet at a vertex until all of them are clear."""
 
 
-class Setting:
+class Setting(ABC):
     """Geometry, data and spaces of a discrete problem.
 
     Parameters
     ----------
     discrete
-        The discrete problem.
+        The discrete problem, in N dimensions.
 
     Raises
     ------
@@ -46,34 +42,61 @@ class Setting:
     def __init__(self, discrete: DiscreteProblem) -> None:
         check_covered(discrete.problem)
         self.discrete, self.problem = discrete, discrete.problem
-        self.triangles = Triangles(self.problem.mesh)
-        self.boundary = Boundary(self.problem, self.triangles)
+        self.cells = (Triangles if self.problem.N == 2 else Simplices)(self.problem.mesh)
+        self.boundary = Boundary(self.problem, self.cells)
         self.patches = Patches(self.boundary)
-        self.space = AirySpace(self.boundary)
         self.conjugate = Conjugate(discrete.law)
-        self.body_force = np.zeros((len(self.triangles.nodes), 2))
+        self.body_force = np.zeros((len(self.cells.nodes), self.problem.N))
         if self.problem.f is not None:
             self.body_force = discrete.points.at(self.problem.f)
         self.row_of = self._rows_of_contact_ends()
 
+    @abstractmethod
+    def best_stress(
+        self, state: State, tangent: Factors, P: np.ndarray, effort: object | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """An admissible stress for which the bound is small, and its mean on each cell.
+
+        Parameters
+        ----------
+        state
+            The displacement.
+        tangent
+            With the factors of the tangent there.
+        P
+            The contact pressure, shape (contact facets, N).
+        effort
+            How hard to look; None for the least that is worth it.
+
+        Returns
+        -------
+        tuple
+            Stress coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2, c).
+        """
+
     def _rows_of_contact_ends(self) -> np.ndarray:
-        """The contact row of each end of the contact edges, -1 where a support holds it."""
-        t, rows, edges = self.triangles, self.discrete.rows, self.boundary.contact
-        of_vertex: dict[int, list[int]] = {}
-        for row, vertex in enumerate(rows.vertices.tolist()):
-            of_vertex.setdefault(vertex, []).append(row)
-        found = np.full((len(edges), 2), -1)
-        for i, edge in enumerate(edges.tolist()):
-            for end in (0, 1):
-                here = of_vertex.get(int(t.edges[edge, end]), [])
-                if here:
-                    found[i, end] = max(here, key=lambda r: rows.normals[r] @ t.normal[edge])
+        """The contact row of each vertex of the contact facets, -1 where a support holds it.
+
+        Of several rows it is the one whose normal is nearest to that of the facet.
+        """
+        c, rows, on = self.cells, self.discrete.rows, self.boundary.contact
+        order = np.argsort(rows.vertices, kind="stable")
+        vertices, normals = c.facets[on], c.normal[on][:, None]
+        first, last = (
+            np.searchsorted(rows.vertices[order], vertices, s) for s in ("left", "right")
+        )
+        found, best = np.full(vertices.shape, -1), np.full(vertices.shape, -2.0)
+        for k in range(int((last - first).max(initial=0))):
+            row = order[np.minimum(first + k, len(order) - 1)]
+            cosine = (rows.normals[row] * normals).sum(axis=2)
+            better = (first + k < last) & (cosine > best)
+            found, best = np.where(better, row, found), np.where(better, cosine, best)
         return found
 
     def normal_displacement(self, u: np.ndarray) -> np.ndarray:
-        """u . n at the ends of the contact edges, shape (contact edges, 2)."""
-        t, on = self.triangles, self.boundary.contact
-        return np.einsum("eac,ec->ea", u[t.edges[on]], t.normal[on])
+        """u . n at the vertices of the contact facets, shape (contact facets, N)."""
+        c, on = self.cells, self.boundary.contact
+        return np.einsum("eac,ec->ea", u[c.facets[on]], c.normal[on])
 
     def feasible(self, u: np.ndarray) -> np.ndarray:
         """Nodal displacements near ``u`` that meet supports and clear the obstacle everywhere.
@@ -83,15 +106,15 @@ class Setting:
         RuntimeError
             Where supports keep a vertex from clearing it.
         """
-        t, on, free = self.triangles, self.boundary.contact, self.discrete.supports.free
+        c, on, free = self.cells, self.boundary.contact, self.discrete.supports.free
         u = np.where(free, u, self.discrete.supports.values)
         rounding = CLEAR * np.abs(u).max(initial=0.0)
         for _ in range(NORMAL_PASSES):
             if (self.normal_displacement(u) - self.boundary.gap).max(initial=0.0) <= rounding:
                 return u
-            for end in (0, 1):
+            for end in range(c.N):
                 excess = (self.normal_displacement(u) - self.boundary.gap)[:, end]
-                vertices, n = t.edges[on][:, end], t.normal[on]
+                vertices, n = c.facets[on][:, end], c.normal[on]
                 n = np.where(free[vertices], n, 0.0)
                 square = np.einsum("ec,ec->e", n, n)
                 deep = (excess > 0) & (square > LEVEL)
@@ -100,41 +123,42 @@ class Setting:
         raise RuntimeError("the displacement could not be moved clear of the obstacle")
 
     def pressure(self, multipliers: np.ndarray) -> np.ndarray:
-        """P >= 0 at the ends of the contact edges from forces of the rows (stress).
+        """P >= 0 at the vertices of the contact facets from forces of the rows (stress).
 
-        Where a support holds an end it is that of the other end.
+        Where a support holds a vertex it is the mean of the others.
         """
         rows = self.discrete.rows
         values = np.append(np.maximum(multipliers, 0.0) / rows.weights, 0.0)
-        P = values[self.row_of]
-        return np.where(self.row_of < 0, P[:, ::-1], P)
+        P, there = values[self.row_of], self.row_of >= 0
+        mean = P.sum(axis=1) / np.maximum(there.sum(axis=1), 1)
+        return np.where(there, P, mean[:, None])
 
     def loads(self, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Edge moments of the given tractions (ne, 2, 2), and nodal forces of P (nodes, 2)."""
-        t, b, on = self.triangles, self.boundary, self.boundary.contact
+        """Facet moments of the given tractions (nf, N, N), and nodal forces of P (nodes, N)."""
+        c, b, on = self.cells, self.boundary, self.boundary.contact
         moments = np.zeros_like(b.traction)
-        moments[t.outer] = end_moments(b.traction[t.outer], t.length[t.outer])
-        of_pressure = end_moments(P, t.length[on])[:, :, None] * t.normal[on][:, None]
+        moments[c.outer] = moments_of(b.traction[c.outer], c.measure[c.outer])
+        of_pressure = moments_of(P, c.measure[on])[:, :, None] * c.normal[on][:, None]
         moments[on] -= of_pressure
-        forces, vertices = np.zeros((len(t.points), 2)), t.edges[on].ravel()
-        for c in (0, 1):
-            values = of_pressure[:, :, c].ravel()
-            forces[:, c] = np.bincount(vertices, values, minlength=len(forces))
-        return moments, forces
+        return moments, c.at_nodes(of_pressure, c.facets[on])
 
     def contact_gaps(self, u: np.ndarray, P: np.ndarray) -> np.ndarray:
-        """The integral of P (psi - u . n) over each contact edge."""
+        """The integral of P (psi - u . n) over each contact facet."""
         b = self.boundary
-        room = end_moments(b.gap - self.normal_displacement(u), self.triangles.length[b.contact])
+        room = moments_of(b.gap - self.normal_displacement(u), self.cells.measure[b.contact])
         return (P * (room + b.excess)).sum(axis=1)
 
+    def gaps(self, state: State, mean: np.ndarray) -> np.ndarray:
+        """int [phi(eps) - sigma : eps] over each cell for stresses with this mean (nt, c)."""
+        phi = self.discrete.law.energy_density(state.volume, state.at)
+        return self.cells.volume * (phi - np.einsum("tc,tc->t", mean, self.strain(state)))
+
     def strain(self, state: State) -> np.ndarray:
-        """tr eps and the in-plane coordinates of dev eps, shape (nt, 3)."""
-        e = state.deviator
-        return np.stack([state.volume, e[:, 0], e[:, -1]], axis=1)
+        """The strain coordinates whose product with a stress is sigma : eps, shape (nt, c)."""
+        return stress_coordinates(self.problem.N, state.volume, state.deviator, 0.0)
 
     def balanced(self, state: State, tangent: Factors, contact_forces: np.ndarray) -> np.ndarray:
-        """In-plane stresses (nt, 3) in equilibrium with loads and contact forces (nodes, 2).
+        """Stresses (nt, c) in equilibrium with loads and contact forces (nodes, N).
 
         What is missing in the nodal forces is made up for by the tangent.
         """
@@ -145,33 +169,17 @@ class Setting:
             missing = self.discrete.load - contact_forces - points.forces(mean, deviator)
             volume, e = points.strain(tangent.solve(missing))
             mean, deviator = mean + moduli.bulk * volume, deviator + moduli(e)
-        return in_plane(mean, deviator)
-
-    def admissible(self, stress: np.ndarray, moments: np.ndarray) -> np.ndarray:
-        """The stress of Johnson and Mercier at the midpoints, shape (nt, 9, 3).
-
-        Parameters
-        ----------
-        stress
-            In equilibrium against hat functions, in-plane coordinates, shape (nt, 3).
-        moments
-            Of the given tractions, shape (ne, 2, 2).
-        """
-        t, f = self.triangles, self.body_force
-        mu = self.patches.moments(tensors(stress), f, moments)
-        around = t.per_triangle(mu).reshape(-1, 6, 2)
-        data = np.concatenate([around, (f * t.det[:, None])[:, None]], axis=1)
-        data = np.matmul(data, t.inverse.transpose(0, 2, 1)).reshape(-1, 14)
-        return self.space.in_plane(data @ START_MAP.T)
+        return stress_coordinates(self.problem.N, mean, deviator)
 
 
-def in_plane(mean: np.ndarray, deviator: np.ndarray) -> np.ndarray:
-    """(a, b_0, b_1) of stresses with these mean parts and deviatoric coordinates, (nt, 3)."""
-    first = mean if deviator.shape[1] == 2 else mean + deviator[:, 1] / np.sqrt(6.0)
-    return np.stack([first, deviator[:, 0], deviator[:, -1]], axis=1)
+def stress_coordinates(
+    N: int, mean: np.ndarray, deviator: np.ndarray, plane: float = 1.0
+) -> np.ndarray:
+    """Coordinates (nt, c) of ``Conjugate`` from the mean part and deviatoric coordinates.
 
-
-def tensors(z: np.ndarray) -> np.ndarray:
-    """The 2 x 2 matrices of in-plane coordinates (..., 3)."""
-    v = z @ FROM_PLANE.T
-    return np.stack([v[..., [0, 2]], v[..., [2, 1]]], axis=-2)
+    In plane strain the in-plane trace takes ``plane`` times what sigma_zz differs from the mean.
+    """
+    if N == 3 or deviator.shape[1] == 2:
+        return np.concatenate([mean[:, None], deviator], axis=1)
+    first = mean + plane * deviator[:, 1] / R6
+    return np.stack([first, deviator[:, 0], deviator[:, 2]], axis=1)

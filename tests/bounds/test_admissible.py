@@ -6,8 +6,7 @@ from ngsolve import BND, CF, x, y
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton, wrench_problem
 from ngepc.bounds.bound import error_bound
-from ngepc.bounds.element import at_nodes
-from ngepc.bounds.setting import tensors
+from ngepc.bounds.plane import tensors
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.bounds.triangles import PAIRS
 from ngepc.geometries import block, lshape, wrench
@@ -80,7 +79,7 @@ def bound(request):
 
 def corners(bound):
     """Stress tensors (nt, 3, 3, 2, 2) and places (nt, 3, 3, 2) of the sub-triangles' nodes."""
-    sigma = tensors(at_nodes(bound.admissible)).reshape(-1, 3, 3, 2, 2)
+    sigma = tensors(bound.admissible).reshape(-1, 3, 3, 2, 2)
     mesh = bound.problem.mesh
     points = np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, :2]
     nodes = np.array([[v.nr for v in element.vertices] for element in mesh.Elements()])
@@ -176,8 +175,8 @@ def test_boundary(bound):
 
 
 def test_indicators_are_nowhere_negative(bound):
-    assert bound.per_triangle.min() >= -1e-12 * bound.strain_energy
-    assert bound.per_triangle.sum() == bound.total
+    assert bound.per_cell.min() >= -1e-12 * bound.strain_energy
+    assert bound.per_cell.sum() == bound.total
 
 
 def test_solved_problems_have_no_algebraic_part(bound):

@@ -124,7 +124,7 @@ def test_indicators_are_drawn_where_they_belong():
     mesh = bound.problem.mesh
     areas = Integrate(CF(1.0), mesh, element_wise=True).NumPy()
     means = Integrate(bound.indicators, mesh, element_wise=True).NumPy() / areas
-    assert np.allclose(means, bound.per_triangle, rtol=1e-12)
+    assert np.allclose(means, bound.per_cell, rtol=1e-12)
 
 
 MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)

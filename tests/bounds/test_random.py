@@ -14,7 +14,7 @@ def test_energies_of_random_problems_do_not_cross(seed):
     for crossing in random_crossings(seed, 3, bisections=1):
         assert crossing.margin > 0, crossing.draw
         assert crossing.fine.least_energy <= crossing.bound.energy
-        assert crossing.bound.per_triangle.min() >= -1e-9 * crossing.bound.total
+        assert crossing.bound.per_cell.min() >= -1e-9 * crossing.bound.total
         assert abs(crossing.bound.algebraic) <= 1e-6 * crossing.bound.total
 
 

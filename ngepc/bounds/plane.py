@@ -1,0 +1,68 @@
+"""The best stress in two dimensions: equilibrated, then tightened by Airy functions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ngepc.bounds.airy import AirySpace
+from ngepc.bounds.conjugate import TO_PLANE
+from ngepc.bounds.element import STRESS_MAP, at_nodes, midpoint_rows
+from ngepc.bounds.equilibration import corner_forces, mean_moments
+from ngepc.bounds.setting import Setting
+from ngepc.bounds.tightening import Dual, Effort, tightened
+from ngepc.local.factors import Factors
+from ngepc.local.system import DiscreteProblem, State
+
+START_MAP = midpoint_rows(STRESS_MAP)
+"""Stresses at the midpoints from edge moments and body force, shape (27, 14)."""
+
+FROM_PLANE = np.linalg.inv(TO_PLANE)
+
+
+class PlaneSetting(Setting):
+    """``Setting`` on triangles.
+
+    Parameters
+    ----------
+    discrete
+        The discrete problem.
+    """
+
+    def __init__(self, discrete: DiscreteProblem) -> None:
+        super().__init__(discrete)
+        self.space = AirySpace(self.boundary)
+
+    def best_stress(
+        self, state: State, tangent: Factors, P: np.ndarray, effort: Effort | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """An admissible stress for which the bound is small, and its mean on each triangle."""
+        moments, forces = self.loads(P)
+        stress = self.balanced(state, tangent, forces)
+        z = self.admissible(stress, moments)
+        dual = Dual(self.space, self.conjugate, self.strain(state))
+        rest = self.gaps(state, 0 * stress).sum() + self.contact_gaps(state.u, P).sum()
+        z = tightened(dual, z, stress, float(rest), effort or Effort())
+        return at_nodes(z), z.mean(axis=1)
+
+    def admissible(self, stress: np.ndarray, moments: np.ndarray) -> np.ndarray:
+        """The stress of Johnson and Mercier at the midpoints, shape (nt, 9, 3).
+
+        Parameters
+        ----------
+        stress
+            In equilibrium against hat functions, in-plane coordinates, shape (nt, 3).
+        moments
+            Of the given tractions, shape (ne, 2, 2).
+        """
+        t, f, sigma = self.cells, self.body_force, tensors(stress)
+        mu = self.patches.repaired(mean_moments(t, sigma), corner_forces(t, sigma, f), moments)
+        around = t.per_triangle(mu).reshape(-1, 6, 2)
+        data = np.concatenate([around, (f * t.det[:, None])[:, None]], axis=1)
+        data = np.matmul(data, t.inverse.transpose(0, 2, 1)).reshape(-1, 14)
+        return self.space.in_plane(data @ START_MAP.T)
+
+
+def tensors(z: np.ndarray) -> np.ndarray:
+    """The 2 x 2 matrices of in-plane coordinates (..., 3)."""
+    v = z @ FROM_PLANE.T
+    return np.stack([v[..., [0, 2]], v[..., [2, 1]]], axis=-2)

@@ -1,0 +1,103 @@
+"""The straight simplices of a mesh and their facets, as arrays.
+
+Facet k of a cell lies opposite its vertex k, its vertices are ``FACETS[N][k]`` of the cell.  The
+vertices of a facet stand in ascending order; its normal points out of the cell that is found first.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from ngsolve import Mesh
+
+from ngepc.model.elements import element_vertices, vertex_coordinates
+
+FACETS = {2: ((1, 2), (2, 0), (0, 1)), 3: ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))}
+"""Local vertices of facet k in N dimensions."""
+
+
+class Simplices:
+    """Geometry and neighbours of the cells of a mesh of straight triangles or tetrahedra.
+
+    Parameters
+    ----------
+    mesh
+        The mesh, in N dimensions.
+
+    Attributes
+    ----------
+    points
+        Vertices, shape (nv, N).
+    nodes
+        Vertices of each cell with a positive determinant, shape (nt, N + 1).
+    jacobian, det, inverse, volume
+        x_i - x_0 as columns, shape (nt, N, N); its determinant > 0, its inverse; det / N!.
+    gradients
+        Gradients of the hat functions of the vertices, shape (nt, N + 1, N).
+    facets
+        Vertices of each facet, ascending, shape (nf, N).
+    facet_of, sign
+        Facet k of each cell and +1 for the first of its cells, -1 for the other one.
+    place
+        Place of the local vertices of facet k among those of the facet, shape (nt, N + 1, N).
+    owners
+        The cells of each facet, shape (nf, 2); -1 where the second one is missing.
+    outer
+        Boolean, shape (nf,): facets on the boundary of the body.
+    measure, normal
+        Length or area and unit normal of the facets, shapes (nf,) and (nf, N).
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh, self.N = mesh, mesh.dim
+        self.points = vertex_coordinates(mesh).copy()
+        self.nodes = element_vertices(mesh)[0].copy()
+        edges = self._edges()
+        turned = np.linalg.det(edges) < 0
+        self.nodes[turned, 1:] = self.nodes[turned, :0:-1]
+        self.jacobian = self._edges()
+        self.det = np.linalg.det(self.jacobian)
+        self.inverse = np.linalg.inv(self.jacobian)
+        self.volume = self.det / math.factorial(self.N)
+        first = -self.inverse.sum(axis=1, keepdims=True)
+        self.gradients = np.concatenate([first, self.inverse], axis=1)
+        self._number_facets()
+        owner, k = np.divmod(self._first, self.N + 1)
+        out = -self.gradients[owner, k]
+        size = np.linalg.norm(out, axis=1)
+        self.measure, self.normal = self.N * self.volume[owner] * size, out / size[:, None]
+
+    def _edges(self) -> np.ndarray:
+        x = self.points[self.nodes]
+        return np.ascontiguousarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
+
+    def _number_facets(self) -> None:
+        vertices = self.nodes[:, FACETS[self.N]]
+        self.place = vertices.argsort(axis=2).argsort(axis=2)
+        ascending = np.sort(vertices, axis=2).reshape(-1, self.N)
+        keys = self.key(ascending)
+        self._keys, self._first, numbers = np.unique(keys, return_index=True, return_inverse=True)
+        is_first = self._first[numbers] == np.arange(len(keys))
+        self.facets, self.facet_of = ascending[self._first], numbers.reshape(len(vertices), -1)
+        self.sign = np.where(is_first, 1.0, -1.0).reshape(self.facet_of.shape)
+        self.owners = np.full((len(self.facets), 2), -1)
+        self.owners[numbers, np.where(is_first, 0, 1)] = np.arange(len(keys)) // (self.N + 1)
+        self.outer = self.owners[:, 1] < 0
+
+    def key(self, vertices: np.ndarray) -> np.ndarray:
+        """One integer for each facet with these ascending vertices."""
+        result = vertices[:, 0].astype(np.int64)
+        for column in vertices.T[1:]:
+            result = result * len(self.points) + column
+        return result
+
+    def facets_between(self, vertices: np.ndarray) -> np.ndarray:
+        """Numbers of the facets with these vertices, in any order."""
+        return np.searchsorted(self._keys, self.key(np.sort(vertices, axis=1)))
+
+    def at_nodes(self, values: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+        """The sums (nv, N) of values (..., N) that belong to these vertices (...)."""
+        places, count = vertices.ravel(), len(self.points)
+        columns = values.reshape(-1, self.N).T
+        return np.stack([np.bincount(places, v, minlength=count) for v in columns], axis=1)
