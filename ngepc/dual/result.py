@@ -15,7 +15,7 @@ from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.regularisation import Coupled
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.equilibrium import Equilibrium
-from ngepc.results.fields import Fields, Recovered
+from ngepc.results.fields import Recovered
 from ngepc.results.outcome import Ending, History, Status
 from ngepc.results.summary import Summarised
 
@@ -110,11 +110,6 @@ class DualResult(Summarised, Recovered, Ending):
         It is constant on each element, bounded by |q| <= beta in the mean with P1 functions only.
         """
         return self._fields["plastic_strain"]
-
-    @cached_property
-    def fields(self) -> Fields:
-        """All fields that follow from (u, p)."""
-        return Fields(self.problem, self.displacement, self.plastic_increment)
 
     @cached_property
     def equilibrium(self) -> Equilibrium:

@@ -12,7 +12,7 @@ from ngepc.discretisation.rows import ContactRows
 from ngepc.model.problem import Problem
 from ngepc.model.rules import plastic_points
 from ngepc.results.equilibrium import Equilibrium
-from ngepc.results.fields import Fields, Recovered
+from ngepc.results.fields import Recovered
 from ngepc.results.outcome import Ending, History
 from ngepc.results.summary import Summarised
 
@@ -106,11 +106,6 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     def iterations(self) -> int:
         """Newton steps done."""
         return self.history.records[-1].iteration if self.history.records else 0
-
-    @property
-    def fields(self) -> Fields:
-        """All fields that follow from (u, p)."""
-        return Fields(self.problem, self.displacement, self.plastic_increment)
 
     @property
     def yield_excess(self) -> CoefficientFunction:

@@ -29,11 +29,10 @@ def frobenius(A: CoefficientFunction) -> CoefficientFunction:
     return sqrt(InnerProduct(A, A))
 
 
-@dataclass(frozen=True, eq=False)
-class Fields:
+class Quantities:
     """Everything that (u, p) says about the body at the end of the step, as drawable coefficients.
 
-    Parameters
+    Attributes
     ----------
     problem
         The problem that was solved.
@@ -41,22 +40,11 @@ class Fields:
         u, vector-valued (length).
     plastic_increment
         Coordinates of the plastic strain p gained in this step (1), d components.
-    balanced_increment
-        The p that the stress refers to; None for ``plastic_increment``.
     """
 
     problem: Problem
     displacement: GridFunction
     plastic_increment: CoefficientFunction
-    balanced_increment: CoefficientFunction | None = None
-
-    def __post_init__(self) -> None:
-        require_instance("problem", self.problem, Problem, "a Problem")
-        require_coefficient("displacement", self.displacement, [(self.problem.N,)])
-        d = self.problem.kinematics.d
-        require_coefficient("plastic_increment", self.plastic_increment, [(d,)])
-        if self.balanced_increment is not None:
-            require_coefficient("balanced_increment", self.balanced_increment, [(d,)])
 
     @property
     def strain(self) -> CoefficientFunction:
@@ -70,11 +58,9 @@ class Fields:
 
     @property
     def stress(self) -> CoefficientFunction:
-        """Sigma = C (eps(u) - p_0 - p), a tensor (stress), (2.7), with ``balanced_increment``."""
+        """Sigma = C (eps(u) - p_0 - p), a tensor (stress), (2.7)."""
         m, kinematics = self.problem.material, self.problem.kinematics
-        p = self.balanced_increment
-        p = self.plastic_increment if p is None else p
-        e = self.strain - self.problem.p_0 - kinematics.tensor(p)
+        e = self.strain - self.plastic_strain
         return m.lame_lambda * Trace(e) * Id(kinematics.size) + 2 * m.lame_mu * e
 
     @property
@@ -123,69 +109,45 @@ class Fields:
         return IfPos(Norm(self.plastic_increment) - threshold, 1.0, 0.0)
 
 
-class Recovered:
-    """Fields and forces that every result offers under the same names.
+@dataclass(frozen=True, eq=False)
+class Fields(Quantities):
+    """The quantities of a displacement and a plastic strain, whatever they come from.
 
-    A result that inherits has ``fields``, ``equilibrium`` and ``contact_pressure``.
+    Parameters
+    ----------
+    problem, displacement, plastic_increment
+        As in ``Quantities``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If one is of the wrong kind or shape.
     """
 
-    fields: Fields
+    problem: Problem
+    displacement: GridFunction
+    plastic_increment: CoefficientFunction
+
+    def __post_init__(self) -> None:
+        require_instance("problem", self.problem, Problem, "a Problem")
+        require_coefficient("displacement", self.displacement, [(self.problem.N,)])
+        d = self.problem.kinematics.d
+        require_coefficient("plastic_increment", self.plastic_increment, [(d,)])
+
+
+class Recovered(Quantities):
+    """What every result offers: its quantities, and forces on the whole body.
+
+    A result that inherits has ``equilibrium`` and ``contact_pressure``, too.
+    """
+
     equilibrium: Equilibrium
     contact_pressure: CoefficientFunction
 
     @property
-    def strain(self) -> CoefficientFunction:
-        """eps(u), a tensor."""
-        return self.fields.strain
-
-    @property
-    def plastic_strain(self) -> CoefficientFunction:
-        """Total plastic strain p_0 + p, a tensor."""
-        return self.fields.plastic_strain
-
-    @property
-    def equivalent_plastic_strain(self) -> CoefficientFunction:
-        """|p_0 + p|_F, scalar (1)."""
-        return self.fields.equivalent_plastic_strain
-
-    @property
-    def von_mises(self) -> CoefficientFunction:
-        """(3/2)^(1/2) |dev sigma|_F, scalar (stress)."""
-        return self.fields.von_mises
-
-    @property
-    def accumulated_plastic_strain(self) -> CoefficientFunction:
-        """PEEQ, (2/3)^(1/2) |p| summed over the steps, scalar (1)."""
-        return self.fields.accumulated_plastic_strain
-
-    def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
-        """1 where the plastic strain gained in this step has |p| > ``threshold``, 0 elsewhere."""
-        return self.fields.plastic_zone(threshold)
-
-    @property
-    def stress(self) -> CoefficientFunction:
-        """Sigma = C (eps(u) - p_0 - p) (stress); its p see ``Fields.balanced_increment``."""
-        return self.fields.stress
-
-    @property
-    def deviatoric_stress(self) -> CoefficientFunction:
-        """Dev sigma, a tensor (stress)."""
-        return self.fields.deviatoric_stress
-
-    @property
-    def back_stress(self) -> CoefficientFunction:
-        """Back stress alpha_2, a tensor (stress)."""
-        return self.fields.back_stress
-
-    @property
-    def hardening_variable(self) -> CoefficientFunction:
-        """Isotropic hardening variable alpha_1, scalar."""
-        return self.fields.hardening_variable
-
-    @property
-    def yield_function(self) -> CoefficientFunction:
-        """Phi of (sigma, alpha), scalar (stress), <= 0 where the solver is exact."""
-        return self.fields.yield_function
+    def fields(self) -> Fields:
+        """The quantities of u and p alone, without the solver's other variables."""
+        return Fields(self.problem, self.displacement, self.plastic_increment)
 
     def contact_zone(self, threshold: float = 0.0) -> CoefficientFunction:
         """1 on Gamma_c where the contact pressure exceeds ``threshold`` (stress), 0 elsewhere."""

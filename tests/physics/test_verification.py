@@ -64,7 +64,7 @@ def solve(problem, regularisation):
 
 def of_y(result):
     """The fields of y = (u, p) itself, which obeys the regularised law to rounding."""
-    increment = getattr(result, "balanced_increment", result.plastic_increment)
+    increment = result.plastic_increment
     return Fields(result.problem, result.displacement, increment)
 
 
