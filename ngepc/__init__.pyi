@@ -53,8 +53,8 @@ from ngepc.pictures.report import write_report as write_report
 from ngepc.pictures.views import export_html as export_html
 from ngepc.pictures.views import show as show
 from ngepc.primal.result import PrimalResult as PrimalResult
-from ngepc.primal.run import PrimalOptions as PrimalOptions
 from ngepc.primal.solver import primal_newton as primal_newton
+from ngepc.primal.step import PrimalOptions as PrimalOptions
 from ngepc.results.fields import Fields as Fields
 from ngepc.results.outcome import SolverError as SolverError
 from ngepc.results.outcome import Status as Status

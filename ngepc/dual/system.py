@@ -10,11 +10,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.dual.functional import ActiveTerms, DualFunctional
 from ngepc.linalg.assembly import Placed, SparseSum
-from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS
-
-
-class FactorisationError(RuntimeError):
-    """A direct solver that gave up on a Newton matrix."""
+from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError
 
 
 class NewtonSystem:

@@ -21,6 +21,10 @@ SOLVER_ERRORS = (NgException, RuntimeError, MemoryError)
 missing or gives up, MemoryError where the fill-in does not fit."""
 
 
+class FactorisationError(RuntimeError):
+    """A linear solver that gave up on a matrix."""
+
+
 def require_direct_solver(name: str, value: object) -> None:
     """Accept NGSolve's name of a direct solver that this installation has.
 

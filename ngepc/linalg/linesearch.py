@@ -14,6 +14,12 @@ ROUNDING = 1e-13
 IN_A_ROW = 3
 """Trials on one side of a zero after which secants are taken to creep."""
 
+FLATNESS = 0.2
+"""``nearly_flat`` ends where |phi'(t)| <= FLATNESS |phi'(0)|."""
+
+EVALUATIONS = 40
+"""Most trials of ``nearly_flat``."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
@@ -153,3 +159,31 @@ class Bracket:
         else:
             secant = self.low - self._low_slope * width / (self._high_slope - self._low_slope)
             self.trial = min(max(secant, self.low + width / 10), self._high - width / 10)
+
+
+def nearly_flat(slope: Callable[[float], float], noise: float) -> tuple[float, int] | None:
+    """A step length near the minimum of a convex phi, at most 1, and the trials before it.
+
+    Parameters
+    ----------
+    slope
+        phi'.
+    noise
+        What rounding leaves of it.
+
+    Returns
+    -------
+    tuple or None
+        None if phi does not fall beyond rounding.
+    """
+    slope_0 = slope(0.0)
+    bracket = Bracket(slope_0, 1.0)
+    for trials in range(EVALUATIONS):
+        t = bracket.trial
+        here = slope(t)
+        if abs(here) <= max(-FLATNESS * slope_0, noise) or (here <= 0 and t == 1.0):
+            return t, trials
+        if slope_0 >= 0:
+            return None
+        bracket.narrow(here)
+    return (bracket.low, EVALUATIONS) if bracket.low > 0 else None

@@ -7,11 +7,11 @@ from typing import Protocol
 import numpy as np
 
 from ngepc.discretisation.points import Moduli
-from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS
+from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError
 from ngepc.local.system import DiscreteProblem
 
 
-class TangentError(RuntimeError):
+class TangentError(FactorisationError):
     """A linear solver that gave up on a tangent."""
 
 

@@ -19,15 +19,8 @@ import numpy as np
 from ngepc.discretisation.balance import EPSILON
 from ngepc.discretisation.contact_step import ROUNDING, ContactWork, with_contact
 from ngepc.linalg.compliance import Compliance
-from ngepc.linalg.linesearch import Bracket
 from ngepc.local.factors import Tangent, TangentError
 from ngepc.local.system import DiscreteProblem, State
-
-FLATNESS = 0.2
-"""The line search ends where |phi'(t)| <= FLATNESS |phi'(0)|."""
-
-EVALUATIONS = 40
-"""Most trials of a line search."""
 
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
@@ -140,21 +133,3 @@ class Line:
         moved = discrete.law.linearised(here.at, here.yielding, ds)
         yielding = discrete.law.projected(here.yielding + t * (moved - here.yielding))
         return discrete.state(u, yielding, contact)
-
-
-def step_length(line: Line) -> tuple[float, int] | None:
-    """A step length near the minimum of J along the line, at most 1, and the trials before it.
-
-    None if J does not fall along the line beyond rounding.
-    """
-    slope_0, noise = line.slope(0.0), line.noise
-    bracket = Bracket(slope_0, 1.0)
-    for trials in range(EVALUATIONS):
-        t = bracket.trial
-        slope = line.slope(t)
-        if abs(slope) <= max(-FLATNESS * slope_0, noise) or (slope <= 0 and t == 1.0):
-            return t, trials
-        if slope_0 >= 0:
-            return None
-        bracket.narrow(slope)
-    return (bracket.low, EVALUATIONS) if bracket.low > 0 else None

@@ -19,7 +19,9 @@ from ngepc.discretisation.prolongation import nodal_values
 from ngepc.model.problem import Problem
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.result import PrimalResult
-from ngepc.primal.run import PrimalOptions, Run
+from ngepc.primal.state import PrimalState
+from ngepc.primal.step import PrimalOptions, PrimalStep
+from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import Monitor
 
 
@@ -64,4 +66,6 @@ def primal_newton(
     u = reduced.supports.values
     if given is not None:
         u = np.where(reduced.free, given, u)
-    return Run(reduced, u, options, monitor).result()
+    state = PrimalState(reduced, u, np.zeros(len(reduced.contact)))
+    step, tolerance = PrimalStep(reduced), options.tolerance
+    return newton_iteration(state, step, tolerance, options.max_iterations, monitor)

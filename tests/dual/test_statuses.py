@@ -29,8 +29,8 @@ from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
-from ngepc.primal.run import Run
 from ngepc.primal.solver import PrimalOptions, primal_newton
+from ngepc.primal.step import PrimalStep
 from ngepc.studies.verification.witness import balance_residual
 
 NAN = math.nan
@@ -369,15 +369,15 @@ def test_ctrl_c_anywhere_in_a_step_returns_the_last_state(small, monkeypatch, wh
 
 
 def test_ctrl_c_in_the_primal_solver_returns_the_last_state(small, monkeypatch):
-    calls, direction = [], Run._direction
+    calls, direction = [], PrimalStep._target
 
-    def interrupted(self):
+    def interrupted(self, here):
         calls.append(None)
         if len(calls) == 3:
             raise KeyboardInterrupt
-        return direction(self)
+        return direction(self, here)
 
-    monkeypatch.setattr(Run, "_direction", interrupted)
+    monkeypatch.setattr(PrimalStep, "_target", interrupted)
     result = primal_newton(small)
     assert (result.status, result.iterations) == (Status.STOPPED, 2)
     assert np.isfinite(state_of(result)).all()
