@@ -1,6 +1,7 @@
 """The public surface: every name exists, says what it is, and is seen by static tools."""
 
 import inspect
+import json
 import re
 import subprocess
 import sys
@@ -51,13 +52,19 @@ def test_import_is_quick_and_does_not_load_ngsolve(tmp_path):
     assert (loaded, places) == ("False", "1")
 
 
-def test_a_users_script_has_types(tmp_path):
-    """The first lines of the README, read by mypy as a user's script beside the package."""
-    pytest.importorskip("mypy", reason="mypy reads the script (extra 'test')")
+def users_script(folder: Path, more: str = "") -> Path:
+    """The first lines of the README as a user's script."""
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     first_lines = re.search(r"```python\n(.*?)```", readme, re.DOTALL)[1]
+    (folder / "script.py").write_text(first_lines + more)
+    return folder / "script.py"
+
+
+def test_a_users_script_has_types(tmp_path):
+    """Mypy reads it beside the package."""
+    pytest.importorskip("mypy", reason="mypy reads the script (extra 'test')")
     asked = "import ngepc\nreveal_type(ngepc.Material)\nreveal_type(ngepc.obstacles.Sphere)\n"
-    (tmp_path / "script.py").write_text(first_lines + asked + "reveal_type(result.iterations)\n")
+    users_script(tmp_path, asked + "reveal_type(result.iterations)\n")
     command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "script.py"]
     run = subprocess.run(
         [*command, "--cache-dir", str(tmp_path / "cache")],
@@ -71,3 +78,21 @@ def test_a_users_script_has_types(tmp_path):
     assert re.search(r'-> ngepc\.model\.material\.Material"', run.stdout), run.stdout
     assert re.search(r'ngepc\.model\.obstacles\.Sphere"', run.stdout), run.stdout
     assert 'Revealed type is "int"' in run.stdout.replace("builtins.", "")
+
+
+def test_pyright_finds_nothing_in_a_users_script(tmp_path):
+    """And sees a wrong argument; basedpyright is pyright as pip installs it."""
+    pytest.importorskip("basedpyright", reason="pyright reads the script (extra 'test')")
+    settings = {"typeCheckingMode": "standard", "extraPaths": [str(ROOT)], "include": ["."]}
+    (tmp_path / "pyrightconfig.json").write_text(json.dumps(settings))
+    users_script(tmp_path)
+    wrong = "import ngepc\n\nngepc.NewtonOptions(tolerance='small')\n"
+    (tmp_path / "wrong.py").write_text(wrong)
+    command = [sys.executable, "-m", "basedpyright", "--pythonpath", sys.executable]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    errors = [
+        line for line in run.stdout.splitlines() if ": error: " in line or " - error: " in line
+    ]
+    assert len(errors) == 1, run.stdout
+    assert "wrong.py:3" in errors[0]
+    assert "reportArgumentType" in run.stdout
