@@ -80,11 +80,19 @@ class SparseSum:
         return self._keys[where] == keys
 
     def add(self, block: Placed, factor: float = 1.0) -> None:
-        """Add ``factor`` times a block, whose pattern must be within that of the sum."""
+        """Add ``factor`` times a block.
+
+        Raises
+        ------
+        ValueError
+            If it has entries outside of the pattern of the sum.
+        """
         keys, values = block.lower_triangle(self._size)
         if len(keys):
             first, last = np.searchsorted(self._keys, (keys[0], keys[-1]))
             where = first + np.searchsorted(self._keys[first : last + 1], keys)
+            if where[-1] == len(self._keys) or (self._keys[where] != keys).any():
+                raise ValueError("block has entries outside of the pattern of the sum")
             self.values[where] += factor * values
 
     def matrix(self) -> BaseMatrix:

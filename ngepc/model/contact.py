@@ -10,7 +10,7 @@ class Contact:
     """Two parts of the boundary that may touch, with small sliding; their gap is that of the mesh.
 
     The conditions of contact stand on the first one: choose the finer or the softer side, and the
-    one that lies within the other.  The bodies must not share nodes.
+    one that lies within the other.  Bodies that share nodes are refused.
 
     Parameters
     ----------

@@ -57,6 +57,15 @@ def test_blocks_are_added_where_they_stand():
     assert stored(total) == pytest.approx(dense)
 
 
+@pytest.mark.parametrize("first", [0, FIRST, SIZE - 4])
+def test_a_block_that_was_not_announced_is_refused(first):
+    diagonal = from_entries(np.arange(SIZE), np.arange(SIZE), np.ones(SIZE), SIZE, SIZE)
+    total = SparseSum(diagonal, [])
+    with pytest.raises(ValueError, match="outside of the pattern"):
+        total.add(Placed(symmetric(4, 2)[0], first))
+    assert not total.values.any()
+
+
 def test_the_matrix_follows_the_values():
     (large, dense), (block, _) = symmetric(SIZE, 1), symmetric(4, 2)
     total = SparseSum(large, [Placed(block, FIRST)])
