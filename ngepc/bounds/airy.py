@@ -7,21 +7,17 @@ tractions are given the function and its gradient vanish, so that tractions stay
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.conjugate import TO_PLANE
 from ngepc.bounds.element import AIRY_MAP, CORNERS, NORMALS, midpoint_rows
-from ngepc.bounds.held import Held, Pair
-from ngepc.bounds.triangles import PAIRS
+from ngepc.bounds.held import Held
+from ngepc.bounds.simplices import sliced
+from ngepc.bounds.triangles import PAIRS, Triangles
 
 AIRY_POINTS = midpoint_rows(AIRY_MAP)
 """Stresses times det J at the nine midpoints from the unknowns of a triangle, (27, 12)."""
-
-PORTION = 1000
-"""Triangles whose matrices are made at once: they stay in the processor's cache."""
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
@@ -54,8 +50,11 @@ EDGE_ROWS = _edge_rows()
 EDGE_PAIRS = np.einsum("ki,lj->klij", EDGE_ROWS, EDGE_ROWS).reshape(9, 81)
 
 
+OF_TRIANGLES = ("jacobian", "det", "area", "unknowns", "to_plane", "_across", "_along")
+
+
 class AirySpace:
-    """The Airy functions of a triangulation.
+    """The Airy functions of a triangulation; unknowns are those of the vertices, then the edges.
 
     Parameters
     ----------
@@ -64,22 +63,31 @@ class AirySpace:
 
     Attributes
     ----------
-    held
-        Which unknowns are held, and how held ones may move together.
+    jacobian, det, area
+        Of the triangles.
+    unknowns
+        Those of each triangle, shape (nt, 12).
+    vertices, held
+        How many of the unknowns are those of vertices; which ones are held.
     to_plane
         In-plane stress coordinates of reference stresses, shape (nt, 3, 3).
     """
 
     def __init__(self, boundary: Boundary) -> None:
-        self.boundary, self.triangles = boundary, boundary.triangles
-        t = self.triangles
+        t = boundary.triangles
+        self.jacobian, self.det, self.area = t.jacobian, t.det, t.area
         self.to_plane = np.matmul(TO_PLANE, piola(t.jacobian) / t.det[:, None, None])
-        self._edge_map()
-        self.held = Held(boundary)
+        self._edge_map(t)
+        self.held, self.vertices = Held(boundary), 3 * len(t.points)
+        corners = (3 * t.nodes[:, :, None] + np.arange(3)).reshape(-1, 9)
+        self.unknowns = np.concatenate([corners, self.vertices + t.edge_of], axis=1)
 
-    def _edge_map(self) -> None:
+    def of(self, chosen: np.ndarray | slice) -> AirySpace:
+        """The same unknowns, some of the triangles."""
+        return sliced(self, chosen, OF_TRIANGLES)
+
+    def _edge_map(self, t: Triangles) -> None:
         """The edge unknowns of the reference triangle: across * unknown + along * EDGE_ROWS."""
-        t = self.triangles
         directions = np.matmul(t.jacobian, NORMALS.T).transpose(0, 2, 1)  # images of the normals
         tangents = np.matmul(t.jacobian, (CORNERS[[2, 0, 1]] - CORNERS[[1, 2, 0]]).T)
         tangents = tangents.transpose(0, 2, 1)
@@ -87,27 +95,13 @@ class AirySpace:
         self._across = np.einsum("tki,tki->tk", directions, t.normal[t.edge_of])
         self._along = np.einsum("tki,tki->tk", directions, tangents) / square
 
-    def local(self, vertex: np.ndarray, edge: np.ndarray) -> np.ndarray:
-        """The unknowns of each triangle, shape (nt, 12)."""
-        corner = vertex[self.triangles.nodes].reshape(-1, 9)
-        return np.concatenate([corner, edge[self.triangles.edge_of]], axis=1)
-
-    def gathered(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The transpose of ``local``."""
-        t = self.triangles
-        nodes, nv = t.nodes.ravel(), len(t.points)
-        corner = local[:, :9].reshape(-1, 3).T
-        vertex = np.stack([np.bincount(nodes, v, minlength=nv) for v in corner], axis=1)
-        edge = np.bincount(t.edge_of.ravel(), local[:, 9:].ravel(), minlength=len(t.edges))
-        return vertex, edge
-
-    def product(self, K: np.ndarray, x: Pair) -> Pair:
-        """K x for the matrices K of the triangles, (nt, 12, 12)."""
-        return self.gathered(np.matmul(K, self.local(*x)[:, :, None])[:, :, 0])
+    def gathered(self, local: np.ndarray) -> np.ndarray:
+        """Sums over the triangles of what each says about its unknowns (nt, 12)."""
+        return np.bincount(self.unknowns.ravel(), local.ravel(), minlength=len(self.held.free))
 
     def reference(self, local: np.ndarray) -> np.ndarray:
         """Unknowns of the reference triangle, shape (nt, 12)."""
-        result, J = local.copy(), self.triangles.jacobian
+        result, J = local.copy(), self.jacobian
         for pair in GRADIENTS:
             turn(result[:, pair], J.swapaxes(1, 2))
         result[:, 9:] *= self._across
@@ -120,34 +114,21 @@ class AirySpace:
         result[:, :9] += (self._along * reference[:, 9:]) @ EDGE_ROWS
         result[:, 9:] *= self._across
         for pair in GRADIENTS:
-            turn(result[:, pair], self.triangles.jacobian)
+            turn(result[:, pair], self.jacobian)
         return result
 
-    def fill(
-        self, K: np.ndarray, chosen: np.ndarray, compliance: Callable[[np.ndarray], np.ndarray]
-    ) -> None:
-        """Put the stiffness matrices (12, 12) of some triangles at their places in K.
-
-        ``compliance`` gives d2 phi*/dz2 of triangles at one point or nine, (n, 1 or 9, 3, 3).
-        """
-        for first in range(0, len(chosen), PORTION):
-            part = chosen[first : first + PORTION]
-            K[part] = self.stiffness(compliance(part), part)
-
-    def stiffness(self, H: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-        """Stiffness matrices (n, 12, 12) of chosen triangles from d2 phi*/dz2."""
-        t = self.triangles
-        scale = np.sqrt(t.area[chosen] / 9) / t.det[chosen]
-        M = (self.to_plane[chosen] * scale[:, None, None]).transpose(1, 2, 0)
+    def stiffness(self, H: np.ndarray) -> np.ndarray:
+        """Stiffness matrices (nt, 12, 12) from d2 phi*/dz2 at one point or nine (nt, ., 3, 3)."""
+        scale = np.sqrt(self.area / 9) / self.det
+        M = (self.to_plane * scale[:, None, None]).transpose(1, 2, 0)
         six = congruent(H.transpose(2, 3, 1, 0), M).reshape(6 * H.shape[1], -1)
         table = STIFFNESS_MAP if H.shape[1] == 9 else STIFFNESS_MAP.sum(axis=1)
         K = (six.T @ table.reshape(-1, 144)).reshape(-1, 12, 12)
-        return self._in_unknowns(K, chosen)
+        return self._in_unknowns(K)
 
-    def _in_unknowns(self, K: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    def _in_unknowns(self, K: np.ndarray) -> np.ndarray:
         """From unknowns of the reference triangle to those of the mesh, in place."""
-        along, across = self._along[chosen], self._across[chosen]
-        J = self.triangles.jacobian[chosen][:, None]
+        along, across, J = self._along, self._across, self.jacobian[:, None]
         middle = K[:, 9:, 9:] * along[:, None, :]
         cross = (K[:, :9, 9:] * along[:, None, :]) @ EDGE_ROWS
         twice = np.einsum("tkl,tk->tkl", middle, along).reshape(-1, 9) @ EDGE_PAIRS
@@ -162,9 +143,9 @@ class AirySpace:
         K[:, :9, 9:] = K[:, 9:, :9].transpose(0, 2, 1)
         return K
 
-    def stress(self, local: np.ndarray) -> np.ndarray:
-        """In-plane stress coordinates at the midpoints, shape (nt, 9, 3)."""
-        reference = self.reference(local) / self.triangles.det[:, None]
+    def stress(self, x: np.ndarray) -> np.ndarray:
+        """In-plane stress coordinates at the midpoints, shape (nt, 9, 3), of all unknowns x."""
+        reference = self.reference(x[self.unknowns]) / self.det[:, None]
         return self.in_plane(reference @ AIRY_POINTS.T)
 
     def in_plane(self, reference: np.ndarray) -> np.ndarray:
@@ -172,10 +153,14 @@ class AirySpace:
         return np.matmul(reference.reshape(-1, 9, 3), self.to_plane.transpose(0, 2, 1))
 
     def forces(self, strain: np.ndarray) -> np.ndarray:
-        """The transpose of ``stress`` with the weights of the points, shape (nt, 12)."""
-        t = self.triangles
-        M = self.to_plane * (t.area / 9 / t.det)[:, None, None]
-        return self._transposed(np.matmul(strain, M).reshape(-1, 27) @ AIRY_POINTS)
+        """The transpose of ``stress`` with the weights of the points, shape (3 nv + ne,)."""
+        M = self.to_plane * (self.area / 9 / self.det)[:, None, None]
+        local = self._transposed(np.matmul(strain, M).reshape(-1, 27) @ AIRY_POINTS)
+        return self.gathered(local)
+
+    def product(self, z: np.ndarray, strain: np.ndarray) -> float:
+        """The integral of stress times strain, both (nt, 9, 3)."""
+        return float(self.area @ np.einsum("tqc,tqc->t", z, strain)) / 9
 
 
 def turn(pairs: np.ndarray, J: np.ndarray) -> None:

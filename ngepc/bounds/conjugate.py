@@ -19,10 +19,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
+from ngepc.bounds.simplices import sliced
 from ngepc.discretisation.law import Law
 
 R6 = np.sqrt(6.0)
@@ -85,9 +86,13 @@ class Completed:
     direction: np.ndarray
     size: np.ndarray
 
-    def of(self, triangles: np.ndarray) -> Completed:
+    def of(self, cells: np.ndarray | slice) -> Completed:
         """Those of some triangles."""
-        return Completed(*(getattr(self, f.name)[triangles] for f in fields(self)))
+        return sliced(self, cells, OF_POINTS)
+
+
+OF_POINTS = ("mean", "deviator", "over", "direction", "size")
+OF_LAW = ("bulk", "two_mu", "hardening", "beta", "back", "initial", "constant")
 
 
 class Conjugate:
@@ -97,38 +102,47 @@ class Conjugate:
     ----------
     law
         The material at the points, one for each triangle.
+
+    Attributes
+    ----------
+    bulk, two_mu, hardening, beta, back, initial
+        As there.
     """
 
     def __init__(self, law: Law) -> None:
-        self.law = law
-        self.d = law.back.shape[1]
+        for name in OF_LAW[:-1]:
+            setattr(self, name, getattr(law, name))
+        self.d = self.back.shape[1]
         self.whole = self.d != 3  # no direction without an equation
-        self.constant = 0.5 * law.two_mu * np.einsum("td,td->t", law.initial, law.initial)
+        self.constant = 0.5 * self.two_mu * np.einsum("td,td->t", self.initial, self.initial)
 
-    def completed(self, z: np.ndarray, of: np.ndarray | slice = slice(None)) -> Completed:
-        """The whole stress for coordinates z (cells, points, c) of the cells ``of``."""
+    def of(self, cells: np.ndarray | slice) -> Conjugate:
+        """phi* on some of the cells."""
+        return sliced(self, cells, OF_LAW)
+
+    def completed(self, z: np.ndarray) -> Completed:
+        """The whole stress for coordinates z (cells, points, c)."""
         if self.whole:
-            return self._completed(z[..., 0], z[..., 1:], of)
-        return self._completed(*self._with_zeta(z, self._best_zeta(z, of)), of)
+            return self._completed(z[..., 0], z[..., 1:])
+        return self._completed(*self._with_zeta(z, self._best_zeta(z)))
 
-    def _completed(self, m: np.ndarray, d: np.ndarray, of: np.ndarray | slice) -> Completed:
-        s = d - self.law.back[of][:, None]
+    def _completed(self, m: np.ndarray, d: np.ndarray) -> Completed:
+        s = d - self.back[:, None]
         size = np.sqrt(np.einsum("tqd,tqd->tq", s, s))
-        over = np.maximum(size - self.law.beta[of][:, None], 0.0)
+        over = np.maximum(size - self.beta[:, None], 0.0)
         return Completed(m, d, over, s / np.where(size > 0, size, 1.0)[..., None], size)
 
     def _with_zeta(self, z: np.ndarray, zeta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return z[..., 0] - zeta / R6, np.stack([z[..., 1], zeta, z[..., 2]], axis=-1)
 
-    def _best_zeta(self, z: np.ndarray, of: np.ndarray | slice) -> np.ndarray:
+    def _best_zeta(self, z: np.ndarray) -> np.ndarray:
         """Elastic where the stress that follows does not yield, some Newton steps elsewhere."""
-        law = self.law
-        bulk, two_mu, h = (v[of][:, None] for v in (law.bulk, law.two_mu, law.hardening))
-        initial = law.initial[of][:, None, 1]
+        bulk, two_mu, h = (v[:, None] for v in (self.bulk, self.two_mu, self.hardening))
+        initial = self.initial[:, None, 1]
         stiff = 1 / (6 * bulk) + 1 / two_mu
         zeta = (z[..., 0] / (R6 * bulk) - initial) / stiff
         for _ in range(ZETA_STEPS):
-            at = self._completed(*self._with_zeta(z, zeta), of)
+            at = self._completed(*self._with_zeta(z, zeta))
             if not at.over.any():
                 break
             n = at.direction[..., 1]
@@ -137,36 +151,34 @@ class Conjugate:
             zeta = zeta - slope / (stiff + ((at.over > 0) * n**2 + part * (1 - n**2)) / h)
         return zeta
 
-    def value(self, at: Completed, of: np.ndarray | slice = slice(None)) -> np.ndarray:
+    def value(self, at: Completed) -> np.ndarray:
         """phi* at completed stresses, shape (triangles, points)."""
-        return self._smooth(at, of) + at.over**2 / (2 * self.law.hardening[of][:, None])
+        return self._smooth(at) + at.over**2 / (2 * self.hardening[:, None])
 
-    def _smooth(self, at: Completed, of: np.ndarray | slice) -> np.ndarray:
-        law = self.law
-        bulk, two_mu = law.bulk[of][:, None], law.two_mu[of][:, None]
+    def _smooth(self, at: Completed) -> np.ndarray:
+        bulk, two_mu = self.bulk[:, None], self.two_mu[:, None]
         square = np.einsum("tqd,tqd->tq", at.deviator, at.deviator)
-        history = np.einsum("tqd,td->tq", at.deviator, law.initial[of])
+        history = np.einsum("tqd,td->tq", at.deviator, self.initial)
         quadratic = at.mean**2 / bulk + square / two_mu
-        return quadratic / 2 + history + self.constant[of][:, None]
+        return quadratic / 2 + history + self.constant[:, None]
 
     def gradient(self, at: Completed) -> np.ndarray:
         """The strain d phi* / dz, shape (triangles, points, 3)."""
-        law = self.law
-        strain = at.deviator / law.two_mu[:, None, None] + law.initial[:, None]
-        strain = strain + (at.over / law.hardening[:, None])[..., None] * at.direction
-        first = (at.mean / law.bulk[:, None])[..., None]
+        strain = at.deviator / self.two_mu[:, None, None] + self.initial[:, None]
+        strain = strain + (at.over / self.hardening[:, None])[..., None] * at.direction
+        first = (at.mean / self.bulk[:, None])[..., None]
         return np.concatenate([first, strain if self.whole else strain[..., [0, 2]]], axis=-1)
 
-    def compliance(self, at: Completed, of: np.ndarray) -> np.ndarray:
-        """d2 phi*/dz2 of the triangles ``of``, shape (triangles, points, 3, 3)."""
-        law, n = self.law, at.direction
-        h, size = law.hardening[of][:, None], np.where(at.size > 0, at.size, 1.0)
+    def compliance(self, at: Completed) -> np.ndarray:
+        """d2 phi*/dz2, shape (triangles, points, 3, 3)."""
+        n = at.direction
+        h, size = self.hardening[:, None], np.where(at.size > 0, at.size, 1.0)
         across = at.over / size / h
         along = (at.over > 0) / h - across
         whole = along[..., None, None] * n[..., :, None] * n[..., None, :]
         for k in range(self.d):
-            whole[..., k, k] += across + 1 / law.two_mu[of][:, None]
-        bulk = np.broadcast_to(1 / law.bulk[of][:, None], at.mean.shape)
+            whole[..., k, k] += across + 1 / self.two_mu[:, None]
+        bulk = np.broadcast_to(1 / self.bulk[:, None], at.mean.shape)
         if self.whole:
             result = np.zeros((*at.mean.shape, self.d + 1, self.d + 1))
             result[..., 0, 0], result[..., 1:, 1:] = bulk, whole
@@ -219,21 +231,21 @@ class Conjugate:
         return result
 
     def _smooth_integrals(self, at: Completed, volume: np.ndarray, k: int) -> np.ndarray:
-        count, part, law = len(volume), volume[:, None] / k, self.law
+        count, part = len(volume), volume[:, None] / k
         mean = at.mean.reshape(count, k, k, 1)
         deviator = at.deviator.reshape(count, k, k, self.d)
-        quadratic = square_integrals(mean, part) / law.bulk[:, None]
-        quadratic += square_integrals(deviator, part) / law.two_mu[:, None]
-        history = np.einsum("tkid,td->tk", deviator, law.initial) / k
+        quadratic = square_integrals(mean, part) / self.bulk[:, None]
+        quadratic += square_integrals(deviator, part) / self.two_mu[:, None]
+        history = np.einsum("tkid,td->tk", deviator, self.initial) / k
         return (quadratic / 2 + part * (history + self.constant[:, None])).sum(axis=1)
 
     def _plastic(
         self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """The bound and the rule of degree two for affine s (parts, k, d) on parts of cells."""
-        two_h, k = 2 * self.law.hardening[cell], s.shape[1]
-        bound = square_integrals(beyond(s, self.law.beta[cell]), volume) / two_h
-        inside = beyond(np.matmul(RULE[k], s), self.law.beta[cell])
+        two_h, k = 2 * self.hardening[cell], s.shape[1]
+        bound = square_integrals(beyond(s, self.beta[cell]), volume) / two_h
+        inside = beyond(np.matmul(RULE[k], s), self.beta[cell])
         likely = volume * np.einsum("tqd,tqd->t", inside, inside) / (k * two_h)
         return bound, np.minimum(likely, bound)
 

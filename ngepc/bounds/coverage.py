@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from ngsolve import BND, ET, VOL, CoefficientFunction, IntegrationRule
 
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 from ngepc.model.rules import has_straight_simplices
 
 CONSTANT = 1e-10
@@ -113,17 +113,17 @@ def check_covered(problem: Problem) -> None:
         raise ValueError(f"friction={problem.friction!r}: bounds need contact without friction")
     material, (scalar, back) = problem.material, problem.alpha_0
     coefficients = {
-        "lame_lambda": as_scalar(material.lame_lambda),
-        "lame_mu": as_scalar(material.lame_mu),
-        "yield_stress": as_scalar(material.yield_stress),
-        "hardening": problem.effective_hardening,
+        "lame_lambda": material.lame_lambda,
+        "lame_mu": material.lame_mu,
+        "yield_stress": material.yield_stress,
+        "hardening": material.effective_hardening,
         "initial_plastic_strain": problem.initial_plastic_strain,
         "initial_hardening": None if problem.initial_hardening is None else scalar,
         "initial_hardening (alpha_2)": None if problem.initial_hardening is None else back,
         "body_force": problem.f,
     }
     for name, value in coefficients.items():
-        if value is not None:
+        if isinstance(value, CoefficientFunction):
             check_constant(problem, name, value)
 
 

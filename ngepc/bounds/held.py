@@ -16,9 +16,6 @@ from scipy.sparse.csgraph import connected_components
 
 from ngepc.bounds.boundary import Boundary
 
-Pair = tuple[np.ndarray, np.ndarray]
-"""Unknowns, or forces, of the vertices (nv, 3) and of the edges (ne,)."""
-
 LEVEL = 1e-9
 """A smaller component of a unit normal is none."""
 
@@ -36,8 +33,8 @@ class Held:
 
     Attributes
     ----------
-    free_vertex, free_edge
-        Boolean masks (nv, 3) and (ne,): the unknowns that are not held.
+    free
+        Boolean, shape (3 nv + ne,): the unknowns that are not held.
     """
 
     def __init__(self, boundary: Boundary) -> None:
@@ -52,25 +49,25 @@ class Held:
         closed = both | (single & ~across & ~along)
         self._closed, self._along = closed, along
         self._constant = [closed | ((component == c) & (across | along)) for c in (0, 1)]
-        self.free_edge = ~(closed | across)
-        self.free_vertex = np.ones((len(t.points), 3), dtype=bool)
-        self.free_vertex[t.edges[closed | along].ravel(), 0] = False
+        vertex = np.ones((len(t.points), 3), dtype=bool)
+        vertex[t.edges[closed | along].ravel(), 0] = False
         for c, edges in enumerate(self._constant):  # of dPhi/dx_(1 - c)
-            self.free_vertex[t.edges[edges].ravel(), 2 - c] = False
-        first = int(self.free_vertex.sum(axis=1).argmin())
-        self.free_vertex[first] &= ~self.free_vertex.all(axis=0)  # what no stress sees
+            vertex[t.edges[edges].ravel(), 2 - c] = False
+        first = int(vertex.sum(axis=1).argmin())
+        vertex[first] &= ~vertex.all(axis=0)  # what no stress sees
+        self.free = np.concatenate([vertex.ravel(), ~(closed | across)])
 
-    def modes(self, edges: int) -> list[Pair]:
+    def modes(self) -> list[np.ndarray]:
         """Unknowns that move together where they are held; none for more than MOST_MODES."""
         found = [] if self._along.any() else [*self._values(), *self._derivatives()]
-        if len(found) > MOST_MODES:
-            return []
-        return [(vertex, np.zeros(edges)) for vertex in found]
+        edges = np.zeros(len(self.triangles.edges))
+        few = found if len(found) <= MOST_MODES else []
+        return [np.concatenate([vertex.ravel(), edges]) for vertex in few]
 
     def _values(self) -> Iterator[np.ndarray]:
         """One for each part but the first: the value of the function."""
         for part in self._parts(self._closed)[1:]:
-            mode = np.zeros(self.free_vertex.shape)
+            mode = np.zeros((len(self.triangles.points), 3))
             mode[part, 0] = 1.0
             yield mode
 
@@ -85,7 +82,7 @@ class Held:
             fixed = next((k for k, part in enumerate(parts) if first in part), 0)
             for k, part in enumerate(parts):
                 if k != fixed:
-                    mode = np.zeros(self.free_vertex.shape)
+                    mode = np.zeros((len(self.triangles.points), 3))
                     mode[part, 2 - c] = 1.0
                     there = part[followed[part]]
                     mode[there, 0] = t.points[there, 1 - c] - t.points[part, 1 - c].mean()

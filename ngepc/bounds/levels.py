@@ -1,99 +1,127 @@
-"""A preconditioner for Airy functions: vertices by a direct solver, edges by their diagonal."""
+"""Conjugate gradients for Airy functions: vertices by a direct solver, edges by their diagonal."""
 
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import H1
+from ngsolve import H1, BitArray
 
 from ngepc.bounds.airy import AirySpace
-from ngepc.bounds.held import Pair
+from ngepc.bounds.triangles import Triangles
 from ngepc.discretisation.blocks import lower_pattern, pattern_matrix
 
 
 class TwoLevels:
-    """A preconditioner: factors of the vertex unknowns, the diagonal of the edge unknowns.
+    """K x = r for Airy functions, with a direct solver for the vertices.
 
     Parameters
     ----------
     space
         The Airy functions.
+    triangles
+        The triangulation.
+
+    Attributes
+    ----------
+    free
+        Boolean, shape (3 nv + ne,): unknowns that are not held.
     """
 
-    def __init__(self, space: AirySpace) -> None:
-        self.space, t = space, space.triangles
+    def __init__(self, space: AirySpace, triangles: Triangles) -> None:
+        self.space, t, self._count = space, triangles, space.vertices
+        self._times = np.bincount(space.unknowns.ravel(), minlength=len(space.held.free))
         self.matrix = pattern_matrix(H1(t.mesh, order=1, dim=3))
-        rows, columns = lower_pattern(self.matrix)
-        self._keys = rows * np.int64(len(t.points)) + columns
+        self._rows, self._columns = lower_pattern(self.matrix)
         a, b = np.tril_indices(3)
         i, j = t.nodes[:, a], t.nodes[:, b]
-        keys = np.maximum(i, j) * np.int64(len(t.points)) + np.minimum(i, j)
-        self._local, self._turned = (a, b), i < j
-        self._places = np.searchsorted(self._keys, keys)
-        free = space.held.free_vertex
-        self._free = free[rows][:, :, None] & free[columns][:, None, :]
-        self._diagonal = np.flatnonzero(rows == columns)
+        self._local, self._turned, nv = (a, b), i < j, np.int64(len(t.points))
+        keys = np.maximum(i, j) * nv + np.minimum(i, j)
+        self._places = np.searchsorted(self._rows * nv + self._columns, keys)
         self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
 
-    def update(self, K: np.ndarray) -> None:
-        """Factorise for a stiffness of the reference unknowns."""
-        corner = K[:, :9, :9].reshape(-1, 3, 3, 3, 3)
-        values = corner[:, self._local[0], :, self._local[1]]
-        values = np.where(self._turned.T[..., None, None], values.swapaxes(2, 3), values)
-        where, count = self._places.T.ravel(), len(self._keys)
-        entries = np.stack(
-            [np.bincount(where, v, minlength=count) for v in values.reshape(-1, 9).T], axis=1
-        ).reshape(-1, 3, 3)
-        entries = np.where(self._free, entries, 0.0)
-        rows, c = self._diagonal, np.arange(3)
-        entries[rows[:, None], c, c] += ~self.space.held.free_vertex
-        self.matrix.AsVector().FV().NumPy()[:] = entries.ravel()
-        self._inverse = self.matrix.Inverse(inverse="sparsecholesky")
-        self.smooth(K)
-        self._relax_modes(K)
+    def update(self, K: np.ndarray, chosen: np.ndarray | slice) -> None:
+        """Take the matrices (12, 12) of some triangles; unknowns of other ones are held."""
+        space, part, count = self.space, self.space.of(chosen), self._count
+        self._part, self._K, self._cross = part, K, np.ascontiguousarray(K[:, 9:, :9])
+        times = np.bincount(part.unknowns.ravel(), minlength=len(space.held.free))
+        self.free = space.held.free & (times == self._times)
+        diagonal = part.gathered(np.einsum("tkk->tk", K))[count:]
+        self._edge = self.free[count:] / np.where(diagonal > 0, diagonal, 1.0)
+        self.matrix.AsVector().FV().NumPy()[:] = self._entries(chosen).ravel()
+        there = self.free[:count].reshape(-1, 3).any(axis=1)
+        self._inverse = self.matrix.Inverse(BitArray(there.tolist()), inverse="sparsecholesky")
+        self._relax_modes()
 
-    def smooth(self, K: np.ndarray) -> None:
-        """Take the diagonal of the edge unknowns from these matrices."""
-        t = self.space.triangles
-        diagonal = np.einsum("tkk->tk", K[:, 9:, 9:]).ravel()
-        edge = np.bincount(t.edge_of.ravel(), diagonal, minlength=len(t.edges))
-        self._edge = np.where(self.space.held.free_edge, 1 / np.where(edge > 0, edge, 1.0), 0.0)
+    def _entries(self, chosen: np.ndarray | slice) -> np.ndarray:
+        """The blocks of vertices, those of held unknowns from the identity, (blocks, 3, 3)."""
+        count, free = len(self._rows), self.free[: self._count].reshape(-1, 3)
+        values = self._K[:, :9, :9].reshape(-1, 3, 3, 3, 3)[:, self._local[0], :, self._local[1]]
+        swap = self._turned[chosen].T
+        values[swap] = values[swap].swapaxes(1, 2)
+        where = self._places[chosen].T.ravel()
+        entries = [np.bincount(where, v, minlength=count) for v in values.reshape(-1, 9).T]
+        entries = np.stack(entries, axis=1).reshape(-1, 3, 3)
+        rows, columns = self._rows, self._columns
+        touched = np.flatnonzero(~(free[rows] & free[columns]).all(axis=1))
+        rows, columns = rows[touched], columns[touched]
+        kept = free[rows][:, :, None] & free[columns][:, None]
+        same = (rows == columns)[:, None, None] & np.eye(3, dtype=bool)
+        entries[touched] = np.where(kept, entries[touched], same)
+        return entries
 
-    def __call__(self, K: np.ndarray, r: Pair) -> Pair:
-        """What nearly solves K x = r: edges, vertices, and edges that follow them.
+    def product(self, x: np.ndarray) -> np.ndarray:
+        """K x."""
+        local = np.matmul(self._K, x[self._part.unknowns][:, :, None])
+        return self._part.gathered(local)
 
-        It is symmetric and positive definite whatever K the factors are from.
-        """
-        product, edge = self.space.product, self._edge * r[1]
-        vertex = self._vertices(r[0] - product(K, (np.zeros_like(r[0]), edge))[0])
-        edge = edge - self._edge * product(K, (vertex, np.zeros_like(edge)))[1]
-        return self._with_modes(r, vertex, edge)
+    def _relax_modes(self) -> None:
+        """Modes of held unknowns, with free ones that follow them, and their stiffness."""
+        modes = self.space.held.modes() if len(self._K) == len(self.space.unknowns) else []
+        self._modes = np.array([mode - self._relaxed(self.product(mode)) for mode in modes])
+        self._gram = np.array([self._modes @ self.product(mode) for mode in self._modes])
 
-    def _with_modes(self, r: Pair, vertex: np.ndarray, edge: np.ndarray) -> Pair:
-        """Add what the modes of held unknowns answer."""
-        if not self._modes:
-            return vertex, edge
-        share = np.linalg.solve(self._gram, [inner(mode, r) for mode in self._modes])
-        for y, mode in zip(share, self._modes, strict=True):
-            vertex, edge = vertex + y * mode[0], edge + y * mode[1]
-        return vertex, edge
+    def precondition(self, r: np.ndarray) -> np.ndarray:
+        """What nearly solves K x = r."""
+        x = self._relaxed(r)
+        return (
+            x + np.linalg.solve(self._gram, self._modes @ r) @ self._modes
+            if len(self._modes)
+            else x
+        )
 
-    def _relax_modes(self, K: np.ndarray) -> None:
-        """Modes with free unknowns that follow them, and their stiffness."""
-        self._modes = []
-        relaxed = []
-        for mode in self.space.held.modes(len(self._edge)):
-            follow = self(K, self.space.product(K, mode))
-            relaxed.append(tuple(a - b for a, b in zip(mode, follow, strict=True)))
-        self._modes = relaxed
-        images = [self.space.product(K, mode) for mode in relaxed]
-        self._gram = np.array([[inner(a, b) for b in images] for a in relaxed])
-
-    def _vertices(self, forces: np.ndarray) -> np.ndarray:
-        self._right.FV().NumPy()[:] = forces.ravel()
+    def _relaxed(self, r: np.ndarray) -> np.ndarray:
+        """Free unknowns that answer forces: edges, vertices, and edges that follow them."""
+        count, unknowns = self._count, self._part.unknowns
+        corners, edges = unknowns[:, :9], unknowns[:, 9:] - count
+        edge = self._edge * r[count:]
+        forces = np.matmul(edge[edges][:, None], self._cross).ravel()
+        vertex = r[:count] - np.bincount(corners.ravel(), forces, minlength=count)
+        self._right.FV().NumPy()[:] = np.where(self.free[:count], vertex, 0.0)
         self._left.data = self._inverse * self._right
-        return self._left.FV().NumPy().reshape(-1, 3) * self.space.held.free_vertex
+        vertex = self._left.FV().NumPy().copy()
+        forces = np.matmul(self._cross, vertex[corners][:, :, None]).ravel()
+        edge -= self._edge * np.bincount(edges.ravel(), forces, minlength=len(edge))
+        return np.concatenate([vertex, edge])
 
+    def solve(self, right: np.ndarray, bound: float, gain: float, most: int) -> tuple:
+        """Unknowns that nearly solve K x = right, and the bound, which each step lowers.
 
-def inner(a: Pair, b: Pair) -> float:
-    """The product of two vectors of vertex and edge unknowns."""
-    return float(sum(np.vdot(u, v) for u, v in zip(a, b, strict=True)))
+        Conjugate gradients that end after ``most`` steps, or at a step that gains less than the
+        part ``gain`` of the bound.
+        """
+        r, x, z = right.copy(), np.zeros_like(right), self.precondition(right)
+        p, rz = z, r @ z
+        for step in range(1, most + 1):
+            if not rz > 0:
+                break
+            Kp = self.product(p)
+            alpha = rz / (p @ Kp)
+            x += alpha * p
+            r -= alpha * Kp
+            gained = 0.5 * alpha * rz
+            bound -= gained
+            if step == most or gained <= gain * bound:
+                break
+            z = self.precondition(r)
+            rz, before = r @ z, rz
+            p = z + rz / before * p
+        return x, bound

@@ -41,7 +41,7 @@ class PlaneSetting(Setting):
         z = self.admissible(stress, moments)
         dual = Dual(self.space, self.conjugate, self.strain(state))
         rest = self.gaps(state, 0 * stress).sum() + self.contact_gaps(state.u, P).sum()
-        z = tightened(dual, z, stress, float(rest), effort or Effort())
+        z = tightened(dual, self.cells, z, stress, float(rest), effort or Effort())
         return at_nodes(z), z.mean(axis=1)
 
     def admissible(self, stress: np.ndarray, moments: np.ndarray) -> np.ndarray:

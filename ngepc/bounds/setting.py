@@ -21,6 +21,11 @@ LEVEL = 1e-9
 CLEAR = 1e-12
 """Part of the largest displacement that counts as no penetration."""
 
+BALANCED = 1e-13
+"""Part of the largest nodal force that may be missing after PASSES corrections at most."""
+
+PASSES = 2
+
 NORMAL_PASSES = 50
 """Most passes over the facets that meet at a vertex until all of them are clear."""
 
@@ -165,8 +170,11 @@ class Setting(ABC):
         law, points = self.discrete.law, self.discrete.points
         moduli = law.moduli(state.at, state.yielding)
         mean, deviator = law.bulk * state.volume, law.stress(state.at)
-        for _ in range(2):
-            missing = self.discrete.load - contact_forces - points.forces(mean, deviator)
+        for _ in range(PASSES):
+            forces = points.forces(mean, deviator)
+            missing = np.where(self.discrete.free, self.discrete.load - contact_forces - forces, 0)
+            if np.abs(missing).max() <= BALANCED * np.abs(forces).max():
+                break
             volume, e = points.strain(tangent.solve(missing))
             mean, deviator = mean + moduli.bulk * volume, deviator + moduli(e)
         return stress_coordinates(self.problem.N, mean, deviator)

@@ -7,6 +7,8 @@ vertices of a facet stand in ascending order; its normal points out of the cell 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from ngsolve import Mesh
@@ -101,3 +103,10 @@ class Simplices:
         places, count = vertices.ravel(), len(self.points)
         columns = values.reshape(-1, self.N).T
         return np.stack([np.bincount(places, v, minlength=count) for v in columns], axis=1)
+
+
+def sliced(whole: object, chosen: np.ndarray | slice, names: Sequence[str]) -> object:
+    """A copy whose arrays of these names hold some of the cells."""
+    part = copy(whole)
+    vars(part).update({name: getattr(whole, name)[chosen] for name in names})
+    return part

@@ -8,11 +8,17 @@ import numpy as np
 
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import Completed, Conjugate
-from ngepc.bounds.held import Pair
-from ngepc.bounds.levels import TwoLevels, inner
+from ngepc.bounds.levels import TwoLevels
+from ngepc.bounds.triangles import Triangles
 
 SHORTEST = 1e-3
 """Shortest step length."""
+
+PORTION = 1000
+"""Triangles whose matrices are made at once: they stay in the processor's cache."""
+
+RINGS = 9
+"""Newton steps change the stress where it yields and in so many rings of triangles around."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,9 +37,9 @@ class Effort:
         Most of these steps, for each tangent.
     """
 
-    newton: int = 1
+    newton: int = 2
     trust: float = 0.03
-    gain: float = 0.02
+    gain: float = 0.03
     steps: int = 12
 
 
@@ -53,25 +59,42 @@ class Dual:
     conjugate: Conjugate
     strain: np.ndarray
 
+    def of(self, chosen: np.ndarray | slice) -> Dual:
+        """The integral over some of the triangles."""
+        return Dual(self.space.of(chosen), self.conjugate.of(chosen), self.strain[chosen])
+
     def value(self, z: np.ndarray, at: Completed) -> float:
         """The integral for stresses (nt, points, 3), by the mean over the points."""
         density = self.conjugate.value(at) - np.einsum("tqc,tc->tq", z, self.strain)
-        return float(self.space.triangles.area @ density.mean(axis=1))
+        return float(self.space.area @ density.mean(axis=1))
 
     def gradient(self, at: Completed) -> np.ndarray:
         """Strains (nt, points, 3)."""
         return self.conjugate.gradient(at) - self.strain[:, None]
 
+    def stiffness(self, at: Completed) -> np.ndarray:
+        """The matrices of the Airy functions on each triangle, (nt, 12, 12)."""
+        K = np.empty((len(self.strain), 12, 12))
+        for first in range(0, len(K), PORTION):
+            part = slice(first, first + PORTION)
+            K[part] = self.space.of(part).stiffness(self.conjugate.of(part).compliance(at.of(part)))
+        return K
+
 
 def tightened(
-    dual: Dual, z: np.ndarray, discrete: np.ndarray, rest: float, effort: Effort
+    dual: Dual,
+    triangles: Triangles,
+    z: np.ndarray,
+    discrete: np.ndarray,
+    rest: float,
+    effort: Effort,
 ) -> np.ndarray:
     """In-plane stresses at the midpoints, shape (nt, 9, 3), with a smaller dual functional.
 
     Parameters
     ----------
-    dual
-        What is to be small.
+    dual, triangles
+        What is to be small, and where.
     z
         The admissible stress to start from, shape (nt, 9, 3).
     discrete
@@ -79,77 +102,37 @@ def tightened(
     rest
         The bound less the value of ``dual``.
     """
-    space, conjugate = dual.space, dual.conjugate
-    precondition = TwoLevels(space)
-    every, centre = np.arange(len(z)), discrete[:, None]
-    at = conjugate.completed(centre)
-    H, K = conjugate.compliance(at, every), np.empty((len(z), 12, 12))
-    space.fill(K, every, lambda part: H[part])
-    precondition.update(K)
-    moved = np.matmul(z - centre, H[:, 0])
-    first = dual.gradient(at)
-    model = dual.value(centre, at) + product(space, z - centre, first + moved / 2)
-    step, promised = change(precondition, K, first + moved, rest + model, effort)
-    z = z + step
+    system, centre = TwoLevels(dual.space, triangles), discrete[:, None]
+    at = dual.conjugate.completed(centre)
+    first, moved = dual.gradient(at), np.matmul(z - centre, dual.conjugate.compliance(at)[:, 0])
+    model = dual.value(centre, at) + dual.space.product(z - centre, first + moved / 2)
+    K = dual.stiffness(at)
+    system.update(K, slice(None))
+    right = -dual.space.forces(first + moved)
+    x, promised = system.solve(right, rest + model, effort.gain, effort.steps)
+    z = z + dual.space.stress(x)
     for _ in range(effort.newton):
-        at = conjugate.completed(z)
+        at = dual.conjugate.completed(z)
         value = dual.value(z, at)
         if rest + value - promised <= effort.trust * (rest + value):
             break
         yields = np.flatnonzero((at.over > 0).any(axis=1))
-        space.fill(K, yields, lambda part, at=at: conjugate.compliance(at.of(part), part))
-        precondition.smooth(K)
-        step, promised = change(precondition, K, dual.gradient(at), rest + value, effort)
-        z = descended(dual, z, step, value)
+        K[yields] = dual.of(yields).stiffness(at.of(yields))
+        there = triangles.around(yields, RINGS)
+        near, here = dual.of(there), at.of(there)
+        system.update(K[there], there)
+        right = -near.space.forces(near.gradient(here))
+        x, promised = system.solve(right, rest + value, effort.gain, effort.steps)
+        z[there] = descended(near, z[there], near.space.stress(x), here)
     return z
 
 
-def change(
-    precondition: TwoLevels, K: np.ndarray, strain: np.ndarray, bound: float, effort: Effort
-) -> tuple[np.ndarray, float]:
-    """The change of the stress for the strains d phi*/dz (nt, 9, 3), and the bound it promises."""
-    space = precondition.space
-    right = tuple(-v for v in space.gathered(space.forces(strain)))
-    x, promised = conjugate_gradients(precondition, K, right, bound, effort)
-    return space.stress(space.local(*x)), promised
-
-
-def conjugate_gradients(
-    precondition: TwoLevels, K: np.ndarray, right: Pair, bound: float, effort: Effort
-) -> tuple[Pair, float]:
-    """Unknowns that nearly solve K x = right, and the bound, which each step lowers."""
-    space, r = precondition.space, [v.copy() for v in right]
-    p = z = precondition(K, r)
-    rz, x = inner(r, z), [np.zeros_like(v) for v in r]
-    for step in range(1, effort.steps + 1):
-        if not rz > 0:
-            break
-        Kp = space.product(K, p)
-        alpha = rz / inner(p, Kp)
-        for v, q, s, kq in zip(x, p, r, Kp, strict=True):
-            v += alpha * q
-            s -= alpha * kq
-        gained = 0.5 * alpha * rz
-        bound -= gained
-        if step == effort.steps or gained <= effort.gain * bound:
-            break
-        z = precondition(K, r)
-        rz, before = inner(r, z), rz
-        p = tuple(a + rz / before * b for a, b in zip(z, p, strict=True))
-    return tuple(x), bound
-
-
-def descended(dual: Dual, z: np.ndarray, step: np.ndarray, value: float) -> np.ndarray:
+def descended(dual: Dual, z: np.ndarray, step: np.ndarray, at: Completed) -> np.ndarray:
     """Z plus the longest of the parts 1, 1/2, 1/4, ... of the step that lowers the value."""
-    length = 1.0
+    length, value = 1.0, dual.value(z, at)
     while length > SHORTEST:
         trial = z + length * step
         if dual.value(trial, dual.conjugate.completed(trial)) <= value:
             return trial
         length /= 2
     return z
-
-
-def product(space: AirySpace, z: np.ndarray, strain: np.ndarray) -> float:
-    """The integral of stress times strain, both (nt, 9, 3)."""
-    return float(space.triangles.area @ np.einsum("tqc,tqc->t", z, strain)) / 9

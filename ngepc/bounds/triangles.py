@@ -33,6 +33,14 @@ class Triangles(Simplices):
         self.length, self.area = self.measure, self.volume
         self.forward = self.place[:, :, 0] == 0
 
+    def around(self, chosen: np.ndarray, rings: int) -> np.ndarray:
+        """Numbers of the chosen triangles and of so many rings around them."""
+        for _ in range(rings):
+            there = np.zeros(len(self.points), dtype=bool)
+            there[self.nodes[chosen]] = True
+            chosen = np.flatnonzero(there[self.nodes].any(axis=1))
+        return chosen
+
     def per_triangle(self, of_edges: np.ndarray) -> np.ndarray:
         """Vectors at the edge ends (ne, 2, 2), outward and counterclockwise, (nt, 3, 2, 2)."""
         values = of_edges[self.edge_of] * self.sign[:, :, None, None]
