@@ -17,7 +17,7 @@ from ngepc.checks.kinds import (
     require_sequence,
 )
 from ngepc.pictures.drawable import UnitNames, fields_of, require_sources, unit_names
-from ngepc.pictures.fields import plot_active_sets
+from ngepc.pictures.fields import check_drawing, plot_active_sets
 from ngepc.pictures.sampling import boundary_corners
 from ngepc.pictures.style import COLOURS, GUIDE, Picture, line_style, styled
 from ngepc.results.outcome import History
@@ -172,20 +172,24 @@ def plot_counts(
 
 @styled
 def plot_contact_pressure(
-    sources: object | Mapping[str, object], *, units: UnitNames | None = None
+    sources: object | Mapping[str, object],
+    *,
+    units: UnitNames | None = None,
+    axes: Axes | None = None,
 ) -> Figure:
     """The contact pressure (positive in compression) along the contact boundary of 2D bodies.
 
     The position is the arc length from the end with the smaller x (then y); several contact
-    boundaries and several results (label -> result) are separate curves.
+    boundaries and several results (label -> result) are separate curves.  ``axes`` are what to draw
+    into, by default those of a new figure.
     """
     units = unit_names(units)
+    check_drawing(axes)
     if not isinstance(sources, Mapping):
         fields_of(sources, "sources")
         sources = {"": sources}
     require_sources(sources)
-    figure = Picture(figsize=(5.6, 3.2))
-    axes = figure.subplots()
+    axes = Picture(figsize=(5.6, 3.2)).subplots() if axes is None else axes
     for index, (label, source) in enumerate(sources.items()):
         colour = COLOURS[index % len(COLOURS)]
         for number, (s, pressure) in enumerate(pressure_curves(source)):
@@ -199,7 +203,7 @@ def plot_contact_pressure(
     )
     if any(sources):
         axes.legend()
-    return figure
+    return axes.figure
 
 
 def pressure_curves(source: object) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -4,12 +4,13 @@ import ast
 import importlib
 import json
 import os
+import re
 from pathlib import Path
 
 import pytest
 
 from ngepc.__main__ import main
-from ngepc.pictures import views
+from ngepc.pictures.course import Answers, quiz
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "notebooks"
@@ -92,7 +93,7 @@ def test_exercises_have_hints_and_the_solutions_ask_the_same(path):
     assert "<details><summary>Hint</summary>" in path.read_text()
     assert any("# your line" in cell.source for cell in code_cells(path))
     assert "# your line" not in solution.read_text()
-    assert code_cells(solution)[-1].source == "assert all(done.values()), done"
+    assert code_cells(solution)[-1].source == "assert all(check.done.values()), check.done"
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=name)
@@ -104,17 +105,24 @@ def test_all_imports_stand_in_the_first_cell(path):
 
 
 @pytest.mark.parametrize("path", LECTURES, ids=name)
-def test_the_first_cell_says_what_is_missing(path, monkeypatch, capsys):
-    source = code_cells(path)[0].source
-    if "INTERACTIVE" not in source:
-        return  # no interactive view in this one
-    exec(source, {})
-    assert capsys.readouterr().out == ""
-    monkeypatch.setattr(views, "viewer_installed", lambda: False)
-    namespace = {}
-    exec(source, namespace)
-    assert "pip install 'ngepc[notebook]'" in capsys.readouterr().out
-    assert namespace["INTERACTIVE"] is False
+def test_every_lecture_ends_with_its_quiz(path):
+    assert code_cells(path)[-1].source == f'quiz("{path.stem}")'
+    questions = quiz(path.stem).questions
+    assert len(questions) >= 3
+    for question in questions:
+        assert len(set(question.choices)) == len(question.choices) >= 2
+    shown = quiz(path.stem)._repr_html_()
+    assert shown.count("Right. ") == len(questions)
+
+
+def test_unfinished_answers_are_told_from_wrong_ones(capsys):
+    check = Answers()
+    check("missing", lambda: {}[100.0])
+    check("wrong", lambda: 1 > 2)
+    check("fine", lambda: 2 > 1)
+    assert capsys.readouterr().out == "fill in: missing\nnot yet: wrong\nright:   fine\n"
+    assert check.done == {"missing": False, "wrong": False, "fine": True}
+    assert list(check.errors) == ["missing"]
 
 
 @pytest.mark.notebooks
@@ -124,7 +132,8 @@ def test_runs_from_top_to_bottom(path, tmp_path):
     outputs = [o for cell in notebook.cells for o in cell.get("outputs", [])]
     assert not [o["text"] for o in outputs if o.get("name") == "stderr"]
     if path in SESSIONS:
-        assert any("not yet" in o.get("text", "") for o in outputs)
+        assert re.search("fill in|not yet", "".join(o.get("text", "") for o in outputs))
+        assert not any("right: " in o.get("text", "") for o in outputs if path.stem[0] == "7")
         assert not any("Error" in o.get("text", "") for o in outputs)
 
 
@@ -132,11 +141,11 @@ def test_runs_from_top_to_bottom(path, tmp_path):
 def test_pictures_are_drawn_without_the_viewer(tmp_path):
     notebook = read(FOLDER / "01_first_solve.ipynb")
     first = next(cell for cell in notebook.cells if cell.cell_type == "code")
-    first.source += "\nINTERACTIVE = False"
+    first.source += "\nviews.viewer_installed = lambda: False"
     outputs = [o for c in execute(notebook, tmp_path).cells for o in c.get("outputs", [])]
     kinds = [set(o["data"]) for o in outputs if "data" in o]
     assert sum("image/png" in kind for kind in kinds) == 3
-    assert sum("text/html" in kind for kind in kinds) == 1  # the table of the result
+    assert sum("text/html" in kind for kind in kinds) == 2  # the table of the result, the quiz
 
 
 def test_interrupting_the_kernel_keeps_the_state():
@@ -179,7 +188,7 @@ def test_the_command_copies_all_notebooks(tmp_path, capsys):
     assert main(["notebooks", str(target), "--solutions"]) == 0
     copies = sorted(p.relative_to(target).as_posix() for p in target.rglob("*"))
     assert [c for c in copies if c.endswith(".ipynb")] == [name(p) for p in NOTEBOOKS]
-    assert "01_first_solve.ipynb" in capsys.readouterr().out
+    assert "00_lab.ipynb" in capsys.readouterr().out
 
 
 def test_the_command_replaces_nothing_unasked(tmp_path, capsys):
