@@ -64,7 +64,7 @@ def main(out: Path, coarse: bool = False) -> str:
         axes.legend(fontsize=8, frameon=False)
 
     def body(axes):
-        plot_field(plastic, axes=axes, vmin=0, vmax=0.025)
+        plot_field(plastic, axes=axes, vmin=0, vmax=0.025, title="elastoplastic")
         axes.add_patch(Circle((0, RADIUS - DEPTH), RADIUS, facecolor="#d5d9de", zorder=2))
         axes.set(xlim=(-0.8, 0.8), ylim=(-1.0, 0.25))
 

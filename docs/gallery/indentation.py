@@ -13,7 +13,7 @@ from shared import check, run, save
 
 from ngepc import primal_newton, semismooth_newton
 from ngepc.geometries import block, quarter_cube
-from ngepc.pictures import beside, plot_field
+from ngepc.pictures import plot_comparison
 from ngepc.studies.step42 import WHOLE, step42_problem
 
 DOCUMENTED = 37.3058
@@ -32,16 +32,10 @@ def main(out: Path, coarse: bool = False) -> str:
     line += ", graded " + check("force", 4 * force, reference, 1e-8)
     assert abs(graded_result.reaction + graded_result.contact_resultant)[2] < 1e-9 * force
 
-    def equal(axes):
-        plot_field(whole, axes=axes, vmin=0, vmax=0.1, title="step-42, hexahedra")
-
-    def graded(axes):
-        title = "a quarter, graded tetrahedra"
-        plot_field(graded_result, axes=axes, vmin=0, vmax=0.1, title=title)
-        axes.view_init(elev=25, azim=-135)  # onto the planes of symmetry
-        axes.set_box_aspect((1, 1, 2), zoom=0.9)
-
-    save(beside(equal, graded, three=True), out, "indentation")
+    bodies = {"step-42, hexahedra": whole, "a quarter, graded tetrahedra": graded_result}
+    figure = plot_comparison(bodies, vmin=0, vmax=0.1)
+    figure.axes[1].view_init(elev=25, azim=-135)  # onto the planes of symmetry
+    save(figure, out, "indentation")
     return f"indentation: {line} (primal)"
 
 

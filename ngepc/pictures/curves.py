@@ -119,8 +119,6 @@ def plot_progress(
     three = result.problem.N == 3
     body = figure.add_subplot(grid[0], projection="3d" if three else None)
     plot_active_sets(result, deformation_scale=deformation_scale, axes=body)
-    if three:
-        body.set_axis_off()
     left, right = figure.add_subplot(grid[1]), figure.add_subplot(grid[2])
     draw_runs(left, right, histories, tolerance)
     return figure

@@ -170,9 +170,9 @@ def field_of(source: object, name: str) -> CoefficientFunction:
 
 
 def method_label(source: object) -> str:
-    """What solved it, for titles: 'gamma = 1e+04', 'exact'; empty where the source does not say."""
+    """What solved it, for titles: 'gamma = 1e+04'; empty for solutions of the problem itself."""
     label = getattr(source, "method_label", "")
-    return label if isinstance(label, str) else ""
+    return label if isinstance(label, str) and label != "exact" else ""
 
 
 def scalar(coefficient: CoefficientFunction) -> CoefficientFunction:

@@ -12,11 +12,11 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colorbar import Colorbar
-from matplotlib.colors import Colormap, ListedColormap
+from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from ngsolve import CoefficientFunction
@@ -55,6 +55,8 @@ from ngepc.pictures.style import (
 from ngepc.results.fields import Fields
 
 SET_COLOURS = (ELASTIC, PLASTIC, CONTACT)
+LIGHT = np.array([0.42, -0.25, 0.87])
+"""Where bodies in space are lit from."""
 
 
 @styled
@@ -112,12 +114,11 @@ def plot_field(
     what = drawable(source, field, units)
     corners = body_corners(fields_of(source), what.coefficient)
     limits = colour_range(corners, vmin=vmin, vmax=vmax, symmetric=what.signed)
-    axes = axes if axes is not None else _body_axes(corners, scale, bar=True)
+    axes = axes if axes is not None else body_axes(corners, scale)[0]
     patch = _draw(axes, source, corners, limits, colormap or what.colormap, scale, mesh_lines)
     _decorate(axes, source, scale, units, title)
-    pad = {"pad": 0.1} if hasattr(axes, "get_zlim") else {}
     bar = axes.figure.colorbar(
-        patch, ax=axes, extend=limits.extend, shrink=0.85, aspect=25, fraction=0.05, **pad
+        patch, ax=axes, extend=limits.extend, shrink=0.85, aspect=25, fraction=0.05
     )
     _label_bar(bar, label or what.label)
     return axes.figure
@@ -203,10 +204,15 @@ def plot_comparison(
     corners = {t: body_corners(fields_of(s), what[t].coefficient) for t, s in sources.items()}
     first, sample = next(iter(what.values())), next(iter(corners.values()))
     limits = colour_range(*corners.values(), vmin=vmin, vmax=vmax, symmetric=first.signed)
-    panels = _panels(len(sources), sample, scale)
+    panels = body_axes(sample, scale, len(sources))
     for panel, (title, sampled) in zip(panels, corners.items(), strict=True):
         patch = _draw(panel, sources[title], sampled, limits, first.colormap, scale, False)
         _decorate(panel, sources[title], scale, units, title)
+    if sample.points.shape[2] == 2:
+        for axis in "xy":
+            ends = np.array([getattr(panel, f"get_{axis}lim")() for panel in panels])
+            for panel in panels:
+                panel.set(**{f"{axis}lim": (ends.min(), ends.max())})
     figure = panels[0].figure
     bar = figure.colorbar(patch, ax=panels, extend=limits.extend, shrink=0.85, aspect=30)
     _label_bar(bar, first.label)
@@ -242,35 +248,20 @@ def check_drawing(axes: object, *, colormap: object = None, **texts: object) -> 
             )
 
 
-def body_size(corners: Corners, scale: float) -> tuple[float, float]:
-    """Inches of the drawing area: the aspect of the body, inside 3.5 to 7 by 2.2 to 5."""
-    if corners.points.shape[2] == 3:
-        return 5.0, 4.4
-    both = np.concatenate([corners.points, corners.deformed(scale)]).reshape(-1, 2)
-    width, height = np.ptp(both, axis=0)
-    unit = min(6.0 / width, 4.0 / height)
-    return max(3.5, unit * width + 0.8), max(2.2, unit * height + 0.8)
-
-
-def _panels(count: int, sample: Corners, scale: float) -> list[Axes]:
-    """Axes of a new figure for several bodies, at most three in a row."""
-    width, height = body_size(sample, scale)
+def body_axes(corners: Corners, scale: float, count: int = 1, bar: bool = True) -> list[Axes]:
+    """Axes of a new figure for bodies of this size, at most three in a row."""
+    three = corners.points.shape[2] == 3
+    both = np.concatenate([corners.points, corners.deformed(scale)]).reshape(-1, 2 + three)
+    width, height = np.ptp(both, axis=0)[:2]
+    unit = 3.0 / max(width, height) if three else min(6.0 / width, 4.0 / height)
+    width, height = max(3.5, unit * width + 0.8), max(3.4 if three else 2.2, unit * height + 0.8)
     rows = math.ceil(count / 3)
     columns = math.ceil(count / rows)
     shrink = min(1.0, 3.6 / width) if columns > 2 else 1.0
-    size = (shrink * width * columns + 0.8, shrink * height * rows)
-    projection = "3d" if sample.points.shape[2] == 3 else None
+    size = (shrink * width * columns + 0.9 * bar, shrink * height * rows)
     figure = Picture(figsize=size, layout="compressed")
-    places = range(1, count + 1)
-    return [figure.add_subplot(rows, columns, k, projection=projection) for k in places]
-
-
-def _body_axes(corners: Corners, scale: float, *, bar: bool) -> Axes:
-    """Axes of a new figure with the aspect of the body, and room for a colour bar if asked."""
-    width, height = body_size(corners, scale)
-    figure = Picture(figsize=(width + (0.9 if bar else 0.0), height), layout="compressed")
-    three = corners.points.shape[2] == 3
-    return figure.add_subplot(projection="3d" if three else None)
+    projection = "3d" if three else None
+    return [figure.add_subplot(rows, columns, k + 1, projection=projection) for k in range(count)]
 
 
 def _draw_classes(
@@ -285,7 +276,7 @@ def _draw_classes(
     """Each triangle in the colour of its class; returns the axes, new ones for None."""
     values = np.repeat(classes[:, None], 3, axis=1)
     corners = Corners(sampled.points, sampled.displacement, values)
-    axes = axes if axes is not None else _body_axes(corners, scale, bar=False)
+    axes = axes if axes is not None else body_axes(corners, scale, bar=False)[0]
     limits = ColourRange(0.0, len(colours) - 1.0)
     _draw(axes, source, corners, limits, ListedColormap(colours), scale, mesh_lines)
     return axes
@@ -304,10 +295,7 @@ def _draw(
     points, options = corners.deformed(scale), {"cmap": colormap}
     options["clim"] = (limits.least, limits.most)
     if points.shape[2] == 3:
-        options |= {"edgecolors": GUIDE, "linewidths": 0.2} if mesh_lines else {"linewidths": 0.0}
-        flat = Poly3DCollection(points, antialiased=mesh_lines, **options)
-        flat.set_array(corners.values.mean(axis=1))
-        return axes.add_collection3d(flat)
+        return _draw_solid(axes, points, corners.values.mean(axis=1), mesh_lines, **options)
     x, y = points.reshape(-1, 2).T
     triangles = Triangulation(x, y, np.arange(len(x)).reshape(-1, 3))
     if corners.constant:
@@ -318,9 +306,29 @@ def _draw(
         patch = axes.tripcolor(triangles, values, shading="gouraud", rasterized=True, **options)
     if mesh_lines:
         borders = element_borders(fields_of(source)).deformed(scale)
-        thin = 0.3 * min(1.0, math.sqrt(1500 / len(borders)))
-        axes.add_collection(LineCollection(borders, colors=GUIDE, linewidths=thin, zorder=2))
+        thin = min(1.0, math.sqrt(1500 / len(borders)))
+        lines = LineCollection(borders, colors=GUIDE, linewidths=0.3, alpha=thin, zorder=2)
+        axes.add_collection(lines)
     return patch
+
+
+def _draw_solid(
+    axes: Axes, points: np.ndarray, values: np.ndarray, mesh_lines: bool, cmap: object, clim: tuple
+) -> ScalarMappable:
+    """Triangles in space, lit from above and the side; returns the scale of their colours."""
+    scale = ScalarMappable(Normalize(*clim), cmap)
+    normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    colours = scale.to_rgba(values)
+    colours[:, :3] *= (0.8 + 0.2 * np.abs(normals @ LIGHT))[:, None]
+    edges = GUIDE if mesh_lines else colours
+    solid = Poly3DCollection(points, facecolors=colours, edgecolors=edges, linewidths=0.3)
+    axes.add_collection3d(solid)
+    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low)
+    axes.set_axis_off()
+    return scale
 
 
 def _decorate(
@@ -335,17 +343,9 @@ def _decorate(
     fields = fields_of(source)
     heading = title or ", ".join(filter(None, (words, method_label(source))))
     axes.set_title(heading)
-    names = "xyz"[: fields.problem.N]
-    for name in names:
-        getattr(axes, f"set_{name}label")(f"{name} ({units.length})")
     if fields.problem.N == 3:
-        corners = boundary_corners(fields).deformed(scale).reshape(-1, 3)
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        axes.set(**{f"{n}lim": (a, b) for n, a, b in zip(names, low, high, strict=True)})
-        axes.set_box_aspect(high - low)
-        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-            axis.set_major_locator(MaxNLocator(4, prune="both"))
         return
+    axes.set(xlabel=f"x ({units.length})", ylabel=f"y ({units.length})")
     outline = boundary_corners(fields)
     axes.add_collection(LineCollection(outline.points, colors=OUTLINE, linewidths=0.7, zorder=0))
     deformed = LineCollection(outline.deformed(scale), colors=DEFORMED, linewidths=0.6, zorder=3)

@@ -20,8 +20,8 @@ from ngepc.checks.kinds import require_flag, require_function
 
 RC = rc_params_from_file(Path(__file__).with_name("ngepc.mplstyle"), use_default_template=False)
 COLOURS = tuple(entry["color"] for entry in RC["axes.prop_cycle"])
-"""Okabe and Ito's colours, which people with any colour vision tell apart."""
-MARKERS = "os^Dv<>"
+"""Okabe and Ito's colours and a grey, which people with any colour vision tell apart."""
+MARKERS = "os^Dv<>P"
 
 ELASTIC, PLASTIC, CONTACT = "#dfe3e8", "#26323f", "#D55E00"
 OUTLINE, DEFORMED, OBSTACLE, GUIDE = "#9aa3ad", "#3b4650", "#000000", "#6b7680"

@@ -234,15 +234,20 @@ def last_cell(study: CountTable) -> Cell:
 def counts_figure(study: CountTable, table: Sequence[dict]) -> Figure:
     """Newton steps over nodes, one curve for each row, with the paper's dashed.
 
-    Rows that count one step everywhere are left out if there are others.
+    Rows of an elastic body are left out if there are others, and named in the title.
     """
     rows = [r for r in study.rows if gamma_of(r) > ALWAYS_ONE_STEP] or study.rows
     ours = {r: {c["nodes"]: c["iterations"] for c in table if c["row"] == r} for r in rows}
     paper = {r: {n: study.paper_value(Cell(r, n)) for n in study.nodes} for r in rows}
-    return plot_counts(
+    figure = plot_counts(
         {label_of(row): counts for row, counts in ours.items()},
         {label_of(row): counts for row, counts in paper.items() if row in study.paper},
     )
+    if left_out := [row for row in study.rows if row not in rows]:
+        most = max(c["iterations"] for c in table if c["row"] in left_out)
+        title = f"not drawn: gamma = {', '.join(left_out)}, at most {most} steps"
+        figure.axes[0].set_title(title)
+    return figure
 
 
 def residuals_figure(study: CountTable, row: str) -> Figure:
