@@ -50,7 +50,6 @@ from ngepc.pictures.fields import plot_plastic_zone as plot_plastic_zone
 from ngepc.pictures.monitors import live_plot_monitor as live_plot_monitor
 from ngepc.pictures.monitors import table_monitor as table_monitor
 from ngepc.pictures.report import write_report as write_report
-from ngepc.pictures.views import export_html as export_html
 from ngepc.pictures.views import show as show
 from ngepc.primal.result import PrimalResult as PrimalResult
 from ngepc.primal.solver import primal_newton as primal_newton

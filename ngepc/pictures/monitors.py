@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TextIO
 
@@ -183,21 +183,6 @@ class LivePlotMonitor:
 def live_plot_monitor(interval: float = 0.3, tolerance: float | None = None) -> LivePlotMonitor:
     """A figure that grows while the solver runs, for notebooks; see ``LivePlotMonitor``."""
     return LivePlotMonitor(interval, tolerance)
-
-
-def watch(results: Iterable[object], draw: Callable[[object], Figure]) -> object:
-    """Draw each result as it comes, in one place of a notebook, and return the last one.
-
-    ``draw`` is what to draw of each, such as ``ngepc.pictures.plot_progress``.
-    """
-    require_attributes("results", results, ("__iter__",), "a sequence of results")
-    require_function("draw", draw, "a result")
-    handle = result = None
-    for result in results:
-        handle = _shown(handle, draw(result))
-    if result is None:
-        raise ValueError(f"results={results!r}: at least one result is needed")
-    return result
 
 
 def _shown(handle: object, figure: Figure) -> object:

@@ -64,9 +64,7 @@ def write_report(
     for name, text in (("title", title), ("subtitle", subtitle), ("footer", footer)):
         require_text(name, text)
     parts = [f"<h1>{html.escape(title)}</h1>", f"<p>{_inline(subtitle)}</p>" if subtitle else ""]
-    for number, section in enumerate(sections):
-        heading, contents = _section(number, section)
-        parts += [f"<h2>{html.escape(heading)}</h2>", *map(_piece, contents)]
+    parts += [_section(number, section) for number, section in enumerate(sections)]
     write_text(
         path,
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -103,15 +101,15 @@ def solution_sections(result: object, heading: str, threshold: float = 0.0) -> l
     return [body, ("How the solver got there", [residuals])]
 
 
-def _section(number: int, section: object) -> tuple[str, Iterable]:
-    """The heading and the contents of a section."""
+def _section(number: int, section: object) -> str:
+    """A section as HTML."""
     pair = isinstance(section, tuple | list) and len(section) == 2
     if not pair or isinstance(section[1], str) or not isinstance(section[1], Iterable):
         raise TypeError(
             f"sections[{number}]={section!r}: a pair of a heading and a list of contents is needed"
         )
     require_text(f"sections[{number}][0]", section[0])
-    return section
+    return f"<h2>{html.escape(section[0])}</h2>{''.join(map(_piece, section[1]))}"
 
 
 def _piece(piece: object) -> str:
@@ -134,20 +132,17 @@ def html_table(rows: Sequence[Mapping[str, object]]) -> str:
     """A table whose columns are the keys in order of appearance."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     head = "".join(f"<th>{html.escape(str(c))}</th>" for c in columns)
-    body = "".join(f"<tr>{''.join(_cell(row.get(c)) for c in columns)}</tr>" for row in rows)
+    cells = ((row.get(c) for c in columns) for row in rows)
+    body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in cells)
     return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
 
 
 def _cell(value: object) -> str:
-    kind = ' class="text"' if isinstance(value, str) else ""
-    return f"<td{kind}>{html.escape(number(value))}</td>"
-
-
-def number(value: object) -> str:
     """A table entry: integers in full, other numbers with four significant digits."""
-    if isinstance(value, float):
-        return f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
-    return "" if value is None else str(value)
+    minus = "\N{MINUS SIGN}"
+    number = f"{value:.4g}".replace("-", minus) if isinstance(value, float) else value
+    kind = ' class="text"' if isinstance(value, str) else ""
+    return f"<td{kind}>{'' if number is None else html.escape(str(number))}</td>"
 
 
 def _inline(text: str) -> str:
@@ -182,6 +177,5 @@ def png_address(figure: Figure | os.PathLike) -> str:
     stream = io.BytesIO()
     if isinstance(figure, Figure):
         figure.savefig(stream, format="png", dpi=120)
-    else:
-        stream.write(Path(figure).read_bytes())
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    data = stream.getvalue() or Path(figure).read_bytes()
+    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")

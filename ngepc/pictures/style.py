@@ -20,7 +20,7 @@ from ngepc.checks.kinds import require_flag, require_function
 
 RC = rc_params_from_file(Path(__file__).with_name("ngepc.mplstyle"), use_default_template=False)
 COLOURS = tuple(entry["color"] for entry in RC["axes.prop_cycle"])
-"""Okabe and Ito's colours and a grey, which people with any colour vision tell apart."""
+"""Okabe and Ito's colours and a wine red, which people with any colour vision tell apart."""
 MARKERS = "os^Dv<>P"
 
 ELASTIC, PLASTIC, CONTACT = "#dfe3e8", "#26323f", "#D55E00"

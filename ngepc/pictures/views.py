@@ -12,7 +12,7 @@ import importlib.util
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 
@@ -21,7 +21,7 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 from ngsolve import CoefficientFunction
 
-from ngepc.checks.kinds import require_flag, require_instance, require_path, require_text
+from ngepc.checks.kinds import require_instance, require_path, require_text
 from ngepc.pictures.drawable import Drawable, require_sources
 from ngepc.pictures.sampling import ColourRange
 from ngepc.pictures.scenes import EXTRA, ViewOptions, scenes_of
@@ -117,37 +117,6 @@ def slide(
     scenes, what, limits = scenes_of(sources, field, options)
     panels = {"": list(scenes.values())}
     return View(_page(title, legend(what, limits), panels, list(scenes), name), options.height)
-
-
-def export_html(
-    source: object,
-    path: str | os.PathLike,
-    field: str | CoefficientFunction = "equivalent_plastic_strain",
-    deformation: bool = True,
-    *,
-    title: str = "",
-    options: ViewOptions | None = None,
-) -> Path:
-    """Write an interactive page of a result that opens from disk without network; its path.
-
-    Parameters
-    ----------
-    source
-        Result of a solver, ``Fields``, or a mapping of slider label -> either.
-    path
-        The file to write; its folder is made.
-    field, title, options
-        As in ``show``.
-    deformation
-        Whether to draw the deformed body.
-    """
-    path = require_path("path", path)
-    require_flag("deformation", deformation)
-    options = _options(options)
-    if not deformation:
-        options = replace(options, deformation_scale=0.0)
-    draw = slide if isinstance(source, Mapping) else show
-    return draw(source, field, options, title).save(path)
 
 
 def checked(sources: object, options: ViewOptions | None, **texts: object) -> ViewOptions:

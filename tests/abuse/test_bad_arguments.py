@@ -55,7 +55,6 @@ from ngepc import (
     duality_report,
     error_bound,
     evolve,
-    export_html,
     export_vtu,
     follow_path,
     gradient,
@@ -89,7 +88,7 @@ from ngepc.pictures import (
     plot_progress,
 )
 from ngepc.pictures.export import export_series
-from ngepc.pictures.monitors import ProgressLine, together, watch
+from ngepc.pictures.monitors import ProgressLine, together
 from ngepc.pictures.views import View, ViewOptions, compare, slide
 
 PROBLEM = lshape_problem(MESH)
@@ -235,7 +234,6 @@ USES = {
     "table_monitor": Use(table_monitor),
     "ProgressLine": Use(ProgressLine),
     "live_plot_monitor": Use(live_plot_monitor, may={"interval": NOT_NEGATIVE}),
-    "watch": Use(watch, {"results": [DUAL], "draw": plot_mesh}, skip=("results",)),
     # pictures
     "plot_field": Use(plot_field, {"source": DUAL}, DRAWN | RANGE | FIELD),
     "plot_plastic_zone": Use(
@@ -260,7 +258,6 @@ USES = {
     "compare": Use(compare, {"sources": {"one": DUAL}}, FIELD),
     "slide": Use(slide, {"sources": {"one": DUAL}}, FIELD),
     # files
-    "export_html": Use(export_html, {"source": DUAL, "path": "view.html"}, FIELD),
     "export_vtu": Use(export_vtu, {"source": DUAL, "path": "fields.vtu"}, {"path": NOTHING}),
     "export_series": Use(
         export_series, {"sources": [DUAL], "path": "series.pvd"}, {"path": NOTHING}

@@ -4,7 +4,6 @@ import io
 
 import pytest
 from ngsolve import IfPos, Integrate
-from solved import lshape_dual
 
 from ngepc import (
     PathOptions,
@@ -15,14 +14,13 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import lshape
-from ngepc.pictures import monitors, plot_progress
+from ngepc.pictures import monitors
 from ngepc.pictures.monitors import (
     LivePlotMonitor,
     ProgressLine,
     live_plot_monitor,
     table_monitor,
     together,
-    watch,
 )
 from ngepc.results.outcome import History, IterationRecord
 
@@ -247,11 +245,3 @@ def test_interrupting_while_the_plot_is_drawn_keeps_the_state(problem, screen, s
     assert result.iterations == 2
     assert result.displacement.vec.Norm() > 0
     assert result.history == monitor.runs[-1]
-
-
-def test_watch_draws_each_result_in_one_place(screen):
-    results = [lshape_dual(113, 10.0), lshape_dual(113, 1e3)]
-    assert watch(iter(results), plot_progress) is results[-1]
-    assert (len(screen.places), screen.drawings) == (1, 2)
-    with pytest.raises(ValueError, match="at least one result"):
-        watch([], plot_progress)

@@ -14,7 +14,7 @@ from solved import block_primal, lshape_dual, lshape_primal
 from ngepc import primal_newton
 from ngepc.pictures import views
 from ngepc.pictures.scenes import EXTRA, _peak
-from ngepc.pictures.views import View, ViewOptions, compare, export_html, show, slide
+from ngepc.pictures.views import View, ViewOptions, compare, show, slide
 
 needs_browser = pytest.mark.skipif(
     chromium() is None, reason="no Chromium or Chrome is installed (Debian: apt install chromium)"
@@ -65,7 +65,7 @@ def test_the_browser_notices_requests_and_errors(browser, tmp_path):
 @needs_browser
 @needs_viewer
 def test_exported_page_shows_the_body_in_the_colours_of_the_scale(browser, tmp_path):
-    path = export_html(lshape_primal(), tmp_path / "deep" / "view.html", title="L-shape")
+    path = show(lshape_primal(), title="L-shape").save(tmp_path / "deep" / "view.html")
     pixels = opened(browser, path)
     below_header = pixels[70:]
     assert 0.05 < coloured(below_header) < 0.6
@@ -77,8 +77,9 @@ def test_exported_page_shows_the_body_in_the_colours_of_the_scale(browser, tmp_p
 @needs_browser
 @needs_viewer
 def test_deformation_can_be_left_out(browser, tmp_path):
-    moved = opened(browser, export_html(lshape_primal(), tmp_path / "a.html"))
-    still = opened(browser, export_html(lshape_primal(), tmp_path / "b.html", deformation=False))
+    at_rest = ViewOptions(deformation_scale=0.0)
+    moved = opened(browser, show(lshape_primal()).save(tmp_path / "a.html"))
+    still = opened(browser, show(lshape_primal(), options=at_rest).save(tmp_path / "b.html"))
     assert np.abs(moved - still).mean() > 0.01
 
 
