@@ -294,8 +294,7 @@ def test_nonsense_is_refused_by_name(name, tmp_path):
     use = USES[name]
     assert use.complaints() == []
     assert list(tmp_path.iterdir()) == []
-    if name != "watch":  # it shows pictures in notebooks only
-        use.call(**use.legal)
+    use.call(**use.legal)
 
 
 def test_the_count_of_cases_is_what_reliability_says():

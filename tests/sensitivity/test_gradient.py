@@ -4,14 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngsolve import CF, IfPos, x, y
-
-from ngepc import Material, NewtonOptions, SolverError, lshape_problem, semismooth_newton
-from ngepc.geometries import lshape
-from ngepc.sensitivity.functionals import DisplacementAt, Reaction, misfit
-from ngepc.sensitivity.gradient import gradient
-from ngepc.sensitivity.parameters import Direction
-from ngepc.studies.verification.derivatives import (
+from derivatives import (
     compared,
     functionals,
     last_state,
@@ -20,6 +13,13 @@ from ngepc.studies.verification.derivatives import (
     random_problem,
     sizes,
 )
+from ngsolve import CF, IfPos, x, y
+
+from ngepc import Material, NewtonOptions, SolverError, lshape_problem, semismooth_newton
+from ngepc.geometries import lshape
+from ngepc.sensitivity.functionals import DisplacementAt, Reaction, misfit
+from ngepc.sensitivity.gradient import gradient
+from ngepc.sensitivity.parameters import Direction
 
 
 @pytest.fixture(scope="module")
