@@ -39,6 +39,9 @@ from ngepc.model.kinematics import Kinematics as Kinematics
 from ngepc.model.material import Material as Material
 from ngepc.model.material import lame_parameters as lame_parameters
 from ngepc.model.normals import outward_normal as outward_normal
+from ngepc.model.places import Edge as Edge
+from ngepc.model.places import Point as Point
+from ngepc.model.places import Roller as Roller
 from ngepc.model.problem import Problem as Problem
 from ngepc.path.options import PathOptions as PathOptions
 from ngepc.path.result import PathResult as PathResult

@@ -50,7 +50,7 @@ def check_carried(problem: Problem) -> None:
         Naming the argument.
     """
     data: dict[str, object] = {"gap": problem.gap, "traction": problem.traction}
-    data["prescribed"] = problem.prescribed
+    data |= {"prescribed": problem.prescribed, "pressure": problem.pressure}
     for name, value in data.items():
         for one in values_in(value):
             if "gridfunction" in str(one).lower():

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ngepc.discretisation.conditions import ContactConditions
+from ngepc.discretisation.loads import Supports
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -23,6 +24,7 @@ class Frame(Protocol):
     """What no Newton step changes, as far as balance asks for it."""
 
     contact: ContactConditions
+    supports: Supports
     load: np.ndarray
     free: np.ndarray
     stiffness_diagonal: np.ndarray
@@ -87,8 +89,10 @@ class Balance:
 
     @property
     def penetration(self) -> float:
-        """The deepest penetration (length), 0 for a feasible displacement."""
-        return float(np.maximum(-self.open_gap, 0.0).max(initial=0.0))
+        """The deepest penetration (length), or what opens where nothing may; 0 if feasible."""
+        tied = self.frame.contact.rows.tied
+        depth = np.where(tied, np.abs(self.open_gap), -self.open_gap)
+        return float(np.maximum(depth, 0.0).max(initial=0.0))
 
     @cached_property
     def friction_work(self) -> float:

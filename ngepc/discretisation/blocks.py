@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from ngsolve import H1, BaseMatrix, BilinearForm, dx
+from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.points import Elements, Moduli, Points, chunks
 
@@ -17,8 +18,9 @@ class StiffnessBlocks:
         The points with their strain rows.
     free
         Boolean, shape (nodes, N): components that no support holds.
-    springs
-        Numbers added to the diagonal at free components, shape (nodes, N); None for none.
+    added
+        A symmetric matrix on displacements flattened node by node that is added, such as springs,
+        between nodes of one element; None for none.
 
     Attributes
     ----------
@@ -26,17 +28,25 @@ class StiffnessBlocks:
         Nodes of the blocks, row by row, rows >= columns.
     """
 
-    def __init__(self, points: Points, free: np.ndarray, springs: np.ndarray | None = None) -> None:
+    def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
         self.points, self.free, self.N = points, free, points.kinematics.N
         self.rows, self.columns = lower_pattern(pattern_matrix(points.scalar))
         self._keys = self.rows * np.int64(points.scalar.ndof) + self.columns
         self._touched = np.flatnonzero(~(free[self.rows] & free[self.columns]).all(axis=1))
         self._places = [self._places_of(block) for block in points.blocks]
-        self._springs = None if springs is None else np.where(free, springs, 0.0)
+        self._added = None if added is None else self._placed(added)
 
     def diagonal_places(self, nodes: np.ndarray) -> np.ndarray:
         """Numbers of the diagonal blocks of these nodes."""
         return np.searchsorted(self._keys, nodes * np.int64(self.points.scalar.ndof + 1))
+
+    def _placed(self, matrix: csr_matrix) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of blocks on and below the diagonal, and their entries in a matrix."""
+        blocks = matrix.tobsr((self.N, self.N))
+        rows = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr))
+        lower = rows >= blocks.indices
+        keys = rows[lower] * np.int64(self.points.scalar.ndof) + blocks.indices[lower]
+        return np.searchsorted(self._keys, keys), blocks.data[lower]
 
     def _places_of(self, block: Elements) -> tuple[np.ndarray, ...]:
         """Local pairs a >= b, the block of each in each element, and where to transpose."""
@@ -59,10 +69,10 @@ class StiffnessBlocks:
                 for c, values in enumerate(K.reshape(-1, self.N**2).T):
                     entries[c] += np.bincount(where, values, minlength=len(self.rows))
         values = np.ascontiguousarray(entries.T).reshape(-1, self.N, self.N)
+        if self._added is not None:
+            places, blocks = self._added
+            values[places] += blocks
         self._hold(values)
-        if self._springs is not None:
-            nodes, axes = np.arange(len(self.free)), np.arange(self.N)
-            values[self.diagonal_places(nodes)[:, None], axes, axes] += self._springs
         return values
 
     def _hold(self, values: np.ndarray) -> None:

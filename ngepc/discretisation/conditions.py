@@ -11,16 +11,19 @@ from functools import cached_property, partial
 
 import numpy as np
 from ngsolve import H1, GridFunction
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import csr_matrix, diags, vstack
+from scipy.sparse.linalg import spsolve
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.loads import Supports, nodal
 from ngepc.discretisation.mortar import mortar_rows
+from ngepc.discretisation.rollers import roller_rows
 from ngepc.discretisation.rows import ContactRows, contact_rows, joined
 from ngepc.linalg.complementarity import exchange
 from ngepc.linalg.friction import FrictionCone
 from ngepc.linalg.secants import SmallProblem
 from ngepc.model.friction import Coulomb
+from ngepc.model.places import Place
 from ngepc.model.problem import Problem, as_scalar
 
 STEEPEST = 100.0
@@ -29,6 +32,9 @@ STEEPEST = 100.0
 Without it friction would jump to its bound when a row closes; the little normal force that it
 itself causes could then open and close a row at the edge of contact for ever.
 """
+
+GRIP = 1e2
+"""Stiffness of the springs that hold rollers in the tangent, relative to that of the node."""
 
 
 class ContactConditions:
@@ -42,7 +48,9 @@ class ContactConditions:
     Attributes
     ----------
     rows
-        The contact rows.
+        The contact rows, last those of rollers.
+    rollers
+        Place of each roller -> its rows.
     friction
         The law of the tangential forces; None without friction.
     matrix
@@ -51,7 +59,11 @@ class ContactConditions:
 
     def __init__(self, problem: Problem, supports: Supports) -> None:
         pairs = [mortar_rows(problem, supports, pair) for pair in problem.contact_pairs]
-        self.rows: ContactRows = joined([contact_rows(problem, supports), *pairs])
+        rollers = roller_rows(problem, supports)
+        parts = [contact_rows(problem, supports), *pairs, *rollers.values()]
+        self.rows: ContactRows = joined(parts)
+        ends = np.cumsum([0, *map(len, parts)])[1 + len(pairs) :]
+        self.rollers = {place: slice(*ends[k : k + 2].tolist()) for k, place in enumerate(rollers)}
         self.friction = friction_cone(problem, self.rows)
         self.matrix: csr_matrix = self.rows.normal
         self._closed_at = self.rows.gaps
@@ -95,6 +107,39 @@ class ContactConditions:
     def forces(self, x: np.ndarray) -> np.ndarray:
         """R' x, the nodal forces of the body on the obstacle, shape (nodes, N)."""
         return (self._transposed @ x).reshape(-1, self.rows.normals.shape[1])
+
+    def grip(self, row_stiffness: np.ndarray) -> tuple[csr_matrix | None, np.ndarray]:
+        """Springs that hold rollers in the tangent, and a guess of the compliance of all rows.
+
+        No step from a displacement that is ``on_rollers`` moves them: the springs change nothing,
+        but they hold a body that stands on rollers alone, and make its forces easy to find.
+        """
+        on, compliance = self._on_rollers, 1 / row_stiffness
+        R, stiffness = self.rows.normal[on], GRIP * row_stiffness[on]
+        compliance[on] /= 1 + GRIP
+        return (R.T @ diags(stiffness) @ R).tocsr() if R.shape[0] else None, compliance
+
+    @property
+    def _on_rollers(self) -> slice:
+        first = min((rows.start for rows in self.rollers.values()), default=len(self.rows))
+        return slice(first, len(self.rows))
+
+    def on_rollers(self, u: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """The displacement nearest to ``u`` that the rollers allow, both (nodes, N)."""
+        R, gaps = self.rows.normal[self._on_rollers], self.rows.gaps[self._on_rollers]
+        if not R.shape[0]:
+            return u
+        movable = R @ diags(free.ravel().astype(float))
+        missing = spsolve((movable @ movable.T).tocsc(), gaps - R @ u.ravel())
+        return u + (movable.T @ missing).reshape(u.shape)
+
+    def roller_forces(self, x: np.ndarray) -> dict[Place, np.ndarray]:
+        """Nodal forces of the body on each roller, shape (nodes, N)."""
+        numbers, result = np.arange(len(self)), {}
+        for place, rows in self.rollers.items():
+            inside = (numbers >= rows.start) & (numbers < rows.stop)
+            result[place] = self.forces(np.where(inside, x, 0.0))
+        return result
 
     def normal(self, x: np.ndarray) -> np.ndarray:
         """The normal forces among the forces or gaps of all rows, shape (m,)."""

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from ngsolve import (
     BND,
+    BilinearForm,
     CoefficientFunction,
     FESpace,
     GridFunction,
@@ -18,10 +19,13 @@ from ngsolve import (
     ds,
     dx,
 )
-from ngsolve.comp import ProxyFunction
+from ngsolve.comp import DifferentialSymbol, ProxyFunction
+from scipy.sparse import csr_matrix
 
+from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.spaces import displacement_space, prescribed_displacement
-from ngepc.model.problem import Problem
+from ngepc.model.places import Edge, Place, Point, values_at
+from ngepc.model.problem import Problem, as_scalar
 
 BONUS_ORDER = 3
 """Order by which the rules of loads exceed that of the displacements."""
@@ -29,24 +33,32 @@ BONUS_ORDER = 3
 
 def external_work(problem: Problem, v: CoefficientFunction | ProxyFunction) -> list:
     """The integrals of int_Gn g . v + int f . v, with points for loads that vary."""
-    return work_of(problem, v, problem.tractions, problem.f)
+    return work_of(problem, v, problem.loads, problem.f)
 
 
 def work_of(
     problem: Problem,
     v: CoefficientFunction | ProxyFunction,
-    tractions: Mapping[str, CoefficientFunction],
+    loads: Mapping[Place, CoefficientFunction],
     f: CoefficientFunction | None,
 ) -> list:
-    """The integrals of other loads on the body of a problem."""
+    """The integrals of other loads on the body of a problem; forces at points have none."""
     weight = problem.kinematics.weight
     work = [
-        weight * InnerProduct(g, v) * ds(name, bonus_intorder=BONUS_ORDER)
-        for name, g in tractions.items()
+        weight * InnerProduct(g, v) * region_measure(problem, place)
+        for place, g in loads.items()
+        if not isinstance(place, Point)
     ]
     if f is not None:
         work.append(weight * InnerProduct(f, v) * dx(bonus_intorder=BONUS_ORDER))
     return work
+
+
+def region_measure(problem: Problem, place: str | Edge) -> DifferentialSymbol:
+    """Ds on a boundary or along edges, with points for data that vary."""
+    if isinstance(place, str):
+        return ds(place, bonus_intorder=BONUS_ORDER)
+    return dx(definedon=problem.mesh.BBoundaries(place.name), bonus_intorder=BONUS_ORDER)
 
 
 def nodal(vector: np.ndarray, problem: Problem) -> np.ndarray:
@@ -55,21 +67,52 @@ def nodal(vector: np.ndarray, problem: Problem) -> np.ndarray:
 
 
 def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
-    """Nodal forces of tractions and body force, shape (nodes, N)."""
-    return forces_of(problem, V, problem.tractions, problem.f)
+    """Nodal forces of all loads, shape (nodes, N)."""
+    return forces_of(problem, V, problem.loads, problem.f)
 
 
 def forces_of(
     problem: Problem,
     V: FESpace,
-    tractions: Mapping[str, CoefficientFunction],
+    loads: Mapping[Place, CoefficientFunction],
     f: CoefficientFunction | None,
 ) -> np.ndarray:
     """Nodal forces of other loads on the body of a problem, shape (nodes, N)."""
     load = LinearForm(V)
-    for term in work_of(problem, V.TestFunction(), tractions, f):
+    for term in work_of(problem, V.TestFunction(), loads, f):
         load += term
-    return nodal(load.Assemble().vec.FV().NumPy(), problem).copy()
+    forces = nodal(load.Assemble().vec.FV().NumPy(), problem).copy()
+    for place, g in loads.items():
+        if isinstance(place, Point):
+            vertices, values = values_at(g, problem.mesh, place)
+            forces[vertices] += values
+    return forces
+
+
+def spring_matrix(problem: Problem, V: FESpace, place: Place, k: Coefficient) -> csr_matrix:
+    """Forces of the springs at a place per displacement, u flattened node by node.
+
+    ``k`` is one of ``Problem.spring_constants``.
+    """
+    N, (u, v) = problem.N, V.TnT()
+    several = isinstance(k, tuple | list | np.ndarray)
+    constants = [as_scalar(one) for one in (k if several else [k])]
+    if isinstance(place, Point):
+        vertices = place.vertices(problem.mesh)
+        rows = (N * vertices[:, None] + np.arange(N)).ravel()
+        numbers = [values_at(one, problem.mesh, place)[1][:, 0] for one in constants]
+        return csr_matrix((np.stack(numbers, axis=1).ravel(), (rows, rows)), shape=(V.ndof, V.ndof))
+    if several:
+        density = sum(one * u[i] * v[i] for i, one in enumerate(constants))
+    else:
+        density = constants[0] * (problem.normal * u) * (problem.normal * v)
+    form = BilinearForm(V)
+    form += problem.kinematics.weight * density * region_measure(problem, place)
+    by_component = csr_matrix(tuple(map(np.asarray, form.Assemble().mat.CSR()))).tocoo()
+    node = np.arange(V.ndof).reshape(N, -1).T.ravel().argsort()
+    data, i, j = by_component.data, node[by_component.row], node[by_component.col]
+    kept = data != 0
+    return csr_matrix((data[kept], (i[kept], j[kept])), shape=(V.ndof, V.ndof))
 
 
 class Supports:
@@ -88,6 +131,10 @@ class Supports:
         Boolean, shape (nodes, N): components that no support holds.
     values
         Prescribed displacements, zero elsewhere, shape (nodes, N).
+    springs
+        Place -> forces of its springs per displacement, u flattened node by node.
+    stiffness
+        The sum of ``springs``, sparse; None without springs.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -97,6 +144,17 @@ class Supports:
         self.values = nodal(lift.vec.FV().NumPy(), problem).copy()
         if problem.kinematics.hoop:
             self.free[_on_axis(problem, self.space), 0] = False
+        self.springs = {
+            place: spring_matrix(problem, self.space, place, k)
+            for place, k in problem.spring_constants.items()
+        }
+        self.stiffness = sum(self.springs.values()) if self.springs else None
+
+    def pull(self, u: np.ndarray) -> np.ndarray:
+        """The forces on the springs at nodal displacements, both (nodes, N)."""
+        if self.stiffness is None:
+            return np.zeros_like(u)
+        return (self.stiffness @ u.ravel()).reshape(u.shape)
 
     def function(self, u: np.ndarray, name: str = "displacement") -> GridFunction:
         """The displacement with these nodal values."""

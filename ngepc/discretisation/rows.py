@@ -236,7 +236,7 @@ def _corners(problem: Problem) -> Iterator[_Corner]:
         )
         normals = np.asarray(problem.normal(inside)).reshape(len(inside), -1)
         gaps, gaps_there = (np.ravel(psi(points)) for points in (inside, corners))
-        measure = _measure(problem, inside)
+        area = surface_measure(problem, inside)
         first = first_corner = 0
         for facet in facets:
             number = ElementId(BND, facet.nr)
@@ -244,7 +244,7 @@ def _corners(problem: Problem) -> Iterator[_Corner]:
             rule = _rules(problem.order)[element.type]
             here = slice(first, first + len(rule))
             first = here.stop
-            weights = measure[here] * np.array(rule.weights)
+            weights = area[here] * np.array(rule.weights)
             shapes = np.array([np.array(element.CalcShape(*point)) for point in rule.points])
             hats = np.array([_HATS[element.type](point) for point in rule.points]).T * weights
             for k, (vertex, hat) in enumerate(zip(facet.vertices, hats, strict=True)):
@@ -261,7 +261,7 @@ def _corners(problem: Problem) -> Iterator[_Corner]:
             first_corner += len(facet.vertices)
 
 
-def _measure(problem: Problem, points: np.ndarray) -> np.ndarray:
+def surface_measure(problem: Problem, points: np.ndarray) -> np.ndarray:
     """Surface per reference facet at mapped points, times 2 pi r where the body is a ring."""
     N = problem.N
     J = specialcf.JacobianMatrix(N, N - 1)(points).reshape(-1, N, N - 1)

@@ -20,7 +20,7 @@ from ngsolve import (
     VectorValued,
 )
 
-from ngepc.checks.arguments import boundary_names
+from ngepc.model.places import Edge, Place, Point, values_at
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.rules import plastic_order
 
@@ -30,42 +30,51 @@ AXES = "xyz"
 def displacement_space(problem: Problem) -> FESpace:
     """V_h: continuous vectors of the problem's order; held components are not free."""
     fixed = {axis: list(problem.clamped_names) for axis in AXES[: problem.N]}
-    for name, components in single_prescribed(problem).items():
-        for axis, component in zip(AXES, components, strict=False):
-            if component is not None:
-                fixed[axis].append(name)
+    points = []
+    for place, components in problem.held_components.items():
+        for number, component in enumerate(components):
+            if component is not None and isinstance(place, str):
+                fixed[AXES[number]].append(place)
+            elif component is not None:
+                points.append((place, number))
     conditions = {f"dirichlet{axis}": "|".join(names) for axis, names in fixed.items() if names}
-    return VectorH1(problem.mesh, order=problem.order, **conditions)
+    V = VectorH1(problem.mesh, order=problem.order, **conditions)
+    for place, axis in points:
+        for dof in nodes_at(V.components[axis], place).tolist():
+            V.FreeDofs().Clear(V.Range(axis).start + dof)
+    return V
 
 
-def single_prescribed(problem: Problem) -> dict[str, tuple]:
-    """Single boundary name -> its prescribed components, None for a free one."""
-    return {
-        name: tuple(components)
-        for names, components in (problem.prescribed or {}).items()
-        for name in boundary_names("prescribed", names, problem.mesh)
-    }
+def nodes_at(scalar: FESpace, place: Place) -> np.ndarray:
+    """Degrees of freedom of one displacement component that belong to a place."""
+    if isinstance(place, Point):
+        return place.vertices(scalar.mesh)
+    on_edges = isinstance(place, Edge)
+    region = scalar.mesh.BBoundaries(place.name) if on_edges else scalar.mesh.Boundaries(place)
+    return np.flatnonzero(np.array(scalar.GetDofs(region), dtype=bool))
 
 
 def prescribed_displacement(problem: Problem, V: FESpace) -> GridFunction:
-    """A function in ``V`` with the prescribed boundary values, zero at all free nodes."""
-    lift = GridFunction(V)
-    one = GridFunction(V)
-    for name, components in single_prescribed(problem).items():
+    """A function in ``V`` with the prescribed values, zero at all free nodes.
+
+    On edges it varies linearly between the vertices.
+    """
+    lift, one = GridFunction(V), GridFunction(V)
+    to, source = lift.vec.FV().NumPy(), one.vec.FV().NumPy()
+    for place, components in problem.held_components.items():
         for axis, component in enumerate(components):
-            if component is not None:
-                region = problem.mesh.Boundaries(name)
+            if component is None:
+                continue
+            first = V.Range(axis).start
+            if isinstance(place, str):
+                region = problem.mesh.Boundaries(place)
                 one.components[axis].Set(as_scalar(component), definedon=region)
-                _copy_dofs(lift, one, V, axis, region)
+                dofs = first + nodes_at(V.components[axis], place)
+                to[dofs] = source[dofs]
+            else:
+                vertices, values = values_at(component, problem.mesh, place)
+                to[first + vertices] = values[:, 0]
     return lift
-
-
-def _copy_dofs(target: GridFunction, source: GridFunction, V: FESpace, axis: int, region) -> None:
-    first = V.Range(axis).start
-    component = V.components[axis]
-    mask = np.array(component.GetDofs(region), dtype=bool)
-    dofs = first + np.flatnonzero(mask)
-    target.vec.FV().NumPy()[dofs] = source.vec.FV().NumPy()[dofs]
 
 
 def plastic_space(problem: Problem) -> FESpace:

@@ -11,6 +11,7 @@ from copy import copy
 import numpy as np
 from ngsolve import H1
 from ngsolve.la import SparseMatrixd
+from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.blocks import StiffnessBlocks, pattern_matrix
 from ngepc.discretisation.points import Moduli, Points
@@ -21,7 +22,7 @@ class Stiffness:
 
     Parameters
     ----------
-    points, free, springs
+    points, free, added
         As for ``StiffnessBlocks``.
 
     Attributes
@@ -30,8 +31,8 @@ class Stiffness:
         The lower triangle as an NGSolve matrix of N x N blocks.
     """
 
-    def __init__(self, points: Points, free: np.ndarray, springs: np.ndarray | None = None) -> None:
-        self._blocks = StiffnessBlocks(points, free, springs)
+    def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
+        self._blocks = StiffnessBlocks(points, free, added)
         self.matrix = pattern_matrix(H1(points.mesh, order=points.order, dim=points.kinematics.N))
         if self.entries.shape[0] != len(self._blocks.rows):
             raise RuntimeError("the block matrix has another pattern than the scalar one")

@@ -27,6 +27,7 @@ from ngepc.discretisation.spaces import displacement_space, plastic_space, presc
 from ngepc.dual.parts import dual_parts
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
+from ngepc.model.loading import require_plain
 from ngepc.model.problem import Problem, as_scalar
 
 REFINEMENTS = 1
@@ -107,6 +108,7 @@ def require_papers_problem(problem: Problem) -> None:
             f"kinematics={problem.kinematics.name!r}: the regularised method has no bodies of "
             f"revolution; {advice}"
         )
+    require_plain(problem, f"the regularised method has boundaries alone, {advice}")
 
 
 class LinearBlocks:

@@ -11,11 +11,12 @@ import numpy as np
 from ngsolve import GridFunction
 
 from ngepc._version import __version__
-from ngepc.checks.arguments import boundary_names, sample
+from ngepc.checks.arguments import sample
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.spaces import displacement_space
 from ngepc.evolution.load_path import ListedSteps, Schedule
 from ngepc.model.friction import Coulomb
+from ngepc.model.places import Place, values_at
 from ngepc.model.problem import Problem, as_vector
 from ngepc.results.checkpoint import load, mesh_fingerprint, save
 from ngepc.results.fields import Fields
@@ -123,7 +124,7 @@ class EvolutionFile:
 def problem_fingerprint(problem: Problem) -> str:
     """A digest of all data of a problem but its mesh, sampled on the mesh."""
     mesh, material, digest = problem.mesh, problem.material, hashlib.sha256()
-    names = (problem.clamped_names, problem.contact_names, sorted(problem.prescribed or {}))
+    names = (problem.clamped_names, problem.contact_names)
     names += problem.contact_pairs
     digest.update(repr((*names, problem.kinematics.name, problem.order)).encode())
     body = [material.lame_lambda, material.lame_mu, material.effective_hardening]
@@ -141,10 +142,24 @@ def problem_fingerprint(problem: Problem) -> str:
         digest.update(sample(value, mesh, list(problem.touching_names)).tobytes())
     if problem.initial_displacement is not None:
         digest.update(sample(as_vector(problem.initial_displacement), mesh).tobytes())
-    for names, components in sorted((problem.prescribed or {}).items()):
-        for component in components:
-            free = component is None
-            digest.update(f"{names} {free}".encode())
-            if not free:
-                digest.update(sample(component, mesh, boundary_names("", names, mesh)).tobytes())
+    for place, components in sorted(problem.held_components.items(), key=str):
+        digest.update(str(place).encode())
+        _digest_at(digest, problem, place, components)
+    for place, roller in sorted(problem.rollers.items(), key=str):
+        digest.update(repr((place, roller.direction)).encode())
+        _digest_at(digest, problem, place, [roller.value])
+    for place, k in sorted(problem.spring_constants.items(), key=str):
+        digest.update(f"springs {place}".encode())
+        _digest_at(digest, problem, place, k if isinstance(k, tuple | list | np.ndarray) else [k])
+    for place in problem.concentrated:
+        if place in problem.loads:
+            _digest_at(digest, problem, place, [problem.loads[place]])
     return digest.hexdigest()
+
+
+def _digest_at(digest: object, problem: Problem, place: Place, values: Sequence) -> None:
+    """Take in coefficients, None for a free component, at the vertices of a place."""
+    for value in values:
+        digest.update(str(value is None).encode())
+        if value is not None:
+            digest.update(values_at(value, problem.mesh, place)[1].tobytes())

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.model.places import Roller
 from ngepc.model.problem import Problem, as_vector
 
 Changes = Mapping[str, object]
@@ -127,7 +128,7 @@ def load_cycle(
 
     The factor is ``factors[0]`` at time begin + 1, ``factors[1]`` at begin + 2, and so on:
     ``load_cycle(problem, [1, -1, 1], steps=4)`` loads, reverses and reloads in 4 steps each.
-    Tractions, body force and prescribed displacements are scaled; gaps are not.
+    Loads, pressures and prescribed displacements are scaled; gaps are not.
 
     Parameters
     ----------
@@ -160,15 +161,19 @@ def load_cycle(
 
 
 def scaled_loads(problem: Problem, factor: float) -> Changes:
-    """Changes that multiply tractions, body force and prescribed displacements by ``factor``."""
+    """Changes that multiply all loads and prescribed displacements by ``factor``."""
     changes: dict[str, object] = {}
     if problem.traction:
-        changes["traction"] = {name: factor * g for name, g in problem.tractions.items()}
+        changes["traction"] = {p: factor * as_vector(g) for p, g in problem.traction.items()}
+    if problem.pressure:
+        changes["pressure"] = {name: factor * p for name, p in problem.pressure.items()}
     if problem.body_force is not None:
         changes["body_force"] = factor * as_vector(problem.body_force)
     if problem.prescribed:
         changes["prescribed"] = {
-            names: tuple(None if c is None else factor * c for c in components)
-            for names, components in problem.prescribed.items()
+            p: replace(c, value=factor * c.value)
+            if isinstance(c, Roller)
+            else tuple(None if one is None else factor * one for one in c)
+            for p, c in problem.prescribed.items()
         }
     return changes

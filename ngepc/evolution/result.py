@@ -37,7 +37,7 @@ class StepRecord:
     reaction, applied_force
         Forces of all supports and of the loads on the body, N numbers.
     reactions
-        Name of each clamped or prescribed boundary -> its force on the body, N numbers.
+        Name of each support, ``str(place)`` -> its force on the body, N numbers.
     primal_energy
         J(u, p) of the step, (2.14).
     elastic_energy
@@ -102,7 +102,7 @@ def _forces(result: object) -> dict:
     equilibrium = getattr(result, "equilibrium", None)
     if equilibrium is None:
         return told | {"reactions": None}
-    return told | {"reactions": {name: _force(f) for name, f in equilibrium.reactions.items()}}
+    return told | {"reactions": {str(p): _force(f) for p, f in equilibrium.reactions.items()}}
 
 
 def _force(values: Iterable | None) -> Force | None:

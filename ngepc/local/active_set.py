@@ -58,6 +58,7 @@ class InexactTarget:
         change, active, scale = np.zeros(forces.size), here.multipliers > 0, 0.0
         if not active.any():
             active = gap < 0
+        active |= rows.tied
         for _ in range(SETS):
             closed = Closed(discrete, active)
             fixed = closed.moved(gap[active])
@@ -68,9 +69,9 @@ class InexactTarget:
             multipliers = np.zeros(len(rows))
             multipliers[active] = closed.forces(forces - tangent.multiply(change))
             left = gap - rows.normal @ change
-            correct = np.where(active, multipliers > 0, left < -here.touching_distance)
+            correct = np.where(active, multipliers > 0, left < -here.touching_distance) | rows.tied
             if (correct == active).all():
                 break
             active = correct
-        multipliers = np.maximum(multipliers, 0.0)
+        multipliers = np.where(rows.tied, multipliers, np.maximum(multipliers, 0.0))
         return Target(change.reshape(here.u.shape), multipliers)

@@ -179,7 +179,7 @@ class IterativeTangent:
         most: int,
     ) -> None:
         self._discrete, self._patience, self._most = discrete, patience, most
-        self._blocks = StiffnessBlocks(discrete.points, discrete.supports.free)
+        self._blocks = StiffnessBlocks(discrete.points, discrete.supports.free, discrete.added)
         self._pattern = FullPattern(self._blocks)
         self._engine = engine(self._pattern, discrete)
         self._modes = low_energy_modes(discrete)

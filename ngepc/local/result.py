@@ -111,12 +111,13 @@ def dual_energy(state: State) -> float:
         volume, e = points.strain(u)
         p = (q + law.returned(e).trial) / (two_mu + h)[:, None]
         stress = two_mu[:, None] * (e - law.initial - p)
-        forces = points.forces(law.bulk * volume, stress)
+        forces = points.forces(law.bulk * volume, stress) + discrete.supports.pull(u)
         u = u + tangent.solve(discrete.load - state.contact_forces - forces)
     volume, e = points.strain(u)
     p = (q + law.returned(e).trial) / (two_mu + h)[:, None]
     elastic = e - p - law.initial
     density = 0.5 * (law.bulk * volume**2 + two_mu * (elastic**2 - law.initial**2).sum(1))
     density += 0.5 * h * (p**2).sum(1) + ((law.back - q) * p).sum(1)
-    work = np.vdot(discrete.load, u) + state.contact @ discrete.contact.gaps(u)
+    work = np.vdot(discrete.load - 0.5 * discrete.supports.pull(u), u)
+    work += state.contact @ discrete.contact.gaps(u)
     return -(points.integral(density) - float(work))

@@ -28,8 +28,9 @@ def starting_state(discrete: DiscreteProblem, start: object | None) -> State:
     """
     supports = discrete.supports
     if start is None:
-        return discrete.state(supports.values.copy())
+        return discrete.state(discrete.contact.on_rollers(supports.values.copy(), supports.free))
     u = np.where(supports.free, nodal_values(start, discrete.problem), supports.values)
+    u = discrete.contact.on_rollers(u, supports.free)
     return discrete.state(u, contact=carried_forces(discrete, start))
 
 

@@ -60,7 +60,7 @@ class ExactTarget:
     """
 
     def __init__(self, discrete: DiscreteProblem) -> None:
-        self._compliance = Compliance(1 / discrete.row_stiffness)
+        self._compliance = Compliance(discrete.contact.grip(discrete.row_stiffness)[1])
 
     def __call__(self, here: State, tangent: Tangent) -> Target:
         """Factorise the tangent at a state and solve Newton's model with contact and friction.
@@ -105,6 +105,9 @@ class Line:
         object.__setattr__(self, "_contact", contact)
         work = np.vdot(here.discrete.load - contact.held, target.change)
         object.__setattr__(self, "_work", float(work))
+        pull = self.here.discrete.supports.pull(target.change)
+        springs = float(np.vdot(pull, here.u)), float(np.vdot(pull, target.change))
+        object.__setattr__(self, "_springs", springs)
 
     def slope(self, t: float) -> float:
         """d/dt of J(u + t du), friction with the bounds of the target included."""
@@ -112,7 +115,8 @@ class Line:
         at = discrete.law.returned(self.here.deviator + t * e)
         stress = discrete.law.stress(at)
         mean = discrete.law.bulk * (self.here.volume + t * volume) * volume
-        work = self._work - self._contact.slope(t)
+        start, rise = self._springs
+        work = self._work - self._contact.slope(t) - start - t * rise
         return discrete.points.integral(mean + np.einsum("pd,pd->p", stress, e)) - work
 
     @property

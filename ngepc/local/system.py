@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.balance import Balance
 from ngepc.discretisation.conditions import ContactConditions
@@ -61,12 +62,26 @@ class DiscreteProblem:
     @cached_property
     def stiffness(self) -> Stiffness:
         """The pattern of the tangents; who fills it takes ``another()``."""
-        return Stiffness(self.points, self.supports.free, self.springs)
+        return Stiffness(self.points, self.supports.free, self.added)
+
+    @property
+    def added(self) -> csr_matrix | None:
+        """What the tangent has besides the stress: springs, and what only steers the steps."""
+        weak = None if self.springs is None else diags(self.springs.ravel())
+        parts = [self.supports.stiffness, self.contact.grip(self.row_stiffness)[0], weak]
+        parts = [part for part in parts if part is not None]
+        return sum(parts[1:], parts[0]).tocsr() if parts else None
 
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:
         """Diagonal of the elastic stiffness, shape (nodes, N): the size of forces per length."""
-        return self.points.diagonal(self.law.bulk, self.law.two_mu)
+        diagonal = self.points.diagonal(self.law.bulk, self.law.two_mu)
+        springs = self.supports.stiffness
+        return (
+            diagonal
+            if springs is None
+            else diagonal + springs.diagonal().reshape(-1, self.problem.N)
+        )
 
     @cached_property
     def row_stiffness(self) -> np.ndarray:
@@ -146,7 +161,8 @@ class State(Balance):
     def energy(self) -> float:
         """J(u, p) of (2.14) with the p that is best for u, and friction (force times length)."""
         density = self.discrete.law.energy_density(self.volume, self.at)
-        work = float(np.vdot(self.discrete.load, self.u))
+        pull = self.discrete.supports.pull(self.u)
+        work = float(np.vdot(self.discrete.load - 0.5 * pull, self.u))
         return self.discrete.points.integral(density) - work + self.friction_work
 
     @property
@@ -168,6 +184,6 @@ class State(Balance):
 
     @cached_property
     def internal_forces(self) -> np.ndarray:
-        """Nodal forces of the stress, shape (nodes, N)."""
-        law = self.discrete.law
-        return self.discrete.points.forces(law.bulk * self.volume, law.stress(self.at))
+        """Nodal forces of the stress and on the springs, shape (nodes, N)."""
+        law, pull = self.discrete.law, self.discrete.supports.pull(self.u)
+        return pull + self.discrete.points.forces(law.bulk * self.volume, law.stress(self.at))

@@ -22,7 +22,9 @@ from ngepc.model.elements import element_nodes, vertices_of
 from ngepc.model.friction import Coulomb
 from ngepc.model.given import Given
 from ngepc.model.kinematics import Kinematics
+from ngepc.model.loading import check_loads, check_springs, require_vector_load
 from ngepc.model.material import Material, split_hardening
+from ngepc.model.places import Place, places
 from ngepc.model.rules import plastic_points
 from ngepc.model.support import check_support
 
@@ -33,6 +35,7 @@ def check_problem(problem: Given) -> None:
     check_axis(problem)
     check_boundaries(problem)
     check_loads(problem)
+    check_springs(problem)
     check_pairs(problem)
     check_gap(problem)
     check_friction(problem)
@@ -110,80 +113,35 @@ def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> No
 
 
 def check_boundaries(problem: Given) -> None:
-    """Existing names; nothing both clamped and something else; contact away from clamped."""
+    """Existing names; nothing both clamped and something else."""
     mesh, clamped, contact = problem.mesh, problem.clamped_names, problem.contact_names
-    for argument in ("traction", "prescribed"):
+    named = {"contact": list(contact)}
+    for argument in ("traction", "pressure", "prescribed", "springs"):
         given = getattr(problem, argument)
         if given is not None and not isinstance(given, Mapping):
             raise TypeError(f"{argument}={given!r}: a mapping of boundary name -> value is needed")
-    loaded = _keys("traction", problem.traction, mesh)
-    prescribed = _keys("prescribed", problem.prescribed, mesh)
-    for name, others in {"contact": contact, "traction": loaded, "prescribed": prescribed}.items():
+        named[argument] = _keys(argument, given, mesh)
+    for name, others in named.items():
         twice = sorted(set(clamped) & set(others))
         if twice:
             raise ValueError(
                 f"{name} and clamped overlap in {', '.join(twice)}: "
                 "a clamped boundary carries nothing else"
             )
-    if contact and clamped and vertices_of(mesh, clamped) & vertices_of(mesh, contact):
-        raise ValueError(
-            f"contact={problem.contact!r} meets clamped={problem.clamped!r}: the closed "
-            "contact boundary must keep away from the clamped one, (2.2)"
-        )
 
 
-def _keys(argument: str, given: Mapping | None, mesh: Mesh) -> list[str]:
-    keys = [n for names in (given or {}) for n in boundary_names(argument, names, mesh)]
-    twice = sorted({n for n in keys if keys.count(n) > 1})
+def _keys(argument: str, given: Mapping | None, mesh: Mesh) -> list[Place]:
+    legal = boundary_names if argument == "pressure" else places
+    keys = [place for key in (given or {}) for place in legal(argument, key, mesh)]
+    twice = sorted({str(place) for place in keys if keys.count(place) > 1})
     if twice:
         raise ValueError(f"{argument} names {', '.join(twice)} more than once")
     return keys
 
 
-def check_loads(problem: Given) -> None:
-    """Finite vector loads and prescribed displacements of N components."""
-    N, mesh = problem.N, problem.mesh
-    for name, g in (problem.traction or {}).items():
-        for single in boundary_names("traction", name, mesh):
-            _check_vector(f"traction[{single!r}]", g, N)
-            require_finite(f"traction[{single!r}]", problem.tractions[single], mesh, [single])
-    if problem.body_force is not None:
-        _check_vector("body_force", problem.body_force, N)
-        require_finite("body_force", problem.f, mesh)
-    for name, components in (problem.prescribed or {}).items():
-        for single in boundary_names("prescribed", name, mesh):
-            argument = f"prescribed[{single!r}]"
-            if not isinstance(components, tuple | list | np.ndarray) or len(components) != N:
-                raise ValueError(
-                    f"{argument}={components!r}: {N} components are needed, None for a free one"
-                )
-            for c in components:
-                if c is not None:
-                    require_coefficient(argument, c)
-                    require_finite(argument, c, mesh, [single], corners=True)
-            if single in problem.tractions and all(c is not None for c in components):
-                raise ValueError(
-                    f"traction and prescribed overlap in {single}: all components are held "
-                    "there, a load would do nothing"
-                )
-
-
-def _check_vector(argument: str, value: object, N: int) -> None:
-    if isinstance(value, CoefficientFunction):
-        require_coefficient(argument, value, [(N,)])
-    elif isinstance(value, tuple | list | np.ndarray):
-        if len(value) != N:
-            raise ValueError(f"{argument}={value!r}: {N} components are needed")
-        for component in value:
-            require_coefficient(argument, component)
-    else:
-        raise TypeError(f"{argument}={value!r}: a vector of {N} components is needed")
-
-
 def check_pairs(problem: Given) -> None:
     """Existing names, two different boundaries in each pair, none of them a rigid obstacle's."""
     mesh, rigid = problem.mesh, set(problem.contact_names)
-    held = vertices_of(mesh, problem.clamped_names) if problem.clamped_names else set()
     for pair in problem.contact_pairs:
         one, two = (boundary_names("contact", n, mesh) for n in (pair.first, pair.second))
         if set(one) & set(two) or (set(one) | set(two)) & rigid:
@@ -193,10 +151,6 @@ def check_pairs(problem: Given) -> None:
         if vertices_of(mesh, one) & vertices_of(mesh, two):
             raise ValueError(
                 f"contact={pair!r}: the bodies share nodes; mesh them apart (without Glue)"
-            )
-        if held & vertices_of(mesh, one) and not pair.tied:
-            raise ValueError(
-                f"contact={pair!r}: the first boundary must keep away from the clamped one"
             )
 
 
@@ -243,7 +197,7 @@ def check_friction(problem: Given) -> None:
     if least < 0:
         raise ValueError(f"{name} falls to {least:g}: values >= 0 are needed")
     if problem.initial_displacement is not None:
-        _check_vector("initial_displacement", problem.initial_displacement, problem.N)
+        require_vector_load("initial_displacement", problem.initial_displacement, problem.N)
         require_finite("initial_displacement", problem.u_0, problem.mesh, problem.touching_names)
 
 

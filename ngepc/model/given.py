@@ -11,6 +11,7 @@ from ngepc.model.friction import Coulomb
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.normals import outward_normal
+from ngepc.model.places import Edge, Place, Point, Roller, places
 
 Vector = CoefficientFunction | Sequence[Coefficient]
 """A vector-valued CoefficientFunction, or a sequence of N numbers and scalar coefficients."""
@@ -23,18 +24,20 @@ class Given:
     mesh: Mesh
     material: Material
     clamped: str | Sequence[str] | None = "clamped"
-    traction: Mapping[str, Vector] | None = None
+    traction: Mapping[Place, Vector] | None = None
     contact: str | Contact | Sequence[str | Contact] | None = None
     gap: Coefficient | Mapping[str, Coefficient] | None = None
     body_force: Vector | None = None
     initial_plastic_strain: CoefficientFunction | None = None
     initial_hardening: Coefficient | tuple | None = None
-    prescribed: Mapping[str, Sequence[Coefficient | None]] | None = None
+    prescribed: Mapping[Place, Sequence[Coefficient | None] | Roller] | None = None
     friction: Coefficient | Coulomb | None = None
     initial_displacement: Vector | None = None
     initial_accumulated: Coefficient | None = None
     kinematics: Kinematics | str | None = None
     order: int = 1
+    pressure: Mapping[str, Coefficient] | None = None
+    springs: Mapping[Place, Coefficient | Sequence[Coefficient]] | None = None
 
     @property
     def N(self) -> int:
@@ -83,13 +86,45 @@ class Given:
         return tuple(self.contact) if several else (self.contact,)
 
     @property
+    def loads(self) -> dict[Place, CoefficientFunction]:
+        """Single place -> force per area, per length (edges) or force (points)."""
+        loads = {p: as_vector(g) for p, g in self.single("traction").items()}
+        for name, value in self.single("pressure").items():
+            push = -as_scalar(value) * self.normal
+            loads[name] = loads[name] + push if name in loads else push
+        return loads
+
+    @property
     def tractions(self) -> dict[str, CoefficientFunction]:
-        """Single boundary name -> g as a vector-valued coefficient."""
-        return {
-            name: as_vector(g)
-            for names, g in (self.traction or {}).items()
-            for name in boundary_names("traction", names, self.mesh)
-        }
+        """Single boundary name -> g as a vector-valued coefficient, pressure included."""
+        return {name: g for name, g in self.loads.items() if isinstance(name, str)}
+
+    @property
+    def held_components(self) -> dict[Place, tuple]:
+        """Single place -> its prescribed components, None for a free one."""
+        given = self.single("prescribed")
+        return {p: c for p, c in given.items() if not isinstance(c, Roller)}
+
+    @property
+    def rollers(self) -> dict[Place, Roller]:
+        """Single place -> its support along one direction."""
+        return {p: c for p, c in self.single("prescribed").items() if isinstance(c, Roller)}
+
+    @property
+    def spring_constants(self) -> dict[Place, Coefficient | Sequence[Coefficient]]:
+        """Single place -> stiffness along the normal, or that of each component."""
+        return self.single("springs")
+
+    @property
+    def concentrated(self) -> list[Point | Edge]:
+        """The points and edges that anything acts on."""
+        given = [*self.loads, *self.single("prescribed"), *self.spring_constants]
+        return [place for place in given if not isinstance(place, str)]
+
+    def single(self, argument: str) -> dict:
+        """A mapping by place with one entry for each boundary of a key 'a|b'."""
+        given = getattr(self, argument) or {}
+        return {p: v for key, v in given.items() for p in places(argument, key, self.mesh)}
 
     @property
     def gaps(self) -> dict[str, CoefficientFunction]:

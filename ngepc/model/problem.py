@@ -27,7 +27,8 @@ class Problem(Given):
         Names of the boundaries with u = 0 (Gamma_d), 'a' or 'a|b'; None if there is none.
     traction
         Boundary name -> surface load g (force per area), a vector.  It may act on any boundary
-        that is not clamped.
+        that is not clamped.  ``Edge(name)`` -> force per length, ``Point(where)`` -> force; on a
+        body of revolution that of the whole ring.
     contact
         Names of the possible contact boundary (Gamma_c), ``Contact(first, second)`` for two bodies
         of the mesh that may touch or are tied, or a sequence of both; None if there is none.
@@ -42,8 +43,8 @@ class Problem(Given):
         alpha_0: the scalar alpha_1 >= 0 (isotropic), the symmetric back stress alpha_2
         (kinematic), or the pair (alpha_1, alpha_2) (combined); None for zero.
     prescribed
-        Boundary name -> N displacement components, None for a free one: {'left': (0, None)}
-        is a roller.
+        Boundary name, ``Edge(name)`` or ``Point(where)`` -> N displacement components, None for a
+        free one: {'left': (0, None)}; or ``Roller(direction)``, a support along one direction.
     friction
         Tresca's bound F >= 0 on the tangential traction on the contact boundary (stress), a
         number or scalar coefficient, or ``Coulomb(mu)``; it acts where the gap is closed.  None
@@ -59,6 +60,13 @@ class Problem(Given):
         None for plane strain or solid.
     order
         Polynomial degree of the displacements, 1 or 2.
+    pressure
+        Boundary name -> pressure on the body (stress), positive inward: {'top': 10} is the
+        traction -10 n, with the normal of the undeformed body.
+    springs
+        Boundary name -> stiffness k >= 0 per area (force per volume) of an elastic foundation: one
+        number resists u.n, N numbers the components.  ``Edge(name)`` -> N numbers per length,
+        ``Point(where)`` -> N numbers (force per length).  They are free of force at u = 0.
 
     Raises
     ------

@@ -159,7 +159,7 @@ def describe_problem(problem: Problem) -> list[dict[str, str]]:
         "hardening": f"kinematic {_data(m.hardening)}, isotropic H = {_data(m.hardening_modulus)}, "
         f"k_1 = {_data(m.hardening_stiffness)}",
         "clamped": ", ".join(problem.clamped_names),
-        "loaded": ", ".join(problem.tractions),
+        "loaded": ", ".join(map(str, problem.loads)),
         "contact": ", ".join(problem.contact_names),
         "gap": _data(problem.gap),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import (
     H1,
+    BaseMatrix,
     BilinearForm,
     BitArray,
     CoefficientFunction,
@@ -69,11 +70,15 @@ class ReducedEnergy:
         self._density = self.mapping.energy_density.Compile()
         self._plastic = self.mapping.plastic.Compile()
         self._inverse = None
-        matrix = self._tangent.Assemble().mat
+        self._added = self.supports.stiffness
+        matrix = self._assembled()
         self.stiffness_diagonal = nodal(
             csr_matrix(tuple(map(np.asarray, matrix.CSR()))).diagonal(), problem
         )
         self.row_stiffness = self.contact.stiffness(self.stiffness_diagonal)
+        grip, _ = self.contact.grip(self.row_stiffness)
+        if grip is not None:
+            self._added = grip if self._added is None else self._added + grip
         self.yield_forces = self._yield_forces()
 
     def _integral(self, density: CoefficientFunction):
@@ -90,17 +95,37 @@ class ReducedEnergy:
     def energy(self, u: np.ndarray) -> float:
         """J(u) smallest over p (force times length)."""
         self.set(u)
-        return self.integral(self._density) - float(np.vdot(self.load, u))
+        return self.integral(self._density) - self._work(u)
+
+    def _work(self, u: np.ndarray) -> float:
+        """The work of the loads less the energy of the springs."""
+        return float(np.vdot(self.load - 0.5 * self.supports.pull(u), u))
 
     def internal_forces(self, u: np.ndarray) -> np.ndarray:
-        """Nodal forces of the stress, shape (nodes, N); minus ``load`` it is the gradient."""
+        """Nodal forces of the stress and on the springs, shape (nodes, N).
+
+        Minus ``load`` they are the gradient.
+        """
         self.set(u)
-        return nodal(self._forces.Assemble().vec.FV().NumPy(), self.problem).copy()
+        stress = nodal(self._forces.Assemble().vec.FV().NumPy(), self.problem)
+        return stress + self.supports.pull(u)
+
+    def _assembled(self) -> BaseMatrix:
+        """The tangent at the displacement looked at last, with the springs."""
+        matrix, springs = self._tangent.Assemble().mat, self._added
+        if springs is not None:
+            values, columns, starts = (np.asarray(a) for a in matrix.CSR())
+            keys = np.repeat(np.arange(len(starts) - 1), np.diff(starts.astype(int)))
+            keys = keys * matrix.width + columns
+            springs, N = springs.tocoo(), self.problem.N
+            i, j = (d % N * (matrix.width // N) + d // N for d in (springs.row, springs.col))
+            values[np.searchsorted(keys, i * matrix.width + j)] += springs.data
+        return matrix
 
     def factorise(self, u: np.ndarray) -> None:
         """Assemble and factorise the tangent at ``u`` for ``solve``."""
         self.set(u)
-        matrix = self._tangent.Assemble().mat
+        matrix = self._assembled()
         if self._inverse is None:
             free = BitArray(self.free.T.ravel().tolist())
             self._inverse = matrix.Inverse(free, inverse=INVERSE)

@@ -56,7 +56,8 @@ class PrimalResult(DiscreteSolution):
         what is left.
         """
         state = self.state
-        work = np.vdot(self.equilibrium.reaction.T - state.contact_forces, state.u)
+        fixed = np.where(state.frame.free, 0.0, state.missing)
+        work = np.vdot(fixed - state.contact_forces, state.u)
         friction = -state.contact @ state.gaps + state.multipliers @ state.open_gap
         return -0.5 * (state.reduced.first_order_energy(state.u) + float(work)) - friction
 

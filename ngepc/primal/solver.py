@@ -66,6 +66,7 @@ def primal_newton(
     u = reduced.supports.values
     if given is not None:
         u = np.where(reduced.free, given, u)
+    u = reduced.contact.on_rollers(u, reduced.free)
     state = PrimalState(reduced, u, np.zeros(len(reduced.contact)))
     step, tolerance = PrimalStep(reduced), options.tolerance
     return newton_iteration(state, step, tolerance, options.max_iterations, monitor)

@@ -62,7 +62,7 @@ class PrimalStep:
 
     def __init__(self, reduced: ReducedEnergy) -> None:
         self.reduced, self.contact = reduced, reduced.contact
-        self.compliance = Compliance(1 / reduced.row_stiffness)
+        self.compliance = Compliance(reduced.contact.grip(reduced.row_stiffness)[1])
 
     def __call__(self, here: PrimalState) -> tuple[PrimalState, float, int] | None:
         """The next state, the step length and its trials; None if no length lowers J."""

@@ -13,14 +13,15 @@ straight elements; curved ones leave an error of higher order in h.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ngepc.checks.arguments import require_vector
 from ngepc.discretisation.loads import external_work as external_work
-from ngepc.discretisation.spaces import displacement_space, single_prescribed
+from ngepc.discretisation.spaces import displacement_space, nodes_at
+from ngepc.model.places import Place
 from ngepc.model.problem import Problem
 
 
@@ -41,6 +42,8 @@ class Equilibrium:
         solver has left at the free ones.
     free
         Boolean, the components that no support holds.
+    others
+        Place of each roller and spring -> its forces; ``missing`` is without them.
     """
 
     problem: Problem
@@ -48,6 +51,7 @@ class Equilibrium:
     contact: np.ndarray
     missing: np.ndarray
     free: np.ndarray
+    others: Mapping[Place, np.ndarray] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -59,8 +63,8 @@ class Equilibrium:
 
     @property
     def reaction(self) -> np.ndarray:
-        """Forces of the supports, zero at free components."""
-        return np.where(self.free, 0.0, self.missing)
+        """Forces of the supports, zero at free components without rollers or springs."""
+        return sum(self.others.values(), np.where(self.free, 0.0, self.missing))
 
     @property
     def imbalance(self) -> np.ndarray:
@@ -68,14 +72,18 @@ class Equilibrium:
         return np.where(self.free, self.missing, 0.0)
 
     @property
-    def reactions(self) -> dict[str, np.ndarray]:
+    def reactions(self) -> dict[Place, np.ndarray]:
         """Name of each support -> its force on the body, N components.
 
         A component that several supports hold at a node is shared equally among them.
         """
         held = self._held()
-        share = self.reaction / np.maximum(sum(held.values(), np.zeros(self.free.shape)), 1)
-        return {name: self.resultant(np.where(mask, share, 0.0)) for name, mask in held.items()}
+        fixed = np.where(self.free, 0.0, self.missing)
+        share = fixed / np.maximum(sum(held.values(), np.zeros(self.free.shape)), 1)
+        each = {place: np.where(mask, share, 0.0) for place, mask in held.items()}
+        for place, forces in self.others.items():
+            each[place] = each.get(place, 0.0) + forces
+        return {place: self.resultant(forces) for place, forces in each.items()}
 
     def resultant(self, forces: np.ndarray) -> np.ndarray:
         """The sum of nodal forces over the body, N components (force).
@@ -112,16 +120,14 @@ class Equilibrium:
             return np.array([np.vdot(arms[0], forces[1]) - np.vdot(arms[1], forces[0])])
         return np.cross(arms, forces, axis=0).sum(axis=1)
 
-    def _held(self) -> dict[str, np.ndarray]:
-        """Name of each support -> the components it holds, boolean (N, nodes)."""
-        problem = self.problem
+    def _held(self) -> dict[Place, np.ndarray]:
+        """Place of each support -> the components it holds, boolean (N, nodes)."""
+        problem, held = self.problem, {}
         components = {name: (0.0,) * problem.N for name in problem.clamped_names}
-        held = {}
         V = displacement_space(problem)
-        for name, values in (components | single_prescribed(problem)).items():
-            region = problem.mesh.Boundaries(name)
-            held[name] = np.zeros(self.free.shape, dtype=bool)
+        for place, values in (components | problem.held_components).items():
+            held[place] = np.zeros(self.free.shape, dtype=bool)
             for axis, value in enumerate(values):
                 if value is not None:
-                    held[name][axis] = np.array(V.components[axis].GetDofs(region), dtype=bool)
+                    held[place][axis, nodes_at(V.components[axis], place)] = True
         return held

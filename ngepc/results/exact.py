@@ -79,8 +79,14 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     def equilibrium(self) -> Equilibrium:
         """Nodal forces of loads, obstacles and supports."""
         state, frame = self.state, self.state.frame
-        forces = frame.load.T, -state.contact_forces.T, state.missing.T
-        return Equilibrium(self.problem, *forces, frame.free.T)
+        others = {p: -f.T for p, f in frame.contact.roller_forces(state.contact).items()}
+        contact = -state.contact_forces.T - sum(others.values(), np.zeros(frame.load.T.shape))
+        for place, matrix in frame.supports.springs.items():
+            pull = (matrix @ state.u.ravel()).reshape(state.u.shape).T
+            others[place] = others.get(place, 0.0) - pull
+        return Equilibrium(
+            self.problem, frame.load.T, contact, state.missing.T, frame.free.T, others
+        )
 
     @property
     def nodal_friction_forces(self) -> np.ndarray:
@@ -191,7 +197,7 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     @property
     def penetration(self) -> float:
         """The deepest penetration of a contact row (length), rounding for a solution."""
-        return float(np.maximum(-self.open_gap, 0.0).max(initial=0.0))
+        return self.state.penetration
 
     @cached_property
     def message(self) -> str:
@@ -203,8 +209,8 @@ def observations(result: DiscreteSolution) -> list[str]:
     """Sentences about a solution that a user must not overlook."""
     rows, found = result.rows, []
     touching = np.count_nonzero(result.pressing > 0)
-    if len(rows) and not touching:
-        nearest = int(result.open_gap.argmin())
+    if not rows.tied.all() and not touching:
+        nearest = int(np.where(rows.tied, np.inf, result.open_gap).argmin())
         mesh = result.problem.mesh
         place = np.asarray(mesh.ngmesh.Coordinates())[rows.vertices[nearest], : mesh.dim]
         found.append(

@@ -95,7 +95,8 @@ class HeldSystem:
     def internal(self, u: np.ndarray) -> np.ndarray:
         """K u at all components, shape (nodes, N)."""
         volume, e = self.discrete.points.strain(u)
-        return self.discrete.points.forces(self.moduli.bulk * volume, self.moduli(e))
+        forces = self.discrete.points.forces(self.moduli.bulk * volume, self.moduli(e))
+        return forces + self.discrete.supports.pull(u)
 
     def solve(self, force: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """u (nodes, N), zero where held, and the forces of all rows (m,), zero where open.

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from ngsolve import CF
 
-from ngepc.checks.arguments import Coefficient, boundary_names, is_number
+from ngepc.checks.arguments import Coefficient, is_number
 from ngepc.checks.kinds import require_instance, require_text
 from ngepc.discretisation.loads import Supports, forces_of
 from ngepc.discretisation.rows import contact_rows
 from ngepc.local.system import DiscreteProblem
-from ngepc.model.problem import as_vector
+from ngepc.model.places import places
+from ngepc.model.problem import as_scalar, as_vector
 from ngepc.sensitivity.radial import Data
 
 
@@ -24,8 +25,9 @@ class Direction:
     Parameters
     ----------
     datum
-        A material constant such as "lame_mu", or "traction", "body_force", "gap", "prescribed",
-        "initial_plastic_strain".  After a colon one boundary: "traction:left", "prescribed:top".
+        A material constant such as "lame_mu", or "traction", "pressure", "body_force", "gap",
+        "prescribed", "initial_plastic_strain".  After a colon one boundary: "traction:left",
+        "prescribed:top".
     change
         What is added to the datum per unit, of the form that ``Problem`` or ``Material`` takes it:
         ``mesh.MaterialCF({"core": 1.0})`` for the constant of one region.  None for the natural
@@ -149,19 +151,28 @@ def _of_boundary(name: str, given: Mapping | None, boundary: str) -> Mapping:
         return given
     if boundary not in given:
         raise ValueError(
-            f"parameters='{name}:{boundary}': one of {', '.join(sorted(given))} is needed"
+            f"parameters='{name}:{boundary}': one of {', '.join(sorted(map(str, given)))} is needed"
         )
     return {boundary: given[boundary]}
 
 
 def _traction(discrete: DiscreteProblem, boundary: str, change: Mapping | None) -> Data:
-    problem, V = discrete.problem, discrete.supports.space
-    given = {
-        name: as_vector(g)
-        for names, g in (problem.tractions if change is None else change).items()
-        for name in boundary_names("traction", names, problem.mesh)
-    }
-    return {"load": forces_of(problem, V, _of_boundary("traction", given, boundary), None)}
+    given = discrete.problem.single("traction") if change is None else _by_place(discrete, change)
+    loads = {p: as_vector(g) for p, g in _of_boundary("traction", given, boundary).items()}
+    return {"load": forces_of(discrete.problem, discrete.supports.space, loads, None)}
+
+
+def _pressure(discrete: DiscreteProblem, boundary: str, change: Mapping | None) -> Data:
+    problem = discrete.problem
+    given = problem.single("pressure") if change is None else _by_place(discrete, change)
+    chosen = _of_boundary("pressure", given, boundary)
+    loads = {name: -as_scalar(p) * problem.normal for name, p in chosen.items()}
+    return {"load": forces_of(problem, discrete.supports.space, loads, None)}
+
+
+def _by_place(discrete: DiscreteProblem, change: Mapping) -> dict:
+    mesh = discrete.problem.mesh
+    return {p: g for key, g in change.items() for p in places("parameters", key, mesh)}
 
 
 def _body_force(discrete: DiscreteProblem, boundary: str, change: object) -> Data:
@@ -205,6 +216,7 @@ def _initial_strain(discrete: DiscreteProblem, boundary: str, change: CF | None)
 
 _CHANGES: dict[str, Callable[[DiscreteProblem, str, object], Data]] = {
     "traction": _traction,
+    "pressure": _pressure,
     "body_force": _body_force,
     "gap": _gap,
     "prescribed": _prescribed,

@@ -47,6 +47,13 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
         raise ValueError("result has no finished step: at least one is needed")
     if any(problem.friction is not None for problem in problems):
         raise ValueError("friction is not None: there are no derivatives with friction yet")
+    for problem in problems:
+        if problem.contact_pairs or problem.rollers:
+            raise ValueError(
+                f"contact={problem.contact!r}, prescribed={problem.prescribed!r}: there are no "
+                "derivatives with two bodies or a Roller yet, rigid obstacles and components are "
+                "needed"
+            )
     return states
 
 

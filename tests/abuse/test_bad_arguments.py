@@ -19,6 +19,7 @@ from nonsense import (
     NOTHING,
     NUMBERS,
     POSITIVE,
+    TEXTS,
     UNSEEN,
     Use,
 )
@@ -34,17 +35,20 @@ from ngepc import (
     DisplacementAt,
     DualParameters,
     DualSpaces,
+    Edge,
     Fields,
     Fractional,
     FullProduct,
     Material,
     NewtonOptions,
     PathOptions,
+    Point,
     PrimalOptions,
     Problem,
     PyAMG,
     Reaction,
     Refinement,
+    Roller,
     Schedule,
     Status,
     SurfaceGradient,
@@ -119,6 +123,12 @@ STILL_UNCHECKED = {"PETSc"}
 
 USES = {
     # the problem
+    "Point": Use(Point, {"where": "tip"}, {"where": TEXTS}),
+    "Edge": Use(Edge, {"name": "rim"}),
+    "Roller": Use(
+        Roller,
+        may={"value": NUMBERS | COEFFICIENTS - {"a vector coefficient", "a coefficient of nine"}},
+    ),
     "Contact": Use(Contact, {"first": "left", "second": "right"}),
     "Problem": Use(
         Problem,

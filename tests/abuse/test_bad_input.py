@@ -25,7 +25,7 @@ from ngsolve import (
 )
 from ngsolve.meshes import Make1DMesh
 
-from ngepc import Material, Problem, lame_parameters
+from ngepc import Edge, Material, Point, Problem, Roller, lame_parameters
 from ngepc.geometries import block, cook, lshape, plate, punch, ring, wrench
 from ngepc.model.obstacles import Cavity, Cylinder, Disc, Plane, SignedDistance, Sphere
 
@@ -206,7 +206,10 @@ PROBLEMS = {
         {"prescribed": {"left|right": (0, None), "right": (1, None)}},
         "prescribed names right more than once",
     ),
-    "contact meets clamped": ({"contact": "left"}, "must keep away from the clamped one, (2.2)"),
+    "pressed into the clamped": (
+        {"contact": "left", "gap": -0.1},
+        "at [0.0, 0.0], gap=-0.1: the given displacement there must not exceed the gap",
+    ),
     # supports
     "nothing held": ({"clamped": None}, "leave 3 rigid motion(s)"),
     "one roller": (
@@ -220,12 +223,40 @@ PROBLEMS = {
     "contact is no support": ({"clamped": None, "gap": 0.0}, "every connected part must be held"),
     "held in its normal": (
         {"prescribed": {"contact": (None, 0.1)}},
-        "holds the normal displacement of contact='contact'",
+        "hold the normal displacement of contact='contact'",
     ),
-    "held beside in its normal": (
-        {"prescribed": {"left": (None, 0)}},
-        "holds the normal displacement of contact='contact' at [0.0, 1.0]",
+    "held beside beyond the gap": (
+        {"prescribed": {"left": (None, 2 * y)}, "clamped": "right"},
+        "hold the normal displacement of contact='contact' at [0.0, 1.0], gap=0.1",
     ),
+    "roller along the normal of contact": (
+        {"prescribed": {"contact": Roller()}},
+        "prescribed['contact'] holds the normal displacement of contact='contact'",
+    ),
+    "no vertex there": (
+        {"traction": {Point((0.5, 0.6)): (0, 1)}},
+        "traction: Point((0.5, 0.6)): a vertex of the mesh is needed there, the nearest one is at",
+    ),
+    "point in space": ({"springs": {Point((0, 0, 0)): (1, 1)}}, "2 coordinates are needed"),
+    "unknown point": ({"springs": {Point("tip"): (1, 1)}}, "there is no such point"),
+    "edges in the plane": ({"traction": {Edge("rim"): (0, 1)}}, "edges are needed"),
+    "roller at a point": (
+        {"prescribed": {Point((0.0, 1.0)): Roller()}},
+        "a direction is needed, only boundaries",
+    ),
+    "roller in space": (
+        {"prescribed": {"left": Roller((0, 0, 1))}},
+        "direction=(0.0, 0.0, 1.0): 2 numbers are needed",
+    ),
+    "roller against a value": (
+        {"prescribed": {"left": Roller(), "left|right": (1, None)}},
+        "prescribed names left more than once",
+    ),
+    "springs that push": ({"springs": {"left": -1.0}}, "falls to -1: values >= 0 are needed"),
+    "one spring at a point": ({"springs": {Point((0.0, 1.0)): 1.0}}, "2 numbers are needed"),
+    "springs of three": ({"springs": {"left": (1, 1, 1)}}, "2 numbers are needed"),
+    "springs where clamped": ({"springs": {"clamped": 1.0}}, "springs and clamped overlap"),
+    "NaN pressure": ({"pressure": {"left": NAN}}, "pressure['left']=nan: a finite number"),
     "load on a held boundary": (
         {
             "prescribed": {"left": (0, 0)},
@@ -406,6 +437,8 @@ PROBLEMS = {
     ),
 }
 PROBLEM_TYPES = {
+    "pressure at a point": ({"pressure": {Point((0.0, 1.0)): 1.0}}, "a boundary name or several"),
+    "pressure by components": ({"pressure": {"left": (0, 1)}}, "a number or a CoefficientFunction"),
     "mesh of Netgen": ({"mesh": SQUARE.ngmesh}, "an ngsolve.Mesh is needed"),
     "no mesh": ({"mesh": None}, "mesh=None: an ngsolve.Mesh is needed"),
     "material a dictionary": ({"material": STEEL}, "a Material is needed"),

@@ -1,0 +1,131 @@
+"""Supports along oblique directions as rows d . u = value with forces of either sign.
+
+Every node has a row of its own, those of quadratic displacements between the vertices as well, so
+that a roller along an axis is the same support as a prescribed component.  Normals of facets that
+differ little are averaged at their nodes; faces that meet at an angle have a row each.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from ngsolve import BND, H1, ElementId, FESpace, GridFunction, IntegrationRule
+from scipy.sparse import csr_matrix
+
+from ngepc.checks.arguments import ELEMENT_TYPES
+from ngepc.discretisation.loads import Supports
+from ngepc.discretisation.rows import (
+    SAME_FACE,
+    ContactRows,
+    interleaved,
+    surface_measure,
+    tangent_frames,
+)
+from ngepc.discretisation.spaces import nodes_at
+from ngepc.model.places import Place, Roller, values_at
+from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.support import FREE_NORMAL, HELD_NORMAL
+
+
+def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows]:
+    """The rows of each roller, but for directions that other supports hold already.
+
+    Raises
+    ------
+    ValueError
+        If two supports give a node different displacements along one direction.
+    """
+    scalar, taken = H1(problem.mesh, order=problem.order), {}
+    result = {}
+    for place, roller in problem.rollers.items():
+        values, found = _nodal_values(problem, scalar, place, roller), []
+        for node, directions in _directions(problem, scalar, place, roller).items():
+            held = taken.setdefault(node, _Held(supports.free[node], supports.values[node]))
+            for d in directions:
+                d = d / np.linalg.norm(d)
+                if held.takes(d, values[node], place):
+                    found.append((node, d))
+        result[place] = _as_rows(supports.free.shape, found, values)
+    return result
+
+
+class _Held:
+    """The directions that supports hold at one node: orthonormal, with their displacements."""
+
+    def __init__(self, free: np.ndarray, values: np.ndarray) -> None:
+        fixed = np.flatnonzero(~free)
+        self._basis, self._values = np.eye(len(free))[fixed], values[fixed]
+
+    def takes(self, d: np.ndarray, value: float, place: Place) -> bool:
+        """Whether a direction is new; it is held from now on."""
+        shares = self._basis @ d
+        rest, value = d - shares @ self._basis, value - shares @ self._values
+        size = np.linalg.norm(rest)
+        if size < HELD_NORMAL and abs(value) > 1e-8 * max(1e-300, *np.abs(self._values)):
+            raise ValueError(
+                f"prescribed[{place!r}] and another support give a node different displacements "
+                f"along {d.round(6).tolist()}: the values must agree, {value:g} is left"
+            )
+        if size < FREE_NORMAL:
+            return False
+        self._basis = np.vstack([self._basis, rest / size])
+        self._values = np.append(self._values, value / size)
+        return True
+
+
+def _directions(
+    problem: Problem, scalar: FESpace, place: Place, roller: Roller
+) -> dict[int, list[np.ndarray]]:
+    """Node -> directions, of any length: the given one, or the normals of the faces there."""
+    if roller.direction is not None:
+        return {int(n): [np.array(roller.direction)] for n in nodes_at(scalar, place)}
+    region, nodes = problem.mesh.Boundaries(place), {}
+    rules = {shape: IntegrationRule(shape, 1) for shape in ELEMENT_TYPES[problem.N - 1]}
+    points = problem.mesh.MapToAllElements(rules, region)
+    normals = surface_measure(problem, points)[:, None] * np.asarray(problem.normal(points))
+    for facet, n in zip(region.Elements(), normals, strict=True):
+        for node in scalar.GetDofNrs(ElementId(BND, facet.nr)):
+            here = nodes.setdefault(node, [])
+            for k, face in enumerate(here):
+                if face @ n > SAME_FACE * np.linalg.norm(face) * np.linalg.norm(n):
+                    here[k] = face + n
+                    break
+            else:
+                here.append(n)
+    return nodes
+
+
+def _nodal_values(problem: Problem, scalar: FESpace, place: Place, roller: Roller) -> np.ndarray:
+    """Coefficients of the given displacement along the direction, shape (nodes,)."""
+    values = GridFunction(scalar)
+    if isinstance(place, str):
+        values.Set(as_scalar(roller.value), definedon=problem.mesh.Boundaries(place))
+    else:
+        vertices, given = values_at(roller.value, problem.mesh, place)
+        values.vec.FV().NumPy()[vertices] = given[:, 0]
+    return values.vec.FV().NumPy().copy()
+
+
+def _as_rows(
+    shape: tuple[int, int], found: list[tuple[int, np.ndarray]], values: np.ndarray
+) -> ContactRows:
+    """The rows of nodes and unit vectors; they carry no part of the contact area."""
+    count, N = len(found), shape[1]
+    nodes = np.array([node for node, _ in found], dtype=int)
+    normals = np.array([d for _, d in found]).reshape(-1, N)
+    tangents = tangent_frames(normals)
+
+    def rows(directions: np.ndarray) -> csr_matrix:
+        i = np.repeat(np.arange(count), N)
+        j = (N * nodes[:, None] + np.arange(N)).ravel()
+        return csr_matrix((directions.ravel(), (i, j)), shape=(count, shape[0] * N))
+
+    return ContactRows(
+        normal=rows(normals),
+        tangential=interleaved([rows(tangents[:, k]) for k in range(N - 1)], shape[0] * N),
+        gaps=values[nodes],
+        weights=np.zeros(count),
+        vertices=np.zeros(count, dtype=int),
+        normals=normals,
+        tangents=tangents,
+        tied=np.ones(count, dtype=bool),
+    )
