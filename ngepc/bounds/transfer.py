@@ -9,6 +9,7 @@ import numpy as np
 from netgen.meshing import NetgenGeometry
 from ngsolve import (
     CF,
+    ET,
     L2,
     VOL,
     CoefficientFunction,
@@ -20,6 +21,7 @@ from ngsolve import (
 )
 
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.elements import element_vertices, vertex_coordinates
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 
@@ -91,6 +93,14 @@ def on_mesh(problem: Problem, mesh: Mesh) -> Problem:
     return Problem(**data)
 
 
+def parents(old: Mesh, new: Mesh) -> np.ndarray:
+    """For each element of a mesh the number of the element of the coarser one that it lies in."""
+    number = GridFunction(L2(old, order=0))
+    number.vec.FV().NumPy()[:] = np.arange(old.ne)
+    centres = vertex_coordinates(new)[element_vertices(new)[0]].mean(axis=1)
+    return np.ravel(number(old(*centres.T))).round().astype(int)
+
+
 class Carrier:
     """Coefficients that are constant on the elements of one mesh, as functions on a finer one.
 
@@ -101,16 +111,14 @@ class Carrier:
     """
 
     def __init__(self, old: Mesh, new: Mesh) -> None:
-        self.old, self.new = old, new
-        vertices = np.asarray(new.ngmesh.Coordinates())[:, :2]
-        nodes = new.ngmesh.Elements2D().NumPy()["nodes"][:, :3].astype(int) - 1
-        self._centres = vertices[nodes].mean(axis=1)
+        self.new, self._parents = new, parents(old, new)
+        self._centres = old.MapToAllElements({ET.TRIG: CENTRE}, VOL)
 
     def __call__(self, value: object) -> object:
         """A number or a coefficient on the old mesh as one on the new mesh."""
         if not isinstance(value, CoefficientFunction):
             return value
-        values = np.asarray(value(self.old(*self._centres.T))).reshape(len(self._centres), -1)
+        values = np.asarray(value(self._centres)).reshape(-1, value.dim)[self._parents]
         space = L2(self.new, order=0)
         if values.shape[1] > 1:
             space = VectorValued(space, values.shape[1])

@@ -67,6 +67,11 @@ class Memory:
             accumulated=self.accumulated + PEEQ * size,
         )
 
+    def on(self, problem: Problem, parents: np.ndarray) -> Memory:
+        """The same values on a mesh whose cells lie in these cells: one point each."""
+        functions = PointFunctions(Points(problem.mesh, problem.kinematics, problem.order))
+        return Memory(functions, *(values[parents] for values in self.arrays.values()))
+
     def increment(self, p: CoefficientFunction) -> np.ndarray:
         """A plastic increment at the points, shape (points, d)."""
         return self.functions.points.at(p)

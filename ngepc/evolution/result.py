@@ -46,6 +46,10 @@ class StepRecord:
         int beta |p| with the plastic strain gained in the step.
     max_plastic_strain
         Largest |p_0 + p|_F at the plastic points.
+    nodes
+        Vertices of the mesh of the step.
+    error_bound
+        ``ErrorBound.relative`` of the step; None where none was asked for.
     """
 
     time: float
@@ -60,10 +64,18 @@ class StepRecord:
     elastic_energy: float
     dissipation: float
     max_plastic_strain: float
+    nodes: int | None = None
+    error_bound: float | None = None
 
     @classmethod
     def of(
-        cls, result: object, step_fields: Fields, points: Points, time: float, cuts: int
+        cls,
+        result: object,
+        step_fields: Fields,
+        points: Points,
+        time: float,
+        cuts: int,
+        error_bound: float | None = None,
     ) -> StepRecord:
         """The numbers of a step from the solver's result and the fields at the points."""
         problem = step_fields.problem
@@ -80,12 +92,14 @@ class StepRecord:
             elastic_energy=points.integral(points.at(stored)),
             dissipation=points.integral(points.at(lost)),
             max_plastic_strain=float(points.at(step_fields.equivalent_plastic_strain).max()),
+            nodes=problem.mesh.nv,
+            error_bound=error_bound,
         )
 
     @classmethod
     def from_row(cls, row: Mapping) -> StepRecord:
         """The record from its dictionary, as a checkpoint keeps it."""
-        data = {f.name: row[f.name] for f in fields(cls) if f.name not in _FORCES}
+        data = {f.name: row[f.name] for f in fields(cls) if f.name not in _FORCES and f.name in row}
         forces = {name: _force(row.get(name)) for name in _FORCES[:-1]}
         reactions = row.get("reactions")
         if reactions is not None:

@@ -14,8 +14,14 @@ from typing import Protocol
 
 from ngsolve import GridFunction
 
-from ngepc.checks.arguments import require_integer
+from ngepc.bounds.adaptive import Refinement, marked
+from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.bounds.coverage import check_covered
+from ngepc.bounds.transfer import bisected, check_carried, on_mesh, parents
+from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
+from ngepc.discretisation.loads import Supports
+from ngepc.discretisation.prolongation import nodal_values
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.file import EvolutionFile
 from ngepc.evolution.load_path import ListedSteps, Schedule, as_schedule, check_changes
@@ -63,6 +69,8 @@ def evolve(
     cuts: int = 6,
     checkpoint: str | Path | None = None,
     monitor: Callable[[EvolutionStep], None] | None = None,
+    error: float | None = None,
+    refinement: Refinement | None = None,
 ) -> Evolution:
     """Run time steps one after the other, each with the p_0 and alpha_0 that the last one left.
 
@@ -82,6 +90,12 @@ def evolve(
         File that keeps the finished steps; a rerun of the same work continues from it.
     monitor
         Called with each finished step; raising StopIteration ends the run.
+    error
+        Refine the mesh in a step until ``ErrorBound.relative`` of the step, from the history that
+        it starts with, is at most this; ``StepRecord.error_bound`` and ``.nodes`` say how it went.
+        None for the mesh as it is.
+    refinement
+        How meshes follow the bound; None for ``Refinement()``.
 
     Returns
     -------
@@ -101,7 +115,14 @@ def evolve(
     require_function("monitor", monitor, "a step", optional=True)
     path = None if checkpoint is None else require_path("checkpoint", checkpoint)
     schedule, cuts = as_schedule(steps), require_integer("cuts", cuts, 0, 30)
-    run = _Run(problem, schedule, solver, cuts if isinstance(schedule, Schedule) else 0, monitor)
+    cuts = cuts if isinstance(schedule, Schedule) else 0
+    if error is not None:
+        require_number("error", error, 0, strict=True)
+        if path is not None:
+            raise ValueError(f"checkpoint={checkpoint!r} with error={error:g}: leave one out")
+    refinement = Refinement() if refinement is None else refinement
+    require_instance("refinement", refinement, Refinement, "Refinement(...)")
+    run = _Run(problem, schedule, solver, cuts, monitor, error, refinement)
     if path is not None:
         run.resume(EvolutionFile(path, problem, schedule, solver))
     run.advance()
@@ -115,13 +136,18 @@ class _Run:
     solver: StepSolver
     cuts: int
     monitor: Callable[[EvolutionStep], None] | None
+    error: float | None
+    refinement: Refinement
     file: EvolutionFile | None = None
     pending: list[tuple[float, int]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         memory = Memory.initial(self.problem)
         for time in self.schedule.times:
-            self._problem_at(time, memory)
+            step = self._problem_at(time, memory)
+            if self.error is not None:
+                check_covered(step)
+                check_carried(step)
         self.evolution = Evolution(self.problem, [], memory)
         self.pending = [(time, 0) for time in reversed(self.schedule.times)]
 
@@ -167,7 +193,9 @@ class _Run:
         changes = dict(check_changes(self.schedule.changes(time), time))
         rough = changes.get("friction", self.problem.friction) is not None
         if rough and u_0 is not None:
-            changes["initial_displacement"] = u_0
+            changes["initial_displacement"] = Supports(self.problem).function(
+                nodal_values(u_0, self.problem)
+            )
         return memory.problem(self.problem, changes)
 
     @property
@@ -176,25 +204,52 @@ class _Run:
         return steps[-1].fields.displacement if steps else None
 
     def _solve(self, time: float, level: int) -> tuple[Status, str]:
-        start = self._u_0
-        problem = self._problem_at(time, self.evolution.memory, start)
-        result = self.solver(problem, start=start)
-        needed = "function that returns a result with status, displacement and plastic_increment"
-        if not hasattr(result, "status"):
-            raise TypeError(f"solver={self.solver!r} returned {result!r}: a {needed} is needed")
+        problem, result = self._solved(time, self._u_0)
+        while result.status is Status.CONVERGED and self.error is not None:
+            bound = error_bound(result)
+            if bound.relative <= self.error:
+                break
+            if message := self._refine(bound, time):
+                return Status.STOPPED, message
+            problem, result = self._solved(time, result.displacement)
         if result.status is not Status.CONVERGED:
             return result.status, result.message
         memory = self.evolution.memory
         increment = memory.functions.function(memory.increment(result.plastic_increment))
         step_fields = Fields(problem, result.displacement, increment)
         points = memory.functions.points
-        step = EvolutionStep(step_fields, StepRecord.of(result, step_fields, points, time, level))
+        told = None if self.error is None else bound.relative
+        record = StepRecord.of(result, step_fields, points, time, level, told)
+        step = EvolutionStep(step_fields, record)
         self._append(step)
         if self.file is not None:
             self.file.save(self.evolution.steps, self.pending)
         if self.monitor is not None:
             self.monitor(step)
         return result.status, ""
+
+    def _solved(self, time: float, start: GridFunction | None) -> tuple[Problem, object]:
+        """A step on the mesh as it is: the problem and what the solver returned."""
+        problem = self._problem_at(time, self.evolution.memory, self._u_0)
+        result = self.solver(problem, start=start)
+        needed = "function that returns a result with status, displacement and plastic_increment"
+        if not hasattr(result, "status"):
+            raise TypeError(f"solver={self.solver!r} returned {result!r}: a {needed} is needed")
+        return problem, result
+
+    def _refine(self, bound: ErrorBound, time: float) -> str:
+        """Go on with a finer mesh and the history on it; or why not."""
+        old, most = bound.problem.mesh, self.refinement.max_nodes
+        mesh = bisected(old, marked(bound.per_cell, self.refinement.marking))
+        told = (
+            f"the energy error may be {bound.relative:.2g} on {old.nv} nodes, asked {self.error:g}"
+        )
+        if mesh.nv > most:
+            return f"{told}; the next mesh has {mesh.nv} nodes, max_nodes={most}."
+        log.info("step to time %g: %s, refined to %d nodes", time, told, mesh.nv)
+        self.problem = on_mesh(self.problem, mesh)
+        self.evolution.memory = self.evolution.memory.on(self.problem, parents(old, mesh))
+        return ""
 
     def _append(self, step: EvolutionStep) -> None:
         self.evolution.memory = self.evolution.memory.after(step.fields)

@@ -1,0 +1,103 @@
+"""Histories whose meshes follow the bound of each step."""
+
+import numpy as np
+import pytest
+from ngsolve import Integrate, Mesh, y
+
+from ngepc import Material, Problem, Schedule, evolve, load_cycle, semismooth_newton
+from ngepc.bounds.adaptive import Refinement
+from ngepc.bounds.bound import error_bound
+from ngepc.bounds.transfer import bisected, on_mesh, parents
+from ngepc.evolution.memory import Memory
+from ngepc.geometries import block
+from ngepc.sensitivity.states import states_of
+
+MATERIAL = Material.combined(
+    lame_lambda=1e3,
+    lame_mu=1e3,
+    yield_stress=1.25,
+    hardening=60.0,
+    hardening_modulus=2.0,
+    hardening_stiffness=6.0,
+)
+
+
+def pulled(**data):
+    mesh = Mesh(block.mesh(0.5, (1.0, 1.0)).ngmesh.Copy())
+    mesh.Refine()  # transfer from meshes that Netgen had refined used to be wrong
+    return Problem(mesh, MATERIAL, traction={"right": (4.0, 0.0)}, **data)
+
+
+@pytest.fixture(scope="module")
+def cycle():
+    problem = pulled(contact="contact", gap=1e-3)
+    return evolve(problem, load_cycle(problem, [1, -0.5], steps=2), error=0.06)
+
+
+def test_each_step_keeps_its_budget_and_says_so(cycle):
+    assert cycle.status.label == "converged"
+    nodes, bounds = cycle.column("nodes"), cycle.column("error_bound")
+    assert max(bounds) <= 0.06
+    assert nodes == sorted(nodes)
+    assert nodes[-1] > cycle.problem.mesh.nv
+    assert [step.problem.mesh.nv for step in cycle.steps] == nodes
+
+
+def test_each_step_starts_from_the_history_of_the_last_one(cycle):
+    """p_0 of a step is p of the step before it, whatever the meshes: integrals agree."""
+    for before, after in zip(cycle.steps, cycle.steps[1:], strict=False):
+        p, p_0 = before.fields.plastic_strain, after.problem.p_0
+        for i, j in ((0, 0), (0, 1), (2, 2)):
+            left = Integrate((1 + y) * p[i, j] ** 2, before.problem.mesh)
+            right = Integrate((1 + y) * p_0[i, j] ** 2, after.problem.mesh)
+            assert right == pytest.approx(left, rel=1e-12, abs=1e-20)
+
+
+def test_steps_are_those_of_a_single_step_on_their_meshes(cycle):
+    step = cycle.steps[-1]
+    again = semismooth_newton(step.problem)
+    assert again.primal_energy == pytest.approx(step.record.primal_energy, rel=1e-9)
+    assert error_bound(again).relative == pytest.approx(step.record.error_bound, rel=1e-6)
+
+
+def test_derivatives_need_one_mesh(cycle):
+    with pytest.raises(ValueError, match="several meshes"):
+        states_of(cycle)
+
+
+def test_memory_is_carried_to_children_exactly():
+    problem = pulled()
+    random = np.random.default_rng(0)
+    memory = Memory.initial(problem)
+    memory = memory.after(semismooth_newton(problem).fields)
+    finer = bisected(problem.mesh, random.random(problem.mesh.ne) < 0.4)
+    carried = memory.on(on_mesh(problem, finer), parents(problem.mesh, finer))
+    before, after = memory.functions, carried.functions
+    for name, values in memory.arrays.items():
+        old, new = before.function(values), after.function(carried.arrays[name])
+        for weight in (1, y * y):
+            for a, b in zip(old.components or [old], new.components or [new], strict=True):
+                left, right = (
+                    Integrate(weight * a * a, problem.mesh),
+                    Integrate(weight * b * b, finer),
+                )
+                assert right == pytest.approx(left, rel=1e-12, abs=1e-20)
+
+
+def test_a_mesh_that_may_not_grow_ends_the_run():
+    problem = pulled()
+    few = Refinement(max_nodes=40)
+    stopped = evolve(problem, load_cycle(problem, [1]), error=1e-3, refinement=few)
+    assert stopped.status.label == "stopped"
+    assert "max_nodes=40" in stopped.message
+    assert "asked 0.001" in stopped.message
+    assert stopped.steps == []
+
+
+def test_what_no_bound_covers_is_refused_before_any_work():
+    problem = pulled()
+    curved = Schedule([1.0, 2.0], lambda t: {"body_force": (0.0, 0.0), "order": 1 if t < 2 else 2})
+    with pytest.raises(ValueError, match="order=2"):
+        evolve(problem, curved, error=0.1)
+    with pytest.raises(ValueError, match="leave one out"):
+        evolve(problem, load_cycle(problem, [1]), error=0.1, checkpoint="kept.npz")
