@@ -41,7 +41,7 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
         problems, states = [result.problem], [result.state.on_sphere]
     else:
         problems = [step.problem for step in result.steps]
-        if len({step.problem.mesh for step in result.steps}) > 1:
+        if any(step.problem.mesh != result.problem.mesh for step in result.steps):
             raise ValueError("result has steps on several meshes: one mesh is needed")
         points = result.memory.functions.points
         states = [partial(restored_state, step, points) for step in result.steps]
