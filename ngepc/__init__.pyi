@@ -31,6 +31,7 @@ from ngepc.local.petsc import PETSc as PETSc
 from ngepc.local.pyamg import PyAMG as PyAMG
 from ngepc.local.result import ExactResult as ExactResult
 from ngepc.model import obstacles as obstacles
+from ngepc.model import parts as parts
 from ngepc.model.contact import Contact as Contact
 from ngepc.model.examples import lshape_problem as lshape_problem
 from ngepc.model.examples import wrench_problem as wrench_problem

@@ -29,6 +29,7 @@ SLOW = (
     "geometries/test_geometries.py",
     "local/test_counts.py",
     "local/test_multigrid.py",
+    "local/test_processes.py",
     "paper",
     "physics/test_closed_forms.py",
     "physics/test_convergence_rates.py",

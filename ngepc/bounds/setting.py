@@ -14,6 +14,7 @@ from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.triangles import Triangles
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.processes import require_whole
 
 LEVEL = 1e-9
 """Square of the free part of a normal that moves nothing."""
@@ -45,6 +46,7 @@ class Setting(ABC):
     """
 
     def __init__(self, discrete: DiscreteProblem) -> None:
+        require_whole("guaranteed bounds", discrete.problem.mesh)
         check_covered(discrete.problem)
         self.discrete, self.problem = discrete, discrete.problem
         self.cells = (Triangles if self.problem.N == 2 else Simplices)(self.problem.mesh)

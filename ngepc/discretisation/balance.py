@@ -10,6 +10,7 @@ import numpy as np
 
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.loads import Supports
+from ngepc.model.processes import Alone
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -85,19 +86,23 @@ class Balance:
     @property
     def touching_distance(self) -> float:
         """Gaps and penetrations below it are rounding (length)."""
-        return TOUCHING * float(np.abs(self.u).max(initial=0.0))
+        return TOUCHING * self._processes.most(np.abs(self.u))
 
     @property
     def penetration(self) -> float:
         """The deepest penetration (length), or what opens where nothing may; 0 if feasible."""
         tied = self.frame.contact.rows.tied
         depth = np.where(tied, np.abs(self.open_gap), -self.open_gap)
-        return float(np.maximum(depth, 0.0).max(initial=0.0))
+        return self._processes.most(np.maximum(depth, 0.0))
 
     @cached_property
     def friction_work(self) -> float:
         """The sum of bound times |slip| (force times length), zero without friction."""
         return self.frame.contact.friction_work(self.contact, self.gaps, self.touching_distance)
+
+    @property
+    def _processes(self) -> Alone:
+        return self.frame.contact.processes
 
     @cached_property
     def contact_defect(self) -> np.ndarray:
@@ -107,28 +112,36 @@ class Balance:
     @cached_property
     def force_scale(self) -> float:
         """The force that residuals are relative to."""
-        forces = (self.frame.load, self.internal_forces, self.contact_defect)
-        sizes = [float(np.linalg.norm(given)) for given in forces]
-        return max(*sizes, min(ROUNDING_SCALE * self.trial_forces, self.frame.yield_forces))
+        sizes = [self._processes.norm(a) for a in (self.frame.load, self.internal_forces)]
+        return max(
+            *sizes,
+            self._contact_defect_size,
+            min(ROUNDING_SCALE * self.trial_forces, self.frame.yield_forces),
+        )
 
     @cached_property
     def trial_forces(self) -> float:
         """Norm of forces of size |K| |u|, from which the true ones are what does not cancel."""
         size = np.linalg.norm(self.u, axis=1, keepdims=True)
-        return float(np.linalg.norm(self.frame.stiffness_diagonal * size))
+        return self._processes.norm(self.frame.stiffness_diagonal * size)
 
     @cached_property
     def residual_norm(self) -> float:
         """Norm of the forces out of balance and of the contact defect, relative."""
-        return math.hypot(self._relative(self.imbalance), self.contact_residual_norm)
+        imbalance = self._processes.norm(self.imbalance)
+        return math.hypot(self._relative(imbalance), self.contact_residual_norm)
 
     @property
     def contact_residual_norm(self) -> float:
         """The part of ``residual_norm`` that contact leaves."""
-        return self._relative(self.contact_defect)
+        return self._relative(self._contact_defect_size)
 
-    def _relative(self, forces: np.ndarray) -> float:
-        size = float(np.linalg.norm(forces))
+    @cached_property
+    def _contact_defect_size(self) -> float:
+        own = self.contact_defect[self.frame.contact.own]
+        return math.sqrt(self._processes.total(float(own @ own)))
+
+    def _relative(self, size: float) -> float:
         if size == 0 or self.force_scale == 0:  # an obstacle that pushes a body at rest
             return float(size > 0)
         return size / self.force_scale

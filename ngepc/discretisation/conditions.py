@@ -53,6 +53,10 @@ class ContactConditions:
         Place of each roller -> its rows.
     friction
         The law of the tangential forces; None without friction.
+    processes
+        Those that share the body; rows at common vertices are on all that have the vertex.
+    own
+        What selects the forces of rows that this process answers for.
     matrix
         R, sparse, shape (n, nodes N), n = m without friction and m N with it.
     """
@@ -67,6 +71,8 @@ class ContactConditions:
         self.friction = friction_cone(problem, self.rows)
         self.matrix: csr_matrix = self.rows.normal
         self._closed_at = self.rows.gaps
+        self.processes = problem.processes
+        self.own = self.processes.owned(self.rows.vertices)
         if self.friction is not None:
             self.matrix = vstack([self.rows.normal, self.rows.tangential], format="csr")
             origin = self.rows.slip(initial_displacements(problem, supports))
@@ -140,6 +146,14 @@ class ContactConditions:
             inside = (numbers >= rows.start) & (numbers < rows.stop)
             result[place] = self.forces(np.where(inside, x, 0.0))
         return result
+
+    def sum_of(self, forces: np.ndarray) -> np.ndarray:
+        """The sum over all rows of forces, shape (m, ...)."""
+        return self.processes.total(forces[self.own].sum(axis=0))
+
+    def area(self, chosen: np.ndarray) -> float:
+        """The area that belongs to some rows, boolean of shape (m,)."""
+        return float(self.sum_of(np.where(chosen, self.rows.weights, 0.0)))
 
     def normal(self, x: np.ndarray) -> np.ndarray:
         """The normal forces among the forces or gaps of all rows, shape (m,)."""

@@ -86,7 +86,7 @@ def forces_of(
         if isinstance(place, Point):
             vertices, values = values_at(g, problem.mesh, place)
             forces[vertices] += values
-    return forces
+    return problem.processes.summed(forces)
 
 
 def spring_matrix(problem: Problem, V: FESpace, place: Place, k: Coefficient) -> csr_matrix:
@@ -139,9 +139,11 @@ class Supports:
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.space = problem, displacement_space(problem)
-        self.free = nodal(np.array(list(self.space.FreeDofs()), dtype=bool), problem).copy()
-        lift = prescribed_displacement(problem, self.space)
-        self.values = nodal(lift.vec.FV().NumPy(), problem).copy()
+        free = nodal(np.array(list(self.space.FreeDofs()), dtype=bool), problem)
+        holding = problem.processes.summed((~free).astype(float))
+        self.free = holding == 0
+        lift = nodal(prescribed_displacement(problem, self.space).vec.FV().NumPy(), problem)
+        self.values = problem.processes.summed(lift.copy()) / np.maximum(holding, 1)
         if problem.kinematics.hoop:
             self.free[_on_axis(problem, self.space), 0] = False
         self.springs = {

@@ -25,6 +25,7 @@ from ngsolve import (
 
 from ngepc.model.elements import element_numbers, element_vertices
 from ngepc.model.kinematics import Kinematics
+from ngepc.model.processes import processes_of
 from ngepc.model.rules import plastic_points
 
 CHUNK = 20_000
@@ -91,12 +92,15 @@ class Points:
         Volume that belongs to each point, shape (points,).
     blocks
         ``Elements`` of each shape.
+    processes
+        Those that share the mesh; each has the points of its own elements.
     """
 
     def __init__(
         self, mesh: Mesh, kinematics: Kinematics, order: int, *, mean_volume: bool = False
     ) -> None:
         self.mesh, self.kinematics, self.order = mesh, kinematics, order
+        self.processes = processes_of(mesh)
         self.rules = plastic_points(mesh, order)
         self.scalar = H1(mesh, order=order)
         self._mapped = mesh.MapToAllElements(self.rules, mesh.Materials(".*"))
@@ -203,11 +207,11 @@ class Points:
                 some = block.part(part)
                 values[part] = local(some, self.weights[some.points])
             result += np.bincount(dofs, values.ravel(), minlength=count * N)
-        return result.reshape(count, N)
+        return self.processes.summed(result.reshape(count, N))
 
     def integral(self, density: np.ndarray) -> float:
         """The integral of a density given at the points."""
-        return float(self.weights @ density)
+        return self.processes.total(float(self.weights @ density))
 
     def element_stiffness(self, block: Elements, chosen: slice, moduli: Moduli) -> np.ndarray:
         """B' C B of some elements of a block, shape (elements, k N, k N)."""

@@ -6,7 +6,9 @@ import numpy as np
 from ngsolve import BND, H1, VERTEX, FESpace, GridFunction, Mesh, NodeId
 from ngsolve.la import BaseVector
 
+from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
+from ngepc.model.processes import require_whole
 
 
 def vertex_dofs(space: FESpace, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -50,6 +52,21 @@ def at_points(mesh: Mesh, vertex_values: np.ndarray, points: np.ndarray) -> np.n
     return result
 
 
+def at_vertices(own: Mesh, values: np.ndarray, mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
+    """A P1 function of one mesh at chosen vertices of another: (chosen, k) from (own.nv, k).
+
+    Raises
+    ------
+    ValueError
+        If processes share ``mesh`` and it was not refined from ``own``.
+    """
+    if own is getattr(mesh, "coarse", None):
+        fine = np.concatenate([values, values[mesh.parents].mean(axis=1)])
+        return fine[chosen]
+    require_whole("start on a mesh that this one was not refined from", mesh)
+    return at_points(own, values, vertex_coordinates(mesh)[chosen])
+
+
 def nodal_values(start: object, problem: Problem) -> np.ndarray:
     """The displacement ``start`` at the nodes of a problem, shape (nodes, N).
 
@@ -77,13 +94,13 @@ def nodal_values(start: object, problem: Problem) -> np.ndarray:
         raise ValueError(f"start has {source.dim} components: a displacement of {N} is needed")
     given = np.stack([part.vec.FV().NumPy() for part in source.components], axis=1)
     count = H1(mesh, order=problem.order).ndof
-    points, here = (np.asarray(m.ngmesh.Coordinates())[: m.nv, :N] for m in (mesh, own))
+    points, here = vertex_coordinates(mesh), vertex_coordinates(own)
     same = np.array_equal(points, here)
     if same and len(given) == count:
         return given
     values = np.zeros((count, N))
-    at_vertices = given[: own.nv]
-    values[: mesh.nv] = at_vertices if same else at_points(own, at_vertices, points)
+    there = given[: own.nv]
+    values[: mesh.nv] = there if same else at_vertices(own, there, mesh, np.arange(mesh.nv))
     return values
 
 
@@ -110,9 +127,9 @@ def prolongate(source: FESpace, values: BaseVector, target: FESpace) -> np.ndarr
     first_of = (lambda space: space) if components == 1 else (lambda space: space.components[0])
     old_vertices, old_dofs = vertex_dofs(first_of(source), old)
     new_vertices, new_dofs = vertex_dofs(first_of(target), new)
-    at_vertices = np.zeros((old.nv, components))
-    at_vertices[old_vertices] = values.FV().NumPy().reshape(components, -1)[:, old_dofs].T
+    known = np.zeros((old.nv, components))
+    known[old_vertices] = values.FV().NumPy().reshape(components, -1)[:, old_dofs].T
     points = np.asarray(new.ngmesh.Coordinates())[new_vertices, : new.dim]
     result = np.zeros((components, target.ndof // components))
-    result[:, new_dofs] = at_points(old, at_vertices, points).T
+    result[:, new_dofs] = at_points(old, known, points).T
     return result.ravel() * np.array(target.FreeDofs(), dtype=float)

@@ -11,8 +11,9 @@ every dimension, which those of the nodal values of quadratic triangles are not.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 from ngsolve import BND, ET, H1, ElementId, IntegrationRule, specialcf
@@ -153,7 +154,7 @@ class _Corner:
 def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
     faces: dict[int, list[_Face]] = {}
-    for corner in _corners(problem):
+    for corner in _shared(_corners(problem), problem):
         here = faces.setdefault(corner.vertex, [])
         face = next((f for f in here if f.takes(corner.name, corner.normal)), None)
         if face is None:
@@ -224,12 +225,31 @@ def interleaved(matrices: list[csr_matrix], size: int) -> csr_matrix:
     )
 
 
+def _shared(corners: Iterable[_Corner], problem: Problem) -> Iterable[_Corner]:
+    """The corners with those that other processes have at common vertices, in one order on all."""
+    processes = problem.processes
+    if processes.size == 1:
+        return corners
+    corners, sent = list(corners), {}
+    for rank, nodes in processes.copies.items():
+        place = {node: k for k, node in enumerate(nodes.tolist())}
+        here = [c for c in corners if c.vertex in place]
+        sent[rank] = [replace(c, vertex=place[c.vertex]) for c in here]
+    found = {processes.rank: corners}
+    for rank, theirs in processes.traded(sent).items():
+        nodes = processes.copies[rank]
+        found[rank] = [replace(c, vertex=int(nodes[c.vertex])) for c in theirs]
+    return chain.from_iterable(found[rank] for rank in sorted(found))
+
+
 def _corners(problem: Problem) -> Iterator[_Corner]:
     """The corners of all contact facets."""
     mesh, scalar = problem.mesh, H1(problem.mesh, order=problem.order)
     for name in problem.contact_names:
         region, psi = mesh.Boundaries(name), problem.gaps[name]
         facets = list(region.Elements())
+        if not facets:
+            continue
         inside, corners = (
             mesh.MapToAllElements({shape: rules[shape] for shape in _HATS}, region)
             for rules in (_rules(problem.order), _CORNERS)

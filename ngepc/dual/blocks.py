@@ -29,6 +29,7 @@ from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
 from ngepc.model.loading import require_plain
 from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.processes import require_whole
 
 REFINEMENTS = 1
 """Corrections of y by the residual of D y = Lambda* v - l; a second one is rounding."""
@@ -145,6 +146,7 @@ class LinearBlocks:
     """
 
     def __init__(self, problem: Problem, choice: DualSpaces, inverse: str) -> None:
+        require_whole("gamma", problem.mesh)
         require_papers_problem(problem)
         self.problem, self.choice = problem, choice
         self.parts = dual_parts(problem, choice)

@@ -7,6 +7,8 @@ SIAM J. Optim. 13, 2002).  A few solves do for all rows together, whatever their
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ngepc.local.iterative import Closed, IterativeTangent
@@ -50,28 +52,29 @@ class InexactTarget:
             If the problem has friction or parts that contact alone holds.
         """
         discrete, rows = here.discrete, here.discrete.rows
+        processes = discrete.points.processes
         if discrete.contact.friction is not None or discrete.springs is not None:
             raise ValueError("inverse: friction and floating parts need a direct solver")
         tangent.update(discrete.law.moduli(here.at, here.yielding))
         forces = (discrete.load - here.internal_forces).ravel()
         accuracy, gap = self.accuracy(here.residual_norm), here.open_gap
         change, active, scale = np.zeros(forces.size), here.multipliers > 0, 0.0
-        if not active.any():
+        if not processes.any(active):
             active = gap < 0
         active |= rows.tied
         for _ in range(SETS):
-            closed = Closed(discrete, active)
+            closed = processes.together(partial(Closed, discrete, active))
             fixed = closed.moved(gap[active])
             right = closed.project(forces - tangent.multiply(fixed))
-            scale = scale or accuracy * float(np.linalg.norm(right))
+            scale = scale or accuracy * processes.norm(right)
             start = closed.project(change - fixed)
             change = fixed + tangent.minimise(closed, right, start, scale)
             multipliers = np.zeros(len(rows))
             multipliers[active] = closed.forces(forces - tangent.multiply(change))
             left = gap - rows.normal @ change
             correct = np.where(active, multipliers > 0, left < -here.touching_distance) | rows.tied
-            if (correct == active).all():
+            if not processes.any(correct != active):
                 break
             active = correct
         multipliers = np.where(rows.tied, multipliers, np.maximum(multipliers, 0.0))
-        return Target(change.reshape(here.u.shape), multipliers)
+        return Target(processes.spread(change.reshape(here.u.shape)), multipliers)

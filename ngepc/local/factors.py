@@ -9,6 +9,7 @@ import numpy as np
 from ngepc.discretisation.points import Moduli
 from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError
 from ngepc.local.system import DiscreteProblem
+from ngepc.model.processes import require_whole
 
 
 class TangentError(FactorisationError):
@@ -51,6 +52,7 @@ class Factors:
     linear_iterations = 0
 
     def __init__(self, discrete: DiscreteProblem, name: str) -> None:
+        require_whole(f"inverse={name!r} and all that needs factors", discrete.problem.mesh)
         self._free = discrete.supports.free
         self._stiffness = discrete.stiffness.another()
         self._name, self._inverse, self.back_substitutions = name, None, 0

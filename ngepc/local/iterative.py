@@ -179,6 +179,7 @@ class IterativeTangent:
         most: int,
     ) -> None:
         self._discrete, self._patience, self._most = discrete, patience, most
+        self._dot = discrete.points.processes.dot
         self._blocks = StiffnessBlocks(discrete.points, discrete.supports.free, discrete.added)
         self._pattern = FullPattern(self._blocks)
         self._engine = engine(self._pattern, discrete)
@@ -245,7 +246,7 @@ class IterativeTangent:
         """
         self.prepare(closed)
         x, iterations = conjugate_gradients(
-            self._engine, closed.project, right, start, tolerance, self._most
+            self._engine, self._dot, closed.project, right, start, tolerance, self._most
         )
         self.back_substitutions += 1
         self.linear_iterations += iterations
@@ -256,7 +257,7 @@ class IterativeTangent:
         """Displacements, zero where held, that answer nodal forces; both (nodes, N)."""
         closed = Closed(self._discrete, np.zeros(len(self._discrete.rows), dtype=bool))
         right = closed.project(forces.ravel())
-        size = float(np.linalg.norm(right))
+        size = float(np.sqrt(self._dot(right, right)))
         return self.minimise(closed, right, np.zeros_like(right), ACCURACY * size).reshape(
             forces.shape
         )
@@ -264,6 +265,7 @@ class IterativeTangent:
 
 def conjugate_gradients(
     engine: Engine,
+    dot: Callable[[np.ndarray, np.ndarray], float],
     project: Callable[[np.ndarray], np.ndarray],
     right: np.ndarray,
     start: np.ndarray,
@@ -277,16 +279,17 @@ def conjugate_gradients(
     TangentError
         If ``most`` iterations do not do, or the matrix or the preconditioner is indefinite.
     """
-    x, r = start, project(right - engine.multiply(start) if start.any() else right)
+    moved = dot(start, start) > 0
+    x, r = start, project(right - engine.multiply(start) if moved else right)
     direction, before = np.zeros_like(r), 1.0
     for iteration in range(most):
-        if np.linalg.norm(r) <= tolerance:
+        if np.sqrt(dot(r, r)) <= tolerance:
             return x, iteration
         z = project(engine.precondition(r))
-        now = float(r @ z)
+        now = dot(r, z)
         direction = z + (now / before if iteration else 0.0) * direction
         image = project(engine.multiply(direction))
-        curvature = float(direction @ image)
+        curvature = dot(direction, image)
         if not (now > 0 and curvature > 0):
             raise TangentError("the multigrid preconditioner is not positive definite")
         x, r, before = x + now / curvature * direction, r - now / curvature * image, now
@@ -301,7 +304,8 @@ def low_energy_modes(discrete: DiscreteProblem) -> np.ndarray:
     problem = discrete.problem
     N, free = problem.N, discrete.supports.free
     x = np.asarray(problem.mesh.ngmesh.Coordinates())[: problem.mesh.nv, :N]
-    x = x - x.mean(axis=0)
+    own, processes = x[problem.processes.own], problem.processes
+    x = x - processes.total(own.sum(axis=0)) / processes.total(len(own))
     pairs = [(0, 1)] if N == 2 else [(0, 1), (1, 2), (2, 0)]
     modes = np.zeros((*free.shape, N + len(pairs)))
     for c in range(N):

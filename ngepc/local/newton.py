@@ -78,10 +78,10 @@ class PrimalDualStep:
 
     def numbers(self, state: State) -> dict[str, float]:
         """Solves of the step, and what yields and slips."""
-        rows, points = state.discrete.rows, state.discrete.points
+        points = state.discrete.points
         return {
             "back_substitutions": self.tangent.back_substitutions,
             "linear_iterations": self.tangent.linear_iterations,
-            "friction_active": float(rows.weights[state.sliding].sum()),
+            "friction_active": state.discrete.contact.area(state.sliding),
             "plastic_active": points.integral(state.at.yields.astype(float)),
         }

@@ -75,7 +75,10 @@ class PETSc:
 
 
 class PETScEngine:
-    """Matrix and preconditioner of PETSc on one process.
+    """Matrix and preconditioner of PETSc.
+
+    A process multiplies by the matrix of its own elements and adds up what comes out; the
+    preconditioner has the sum of these matrices, with the rows of a process on that process.
 
     Parameters
     ----------
@@ -86,14 +89,17 @@ class PETScEngine:
     """
 
     def __init__(self, pattern: FullPattern, discrete: DiscreteProblem, options: str) -> None:
-        self._N = discrete.problem.N
+        self._N, self._processes = discrete.problem.N, discrete.points.processes
+        self._comm = petsc.COMM_SELF
+        if self._processes.size > 1:
+            self._comm = self._processes.comm
         self._starts, self._columns, self._places = _scalar_rows(pattern, self._N)
         self._size = len(self._starts) - 1
         self._values = np.zeros(len(self._columns))
         self._matrix = self._wrapped(self._values)
         self._pc, self._kept, self._prefix = None, None, f"ngepc{next(_numbers)}_"
         self._set(f"{GAMG} {options}")
-        self._in, self._out = (petsc.Vec().createSeq(self._size, bsize=self._N) for _ in range(2))
+        self._pair = tuple(petsc.Vec().createSeq(self._size, bsize=self._N) for _ in range(2))
 
     def _wrapped(self, values: np.ndarray) -> object:
         rows = (self._starts, self._columns, values)
@@ -121,12 +127,11 @@ class PETScEngine:
             self._kept = None
         entries = np.empty_like(self._values)
         entries[self._places] = values.ravel()
-        matrix, columns = self._wrapped(entries), np.linalg.qr(modes)[0].T.copy()
-        vectors = [
-            petsc.Vec().createWithArray(c, bsize=self._N, comm=petsc.COMM_SELF) for c in columns
-        ]
-        matrix.setNearNullSpace(petsc.NullSpace().create(vectors=vectors, comm=petsc.COMM_SELF))
-        self._pc, self._kept = petsc.PC().create(petsc.COMM_SELF), (entries, columns)
+        matrix, columns = self._summed(self._wrapped(entries)), self._orthonormal(modes)
+        vectors = [petsc.Vec().createWithArray(c, bsize=self._N, comm=self._comm) for c in columns]
+        matrix.setNearNullSpace(petsc.NullSpace().create(vectors=vectors, comm=self._comm))
+        self._pc, self._kept = petsc.PC().create(self._comm), (entries, columns)
+        self._sides = matrix.createVecs()
         self._pc.setOptionsPrefix(self._prefix)
         self._pc.setOperators(matrix, matrix)
         self._pc.setFromOptions()
@@ -134,16 +139,48 @@ class PETScEngine:
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """The matrix times x."""
-        return self._applied(self._matrix.mult, x)
+        return self._processes.summed(
+            _applied(self._matrix.mult, self._pair, self._nodal(x))
+        ).ravel()
 
     def precondition(self, r: np.ndarray) -> np.ndarray:
         """The preconditioner times r."""
-        return self._applied(self._pc.apply, r)
+        z, own = np.empty((len(r) // self._N, self._N)), self._processes.own
+        z[own] = _applied(self._pc.apply, self._sides, self._nodal(r)[own])
+        return self._processes.spread(z).ravel()
 
-    def _applied(self, operator: object, x: np.ndarray) -> np.ndarray:
-        self._in.getArray()[:] = x
-        operator(self._in, self._out)
-        return self._out.getArray().copy()
+    def _nodal(self, x: np.ndarray) -> np.ndarray:
+        return x.reshape(-1, self._N)
+
+    def _summed(self, matrix: object) -> object:
+        """The sum of the matrices of all processes, by global numbers."""
+        processes, N = self._processes, self._N
+        if processes.size == 1:
+            return matrix
+        numbers = processes.numbers.astype(petsc.IntType)
+        places = petsc.LGMap().create(numbers, bsize=N, comm=self._comm)
+        size = (N * len(processes.own), N * processes.count)
+        parts = petsc.Mat().createIS((size, size), lgmapr=places, lgmapc=places, comm=self._comm)
+        parts.setISLocalMat(matrix)
+        parts.assemble()
+        total = parts.convert("aij", petsc.Mat())
+        total.setBlockSize(N)
+        return total
+
+    def _orthonormal(self, modes: np.ndarray) -> np.ndarray:
+        """The own entries of an orthonormal basis of the modes, one mode in each row."""
+        N, k = self._N, modes.shape[1]
+        own = modes.reshape(-1, N, k)[self._processes.own].reshape(-1, k)
+        R = np.vstack(self._processes.all(np.linalg.qr(own, mode="r")))
+        return np.linalg.solve(np.linalg.qr(R, mode="r").T, own.T)
+
+
+def _applied(operator: object, vectors: tuple, x: np.ndarray) -> np.ndarray:
+    """A linear operator of PETSc, with a vector for each side, applied to a nodal array."""
+    left, right = vectors
+    left.getArray()[:] = x.ravel()
+    operator(left, right)
+    return right.getArray().reshape(x.shape).copy()
 
 
 def is_name(word: str) -> bool:

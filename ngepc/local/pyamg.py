@@ -10,6 +10,7 @@ from scipy.sparse import bsr_matrix
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.local.iterative import FullPattern, IterativeTangent
 from ngepc.local.system import DiscreteProblem
+from ngepc.model.processes import require_whole
 
 try:
     import pyamg
@@ -47,6 +48,7 @@ class PyAMG:
 
     def tangent(self, discrete: DiscreteProblem) -> IterativeTangent:
         """The tangent of a discrete problem."""
+        require_whole("inverse=PyAMG()", discrete.problem.mesh)
         return IterativeTangent(discrete, PyAMGEngine, self.patience, self.max_iterations)
 
 

@@ -61,7 +61,7 @@ class ExactResult(DiscreteSolution):
         """The largest |eps(u)| at the points."""
         state, size = self.state, self.problem.kinematics.size
         squared = state.volume**2 / size + (state.deviator**2).sum(1)
-        return float(np.sqrt(squared.max(initial=0.0)))
+        return float(np.sqrt(self.discrete.points.processes.most(squared)))
 
     @cached_property
     def dual_energy(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import GridFunction
 
-from ngepc.discretisation.prolongation import at_points, nodal_values
+from ngepc.discretisation.prolongation import at_vertices, nodal_values
 from ngepc.local.system import DiscreteProblem, State
 
 
@@ -57,4 +57,4 @@ def _at_vertices(function: GridFunction, discrete: DiscreteProblem) -> np.ndarra
     values = function.vec.FV().NumPy().reshape(-1, own.nv).T
     if own is mesh:
         return values[vertices]
-    return at_points(own, values, np.asarray(mesh.ngmesh.Coordinates())[vertices, : mesh.dim])
+    return at_vertices(own, values, mesh, vertices)

@@ -103,10 +103,11 @@ class Line:
             here.touching_distance,
         )
         object.__setattr__(self, "_contact", contact)
-        work = np.vdot(here.discrete.load - contact.held, target.change)
-        object.__setattr__(self, "_work", float(work))
+        processes = points.processes
+        work = processes.dot(here.discrete.load - contact.held, target.change)
+        object.__setattr__(self, "_work", work)
         pull = self.here.discrete.supports.pull(target.change)
-        springs = float(np.vdot(pull, here.u)), float(np.vdot(pull, target.change))
+        springs = processes.dot(pull, here.u), processes.dot(pull, target.change)
         object.__setattr__(self, "_springs", springs)
 
     def slope(self, t: float) -> float:
@@ -122,9 +123,12 @@ class Line:
     @property
     def noise(self) -> float:
         """What rounding leaves of a slope, also where du is nothing but rounding of u itself."""
-        terms = NOISE * np.abs(self.target.change) + 2 * EPSILON * np.abs(self.here.u)
-        pressed = np.abs(self.target.contact).sum() * ROUNDING * np.abs(self.here.u).max()
-        return float(np.vdot(np.abs(self.here.internal_forces), terms) + pressed)
+        contact = self.here.discrete.contact
+        processes, size = contact.processes, np.abs(self.here.u)
+        terms = NOISE * np.abs(self.target.change) + 2 * EPSILON * size
+        pressing = processes.total(float(np.abs(self.target.contact[contact.own]).sum()))
+        summed = processes.dot(np.abs(self.here.internal_forces), terms)
+        return summed + pressing * ROUNDING * processes.most(size)
 
     def state(self, t: float) -> State:
         """The state at u + t du, with w and lambda moved along."""

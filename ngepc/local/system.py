@@ -102,8 +102,7 @@ class DiscreteProblem:
     @cached_property
     def yield_forces(self) -> float:
         """Norm of nodal forces of stresses at the yield bound."""
-        sizes = self.points.force_sizes(self.law.beta)
-        return float(np.linalg.norm(sizes))
+        return self.points.processes.norm(self.points.force_sizes(self.law.beta))
 
     def state(
         self,
@@ -162,7 +161,7 @@ class State(Balance):
         """J(u, p) of (2.14) with the p that is best for u, and friction (force times length)."""
         density = self.discrete.law.energy_density(self.volume, self.at)
         pull = self.discrete.supports.pull(self.u)
-        work = float(np.vdot(self.discrete.load - 0.5 * pull, self.u))
+        work = self.discrete.points.processes.dot(self.discrete.load - 0.5 * pull, self.u)
         return self.discrete.points.integral(density) - work + self.friction_work
 
     @property

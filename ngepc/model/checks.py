@@ -7,6 +7,7 @@ that names the argument, its value and what is legal.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 from ngsolve import CoefficientFunction, Det, Mesh, specialcf
@@ -24,13 +25,21 @@ from ngepc.model.given import Given
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.loading import check_loads, check_springs, require_vector_load
 from ngepc.model.material import Material, split_hardening
-from ngepc.model.places import Place, places
+from ngepc.model.places import Place, Roller, places
+from ngepc.model.processes import require_whole
 from ngepc.model.rules import plastic_points
 from ngepc.model.support import check_support
 
 
 def check_problem(problem: Given) -> None:
     """Raise TypeError or ValueError for the first thing that is wrong with ``problem``."""
+    problem.processes.together(partial(check_data, problem))
+    check_support(problem)
+
+
+def check_data(problem: Given) -> None:
+    """What is wrong with the data on this process's part of the mesh."""
+    check_shared(problem)
     check_material(problem.material, problem.mesh, problem.kinematics)
     check_axis(problem)
     check_boundaries(problem)
@@ -40,7 +49,24 @@ def check_problem(problem: Given) -> None:
     check_gap(problem)
     check_friction(problem)
     check_history(problem)
-    check_support(problem)
+
+
+def check_shared(problem: Given) -> None:
+    """What several processes cannot do."""
+    mappings = [problem.traction, problem.pressure, problem.prescribed]
+    acting = {}
+    for given in (g for g in mappings if isinstance(g, Mapping)):
+        acting |= given
+    given = {
+        "order=2": problem.order == 2,
+        "friction": problem.friction is not None,
+        "contact of two bodies": bool(problem.contact_pairs),
+        "springs": problem.springs is not None,
+        "points and edges": not all(isinstance(place, str) for place in acting),
+        "rollers": any(isinstance(value, Roller) for value in acting.values()),
+    }
+    for what in (name for name, there in given.items() if there):
+        require_whole(what, problem.mesh)
 
 
 def check_mesh(mesh: Mesh) -> None:
@@ -51,7 +77,8 @@ def check_mesh(mesh: Mesh) -> None:
         raise ValueError(f"mesh has dimension {mesh.dim}: 2 or 3 is needed")
     if mesh.comm.size > 1:
         raise ValueError(
-            f"mesh is distributed: {mesh.comm.size} processes share it, one process is needed"
+            f"mesh is distributed by NGSolve over {mesh.comm.size} processes: ngepc.distribute is "
+            "needed"
         )
     nodes = element_nodes(mesh)
     if len(nodes) == 0:

@@ -12,6 +12,7 @@ from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.normals import outward_normal
 from ngepc.model.places import Edge, Place, Point, Roller, places
+from ngepc.model.processes import Alone, processes_of
 
 Vector = CoefficientFunction | Sequence[Coefficient]
 """A vector-valued CoefficientFunction, or a sequence of N numbers and scalar coefficients."""
@@ -43,6 +44,11 @@ class Given:
     def N(self) -> int:
         """Space dimension, 2 or 3."""
         return self.mesh.dim
+
+    @property
+    def processes(self) -> Alone:
+        """The processes that share the mesh."""
+        return processes_of(self.mesh)
 
     @property
     def normal(self) -> CoefficientFunction:

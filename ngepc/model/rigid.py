@@ -87,12 +87,12 @@ def free_motions(
             _held_rows(pairs, vertices, directions, scaled, members, part) for part in members
         ]
         equations += _joint_rows(joints[np.isin(joints[:, 0], members)], scaled, members)
-        free, moving = _mechanisms(np.vstack(equations), len(members))
+        free, moving = mechanisms(np.vstack(equations), len(members))
         if free:
             yield free, pairs[pairs[:, 0] == members[moving], 1]
 
 
-def _mechanisms(equations: np.ndarray, parts: int) -> tuple[int, int]:
+def mechanisms(equations: np.ndarray, parts: int) -> tuple[int, int]:
     """The number of free rigid motions and the part that moves most in one of them."""
     columns = equations.shape[1]
     R = np.linalg.qr(np.vstack([equations, np.zeros((columns, columns))]), mode="r")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ngepc.checks.arguments import boundary_names
@@ -15,7 +17,14 @@ from ngepc.model.elements import (
 from ngepc.model.given import Given
 from ngepc.model.normals import outward_normal
 from ngepc.model.places import values_at
-from ngepc.model.rigid import check_conforming, directed, free_motions, part_vertices
+from ngepc.model.rigid import (
+    check_conforming,
+    directed,
+    free_motions,
+    mechanisms,
+    part_vertices,
+    rigid_rows,
+)
 
 FREE_NORMAL = 0.1
 """Least length of the free part of the unit normal where a held boundary meets contact."""
@@ -26,12 +35,21 @@ HELD_NORMAL = 1e-8
 
 def check_support(problem: Given) -> None:
     """A conforming mesh, boundary values that agree, a free normal on contact, no rigid motion."""
+    held, a, b = problem.processes.together(partial(_held, problem))
+    if problem.processes.size > 1:
+        check_rigid_body(problem, held)
+    else:
+        check_rigid_motions(problem, held, part_vertices(problem.mesh, a, b))
+
+
+def _held(problem: Given) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The held components and the neighbours among the elements of this process."""
     keys, owners = element_facets(problem.mesh)
     a, b = check_conforming(keys, owners)
     check_outer(problem, keys)
     held = held_values(problem)
     check_free_normal(problem, held)
-    check_rigid_motions(problem, ~np.isnan(held), part_vertices(problem.mesh, a, b))
+    return ~np.isnan(held), a, b
 
 
 def check_outer(problem: Given, keys: np.ndarray) -> None:
@@ -41,7 +59,8 @@ def check_outer(problem: Given, keys: np.ndarray) -> None:
         wanted = combine(facets_of(mesh, name), mesh)
         if not np.isin(wanted, keys).all():
             raise ValueError(f"contact={name!r} is not a boundary of elements of the mesh")
-        if np.isin(keys, wanted).sum() > len(np.unique(wanted)):
+        inside = np.isin(keys, wanted).sum() > len(np.unique(wanted))
+        if inside or name in getattr(mesh, "interfaces", ()):
             raise ValueError(
                 f"contact={name!r} lies inside the body: a part of its outer boundary is needed"
             )
@@ -154,6 +173,23 @@ def check_rigid_motions(problem: Given, held: np.ndarray, pairs: np.ndarray) -> 
                 f"rigid motion(s) of the part around {centre.round(6).tolist()}: "
                 "every connected part must be held, if need be by springs"
             )
+
+
+def check_rigid_body(problem: Given, held: np.ndarray) -> None:
+    """The same on a mesh that processes share: it is one part, ``distribute`` sees to that."""
+    if problem.kinematics.hoop:
+        held = held | np.array([True, False])
+    x, processes = vertex_coordinates(problem.mesh), problem.processes
+    v, i = np.nonzero(held)
+    rows = np.linalg.qr(
+        rigid_rows(x[v] / processes.most(np.abs(x)), np.eye(problem.N)[i]), mode="r"
+    )
+    free, _ = mechanisms(np.vstack(processes.all(rows)), 1)
+    if free:
+        raise ValueError(
+            f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave {free} rigid "
+            "motion(s) of the body: it must be held"
+        )
 
 
 def has_floating_parts(problem: Given) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -34,6 +35,9 @@ FIELDS = (
 def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = FIELDS) -> Path:
     """Write the fields of a result to a VTU file; returns its path.
 
+    Where processes share the mesh each writes its part, '<stem>_0000.vtu', ..., and the path is
+    that of '<stem>.pvtu', which lists them.
+
     Parameters
     ----------
     source
@@ -53,6 +57,21 @@ def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = 
     unknown = [name for name in fields if name not in KINDS]
     if unknown:
         raise ValueError(f"fields={list(fields)!r}: {unknown[0]!r} is none of {', '.join(KINDS)}")
+    processes = fields_of(source).problem.processes
+    if processes.size == 1:
+        _write_part(source, path, fields)
+        return path
+    parts = [path.with_name(f"{path.stem}_{rank:04d}.vtu") for rank in range(processes.size)]
+    processes.together(partial(_write_part, source, parts[processes.rank], fields))
+    path = path.with_suffix(".pvtu")
+    if processes.rank == 0:
+        write_text(path, _listing(parts))
+    processes.all(None)  # no process goes on before the file is there
+    return path
+
+
+def _write_part(source: object, path: Path, fields: Sequence[str]) -> None:
+    """Write the fields on the mesh of this process."""
     mesh = fields_of(source).problem.mesh
     coefficients = [in_space(field_of(source, name)) for name in fields]
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -63,7 +82,23 @@ def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = 
         if not written.is_file():
             raise OSError(f"{path}: NGSolve wrote no file")
         written.replace(path)
-    return path
+
+
+def _listing(parts: Sequence[Path]) -> str:
+    """A PVTU file: the arrays as the first part has them, and where the parts are."""
+    header, _, _ = parts[0].read_bytes().partition(b"<AppendedData")
+    first = ElementTree.fromstring(header + b"</VTKFile>")
+    root = ElementTree.Element("VTKFile", first.attrib | {"type": "PUnstructuredGrid"})
+    grid = ElementTree.SubElement(root, "PUnstructuredGrid", GhostLevel="0")
+    for kind in ("Points", "PointData"):
+        arrays = ElementTree.SubElement(grid, f"P{kind}")
+        for array in first.iterfind(f".//{kind}/DataArray"):
+            wanted = ("type", "Name", "NumberOfComponents")
+            told = {name: array.get(name) for name in wanted if array.get(name)}
+            ElementTree.SubElement(arrays, "PDataArray", told)
+    for part in parts:
+        ElementTree.SubElement(grid, "Piece", Source=part.name)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode")
 
 
 def export_series(
@@ -95,11 +130,11 @@ def export_series(
     root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
     collection = ElementTree.SubElement(root, "Collection")
     for number, (time, source) in enumerate(steps.items()):
-        name = f"{path.stem}_{number:04d}.vtu"
-        export_vtu(source, path.with_name(name), fields)
-        place = {"timestep": repr(float(time)), "part": "0", "file": name}
+        written = export_vtu(source, path.with_name(f"{path.stem}_{number:04d}.vtu"), fields)
+        place = {"timestep": repr(float(time)), "part": "0", "file": written.name}
         ElementTree.SubElement(collection, "DataSet", place)
-    write_text(path, '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode"))
+    if fields_of(source).problem.processes.rank == 0:
+        write_text(path, '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode"))
     return path
 
 

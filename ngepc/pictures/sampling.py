@@ -25,6 +25,7 @@ from ngsolve import (
 
 from ngepc.checks.arguments import require_number
 from ngepc.model.normals import outward_normal
+from ngepc.model.processes import require_whole
 from ngepc.results.fields import Fields
 
 CURVED_CUTS, FLAT_TRIANGLES, MOST_TRIANGLES = 4, 8_000, 200_000
@@ -108,6 +109,7 @@ def cuts_for(fields: Fields) -> int:
 
 def surface_value(mesh: Mesh, coefficient: CoefficientFunction) -> CoefficientFunction:
     """A coefficient of the body where pictures show it: in 3D its trace from inside."""
+    require_whole("pictures", mesh)
     return BoundaryFromVolumeCF(coefficient) if mesh.dim == 3 else coefficient
 
 

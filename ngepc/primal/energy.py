@@ -22,6 +22,7 @@ from scipy.sparse import csr_matrix
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.loads import Supports, applied_forces, nodal
 from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.processes import require_whole
 from ngepc.model.rules import plastic_points
 from ngepc.primal.return_mapping import ReturnMapping
 
@@ -55,6 +56,7 @@ class ReducedEnergy:
     """
 
     def __init__(self, problem: Problem) -> None:
+        require_whole("primal_newton", problem.mesh)
         self.problem, self.supports = problem, Supports(problem)
         self.contact = ContactConditions(problem, self.supports)
         self.free, space = self.supports.free, self.supports.space

@@ -21,6 +21,7 @@ import numpy as np
 from ngepc.checks.arguments import require_vector
 from ngepc.discretisation.loads import external_work as external_work
 from ngepc.discretisation.spaces import displacement_space, nodes_at
+from ngepc.model.elements import vertex_coordinates
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem
 
@@ -90,7 +91,8 @@ class Equilibrium:
 
         Translations have coefficients at the vertices alone, for order two as well.
         """
-        return forces[:, : self.problem.mesh.nv].sum(axis=1)
+        own = forces[:, : self.problem.mesh.nv].T[self.problem.processes.own]
+        return self.problem.processes.total(own.sum(axis=0))
 
     def moment(self, forces: np.ndarray, about: Sequence[float] | None = None) -> np.ndarray:
         """Sum of (x - about) x F over the nodes (force times length).
@@ -112,13 +114,14 @@ class Equilibrium:
         TypeError, ValueError
             If ``about`` is no point.
         """
-        N, nv = self.applied.shape[0], self.problem.mesh.nv
-        forces = forces[:, :nv]
+        mesh, processes = self.problem.mesh, self.problem.processes
+        N = mesh.dim
+        forces = forces.T[: mesh.nv][processes.own]
         about = np.array(require_vector("about", (0.0,) * N if about is None else about, (N,)))
-        arms = np.asarray(self.problem.mesh.ngmesh.Coordinates())[:nv, :N].T - about[:, None]
-        if N == 2:
-            return np.array([np.vdot(arms[0], forces[1]) - np.vdot(arms[1], forces[0])])
-        return np.cross(arms, forces, axis=0).sum(axis=1)
+        arms = vertex_coordinates(mesh)[processes.own] - about
+        pairs = [(0, 1)] if N == 2 else [(1, 2), (2, 0), (0, 1)]
+        moments = [arms[:, a] @ forces[:, b] - arms[:, b] @ forces[:, a] for a, b in pairs]
+        return processes.total(np.array(moments))
 
     def _held(self) -> dict[Place, np.ndarray]:
         """Place of each support -> the components it holds, boolean (N, nodes)."""
@@ -130,4 +133,5 @@ class Equilibrium:
             for axis, value in enumerate(values):
                 if value is not None:
                     held[place][axis, nodes_at(V.components[axis], place)] = True
+            held[place] = problem.processes.summed(held[place].T.astype(float)).T > 0
         return held

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, VectorH1, sqrt
 
+from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.rows import ContactRows
+from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
 from ngepc.model.rules import plastic_points
 from ngepc.results.equilibrium import Equilibrium
@@ -58,7 +60,8 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         mesh, strain = self.problem.mesh, self.strain
         rules = plastic_points(mesh, self.problem.order)
         points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
-        return float(np.max(sqrt(InnerProduct(strain, strain))(points)))
+        largest = np.asarray(sqrt(InnerProduct(strain, strain))(points))
+        return self.problem.processes.most(largest)
 
     @property
     def residual_norm(self) -> float:
@@ -121,7 +124,11 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     @property
     def contact_force(self) -> float:
         """Resultant of the normal contact pressure, positive in compression (force)."""
-        return float(self.pressing.sum())
+        return float(self._conditions.sum_of(self.pressing))
+
+    @property
+    def _conditions(self) -> ContactConditions:
+        return self.state.frame.contact
 
     @property
     def pressing(self) -> np.ndarray:
@@ -147,7 +154,7 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     @property
     def friction_force(self) -> tuple[float, ...]:
         """Resultant of the friction on the body, N components (force)."""
-        return tuple(self._friction_on_body.sum(axis=0).tolist())
+        return tuple(self._conditions.sum_of(self._friction_on_body).tolist())
 
     @cached_property
     def sliding(self) -> GridFunction:
@@ -156,7 +163,8 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         Without friction all that touches counts as sliding.
         """
         size = np.linalg.norm(self.nodal_slip, axis=1)
-        slips = size > SLIPPING * float(np.abs(self.displacement.vec.FV().NumPy()).max(initial=0.0))
+        largest = self.problem.processes.most(np.abs(self.state.u))
+        slips = size > SLIPPING * largest
         slips |= self.problem.friction is None
         vertices = self.rows.vertices[slips & (self.pressing > 0)]
         sliding = GridFunction(H1(self.problem.mesh, order=1), name="sliding")
@@ -182,17 +190,18 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     @property
     def contact_area(self) -> float:
         """Area that belongs to the rows with a contact force."""
-        return float(self.rows.weights[self.pressing > 0].sum())
+        return self._conditions.area(self.pressing > 0)
 
     @cached_property
     def contact_facets(self) -> int:
         """Number of contact facets all of whose vertices are pressed."""
         pressed = set(self.rows.vertices[self.pressing > 0].tolist())
-        return sum(
+        here = sum(
             all(vertex.nr in pressed for vertex in facet.vertices)
             for name in self.problem.touching_names
             for facet in self.problem.mesh.Boundaries(name).Elements()
         )
+        return self.problem.processes.total(here)
 
     @property
     def penetration(self) -> float:
@@ -205,17 +214,24 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         return " ".join(filter(None, (self.ending, *observations(self))))
 
 
+def nearest(result: DiscreteSolution) -> tuple[float, tuple[float, ...]]:
+    """The smallest gap that a row of this process leaves, infinite without rows, and its place."""
+    gap, mesh = np.where(result.rows.tied, np.inf, result.open_gap), result.problem.mesh
+    if not len(gap):
+        return np.inf, ()
+    row = int(gap.argmin())
+    return float(gap[row]), tuple(vertex_coordinates(mesh)[result.rows.vertices[row]].tolist())
+
+
 def observations(result: DiscreteSolution) -> list[str]:
     """Sentences about a solution that a user must not overlook."""
-    rows, found = result.rows, []
-    touching = np.count_nonzero(result.pressing > 0)
-    if not rows.tied.all() and not touching:
-        nearest = int(np.where(rows.tied, np.inf, result.open_gap).argmin())
-        mesh = result.problem.mesh
-        place = np.asarray(mesh.ngmesh.Coordinates())[rows.vertices[nearest], : mesh.dim]
+    found, processes = [], result.problem.processes
+    touching = int(result.state.frame.contact.sum_of(result.pressing > 0))
+    left = min(processes.all(nearest(result)))
+    if np.isfinite(left[0]) and not touching:
         found.append(
-            f"Nothing touches the obstacle: the smallest gap left is {result.open_gap[nearest]:.3g}"
-            f" at {tuple(float(f'{c:.4g}') for c in place)}."
+            f"Nothing touches the obstacle: the smallest gap left is {left[0]:.3g}"
+            f" at {tuple(float(f'{c:.4g}') for c in left[1])}."
         )
     elif touching and result.contact_facets < FEW_FACETS:
         found.append(

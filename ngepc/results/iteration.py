@@ -153,7 +153,7 @@ def record_of(
         energy=state.energy,
         step_length=length,
         halvings=trials,
-        contact_active=float(state.frame.contact.rows.weights[state.multipliers > 0].sum()),
+        contact_active=state.frame.contact.area(state.multipliers > 0),
         **step.numbers(state),
     )
 

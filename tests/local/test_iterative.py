@@ -116,7 +116,7 @@ def test_an_indefinite_preconditioner_is_said(discrete):
     tangent._engine._diagonal = -tangent._engine._diagonal
     right = closed.project(np.ones(discrete.supports.free.size))
     with pytest.raises(TangentError, match="not positive definite"):
-        conjugate_gradients(tangent._engine, closed.project, right, 0 * right, 1e-9, 100)
+        conjugate_gradients(tangent._engine, np.vdot, closed.project, right, 0 * right, 1e-9, 100)
 
 
 def test_active_sets_find_the_solution_of_the_direct_method(discrete):

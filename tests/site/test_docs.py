@@ -25,7 +25,7 @@ PAGES = [
 ]
 SNIPPET = re.compile(r"(<!-- not run: [^>]+ -->\n)?^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 NEEDS_MPI = DOCS / "howto" / "distributed.md"
-"""The page whose script test_distributed.py runs."""
+"""The page whose script tests/local/test_processes.py runs."""
 WITH_SNIPPETS = [
     p for p in PAGES if p != NEEDS_MPI and SNIPPET.search(p.read_text(encoding="utf-8"))
 ]

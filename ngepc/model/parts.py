@@ -1,0 +1,228 @@
+"""Meshes of which each process has a part: made on one process, refined on all at once.
+
+A part is a mesh of its own for NGSolve, which knows nothing of the other ones.  Uniform refinement
+halves all edges, also those between two parts, so that parts stay conforming without any search,
+and no process ever has the fine mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import netgen.meshing as netgen
+import numpy as np
+from ngsolve import BND, Mesh
+
+from ngepc.checks.kinds import require_mesh
+from ngepc.model.elements import combine, element_facets, element_nodes, vertex_coordinates
+from ngepc.model.processes import Shared
+from ngepc.model.rigid import check_conforming, connected
+
+try:
+    from mpi4py import MPI
+except ImportError:  # said when distribute() is called
+    MPI = None
+
+INSTALL = (
+    "distribute() needs mpi4py: 'apt install python3-mpi4py' on Debian and Ubuntu, "
+    "'conda install -c conda-forge mpi4py openmpi' anywhere"
+)
+
+
+class MeshPart(Mesh):
+    """The part of a mesh that this process has.
+
+    Parameters
+    ----------
+    part
+        The part as a mesh of Netgen.
+    processes
+        Which processes have the other parts, and the common vertices.
+    boundaries
+        Names of all boundaries, those without an element in this part included.
+    interfaces
+        Names of boundaries inside the body.
+    coarse
+        The part that this one was refined from; None for none.
+    parents
+        For vertices beyond those of ``coarse`` the two that they lie between, shape (k, 2).
+
+    Attributes
+    ----------
+    nodes
+        Vertices of the whole mesh, each counted once.
+    """
+
+    def __init__(
+        self,
+        part: netgen.Mesh,
+        processes: Shared,
+        boundaries: tuple[str, ...],
+        interfaces: frozenset[str],
+        coarse: MeshPart | None = None,
+        parents: np.ndarray | None = None,
+    ) -> None:
+        super().__init__(part)
+        self.processes, self.coarse, self.parents = processes, coarse, parents
+        self.boundaries, self.interfaces, self.nodes = boundaries, interfaces, processes.count
+
+    def GetBoundaries(self) -> tuple[str, ...]:
+        """The names of all boundaries of the body; NGSolve forgets those that have no element."""
+        return self.boundaries
+
+    def refined(self) -> MeshPart:
+        """The part of the mesh with all edges halved; the processes refine at the same time."""
+        fine = self.ngmesh.Copy()
+        fine.Refine()
+        mesh = Mesh(fine)
+        pairs = [mesh.GetParentVertices(vertex) for vertex in range(self.nv, mesh.nv)]
+        parents = np.sort(np.array(pairs, dtype=int).reshape(-1, 2), axis=1)
+        processes = Shared(self.processes.comm, self._common(parents), mesh.nv)
+        return MeshPart(fine, processes, self.boundaries, self.interfaces, self, parents)
+
+    def _common(self, parents: np.ndarray) -> dict[int, np.ndarray]:
+        """The vertices of the refined mesh that each neighbour has as well.
+
+        An edge whose ends are on both processes need not be: they tell each other which ones are.
+        """
+        processes, near = self.processes, {}
+        pairs = np.sort(processes.numbers[parents], axis=1)
+        keys = pairs[:, 0] * processes.count + pairs[:, 1]
+        for rank, nodes in processes.copies.items():
+            there = np.zeros(self.nv, dtype=bool)
+            there[nodes] = True
+            near[rank] = np.flatnonzero(there[parents].all(axis=1))
+        others = processes.traded({rank: keys[edges] for rank, edges in near.items()})
+        common = {}
+        for rank, edges in near.items():
+            _, which, _ = np.intersect1d(keys[edges], others[rank], return_indices=True)
+            added = self.nv + edges[which]
+            common[rank] = np.concatenate([processes.copies[rank], added])
+        return common
+
+
+def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
+    """Give each process a part of a mesh; all of them must call this.
+
+    Parameters
+    ----------
+    mesh
+        The whole mesh on process 0, straight triangles or tetrahedra; the others may give None.
+    comm
+        The processes, a communicator of mpi4py; None for all that mpiexec has started.
+
+    Returns
+    -------
+    MeshPart
+        To be used like any mesh, ``Problem(mesh=...)``, and refined.
+
+    Raises
+    ------
+    ImportError
+        If mpi4py is missing.
+    TypeError, ValueError
+        If it is no such mesh, or has fewer elements than there are processes.
+    """
+    if MPI is None:
+        raise ImportError(INSTALL)
+    comm = MPI.COMM_WORLD if comm is None else comm
+    pieces, error = None, None
+    if comm.rank == 0:
+        try:
+            pieces = _pieces(mesh, comm.size)
+        except (TypeError, ValueError) as raised:
+            error = raised
+    error = comm.bcast(error)
+    if error is not None:
+        raise error
+    piece = comm.scatter(pieces)
+    processes = Shared(comm, piece.copies, len(piece.points))
+    return MeshPart(piece.mesh(), processes, piece.regions[1], piece.interfaces)
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """What a process is sent: points, simplices and facets with the numbers of their regions."""
+
+    points: np.ndarray
+    regions: tuple[tuple[str, ...], tuple[str, ...]]
+    elements: tuple[np.ndarray, np.ndarray]
+    facets: tuple[np.ndarray, np.ndarray]
+    copies: dict[int, np.ndarray]
+    interfaces: frozenset[str]
+
+    def mesh(self) -> netgen.Mesh:
+        """The piece as a mesh of Netgen; each has all regions, also those it has no part of."""
+        dim = self.points.shape[1]
+        mesh = netgen.Mesh(dim=dim)
+        mesh.AddPoints(np.ascontiguousarray(self.points))
+        for d, names, (nodes, index) in (
+            (dim, self.regions[0], self.elements),
+            (dim - 1, self.regions[1], self.facets),
+        ):
+            for number, name in enumerate(names):
+                region, chosen = mesh.AddRegion(name, dim=d), nodes[index == number]
+                mesh.AddElements(dim=d, index=region, data=chosen.astype(np.int32), base=0)
+        return mesh
+
+
+def _pieces(mesh: Mesh, count: int) -> list[_Piece]:
+    """The pieces of a mesh for ``count`` processes."""
+    elements = _simplices(mesh)
+    if len(elements) < count:
+        raise ValueError(
+            f"mesh has {mesh.ne} elements: one for each of {count} processes is needed"
+        )
+    keys, owners = element_facets(mesh)
+    if connected(len(elements), *check_conforming(keys, owners)).any():
+        raise ValueError("mesh has several parts: one that hangs together is needed")
+    points = vertex_coordinates(mesh)
+    part = partition(points[elements].mean(axis=1), count)
+    listed = list(mesh.Elements(BND))
+    facets = np.array([sorted(v.nr for v in facet.vertices) for facet in listed])
+    index, wanted = np.array([facet.index for facet in listed]), combine(facets, mesh)
+    order = np.argsort(keys, kind="stable")
+    owner = part[owners[order[np.searchsorted(keys, wanted, sorter=order)]]]
+    inner = index[np.isin(wanted, keys[order][1:][np.diff(keys[order]) == 0])]
+    regions = mesh.GetMaterials(), mesh.GetBoundaries()
+    kinds = mesh.ngmesh.Elements2D() if mesh.dim == 2 else mesh.ngmesh.Elements3D()
+    materials = kinds.NumPy()["index"].astype(int) - 1
+    vertices, result = [np.unique(elements[part == rank]) for rank in range(count)], []
+    for rank, mine in enumerate(vertices):
+        common = {r: np.intersect1d(mine, other) for r, other in enumerate(vertices) if r != rank}
+        has, its = part == rank, owner == rank
+        result.append(
+            _Piece(
+                points[mine],
+                regions,
+                (np.searchsorted(mine, elements[has]), materials[has]),
+                (np.searchsorted(mine, facets[its]), index[its]),
+                {r: np.searchsorted(mine, v) for r, v in common.items() if len(v)},
+                frozenset(regions[1][k] for k in np.unique(inner)),
+            )
+        )
+    return result
+
+
+def _simplices(mesh: Mesh) -> np.ndarray:
+    """The vertices of the elements of a mesh that can be distributed."""
+    require_mesh("mesh", mesh)
+    corners, nodes = mesh.dim + 1, element_nodes(mesh)
+    if mesh.comm.size > 1 or mesh.GetCurveOrder() > 1 or mesh.deformation is not None:
+        raise ValueError("mesh is distributed, curved or deformed: a whole, straight one is needed")
+    if (nodes[:, corners:] >= 0).any() or (nodes[:, :corners] < 0).any():
+        raise ValueError("mesh has other elements: triangles or tetrahedra are needed")
+    return nodes[:, :corners]
+
+
+def partition(points: np.ndarray, count: int) -> np.ndarray:
+    """Parts 0 ... count - 1 of about as many points each, cut across their longest extent."""
+    part = np.zeros(len(points), dtype=int)
+    if count > 1:
+        left = count // 2
+        order = np.argsort(points[:, np.ptp(points, axis=0).argmax()], kind="stable")
+        first, rest = np.split(order, [len(points) * left // count])
+        part[first] = partition(points[first], left)
+        part[rest] = left + partition(points[rest], count - left)
+    return part

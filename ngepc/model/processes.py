@@ -1,0 +1,194 @@
+"""Processes that share a body: what one has, and what all do together.
+
+Each process has some of the elements and the nodes on them; nodes between two parts are on both.
+Nodal arrays, displacements and forces alike, have the same values on all processes that have a
+node, so that whatever is local to a node or an element is computed as on one process.  What is left
+are sums: over the elements of a node (``summed``), over the body (``total``, ``dot``).  All
+processes must call these, in the same order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+from ngsolve import Mesh
+
+T = TypeVar("T")
+
+
+class Alone:
+    """One process has the whole body: nothing is exchanged.
+
+    Attributes
+    ----------
+    size, rank
+        How many processes there are, and the number of this one.
+    own
+        What selects the nodes that this process answers for.
+    """
+
+    size, rank, own = 1, 0, slice(None)
+
+    def owned(self, nodes: np.ndarray) -> slice | np.ndarray:
+        """What selects those of some nodes that this process answers for."""
+        return slice(None)
+
+    def all(self, value: T) -> list[T]:
+        """The values that the processes give, in their order."""
+        return [value]
+
+    def total(self, value: T) -> T:
+        """The sum of what the processes give, numbers or arrays."""
+        return value
+
+    def summed(self, values: np.ndarray) -> np.ndarray:
+        """Nodal values to which the processes contribute, added up."""
+        return values
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Nodal values as the process has them that answers for the node."""
+        return values
+
+    def traded(self, parts: dict[int, T]) -> dict[int, T]:
+        """What the neighbours give for what they are given."""
+        return {}
+
+    def together(self, work: Callable[[], T]) -> T:
+        """Do a work that may fail: what one process raises, all raise."""
+        return work()
+
+    def any(self, flags: np.ndarray) -> bool:
+        """Whether one of the flags of all processes is set."""
+        return any(self.all(bool(flags.any())))
+
+    def most(self, values: np.ndarray) -> float:
+        """The largest of the values >= 0 of all processes, 0 for none."""
+        return max(self.all(float(values.max(initial=0.0))))
+
+    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """The inner product of two nodal arrays, flat ones too."""
+        return float(np.vdot(a, b))
+
+    def norm(self, a: np.ndarray) -> float:
+        """The Euclidean norm of a nodal array."""
+        return float(np.sqrt(self.dot(a, a)))
+
+
+ALONE = Alone()
+
+
+class Shared(Alone):
+    """One of several processes that have a part of the body each.
+
+    Parameters
+    ----------
+    comm
+        The communicator of mpi4py.
+    copies
+        Number of another process -> the nodes that it has as well, in an order both agree upon.
+    nodes
+        Nodes of this process.
+
+    Attributes
+    ----------
+    numbers
+        The number of each node among all: those of a process follow each other.
+    count
+        Nodes of all processes.
+    """
+
+    def __init__(self, comm: Any, copies: dict[int, np.ndarray], nodes: int) -> None:
+        self.comm, self.copies = comm, copies
+        self.size, self.rank = comm.size, comm.rank
+        mine = np.ones(nodes, dtype=bool)
+        for rank, shared in copies.items():
+            mine[shared] &= rank > self.rank
+        self._mine, self.own = mine, np.flatnonzero(mine)
+        self._inner = np.unique(np.concatenate([np.zeros(0, dtype=int), *copies.values()]))
+        counts = np.array(self.all(len(self.own)))
+        self.count, first = int(counts.sum()), int(counts[: self.rank].sum())
+        numbers = np.zeros(nodes, dtype=np.int64)
+        numbers[self.own] = first + np.arange(len(self.own))
+        self.numbers = self.spread(numbers)
+
+    def owned(self, nodes: np.ndarray) -> np.ndarray:
+        """What selects those of some nodes that this process answers for."""
+        return self._mine[nodes]
+
+    def all(self, value: T) -> list[T]:
+        """The values that the processes give, in their order."""
+        return self.comm.allgather(value)
+
+    def total(self, value: T) -> T:
+        """The sum of what the processes give, numbers or arrays."""
+        return self.comm.allreduce(value)
+
+    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """The inner product of two nodal arrays, flat ones too."""
+        a, b = (array.reshape(len(self._mine), -1)[self.own] for array in (a, b))
+        return self.total(float(np.vdot(a, b)))
+
+    def summed(self, values: np.ndarray) -> np.ndarray:
+        """Nodal values to which the processes contribute, added up, in the same order on all."""
+        received, result = self._exchanged(values), values.copy()
+        result[self._inner] = 0
+        for rank in sorted([*self.copies, self.rank]):
+            if rank == self.rank:
+                result[self._inner] += values[self._inner]
+            else:
+                result[self.copies[rank]] += received[rank]
+        return result
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Nodal values as the process has them that answers for the node: the first that has it."""
+        received, result = self._exchanged(values), values.copy()
+        for rank in sorted((r for r in received if r < self.rank), reverse=True):
+            result[self.copies[rank]] = received[rank]
+        return result
+
+    def _exchanged(self, values: np.ndarray) -> dict[int, np.ndarray]:
+        """What the neighbours have at the common nodes."""
+        sent = {rank: np.ascontiguousarray(values[nodes]) for rank, nodes in self.copies.items()}
+        received = {rank: np.empty_like(array) for rank, array in sent.items()}
+        requests = [self.comm.Irecv(array, rank) for rank, array in received.items()]
+        requests += [self.comm.Isend(array, rank) for rank, array in sent.items()]
+        for request in requests:
+            request.Wait()
+        return received
+
+    def traded(self, parts: dict[int, T]) -> dict[int, T]:
+        """What the neighbours give for what they are given."""
+        received = self.comm.alltoall([parts.get(rank) for rank in range(self.size)])
+        return {rank: received[rank] for rank in self.copies}
+
+    def together(self, work: Callable[[], T]) -> T:
+        """Do a work that may fail: what one process raises, all raise."""
+        value, error = None, None
+        try:
+            value = work()
+        except Exception as raised:  # whatever it is, the others must not wait for this process
+            error = raised
+        errors = [raised for raised in self.all(error) if raised is not None]
+        if errors:
+            raise errors[0]
+        return value
+
+
+def processes_of(mesh: Mesh) -> Alone:
+    """The processes that share a mesh: those of a ``MeshPart``, otherwise this one alone."""
+    return getattr(mesh, "processes", ALONE)
+
+
+def require_whole(what: str, mesh: Mesh) -> None:
+    """Accept a mesh of one process.
+
+    Raises
+    ------
+    ValueError
+        If several share it; ``what`` says what is not done then.
+    """
+    size = max(processes_of(mesh).size, mesh.comm.size)
+    if size > 1:
+        raise ValueError(f"{what}: not on a mesh that {size} processes share; one is needed")

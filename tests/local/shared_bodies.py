@@ -1,0 +1,96 @@
+"""What the processes of ``mpiexec -n P python -m mpi4py shared_bodies.py FOLDER`` find.
+
+Process 0 prints it as JSON; the tests compare it with what one process finds.
+"""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from mpi4py import MPI
+
+from ngepc import NewtonOptions, PETSc, PyAMG, lshape_problem, parts, semismooth_newton
+from ngepc.geometries import block, lshape
+from ngepc.pictures.export import export_vtu
+from ngepc.primal.solver import primal_newton
+from ngepc.studies.large import pressed
+
+OPTIONS = NewtonOptions(inverse=PETSc(), tolerance=1e-9)
+
+
+def shared(mesh, comm, refinements):
+    part = parts.distribute(mesh if comm.rank == 0 else None, comm)
+    for _ in range(refinements):
+        part = part.refined()
+    return part
+
+
+def bodies(comm):
+    """A sphere on a block; the L-shape with traction, a roller and a ceiling, plane strain."""
+    yield "block", pressed(shared(block.mesh(maxh=0.4), comm, 2), 100.0)
+    plane = lshape_problem(lshape.mesh(maxh=0.15))
+    part = shared(plane.mesh, comm, 1)
+    yield "lshape", replace(lshape_problem(part), kinematics="plane strain", body_force=(0.3, 0.2))
+
+
+def numbers(result):
+    """Numbers of a result that do not depend on who has what."""
+    return {
+        "status": result.status.label,
+        "steps": result.iterations,
+        "energies": result.history.energies,
+        "iterations": result.history.column("linear_iterations"),
+        "plastic": result.history.records[-1].plastic_active,
+        "contact force": result.contact_force,
+        "contact area": result.contact_area,
+        "facets": result.contact_facets,
+        "message": result.message,
+        "strain": result.largest_strain,
+        "reactions": {k: v.tolist() for k, v in result.equilibrium.reactions.items()},
+        "moment": result.equilibrium.moment(result.equilibrium.applied).tolist(),
+        "nodes": result.problem.mesh.nodes,
+        "own": result.problem.processes.all(result.problem.mesh.nv),
+    }
+
+
+def refusals(problem):
+    """What several processes refuse, with the words of the last one."""
+    options = NewtonOptions(inverse=PETSc())
+    works = {
+        "direct": lambda: semismooth_newton(problem),
+        "pyamg": lambda: semismooth_newton(problem, options=replace(options, inverse=PyAMG())),
+        "gamma": lambda: semismooth_newton(problem, gamma=1.0),
+        "primal": lambda: primal_newton(problem),
+        "order": lambda: replace(problem, order=2),
+        "friction": lambda: replace(problem, friction=0.1),
+        "loose": lambda: replace(problem, clamped=None),
+        "name": lambda: replace(problem, clamped="nowhere"),
+    }
+    return {name: said(work) for name, work in works.items()}
+
+
+def said(work):
+    try:
+        work()
+    except (ImportError, TypeError, ValueError) as error:
+        return str(error)
+    return ""
+
+
+def found(comm, folder):
+    """All that the tests look at."""
+    results = {}
+    for name, problem in bodies(comm):
+        result = semismooth_newton(problem, options=OPTIONS)
+        results[name] = numbers(result)
+        results[name]["file"] = str(export_vtu(result, Path(folder) / f"{name}.vtu"))
+        if comm.size > 1:
+            results[name]["refusals"] = problem.processes.all(refusals(problem))
+    return results
+
+
+if __name__ == "__main__":
+    told = found(MPI.COMM_WORLD, sys.argv[1])
+    if MPI.COMM_WORLD.rank == 0:
+        print(json.dumps(told))

@@ -1,0 +1,113 @@
+"""Bodies that processes share: the same steps, energies, forces and files as on one process."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import meshio
+import numpy as np
+import pytest
+
+from ngepc.local import petsc
+from ngepc.model import parts
+
+pytestmark = pytest.mark.skipif(
+    (petsc.petsc is None or parts.MPI is None) and not os.environ.get("NGEPC_NEEDS_PETSC"),
+    reason="petsc4py or mpi4py is missing",
+)
+
+BODIES = ("block", "lshape")
+
+
+def output_of(count, *program, folder=None):
+    """What several processes print."""
+    mine = ("OMPI_", "PMIX_")  # what an MPI of the tests' own process has left
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(mine)}
+    start = ["mpiexec", "--allow-run-as-root", "--oversubscribe", "-n", str(count)]
+    done = subprocess.run(
+        [*start, sys.executable, "-m", "mpi4py", *program],
+        **dict(capture_output=True, text=True, timeout=120, check=False, env=clean, cwd=folder),
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Number of processes -> what they find."""
+    script, told = Path(__file__).with_name("shared_bodies.py"), {}
+    for count in (1, 2, 3):
+        folder = tmp_path_factory.mktemp(f"processes{count}")
+        told[count] = json.loads(output_of(count, script, str(folder)).splitlines()[-1])
+    return told
+
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("count", [2, 3])
+def test_processes_find_what_one_finds(runs, body, count):
+    one, several = runs[1][body], runs[count][body]
+    for name in ("status", "steps", "facets", "message", "nodes"):
+        assert several[name] == one[name]
+    assert one["status"] == "converged"
+    assert one["steps"] >= 4
+    assert several["energies"][-1] == pytest.approx(one["energies"][-1], rel=1e-12)
+    assert several["energies"] == pytest.approx(one["energies"], rel=1e-2)
+    for name in ("plastic", "contact force", "contact area", "strain"):
+        assert several[name] == pytest.approx(one[name], rel=1e-7)
+    assert several["moment"] == pytest.approx(one["moment"], rel=1e-10, abs=1e-12)
+    for name, force in one["reactions"].items():
+        assert several["reactions"][name] == pytest.approx(force, rel=1e-6, abs=1e-7)
+    assert sum(several["iterations"]) <= 1.3 * sum(one["iterations"]) + 5
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_no_process_has_much_more_than_its_share(runs, count):
+    for body in BODIES:
+        told = runs[count][body]
+        assert max(told["own"]) < 1.5 * told["nodes"] / count
+
+
+def test_what_is_not_done_is_refused_by_name_on_all_processes(runs):
+    wanted = {
+        "direct": "inverse='sparsecholesky'",
+        "gamma": "gamma",
+        "primal": "primal_newton",
+        "order": "order=2",
+        "friction": "friction",
+        "loose": "rigid motion",
+        "name": "no boundary 'nowhere'",
+    }
+    first, second = runs[2]["block"]["refusals"]
+    assert first == second
+    for name, word in wanted.items():
+        assert word in first[name]
+    assert "PyAMG" in first["pyamg"]
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_files_of_the_parts_are_those_of_the_whole(runs, body):
+    path = Path(runs[2][body]["file"])
+    listing = ElementTree.parse(path).getroot()
+    parts_there = [piece.get("Source") for piece in listing.iter("Piece")]
+    arrays = [array.get("Name") for array in listing.iter("PDataArray")]
+    pieces = [meshio.read(path.with_name(name)) for name in parts_there]
+    whole = meshio.read(runs[1][body]["file"])
+    assert len(pieces) == 2
+    assert {"displacement", "stress"} <= set(arrays)
+    assert sum(len(piece.cells[0].data) for piece in pieces) == len(whole.cells[0].data)
+    mises = np.sort(np.concatenate([piece.point_data["von_mises"].ravel() for piece in pieces]))
+    assert mises == pytest.approx(np.sort(whole.point_data["von_mises"].ravel()), abs=1e-4)
+
+
+def test_the_script_of_the_page_runs(tmp_path):
+    page = Path(__file__).resolve().parents[2] / "docs" / "howto" / "distributed.md"
+    script = re.search(r"^```python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)[1]
+    (tmp_path / "body.py").write_text(script)
+    nodes, status, *_ = output_of(2, "body.py", folder=tmp_path).split()
+    assert (int(nodes), status) == (1745, "converged")
+    assert (tmp_path / "body.pvtu").is_file()
+    assert (tmp_path / "body_0001.vtu").is_file()
