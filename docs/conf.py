@@ -43,6 +43,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx-mathjax-offline",
     "public_names",
+    "from_disk",
 ]
 exclude_patterns = ["_build", "gallery/*.py", "**.ipynb_checkpoints"]
 suppress_warnings = ["mystnb.unknown_mime_type"]

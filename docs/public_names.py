@@ -1,7 +1,8 @@
 """Sphinx extension: the directive ``public-names``, and docstrings that are plain text.
 
-``.. public-names::`` documents what ``ngepc`` itself exports; with a module as its argument, what
-is defined in that module, or offered by that package, without a leading underscore.
+``.. public-names:: ngepc`` documents the names that it lists, which ``ngepc`` itself exports; with
+another module as its argument, what is defined in that module, or offered by that package, without
+a leading underscore.
 """
 
 import importlib
@@ -21,9 +22,7 @@ MARKUP = re.compile(r"(``.+?``|:\w+:`.+?`)")
 
 
 def names_of(module: str) -> list[str]:
-    """The documented names of a module, or of the package itself; checks of arguments are none."""
-    if module == "ngepc":
-        return [name for name in ngepc.__all__ if not name.startswith("_")]
+    """The documented names of a module; checks of arguments are none."""
     home = importlib.import_module(module)
     inside = (module, f"{module}.") if hasattr(home, "__path__") else (module,)
     return [
@@ -35,26 +34,27 @@ def names_of(module: str) -> list[str]:
     ]
 
 
-def overview(module: str) -> list[str]:
-    """A definition list: each public name, linked, with the first paragraph of its docstring."""
-    home, lines = importlib.import_module(module), [".. container:: overview", ""]
-    for name in names_of(module):
-        summary = " ".join(inspect.getdoc(getattr(home, name)).split("\n\n")[0].split())
-        lines += [f"   :py:obj:`{name} <{module}.{name}>`", f"      {without_markup(summary)}", ""]
+def overview(names: list[str]) -> list[str]:
+    """A definition list: each name, linked, with the first paragraph of its docstring."""
+    lines = [".. container:: overview", ""]
+    for name in names:
+        summary = " ".join(inspect.getdoc(getattr(ngepc, name)).split("\n\n")[0].split())
+        lines += [f"   :py:obj:`{name} <ngepc.{name}>`", f"      {without_markup(summary)}", ""]
     return lines
 
 
 class PublicNames(Directive):
-    """Autodoc entries for all public names of a module; those of the package with an overview."""
+    """Autodoc entries for public names: all of a module, or those listed, with an overview."""
 
-    optional_arguments = 1
+    required_arguments, has_content = 1, True
 
     def run(self) -> list[nodes.Node]:
-        """The entries, those of the package under the package's name."""
-        module = self.arguments[0] if self.arguments else "ngepc"
+        """The entries."""
+        module = self.arguments[0]
         home = importlib.import_module(module)
-        lines = overview(module) if module == "ngepc" else []
-        for name in names_of(module):
+        listed = [line.strip() for line in self.content]
+        lines = overview(listed) if listed else []
+        for name in listed or names_of(module):
             kind = "class" if inspect.isclass(getattr(home, name)) else "function"
             lines += [f".. auto{kind}:: {module}.{name}"]
             if kind == "class":

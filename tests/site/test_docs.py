@@ -199,3 +199,32 @@ def test_site_works_in_a_browser_without_network(site, page):
         browser.evaluate("MathJax.startup.promise.then(() => 0)")
         assert browser.evaluate(f"document.querySelectorAll('{wrong}').length") == 0
         assert (seen.requests, seen.errors) == ([], [])
+
+
+@pytest.mark.skipif(chromium() is None, reason="needs Chromium")
+def test_search_shows_snippets_from_disk(site):
+    with Browser() as browser:
+        seen = browser.open(site / "search.html", "?q=certificate")
+        browser.wait_for("document.querySelectorAll('#search-results p.context').length > 3", 30)
+        text = browser.evaluate("document.querySelector('#search-results p.context').textContent")
+        assert "certificate" in text.lower()
+        assert (seen.requests, seen.errors) == ([], [])
+
+
+@pytest.mark.skipif(chromium() is None, reason="needs Chromium")
+@pytest.mark.parametrize("page", ["tables", "api/problems", "howto/geometry", "coming_from"])
+def test_pages_fit_a_telephone(site, page):
+    with Browser(390, 800) as browser:
+        browser.open(site / f"{page}.html")
+        assert browser.evaluate("document.documentElement.scrollWidth") <= 390
+        cut = (
+            "[...document.querySelectorAll('article table, article pre')].filter(e => {"
+            " for (let p = e; p && p.tagName !== 'ARTICLE'; p = p.parentElement)"
+            " if (['auto', 'scroll'].includes(getComputedStyle(p).overflowX)) return false;"
+            " return e.getBoundingClientRect().right > 390; }).length"
+        )
+        assert browser.evaluate(cut) == 0
+
+
+def test_site_is_small(site):
+    assert sum(p.stat().st_size for p in site.rglob("*") if p.is_file()) < 16e6
