@@ -4,7 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from derivatives import (
+from ngsolve import CF, IfPos, x, y
+
+from ngepc import Material, NewtonOptions, SolverError, lshape_problem, semismooth_newton
+from ngepc.geometries import lshape
+from ngepc.sensitivity.functionals import DisplacementAt, Reaction, misfit
+from ngepc.sensitivity.gradient import gradient
+from ngepc.sensitivity.parameters import Direction
+from ngepc.studies.verification.derivatives import (
     compared,
     functionals,
     last_state,
@@ -13,13 +20,6 @@ from derivatives import (
     random_problem,
     sizes,
 )
-from ngsolve import CF, IfPos, x, y
-
-from ngepc import Material, NewtonOptions, SolverError, lshape_problem, semismooth_newton
-from ngepc.geometries import lshape
-from ngepc.sensitivity.functionals import DisplacementAt, Reaction, misfit
-from ngepc.sensitivity.gradient import gradient
-from ngepc.sensitivity.parameters import Direction
 
 
 @pytest.fixture(scope="module")

@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
-from derivatives import (
-    compared,
-    four_times,
-    functionals,
-    random_problem,
-    sizes,
-)
 
 from ngepc import evolve, load_cycle, lshape_problem
 from ngepc.geometries import lshape
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.states import restored_state
 from ngepc.sensitivity.tangent import tangents
+from ngepc.studies.verification.derivatives import (
+    compared,
+    four_times,
+    functionals,
+    random_problem,
+    sizes,
+)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 5, 6])

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from derivatives import functionals, once, random_problem, sizes
 from ngsolve import x
 
 from ngepc import Material, Problem, semismooth_newton
@@ -15,6 +14,7 @@ from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Direction
 from ngepc.sensitivity.radial import RadialDerivative
 from ngepc.sensitivity.tangent import tangent
+from ngepc.studies.verification.derivatives import functionals, once, random_problem, sizes
 
 
 def test_reverse_is_the_transpose_of_forward():
