@@ -306,7 +306,7 @@ def _draw(
         patch = axes.tripcolor(triangles, values, shading="gouraud", rasterized=True, **options)
     if mesh_lines:
         borders = element_borders(fields_of(source)).deformed(scale)
-        thin = min(1.0, math.sqrt(1500 / len(borders)))
+        thin = min(1.0, 1500 / len(borders))
         lines = LineCollection(borders, colors=GUIDE, linewidths=0.3, alpha=thin, zorder=2)
         axes.add_collection(lines)
     return patch
