@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+import argcomplete
+
 from ngepc._version import __version__
 from ngepc.cli import notebooks, path, report, solve, study
 from ngepc.cli.interrupt import remembered
@@ -61,7 +63,9 @@ def parser() -> argparse.ArgumentParser:
 
 def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """The arguments; --quiet and --verbose may stand anywhere, so that no parser has defaults."""
-    return parser().parse_args(arguments, argparse.Namespace(quiet=False, verbose=False))
+    top = parser()
+    argcomplete.autocomplete(top)  # does nothing unless a shell asks
+    return top.parse_args(arguments, argparse.Namespace(quiet=False, verbose=False))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -67,13 +67,14 @@ def run(args: argparse.Namespace) -> int:
         bounded = _refined(args, problem)
         result = bounded.result
     seconds = time.perf_counter() - begin
+    error = _error_of(result) if bounded is None else bounded.bound.relative
     record = {
         **records.solve_record(args.problem, result, seconds),
         "method": method,
         "gamma": args.gamma,
         "start": args.start,
         "error_asked": args.error,
-        "error_bound": None if bounded is None else bounded.bound.relative,
+        "error_bound": error,
         **records.provenance(),
     }
     report(record, _summary(record), args.json, args.quiet)
@@ -101,6 +102,14 @@ def _refined(args: argparse.Namespace, problem: Problem) -> BoundedResult:
     if bounded.message:
         say(f"ngepc solve: {bounded.message}")
     return bounded
+
+
+def _error_of(result: Result) -> float | None:
+    """The guaranteed relative energy error of a solution of the problem itself, None for others."""
+    from ngepc.bounds.bound import error_bound
+
+    solution = result.status.label == "converged" and not hasattr(result, "regularisation")
+    return error_bound(result).relative if solution else None
 
 
 def _method(args: argparse.Namespace) -> str:

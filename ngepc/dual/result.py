@@ -51,7 +51,7 @@ class DualResult(Summarised, Recovered, Ending):
     @property
     def method_label(self) -> str:
         """'gamma = 1e4': how the problem was regularised."""
-        return f"gamma = {self.regularisation.gamma:.3g}"
+        return f"gamma = {self.regularisation.gamma:.4g}"
 
     @property
     def regularisation(self) -> Coupled:

@@ -50,7 +50,7 @@ FIELDS = {
     "gamma": "of the paper's method, else null",
     "start": "zero, coarse or the file of a run",
     "error_asked": "relative energy error asked for with --error, else null",
-    "error_bound": "guaranteed relative energy error that was reached with --error, else null",
+    "error_bound": "guaranteed relative energy error; null for regularised states",
     "version": "of ngepc",
     "ngsolve": "version",
     "numpy": "version",

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 import subprocess
 import sys
@@ -30,6 +31,30 @@ def test_solve_prints_one_json_object_with_the_fields_of_the_schema(choice, caps
     assert len(record["residual_norms"]) == record["iterations"] + 1
     assert len(record["step_lengths"]) == record["iterations"]
     assert record["contact_force"] > 0
+
+
+def completions(line):
+    """What the Tab key offers after a line, as a shell asks for it."""
+    asked = {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": " ", "COMP_LINE": line}
+    asked |= {"COMP_POINT": str(len(line)), "COMP_TYPE": "9", "PATH": os.environ["PATH"]}
+    asked |= {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = ["bash", "-c", f"{sys.executable} -m ngepc 8>&1 9>/dev/null"]
+    run = subprocess.run(command, capture_output=True, text=True, check=True, env=asked)
+    return run.stdout.split()
+
+
+def test_the_tab_key_completes_commands_studies_and_options():
+    assert {"solve", "path", "study", "report", "notebooks"} <= set(completions("ngepc "))
+    assert completions("ngepc study ta") == ["table1", "table2", "table3"]
+    assert "--max-iterations" in completions("ngepc solve lshape --max")
+
+
+def test_solutions_come_with_a_guaranteed_bound_and_regularised_states_without(capsys):
+    exact, primal = (record_of(capsys, "lshape", "--nodes", "225", "--method", m)["error_bound"]
+                     for m in ("default", "primal"))  # fmt: skip
+    assert 0.001 < exact < 0.1
+    assert primal == pytest.approx(exact, rel=1e-6)
+    assert record_of(capsys, "lshape", "--nodes", "225", "--gamma", "1e3")["error_bound"] is None
 
 
 def test_summary_names_mesh_unknowns_method_gamma_and_time(capsys):
