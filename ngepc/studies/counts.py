@@ -281,8 +281,8 @@ def write_page(study: CountTable, table: Sequence[dict], path: Path) -> Path:
     title = f"The solution: {label_of(cell.row)}, {cell.nodes} nodes"
     body, *more = solution_sections(result, title, THRESHOLDS[study.body])
     if math.isinf(gamma_of(cell.row)):
-        part = 100 * error_bound(result).relative
-        said = f"Guaranteed: energy error at most {part:.3g} percent of what the body stores and dissipates."
+        part = f"{100 * error_bound(result).relative:.3g} percent"
+        said = f"Energy error at most {part} of what the body stores and dissipates, guaranteed."
         study.progress(f"{label_of(cell.row)}, {cell.nodes} nodes. {said}")
         body = (body[0], [said, *body[1]])
     pictures = [counts_figure(study, table), residuals_figure(study, cell.row)]
