@@ -1,7 +1,7 @@
 """Sphinx extension: the directive ``public-names``, and docstrings that are plain text.
 
-``.. public-names:: ngepc`` documents the names that it lists, which ``ngepc`` itself exports; with
-another module as its argument, what is defined in that module, or offered by that package, without
+``.. public-names:: ngepc`` documents the names that it lists, which ``ngepc`` itself exports, without
+a list those that no page of ``api/`` lists; with another module as its argument, what is defined in that module, or offered by that package, without
 a leading underscore.
 """
 
@@ -23,6 +23,10 @@ MARKUP = re.compile(r"(``.+?``|:\w+:`.+?`)")
 
 def names_of(module: str) -> list[str]:
     """The documented names of a module; checks of arguments are none."""
+    if module == "ngepc":
+        pages = (Path(__file__).parent / "api").glob("*.md")
+        listed = {line.strip() for page in pages for line in page.read_text("utf-8").split("\n")}
+        return [name for name in ngepc.__all__ if name not in listed and name[0] != "_"]
     home = importlib.import_module(module)
     inside = (module, f"{module}.") if hasattr(home, "__path__") else (module,)
     return [
