@@ -1,8 +1,8 @@
 """Sphinx extension: the directive ``public-names``, and docstrings that are plain text.
 
-``.. public-names:: ngepc`` documents the names that it lists, which ``ngepc`` itself exports, without
-a list those that no page of ``api/`` lists; with another module as its argument, what is defined in that module, or offered by that package, without
-a leading underscore.
+``.. public-names:: ngepc`` documents the names of the package that it lists; without a list those
+that no page of ``api/`` lists.  With another module as its argument: what is defined in it,
+or offered by that package, without a leading underscore.
 """
 
 import importlib
