@@ -41,6 +41,14 @@ def nothing_to_complain(table: Sequence[dict]) -> bool:
     return not any(record["complaints"] for record in table)
 
 
+def in_agreement(table: Sequence[dict]) -> bool:
+    """Whether derivatives agree with differences, Taylor's formula and the envelope theorem."""
+    return all(
+        r["largest error"] < 1e-6 and (r["Taylor"] or 2) > 1.95 and (r["envelope"] or 0) < 1e-10
+        for r in table
+    )
+
+
 def multigrid(text: str) -> str:
     """The name of an iterative solver."""
     if text not in ("pyamg", "petsc"):
@@ -172,6 +180,12 @@ STUDIES = {
         "verification.fuzz:Fuzz",
         {"count": (count, "problems, default 200"), "seed": (count, "of the sequence, default 1")},
         success=nothing_to_complain,
+    ),
+    "derivatives": Study(
+        "gradients of random problems beside differences, Taylor slopes, the envelope theorem",
+        "verification.derivatives:Derivatives",
+        {"count": (count, "problems, default 200")},
+        success=in_agreement,
     ),
     "robustness": Study(
         "data at their extremes: iterations and statuses of all methods",

@@ -120,19 +120,20 @@ class ContactConditions:
         No step from a displacement that is ``on_rollers`` moves them: the springs change nothing,
         but they hold a body that stands on rollers alone, and make its forces easy to find.
         """
-        on, compliance = self._on_rollers, 1 / row_stiffness
+        on, compliance = self.roller_part, 1 / row_stiffness
         R, stiffness = self.rows.normal[on], GRIP * row_stiffness[on]
         compliance[on] /= 1 + GRIP
         return (R.T @ diags(stiffness) @ R).tocsr() if R.shape[0] else None, compliance
 
     @property
-    def _on_rollers(self) -> slice:
+    def roller_part(self) -> slice:
+        """The rows of rollers."""
         first = min((rows.start for rows in self.rollers.values()), default=len(self.rows))
         return slice(first, len(self.rows))
 
     def on_rollers(self, u: np.ndarray, free: np.ndarray) -> np.ndarray:
         """The displacement nearest to ``u`` that the rollers allow, both (nodes, N)."""
-        R, gaps = self.rows.normal[self._on_rollers], self.rows.gaps[self._on_rollers]
+        R, gaps = self.rows.normal[self.roller_part], self.rows.gaps[self.roller_part]
         if not R.shape[0]:
             return u
         movable = R @ diags(free.ravel().astype(float))
@@ -215,13 +216,14 @@ def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone | None:
         return None
     cap, coefficient = np.full(len(rows), np.inf), np.full(len(rows), STEEPEST)
     if isinstance(law, Coulomb):
-        coefficient = _at_rows(problem, rows, law.coefficient)
+        coefficient = at_rows(problem, rows, law.coefficient)
     else:
-        cap = rows.weights * _at_rows(problem, rows, law)
+        cap = rows.weights * at_rows(problem, rows, law)
     return FrictionCone(cap, np.where(rows.tied, 0.0, coefficient), rows.tied, problem.N - 1)
 
 
-def _at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarray:
+def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarray:
+    """A coefficient at the vertices of the rows, shape (m,)."""
     values = GridFunction(H1(problem.mesh, order=1))
     region = problem.mesh.Boundaries("|".join(problem.touching_names))
     values.Set(as_scalar(value), definedon=region)

@@ -1,12 +1,14 @@
 """The adjoint of the discrete optimality system: one solve for all parameters.
 
-The solution obeys r = B' sigma(u; m) + N' lambda - l(m) = 0 at the free components and N u = gaps
-for the closed rows.  With the multipliers z, zeta of K z + N' zeta = F_u, N z = F_lambda,
+Changes of the solution obey K u' + C' y = -r_m at the free components and R u' - D y = shift_m for
+the rows that contact leaves (``sensitivity.contact``).  With the multipliers z, zeta of the
+transposed system K z + R' zeta = F_u, C z - D zeta = E' F_x,
 
-    dF/dm = F_m - z . r_m + zeta . gaps_m + (F_u - K z - N' zeta) . values_m,
+    dF/dm = F_m - z . r_m + zeta . shift_m + (F_u - K z - R' zeta) . values_m,
 
-for the prescribed values of the held components.  All that m changes are the data of
-``sensitivity.radial.Data``, by which the derivative is taken once, for any number of parameters.
+for the prescribed values of the held components, and e . (F_x - R z) per change of a bound.  All
+that m changes are the data of ``sensitivity.radial.Data``, by which the derivative is taken once,
+for any number of parameters.
 """
 
 from __future__ import annotations
@@ -19,7 +21,10 @@ from ngepc.sensitivity.functionals import Slope
 from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.radial import Data, RadialDerivative
 
-DENSITIES = ("two_mu", "bulk", "hardening", "beta", "kinematic", "isotropic", "back", "initial")
+DENSITIES = (
+    *("two_mu", "bulk", "hardening", "beta", "kinematic", "isotropic"),
+    *("back", "initial", "strain", "volume"),
+)
 
 
 def derivative_by_data(state: State, system: HeldSystem, slope: Slope) -> Data:
@@ -33,23 +38,25 @@ def derivative_by_data(state: State, system: HeldSystem, slope: Slope) -> Data:
         If the adjoint system is singular.
     """
     discrete = state.discrete
-    points, bulk = discrete.points, discrete.law.bulk
+    points, bulk, contact = discrete.points, discrete.law.bulk, system.contact
     law = RadialDerivative(discrete.law, state.at)
-    zero = np.zeros_like(state.deviator)
-    direct = law.reverse(zero + slope.p, zero + slope.stress)["strain"]
-    force = slope.u + points.forces(bulk * slope.mean, direct)
-    shift = np.zeros(len(discrete.rows)) + slope.multipliers
-    z, zeta = system.solve(force, shift)
+    zero, force = np.zeros_like(state.deviator), np.zeros_like(state.u) + slope.u
+    if any(np.ndim(part) for part in (slope.p, slope.stress, slope.mean)):
+        direct = law.reverse(zero + slope.p, zero + slope.stress)["strain"]
+        force = force + points.forces(bulk * slope.mean, direct)
+    on_contact = np.zeros(len(discrete.contact)) + slope.contact
+    z, y, inner = system.solve_transposed(force, contact.given.T @ on_contact)
+    zeta = contact.chosen @ y
     volume, e = points.strain(z)
     data = law.reverse(zero + slope.p, slope.stress - e)
-    support = force - system.internal(z) - discrete.rows.forces(zeta)
-    del data["strain"]
+    support = force - inner - discrete.contact.forces(zeta)
     data |= {
+        "volume": bulk * (slope.mean - volume),
         "bulk": (slope.mean - volume) * state.volume,
         "load": z,
-        "gaps": zeta,
         "values": np.where(discrete.supports.free, 0.0, support),
     }
+    data |= contact.slopes(zeta, on_contact - discrete.contact.displacement(z))
     return summed(data, slope.explicit)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngepc.local.system import State
+from ngepc.sensitivity.contact import RowSides
 
 BIACTIVE = 1e-6
 """Relative distance from the change of side within which a row or point counts as biactive."""
@@ -21,23 +22,27 @@ class Biactive:
     ----------
     rows
         Contact rows with lambda = 0 and no gap, up to the tolerance, shape (k,).
+    kinks
+        Closed rows where friction is at its bound without slip, or the bound changes its law.
     points
         Integration points with |s| = beta up to the tolerance, shape (l,).
     """
 
     rows: np.ndarray
+    kinks: np.ndarray
     points: np.ndarray
 
     def __len__(self) -> int:
-        return len(self.rows) + len(self.points)
+        return len(self.rows) + len(self.kinks) + len(self.points)
 
     @property
     def message(self) -> str:
         """A sentence about them, empty if there are none."""
         if not len(self):
             return ""
+        rows = len(self.rows) + len(self.kinks)
         return (
-            f"{len(self.rows)} contact rows and {len(self.points)} points are biactive: there the "
+            f"{rows} contact rows and {len(self.points)} points are biactive: there the "
             "solution has one-sided derivatives only, which tangent(...) gives for a direction."
         )
 
@@ -56,12 +61,20 @@ def biactive_set(state: State, tolerance: float = BIACTIVE) -> Biactive:
     A gap is compared with the largest displacement and gap, a contact force with the largest one
     and with the force that the row's elastic stiffness answers that distance with.
     """
-    rows, law, at = state.discrete.rows, state.discrete.law, state.at
+    rows, radial, at = state.discrete.rows, state.discrete.law, state.at
     weak = np.zeros(len(rows), dtype=bool)
     if len(rows):
         distance = tolerance * max(np.abs(state.u).max(), np.abs(rows.gaps).max())
         stiffness = rows.normal.power(2) @ state.discrete.stiffness_diagonal.ravel()
         force = np.minimum(tolerance * state.multipliers.max(), stiffness * distance)
         weak = (state.multipliers <= force) & (state.open_gap <= distance)
-    close = np.abs(at.size - law.beta) <= tolerance * law.beta
-    return Biactive(np.flatnonzero(weak), np.flatnonzero(close))
+        weak &= ~rows.tied
+    sides = RowSides(state)
+    kinks = np.abs(sides.trial - sides.bound) <= tolerance * sides.bound
+    if sides.rough:
+        law = state.discrete.contact.friction
+        change = np.abs(law.coefficient * state.multipliers - law.cap) <= tolerance * law.cap
+        kinks |= sides.slips & change & np.isfinite(law.cap)
+    kinks &= sides.closed & ~weak & (sides.bound > 0)
+    close = np.abs(at.size - radial.beta) <= tolerance * radial.beta
+    return Biactive(*map(np.flatnonzero, (weak, kinks, close)))

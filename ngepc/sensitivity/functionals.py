@@ -26,12 +26,13 @@ from ngepc.checks.kinds import require_attributes, require_instance, require_tex
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.local.system import State
+from ngepc.sensitivity.contact import RowSides
 from ngepc.sensitivity.radial import Data, RadialDerivative
 
 
 @dataclass(frozen=True, eq=False)
 class Slope:
-    """The value and the derivative of a functional F(u, p, tau, mean, lambda; data) at a state.
+    """The value and the derivative of a functional F(u, p, tau, mean, x; data) at a state.
 
     Parameters
     ----------
@@ -42,8 +43,8 @@ class Slope:
     p, stress, mean
         With respect to the plastic strain gained and the deviatoric stress (points, d), and to
         the mean stress (points,); densities: the weights of the points are left out.
-    multipliers
-        With respect to the contact forces, shape (m,).
+    contact
+        With respect to the forces of contact and friction, in the order of ``State.contact``.
     explicit
         With respect to the data themselves.
     """
@@ -53,7 +54,7 @@ class Slope:
     p: np.ndarray | float = 0.0
     stress: np.ndarray | float = 0.0
     mean: np.ndarray | float = 0.0
-    multipliers: np.ndarray | float = 0.0
+    contact: np.ndarray | float = 0.0
     explicit: Data = field(default_factory=dict)
 
 
@@ -70,17 +71,22 @@ class ContactForce:
 
     def slope(self, state: State) -> Slope:
         """Value and derivative at a state."""
-        return Slope(float(state.multipliers.sum()), multipliers=np.ones(len(state.multipliers)))
+        contact, pressing = np.zeros_like(state.contact), ~state.discrete.rows.tied
+        contact[: len(pressing)] = pressing
+        return Slope(float(contact @ state.contact), contact=contact)
 
 
 class PrimalEnergy:
-    """J(u, p) of (2.14) (force times length)."""
+    """J(u, p) of (2.14), with the sum of b |slip| where there is friction (force times length)."""
 
     def slope(self, state: State) -> Slope:
         """Value and derivative: p is best for u, so that J depends on u and on the data."""
         law, at = state.discrete.law, state.at
         elastic = RadialDerivative(law, at).elastic
         forces = state.internal_forces - state.discrete.load
+        sides, still = RowSides(state), np.zeros(len(state.multipliers))
+        slip, bound = (np.where(sides.slips, a, 0.0) for a in (sides.slip, sides.bound))
+        dragged = state.discrete.contact.forces(sides.stacked(still, bound))
         explicit = {
             "two_mu": 0.5 * ((elastic**2).sum(1) - (law.initial**2).sum(1)),
             "bulk": 0.5 * state.volume**2,
@@ -89,8 +95,12 @@ class PrimalEnergy:
             "back": at.plastic_strain,
             "initial": -law.two_mu[:, None] * (elastic + law.initial),
             "load": -state.u,
+            "start": -dragged,
+            "cap": np.where(sides.grows, 0.0, slip),
+            "coefficient": np.where(sides.grows, state.multipliers * slip, 0.0),
         }
-        return Slope(state.energy, u=forces, explicit=explicit)
+        on_contact = sides.stacked(sides.coefficient * slip, still)
+        return Slope(state.energy, u=forces + dragged, contact=on_contact, explicit=explicit)
 
 
 @dataclass(frozen=True)
@@ -173,12 +183,12 @@ class Reaction:
             raise ValueError(f"support={self.support!r}: it does not hold component {component}")
         missing = state.internal_forces + state.contact_forces - discrete.load
         volume, e = discrete.points.strain(motion)
-        rows = discrete.rows.displacement(motion)
+        rows = discrete.contact.displacement(motion)
         return Slope(
             float(np.vdot(motion, missing)),
             stress=e,
             mean=volume,
-            multipliers=rows,
+            contact=rows,
             explicit={"load": -motion},
         )
 

@@ -1,9 +1,9 @@
 """Gradients of functionals by the adjoint, backwards through the time steps.
 
 One step is a history of one.  Backwards from the last one the derivative with respect to what a
-step has inherited, p_0, dev alpha_2 and alpha_1, is carried to the step before, which left
+step has inherited, p_0, dev alpha_2, alpha_1 and u_0, is carried to the step before, which left
 
-    p_0 + p,    dev alpha_2 + k p    and    alpha_1 + k_1 H sigma_y |p|.
+    p_0 + p,    dev alpha_2 + k p,    alpha_1 + k_1 H sigma_y |p|    and, with friction, u_0 = u.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ngepc.sensitivity.functionals import Form, Functional, Slope, as_functional
 from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Constants, Parameters, changed_data, directions
 from ngepc.sensitivity.radial import Data
+from ngepc.sensitivity.shape import MovingBody
 from ngepc.sensitivity.states import Solution, states_of
 
 
@@ -88,7 +89,7 @@ def gradient(
     Raises
     ------
     TypeError, ValueError
-        If an argument is not legal, or the problem lacks such data or has friction.
+        If an argument is not legal, or the problem lacks such data.
     SolverError
         If the result is not that of a converged run.
     TangentError
@@ -106,14 +107,16 @@ def gradient(
         slope = functional.slope(state) if value is None else Slope(0.0)
         value = slope.value if value is None else value
         found.append(biactive_set(state))
-        system = HeldSystem(state, np.flatnonzero(state.multipliers > 0))
-        constants = Constants(state.discrete)
+        constants = Constants(state)
         slope = with_memory(state, constants, slope, later)
-        slopes = derivative_by_data(state, system, slope)
+        slopes = derivative_by_data(state, HeldSystem(state), slope)
         for name, direction in wanted.items():
             if number == 0 or not direction.inherited:
                 change = changed_data(constants, direction)
                 derivatives[name] += paired(state.discrete.points, slopes, change)
+                if "shape" in change and not later:
+                    moving = MovingBody(state, change["shape"])
+                    derivatives[name] += moving.explicit(functional, change)
         later = inherited(constants, slopes, later)
     return Gradient(derivatives, value, tuple(reversed(found)))
 
@@ -131,10 +134,12 @@ def with_memory(state: State, constants: Constants, slope: Slope, later: Data) -
         "kinematic": np.einsum("pd,pd->p", later["back"], at.plastic_strain),
         "isotropic": later["alpha_1"] * at.gained,
     }
-    return replace(slope, p=slope.p + p, explicit=summed(slope.explicit, explicit))
+    u = slope.u + later.get("start", 0.0)
+    return replace(slope, u=u, p=slope.p + p, explicit=summed(slope.explicit, explicit))
 
 
 def inherited(constants: Constants, slopes: Data, later: Data) -> Data:
-    """The derivative with respect to p_0, dev alpha_2 and alpha_1 at the begin of a step."""
+    """The derivative with respect to p_0, dev alpha_2, alpha_1 and u_0 at the begin of a step."""
     remembered = later.get("alpha_1", 0.0) + constants.memory * slopes["beta"]
-    return {"initial": slopes["initial"], "back": slopes["back"], "alpha_1": remembered}
+    kept = {name: slopes[name] for name in ("initial", "back", "start") if name in slopes}
+    return kept | {"alpha_1": remembered}

@@ -1,18 +1,23 @@
-"""The linear system of derivatives: the tangent of the stress, with the closed contact rows held.
+"""The linear system of derivatives: the tangent of the stress, and contact that keeps its sides.
 
-K u + N' lambda = force   at the free components,      N u = shift   for the closed rows.
+    K u + C' y = force   at the free components,      R u - D y = shift   for the rows.
+
+C = R without friction and with Tresca's; otherwise the transposed system is another one.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_matrix, diags
+from scipy.sparse.linalg import LinearOperator, gmres
 
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.local.factors import SOLVER_ERRORS, TangentError
 from ngepc.local.system import State
+from ngepc.sensitivity.contact import LinearContact
 
 PENALTY = 1e6
-"""Stiffness of a held row over that of its vertex: each refinement gains so much."""
+"""Stiffness of a row's spring over that of its vertex: each refinement gains so much."""
 
 REFINEMENTS = 12
 """Most corrections of a solution."""
@@ -23,74 +28,74 @@ ACCURATE = 1e-13
 ACCEPTED = 1e-9
 """Relative residual above which the solution is refused."""
 
+INNER = 1e-11
+"""Relative residual of the forces of the rows, found by GMRES."""
+
+MOST, ROUNDS = 200, 5
+"""Most iterations before a restart, and most restarts."""
+
 
 class HeldSystem:
     """The system at a state, factorised once; K is the derivative of the radial return there.
 
-    Rows of displacements of order one belong to one vertex and enter the matrix as springs, with
-    corrections that converge to lambda in a few back-substitutions.  Rows of order two couple the
-    nodes of neighbouring facets: they cost one back-substitution each.
+    Rows that belong to one vertex enter the matrix as springs.  Where C = R and all rows do, each
+    correction gains the factor ``PENALTY``; otherwise the forces of the rows are found by GMRES
+    with one back-substitution per iteration.
 
     Parameters
     ----------
     state
         The solution, with ``on_sphere`` dual variables.
-    held
-        Numbers of the closed contact rows.
+    contact
+        Contact with its sides; None for those of the solution.
 
     Raises
     ------
     TangentError
-        If the tangent cannot be factorised, or closed rows are dependent.
+        If the tangent cannot be factorised.
     """
 
-    def __init__(self, state: State, held: np.ndarray) -> None:
+    def __init__(self, state: State, contact: LinearContact | None = None) -> None:
         discrete = state.discrete
-        self.discrete, self.held = discrete, held
+        self.discrete, self.free = discrete, discrete.supports.free
+        self.contact = LinearContact(state) if contact is None else contact
         self.moduli = discrete.law.moduli(state.at, state.yielding)
-        free = discrete.supports.free
-        self.rows = discrete.rows.normal[held].multiply(free.ravel()[None, :]).tocsr()
         self.back_substitutions = 0
         stiffness = discrete.stiffness.another()
         stiffness.fill(self.moduli)
-        springs = discrete.problem.order == 1
-        self._spring = self._add_springs(stiffness) if springs else np.zeros(len(held))
+        rows = self.contact.rows
+        self.stiff = rows.power(2) @ discrete.stiffness_diagonal.ravel()
+        self.spring = self._add_springs(stiffness)
         try:
             self._inverse = stiffness.matrix.Inverse(inverse="sparsecholesky")
         except SOLVER_ERRORS as error:
             raise TangentError(f"the tangent could not be factorised: {error}") from error
         self._right, self._left = (stiffness.matrix.CreateColVector() for _ in range(2))
-        self._columns = np.zeros((0, free.size)) if springs else self._answers()
+        self.by_springs = self.contact.symmetric and bool((self.spring > 0).all())
 
     def _add_springs(self, stiffness: Stiffness) -> np.ndarray:
-        """Add c n n' to the block of each held row's vertex; c, shape (held,)."""
-        rows, free = self.discrete.rows, self.discrete.supports.free
-        vertices = rows.vertices[self.held]
-        normals = np.where(free[vertices], rows.normals[self.held], 0.0)
-        places = stiffness.diagonal_places(vertices)
-        spring = PENALTY * np.trace(stiffness.entries[places], axis1=1, axis2=2)
-        blocks = spring[:, None, None] * normals[:, :, None] * normals[:, None, :]
+        """Add c r r' to the block of a row's vertex; c, shape (k,), 0 where it has several."""
+        rows, N = self.contact.rows, self.free.shape[1]
+        node = rows.indices // N
+        first, last = (f.reduceat(node, rows.indptr[:-1]) for f in (np.minimum, np.maximum))
+        single = np.flatnonzero(first == last)
+        entries, values = rows[single].tocoo(), np.zeros((len(single), N))
+        values[entries.row, entries.col % N] = entries.data
+        places = stiffness.diagonal_places(first[single])
+        stiffest = PENALTY * np.trace(stiffness.entries[places], axis1=1, axis2=2)
+        spring = np.zeros(rows.shape[0])
+        spring[single] = 1 / (self.contact.soft[single] + 1 / stiffest)
+        blocks = spring[single, None, None] * values[:, :, None] * values[:, None, :]
         np.add.at(stiffness.entries, places, blocks)
+        spring[single] += self.contact.gripped[single]  # these springs are in the matrix already
         return spring
 
-    def _answers(self) -> np.ndarray:
-        """K^-1 N' of the held rows, shape (held, nodes N)."""
-        dense = self.rows.toarray()
-        return np.array([self._back(row) for row in dense]).reshape(dense.shape)
-
-    def _back(self, forces: np.ndarray) -> np.ndarray:
+    def back(self, forces: np.ndarray) -> np.ndarray:
+        """One back-substitution, flat."""
         self.back_substitutions += 1
-        self._right.FV().NumPy()[:] = forces.ravel()
+        self._right.FV().NumPy()[:] = forces
         self._left.data = self._inverse * self._right
         return self._left.FV().NumPy().copy()
-
-    def _correction(self, force: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if not len(self._columns):
-            u = self._back(force + self.rows.T @ (self._spring * shift))
-            return u, self._spring * (self.rows @ u - shift)
-        u = self._back(force)
-        multipliers = np.linalg.solve(self.rows @ self._columns.T, self.rows @ u - shift)
-        return u - multipliers @ self._columns, multipliers
 
     def internal(self, u: np.ndarray) -> np.ndarray:
         """K u at all components, shape (nodes, N)."""
@@ -99,35 +104,81 @@ class HeldSystem:
         return forces + self.discrete.supports.pull(u)
 
     def solve(self, force: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """u (nodes, N), zero where held, and the forces of all rows (m,), zero where open.
+        """u (nodes, N), zero where held, and y, shape (k,).
 
         Raises
         ------
         TangentError
             If corrections do not converge: the tangent is singular, or rows are dependent.
         """
-        free, shift = self.discrete.supports.free, shift[self.held]
-        force = np.where(free, force, 0.0)
-        u, multipliers = np.zeros_like(force), np.zeros(len(self.held))
+        side = _Side(self, self.contact.forces, self.contact.rows)
+        return self._refined(side, force, shift)[:2]
+
+    def solve_transposed(
+        self, force: np.ndarray, shift: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same for the transposed system, C and R exchanged, and K u at all components."""
+        return self._refined(_Side(self, self.contact.rows, self.contact.forces), force, shift)
+
+    def _refined(
+        self, side: _Side, force: np.ndarray, shift: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        force = np.where(self.free, force, 0.0)
+        u, y, inner = np.zeros_like(force), np.zeros(len(shift)), np.zeros_like(force)
         missing, apart, relative = force, shift, np.inf
         scale = self._size(force, shift)
-        if scale == 0:
-            return u, np.zeros(len(self.discrete.rows))
-        for _ in range(REFINEMENTS):
-            du, change = self._correction(missing.ravel(), apart)
-            u, multipliers = u + du.reshape(u.shape), multipliers + change
-            inner = self.internal(u) + (self.rows.T @ multipliers).reshape(u.shape)
-            missing, apart = np.where(free, force - inner, 0.0), shift - self.rows @ u.ravel()
+        for _ in range(REFINEMENTS if scale > 0 else 0):
+            du, change = side.correction(missing.ravel(), apart)
+            u, y = u + du.reshape(u.shape), y + change
+            inner = self.internal(u)
+            pushed = (side.forces.T @ y).reshape(u.shape)
+            missing = np.where(self.free, force - inner - pushed, 0.0)
+            apart = shift + self.contact.soft * y - side.rows @ u.ravel()
             before, relative = relative, self._size(missing, apart) / scale
             if relative <= ACCURATE or relative > 0.5 * before:
                 break
-        if not relative <= ACCEPTED:
+        if scale > 0 and not relative <= ACCEPTED:
             raise TangentError(f"the derivative system is singular: residual {relative:.2g} left")
-        result = np.zeros(len(self.discrete.rows))
-        result[self.held] = multipliers
-        return u, result
+        return u, y, inner
 
     def _size(self, forces: np.ndarray, distances: np.ndarray) -> float:
-        """Norm of forces and of distances of held rows times their stiffness."""
-        stiffness = self.rows.power(2) @ self.discrete.stiffness_diagonal.ravel()
-        return float(np.linalg.norm(forces) + np.linalg.norm(stiffness * distances))
+        """Norm of forces and of distances of rows times their stiffness."""
+        return float(np.linalg.norm(forces) + np.linalg.norm(self.stiff * distances))
+
+
+class _Side:
+    """One of the two systems: A u + C~' y = force + c R' shift, C~ = C - c D R, A with springs."""
+
+    def __init__(self, system: HeldSystem, forces: csr_matrix, rows: csr_matrix) -> None:
+        self.system, self.forces, self.rows = system, forces, rows
+
+    def correction(self, force: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """u and y up to rounding of large answers."""
+        system, contact = self.system, self.system.contact
+        spring, soft = system.spring, contact.soft
+        if system.by_springs:
+            u = system.back(force + self.rows.T @ (spring * shift))
+            return u, spring * (self.rows @ u - shift)
+        kept, transposed = diags(spring * soft) @ contact.rows, self.rows is not contact.rows
+        left = self.forces if transposed else self.forces - kept
+        right = self.rows - kept if transposed else self.rows
+        if not transposed:
+            force = force + contact.rows.T @ (spring * shift)
+        u = system.back(force)
+        y = self._forces(left.T.tocsr(), right, right @ u - shift)
+        u = u - system.back(left.T @ y)
+        return u, y + spring * (contact.rows @ u) if transposed else y
+
+    def _forces(self, left: csr_matrix, right: csr_matrix, apart: np.ndarray) -> np.ndarray:
+        """y with (right A^-1 left + D) y = apart."""
+        system, soft = self.system, self.system.contact.soft
+        scale = np.where(system.spring > 0, system.spring, 1 / (soft + 1 / system.stiff))
+
+        def product(v: np.ndarray) -> np.ndarray:
+            y = scale * v.ravel()
+            return right @ system.back(left @ y) + soft * y
+
+        count = len(apart)
+        operator = LinearOperator((count, count), matvec=product, dtype=float)
+        found, _ = gmres(operator, apart, rtol=INNER, restart=min(count, MOST), maxiter=ROUNDS)
+        return scale * found

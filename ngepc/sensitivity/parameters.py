@@ -10,12 +10,15 @@ from ngsolve import CF
 
 from ngepc.checks.arguments import Coefficient, is_number
 from ngepc.checks.kinds import require_instance, require_text
+from ngepc.discretisation.conditions import ContactConditions, at_rows
 from ngepc.discretisation.loads import Supports, forces_of
 from ngepc.discretisation.rows import contact_rows
-from ngepc.local.system import DiscreteProblem
-from ngepc.model.places import places
+from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.friction import Coulomb
+from ngepc.model.places import Roller, places
 from ngepc.model.problem import as_scalar, as_vector
 from ngepc.sensitivity.radial import Data
+from ngepc.sensitivity.shape import MovingBody, vertex_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,13 +29,14 @@ class Direction:
     ----------
     datum
         A material constant such as "lame_mu", or "traction", "pressure", "body_force", "gap",
-        "prescribed", "initial_plastic_strain".  After a colon one boundary: "traction:left",
-        "prescribed:top".
+        "prescribed", "friction" (the bound, or Coulomb's coefficient), "initial_plastic_strain".
+        After a colon one boundary: "traction:left", "prescribed:top".  "shape" moves the vertices
+        by ``change``, a vector, while nobody else uses the mesh.
     change
         What is added to the datum per unit, of the form that ``Problem`` or ``Material`` takes it:
         ``mesh.MaterialCF({"core": 1.0})`` for the constant of one region.  None for the natural
-        one: 1 for a material constant that is a number and for a gap, which moves as a whole;
-        the datum itself for all others, so that the derivative is with respect to a factor.
+        one: 1 for a material constant or friction that is a number and for a gap, which moves as a
+        whole; the datum itself for all others, so that the derivative is with respect to a factor.
     """
 
     datum: str
@@ -70,10 +74,8 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
     for name, direction in parameters.items():
         require_instance(f"parameters[{name!r}]", direction, Direction, "a Direction")
         datum = direction.datum.partition(":")[0]
-        if datum == "friction":
-            raise ValueError("parameters='friction': there are no derivatives with friction yet")
-        if datum not in _CHANGES and datum not in MATERIAL:
-            legal = ", ".join([*MATERIAL, *_CHANGES])
+        if datum not in (*MATERIAL, *_CHANGES, "shape"):
+            legal = ", ".join([*MATERIAL, *_CHANGES, "shape"])
             raise ValueError(f"parameters={direction.datum!r}: one of {legal} is needed")
     return dict(parameters)
 
@@ -87,15 +89,19 @@ def changed_data(constants: Constants, direction: Direction) -> Data:
         If the problem has no such datum.
     """
     datum, _, boundary = direction.datum.partition(":")
+    if datum == "shape":
+        motion = vertex_motion(constants.discrete.problem, direction.change)
+        return MovingBody(constants.state, motion).data()
     if datum in MATERIAL:
         return _material(constants, datum, direction.change)
     return _CHANGES[datum](constants.discrete, boundary, direction.change)
 
 
 class Constants:
-    """The material constants of a discrete problem at its points, by the letters of section 2."""
+    """The material constants of a state at its points, by the letters of section 2."""
 
-    def __init__(self, discrete: DiscreteProblem) -> None:
+    def __init__(self, state: State) -> None:
+        self.state, discrete = state, state.discrete
         material, at = discrete.problem.material, discrete.points.at
         self.discrete, self.size = discrete, discrete.points.kinematics.size
         self.sigma_y, self.k = at(material.yield_stress), at(material.hardening)
@@ -183,26 +189,47 @@ def _body_force(discrete: DiscreteProblem, boundary: str, change: object) -> Dat
 
 
 def _gap(discrete: DiscreteProblem, boundary: str, change: object) -> Data:
-    names = discrete.problem.contact_names
+    problem = discrete.problem
+    names = problem.contact_names
     if change is None and not boundary:
         _of_boundary("gap", dict.fromkeys(names), "")
-        return {"gaps": np.ones(len(discrete.rows))}
     if not isinstance(change, Mapping):
         change = dict.fromkeys(names, 1.0 if change is None else change)
     change = dict.fromkeys(names, 0.0) | dict(_of_boundary("gap", change, boundary))
-    problem = replace(discrete.problem, gap=change)
-    return {"gaps": contact_rows(problem, discrete.supports).gaps}
+    moved = contact_rows(replace(problem, gap=change), discrete.supports).gaps
+    gaps = np.zeros(len(discrete.rows))
+    gaps[: len(moved)] = moved
+    return {"gaps": gaps}
 
 
 def _prescribed(discrete: DiscreteProblem, boundary: str, change: Mapping | None) -> Data:
     problem = discrete.problem
-    given = problem.prescribed if change is None else change
-    if given and change is None and not boundary:
-        return {"values": discrete.supports.values}
-    moved = _of_boundary("prescribed", given, boundary)
-    rest = {n: c for n, c in (problem.prescribed or {}).items() if n not in moved}
-    still = {n: tuple(None if c is None else 0.0 for c in cs) for n, cs in rest.items()}
-    return {"values": Supports(replace(problem, prescribed=still | dict(moved))).values}
+    moved = _of_boundary("prescribed", problem.prescribed if change is None else change, boundary)
+    given = {name: _at_rest(one) for name, one in (problem.prescribed or {}).items()}
+    other = replace(problem, prescribed=given | dict(moved))
+    supports, gaps = Supports(other), np.zeros(len(discrete.rows))
+    part = discrete.contact.roller_part
+    gaps[part] = ContactConditions(other, supports).rows.gaps[part]
+    return {"values": supports.values, "gaps": gaps}
+
+
+def _at_rest(given: Roller | Sequence) -> Roller | tuple:
+    if isinstance(given, Roller):
+        return replace(given, value=0.0)
+    return tuple(None if component is None else 0.0 for component in given)
+
+
+def _friction(discrete: DiscreteProblem, boundary: str, change: Coefficient | None) -> Data:
+    law, rows = discrete.problem.friction, discrete.rows
+    if law is None:
+        raise ValueError("parameters='friction': the problem has none")
+    given = law.coefficient if isinstance(law, Coulomb) else law
+    if change is None:
+        change = 1.0 if is_number(given) else given
+    values = at_rows(discrete.problem, rows, change)
+    if isinstance(law, Coulomb):
+        return {"coefficient": values}
+    return {"cap": rows.weights * values}
 
 
 def _initial_strain(discrete: DiscreteProblem, boundary: str, change: CF | None) -> Data:
@@ -220,5 +247,6 @@ _CHANGES: dict[str, Callable[[DiscreteProblem, str, object], Data]] = {
     "body_force": _body_force,
     "gap": _gap,
     "prescribed": _prescribed,
+    "friction": _friction,
     "initial_plastic_strain": _initial_strain,
 }

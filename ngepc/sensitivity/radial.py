@@ -21,8 +21,10 @@ Data = Mapping[str, np.ndarray]
 """Name of discrete data -> its change, or the derivative with respect to it.
 
 two_mu, bulk, hardening, beta, kinematic (k) and isotropic (k_1 H sigma_y) of shape (points,), back
-and initial of shape (points, d); load and values of shape (nodes, N); gaps of shape (m,).  A name
-that is missing means zero.
+and initial of shape (points, d); load, values and start (u_0) of shape (nodes, N); gaps, cap (F)
+and coefficient (mu) of friction of shape (m,).  A name that is missing means zero.  When the mesh
+moves there are strain and volume, the changes of the strains of the same displacements, origin of
+shape (m, N - 1), what the rows would slip by, and shape, the motion of the vertices.
 """
 
 

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from ngsolve import GridFunction
 from scipy.sparse import diags
-from scipy.sparse.linalg import spsolve
+from scipy.sparse.linalg import lsmr
 
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import Points
-from ngepc.evolution.result import Evolution, EvolutionStep
+from ngepc.evolution.result import Evolution
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.problem import Problem
 
 CLOSED = 1e-10
 """Part of the largest displacement up to which a row of a solution counts as closed."""
+
+EXACT = 1e-15
+"""Relative accuracy asked of the contact forces that balance leaves."""
 
 Solution = ExactResult | Evolution
 
@@ -27,7 +33,7 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
     Raises
     ------
     TypeError, ValueError
-        For results of other solvers, and with friction.
+        For results of other solvers.
     SolverError
         If the run did not converge: what is no solution has no derivative.
     """
@@ -38,37 +44,38 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
         )
     result.raise_for_status()
     if isinstance(result, ExactResult):
-        problems, states = [result.problem], [result.state.on_sphere]
+        states = [result.state.on_sphere]
     else:
         problems = [step.problem for step in result.steps]
         if any(step.problem.mesh != result.problem.mesh for step in result.steps):
             raise ValueError("result has steps on several meshes: one mesh is needed")
         points = result.memory.functions.points
-        states = [partial(restored_state, step, points) for step in result.steps]
+        problems = [step.problem for step in result.steps]
+        for problem in problems[:1]:
+            names = ("initial_plastic_strain", "initial_hardening")
+            given = {name: getattr(result.problem, name) for name in names}
+            problems[0] = replace(problem, **given)
+        states = [
+            partial(restored_state, problem, step.fields.displacement, points)
+            for problem, step in zip(problems, result.steps, strict=True)
+        ]
     if not states:
         raise ValueError("result has no finished step: at least one is needed")
-    if any(problem.friction is not None for problem in problems):
-        raise ValueError("friction is not None: there are no derivatives with friction yet")
-    for problem in problems:
-        if problem.contact_pairs or problem.rollers:
-            raise ValueError(
-                f"contact={problem.contact!r}, prescribed={problem.prescribed!r}: there are no "
-                "derivatives with two bodies or a Roller yet, rigid obstacles and components are "
-                "needed"
-            )
     return states
 
 
-def restored_state(step: EvolutionStep, points: Points) -> State:
+def restored_state(problem: Problem, displacement: GridFunction, points: Points) -> State:
     """The state of a finished step from its displacement: contact forces are what is missing."""
-    discrete = DiscreteProblem(step.problem, points)
-    u = nodal(step.fields.displacement.vec.FV().NumPy(), step.problem)
-    state, rows = discrete.state(u.copy()), discrete.rows
-    closed = np.flatnonzero(state.open_gap <= CLOSED * np.abs(u).max())
-    multipliers = np.zeros(len(rows))
-    if len(closed):
-        free = diags(discrete.supports.free.ravel().astype(float))
-        normal = (rows.normal[closed] @ free).tocsr()
-        found = spsolve((normal @ normal.T).tocsc(), normal @ -state.imbalance.ravel())
-        multipliers[closed] = np.maximum(found, 0.0)
-    return discrete.state(u, contact=multipliers)
+    discrete = DiscreteProblem(problem, points)
+    u = nodal(displacement.vec.FV().NumPy(), problem).copy()
+    state, conditions = discrete.state(u), discrete.contact
+    closed = (state.open_gap <= CLOSED * np.abs(u).max()) | discrete.rows.tied
+    x = np.zeros(len(conditions))
+    if closed.any():
+        d = (len(x) - len(closed)) // len(closed)
+        pressed = np.flatnonzero(np.concatenate([closed, np.repeat(closed, d)]))
+        pushes = conditions.matrix[pressed] @ diags(discrete.free.ravel().astype(float))
+        x[pressed] = lsmr(pushes.T, -state.imbalance.ravel(), atol=EXACT, btol=EXACT)[0]
+        admissible = np.maximum(conditions.normal(x), 0.0)
+        x[: len(closed)] = np.where(discrete.rows.tied, conditions.normal(x), admissible)
+    return discrete.state(u, contact=x)

@@ -3,9 +3,10 @@
 In a direction the biactive rows and points choose their side: the derivative of the solution has
 
     N u' <= gaps',  lambda' >= 0  with equality in one of them    for biactive rows,
-    p' = [s' . s/|s| - beta']_+ / (2 mu_2 + h) s/|s|              for biactive points.
+    p' = [s' . s/|s| - beta']_+ / (2 mu_2 + h) s/|s|              for biactive points,
 
-It is the minimiser of a strictly convex, piecewise quadratic energy.
+and rows where friction is at its bound without slip stick or slip.  Without friction it is the
+minimiser of a strictly convex, piecewise quadratic energy.
 """
 
 from __future__ import annotations
@@ -24,10 +25,12 @@ from ngepc.local.factors import TangentError
 from ngepc.local.system import State
 from ngepc.sensitivity.adjoint import paired, summed
 from ngepc.sensitivity.biactive import Biactive, biactive_set, told
+from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Constants, Direction, changed_data, directions
 from ngepc.sensitivity.radial import Data, RadialDerivative
+from ngepc.sensitivity.shape import MovingBody
 from ngepc.sensitivity.states import Solution, states_of
 
 EXCHANGES = 50
@@ -45,12 +48,12 @@ class TangentResult:
     ----------
     state
         The solution; ``state.at.yields`` has the sides that biactive points take.
-    held
-        Boolean, shape (m,): the rows that stay closed.
+    rows
+        Contact with the sides that the rows take.
     data
         The change of the discrete data.
-    u, multipliers
-        The changes of nodal displacements (nodes, N) and of contact forces (m,).
+    u, contact
+        The changes of nodal displacements (nodes, N) and of the forces of contact and friction.
     plastic_strain, stress, mean
         The changes of p, of the deviatoric stress (points, d) and of the mean stress (points,).
     biactive
@@ -60,10 +63,10 @@ class TangentResult:
     """
 
     state: State
-    held: np.ndarray
+    rows: LinearContact
     data: Data
     u: np.ndarray
-    multipliers: np.ndarray
+    contact: np.ndarray
     plastic_strain: np.ndarray
     stress: np.ndarray
     mean: np.ndarray
@@ -83,14 +86,19 @@ class TangentResult:
     @property
     def contact_force(self) -> float:
         """The change of the resultant contact force."""
-        return float(self.multipliers.sum())
+        discrete = self.state.discrete
+        return float(discrete.contact.normal(self.contact)[~discrete.rows.tied].sum())
 
     def of(self, functional: str | Form | Functional) -> float:
         """The derivative of a functional, see ``gradient``."""
-        slope, points = as_functional(functional).slope(self.state), self.state.discrete.points
+        functional, points = as_functional(functional), self.state.discrete.points
+        slope = functional.slope(self.state)
         local = (slope.p * self.plastic_strain + slope.stress * self.stress).sum(axis=1)
         result = points.integral(local + slope.mean * self.mean)
-        result += float(np.sum(slope.u * self.u) + np.sum(slope.multipliers * self.multipliers))
+        result += float(np.sum(slope.u * self.u) + np.sum(slope.contact * self.contact))
+        if "shape" in self.data:
+            moving = MovingBody(self.state, self.data["shape"])
+            result += moving.explicit(functional, moving.data())
         return result + paired(points, slope.explicit, self.data)
 
 
@@ -112,7 +120,7 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
     Raises
     ------
     TypeError, ValueError
-        If an argument is not legal, or the problem lacks such data or has friction.
+        If an argument is not legal, or the problem lacks such data.
     SolverError
         If the result is not that of a converged run.
     TangentError
@@ -134,7 +142,7 @@ def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
     found: list[TangentResult] = []
     memory: Data = {}
     for number, state in enumerate(states):
-        constants = Constants(state.discrete)
+        constants = Constants(state)
         data = summed(total_change(constants, rates, number == 0), memory)
         data["beta"] = data.get("beta", 0.0) + constants.memory * data.pop("alpha_1", 0.0)
         before = tuple(step.biactive for step in found)
@@ -148,14 +156,15 @@ def change_of(state: State, data: Data) -> TangentResult:
 
     Newton's method for the convex energy of the change, which is quadratic for given sides.
     """
-    biactive, held, u = biactive_set(state), state.multipliers > 0, None
+    biactive, contact, u = biactive_set(state), LinearContact(state), None
     for _ in range(EXCHANGES):
-        found = change_with_sides(state, held, data, biactive)
-        rows, yields = chosen_rows(found), chosen_points(state, biactive, data, found.u)
-        if (rows == held).all() and (yields == state.at.yields).all():
+        found = change_with_sides(state, contact, data, biactive)
+        chosen, yields = chosen_rows(found), chosen_points(state, biactive, data, found.u)
+        settled = chosen.same_sides(contact)
+        if settled and (yields == state.at.yields).all():
             return found
-        if u is None or (rows != held).any():
-            u, held = found.u, rows
+        if u is None or not settled:
+            u, contact = found.u, chosen
         else:
             u = lowest(state, biactive, data, u, found.u - u)
         yields = chosen_points(state, biactive, data, u)
@@ -168,7 +177,7 @@ def lowest(
 ) -> np.ndarray:
     """Where the energy of the change is lowest between u and u + du."""
     points, law = state.discrete.points, state.discrete.law
-    (volume, e), (dvolume, de) = points.strain(u), points.strain(du)
+    (volume, e), (dvolume, de) = strain_change(state, u, data), points.strain(du)
     work = float(np.sum(data.get("load", 0.0) * du))
 
     def slope(t: float) -> float:
@@ -179,6 +188,12 @@ def lowest(
         return points.integral((stress * de).sum(axis=1) + mean * dvolume) - work
 
     return u + du * (1.0 if slope(1.0) <= 0 or slope(0.0) >= 0 else brentq(slope, 0.0, 1.0))
+
+
+def strain_change(state: State, u: np.ndarray, data: Data) -> tuple[np.ndarray, np.ndarray]:
+    """The changes of tr eps and dev eps with a change u, and with the mesh."""
+    volume, e = state.discrete.points.strain(u)
+    return volume + data.get("volume", 0.0), e + data.get("strain", 0.0)
 
 
 def left_behind(found: TangentResult, constants: Constants, memory: Data) -> Data:
@@ -192,6 +207,7 @@ def left_behind(found: TangentResult, constants: Constants, memory: Data) -> Dat
         "initial": data.get("initial", 0.0) + p,
         "back": data.get("back", 0.0) + back,
         "alpha_1": memory.get("alpha_1", 0.0) + scalar,
+        "start": found.u,
     }
 
 
@@ -209,39 +225,61 @@ def total_change(constants: Constants, rates: Mapping, first: bool) -> dict[str,
 
 
 def change_with_sides(
-    state: State, held: np.ndarray, data: Data, biactive: Biactive
+    state: State, contact: LinearContact, data: Data, biactive: Biactive
 ) -> TangentResult:
-    """The change with given sides: ``held`` rows, and the points where ``state.at.yields``."""
+    """The change with given sides: those of ``contact``, and points where ``state.at.yields``."""
     discrete = state.discrete
-    points, rows, law = discrete.points, discrete.rows, discrete.law
+    points, law = discrete.points, discrete.law
     radial = RadialDerivative(law, state.at)
     moved = np.zeros_like(state.u) + data.get("values", 0.0)
-    volume, e = points.strain(moved)
+    volume, e = strain_change(state, moved, data)
     _, stress = radial.forward(e, data)
     mean = law.bulk * volume + data.get("bulk", 0.0) * state.volume
-    system = HeldSystem(state, np.flatnonzero(held))
-    shift = np.zeros(len(rows)) + data.get("gaps", 0.0) - rows.displacement(moved)
-    u, multipliers = system.solve(data.get("load", 0.0) - points.forces(mean, stress), shift)
-    u = u + moved
-    volume, e = points.strain(u)
+    pushed = contact.pushed(data)
+    force = data.get("load", 0.0) - points.forces(mean, stress) - discrete.contact.forces(pushed)
+    u, y = HeldSystem(state, contact).solve(force, contact.shift(data, moved))
+    u, x = u + moved, contact.given @ y + pushed
+    volume, e = strain_change(state, u, data)
     p, stress = radial.forward(e, data)
     mean = law.bulk * volume + data.get("bulk", 0.0) * state.volume
-    return TangentResult(state, held, data, u, multipliers, p, stress, mean, biactive)
+    return TangentResult(state, contact, data, u, x, p, stress, mean, biactive)
 
 
-def chosen_rows(found: TangentResult) -> np.ndarray:
-    """Held rows that the change asks for: biactive ones may change side."""
-    rows, held = found.biactive.rows, found.held.copy()
-    apart = found.data.get("gaps", 0.0) - found.state.discrete.rows.displacement(found.u)
-    least = -NEUTRAL * np.abs(found.multipliers).max(initial=0.0)
-    closes = apart < -NEUTRAL * np.abs(found.u).max()
-    held[rows] = np.where(held[rows], found.multipliers[rows] >= least, closes[rows])
-    return held
+def chosen_rows(found: TangentResult) -> LinearContact:
+    """The sides that the change asks for: biactive rows may change theirs.
+
+    Raises
+    ------
+    TangentError
+        If a row that comes into contact would slip from where it is: no derivative is known then.
+    """
+    contact, rows, data = found.rows, found.biactive.rows, found.data
+    conditions, start = found.state.discrete.contact, found.state.discrete.rows.slip
+    closed, slips, sides = contact.closed.copy(), contact.slips.copy(), contact.sides
+    normal, change = conditions.normal(found.contact), found.state.discrete.rows.displacement
+    apart = data.get("gaps", 0.0) - change(found.u)
+    least = -NEUTRAL * np.abs(normal).max(initial=0.0)
+    moves = NEUTRAL * np.abs(found.u).max()
+    closed[rows] = np.where(closed[rows], normal[rows] >= least, apart[rows] < -moves)
+    slips[rows] = sides.slips[rows]
+    if sides.rough:
+        kinks = found.biactive.kinks
+        growth = contact.growth(data) + sides.coefficient * normal
+        tangential = conditions.tangential(found.contact)
+        over = (tangential * sides.along).sum(axis=1) - growth
+        way = start(found.u - (np.zeros_like(found.u) + data.get("start", 0.0)))
+        way = (way * sides.along).sum(axis=1)
+        slips[kinks] = np.where(slips[kinks], way[kinks] >= -moves, over[kinks] > -least)
+        stuck = rows[closed[rows] & ~slips[rows]]
+        limit = sides.coefficient[stuck] * normal[stuck]
+        if (np.linalg.norm(tangential[stuck], axis=1) > limit - least).any():
+            raise TangentError("a row that comes into contact slips from rest: " + found.message)
+    return LinearContact(found.state, closed, slips)
 
 
 def chosen_points(state: State, biactive: Biactive, data: Data, u: np.ndarray) -> np.ndarray:
     """Yielding points that a change u asks for: biactive ones may change side."""
-    yields, (_, e) = state.at.yields.copy(), state.discrete.points.strain(u)
+    yields, (_, e) = state.at.yields.copy(), strain_change(state, u, data)
     law = state.discrete.law
     over = RadialDerivative(law, state.at).overshoot(e, data)
     neutral = np.abs(over) <= NEUTRAL * np.abs(law.two_mu[:, None] * e).max()

@@ -292,8 +292,23 @@ def test_what_does_not_take_them_says_so():
             semismooth_newton(problem, gamma=1e3)
         with pytest.raises(ValueError, match=named):
             error_bound(semismooth_newton(problem))
-    with pytest.raises(ValueError, match="derivatives with two bodies or a Roller"):
-        gradient(semismooth_newton(roller), "primal_energy", "lame_mu")
+
+
+def test_derivatives_with_an_oblique_roller():
+    """By a factor of what is prescribed, and by a constant: central differences."""
+
+    def solved(scale=1.0, mu=1e3):
+        held = {"left": (0, 0), "right": Roller((1.0, 2.0), 0.002 * scale)}
+        material = replace(STEEL, lame_mu=mu)
+        return semismooth_newton(Problem(SQUARE, material, None, prescribed=held))
+
+    slopes = gradient(solved(), "primal_energy", ["prescribed", "lame_mu"])
+    for name, plus, minus, step in (
+        ("prescribed", solved(1.001), solved(0.999), 2e-3),
+        ("lame_mu", solved(mu=1000.5), solved(mu=999.5), 1.0),
+    ):
+        difference = (plus.primal_energy - minus.primal_energy) / step
+        assert slopes[name] == pytest.approx(difference, rel=1e-6)
 
 
 def test_derivatives_with_springs_and_pressure():

@@ -6,10 +6,10 @@ import pytest
 from ngepc import evolve, load_cycle, lshape_problem
 from ngepc.geometries import lshape
 from ngepc.sensitivity.gradient import gradient
-from ngepc.sensitivity.states import restored_state
+from ngepc.sensitivity.states import restored_state, states_of
 from ngepc.sensitivity.tangent import tangents
-from ngepc.studies.verification.derivatives import (
-    compared,
+from ngepc.studies.verification.derivatives import compared
+from ngepc.studies.verification.differentiable import (
     four_times,
     functionals,
     random_problem,
@@ -17,7 +17,7 @@ from ngepc.studies.verification.derivatives import (
 )
 
 
-@pytest.mark.parametrize("seed", [1, 2, 5, 6])
+@pytest.mark.parametrize("seed", [1, 9, 17])
 def test_histories_agree_with_central_differences(seed):
     part = slice(seed % 5, None, 5)
     found = [c for c in compared(random_problem(seed), four_times, part) if c.smooth]
@@ -44,7 +44,8 @@ def test_a_load_cycle_of_twenty_steps(cycle):
 
 def test_states_are_rebuilt_from_displacements(cycle):
     for step in cycle.steps[::5]:
-        state = restored_state(step, cycle.memory.functions.points)
+        u, points = step.fields.displacement, cycle.memory.functions.points
+        state = restored_state(step.problem, u, points)
         assert state.multipliers.sum() == pytest.approx(step.record.contact_force, rel=1e-8)
         assert state.residual_norm < 1e-9
         at = state.discrete.points.at(step.fields.plastic_increment)
@@ -65,7 +66,7 @@ def test_a_body_that_waits_is_biactive():
     waiting = evolve(problem, [(1.0, {}), (2.0, {}), (3.0, {"gap": 0.11})])
     slopes, yields = (
         gradient(waiting, "contact_force", "gap"),
-        restored_state(waiting.steps[0], waiting.memory.functions.points).at.yields,
+        states_of(waiting)[0]().at.yields,
     )
     assert not slopes.differentiable
     assert f"Step 2: 0 contact rows and {yields.sum()} points are biactive" in slopes.message

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ngsolve import x
 
-from ngepc import Material, Problem, semismooth_newton
+from ngepc import Coulomb, Material, Problem, semismooth_newton
 from ngepc.geometries import block
 from ngepc.sensitivity.functionals import Reaction
 from ngepc.sensitivity.gradient import gradient
@@ -14,7 +14,7 @@ from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Direction
 from ngepc.sensitivity.radial import RadialDerivative
 from ngepc.sensitivity.tangent import tangent
-from ngepc.studies.verification.derivatives import functionals, once, random_problem, sizes
+from ngepc.studies.verification.differentiable import functionals, once, random_problem, sizes
 
 
 def test_reverse_is_the_transpose_of_forward():
@@ -32,22 +32,26 @@ def test_reverse_is_the_transpose_of_forward():
     assert forward == pytest.approx(backward, rel=1e-10, abs=1e-7)
 
 
-@pytest.mark.parametrize("seed", [1, 5, 3])
+@pytest.mark.parametrize("seed", [1, 5, 11, 19, 44])
 def test_held_rows_and_balance(seed):
+    """Order one and two, Tresca and Coulomb in 3D, two bodies: the equations, and the transpose."""
     state = once(random_problem(seed)).state.on_sphere()
-    rows = np.flatnonzero(state.multipliers > 0)
-    system, random = HeldSystem(state, rows), np.random.default_rng(seed)
-    force, shift = random.normal(size=state.u.shape), random.normal(size=state.multipliers.shape)
-    u, multipliers = system.solve(force, shift)
-    free = state.discrete.supports.free
-    left = system.internal(u) + state.discrete.rows.forces(multipliers) - force
-    assert np.abs(left[free]).max() < 1e-11 * np.abs(force).max()
-    assert state.discrete.rows.displacement(u)[rows] == pytest.approx(shift[rows], rel=1e-11)
+    system, random = HeldSystem(state), np.random.default_rng(seed)
+    contact, free = system.contact, state.discrete.supports.free
+    force, shift = random.normal(size=state.u.shape), random.normal(size=len(contact.soft))
+    u, y = system.solve(force, shift)
+    left = system.internal(u) + (contact.forces.T @ y).reshape(u.shape) - force
+    assert np.abs(left[free]).max() < 1e-10 * np.abs(force).max()
+    assert contact.rows @ u.ravel() - contact.soft * y == pytest.approx(shift, rel=1e-9)
     assert not u[~free].any()
-    assert len(rows) > 0
+    assert len(y) > 0
+    on_u, on_y = random.normal(size=u.shape), random.normal(size=len(y))
+    z, zeta, _ = system.solve_transposed(on_u, on_y)
+    expected = np.vdot(z, force) + zeta @ shift
+    assert np.vdot(on_u, u) + on_y @ y == pytest.approx(expected, rel=1e-8)
 
 
-@pytest.mark.parametrize("seed", [0, 3, 5, 6])
+@pytest.mark.parametrize("seed", [0, 5, 6, 19, 33])
 def test_tangents_are_dual_to_gradients(seed):
     problem = random_problem(seed)
     result, names = once(problem), list(sizes(problem))
@@ -55,7 +59,7 @@ def test_tangents_are_dual_to_gradients(seed):
         slopes = gradient(result, functional, names)
         for name in names:
             found = tangent(result, name).of(functional)
-            assert found == pytest.approx(slopes[name], rel=1e-9, abs=1e-12)
+            assert found == pytest.approx(slopes[name], rel=1e-8, abs=1e-12)
 
 
 def test_rates_add_up():
@@ -111,3 +115,23 @@ def test_points_on_the_yield_surface_are_one_sided():
         before, after = (reaction.slope(r.state).value for r in (result, other))
         assert found.of(reaction) == pytest.approx((after - before) / abs(step), rel=1e-6)
     assert abs(loading.of(reaction)) < 0.8 * abs(unloading.of(reaction))
+
+
+def test_friction_at_its_bound_is_one_sided():
+    """With mu = max |t|/n of a body that sticks, less friction makes one row slip."""
+
+    def pressed(mu: float) -> Problem:
+        mesh = block.structured_mesh(6, 4, size=(1.5, 1), simplices=True)
+        return Problem(mesh, MATERIAL, contact="contact", gap=-0.01, friction=Coulomb(mu))
+
+    stuck = semismooth_newton(pressed(5.0)).raise_for_status()
+    mu = (np.abs(stuck.nodal_friction_forces[:, 0]) / stuck.nodal_contact_forces).max()
+    result = semismooth_newton(pressed(mu)).raise_for_status()
+    slopes = gradient(result, "contact_force", "friction")
+    assert "1 contact rows and 0 points are biactive" in slopes.message
+    more, less = (tangent(result, {"friction": rate}) for rate in (1.0, -1.0))
+    assert more.contact_force == pytest.approx(0.0, abs=1e-9)
+    other = semismooth_newton(pressed(mu - 1e-6)).raise_for_status()
+    change = (other.contact_force - result.contact_force) / 1e-6
+    assert change < -0.01
+    assert less.contact_force == pytest.approx(change, rel=1e-4)

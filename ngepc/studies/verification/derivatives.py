@@ -1,30 +1,30 @@
-"""Exact derivatives against central differences on random problems.
-
-Plane strain, the paper's two dimensions, axisymmetric and solid, displacements of order 1 and 2,
-triangles, quadrilaterals and tetrahedra, all kinds of hardening, contact, moved supports, initial
-plastic strain.
-"""
+"""Exact derivatives against central differences, Taylor's formula and the envelope theorem."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import CF, Grad, InnerProduct, Sym, ds, dx, x
-from ngsolve.meshes import MakeStructured2DMesh
 
-from ngepc.dual.newton import semismooth_newton
-from ngepc.evolution.solver import evolve
-from ngepc.geometries import block
-from ngepc.local.system import State
-from ngepc.model.kinematics import KINEMATICS
-from ngepc.model.material import Material
+from ngepc.model.friction import Coulomb
 from ngepc.model.problem import Problem
-from ngepc.sensitivity.functionals import DisplacementAt, Functional, Reaction, as_functional
+from ngepc.sensitivity.adjoint import paired
+from ngepc.sensitivity.contact import RowSides
+from ngepc.sensitivity.functionals import as_functional
 from ngepc.sensitivity.gradient import gradient
-from ngepc.sensitivity.parameters import MATERIAL
+from ngepc.sensitivity.parameters import Constants, Direction, changed_data
 from ngepc.sensitivity.states import Solution, states_of
+from ngepc.studies.verification.differentiable import (
+    four_times,
+    functionals,
+    last_state,
+    moved,
+    once,
+    random_problem,
+    sizes,
+)
+from ngepc.studies.work import Cell, Outcome, Table, Work
 
 STENCIL = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
 """Central difference of fourth order."""
@@ -32,110 +32,8 @@ STENCIL = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
 STEP = 3e-5
 """Its step, relative to the size of the parameters."""
 
-SIDES = {True: ("bottom", "top", "right"), False: ("clamped", "contact", "right")}
-
-
-def random_problem(seed: int) -> Problem:
-    """A small problem that yields; kinematics and order follow ``seed``."""
-    random = np.random.default_rng(seed)
-    kinematics = list(KINEMATICS.values())[seed % 4]
-    N, quads = kinematics.N, seed % 4 != 3 and seed % 3 == 0
-    if quads:
-        mesh = MakeStructured2DMesh(quads=True, nx=4, ny=4)
-    else:
-        size = (1.0, 0.7) if N == 2 else (1.0, 1.0, 1.0)
-        mesh = block.mesh(float(random.uniform(0.2, 0.35)) if N == 2 else 0.5, size)
-    bottom, top, right = SIDES[quads]
-    load, along = random.uniform(2, 5), [random.uniform(-1, 1), *(N - 2) * [0.0], 1.0]
-    move = random.uniform(-1e-3, 1e-3, N) * [0.0 if kinematics.hoop else 1.0, *(N - 1) * [1.0]]
-    p = np.zeros((kinematics.size, kinematics.size))
-    p[:2, :2] = [[3e-4, 1e-4], [1e-4, -3e-4]]
-    return Problem(
-        mesh,
-        random_material(random),
-        None,
-        {right: tuple((load * np.array(along)).tolist())},
-        contact=top,
-        gap=float(random.uniform(-0.001, 0.003)),
-        body_force=(0.0,) * (N - 1) + (load,),
-        prescribed={bottom: tuple(move.tolist())},
-        initial_plastic_strain=CF(tuple(p.ravel().tolist()), dims=p.shape) * (1 + x),
-        kinematics=kinematics,
-        order=1 + (seed // 4) % 2,
-    )
-
-
-def random_material(random: np.random.Generator) -> Material:
-    """A material with kinematic, isotropic or combined hardening."""
-    kinematic, isotropic = [(1, 0), (0, 1), (1, 1)][random.integers(3)]
-    return Material.combined(
-        lame_lambda=1e3 * random.uniform(0.5, 2),
-        lame_mu=1e3 * random.uniform(0.5, 1.5),
-        yield_stress=random.uniform(0.8, 1.4),
-        hardening=kinematic * random.uniform(30, 120),
-        hardening_modulus=2.0 * isotropic,
-        hardening_stiffness=isotropic * random.uniform(8, 30),
-    )
-
-
-def functionals(problem: Problem) -> dict[str, Functional]:
-    """One functional of each kind."""
-    N, support = problem.N, next(iter(problem.prescribed))
-    side = next(iter(problem.tractions))
-
-    def form(u: CF, p: CF, stress: CF) -> object:
-        strain = Sym(Grad(u))
-        body = InnerProduct(stress, stress) + 1e5 * InnerProduct(p, p)
-        return (body + 1e5 * InnerProduct(strain, strain)) * dx + 1e4 * u * u * ds(side)
-
-    return {
-        "contact force": as_functional("contact_force"),
-        "energy": as_functional("primal_energy"),
-        "displacement": DisplacementAt((0.9, 0.5, 0.8)[:N], N - 1),
-        "reaction": Reaction(support, N - 1),
-        "form": as_functional(form),
-    }
-
-
-def sizes(problem: Problem) -> dict[str, float]:
-    """The parameters of a problem with the size of a change of order one."""
-    constants = {name: getattr(problem.material, name) for name in MATERIAL}
-    factors = ("traction", "body_force", "prescribed", "initial_plastic_strain")
-    found = {name: float(value) for name, value in constants.items() if value}
-    return found | dict.fromkeys(factors, 1.0) | {"gap": 1e-2}
-
-
-def moved(problem: Problem, rates: Mapping[str, float]) -> Problem:
-    """The problem with its data moved by these rates."""
-    rate = {name: rates.get(name, 0.0) for name in sizes(problem)}
-    constants = {name: getattr(problem.material, name) for name in MATERIAL if name in rate}
-    return replace(
-        problem,
-        material=replace(problem.material, **{n: c + rate[n] for n, c in constants.items()}),
-        traction={n: (1 + rate["traction"]) * g for n, g in problem.tractions.items()},
-        body_force=(1 + rate["body_force"]) * problem.f,
-        gap=problem.gap + rate["gap"],
-        prescribed={
-            n: tuple((1 + rate["prescribed"]) * c for c in cs)
-            for n, cs in problem.prescribed.items()
-        },
-        initial_plastic_strain=(1 + rate["initial_plastic_strain"]) * problem.p_0,
-    )
-
-
-def once(problem: Problem, start: Solution | None = None) -> Solution:
-    """The solution of one time step."""
-    at = None if start is None else start.displacement
-    return semismooth_newton(problem, start=at).raise_for_status()
-
-
-def four_times(problem: Problem, start: Solution | None = None) -> Solution:
-    """Loading, more loading, reversal and reloading by the traction."""
-    steps = [
-        (t, {"traction": {name: factor * g for name, g in problem.tractions.items()}})
-        for t, factor in ((1.0, 0.6), (2.0, 1.0), (3.0, -0.3), (4.0, 0.5))
-    ]
-    return evolve(problem, steps).raise_for_status()
+LENGTHS = 1e-3 * 0.5 ** np.arange(4)
+"""Lengths of the changes whose Taylor remainders are compared."""
 
 
 @dataclass(frozen=True)
@@ -167,11 +65,6 @@ class Comparison:
         return abs(self.exact - self.difference) / (self.size or 1.0)
 
 
-def last_state(result: Solution) -> State:
-    """The state at the end."""
-    return states_of(result)[-1]()
-
-
 def compared(
     problem: Problem, solve: Callable[..., Solution] = once, every: slice = slice(None)
 ) -> list[Comparison]:
@@ -185,12 +78,12 @@ def compared(
         Which of the parameters in ``sizes``: all, or for tests a part of them.
     """
     result, amounts, found = solve(problem), sizes(problem), []
-    chosen, here = functionals(problem), last_state(result)
+    chosen = functionals(problem)
     gradients = {key: gradient(result, value, list(amounts)) for key, value in chosen.items()}
     for name, amount in list(amounts.items())[every]:
         problems = [moved(problem, {name: k * STEP * amount}) for k in STENCIL]
-        states = [last_state(solve(other, result)) for other in problems]
-        smooth = all(same_sides(here, state) for state in states)
+        others = [solve(other, result) for other in problems]
+        smooth, states = all(same_sides(result, o) for o in others), list(map(last_state, others))
         for key, functional in chosen.items():
             values = [functional.slope(state).value for state in states]
             difference = float(np.dot(list(STENCIL.values()), values)) / STEP
@@ -200,29 +93,129 @@ def compared(
     return found
 
 
-def same_sides(one: State, other: State) -> bool:
-    """Whether the same points yield and the same rows press."""
-    points = (one.at.yields == other.at.yields).all()
-    return bool(points and ((one.multipliers > 0) == (other.multipliers > 0)).all())
+def same_sides(one: Solution, other: Solution) -> bool:
+    """Whether in all steps the same points yield, the same rows press and the same ones slip."""
+    for here, there in zip(states_of(one), states_of(other), strict=True):
+        state, moved_state = here(), there()
+        sides, moved_sides = RowSides(state), RowSides(moved_state)
+        same = (state.at.yields == moved_state.at.yields).all()
+        same &= (sides.closed == moved_sides.closed).all()
+        if not same & ((sides.slips == moved_sides.slips) | ~sides.closed).all():
+            return False
+    return True
 
 
-def derivatives_study(
-    seeds: Iterable[int] = range(200), solve: Callable[..., Solution] = once
-) -> list[dict]:
-    """For each random problem the largest error, and how many differences cross a kink."""
-    rows = []
-    for seed in seeds:
-        problem = random_problem(seed)
-        found = compared(problem, solve)
+def taylor_slopes(problem: Problem, seed: int) -> dict[str, float]:
+    """The order of the remainders F(m + t dm) - F(m) - t F' dm in a random direction."""
+    result, amounts, random = once(problem), sizes(problem), np.random.default_rng(seed)
+    rates = {name: amount * random.uniform(-1, 1) for name, amount in amounts.items()}
+    directions = [{name: t * rate for name, rate in rates.items()} for t in LENGTHS]
+    others = [once(moved(problem, direction), result) for direction in directions]
+    found = {}
+    for key, functional in functionals(problem).items():
+        slopes, value = gradient(result, functional, list(rates)), None
+        value, rate = slopes.functional, sum(slopes[name] * r for name, r in rates.items())
+        values = np.array([functional.slope(last_state(other)).value for other in others])
+        rest = np.abs(values - value - LENGTHS * rate)
+        found[key] = float(np.polyfit(np.log(LENGTHS), np.log(rest), 1)[0])
+    return found
+
+
+def envelope_error(problem: Problem) -> float | None:
+    """The largest difference of dJ/dm and the explicit partial derivative, relative.
+
+    None where J is not what is minimised: with slip bounds that are part of the pressure.
+    """
+    result, names = once(problem), list(sizes(problem))
+    state, energy = result.state.on_sphere(), as_functional("primal_energy")
+    sides, held = RowSides(state), ~state.discrete.free
+    if (sides.closed & sides.slips & (sides.coefficient > 0)).any():
+        return None
+    partial = dict(energy.slope(state).explicit)
+    partial |= {"gaps": -state.multipliers, "values": np.where(held, state.missing, 0.0)}
+    constants, points = Constants(state), state.discrete.points
+    slopes = gradient(result, energy, names)
+    expected = {n: paired(points, partial, changed_data(constants, Direction(n))) for n in names}
+    amounts = sizes(problem)
+    size = max(abs(slopes[n] * amounts[n]) for n in names)
+    return max(abs(slopes[n] - expected[n]) * amounts[n] for n in names) / size
+
+
+@dataclass(eq=False)
+class Derivatives(Work):
+    """The study: ``count`` random problems, every fifth a history of four steps.
+
+    Parameters
+    ----------
+    count
+        How many problems.
+    """
+
+    count: int = 200
+
+    name = "derivatives"
+    title = "Derivatives against differences"
+    head = ("", "problems", "numbers", "across a kink", "largest error", "Taylor slope", "envelope")
+
+    def cells(self) -> list[Cell]:
+        """The problems by seed."""
+        return [Cell("seed", seed) for seed in range(self.count)]
+
+    def solve(self, cell: Cell) -> Outcome:
+        """Differences for all, Taylor remainders and the envelope theorem for single steps."""
+        seed, problem = cell.nodes, random_problem(cell.nodes)
+        steps = 4 if seed % 5 == 2 else 1
+        part = slice(None) if steps == 1 else slice(seed % 3, None, 3)
+        found = compared(problem, once if steps == 1 else four_times, part)
         smooth = [c.error for c in found if c.smooth]
-        rows.append(
-            {
-                "seed": seed,
-                "kinematics": problem.kinematics.name,
-                "order": problem.order,
-                "compared": len(smooth),
-                "across a kink": len(found) - len(smooth),
-                "largest error": max(smooth, default=0.0),
-            }
+        friction = "Coulomb" if isinstance(problem.friction, Coulomb) else "Tresca"
+        record = {
+            "seed": seed,
+            "kinematics": problem.kinematics.name,
+            "order": problem.order,
+            "friction": "none" if problem.friction is None else friction,
+            "bodies": 2 if problem.contact_pairs else 1,
+            "steps": steps,
+            "compared": len(smooth),
+            "across a kink": len(found) - len(smooth),
+            "largest error": max(smooth, default=0.0),
+            "Taylor": min(taylor_slopes(problem, seed).values()) if steps == 1 else None,
+            "envelope": envelope_error(problem) if steps == 1 else None,
+        }
+        return Outcome(record)
+
+    def line(self, record: dict) -> str:
+        """One line about a problem."""
+        return ", ".join(f"{key} {value}" for key, value in record.items())
+
+    def table(self, records: Sequence[dict]) -> Table:
+        """Counts over groups of problems."""
+        groups = {"all": records}
+        for key in ("kinematics", "order", "friction", "bodies", "steps"):
+            for value in dict.fromkeys(record[key] for record in records):
+                groups[f"{key} {value}"] = [r for r in records if r[key] == value]
+        notes = [
+            "Gradients of contact force, energy, a displacement, a reaction and integrals of u, p "
+            "and stress by all data, beside central differences of fourth order with the relative "
+            f"step {STEP:g}; errors relative to the largest derivative of the functional, without "
+            "differences across which a row or point changes side. Taylor: the smallest order of "
+            "a remainder in a random direction. Envelope: dJ/dm against the explicit partial "
+            "derivative, where friction has no bound that follows the pressure."
+        ]
+        rows = [_summary(label, group) for label, group in groups.items()]
+        return Table(
+            name=self.name, title=self.title, head=self.head, rows=rows, notes=notes, cells=records
         )
-    return rows
+
+
+def _summary(label: str, group: Sequence[dict]) -> list[object]:
+    slopes, errors = ([r[k] for r in group if r[k] is not None] for k in ("Taylor", "envelope"))
+    return [
+        label,
+        len(group),
+        sum(r["compared"] for r in group),
+        sum(r["across a kink"] for r in group),
+        f"{max(r['largest error'] for r in group):.1e}",
+        f"{min(slopes):.3f}" if slopes else "",
+        f"{max(errors):.1e}" if errors else "",
+    ]

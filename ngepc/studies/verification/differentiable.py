@@ -1,0 +1,171 @@
+"""Random problems that yield and touch, with all data that derivatives are taken with respect to.
+
+Plane strain, the paper's two dimensions, axisymmetric and solid, displacements of order 1 and 2,
+triangles, quadrilaterals and tetrahedra, all kinds of hardening, contact without friction, with
+Tresca's and with Coulomb's, two bodies, moved supports, initial plastic strain, load histories.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from netgen.occ import Box, Compound, MoveTo, OCCGeometry, X, Y, Z
+from ngsolve import CF, Grad, InnerProduct, Mesh, Sym, ds, dx, x
+from ngsolve.meshes import MakeStructured2DMesh
+
+from ngepc.dual.newton import semismooth_newton
+from ngepc.evolution.solver import evolve
+from ngepc.geometries import block
+from ngepc.local.system import State
+from ngepc.model.contact import Contact
+from ngepc.model.friction import Coulomb
+from ngepc.model.kinematics import KINEMATICS
+from ngepc.model.material import Material
+from ngepc.model.problem import Problem
+from ngepc.sensitivity.functionals import DisplacementAt, Functional, Reaction, as_functional
+from ngepc.sensitivity.parameters import MATERIAL
+from ngepc.sensitivity.states import Solution, states_of
+
+SIDES = {True: ("bottom", "top", "right"), False: ("clamped", "contact", "right")}
+
+
+def random_problem(seed: int) -> Problem:
+    """A small problem that yields; kinematics, order and contact follow ``seed``."""
+    random = np.random.default_rng(seed)
+    kinematics = list(KINEMATICS.values())[seed % 4]
+    N, two = kinematics.N, (seed // 24) % 2 == 1
+    quads = seed % 4 != 3 and seed % 3 == 0 and not two
+    if two:
+        mesh = two_blocks(N, float(random.uniform(0.3, 0.4)))
+    elif quads:
+        mesh = MakeStructured2DMesh(quads=True, nx=4, ny=4)
+    else:
+        size = (1.0, 0.7) if N == 2 else (1.0, 1.0, 1.0)
+        mesh = block.mesh(float(random.uniform(0.2, 0.35)) if N == 2 else 0.5, size)
+    bottom, top, right = SIDES[quads]
+    load, along = random.uniform(2, 5), [random.uniform(-1, 1), *(N - 2) * [0.0], 1.0]
+    move = random.uniform(-1e-3, 1e-3, N) * [0.0 if kinematics.hoop else 1.0, *(N - 1) * [1.0]]
+    p = np.zeros((kinematics.size, kinematics.size))
+    p[:2, :2] = [[3e-4, 1e-4], [1e-4, -3e-4]]
+    material, gap = random_material(random), float(random.uniform(-0.001, 0.003))
+    bound, mu = float(random.uniform(0.1, 2)), Coulomb(float(random.uniform(0.1, 0.5)))
+    still = (0.0,) * (N - 1) + (float(random.uniform(-0.004, -0.001)),)
+    return Problem(
+        mesh,
+        material,
+        None,
+        {right: tuple((load * np.array(along)).tolist())},
+        contact=Contact("above", "below") if two else top,
+        gap=None if two else gap,
+        friction=(None, bound, mu)[(seed // 8) % 3],
+        body_force=(0.0,) * (N - 1) + (load,),
+        prescribed={bottom: tuple(move.tolist())} | ({"top": still} if two else {}),
+        initial_plastic_strain=CF(tuple(p.ravel().tolist()), dims=p.shape) * (1 + x),
+        kinematics=kinematics,
+        order=1 + (seed // 4) % 2,
+    )
+
+
+def two_blocks(N: int, maxh: float) -> Mesh:
+    """A block on top of a wider one, meshes that do not match."""
+    if N == 2:
+        lower, upper = MoveTo(0, 0).Rectangle(1, 0.7), MoveTo(0.2, 0.7).Rectangle(0.6, 0.4)
+        bodies = [body.Face() for body in (lower, upper)]
+    else:
+        bodies = [Box((0, 0, 0), (1, 1, 0.7)), Box((0.2, 0.2, 0.7), (0.8, 0.8, 1.1))]
+    for body, size, below, above in zip(
+        bodies, (maxh, 0.7 * maxh), ("clamped", "above"), ("below", "top"), strict=True
+    ):
+        sides = body.edges if N == 2 else body.faces
+        (body.faces if N == 2 else body.solids).maxh = size * (1 if N == 2 else 1.5)
+        sides.name, sides.Max(X).name = "side", "right" if below == "clamped" else "side"
+        sides.Min((Y, Z)[N - 2]).name, sides.Max((Y, Z)[N - 2]).name = below, above
+    return Mesh(OCCGeometry(Compound(bodies), dim=N).GenerateMesh(maxh=1))
+
+
+def random_material(random: np.random.Generator) -> Material:
+    """A material with kinematic, isotropic or combined hardening."""
+    kinematic, isotropic = [(1, 0), (0, 1), (1, 1)][random.integers(3)]
+    return Material.combined(
+        lame_lambda=1e3 * random.uniform(0.5, 2),
+        lame_mu=1e3 * random.uniform(0.5, 1.5),
+        yield_stress=random.uniform(0.8, 1.4),
+        hardening=kinematic * random.uniform(30, 120),
+        hardening_modulus=2.0 * isotropic,
+        hardening_stiffness=isotropic * random.uniform(8, 30),
+    )
+
+
+def functionals(problem: Problem) -> dict[str, Functional]:
+    """One functional of each kind."""
+    N, support = problem.N, next(iter(problem.prescribed))
+    side = next(iter(problem.tractions))
+
+    def form(u: CF, p: CF, stress: CF) -> object:
+        strain = Sym(Grad(u))
+        body = InnerProduct(stress, stress) + 1e5 * InnerProduct(p, p)
+        return (body + 1e5 * InnerProduct(strain, strain)) * dx + 1e4 * u * u * ds(side)
+
+    return {
+        "contact force": as_functional("contact_force"),
+        "energy": as_functional("primal_energy"),
+        "displacement": DisplacementAt((0.9, 0.5, 0.6)[:N], N - 1),
+        "reaction": Reaction(support, N - 1),
+        "form": as_functional(form),
+    }
+
+
+def sizes(problem: Problem) -> dict[str, float]:
+    """The parameters of a problem with the size of a change of order one."""
+    constants = {name: getattr(problem.material, name) for name in MATERIAL}
+    factors = ("traction", "body_force", "prescribed", "initial_plastic_strain")
+    found = {name: float(value) for name, value in constants.items() if value}
+    rough = {} if problem.friction is None else {"friction": 0.3}
+    gap = {} if problem.gap is None else {"gap": 1e-2}
+    return found | dict.fromkeys(factors, 1.0) | gap | rough
+
+
+def moved(problem: Problem, rates: Mapping[str, float]) -> Problem:
+    """The problem with its data moved by these rates."""
+    rate = {name: rates.get(name, 0.0) for name in sizes(problem)}
+    constants = {name: getattr(problem.material, name) for name in MATERIAL if name in rate}
+    friction = problem.friction
+    if isinstance(friction, Coulomb):
+        friction = Coulomb(friction.coefficient + rate["friction"])
+    elif friction is not None:
+        friction += rate["friction"]
+    return replace(
+        problem,
+        material=replace(problem.material, **{n: c + rate[n] for n, c in constants.items()}),
+        traction={n: (1 + rate["traction"]) * g for n, g in problem.tractions.items()},
+        body_force=(1 + rate["body_force"]) * problem.f,
+        gap=None if problem.gap is None else problem.gap + rate["gap"],
+        friction=friction,
+        prescribed={
+            n: tuple((1 + rate["prescribed"]) * c for c in cs)
+            for n, cs in problem.prescribed.items()
+        },
+        initial_plastic_strain=(1 + rate["initial_plastic_strain"]) * problem.p_0,
+    )
+
+
+def once(problem: Problem, start: Solution | None = None) -> Solution:
+    """The solution of one time step."""
+    at = None if start is None else start.displacement
+    return semismooth_newton(problem, start=at).raise_for_status()
+
+
+def four_times(problem: Problem, start: Solution | None = None) -> Solution:
+    """Loading, more loading, reversal and reloading by the traction."""
+    steps = [
+        (t, {"traction": {name: factor * g for name, g in problem.tractions.items()}})
+        for t, factor in ((1.0, 0.6), (2.0, 1.0), (3.0, -0.3), (4.0, 0.5))
+    ]
+    return evolve(problem, steps).raise_for_status()
+
+
+def last_state(result: Solution) -> State:
+    """The state at the end."""
+    return states_of(result)[-1]()
