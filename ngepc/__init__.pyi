@@ -11,6 +11,9 @@ from ngepc.bounds.adaptive import Refinement as Refinement
 from ngepc.bounds.adaptive import solve_to as solve_to
 from ngepc.bounds.bound import ErrorBound as ErrorBound
 from ngepc.bounds.bound import error_bound as error_bound
+from ngepc.bounds.goals import Between as Between
+from ngepc.bounds.goals import contact_force_bracket as contact_force_bracket
+from ngepc.bounds.goals import displacement_bracket as displacement_bracket
 from ngepc.dual.newton import NewtonOptions as NewtonOptions
 from ngepc.dual.newton import semismooth_newton as semismooth_newton
 from ngepc.dual.parameters import DualParameters as DualParameters

@@ -1,0 +1,183 @@
+"""Guaranteed brackets of the contact force and of displacements, from energies at nearby data.
+
+The least energy E is concave in loads and convex in motions of the obstacle.  Its derivatives
+are the goals: for loads plus t times a load with the work l, and gaps less t,
+
+    -dE/dt = l(u),        dE/dt = int P  on contact,
+
+and slopes of chords bound slopes of tangents: with upper and lower bounds of energies
+
+    (L(-t) - U(0)) / t  <=  l(u)  <=  (U(0) - L(t)) / t,
+    (L(0) - U(-t)) / t  <=  int P <=  (U(t) - L(0)) / t.
+
+The width falls as the square root of the energy error: the goal itself is far more accurate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ngepc.bounds.adaptive import SOLVED, TOLERANCE
+from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.checks.kinds import require_instance
+from ngepc.discretisation.loads import applied_forces
+from ngepc.local.result import ExactResult
+from ngepc.local.solver import solve_exactly
+from ngepc.model.given import Vector
+from ngepc.model.problem import Problem
+
+PASSES = 3
+"""Most lengths that are tried on each side."""
+
+MOST_STEPS = 100
+"""Newton steps of each solve."""
+
+NEAR = 1.3
+"""A length that is within this factor of the best one is good enough."""
+
+
+@dataclass(frozen=True)
+class Between:
+    """What a quantity of the continuous solution lies between, guaranteed.
+
+    Parameters
+    ----------
+    lower, upper
+        Its bounds.
+    discrete
+        The quantity of the result.
+    """
+
+    lower: float
+    upper: float
+    discrete: float
+
+    @property
+    def relative(self) -> float:
+        """Half the width over the size of ``discrete``."""
+        half = (self.upper - self.lower) / 2
+        return half / abs(self.discrete) if self.discrete else math.inf
+
+
+def contact_force_bracket(result: ExactResult) -> Between:
+    """Bounds of the resultant of the normal contact pressure (force).
+
+    Parameters
+    ----------
+    result
+        A result of ``semismooth_newton`` without gamma; its problem is solved two to six times
+        more, from there.
+
+    Raises
+    ------
+    TypeError, ValueError, RuntimeError
+        As ``error_bound``, for problems without contact, and where the solver fails.
+    """
+    require_instance("result", result, ExactResult, "a result without gamma")
+    problem, force = result.problem, float(result.contact_force)
+    if not problem.contact_names:
+        raise ValueError("contact=None: a contact force needs contact")
+
+    def moved(t: float) -> Problem:
+        return replace(problem, gap={name: gap - t for name, gap in problem.gaps.items()})
+
+    def rise(here: ErrorBound, there: ErrorBound) -> float:
+        return there.energy - here.least_energy
+
+    lower, upper = slopes(result, moved, rise, force, float(np.abs(result.state.u).max()))
+    return Between(max(lower, 0.0), upper, force)
+
+
+def displacement_bracket(
+    result: ExactResult,
+    traction: Mapping[str, Vector] | None = None,
+    body_force: Vector | None = None,
+) -> Between:
+    """Bounds of the work that a load would do: a mean displacement for a load with resultant one.
+
+    Parameters
+    ----------
+    result
+        As for ``contact_force_bracket``.
+    traction, body_force
+        The load g and f, as those of a ``Problem``: the quantity is int g . u + int f . u.
+
+    Raises
+    ------
+    TypeError, ValueError, RuntimeError
+        As ``error_bound``, for loads that are not legal, and where the solver fails.
+    """
+    require_instance("result", result, ExactResult, "a result without gamma")
+    problem, u = result.problem, result.state.u
+    load = replace(problem, traction=traction, body_force=body_force, pressure=None)
+    forces = applied_forces(load, result.discrete.supports.space)
+    size = float(np.abs(forces).sum() * np.abs(u).max())
+    if not size > 0:
+        raise ValueError(f"traction={traction!r}: a load is needed, and a body that moves")
+
+    def loaded(t: float) -> Problem:
+        g = dict(problem.tractions)
+        for name, value in load.tractions.items():
+            g[name] = t * value + g[name] if name in g else t * value
+        parts = [f for f in (problem.f, load.f and t * load.f) if f is not None]
+        return replace(
+            problem, traction=g, body_force=sum(parts[1:], *parts[:1]) if parts else None
+        )
+
+    def rise(here: ErrorBound, there: ErrorBound) -> float:
+        return here.energy - there.least_energy
+
+    work = float(np.vdot(forces, u))
+    lower, upper = slopes(result, loaded, rise, work, error_bound(result).strain_energy / size)
+    return Between(lower, upper, work)
+
+
+def slopes(
+    result: ExactResult,
+    problem_at: Callable[[float], Problem],
+    rise: Callable[[ErrorBound, ErrorBound], float],
+    slope: float,
+    length: float,
+) -> tuple[float, float]:
+    """The largest lower and the smallest upper slope of chords that were found.
+
+    Parameters
+    ----------
+    result
+        Where the chords start.
+    problem_at
+        The problem with the parameter changed by a number.
+    rise
+        No less than the change of the energy along a chord, from the bounds at its ends.
+    slope, length
+        About how steep the energy is, and a change that is large.
+    """
+    here = error_bound(result)
+    part = math.sqrt(here.total / here.strain_energy)
+    first = part * min(2 * here.strain_energy / abs(slope), length) if slope else part * length
+    found = []
+    for sign in (-1.0, 1.0):
+        best, t = math.inf, first
+        for _ in range(PASSES):
+            there = error_bound(solved_near(problem_at(sign * t), result))
+            risen = rise(here, there)
+            best = min(best, risen / t)
+            curved = risen - sign * slope * t - here.total
+            wanted = t * math.sqrt(here.total / curved) if curved > 0 else 4 * t
+            if max(wanted / t, t / wanted) < NEAR:
+                break
+            t = min(max(wanted, t / 16), 4 * t)
+        found.append(sign * best)
+    return found[0], found[1]
+
+
+def solved_near(problem: Problem, start: ExactResult) -> ExactResult:
+    """The solution of a problem that differs little from one that is solved."""
+    result = solve_exactly(problem, start, TOLERANCE, MOST_STEPS, "sparsecholesky", None)
+    if result.status not in SOLVED:
+        raise RuntimeError(f"no bracket: {result.message}")
+    return result

@@ -1,0 +1,61 @@
+"""Brackets of contact forces and displacements hold what fine meshes find."""
+
+from dataclasses import replace
+
+import pytest
+
+from ngepc import Material, Problem, contact_force_bracket, displacement_bracket, semismooth_newton
+from ngepc.geometries import block
+from ngepc.studies.bounds import finer
+from ngepc.studies.examples import example
+
+MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+UNIT = {"load": (0.0, 1.0)}
+
+
+@pytest.fixture(scope="module")
+def pair():
+    problem = example("lshape", 113)
+    return semismooth_newton(problem), semismooth_newton(finer(problem, 2))
+
+
+def test_contact_force(pair):
+    coarse, fine = (contact_force_bracket(result) for result in pair)
+    assert coarse.lower < fine.lower < fine.upper < coarse.upper
+    assert coarse.lower < pair[1].contact_force < coarse.upper
+    assert fine.relative < 0.55 * coarse.relative < 0.15
+
+
+def test_displacement(pair):
+    coarse, fine = (displacement_bracket(result, UNIT) for result in pair)
+    assert coarse.lower < fine.lower < fine.discrete < fine.upper < coarse.upper
+    assert fine.relative < 0.55 * coarse.relative < 0.1
+
+
+def test_body_forces_are_goals_and_loads():
+    """The mean displacement of a block that hangs, in closed form where it is one column."""
+    rollers = {"left": (0, None), "right": (0, None)}
+    mesh = block.structured_mesh(4, 4, simplices=True)
+    column = Problem(
+        mesh, MATERIAL, prescribed=rollers, body_force=(0.0, -0.5), kinematics="two-dimensional"
+    )
+    bracket = displacement_bracket(semismooth_newton(column), body_force=(0.0, 1.0))
+    exact = -0.5 / 3e3 / 3  # f / (lambda + 2 mu) times the mean of y - y^2/2
+    assert bracket.lower < exact < bracket.upper
+    assert bracket.discrete == pytest.approx(exact, rel=0.05)
+
+
+def test_no_contact_force_where_nothing_touches():
+    bracket = contact_force_bracket(semismooth_newton(example("wrench", 873)))
+    assert bracket.lower == bracket.discrete == 0
+    assert 0 < bracket.upper < 1e-3
+
+
+def test_what_is_no_goal_is_refused(pair):
+    free = semismooth_newton(replace(pair[0].problem, contact=None, gap=None))
+    with pytest.raises(ValueError, match="contact=None"):
+        contact_force_bracket(free)
+    with pytest.raises(ValueError, match="a load is needed"):
+        displacement_bracket(pair[0])
+    with pytest.raises(TypeError, match="result=3"):
+        contact_force_bracket(3)
