@@ -167,6 +167,15 @@ STUDIES = {
         "bounds:Bounds",
         LEVELS,
     ),
+    "benchmarks": Study(
+        "published problems with numbers: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",
+        "benchmarks:Benchmarks",
+        {
+            "rows": (words, "names of problems separated by commas; default all"),
+            "figures": (None, "a picture of each, too"),
+        },
+        success=nothing_to_complain,
+    ),
     "large": Study(
         "large bodies: Newton steps and iterations of multigrid solvers, time and memory",
         "large:Large",

@@ -1,0 +1,239 @@
+"""Published problems with numbers, solved and compared: one table."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+from ngepc.evolution.result import Evolution
+from ngepc.pictures.fields import plot_field
+from ngepc.pictures.style import save_figure, styled
+from ngepc.results.outcome import Result
+from ngepc.studies import contact_problems, solid_problems
+from ngepc.studies.solid_problems import Quantity, Solved
+from ngepc.studies.work import Cell, Outcome, Table, Work
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """A problem, where its numbers are from, and what is to be said about ours.
+
+    Parameters
+    ----------
+    solve
+        Gives a result and the quantities compared.
+    source
+        Of the reference values.
+    field
+        What its picture shows.
+    remark
+        Why ours differ, or what was assumed; empty for nothing.
+    view
+        Half width of the picture about the origin (length) and the top of its colours; None for
+        the whole body and all values.
+    """
+
+    solve: Callable[[], Solved]
+    source: str
+    field: str = "von_mises"
+    remark: str = ""
+    view: tuple[float, float] | None = None
+
+
+PEEQ = "accumulated_plastic_strain"
+
+BENCHMARKS = {
+    "NAFEMS NL1": Benchmark(
+        solid_problems.nl1,
+        "NNB rev. 1, 1989",
+        remark="Ours is the limit of many increments, extrapolated from 10 and 20 on each leg; the "
+        "published values of the last two legs lie up to 1 percent beside the limit.",
+    ),
+    "SSNP15": Benchmark(
+        solid_problems.ssnp15,
+        "Code_Aster V6.03.015, AFNOR",
+        PEEQ,
+        "One increment to A, where the path is straight, 50 from there to B.",
+    ),
+    "SSNP14": Benchmark(solid_problems.ssnp14, "Code_Aster V6.03.014", PEEQ),
+    "Hill's cylinder": Benchmark(
+        solid_problems.hill,
+        "R. Hill, The mathematical theory of plasticity, 1950",
+        PEEQ,
+        "Hardening 1e-5 mu. The closed form takes sigma_zz for the mean of the other two stresses, "
+        "which is exact for nu = 1/2.",
+    ),
+    "Prandtl's punch": Benchmark(
+        solid_problems.prandtl,
+        "(2 + pi) k",
+        PEEQ,
+        "Hardening 1e-5 mu, displacements of order two; from above, as the theorems say.",
+    ),
+    "step-42": Benchmark(
+        contact_problems.step42,
+        "deal.II, documentation of step-42",
+        remark="One node touches: the number is the mesh's. Finer ones: `ngepc study step42`.",
+    ),
+    "NAFEMS R94": Benchmark(
+        contact_problems.r94, "Konter 2005; Code_Aster SSNP154", view=(20.0, 2000.0)
+    ),
+    "Hertz cylinder": Benchmark(
+        contact_problems.hertz_cylinder, "H. Hertz, 1881", view=(2.0, 16.0)
+    ),
+    "Hertz sphere": Benchmark(contact_problems.hertz_sphere, "H. Hertz, 1881", view=(2.0, 30.0)),
+    "Mindlin": Benchmark(
+        contact_problems.mindlin,
+        "Cattaneo 1938, Mindlin 1949",
+        "stress_xy",
+        "The tolerance of the stick half width is a cell; tractions in the mean square.",
+        view=(3.0, 2.0),
+    ),
+    "shrink fit": Benchmark(
+        contact_problems.shrink_fit,
+        "G. Lame, 1852",
+        remark="The mean pressure. Facets of the two circles do not match: their gaps, of size "
+        "h^2/8R, leave local errors of the pressure like E h/R, 8 percent rms here.",
+    ),
+    "sphere on a flat": Benchmark(
+        contact_problems.flattened_sphere,
+        "Jackson and Green 2005, as printed by Ghaednia et al. 2019",
+        PEEQ,
+        "A fit to finite elements. Ours is a rigid sphere in a block, the same linearised problem. "
+        "The fit of Kogut and Etsion is left out: its constants were not at hand in print.",
+        view=(0.06, 0.012),
+    ),
+    "SSNV506": Benchmark(
+        contact_problems.ssnv506,
+        "Code_Aster V6.04.506",
+        PEEQ,
+        "The reference is an estimate linear in the depth; Code_Aster's own values are +1.5, -0.7 "
+        "and -4.7 percent. Without hardening the force grows with the number of increments: at 40 "
+        "mm +0.4 percent with steps of 5 mm, +6 percent with the 2.5 mm here. The size of the "
+        "block, 2000 mm, is ours and does not matter: 1000 and 4000 change half a percent.",
+        view=(700.0, 0.9),
+    ),
+}
+"""Name -> problem, in the order of the table."""
+
+HEAD = (
+    *("problem", "quantity", "reference", "type", "ours", "difference", "tolerance"),
+    *("elements", "unknowns", "seconds"),
+)
+
+
+@dataclass(eq=False)
+class Benchmarks(Work):
+    """The study.
+
+    Parameters
+    ----------
+    rows
+        Names of problems; None for all.
+    figures
+        Whether to draw a picture of each.
+    """
+
+    rows: Sequence[str] | None = None
+    figures: bool = False
+
+    name, title, head = "benchmarks", "Published problems", HEAD
+
+    def cells(self) -> list[Cell]:
+        """One for each problem."""
+        return [Cell(name) for name in (self.rows or BENCHMARKS)]
+
+    def solve(self, cell: Cell) -> Outcome:
+        """Solve a problem; its numbers, the size of its mesh, processor time."""
+        benchmark, begin = BENCHMARKS[cell.row], time.process_time()
+        result, quantities = benchmark.solve()
+        seconds = time.process_time() - begin
+        last = result.steps[-1].fields if isinstance(result, Evolution) else result
+        record = {
+            "problem": cell.row,
+            "source": benchmark.source,
+            "quantities": [dict(q._asdict()) for q in quantities],
+            "elements": last.problem.mesh.ne,
+            "unknowns": last.displacement.space.ndof,
+            "cpu_s": seconds,
+            "complaints": [q.name for q in quantities if not (q.holds or benchmark.remark)],
+        }
+        if self.figures:
+            figure = picture(result, benchmark, cell.row)
+            save_figure(figure, self.folder / f"benchmark_{file_name(cell.row)}.png")
+        return Outcome(record)
+
+    def line(self, record: dict) -> str:
+        """The largest difference, as a part of its tolerance."""
+        worst = max(abs(q.difference) / q.tolerance for q in quantities_of(record))
+        return f"{record['problem']}: {worst:.2f} of the tolerance, {record['cpu_s']:.1f} s"
+
+    def table(self, records: Sequence[dict]) -> Table:
+        """A row for each quantity."""
+        rows = [
+            rows_of(record, number, q)
+            for record in records
+            for number, q in enumerate(quantities_of(record))
+        ]
+        return Table(
+            name=self.name,
+            title=self.title,
+            head=HEAD,
+            rows=rows,
+            notes=self.notes(records),
+            cells=records,
+        )
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """What the types are, then the remarks."""
+        said = ["P published, C closed form, O own computation; seconds of one processor.", ""]
+        for record in records:
+            remark = BENCHMARKS[record["problem"]].remark
+            said += [f"- {record['problem']}: {remark}"] if remark else []
+        return said
+
+
+@styled
+def picture(result: Evolution | Result, benchmark: Benchmark, title: str) -> Figure:
+    """A field on the body; of a material point the von Mises stress in time."""
+    if isinstance(result, Evolution):
+        figure = Figure(figsize=(4.6, 3.2))
+        axes = figure.add_subplot(title=title, xlabel="time", ylabel="von Mises stress")
+        middle = result.problem.mesh(*solid_problems.MIDDLE)
+        stress = result.values(lambda fields: float(fields.von_mises(middle)))
+        axes.plot([0.0, *(step.record.time for step in result.steps)], [0.0, *stress])
+        return figure
+    if benchmark.view is None:
+        return plot_field(result, benchmark.field, title=title)
+    half, top = benchmark.view
+    least = -top if benchmark.field.startswith("stress") else 0.0
+    figure = plot_field(result, benchmark.field, vmin=least, vmax=top, title=title)
+    axes = figure.axes[0]
+    axes.set_xlim(max(axes.get_xlim()[0], -half), min(axes.get_xlim()[1], half))
+    axes.set_ylim(max(axes.get_ylim()[0], -half), min(axes.get_ylim()[1], half))
+    return figure
+
+
+def rows_of(record: dict, number: int, q: Quantity) -> list[object]:
+    """The row of a quantity; what belongs to the problem stands in its first row."""
+    about = [f"{record['problem']} ({record['source']})"]
+    costs = [record["elements"], record["unknowns"], f"{record['cpu_s']:.1f}"]
+    return [
+        *(about if number == 0 else [""]),
+        *(q.name, f"{q.reference:.6g}", q.kind, f"{q.ours:.6g}"),
+        f"{100 * q.difference:+.2f} %{'' if q.holds else ' (beyond)'}",
+        f"{100 * q.tolerance:.3g} %",
+        *(costs if number == 0 else [""] * 3),
+    ]
+
+
+def quantities_of(record: dict) -> list[Quantity]:
+    """The quantities of a record."""
+    return [Quantity(**q) for q in record["quantities"]]
+
+
+def file_name(problem: str) -> str:
+    """The name of a problem without signs that files do not like."""
+    return "".join(c if c.isalnum() else "_" for c in problem.lower())

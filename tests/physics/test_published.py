@@ -1,0 +1,32 @@
+"""Published problems and closed forms of ``ngepc study benchmarks``, those that take seconds."""
+
+import pytest
+
+from ngepc.studies.benchmarks import BENCHMARKS, Benchmarks
+from ngepc.studies.solid_problems import Quantity
+
+QUICK = sorted(set(BENCHMARKS) - {"NAFEMS NL1", "SSNP15", "sphere on a flat", "SSNV506"})
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_numbers_are_met(name):
+    _, quantities = BENCHMARKS[name].solve()
+    assert [q for q in quantities if not q.holds] == []
+
+
+def test_a_difference_beyond_the_tolerance_is_seen():
+    assert not Quantity("force", 2.0, "P", 0.01, 2.03).holds
+    assert Quantity("force", -2.0, "P", 0.01, -2.01).difference == pytest.approx(0.005)
+
+
+def test_the_study_writes_a_row_for_each_quantity(tmp_path):
+    study = Benchmarks(tmp_path, rows=["SSNP14", "step-42"], figures=True)
+    records = study.run()
+    written = [path.name for path in study.write(records)]
+    assert written == ["benchmarks.csv", "benchmarks.md", "benchmarks.json"]
+    lines = (tmp_path / "benchmarks.md").read_text().splitlines()
+    rows = [line for line in lines if line.startswith("|")]
+    assert len(rows) == 2 + 3 + 1
+    assert "eps_xy at A | 0.0136014 | P | 0.0136014 | +0.00 % | 0.1 % |" in rows[3]
+    assert (tmp_path / "benchmark_step_42.png").stat().st_size > 5000
+    assert all(record["complaints"] == [] for record in records)
