@@ -208,14 +208,14 @@ def pressure_curves(source: object) -> list[tuple[np.ndarray, np.ndarray]]:
     """Arc length and contact pressure at the ends of the segments, for each connected curve."""
     fields = fields_of(source)
     problem = fields.problem
-    if not problem.contact_names:
+    if not problem.touching_names:
         raise ValueError("sources: a problem with a contact boundary is needed, one has none")
     if problem.N != 2:
         raise ValueError(
             "sources: bodies of dimension 2 are needed, one is 3D: show its contact pressure with "
             "ngepc.pictures.views"
         )
-    corners = boundary_corners(fields, problem.contact_names, source.contact_pressure)
+    corners = boundary_corners(fields, problem.touching_names, source.contact_pressure)
     return [_along(corners.points, corners.values, chain) for chain in chains(corners.points)]
 
 

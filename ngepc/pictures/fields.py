@@ -176,7 +176,7 @@ def plot_active_sets(
     if fields.problem.N == 3:
         classes[pushed] = 2.0
     axes = _draw_classes(axes, result, sampled, classes, SET_COLOURS, scale)
-    words = "yields (dark)" + ", in contact (orange)" * bool(fields.problem.contact_names)
+    words = "yields (dark)" + ", in contact (orange)" * bool(fields.problem.touching_names)
     _decorate(axes, result, scale, units, title, words)
     if fields.problem.N == 2:
         lines = touching.deformed(scale)[pushed]
@@ -350,7 +350,7 @@ def _decorate(
     axes.add_collection(LineCollection(outline.points, colors=OUTLINE, linewidths=0.7, zorder=0))
     deformed = LineCollection(outline.deformed(scale), colors=DEFORMED, linewidths=0.6, zorder=3)
     axes.add_collection(deformed)
-    if fields.problem.contact_names and scale > 0:
+    if scale > 0:
         obstacle = obstacle_lines(fields, scale)
         axes.add_collection(LineCollection(obstacle, colors=OBSTACLE, linewidths=1.4, zorder=4))
     axes.set_aspect("equal")
@@ -368,7 +368,7 @@ def _label_bar(bar: Colorbar, label: str) -> None:
 
 def _pressure_on_boundary(fields: Fields, result: object, cuts: int) -> Corners:
     """The contact pressure on the whole boundary, zero where there is no contact boundary."""
-    mesh, names = fields.problem.mesh, fields.problem.contact_names
+    mesh, names = fields.problem.mesh, fields.problem.touching_names
     pressures = dict.fromkeys(names, result.contact_pressure) if names else {}
     pressure = mesh.BoundaryCF(pressures, default=0.0)
     return sample_corners(fields, mesh.Boundaries(".*"), pressure, cuts)

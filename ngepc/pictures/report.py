@@ -86,7 +86,7 @@ def standard_figures(result: object, threshold: float = 0.0) -> dict[str, Figure
         "plastic_zone": plot_plastic_zone(result, threshold),
         "residuals": plot_history(result.history),
     }
-    if result.problem.contact_names and result.problem.N == 2:
+    if result.problem.touching_names and result.problem.N == 2:
         figures["contact_pressure"] = plot_contact_pressure(result)
     return figures
 
@@ -160,7 +160,7 @@ def describe_problem(problem: Problem) -> list[dict[str, str]]:
         f"k_1 = {_data(m.hardening_stiffness)}",
         "clamped": ", ".join(problem.clamped_names),
         "loaded": ", ".join(map(str, problem.loads)),
-        "contact": ", ".join(problem.contact_names),
+        "contact": ", ".join(problem.touching_names),
         "gap": _data(problem.gap),
     }
     return [{"what": key, "value": value or "none"} for key, value in rows.items()]

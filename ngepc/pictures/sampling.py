@@ -175,10 +175,11 @@ def sample_corners(
     return Corners(data[..., :N], data[..., N : 2 * N], data[..., -1])
 
 
-def contact_offset(fields: Fields, distance: CoefficientFunction, scale: float) -> np.ndarray:
-    """Segments of the 2D contact boundary, deformed by ``scale`` u, moved by ``distance`` n."""
+def offset(
+    fields: Fields, names: tuple[str, ...], distance: CoefficientFunction, scale: float
+) -> np.ndarray:
+    """Segments of boundaries in 2D, deformed by ``scale`` u, moved by ``distance`` n."""
     reach = distance * outward_normal(fields.problem.mesh)
-    names = fields.problem.contact_names
     place = [boundary_corners(fields, names, reach[i]) for i in range(2)]
     return place[0].deformed(scale) + np.stack([c.values for c in place], axis=-1)
 
@@ -189,13 +190,15 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
     Parts whose gap stands for no obstacle are left out, and those farther away than a quarter of
     the body, unless all are.  A straight obstacle is drawn as long as the body above it.
     """
-    psi = fields.problem.psi
-    gaps = boundary_corners(fields, fields.problem.contact_names, psi).values.max(axis=1)
+    psi, names = fields.problem.psi, fields.problem.contact_names
+    if not names:
+        return np.empty((0, 2, 2))
+    gaps = boundary_corners(fields, names, psi).values.max(axis=1)
     border = boundary_corners(fields)
     extent = np.ptp(border.points.reshape(-1, 2), axis=0).max()
     room = max(0.25 * extent, 1.2 * scale * gaps.min())
     shown = (scale * gaps <= room) & (gaps < NO_OBSTACLE * extent)
-    segments = contact_offset(fields, scale * psi, 0.0)[shown]
+    segments = offset(fields, names, scale * psi, 0.0)[shown]
     return _lengthened(segments, border.deformed(scale).reshape(-1, 2), extent)
 
 

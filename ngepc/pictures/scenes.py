@@ -20,8 +20,8 @@ from ngepc.pictures.sampling import (
     body_corners,
     boundary_corners,
     colour_range,
-    contact_offset,
     obstacle_lines,
+    offset,
     surface_value,
 )
 
@@ -98,7 +98,7 @@ def _pressures(
     what, samples = {}, []
     for key, source in sources.items():
         fields, pressure = fields_of(source), source.contact_pressure
-        names = fields.problem.contact_names
+        names = fields.problem.touching_names
         if not names:
             raise ValueError("field='contact_pressure': this problem has no contact boundary")
         everywhere = fields.problem.mesh.BoundaryCF(dict.fromkeys(names, pressure), default=0.0)
@@ -165,14 +165,14 @@ def _contact_lines(source: object, options: ViewOptions, peak: float) -> list[di
     """
     fields = fields_of(source)
     problem = fields.problem
-    if problem.N != 2 or not problem.contact_names or not options.contact_lines:
+    if problem.N != 2 or not problem.touching_names or not options.contact_lines:
         return []
     scale, pressure = options.deformation_scale, getattr(source, "contact_pressure", None)
     extent = np.ptp(boundary_corners(fields).points.reshape(-1, 2), axis=0).max()
     distance = CF(0.0) if pressure is None or peak <= 0 else 0.15 * extent / peak * pressure
     return [
         _lines("obstacle", BLACK, obstacle_lines(fields, scale)),
-        _lines("contact pressure", BLUE, contact_offset(fields, distance, scale)),
+        _lines("contact pressure", BLUE, offset(fields, problem.touching_names, distance, scale)),
     ]
 
 
@@ -181,7 +181,7 @@ def _peak(sources: Mapping[str, object]) -> float:
     greatest = bound = 0.0
     for source in sources.values():
         problem = fields_of(source).problem
-        touches = hasattr(source, "contact_pressure") and problem.contact_names
+        touches = hasattr(source, "contact_pressure") and problem.touching_names
         if problem.N != 2 or not touches:
             continue
         greatest = max(greatest, *(float(p.max()) for _, p in pressure_curves(source)))

@@ -47,6 +47,11 @@ class Picture(Figure):
         with rc_context(RC):
             super().__init__(*arguments, **options)
 
+    def add_subplot(self, *arguments: object, **options: object) -> Axes:
+        """Axes in this style, also those of ``subplots``."""
+        with rc_context(RC):
+            return super().add_subplot(*arguments, **options)
+
     def _repr_png_(self) -> bytes:
         stream = io.BytesIO()
         self.savefig(stream, format="png", dpi=110)

@@ -10,10 +10,11 @@ import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
-from ngsolve import CF, L2, GridFunction, InnerProduct, Integrate, sqrt, x, y
+from netgen.occ import Compound, MoveTo, OCCGeometry, Rectangle, Y
+from ngsolve import CF, L2, GridFunction, InnerProduct, Integrate, Mesh, sqrt, x, y
 from solved import block_primal, lshape_dual, lshape_primal
 
-from ngepc import Material, Problem, lshape_problem
+from ngepc import Contact, Material, Problem, lshape_problem, semismooth_newton
 from ngepc.discretisation.spaces import displacement_space, plastic_space
 from ngepc.geometries import block, lshape, ring
 from ngepc.model.obstacles import Disc
@@ -31,6 +32,7 @@ from ngepc.pictures import (
 )
 from ngepc.pictures.curves import chains, pressure_curves
 from ngepc.pictures.drawable import KINDS, UnitNames, drawable
+from ngepc.pictures.report import standard_figures
 from ngepc.pictures.sampling import (
     Corners,
     body_corners,
@@ -217,6 +219,25 @@ def test_pressure_curve_integrates_to_the_contact_force():
     assert (s[0], s[-1]) == (0.0, pytest.approx(1.0, rel=1e-12))
     assert (np.diff(s) >= 0).all()
     assert np.trapezoid(pressure, s) == pytest.approx(result.contact_force, rel=1e-12)
+
+
+def test_pressure_between_two_bodies_is_drawn_on_the_first_of_them():
+    lower, upper = Rectangle(1, 1).Face(), MoveTo(0, 1.01).Rectangle(1, 1).Face()
+    lower.edges.name, upper.edges.name = "side", "free"
+    lower.edges.Max(Y).name, lower.edges.Min(Y).name = "below", "floor"
+    upper.edges.Min(Y).name, upper.edges.Max(Y).name = "above", "top"
+    mesh = Mesh(OCCGeometry(Compound([lower, upper]), dim=2).GenerateMesh(maxh=0.3))
+    steel = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=10.0)
+    pair = Contact("above", "below")
+    result = semismooth_newton(
+        Problem(mesh, steel, "floor", prescribed={"top": (0, -0.03)}, contact=pair)
+    )
+    ((s, pressure),) = pressure_curves(result)
+    assert result.contact_force > 1.0
+    assert np.trapezoid(pressure, s) == pytest.approx(result.contact_force, rel=1e-10)
+    assert len(obstacle_lines(result.fields, 1.0)) == 0
+    assert plot_field(result).axes
+    assert standard_figures(result)["contact_pressure"].axes
 
 
 def test_chains_put_shuffled_segments_in_order():
