@@ -184,6 +184,12 @@ STUDIES = {
             "solver": (multigrid, "pyamg or petsc, default pyamg"),
         },
     ),
+    "processes": Study(
+        "a large body shared by processes: the same steps, time and memory of each",
+        "processes:Processes",
+        {**LEVELS, "counts": (counts, "numbers of processes, default 1,2,4,8")},
+        success=bool,
+    ),
     "fuzz": Study(
         "random problems by two methods, judged",
         "verification.fuzz:Fuzz",

@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +39,8 @@ class EvolutionFile:
     Parameters
     ----------
     path
-        The file; its folder must be writable.
+        The file; its folder must be writable.  Processes that share the mesh have one each,
+        '<stem>_0000<suffix>', ..., with what is on their parts.
     problem, schedule, solver
         The work that it belongs to.
 
@@ -50,7 +53,10 @@ class EvolutionFile:
     def __init__(
         self, path: Path, problem: Problem, schedule: Schedule | ListedSteps, solver: object
     ) -> None:
-        check_writable(path)
+        self._processes = problem.processes
+        if self._processes.size > 1:
+            path = path.with_name(f"{path.stem}_{self._processes.rank:04d}{path.suffix}")
+        self._processes.together(partial(check_writable, path))
         self.path = path
         self._rows: list[dict] = []
         self.fingerprint = {
@@ -61,6 +67,8 @@ class EvolutionFile:
             "times": list(schedule.times),
             "solver": getattr(solver, "__qualname__", type(solver).__qualname__),
         }
+        if self._processes.size > 1:
+            self.fingerprint["processes"] = self._processes.size
 
     def load(self) -> StoredSteps | None:
         """What an earlier run left; None if there is no file.
@@ -70,15 +78,17 @@ class EvolutionFile:
         ValueError
             If the file is damaged or belongs to other work.
         """
-        stored = load(self.path, self.fingerprint)
-        if stored is None:
+        stored = self._processes.together(partial(load, self.path, self.fingerprint))
+        count = -1 if stored is None else len(stored.record["steps"])
+        records = self._processes.all((count, None if stored is None else stored.record["pending"]))
+        count, pending = min(records, key=itemgetter(0))  # a run may end between two files
+        if count < 0:
             return None
-        rows = stored.record["steps"]
+        rows = stored.record["steps"][:count]
         steps = [
             (row, stored.arrays[f"u{i}"], stored.arrays[f"p{i}"]) for i, row in enumerate(rows)
         ]
-        pending = [(float(time), int(level)) for time, level in stored.record["pending"]]
-        return StoredSteps(steps, pending)
+        return StoredSteps(steps, [(float(time), int(level)) for time, level in pending])
 
     def fields(
         self,
@@ -95,7 +105,8 @@ class EvolutionFile:
         ValueError
             If ``problem`` is not what the step was solved for.
         """
-        if problem_fingerprint(problem) != row["fingerprint"]:
+        differs = problem_fingerprint(problem) != row["fingerprint"]
+        if self._processes.any(np.array(differs)):
             raise ValueError(
                 f"checkpoint {self.path} belongs to other work: the step to time "
                 f"{row['time']:g} had other data; move it away"
@@ -118,7 +129,7 @@ class EvolutionFile:
             digest = problem_fingerprint(step.problem)
             self._rows.append(vars(step.record) | {"fingerprint": digest})
         record = {"steps": self._rows, "pending": [list(p) for p in pending]}
-        save(self.path, self.fingerprint, record, arrays)
+        self._processes.together(partial(save, self.path, self.fingerprint, record, arrays))
 
 
 def problem_fingerprint(problem: Problem) -> str:

@@ -11,6 +11,7 @@ from ngsolve import InnerProduct, Norm
 from ngepc.discretisation.points import Points
 from ngepc.evolution.memory import Memory
 from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.processes import nodes_of
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Ending, Status
 
@@ -91,8 +92,10 @@ class StepRecord:
             primal_energy=float(result.primal_energy),
             elastic_energy=points.integral(points.at(stored)),
             dissipation=points.integral(points.at(lost)),
-            max_plastic_strain=float(points.at(step_fields.equivalent_plastic_strain).max()),
-            nodes=problem.mesh.nv,
+            max_plastic_strain=problem.processes.most(
+                points.at(step_fields.equivalent_plastic_strain)
+            ),
+            nodes=nodes_of(problem.mesh),
             error_bound=error_bound,
         )
 

@@ -7,15 +7,14 @@ and no process ever has the fine mesh.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
-import netgen.meshing as netgen
 import numpy as np
 from ngsolve import BND, Mesh
 
 from ngepc.checks.kinds import require_mesh
 from ngepc.model.elements import combine, element_facets, element_nodes, vertex_coordinates
+from ngepc.model.pieces import Piece
 from ngepc.model.processes import Shared
 from ngepc.model.rigid import check_conforming, connected
 
@@ -35,51 +34,41 @@ class MeshPart(Mesh):
 
     Parameters
     ----------
-    part
-        The part as a mesh of Netgen.
+    piece
+        The simplices of the part.
     processes
         Which processes have the other parts, and the common vertices.
-    boundaries
-        Names of all boundaries, those without an element in this part included.
-    interfaces
-        Names of boundaries inside the body.
     coarse
         The part that this one was refined from; None for none.
     parents
         For vertices beyond those of ``coarse`` the two that they lie between, shape (k, 2).
-
-    Attributes
-    ----------
-    nodes
-        Vertices of the whole mesh, each counted once.
     """
 
     def __init__(
         self,
-        part: netgen.Mesh,
+        piece: Piece,
         processes: Shared,
-        boundaries: tuple[str, ...],
-        interfaces: frozenset[str],
         coarse: MeshPart | None = None,
         parents: np.ndarray | None = None,
     ) -> None:
-        super().__init__(part)
-        self.processes, self.coarse, self.parents = processes, coarse, parents
-        self.boundaries, self.interfaces, self.nodes = boundaries, interfaces, processes.count
+        super().__init__(piece.mesh())
+        self.piece, self.processes = piece, processes
+        self.coarse, self.parents = coarse, parents
 
     def GetBoundaries(self) -> tuple[str, ...]:
         """The names of all boundaries of the body; NGSolve forgets those that have no element."""
-        return self.boundaries
+        return self.piece.boundaries
+
+    @property
+    def interfaces(self) -> frozenset[str]:
+        """Names of boundaries inside the body."""
+        return self.piece.interfaces
 
     def refined(self) -> MeshPart:
         """The part of the mesh with all edges halved; the processes refine at the same time."""
-        fine = self.ngmesh.Copy()
-        fine.Refine()
-        mesh = Mesh(fine)
-        pairs = [mesh.GetParentVertices(vertex) for vertex in range(self.nv, mesh.nv)]
-        parents = np.sort(np.array(pairs, dtype=int).reshape(-1, 2), axis=1)
-        processes = Shared(self.processes.comm, self._common(parents), mesh.nv)
-        return MeshPart(fine, processes, self.boundaries, self.interfaces, self, parents)
+        piece, parents = self.piece.refined()
+        processes = Shared(self.processes.comm, self._common(parents), len(piece.points))
+        return MeshPart(piece, processes, self, parents)
 
     def _common(self, parents: np.ndarray) -> dict[int, np.ndarray]:
         """The vertices of the refined mesh that each neighbour has as well.
@@ -137,37 +126,10 @@ def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
     if error is not None:
         raise error
     piece = comm.scatter(pieces)
-    processes = Shared(comm, piece.copies, len(piece.points))
-    return MeshPart(piece.mesh(), processes, piece.regions[1], piece.interfaces)
+    return MeshPart(piece, Shared(comm, piece.copies, len(piece.points)))
 
 
-@dataclass(frozen=True, eq=False)
-class _Piece:
-    """What a process is sent: points, simplices and facets with the numbers of their regions."""
-
-    points: np.ndarray
-    regions: tuple[tuple[str, ...], tuple[str, ...]]
-    elements: tuple[np.ndarray, np.ndarray]
-    facets: tuple[np.ndarray, np.ndarray]
-    copies: dict[int, np.ndarray]
-    interfaces: frozenset[str]
-
-    def mesh(self) -> netgen.Mesh:
-        """The piece as a mesh of Netgen; each has all regions, also those it has no part of."""
-        dim = self.points.shape[1]
-        mesh = netgen.Mesh(dim=dim)
-        mesh.AddPoints(np.ascontiguousarray(self.points))
-        for d, names, (nodes, index) in (
-            (dim, self.regions[0], self.elements),
-            (dim - 1, self.regions[1], self.facets),
-        ):
-            for number, name in enumerate(names):
-                region, chosen = mesh.AddRegion(name, dim=d), nodes[index == number]
-                mesh.AddElements(dim=d, index=region, data=chosen.astype(np.int32), base=0)
-        return mesh
-
-
-def _pieces(mesh: Mesh, count: int) -> list[_Piece]:
+def _pieces(mesh: Mesh, count: int) -> list[Piece]:
     """The pieces of a mesh for ``count`` processes."""
     elements = _simplices(mesh)
     if len(elements) < count:
@@ -193,9 +155,9 @@ def _pieces(mesh: Mesh, count: int) -> list[_Piece]:
         common = {r: np.intersect1d(mine, other) for r, other in enumerate(vertices) if r != rank}
         has, its = part == rank, owner == rank
         result.append(
-            _Piece(
+            Piece(
                 points[mine],
-                regions,
+                *regions,
                 (np.searchsorted(mine, elements[has]), materials[has]),
                 (np.searchsorted(mine, facets[its]), index[its]),
                 {r: np.searchsorted(mine, v) for r, v in common.items() if len(v)},

@@ -181,6 +181,11 @@ def processes_of(mesh: Mesh) -> Alone:
     return getattr(mesh, "processes", ALONE)
 
 
+def nodes_of(mesh: Mesh) -> int:
+    """Vertices of a mesh, each counted once where processes share it."""
+    return getattr(processes_of(mesh), "count", mesh.nv)
+
+
 def require_whole(what: str, mesh: Mesh) -> None:
     """Accept a mesh of one process.
 

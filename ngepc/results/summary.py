@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from html import escape
 
+from ngepc.model.processes import nodes_of
+
 
 class Summarised:
     """One line for ``repr`` and a table for notebooks; results of all solvers inherit it."""
@@ -12,12 +14,14 @@ class Summarised:
         """What a user must know of a result: name -> text."""
         problem = self.problem
         kinematics, mesh = problem.kinematics.name, problem.mesh
+        elements = problem.processes.total(mesh.ne)
         rows = {
             "status": str(self.status),
             "method": self.method_label,
             "Newton steps": str(self.iterations),
             "residual": f"{self.residual_norm:.2g}",
-            "body": f"{mesh.nv} nodes, {mesh.ne} elements, order {problem.order}, {kinematics}",
+            "body": f"{nodes_of(mesh)} nodes, {elements} elements, order {problem.order}, "
+            f"{kinematics}",
             "energy J": f"{self.primal_energy:.10g}",
         }
         if problem.touching_names:

@@ -4,13 +4,15 @@ Process 0 prints it as JSON; the tests compare it with what one process finds.
 """
 
 import json
+import shutil
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
 
-from ngepc import NewtonOptions, PETSc, PyAMG, lshape_problem, parts, semismooth_newton
+from ngepc import NewtonOptions, PETSc, PyAMG, evolve, lshape_problem, parts, semismooth_newton
 from ngepc.geometries import block, lshape
 from ngepc.pictures.export import export_vtu
 from ngepc.primal.solver import primal_newton
@@ -49,7 +51,7 @@ def numbers(result):
         "strain": result.largest_strain,
         "reactions": {k: v.tolist() for k, v in result.equilibrium.reactions.items()},
         "moment": result.equilibrium.moment(result.equilibrium.applied).tolist(),
-        "nodes": result.problem.mesh.nodes,
+        "nodes": result.problem.mesh.processes.count,
         "own": result.problem.processes.all(result.problem.mesh.nv),
     }
 
@@ -70,6 +72,27 @@ def refusals(problem):
     return {name: said(work) for name, work in works.items()}
 
 
+def history(problem, folder):
+    """Pressed in and pulled back; stopped after two steps, and taken up from the files."""
+    steps = [(1.0, {"gap": 0.1}), (2.0, {"gap": 0.08}), (3.0, {"gap": 0.2})]
+    solver = partial(semismooth_newton, options=OPTIONS)
+    seen = []
+
+    def stop(step):
+        seen.append(step.record.time)
+        if len(seen) == 2:
+            raise StopIteration
+        if problem.processes.size > 1 and problem.processes.rank == 0:
+            shutil.copy(folder / "history_0000.npz", folder / "first.npz")
+
+    kept = evolve(problem, steps, solver, checkpoint=folder / "history.npz", monitor=stop)
+    own = folder / "history_0000.npz"
+    if problem.processes.size > 1 and problem.processes.rank == 0:  # it died before its last file
+        shutil.move(folder / "first.npz", own)
+    run = evolve(problem, steps, solver, checkpoint=folder / "history.npz")
+    return {"stopped": kept.status.label, "rows": run.as_rows(), "status": run.status.label}
+
+
 def said(work):
     try:
         work()
@@ -87,6 +110,7 @@ def found(comm, folder):
         results[name]["file"] = str(export_vtu(result, Path(folder) / f"{name}.vtu"))
         if comm.size > 1:
             results[name]["refusals"] = problem.processes.all(refusals(problem))
+    results["history"] = history(problem, Path(folder))
     return results
 
 

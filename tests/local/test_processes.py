@@ -88,6 +88,18 @@ def test_what_is_not_done_is_refused_by_name_on_all_processes(runs):
     assert "PyAMG" in first["pyamg"]
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_histories_go_on_from_the_files_of_all_processes(runs, count):
+    one, several = runs[1]["history"], runs[count]["history"]
+    assert (several["stopped"], several["status"]) == ("stopped", "converged")
+    assert [row["iterations"] for row in several["rows"]] == [
+        row["iterations"] for row in one["rows"]
+    ]
+    for name in ("contact_force", "primal_energy", "dissipation", "max_plastic_strain"):
+        wanted = [row[name] for row in one["rows"]]
+        assert [row[name] for row in several["rows"]] == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+
+
 @pytest.mark.parametrize("body", BODIES)
 def test_files_of_the_parts_are_those_of_the_whole(runs, body):
     path = Path(runs[2][body]["file"])

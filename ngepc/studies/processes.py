@@ -1,0 +1,148 @@
+"""The body of the large study shared by processes: strong and weak scaling.
+
+Each cell is a run of ``mpiexec``.  Times are processor times of a process from the coarsest mesh
+on, meshes included, and so is what it waits for others: MPI waits busily.  With fewer free cores
+than processes they mean nothing, counts and energies do.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ngepc.geometries import block
+from ngepc.local.petsc import PETSc
+from ngepc.local.solver import solve_exactly
+from ngepc.model.parts import MPI, distribute
+from ngepc.studies.cost import peak_memory
+from ngepc.studies.large import LAME_MU, MAX_STEPS, TOLERANCE, pressed
+from ngepc.studies.work import Cell, Outcome, Work
+
+HARDENING = 0.1
+"""h/mu."""
+
+LAUNCH = ("mpiexec", "--allow-run-as-root", "--oversubscribe", "-n")
+"""As root and with more processes than cores, as in containers; both are Open MPI's."""
+
+CHILD = "import sys; from ngepc.studies.processes import child; child(sys.argv[1], sys.argv[2])"
+
+
+def child(levels: str, path: str) -> None:
+    """What each process of a cell does; process 0 writes the records of all meshes to a file."""
+    world, begin, clock = MPI.COMM_WORLD, time.process_time(), time.perf_counter()
+    mesh, result, records = distribute(block.mesh(maxh=0.4) if world.rank == 0 else None), None, []
+    for _ in range(int(levels)):
+        mesh = mesh.refined()
+        problem = pressed(mesh, HARDENING * LAME_MU)
+        result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, PETSc(), None)
+        seconds, wall = time.process_time() - begin, time.perf_counter() - clock
+        own = world.allgather((mesh.nv, seconds, peak_memory()))
+        records.append(
+            {
+                "processes": world.size,
+                "nodes": mesh.processes.count,
+                "status": result.status.label,
+                "steps": result.iterations,
+                "solves": result.history.column("back_substitutions")[1:],
+                "iterations": result.history.column("linear_iterations")[1:],
+                "energy": result.primal_energy,
+                "force": result.contact_force,
+                "wall_s": wall,
+                **dict(zip(("own", "cpu_s", "mb"), map(list, zip(*own, strict=True)), strict=True)),
+            }
+        )
+    if world.rank == 0:
+        Path(path).write_text(json.dumps(records), encoding="utf-8")
+
+
+@dataclass(eq=False)
+class Processes(Work):
+    """The study: all meshes in a row, each started from the one before, for each count.
+
+    Parameters
+    ----------
+    levels
+        Meshes: 281, 1745, 12,193, 90,945, 702,081 nodes.
+    counts
+        Numbers of processes.
+    """
+
+    levels: int = 3
+    counts: Sequence[int] = (1, 2, 4, 8)
+
+    name = "processes"
+    title = "A sphere pressed into a block that processes share"
+    head = (
+        *("nodes", "processes", "nodes of the largest part", "Newton steps", "CG for a solve"),
+        *("CPU s of a process", "of one process", "wall s", "MB of a process", "J"),
+    )
+
+    def settings(self) -> dict:
+        """The meshes."""
+        return {"levels": self.levels}
+
+    def cells(self) -> list[Cell]:
+        """One for each number of processes."""
+        return [Cell(f"{count} processes") for count in self.counts]
+
+    def solve(self, cell: Cell) -> Outcome:
+        """All meshes on some processes."""
+        mine = ("OMPI_", "PMIX_")  # what an MPI of this process has left
+        clean = {name: value for name, value in os.environ.items() if not name.startswith(mine)}
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "records.json"
+            program = [sys.executable, "-m", "mpi4py", "-c", CHILD, str(self.levels), str(path)]
+            subprocess.run([*LAUNCH, cell.row.split()[0], *program], check=True, env=clean)
+            return Outcome({"meshes": json.loads(path.read_text(encoding="utf-8"))})
+
+    def line(self, record: dict) -> str:
+        """The last mesh."""
+        return f"{record['meshes'][-1]['processes']} processes: " + "  ".join(
+            map(str, self.row(record["meshes"][-1]))
+        )
+
+    def row(self, record: dict) -> list[str]:
+        """A mesh on some processes."""
+        solves = max(1, sum(record["solves"]))
+        done = "" if record["status"] == "converged" else f" {record['status']}"
+        ratio = record.get("ratio")
+        return [
+            f"{record['nodes']:,}",
+            str(record["processes"]),
+            f"{max(record['own']):,}",
+            f"{record['steps']}{done}",
+            f"{sum(record['iterations']) / solves:.1f}",
+            f"{max(record['cpu_s']):.1f}",
+            "" if ratio is None else f"{ratio:.2f}",
+            f"{record['wall_s']:.0f}",
+            f"{max(record['mb']):.0f}",
+            f"{record['energy']:.12f}",
+        ]
+
+    def table(self, records: Sequence[dict]) -> object:
+        """A row for each mesh and number of processes, mesh by mesh."""
+        meshes = [mesh for record in records for mesh in record["meshes"]]
+        meshes.sort(key=lambda mesh: (mesh["nodes"], mesh["processes"]))
+        alone = {m["nodes"]: max(m["cpu_s"]) for m in meshes if m["processes"] == 1}
+        for mesh in meshes:
+            one = alone.get(mesh["nodes"])
+            mesh["ratio"] = None if one is None else max(mesh["cpu_s"]) / one
+        return super().table(meshes)
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """What the numbers mean."""
+        cores = len(os.sched_getaffinity(0))
+        return [
+            f"h/mu {HARDENING:g}, tolerance {TOLERANCE:g}, GAMG, nested from 281 nodes, {cores} "
+            "cores. CPU, wall and MB are those from the coarsest mesh on and of the process with "
+            "most; of one process: that CPU time over the one of a single process. Waiting counts "
+            f"as CPU: beyond {cores} processes times mean nothing. Weak scaling: eight times the "
+            "processes on the next mesh."
+        ]
