@@ -10,7 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from ngsolve import Mesh
 
-from ngepc.bounds.bound import ErrorBound, bound_of_state, setting_of
+from ngepc.bounds.bound import (
+    ErrorBound,
+    algebraic_part,
+    bound_of_state,
+    feasible_state,
+    setting_of,
+)
 from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.transfer import bisected, carried_state, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
@@ -175,14 +181,18 @@ def solved(
         state, pause = starting_state(discrete, None), Pause(0.0)
     else:
         state, pause = carried_state(last.state, discrete), Pause(SMALL_STEP * last.total)
-    steps = 0
+    steps, bound, algebraic = 0, None, 0.0
     while True:
         result = primal_dual_newton(
             discrete, state, tangent, TOLERANCE, options.max_iterations - steps, pause
         )
         steps += result.iterations
-        bound = bound_of_state(setting, result.state, tangent)
-        if not pause.reached or bound.algebraic <= ALGEBRAIC_SHARE * bound.total:
+        if pause.reached and bound is not None:
+            algebraic = algebraic_part(setting, feasible_state(setting, result.state)[0], tangent)
+        if bound is None or algebraic <= ALGEBRAIC_SHARE * bound.total:
+            bound = bound_of_state(setting, result.state, tangent)
+            algebraic = bound.algebraic
+        if not pause.reached or algebraic <= ALGEBRAIC_SHARE * bound.total:
             return paused(result, bound, steps) if pause.reached else result, bound, steps
         state, pause = result.state, Pause(pause.small / 30)
 

@@ -21,6 +21,7 @@ from ngsolve import L2, GridFunction
 from ngepc.bounds.coverage import on_facets
 from ngepc.bounds.plane import PlaneSetting
 from ngepc.bounds.setting import Setting
+from ngepc.bounds.solid import SolidSetting
 from ngepc.bounds.tightening import Effort
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.loads import nodal
@@ -176,31 +177,39 @@ def setting_of(discrete: DiscreteProblem) -> Setting:
     ValueError
         For a problem that no bound covers.
     """
-    return PlaneSetting(discrete)
+    return (PlaneSetting if discrete.problem.N == 2 else SolidSetting)(discrete)
 
 
 def bound_of_state(
     setting: Setting, given: State, tangent: Factors, effort: Effort | None = None
 ) -> ErrorBound:
     """The bound for a state on the mesh of a setting; ``tangent`` gets other factors."""
-    discrete, u = setting.discrete, setting.feasible(given.u)
-    moved = float(np.abs(u - given.u).max(initial=0.0))
-    state = (
-        given if moved <= given.touching_distance else discrete.state(u, contact=given.multipliers)
-    )
-    tangent.update(discrete.law.moduli(state.at, state.yielding))
+    state, moved = feasible_state(setting, given)
+    algebraic = algebraic_part(setting, state, tangent)
     P = setting.pressure(state.multipliers)
     z, mean = setting.best_stress(state, tangent, P, effort)
     contact = setting.contact_gaps(state.u, P)
     volume, owners = setting.cells.volume, setting.cells.owners[setting.boundary.contact, 0]
     per_cell = setting.conjugate.integrals(z, volume, setting.gaps(state, mean))
     per_cell += np.bincount(owners, contact, minlength=len(per_cell))
-    algebraic = algebraic_part(setting, state, tangent)
     return ErrorBound(state, float(per_cell.sum()), algebraic, per_cell, z, P, moved)
 
 
+def feasible_state(setting: Setting, given: State) -> tuple[State, float]:
+    """The state moved clear of the obstacle, its w on the sphere, and by how much it was moved."""
+    u = setting.feasible(given.u)
+    moved = float(np.abs(u - given.u).max(initial=0.0))
+    if moved <= given.touching_distance:
+        return given.on_sphere(), moved
+    return setting.discrete.state(u, contact=given.multipliers), moved
+
+
 def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
-    """No less than J(u) - J_h: the same bound with a discrete stress and the discrete contact."""
+    """No less than J(u) - J_h: the same bound with a discrete stress and the discrete contact.
+
+    ``tangent`` gets the factors of the tangent there.
+    """
+    tangent.update(setting.discrete.law.moduli(state.at, state.yielding))
     rows, multipliers = setting.discrete.rows, np.maximum(state.multipliers, 0.0)
     z = setting.balanced(state, tangent, rows.forces(multipliers))
     dual = setting.conjugate.value(setting.conjugate.completed(z[:, None]))[:, 0]

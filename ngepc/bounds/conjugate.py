@@ -59,8 +59,8 @@ _INNER = (5 - math.sqrt(5)) / 20
 RULE = {3: (1 - np.eye(3)) / 2, 4: _INNER + (1 - 4 * _INNER) * np.eye(4)}
 """Points of a rule of degree two with equal weights, by the number of vertices."""
 
-WORTH = 0.005
-"""Sub-triangles are split for the plastic term until that can gain this part of the bound.
+WORTH = {3: 0.005, 4: 0.02}
+"""Parts are split for the plastic term until that can gain this part of the bound.
 
 Half of it on each level: there are parts enough whose gain is nothing.
 """
@@ -216,7 +216,7 @@ class Conjugate:
         s = (at.size[..., None] * at.direction).reshape(count, k, k, -1)[cell, part]
         weight = volume[cell] / k
         bound, likely = self._plastic(s, weight, cell)
-        allowed = WORTH * max(result.sum() + likely.sum(), 0.0)
+        allowed = WORTH[k] * max(result.sum() + likely.sum(), 0.0)
         for level in range(SPLIT_LEVELS[k] + 1):
             gain, last = bound - likely, level == SPLIT_LEVELS[k]
             kept = np.ones(len(gain), bool) if last else smallest(gain, allowed / 2)
@@ -225,7 +225,7 @@ class Conjugate:
             if kept.all():
                 break
             parts = len(SPLIT[k])
-            s = np.einsum("pij,tjd->tpid", SPLIT[k], s[~kept]).reshape(-1, k, self.d)
+            s = np.matmul(SPLIT[k].reshape(-1, k), s[~kept]).reshape(-1, k, self.d)
             weight, cell = (np.repeat(v[~kept], parts) for v in (weight / parts, cell))
             bound, likely = self._plastic(s, weight, cell)
         return result

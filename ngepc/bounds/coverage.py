@@ -98,8 +98,6 @@ def check_covered(problem: Problem) -> None:
     ValueError
         Naming the argument, its value and what is needed.
     """
-    if problem.N == 3:
-        raise ValueError("mesh: bounds need a body in two dimensions, this one has three")
     if problem.kinematics.hoop:
         raise ValueError(f"kinematics={problem.kinematics.name!r}: bounds need a plane problem")
     if problem.order != 1:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import cg
+from scipy.sparse.linalg import SuperLU, splu
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.simplices import FACETS, Simplices
@@ -23,11 +23,8 @@ from ngepc.bounds.simplices import FACETS, Simplices
 BALANCED = 1e-8
 """Part of the largest corner force that may be out of balance."""
 
-SOLVED, PASSES = 1e-14, 3
-"""Relative residual of the Laplacians, and how often they are solved for what is left."""
-
-MOST_STEPS = 200
-"""Most conjugate gradients for the Laplacians, whose graphs have a few dozen nodes."""
+PASSES = 2
+"""How often the Laplacians are solved for what is left, against rounding."""
 
 
 class Patches:
@@ -60,21 +57,22 @@ class Patches:
             parts = "edges" if N == 2 else "faces"
             raise ValueError(f"mesh: bounds need parts that hang together by {parts}")
         self._free = np.repeat(~boundary.given, N, axis=0).astype(float)
-        self._laplacians: list[csr_matrix] = []
+        self._laplacians: list[SuperLU] = []
         for k in range(N):
             same = [j for j in range(k) if (self._free[:, j] == self._free[:, k]).all()]
             L = self._laplacians[same[0]] if same else self._laplacian(self._free[:, k])
             self._laplacians.append(L)
 
-    def _laplacian(self, free: np.ndarray) -> csr_matrix:
-        """The graph Laplacians; where no moment is open outside, a corner is held."""
+    def _laplacian(self, free: np.ndarray) -> SuperLU:
+        """Factors of the graph Laplacians; where no moment is open outside, a corner is held."""
         c = self.cells
         open_ = (free > 0).reshape(-1, c.N) & c.outer[:, None]
         closed = np.ones(len(c.points), dtype=bool)
         closed[c.facets[open_]] = False
         held, (vertex, corner) = np.zeros(c.nodes.size), np.unique(c.nodes, return_index=True)
         held[corner] = closed[vertex]
-        return self._sum @ diags(free) @ self._jump + diags(held)
+        L = (self._sum @ diags(free) @ self._jump + diags(held)).tocsc()
+        return splu(L, "MMD_AT_PLUS_A", diag_pivot_thresh=0, options={"SymmetricMode": True})
 
     def repaired(self, wished: np.ndarray, needed: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The facet moments, outward of the first cell, shape (nf, N vertices, N).
@@ -99,12 +97,8 @@ class Patches:
         size = max(np.abs(needed).max(), np.abs(mu).max())
         for _ in range(PASSES):
             missing = needed - self._sum @ mu
-            if np.abs(missing).max() <= SOLVED * size:
-                break
             for k, L in enumerate(self._laplacians):
-                scale = diags(1 / L.diagonal())
-                y, _ = cg(L, missing[:, k], rtol=SOLVED, maxiter=MOST_STEPS, M=scale)
-                mu[:, k] += self._free[:, k] * (self._jump @ y)
+                mu[:, k] += self._free[:, k] * (self._jump @ L.solve(missing[:, k]))
         left = np.abs(needed - self._sum @ mu).max()
         if left > BALANCED * size:
             raise RuntimeError(f"the stress is out of equilibrium by {left / size:.1e} of its size")

@@ -25,14 +25,17 @@ from ngepc.model.elements import element_vertices, vertex_coordinates
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 
-CENTRE = IntegrationRule([(1 / 3, 1 / 3)], [0.5])
+CENTRES = {
+    ET.TRIG: IntegrationRule([(1 / 3, 1 / 3)], [0.5]),
+    ET.TET: IntegrationRule([(0.25, 0.25, 0.25)], [1 / 6]),
+}
 
 
 def bisected(mesh: Mesh, marked: np.ndarray) -> Mesh:
     """A copy of the mesh with the marked elements bisected, and neighbours to conform.
 
     The copy is made first: spaces on meshes that Netgen has refined before transfer wrongly.  The
-    body stays the polygon that it is: new vertices are not moved to curved boundaries.
+    body stays what the mesh is: new vertices are not moved to curved boundaries.
     """
     netgen_mesh = mesh.ngmesh.Copy()
     netgen_mesh.SetGeometry(NetgenGeometry())
@@ -112,7 +115,7 @@ class Carrier:
 
     def __init__(self, old: Mesh, new: Mesh) -> None:
         self.new, self._parents = new, parents(old, new)
-        self._centres = old.MapToAllElements({ET.TRIG: CENTRE}, VOL)
+        self._centres = old.MapToAllElements(CENTRES, VOL)
 
     def __call__(self, value: object) -> object:
         """A number or a coefficient on the old mesh as one on the new mesh."""
@@ -133,15 +136,15 @@ class Carrier:
 def carried_state(old: State, discrete: DiscreteProblem) -> State:
     """The state on a bisected mesh: new vertices take the mean of their parents."""
     mesh, before = discrete.problem.mesh, old.discrete
-    count, rows = len(old.u), before.rows
-    nodal = np.zeros((mesh.nv, 3))
-    nodal[:count, :2] = old.u
+    (count, N), rows = old.u.shape, before.rows
+    nodal = np.zeros((mesh.nv, N + 1))
+    nodal[:count, :N] = old.u
     forces = np.bincount(rows.vertices, old.multipliers, minlength=count)
     area = np.bincount(rows.vertices, rows.weights, minlength=count)
-    nodal[:count, 2] = forces / np.where(area > 0, area, 1.0)
+    nodal[:count, N] = forces / np.where(area > 0, area, 1.0)
     for vertex in range(count, mesh.nv):
         a, b = mesh.GetParentVertices(vertex)
         nodal[vertex] = (nodal[a] + nodal[b]) / 2
     supports, there = discrete.supports, discrete.rows
-    u = np.where(supports.free, nodal[:, :2], supports.values)
-    return discrete.state(u, contact=nodal[there.vertices, 2] * there.weights)
+    u = np.where(supports.free, nodal[:, :N], supports.values)
+    return discrete.state(u, contact=nodal[there.vertices, N] * there.weights)

@@ -137,7 +137,6 @@ def square(material=MATERIAL, **data):
 @pytest.mark.parametrize(
     ("word", "make"),
     [
-        ("three", lambda: Problem(block.mesh(0.9), MATERIAL)),
         ("order", lambda: square(order=2)),
         ("axisymmetric", lambda: square(kinematics="axisymmetric")),
         ("body_force", lambda: square(body_force=(x, 0.0))),

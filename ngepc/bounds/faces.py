@@ -1,0 +1,144 @@
+"""Stresses on tetrahedra that nearly minimise a quadratic dual energy, by unknowns on the faces.
+
+Each tetrahedron has the stresses of ``alfeld``.  That their tractions are continuous, and the given
+ones on the boundary, is asked for by displacements delta of the faces, affine on each face and
+independent from face to face: for given delta the best stress of a tetrahedron is known,
+
+    A x = B' delta - c,     A its compliance, B x its moments,
+
+and delta solves  S delta = b  with  S = sum of B A^-1 B'.  For delta that are continuous S is the
+stiffness matrix of displacements of order one: the coarse solver of conjugate gradients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ngepc.bounds.alfeld import AT_POINTS, COMPONENTS, COORDINATES, FREE, GRAM, MOMENTS
+from ngepc.bounds.boundary import Boundary
+
+CHUNK = 512
+"""Tetrahedra whose matrices are made at once: they stay in the processor's cache."""
+
+OWN = np.ascontiguousarray(MOMENTS[:, :FREE])
+"""Moments of the stresses without divergence, shape (36, 30)."""
+
+
+class Faces:
+    """The unknowns on the faces, and the matrices of the tetrahedra.
+
+    Parameters
+    ----------
+    boundary
+        Which tractions are given.
+
+    Attributes
+    ----------
+    slot
+        Number 3 face + vertex of the twelve (face, vertex) of each tetrahedron, (nt, 12).
+    free
+        Boolean, shape (3 nf, 3): components of delta that no support holds.
+    piola
+        Stress coordinates from the components of a reference stress, shape (nt, 6, 6).
+    inverse, loaded
+        The inverses of the compliances A and their columns for unit body forces, shapes (nt, 30,
+        30) and (nt, 30, 3).
+    """
+
+    def __init__(self, boundary: Boundary) -> None:
+        self.cells = c = boundary.cells
+        self.slot = (3 * c.facet_of[:, :, None] + c.place).reshape(-1, 12)
+        self.free = np.repeat(boundary.given | ~c.outer[:, None], 3, axis=0)
+        turned = np.einsum("tij,cjk,tlk->tcil", c.jacobian, COMPONENTS, c.jacobian, optimize=True)
+        flat = turned.reshape(-1, 9) @ COORDINATES.reshape(6, 9).T
+        self.piola = flat.reshape(-1, 6, 6) / c.det[:, None, None]
+        self.inverse = np.empty((len(c.nodes), FREE, FREE))
+        self.loaded = np.empty((len(c.nodes), FREE, 3))
+        self._blocks = np.empty((len(c.nodes), 4, 9, 9))
+        numbers = np.arange(4 * len(c.nodes))
+        self._sides = np.full((len(c.facets), 2), -1)
+        self._sides[c.facet_of.ravel(), np.where(c.sign.ravel() > 0, 0, 1)] = numbers
+
+    def fill(self, compliance: Callable[[np.ndarray], np.ndarray], chosen: np.ndarray) -> None:
+        """Take the compliances of the chosen tetrahedra.
+
+        ``compliance`` gives d2 phi*/dz2 of some of them at one point or sixteen, (n, points, 6, 6).
+        """
+        for first in range(0, len(chosen), CHUNK):
+            part = chosen[first : first + CHUNK]
+            A = self._compliances(compliance(part), part)
+            self.loaded[part] = A[:, :FREE, FREE:]
+            self.inverse[part] = np.linalg.inv(A[:, :FREE, :FREE])
+            self._fill_blocks(part)
+        self._invert_blocks()
+
+    def _compliances(self, H: np.ndarray, part: np.ndarray) -> np.ndarray:
+        """A for the basis of 33 stresses."""
+        P, volume = self.piola[part], self.cells.volume[part, None, None]
+        if H.shape[1] == 1:
+            turned = np.matmul(np.matmul(P, H[:, 0]), P.transpose(0, 2, 1))
+            return (turned.reshape(-1, 36) @ GRAM.reshape(36, -1)).reshape(-1, 33, 33) * volume
+        stresses = np.matmul(P[:, None].transpose(0, 1, 3, 2), AT_POINTS)
+        strains = np.matmul(H, stresses).reshape(len(P), 96, 33)
+        return np.matmul(stresses.reshape(len(P), 96, 33).transpose(0, 2, 1), strains) * volume / 16
+
+    def _fill_blocks(self, part: np.ndarray) -> None:
+        """The blocks of S of each face, its vertices in the order of the face."""
+        J, place, n = self.cells.jacobian[part], self.cells.place[part], np.arange(len(part))
+        half = np.matmul(self.inverse[part], OWN.T)
+        for k in range(4):
+            face = slice(9 * k, 9 * k + 9)
+            block = np.matmul(OWN[face], half[:, :, face]).reshape(-1, 9, 3, 3)
+            block = np.matmul(block, J[:, None].transpose(0, 1, 3, 2)).reshape(-1, 9, 9)
+            block = block.transpose(0, 2, 1).reshape(-1, 9, 3, 3)
+            block = np.matmul(block, J[:, None].transpose(0, 1, 3, 2)).reshape(-1, 9, 9)
+            at = (3 * place[:, k, :, None] + np.arange(3)).reshape(-1, 9)
+            turned = np.empty_like(block)
+            turned[n[:, None, None], at[:, :, None], at[:, None]] = block
+            self._blocks[part, k] = turned
+
+    def _invert_blocks(self) -> None:
+        first, second = self._sides.T
+        flat = self._blocks.reshape(-1, 9, 9)
+        D = flat[first]
+        D[second >= 0] += flat[second[second >= 0]]
+        held = ~self.free.reshape(-1, 9)
+        D[held[:, :, None] | held[:, None, :]] = 0.0
+        D[:, np.arange(9), np.arange(9)] += held
+        self._face_inverse = np.linalg.inv(D)
+
+    def smooth(self, r: np.ndarray) -> np.ndarray:
+        """The blocks of the faces solved for r, both (3 nf, 3)."""
+        return np.matmul(self._face_inverse, r.reshape(-1, 9, 1)).reshape(-1, 3)
+
+    def work(self, delta: np.ndarray) -> np.ndarray:
+        """B' delta of each tetrahedron, shape (nt, 30)."""
+        return np.matmul(delta[self.slot], self.cells.jacobian).reshape(-1, 36) @ OWN
+
+    def answer(self, strains: np.ndarray) -> np.ndarray:
+        """A^-1 times vectors of the tetrahedra, both (nt, 30)."""
+        return np.matmul(self.inverse, strains[:, :, None])[:, :, 0]
+
+    def moments(self, x: np.ndarray, loads: np.ndarray | None = None) -> np.ndarray:
+        """Outward moments (nt, 12, 3) of stresses x (nt, 30) and of loads (nt, 3)."""
+        reference = x @ OWN.T if loads is None else x @ OWN.T + loads @ MOMENTS[:, FREE:].T
+        return np.matmul(reference.reshape(-1, 12, 3), self.cells.jacobian.transpose(0, 2, 1))
+
+    def sums(self, moments: np.ndarray) -> np.ndarray:
+        """The sums of (nt, 12, 3) over both sides of each face, (3 nf, 3)."""
+        places, columns = self.slot.ravel(), moments.reshape(-1, 3).T
+        return np.stack([np.bincount(places, v, minlength=len(self.free)) for v in columns], axis=1)
+
+    def product(self, delta: np.ndarray) -> np.ndarray:
+        """S delta, zero where supports hold."""
+        return np.where(self.free, self.sums(self.moments(self.answer(self.work(delta)))), 0.0)
+
+    def spread(self, u: np.ndarray) -> np.ndarray:
+        """Nodal displacements (nodes, 3) on the faces."""
+        return np.where(self.free, u[self.cells.facets.ravel()], 0.0)
+
+    def at_nodes(self, r: np.ndarray) -> np.ndarray:
+        """The transpose of ``spread``."""
+        return self.cells.at_nodes(np.where(self.free, r, 0.0), self.cells.facets)

@@ -1,0 +1,205 @@
+"""The best stress in three dimensions: face unknowns by conjugate gradients, tractions repaired.
+
+Tractions that jump a little are averaged, brought into equilibrium at each vertex by ``Patches``,
+and the stresses are built from them again: they are admissible after any number of iterations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ngepc.bounds.alfeld import AT_POINTS, AT_VERTICES, FREE, FROM_MOMENTS, MOMENTS
+from ngepc.bounds.faces import Faces
+from ngepc.bounds.setting import BALANCED, PASSES, Setting, stress_coordinates
+from ngepc.bounds.simplices import FACETS
+from ngepc.bounds.tightening import SHORTEST, Effort
+from ngepc.discretisation.points import Moduli
+from ngepc.local.factors import Factors
+from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.kinematics import SOLID
+
+CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
+"""Which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)."""
+
+SOLID_EFFORT = Effort(newton=1, gain=0.003, steps=60)
+"""Conjugate gradients on faces take more steps, and gain a little with each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Displaced:
+    """The tangent at a displacement.
+
+    Parameters
+    ----------
+    factors, moduli
+        Its factors, and the moduli at the points.
+    strain
+        Strain coordinates, shape (nt, 1, 6).
+    rest
+        What the bound has besides the value of the dual functional.
+    """
+
+    factors: Factors
+    moduli: Moduli
+    strain: np.ndarray
+    rest: float
+
+
+class SolidSetting(Setting):
+    """``Setting`` on tetrahedra.
+
+    Parameters
+    ----------
+    discrete
+        The discrete problem.
+    """
+
+    def __init__(self, discrete: DiscreteProblem) -> None:
+        super().__init__(discrete)
+        self.faces, c = Faces(self.boundary), self.cells
+        self.inner_loads = c.det[:, None] * np.einsum("tij,tj->ti", c.inverse, self.body_force)
+
+    def best_stress(
+        self, state: State, tangent: Factors, P: np.ndarray, effort: Effort | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """An admissible stress for which the bound is small, and its mean on each tetrahedron."""
+        effort, law, f = effort or SOLID_EFFORT, self.discrete.law, self.inner_loads
+        moduli = law.moduli(state.at, state.yielding)
+        z = stress_coordinates(3, law.bulk * state.volume, law.stress(state.at))
+        rest = float(self.gaps(state, 0 * z).sum() + self.contact_gaps(state.u, P).sum())
+        here = Displaced(tangent, moduli, self.strain(state)[:, None], rest)
+        H = self.conjugate.compliance(self.conjugate.completed(z[:, None]))
+        self.faces.fill(lambda part: H[part], np.arange(len(z)))
+        given = self.loads(P)[0]
+        own = self.constant_moments(z) + self.faces.moments(np.zeros((len(z), FREE)), f)
+        pulled = np.matmul(self.faces.loaded, f[:, :, None])[:, :, 0]
+        x = self.admissible(here, pulled, own, given, f, effort)
+        for _ in range(effort.newton):
+            x = self.newton(here, x, effort)
+        return self.stress(x, f, AT_VERTICES), self.stress(x, f, AT_POINTS).mean(axis=1)
+
+    def newton(self, here: Displaced, x: np.ndarray, effort: Effort) -> np.ndarray:
+        """Coefficients after a Newton step for the dual functional."""
+        stress = self.stress(x, self.inner_loads, AT_POINTS)
+        at = self.conjugate.completed(stress)
+        value = self.value(stress, here)
+        yields = np.flatnonzero((at.over > 0).any(axis=1))
+        self.faces.fill(lambda part: self.conjugate.of(part).compliance(at.of(part)), yields)
+        pulled = self.work(self.conjugate.gradient(at) - here.strain)
+        zero = np.zeros_like(self.boundary.traction)
+        own = np.zeros((len(x), 12, 3))
+        step = self.admissible(here, pulled, own, zero, 0 * self.inner_loads, effort)
+        length = 1.0
+        while length > SHORTEST:
+            trial = x + length * step
+            if self.value(self.stress(trial, self.inner_loads, AT_POINTS), here) <= value:
+                return trial
+            length /= 2
+        return x
+
+    def admissible(
+        self,
+        here: Displaced,
+        pulled: np.ndarray,
+        own: np.ndarray,
+        given: np.ndarray,
+        loads: np.ndarray,
+        effort: Effort,
+    ) -> np.ndarray:
+        """Coefficients (nt, 30) of the stress that nearly minimises x A x / 2 + pulled x.
+
+        Parameters
+        ----------
+        here
+            The tangent.
+        pulled
+            The linear term, shape (nt, 30).
+        own
+            Moments (nt, 12, 3) of what is added to x.
+        given
+            Moments of the given tractions, shape (nf, 3, 3).
+        loads
+            Coefficients of body forces, shape (nt, 3).
+        effort
+            How hard to look.
+        """
+        faces = self.faces
+        own = own - faces.moments(faces.answer(pulled))
+        delta = self.displacements(here, given.reshape(-1, 3) - faces.sums(own), effort)
+        own = own + faces.moments(faces.answer(faces.work(delta)))
+        own = self.balanced_moments(here, own, given)
+        return self.coefficients(self.repaired(own, given), loads)
+
+    def displacements(self, here: Displaced, b: np.ndarray, effort: Effort) -> np.ndarray:
+        """Delta of the faces that nearly solves S delta = b, by two-level conjugate gradients."""
+        faces = self.faces
+        delta = faces.spread(here.factors.solve(faces.at_nodes(b)))
+        r = np.where(faces.free, b, 0.0) - faces.product(delta)
+        total, before, p = 0.0, 0.0, np.zeros_like(r)
+        for _ in range(effort.steps):
+            s = faces.smooth(r) + faces.spread(here.factors.solve(faces.at_nodes(r)))
+            rs = float(np.vdot(r, s))
+            if not rs > 0:
+                break
+            p = s + (rs / before if before else 0.0) * p
+            Sp = faces.product(p)
+            length, before = rs / float(np.vdot(p, Sp)), rs
+            delta, r = delta + length * p, r - length * Sp
+            gained = length * rs / 2
+            total += gained
+            if gained <= effort.gain * total:
+                break
+        return delta
+
+    def balanced_moments(self, here: Displaced, own: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """Moments whose sums at the vertices are those of the given ones: constants are added."""
+        faces, points = self.faces, self.discrete.points
+        size = np.abs(own).max()
+        for _ in range(PASSES):
+            missing = faces.at_nodes(given.reshape(-1, 3) - faces.sums(own))
+            if np.abs(missing).max() <= BALANCED * size:
+                break
+            volume, e = points.strain(here.factors.solve(missing))
+            z = stress_coordinates(3, here.moduli.bulk * volume, here.moduli(e))
+            own = own + self.constant_moments(z)
+        return own
+
+    def repaired(self, own: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """Moments of the cells (nt, 12, 3) that are in equilibrium and agree on both sides."""
+        faces, cells = self.faces, self.cells
+        signs = np.repeat(cells.sign, 3, axis=1)[:, :, None]
+        count = np.repeat(np.where(cells.outer, 1.0, 2.0), 3)[:, None]
+        mean = faces.sums(own * signs) / count
+        mu = self.patches.repaired(mean.reshape(-1, 3, 3), np.matmul(CORNER_SUMS, own), given)
+        return mu.reshape(-1, 3)[faces.slot] * signs
+
+    def coefficients(self, moments: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """Coefficients (nt, 30) of the stress with moments (nt, 12, 3) in equilibrium."""
+        reference = np.matmul(moments, self.cells.inverse.transpose(0, 2, 1)).reshape(-1, 36)
+        return (reference - loads @ MOMENTS[:, FREE:].T) @ FROM_MOMENTS.T
+
+    def constant_moments(self, z: np.ndarray) -> np.ndarray:
+        """Outward moments (nt, 12, 3) of constant stresses z (nt, 6)."""
+        sigma = z[:, 0, None, None] * np.eye(3) + np.tensordot(z[:, 1:], SOLID.basis, 1)
+        size = -self.cells.volume[:, None, None]
+        return np.repeat(np.matmul(self.cells.gradients, sigma) * size, 3, axis=1)
+
+    def stress(self, x: np.ndarray, loads: np.ndarray, table: np.ndarray) -> np.ndarray:
+        """Stress coordinates at the sixteen places of a table, shape (nt, 16, 6)."""
+        both = np.concatenate([x, loads], axis=1) @ table.reshape(96, -1).T
+        return np.matmul(both.reshape(-1, 16, 6), self.faces.piola)
+
+    def work(self, strain: np.ndarray) -> np.ndarray:
+        """The transpose of ``stress`` at the points for strains (nt, 16, 6), shape (nt, 30)."""
+        turned = np.matmul(strain, self.faces.piola.transpose(0, 2, 1)).reshape(-1, 96)
+        return (turned @ AT_POINTS.reshape(96, -1)[:, :FREE]) * self.cells.volume[:, None] / 16
+
+    def value(self, stress: np.ndarray, here: Displaced) -> float:
+        """The bound by a rule of degree two."""
+        dual = self.conjugate.value(self.conjugate.completed(stress))
+        density = dual - np.einsum(
+            "tqc,tqc->tq", stress, np.broadcast_to(here.strain, stress.shape)
+        )
+        return here.rest + float(self.cells.volume @ density.mean(axis=1))

@@ -1,0 +1,238 @@
+"""The stress of a bound on tetrahedra is admissible, and the bound holds against finer meshes."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from ngsolve import BND, CF, x, y, z
+
+from ngepc import (
+    Material,
+    NewtonOptions,
+    Problem,
+    primal_newton,
+    semismooth_newton,
+    solve_to,
+)
+from ngepc.bounds.adaptive import Refinement
+from ngepc.bounds.alfeld import AT_VERTICES, FREE, MOMENTS
+from ngepc.bounds.bound import error_bound
+from ngepc.bounds.simplices import FACETS, Simplices
+from ngepc.bounds.tightening import Effort
+from ngepc.geometries import block
+from ngepc.model.kinematics import SOLID
+from ngepc.studies.bounds import finer
+from ngepc.studies.large import indented_block
+
+MATERIAL = Material.combined(
+    lame_lambda=1e3,
+    lame_mu=1e3,
+    yield_stress=1.25,
+    hardening=60.0,
+    hardening_modulus=2.0,
+    hardening_stiffness=6.0,
+)
+ELASTIC = Material.kinematic(lame_lambda=1.5e3, lame_mu=1e3, yield_stress=1e6, hardening=1e2)
+P_0 = CF((2e-4, 1e-4, 0, 1e-4, -3e-4, 5e-5, 0, 5e-5, 1e-4), dims=(3, 3))
+BACK = CF((0.012, 0.006, 0, 0.006, -0.018, 0, 0, 0, 0.006), dims=(3, 3))
+PARTS = [[4 if v == k else v for v in range(4)] for k in range(4)]
+
+
+def loaded(material=ELASTIC):
+    """Affine tractions on one side, constant ones on another, weight."""
+    traction = {"right": CF((0.3 + 0.2 * y, -0.1 - 0.2 * z, 0.1)), "contact": (0.0, 0.1, -0.2)}
+    return Problem(block.mesh(0.5), material, traction=traction, body_force=(0.1, 0.0, -0.3))
+
+
+def pressed():
+    """A paraboloid above, weight, history, a traction."""
+    return Problem(
+        block.mesh(0.4),
+        MATERIAL,
+        traction={"right": (1.0, 0.3, 0.2)},
+        contact="contact",
+        gap=0.1 * ((x - 0.4) ** 2 + (y - 0.6) ** 2) - 2e-3,
+        body_force=(0.3, 0.1, -1.0),
+        initial_plastic_strain=P_0,
+        initial_hardening=(0.01, BACK),
+    )
+
+
+def rollers():
+    """A quarter of a body with a hole; what is prescribed moves."""
+    held = {"left": (0, None, None), "clamped": (None, None, 0), "front": (None, 0, None)}
+    return Problem(
+        block.with_hole(0.5),
+        MATERIAL,
+        clamped=None,
+        prescribed={**held, "right": (2e-3 + 1e-3 * z, None, None)},
+        traction={"contact": (0.5, 0.2, -0.3)},
+    )
+
+
+PROBLEMS = {"loaded": loaded, "pressed": pressed, "rollers": rollers}
+
+
+@pytest.fixture(scope="module", params=PROBLEMS)
+def bound(request):
+    return error_bound(semismooth_newton(PROBLEMS[request.param]()))
+
+
+def stresses(bound):
+    """Tensors (nt, part, vertex, 3, 3) and the places of the five points of each cell."""
+    coordinates = bound.admissible.reshape(-1, 4, 4, 6)
+    sigma = coordinates[..., 0, None, None] * np.eye(3)
+    sigma = sigma + np.einsum("tkvd,dij->tkvij", coordinates[..., 1:], SOLID.basis)
+    cells = Simplices(bound.problem.mesh)
+    places = cells.points[cells.nodes]
+    return sigma, np.concatenate([places, places.mean(axis=1, keepdims=True)], axis=1), cells
+
+
+def size(bound):
+    return np.abs(bound.admissible).max()
+
+
+def unit_normals(places, face):
+    a, b, c = (places[:, v] for v in face)
+    n = np.cross(b - a, c - a)
+    return n / np.linalg.norm(n, axis=1)[:, None]
+
+
+def test_divergence(bound):
+    sigma, places, cells = stresses(bound)
+    f = np.array(bound.problem.body_force or (0.0, 0.0, 0.0), dtype=float)
+    width = cells.volume.min() ** (1 / 3)
+    for k, part in enumerate(PARTS):
+        frame = np.concatenate([places[:, part], np.ones((len(places), 4, 1))], axis=2)
+        slopes = np.linalg.inv(frame)[:, :3]  # [direction, vertex]
+        divergence = np.einsum("tvij,tjv->ti", sigma[:, k], slopes)
+        assert np.abs(divergence + f).max() <= 1e-11 * size(bound) / width
+
+
+def test_inner_tractions_are_continuous(bound):
+    sigma, places, _ = stresses(bound)
+    for k, j in combinations(range(4), 2):
+        face = [*(v for v in range(4) if v not in (k, j)), 4]
+        n = unit_normals(places, face)
+        for v in face:
+            jump = sigma[:, k, PARTS[k].index(v)] - sigma[:, j, PARTS[j].index(v)]
+            assert np.abs(np.einsum("tij,tj->ti", jump, n)).max() <= 1e-12 * size(bound)
+
+
+def outer_tractions(bound):
+    """{face: [(tractions at its ascending vertices, outer normal), ...]}"""
+    sigma, places, cells = stresses(bound)
+    found = {}
+    for k, face in enumerate(FACETS[3]):
+        n = unit_normals(places, face)
+        n *= np.sign(np.einsum("ti,ti->t", n, places[:, face[0]] - places[:, 4]))[:, None]
+        values = [np.einsum("tij,tj->ti", sigma[:, k, PARTS[k].index(v)], n) for v in face]
+        sn, vertices = np.stack(values, axis=1), cells.nodes[:, face]
+        for key, value, normal in zip(vertices, sn, n, strict=True):
+            order = np.argsort(key)
+            found.setdefault(tuple(key[order].tolist()), []).append((value[order], normal))
+    return found
+
+
+def test_tractions(bound):
+    """Continuous inside, the given ones outside; contact presses, without shear."""
+    problem, found = bound.problem, outer_tractions(bound)
+    jumps = [sides[0][0] + sides[1][0] for sides in found.values() if len(sides) == 2]
+    assert np.abs(jumps).max() <= 1e-12 * size(bound)
+    held = {name: (True,) * 3 for name in problem.clamped_names}
+    for name, values in (problem.prescribed or {}).items():
+        held[name] = tuple(v is not None for v in values)
+    points = Simplices(problem.mesh).points
+    for face in problem.mesh.Elements(BND):
+        vertices = sorted(v.nr for v in face.vertices)
+        ((sn, n),) = found[tuple(vertices)]
+        if face.mat in problem.contact_names:
+            pressure = -sn @ n
+            assert pressure.min() >= -1e-12 * size(bound)
+            assert np.abs(sn + pressure[:, None] * n).max() <= 1e-12 * size(bound)
+            continue
+        g = (problem.traction or {}).get(face.mat, (0.0, 0.0, 0.0))
+        if not isinstance(g, tuple):
+            g = [(0.3 + 0.2 * p[1], -0.1 - 0.2 * p[2], 0.1) for p in points[vertices]]
+        free = ~np.array(held.get(face.mat, (False,) * 3))
+        assert np.abs((sn - np.array(g))[:, free]).max(initial=0.0) <= 1e-12 * size(bound)
+
+
+def test_indicators_are_nowhere_negative(bound):
+    assert bound.per_cell.min() >= -1e-12 * bound.strain_energy
+    assert bound.indicators.vec.FV().NumPy().sum() == pytest.approx(bound.total, rel=1e-12)
+
+
+def test_energies_of_meshes_do_not_cross(bound):
+    fine = error_bound(semismooth_newton(finer(bound.problem, 1)))
+    assert bound.least_energy < fine.least_energy < fine.energy < bound.energy
+    assert bound.total < 1.5 * (bound.energy - fine.energy + fine.total)
+
+
+def test_the_element():
+    """30 stresses without divergence, fixed by the moments; constant stresses are among them."""
+    assert FREE == 30
+    assert np.linalg.matrix_rank(MOMENTS[:, :FREE], tol=1e-9) == 30
+    table = AT_VERTICES[:, :, :FREE].reshape(96, FREE)
+    constant = np.tile(np.eye(6), (16, 1))
+    assert np.linalg.norm(constant - table @ (table.T @ constant)) <= 1e-12
+
+
+def test_a_solution_in_the_space_has_no_error():
+    """Uniaxial stretch beyond yield: eps and sigma are constant."""
+    held = {"left": (0, None, None), "clamped": (None, None, 0), "front": (None, 0, None)}
+    prescribed = {**held, "right": (5e-3, None, None)}
+    problem = Problem(block.mesh(0.6), MATERIAL, clamped=None, prescribed=prescribed)
+    bound = error_bound(semismooth_newton(problem))
+    assert bound.state.at.yields.all()
+    assert abs(bound.total) <= 1e-10 * bound.strain_energy
+
+
+def test_unconverged_and_primal_results_have_bounds():
+    problem = pressed()
+    solved, other = semismooth_newton(problem), primal_newton(problem)
+    one = error_bound(solved)
+    assert error_bound(other).total == pytest.approx(one.total, rel=1e-4)
+    iterate = error_bound(semismooth_newton(problem, options=NewtonOptions(max_iterations=2)))
+    assert iterate.algebraic >= iterate.energy - solved.primal_energy > 0
+    assert iterate.least_energy <= one.energy
+
+
+def test_every_effort_gives_a_bound():
+    result = semismooth_newton(pressed())
+    efforts = [Effort(newton=0, steps=1), Effort(newton=1, steps=40, gain=1e-3)]
+    totals = [error_bound(result, effort).total for effort in efforts]
+    least = error_bound(semismooth_newton(finer(result.problem, 1))).least_energy
+    assert totals[0] > totals[1] >= result.primal_energy - least - totals[1]
+
+
+def test_meshes_follow_the_bound():
+    """A sphere pressed into a block; data that are constant on elements are carried."""
+    solved = solve_to(indented_block(0), 0.9, Refinement(max_nodes=600))
+    assert solved.reached
+    lower = [record.energy - record.total for record in solved.records]
+    upper = [record.energy for record in solved.records]
+    assert max(lower) <= min(upper)
+
+
+@pytest.mark.parametrize(
+    ("word", "make"),
+    [
+        ("order", lambda: Problem(block.mesh(0.9), MATERIAL, order=2)),
+        ("tetrahedra", lambda: Problem(block.structured_mesh(1, 1, 1), MATERIAL)),
+        ("traction", lambda: Problem(block.mesh(0.9), MATERIAL, traction={"right": (y * z, 0, 0)})),
+        ("body_force", lambda: Problem(block.mesh(0.9), MATERIAL, body_force=(x, 0, 0))),
+        (
+            "friction",
+            lambda: Problem(block.mesh(0.9), MATERIAL, contact="contact", gap=0.0, friction=1.0),
+        ),
+    ],
+)
+def test_what_is_not_covered_is_refused_by_name(word, make):
+    class Result:
+        displacement = None
+
+    result = Result()
+    result.problem = make()
+    with pytest.raises(ValueError, match=word):
+        error_bound(result)
