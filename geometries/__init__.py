@@ -1,4 +1,4 @@
-"""Bodies to solve on, each through Netgen CSG.
+"""Bodies to solve on, each through Netgen CSG, and ``imported`` for meshes of other programs.
 
 ``lshape`` and ``wrench`` are the paper's examples; ``block`` (also with a hole, also of equal
 cells), ``plate``, ``ring`` (also a spherical shell), ``cook`` and ``punch`` are for other
