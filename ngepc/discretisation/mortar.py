@@ -99,7 +99,8 @@ class _Means:
         rows = self._as_rows(
             self.jump(self.at.normals[:, None]), self.of(self.at.gaps), normals, free
         )
-        return rows.chosen(_movable(normals, free[self.vertices]))
+        part = rows.normal.multiply(free.ravel()[None, :]).tocsr()
+        return rows.chosen(np.flatnonzero(np.sqrt(part.multiply(part).sum(axis=1)).A1 > HELD))
 
     def glued(self, free: np.ndarray) -> ContactRows:
         """Rows of glue: one for each component of each vertex that is free to move there."""

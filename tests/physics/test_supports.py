@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import STEEL
-from netgen.occ import Box, OCCGeometry, X, Y, Z
+from netgen.occ import Box, Compound, MoveTo, OCCGeometry, Rectangle, X, Y, Z
 from ngsolve import CF, Mesh, y
 
 from ngepc import (
+    Contact,
+    Coulomb,
     Edge,
     NewtonOptions,
     Point,
@@ -98,7 +100,8 @@ def test_stiff_springs_approach_a_clamped_boundary(solver):
 
 @both
 @orders
-def test_a_turned_problem_has_the_turned_solution(solver, order):
+@pytest.mark.parametrize("friction", [None, Coulomb(0.2)])
+def test_a_turned_problem_has_the_turned_solution(solver, order, friction):
     """Rollers on two oblique sides, plastic, with contact on a third one."""
     mesh, R = turned(0.4)
     load = np.array([-3.0, 0.5])
@@ -107,6 +110,7 @@ def test_a_turned_problem_has_the_turned_solution(solver, order):
         prescribed={"clamped": (None, 0), "left": (0.001, None)},
         contact="contact",
         gap=1e-4,
+        friction=friction,
         order=order,
     )
     oblique = replace(
@@ -127,6 +131,29 @@ def test_a_turned_problem_has_the_turned_solution(solver, order):
     for name in ("clamped", "left"):
         force = one.equilibrium.reactions[name]
         assert two.equilibrium.reactions[name] == pytest.approx(R @ force, abs=1e-9)
+
+
+@both
+@pytest.mark.parametrize("shape", ["tetrahedra", "hexahedra"])
+@orders
+def test_rollers_along_the_axes_are_components(solver, shape, order):
+    """Three faces of a cube that meet in edges and a corner, under contact."""
+    mesh = block.structured_mesh(2, 2, 2, simplices=shape == "tetrahedra")
+    held = {"clamped": (None, None, 0.001), "left": (0, None, None), "front": (None, 0, None)}
+    rollers = {"clamped": Roller(value=-0.001), "left": Roller(), "front": Roller((0, -1, 0))}
+    problem = Problem(
+        *(mesh, STEEL, None, {"right": (-3.0, 0.5, 0.2)}),
+        prescribed=held,
+        contact="contact",
+        gap=1e-3,
+        order=order,
+    )
+    one, two = solver(problem), solver(replace(problem, prescribed=rollers))
+    assert two.status is Status.CONVERGED
+    assert one.contact_force > 0.01
+    assert np.abs(values(one) - values(two)).max() < 1e-11 * np.abs(values(one)).max()
+    for name, force in one.equilibrium.reactions.items():
+        assert two.equilibrium.reactions[name] == pytest.approx(force, abs=1e-9)
 
 
 def test_rollers_cost_few_solves():
@@ -243,6 +270,40 @@ def test_edges_hold_and_spring(solver):
     rim = result.displacement.components[2]
     at = np.array([rim(BAR(2.0, t, 0.5)) for t in np.linspace(0, 1, 201)])
     assert told[Edge("rim")][2] == pytest.approx(-40 * np.trapezoid(at, dx=1 / 200), rel=1e-3)
+
+
+@both
+def test_two_bodies_clamped_beside_their_contact(solver):
+    """The rows at clamped vertices of the first body stay, for the second one may move there."""
+    lower, upper = Rectangle(1, 1).Face(), MoveTo(0, 1).Rectangle(1, 1).Face()
+    for body, maxh, name in ((lower, 0.23, "lower"), (upper, 0.17, "upper")):
+        body.edges.name, body.faces.maxh = "side", maxh
+        body.edges.Min(X).name = f"{name} left"
+    lower.edges.Max(Y).name, lower.edges.Min(Y).name = "below", "bottom"
+    upper.edges.Min(Y).name, upper.edges.Max(Y).name = "above", "top"
+    mesh = Mesh(OCCGeometry(Compound([lower, upper]), dim=2).GenerateMesh(maxh=1))
+    problem = Problem(
+        *(mesh, ELASTIC, "upper left|bottom", {"top": (0, -1.0)}),
+        contact=Contact("above", "below"),
+    )
+    result = solver(problem)
+    assert result.status is Status.CONVERGED
+    first = np.asarray(mesh.ngmesh.Coordinates())[result.rows.vertices]
+    assert np.abs(first[:, 0]).min() < 1e-12
+    assert result.open_gap.min() > -1e-14
+    held = result.equilibrium.reactions["upper left"][1] + result.equilibrium.reactions["bottom"][1]
+    assert held == pytest.approx(1.0, rel=1e-9)
+
+
+def test_pressure_and_tractions_are_the_same_to_the_other_methods():
+    n = outward_normal(SQUARE)
+    flat = {"kinematics": "two-dimensional", "clamped": "clamped"}
+    one = Problem(SQUARE, STEEL, pressure={"contact|left": 0.4}, **flat)
+    two = Problem(SQUARE, STEEL, traction={"contact|left": -0.4 * n}, **flat)
+    paper = [semismooth_newton(p, gamma=1e3).displacement.vec.FV().NumPy() for p in (one, two)]
+    assert np.abs(paper[0] - paper[1]).max() < 1e-12 * np.abs(paper[0]).max()
+    bounds = [error_bound(semismooth_newton(p)).total for p in (one, two)]
+    assert bounds[0] == pytest.approx(bounds[1], rel=1e-6)
 
 
 def test_pressure_is_the_traction_along_the_inner_normal():
