@@ -39,6 +39,10 @@ from ngepc.model.contact import Contact as Contact
 from ngepc.model.examples import lshape_problem as lshape_problem
 from ngepc.model.examples import wrench_problem as wrench_problem
 from ngepc.model.friction import Coulomb as Coulomb
+from ngepc.model.hardening import HardeningLaw as HardeningLaw
+from ngepc.model.hardening import Swift as Swift
+from ngepc.model.hardening import Tabulated as Tabulated
+from ngepc.model.hardening import Voce as Voce
 from ngepc.model.kinematics import Kinematics as Kinematics
 from ngepc.model.material import Material as Material
 from ngepc.model.material import lame_parameters as lame_parameters

@@ -1,13 +1,16 @@
-"""The radial law at the integration points: von Mises plasticity with linear hardening.
+"""The radial law at the integration points: von Mises plasticity with convex hardening.
 
-With the coordinates e of dev eps(u) at a point, and what the step starts from,
+With the coordinates e of dev eps(u) at a point, what the step starts from, and the bound beta(g) of
+the law of hardening at |p| = g,
 
     s = 2 mu_2 (e - p_0) - dev alpha_2          the trial stress,
-    p = [|s| - beta]_+ / (2 mu_2 + h) s / |s|   the plastic strain gained (Moreau's theorem),
-    w = beta s / max(beta, |s|)                 the yielding part of s,  w = -q  with q of (3.8),
+    p = g s / |s|,  (2 mu_2 + h) g + beta(g) = |s| or g = 0     the plastic strain gained,
+    w = s - (2 mu_2 + h) p                      the yielding part of s,  w = -q  with q of (3.8),
 
-the deviatoric stress is 2 mu_2 (e - p_0 - p) = (h s + 2 mu_2 w) / (2 mu_2 + h) + dev alpha_2, and
-the density of J(u, p) smallest over p is differentiable in e.  Only w is not linear in s.
+so that |w| <= r(|s|), the bound beta(g) that |s| leads to.  Linear hardening is in h, with a beta
+that stays.  The deviatoric stress is 2 mu_2 (e - p_0 - p) = (h s + 2 mu_2 w) / (2 mu_2 + h) + dev
+alpha_2, and the density of J(u, p) smallest over p is differentiable in e.  Only w is not linear in
+s: where s yields, |s| w = r(|s|) s.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngepc.discretisation.points import Moduli, Points
+from ngepc.model.material import PEEQ
 from ngepc.model.problem import Problem, as_scalar
 
 ROUNDING = 1e-9
@@ -25,6 +29,15 @@ ROUNDING = 1e-9
 A load step starts with |s| = beta, up to rounding, wherever the last one has yielded; these points
 count as elastic, so that unloading needs one Newton step.
 """
+
+ENDLESS = 1e6
+"""|p| beyond which no |p| is looked for where nothing bounds it."""
+
+SOFTEST = 1e-8
+"""Part of the elastic modulus that tangents keep where a law does not harden at all."""
+
+EXACT = 4 * np.finfo(float).eps
+"""Part of a stress to which equations at the points are solved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +52,8 @@ class Return:
         Boolean, shape (points,): |s| > beta.
     gained
         |p|, shape (points,).
+    radius, slope
+        r(|s|) and r'(|s|), shape (points,); beta and 0 where it does not yield.
     """
 
     trial: np.ndarray
@@ -46,6 +61,8 @@ class Return:
     direction: np.ndarray
     yields: np.ndarray
     gained: np.ndarray
+    radius: np.ndarray
+    slope: np.ndarray
 
     @property
     def plastic_strain(self) -> np.ndarray:
@@ -69,6 +86,8 @@ class Law:
         mu_1 + 2 mu_2/size, 2 mu_2, h and the yield bound (stress), shape (points,).
     back, initial
         dev alpha_2 (stress) and p_0 (1) in coordinates, shape (points, d).
+    isotropic, accumulated
+        The ``HardeningLaw`` at the points, None for none, and PEEQ where it starts (points,).
     """
 
     def __init__(self, problem: Problem, points: Points) -> None:
@@ -82,57 +101,144 @@ class Law:
             self.back = points.at(kinematics.coordinates(problem.alpha_0[1]))
         if problem.initial_plastic_strain is not None:
             self.initial = points.at(kinematics.coordinates(problem.p_0))
+        self.isotropic = None if material.law is None else material.law.at(points.at)
+        self.accumulated = points.at(problem.accumulated_0)
 
     def returned(self, e: np.ndarray) -> Return:
         """The law at the coordinates ``e`` of dev eps, shape (points, d)."""
         s = self.two_mu[:, None] * (e - self.initial) - self.back
         size = np.sqrt(np.einsum("pd,pd->p", s, s))
         yields = size > (1 + ROUNDING) * self.beta
-        gained = np.where(yields, (size - self.beta) / (self.two_mu + self.hardening), 0.0)
-        return Return(s, size, s / np.where(size > 0, size, 1.0)[:, None], yields, gained)
+        direction = s / np.where(size > 0, size, 1.0)[:, None]
+        return Return(s, size, direction, yields, *self._flow(size, yields))
+
+    def _flow(
+        self, size: np.ndarray, yields: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """|p|, r(|s|) and r'(|s|)."""
+        M = self.two_mu + self.hardening
+        if self.isotropic is None:
+            gained = np.where(yields, (size - self.beta) / M, 0.0)
+            return gained, self.beta, np.zeros_like(size)
+        gained = self.gained_at(np.where(yields, size, self.beta), M)
+        slope = self._slope(gained)
+        return gained, self.bound(gained), np.where(yields, slope / (M + slope), 0.0)
+
+    def bound(self, gained: np.ndarray) -> np.ndarray:
+        """beta(g) for |p| = g (stress), shape (points,)."""
+        if self.isotropic is None:
+            return self.beta
+        x, there = self.accumulated, self.isotropic
+        return self.beta + PEEQ * (there.stress(x + PEEQ * gained) - there.stress(x))
+
+    def _slope(self, gained: np.ndarray) -> np.ndarray:
+        """beta'(g)."""
+        return PEEQ**2 * self.isotropic.slope(self.accumulated + PEEQ * gained)
+
+    def gained_at(self, size: np.ndarray, modulus: np.ndarray) -> np.ndarray:
+        """The g >= 0 with modulus g + beta(g) = size, 0 where size <= beta, inf for none (points,).
+
+        Newton's method within brackets that bisection halves where it is slow.
+        """
+        over = np.maximum(size - self.beta, 0.0)
+        high = np.where(modulus > 0, over / np.where(modulus > 0, modulus, 1), ENDLESS)
+        if self.isotropic is None:
+            return high
+        low, g, before = np.zeros_like(size), np.zeros_like(size), np.inf
+        exact = EXACT * np.maximum(size, self.beta)
+        for _ in range(100):
+            excess = modulus * g + self.bound(g) - size
+            low, high = np.where(excess <= 0, g, low), np.where(excess >= 0, g, high)
+            done = (np.abs(excess) <= exact) | (over == 0)
+            if done.all():
+                break
+            steep = modulus + self._slope(g)
+            newton = g - excess / np.where(steep > 0, steep, 1.0)
+            good = (low < newton) & (newton < high) & (np.abs(excess) < 0.5 * before)
+            g = np.where(done, g, np.where(good, newton, 0.5 * (low + high)))
+            before = np.abs(excess)
+        return np.where((modulus > 0) | (g < 0.99 * ENDLESS), g, np.inf)
+
+    def flowing(self, gained: np.ndarray) -> np.ndarray:
+        """|p| where a law hardens no more, 0 elsewhere (points,)."""
+        if self.isotropic is None:
+            return np.zeros_like(gained)
+        stiff = self.hardening + self._slope(gained) > SOFTEST * self.two_mu
+        return np.where(stiff, 0.0, gained)
+
+    def hardening_energy(self, gained: np.ndarray) -> np.ndarray:
+        """int_0^g beta for |p| = g (energy per volume), shape (points,)."""
+        if self.isotropic is None:
+            return self.beta * gained
+        x, more, there = self.accumulated, PEEQ * gained, self.isotropic
+        beyond = there.energy(x + more) - there.energy(x) - there.stress(x) * more
+        return self.beta * gained + beyond
 
     def stress(self, at: Return) -> np.ndarray:
         """dev sigma in coordinates, shape (points, d), without the cancellation of e and p."""
         h, two_mu = self.hardening, self.two_mu
-        size = np.maximum(at.size, self.beta)
-        kept = np.where(at.yields, (h + two_mu * self.beta / size) / (two_mu + h), 1.0)
+        size = np.maximum(at.size, at.radius)
+        kept = np.where(at.yields, (h + two_mu * at.radius / size) / (two_mu + h), 1.0)
         return kept[:, None] * at.trial + self.back
 
     def energy_density(self, volume: np.ndarray, at: Return) -> np.ndarray:
         """The density of J without the loads, smallest over p (2.14), shape (points,)."""
         two_mu, M, m = self.two_mu, self.two_mu + self.hardening, at.size
-        b = np.minimum(m, self.beta)
-        shape = m * m * self.hardening / (two_mu * M) + b * (2 * m - b) / M
+        b = np.minimum(m, at.radius)
+        shape = m * m * self.hardening / (two_mu * M) + b * b / M
+        shape += 2 * self.hardening_energy(at.gained)
         history = np.einsum("pd,pd->p", self.back, self.back + 2 * at.trial) / two_mu
         history -= two_mu * np.einsum("pd,pd->p", self.initial, self.initial)
         return 0.5 * (self.bulk * volume * volume + shape + history)
 
+    def complementary_density(self, pressure: np.ndarray, stress: np.ndarray) -> np.ndarray:
+        """The conjugate of ``energy_density`` at a stress, inf where none can be (points,).
+
+        Parameters
+        ----------
+        pressure
+            The factor of tr eps in sigma : eps, shape (points,).
+        stress
+            dev sigma in coordinates, shape (points, d).
+        """
+        size = np.linalg.norm(stress - self.back, axis=1)
+        g = self.gained_at(size, self.hardening)
+        reached = np.where(g < np.inf, g, 0.0)
+        flow = size * reached - 0.5 * self.hardening * reached**2 - self.hardening_energy(reached)
+        total = stress + self.two_mu[:, None] * self.initial
+        shape = 0.5 * np.einsum("pd,pd->p", total, total) / self.two_mu
+        return 0.5 * pressure**2 / self.bulk + shape + np.where(g < np.inf, flow, np.inf)
+
     def yielding_part(self, at: Return) -> np.ndarray:
-        """w = beta s / max(beta, |s|), shape (points, d)."""
-        return (self.beta / np.maximum(at.size, self.beta))[:, None] * at.trial
+        """w = r s / max(r, |s|), shape (points, d)."""
+        return (at.radius / np.maximum(at.size, at.radius))[:, None] * at.trial
 
     def linearised(self, at: Return, w: np.ndarray, ds: np.ndarray) -> np.ndarray:
-        """w + dw for a change ds of s, from |s| w = beta s linearised at (s, w) where s yields."""
-        size, along = np.maximum(at.size, self.beta), np.einsum("pd,pd->p", at.direction, ds)
-        moved = (self.beta[:, None] * (at.trial + ds) - along[:, None] * w) / size[:, None]
+        """w + dw for a change ds of s, from |s| w = r(|s|) s linearised where s yields."""
+        size, along = np.maximum(at.size, at.radius), np.einsum("pd,pd->p", at.direction, ds)
+        moved = (at.radius[:, None] * (at.trial + ds) - along[:, None] * w) / size[:, None]
+        moved += (at.slope * along)[:, None] * at.direction
         return np.where(at.yields[:, None], moved, at.trial + ds)
 
-    def projected(self, w: np.ndarray) -> np.ndarray:
-        """w projected onto |w| <= beta."""
+    def projected(self, w: np.ndarray, at: Return) -> np.ndarray:
+        """w projected onto |w| <= r(|s|)."""
         length = np.sqrt(np.einsum("pd,pd->p", w, w))
-        return (self.beta / np.maximum(length, self.beta))[:, None] * w
+        return (at.radius / np.maximum(length, at.radius))[:, None] * w
 
     def moduli(self, at: Return, w: np.ndarray) -> Moduli:
         """The tangent of the stress with w kept as a variable of its own, made symmetric.
 
-        Where s yields  dw = (beta ds - w (s/|s| . ds)) / |s|.  The part of w along s is kept: with
-        w = beta s/|s| this is the derivative of the radial return.
+        Where s yields  dw = (r ds + (r' |s| d - w) (d . ds)) / |s|  with d = s/|s|.  The part of w
+        along s is kept, as at least r' |s|: the moduli stay below 2 mu_2.  With w = r d this is
+        the derivative of the radial return.
         """
-        two_mu, h, size = self.two_mu, self.hardening, np.maximum(at.size, self.beta)
+        two_mu, h, size = self.two_mu, self.hardening, np.maximum(at.size, at.radius)
         part = two_mu / (two_mu + h)
-        across = np.where(at.yields, part * (h + two_mu * self.beta / size), two_mu)
-        along = np.clip(np.einsum("pd,pd->p", at.direction, w), 0.0, self.beta)
-        extra = np.where(at.yields, -part * two_mu * along / size, 0.0)
+        across = np.where(at.yields, part * (h + two_mu * at.radius / size), two_mu)
+        along = np.maximum(np.einsum("pd,pd->p", at.direction, w), at.slope * size)
+        along = np.minimum(along, at.radius)
+        kept = 1.0 if self.isotropic is None else 1 - SOFTEST
+        extra = np.where(at.yields, kept * part * two_mu * (at.slope - along / size), 0.0)
         return Moduli(self.bulk, across, extra, at.direction)
 
     def dual_variable(self, at: Return) -> np.ndarray:

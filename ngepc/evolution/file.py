@@ -141,6 +141,9 @@ def problem_fingerprint(problem: Problem) -> str:
     body = [material.lame_lambda, material.lame_mu, material.effective_hardening]
     body += [material.hardening, problem.beta, problem.p_0, *problem.alpha_0]
     body += [] if problem.f is None else [problem.f]
+    if material.law is not None:
+        body += [problem.accumulated_0, *material.law.data]
+        digest.update(type(material.law).__qualname__.encode())
     for value in body:
         digest.update(sample(value, mesh).tobytes())
     for kind in (problem.tractions, problem.gaps):

@@ -11,8 +11,9 @@ from ngsolve import CoefficientFunction
 from ngepc.checks.arguments import is_number
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.points import Points
+from ngepc.model.material import PEEQ
 from ngepc.model.problem import Problem
-from ngepc.results.fields import PEEQ, Fields
+from ngepc.results.fields import Fields
 
 
 @dataclass(frozen=True, eq=False)

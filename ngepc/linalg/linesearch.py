@@ -181,7 +181,10 @@ def nearly_flat(slope: Callable[[float], float], noise: float) -> tuple[float, i
     for trials in range(EVALUATIONS):
         t = bracket.trial
         here = slope(t)
-        if abs(here) <= max(-FLATNESS * slope_0, noise) or (here <= 0 and t == 1.0):
+        flat = abs(here) <= max(-FLATNESS * slope_0, noise)
+        if flat and here > noise:  # it may be flat far beyond the minimum too
+            flat = slope(t / 2) <= 0
+        if flat or (here <= 0 and t == 1.0):
             return t, trials
         if slope_0 >= 0:
             return None

@@ -65,10 +65,9 @@ class ExactResult(DiscreteSolution):
 
     @cached_property
     def dual_energy(self) -> float:
-        """J*(lambda, q), the dual functional of the discrete problem (force times length).
+        """J*(lambda, sigma), the dual functional of the discrete problem (force times length).
 
-        J + J* >= 0 bounds the energy error of any state, and is zero at the solution.  It takes one
-        factorisation: y with D y = (l - N' lambda, q).
+        J + J* >= 0 bounds the energy error of any state, and is zero at the solution.
         """
         return dual_energy(self.state)
 
@@ -93,31 +92,29 @@ class ExactResult(DiscreteSolution):
 
 
 def dual_energy(state: State) -> float:
-    """J*(lambda, q) at a state (force times length).
+    """J*(lambda, sigma) at a state (force times length), inf where no stress can be as it is.
 
-    It is minus the least value over y = (u, p) of
+    The state's stress is put into balance by an elastic solve.  For every sigma in balance, and
+    every force of contact and friction within its bounds, weak duality says that
 
-        1/2 <D y, y> + l(y) - int q . p + lambda . (N u - gaps),
+        J* = int phi*(sigma) + lambda . gaps(0) - (forces of the supports) . (prescribed u) >= -J,
 
-    where the p that is best for u is p = (q + s) / (2 mu_2 + h) at each point.
+    where phi* is the conjugate of the density of J, smallest over p, as a function of the strain.
     """
     discrete, law, points = state.discrete, state.discrete.law, state.discrete.points
     tangent = Factors(discrete, "sparsecholesky")
-    h, two_mu, q = law.hardening, law.two_mu, -law.projected(state.yielding)
-    zero, direction = np.zeros_like(two_mu), np.zeros_like(q)
-    tangent.update(Moduli(law.bulk, two_mu * h / (two_mu + h), zero, direction))
-    u = state.u
+    zero = np.zeros_like(law.two_mu)
+    tangent.update(Moduli(law.bulk, law.two_mu, zero, np.zeros_like(state.deviator)))
+    pressure, stress, u = law.bulk * state.volume, law.stress(state.at), state.u
+    missing = state.missing
     for _ in range(2):
-        volume, e = points.strain(u)
-        p = (q + law.returned(e).trial) / (two_mu + h)[:, None]
-        stress = two_mu[:, None] * (e - law.initial - p)
-        forces = points.forces(law.bulk * volume, stress) + discrete.supports.pull(u)
-        u = u + tangent.solve(discrete.load - state.contact_forces - forces)
-    volume, e = points.strain(u)
-    p = (q + law.returned(e).trial) / (two_mu + h)[:, None]
-    elastic = e - p - law.initial
-    density = 0.5 * (law.bulk * volume**2 + two_mu * (elastic**2 - law.initial**2).sum(1))
-    density += 0.5 * h * (p**2).sum(1) + ((law.back - q) * p).sum(1)
-    work = np.vdot(discrete.load - 0.5 * discrete.supports.pull(u), u)
-    work += state.contact @ discrete.contact.gaps(u)
-    return -(points.integral(density) - float(work))
+        change = tangent.solve(-missing)
+        volume, e = points.strain(change)
+        pressure, stress = pressure + law.bulk * volume, stress + law.two_mu[:, None] * e
+        u = u + change
+        forces = points.forces(pressure, stress) + discrete.supports.pull(u)
+        missing = forces + state.contact_forces - discrete.load
+    held = np.where(discrete.free, 0.0, discrete.supports.values)
+    work = 0.5 * np.vdot(discrete.supports.pull(u), u) - np.vdot(missing, held)
+    work += state.contact @ discrete.contact.gaps(np.zeros_like(held))
+    return points.integral(law.complementary_density(pressure, stress)) + float(work)

@@ -2,10 +2,10 @@
 
 With w = -q a variable of its own, the conditions at a point that yields,
 
-    2 mu_2 (dev eps(u) - p) = stress(s, w),    |s| w = beta s,
+    2 mu_2 (dev eps(u) - p) = stress(s, w),    |s| w = r(|s|) s,
 
 are linearised together.  Elimination of w point by point leaves an elasticity-like matrix in u that
-is symmetric and positive definite for every w with |w| <= beta (``Law.moduli``).  Contact is kept
+is symmetric and positive definite for every w with |w| <= r (``Law.moduli``).  Contact is kept
 exact in each step: u + du minimises Newton's model over N u <= gaps.
 """
 
@@ -139,5 +139,4 @@ class Line:
             contact = self.target.contact
         ds = discrete.law.two_mu[:, None] * self._strain_change[1]
         moved = discrete.law.linearised(here.at, here.yielding, ds)
-        yielding = discrete.law.projected(here.yielding + t * (moved - here.yielding))
-        return discrete.state(u, yielding, contact)
+        return discrete.state(u, here.yielding + t * (moved - here.yielding), contact)

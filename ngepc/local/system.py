@@ -110,11 +110,15 @@ class DiscreteProblem:
         yielding: np.ndarray | None = None,
         contact: np.ndarray | None = None,
     ) -> State:
-        """The state with displacements ``u``; w = beta s/|s| and no contact forces by default."""
+        """The state with displacements ``u``; w = r s/|s| and no contact forces by default.
+
+        What is given as w is projected onto |w| <= r(|s|).
+        """
         volume, e = self.points.strain(u)
         at = self.law.returned(e)
         if yielding is None:
             yielding = self.law.yielding_part(at)
+        yielding = self.law.projected(yielding, at)
         contact = np.zeros(len(self.contact)) if contact is None else contact
         return State(self, u, yielding, contact, volume, e, at)
 
@@ -130,7 +134,7 @@ class State(Balance):
     u
         Nodal displacements, shape (nodes, N).
     yielding
-        w = -q at the points, |w| <= beta, a variable of its own, shape (points, d).
+        w = -q at the points, |w| <= r(|s|), a variable of its own, shape (points, d).
     contact
         Forces of the contact conditions: normal forces >= 0, with friction then tangential ones.
     volume, deviator, at
@@ -151,7 +155,7 @@ class State(Balance):
         return self.discrete
 
     def on_sphere(self) -> State:
-        """The same state with w = beta s/|s| where s yields."""
+        """The same state with w = r s/|s| where s yields."""
         other = copy(self)
         object.__setattr__(other, "yielding", self.discrete.law.yielding_part(self.at))
         return other
@@ -163,6 +167,12 @@ class State(Balance):
         pull = self.discrete.supports.pull(self.u)
         work = self.discrete.points.processes.dot(self.discrete.load - 0.5 * pull, self.u)
         return self.discrete.points.integral(density) - work + self.friction_work
+
+    @property
+    def flowing(self) -> float:
+        """The largest |p| where a law hardens no more."""
+        discrete = self.discrete
+        return discrete.points.processes.most(discrete.law.flowing(self.at.gained))
 
     @property
     def tangential_forces(self) -> np.ndarray:

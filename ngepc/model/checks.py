@@ -22,6 +22,7 @@ from ngepc.checks.arguments import (
 from ngepc.model.elements import element_nodes, vertices_of
 from ngepc.model.friction import Coulomb
 from ngepc.model.given import Given
+from ngepc.model.hardening import check_law
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.loading import check_loads, check_springs, require_vector_load
 from ngepc.model.material import Material, split_hardening
@@ -130,12 +131,14 @@ def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> No
             f"lame_lambda={material.lame_lambda!r}: the elasticity is not elliptic, "
             f"{N} lambda + 2 mu falls to {bulk:g}, > 0 is needed for {N} x {N} tensors"
         )
+    if material.law is not None:
+        check_law(material.law, mesh)
     name = "the hardening h = k + (H sigma_y)^2 k_1"
     h = require_finite(name, material.effective_hardening, mesh).min()
-    if h <= 0:
+    if h <= 0 and material.law is None:
         raise ValueError(
             f"{name} falls to {h:g}: > 0 is needed, "
-            "the method is for hardening plasticity (perfect plasticity is not)"
+            "the method is for hardening plasticity (perfect plasticity is a Tabulated law)"
         )
 
 

@@ -182,7 +182,10 @@ class Given:
     def beta(self) -> Coefficient:
         """The yield bound, a number whenever the data are numbers."""
         scalar, _ = split_hardening(self.initial_hardening)
-        return self.material.yield_bound(0.0 if scalar is None else scalar)
+        accumulated = self.initial_accumulated
+        return self.material.yield_bound(
+            0.0 if scalar is None else scalar, 0.0 if accumulated is None else accumulated
+        )
 
 
 def as_scalar(value: Coefficient) -> CoefficientFunction:

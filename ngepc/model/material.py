@@ -1,4 +1,4 @@
-"""Von Mises material with linear hardening, kinematic, isotropic or both (section 2).
+"""Von Mises material with hardening, kinematic, isotropic or both (section 2).
 
 Elasticity is C e = mu_1 tr(e) I + 2 mu_2 e with the Lamé parameters mu_1 (``lame_lambda``) and
 mu_2 (``lame_mu``).  The yield function of section 2 is
@@ -10,6 +10,9 @@ alpha from one time step leaves two numbers, docs/hardening.md:
 
     effective_hardening   h    = k + (H sigma_y)^2 k_1     in  H~ p : p = h |p|^2,
     yield_bound           beta = sigma_y (1 + H alpha_1,0) in  int beta |p|.
+
+A ``HardeningLaw`` R adds (2/3)^(1/2) (R(PEEQ) - R(0)) to the bound: then int beta |p| becomes the
+integral of a convex function of |p|.
 """
 
 import math
@@ -18,6 +21,11 @@ from dataclasses import dataclass, fields
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import Coefficient, is_number, require_coefficient, require_number
+from ngepc.checks.kinds import require_instance
+from ngepc.model.hardening import HardeningLaw
+
+PEEQ = math.sqrt(2 / 3)
+"""|p|_F times it is the equivalent plastic strain of engineers: the axial one of a bar."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +43,8 @@ class Material:
         Kinematic modulus k >= 0 (stress), H = k I in the paper.
     hardening_modulus, hardening_stiffness
         Isotropic data H >= 0 (1) and k_1 >= 0 (stress): h gains (H sigma_y)^2 k_1.
+    law
+        Isotropic hardening beyond that, by what its flow stress gains; None for none.
 
     Raises
     ------
@@ -48,8 +58,11 @@ class Material:
     hardening: Coefficient = 0.0
     hardening_modulus: Coefficient = 0.0
     hardening_stiffness: Coefficient = 0.0
+    law: HardeningLaw | None = None
 
     def __post_init__(self) -> None:
+        if self.law is not None:
+            require_instance("law", self.law, HardeningLaw, "a HardeningLaw such as Voce(...)")
         legal = {
             "lame_mu": (0, True),
             "yield_stress": (0, True),
@@ -57,7 +70,7 @@ class Material:
             "hardening_modulus": (0, False),
             "hardening_stiffness": (0, False),
         }
-        for field in fields(self):
+        for field in fields(self)[:-1]:
             value = getattr(self, field.name)
             if is_number(value):
                 least, strict = legal.get(field.name, (-math.inf, False))
@@ -120,6 +133,25 @@ class Material:
             hardening_stiffness=hardening_stiffness,
         )
 
+    @classmethod
+    def with_law(
+        cls,
+        *,
+        lame_lambda: Coefficient,
+        lame_mu: Coefficient,
+        law: HardeningLaw,
+        hardening: Coefficient = 0.0,
+    ) -> "Material":
+        """Isotropic hardening by the flow stress of a bar, and linear kinematic hardening."""
+        require_instance("law", law, HardeningLaw, "a HardeningLaw such as Voce(...)")
+        return cls(
+            lame_lambda=lame_lambda,
+            lame_mu=lame_mu,
+            yield_stress=PEEQ * law.stress(0.0),
+            hardening=hardening,
+            law=law,
+        )
+
     @property
     def isotropic_hardening(self) -> Coefficient:
         """(H sigma_y)^2 k_1, the isotropic part of the effective hardening (stress)."""
@@ -131,9 +163,14 @@ class Material:
         """The scalar h of H~ p : p = h |p|^2 in (2.14) (stress)."""
         return self.hardening + self.isotropic_hardening
 
-    def yield_bound(self, hardening_variable: Coefficient = 0.0) -> Coefficient:
-        """Beta = sigma_y (1 + H alpha_1,0) for the scalar hardening variable alpha_1,0."""
-        return self.yield_stress * (1 + self.hardening_modulus * hardening_variable)
+    def yield_bound(
+        self, hardening_variable: Coefficient = 0.0, accumulated: Coefficient = 0.0
+    ) -> Coefficient:
+        """Beta = sigma_y (1 + H alpha_1,0) and what the law gains up to a PEEQ (stress)."""
+        bound = self.yield_stress * (1 + self.hardening_modulus * hardening_variable)
+        if self.law is None:
+            return bound
+        return bound + PEEQ * (self.law.stress(accumulated) - self.law.stress(0.0))
 
 
 def lame_parameters(young: float, poisson: float) -> tuple[float, float]:

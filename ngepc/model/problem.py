@@ -53,7 +53,7 @@ class Problem(Given):
         u_0 at the begin of the step (length), a vector, for friction alone: what slips in this
         step is u - u_0.  None for zero.
     initial_accumulated
-        PEEQ of the steps before, >= 0 (1), for ``accumulated_plastic_strain``; None for zero.
+        PEEQ of the steps before, >= 0 (1), where a ``HardeningLaw`` starts; None for zero.
     kinematics
         In 2D "plane strain", "two-dimensional" (the law of the paper with 2 x 2 tensors) or
         "axisymmetric" (x is the radius; forces are those of the whole ring); in 3D "solid".

@@ -93,6 +93,7 @@ class ReducedEnergy:
     def set(self, u: np.ndarray) -> None:
         """Look at the nodal displacements ``u``."""
         self.displacement.vec.FV().NumPy()[:] = u.T.ravel()
+        self.mapping.update()
 
     def energy(self, u: np.ndarray) -> float:
         """J(u) smallest over p (force times length)."""
@@ -147,13 +148,17 @@ class ReducedEnergy:
         return self.integral(self._plastic)
 
     def first_order_energy(self, u: np.ndarray) -> float:
-        """l(u, p) + int beta |p| of (2.15), (2.16) at the plastic strain of ``u``."""
+        """l(u, p) + int beta |p| of (2.15), (2.16) at the plastic strain of ``u``.
+
+        With a law of hardening the last term is what makes it twice J at the solution.
+        """
         self.set(u)
         problem, kinematics = self.problem, self.problem.kinematics
         p, p_0, (_, alpha_2) = self.mapping.plastic_increment, problem.p_0, problem.alpha_0
         e_minus_p = self.mapping.elastic_strain_trial + p_0 - kinematics.tensor(p)
         density = (
-            as_scalar(problem.beta) * Norm(p)
+            2 * self.mapping.hardening_energy
+            - self.mapping.bound * Norm(p)
             + InnerProduct(kinematics.coordinates(alpha_2), p)
             - 2 * as_scalar(problem.material.lame_mu) * InnerProduct(e_minus_p, p_0)
         )

@@ -39,6 +39,12 @@ class PrimalState(Balance):
         """J, smallest over p, and friction (force times length)."""
         return self.reduced.energy(self.u) + self.friction_work
 
+    @property
+    def flowing(self) -> float:
+        """The largest |p| where a law hardens no more."""
+        self.reduced.set(self.u)
+        return self.reduced.mapping.flowing()
+
     @cached_property
     def internal_forces(self) -> np.ndarray:
         """Nodal forces of the stress, shape (nodes, N)."""

@@ -17,11 +17,9 @@ from ngsolve import (
 
 from ngepc.checks.arguments import require_coefficient
 from ngepc.checks.kinds import require_instance
+from ngepc.model.material import PEEQ
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.equilibrium import Equilibrium
-
-PEEQ = math.sqrt(2 / 3)
-"""|p|_F times it is the equivalent plastic strain of engineers: the axial one of a bar."""
 
 
 def frobenius(A: CoefficientFunction) -> CoefficientFunction:
@@ -85,8 +83,9 @@ class Quantities:
 
     @property
     def yield_function(self) -> CoefficientFunction:
-        """Phi = |dev sigma - alpha_2|_F - sigma_y (1 + H alpha_1), scalar (stress), <= 0."""
-        bound = self.problem.material.yield_bound(self.hardening_variable)
+        """Phi = |dev sigma - alpha_2|_F minus ``Material.yield_bound``, scalar (stress), <= 0."""
+        accumulated = self.accumulated_plastic_strain
+        bound = self.problem.material.yield_bound(self.hardening_variable, accumulated)
         return frobenius(self.deviatoric_stress - self.back_stress) - bound
 
     @property

@@ -20,14 +20,18 @@ log = logging.getLogger(__name__)
 
 LINE = "it:%(iteration)4d residual:%(residual_norm).3e energy:%(energy).12e"
 
+FREE = 100.0
+"""|p| beyond which a body that hardens no more is on its way to infinity."""
+
 SETTLED = 0.5
 """Within rounding, a step that leaves more than this part of the residual ends the run."""
 
 
 class ExactIterate(Balance):
-    """An iterate of an exact method: what is left of balance, and its energy."""
+    """An iterate: what is left of balance, its energy, the largest |p| where nothing hardens."""
 
     energy: float
+    flowing: float
 
 
 class NewtonStep(Protocol):
@@ -109,6 +113,11 @@ def end_of(
         return Status.NONFINITE, "The energy or the residual is NaN or infinite."
     if residual <= tolerance and here.penetration <= here.touching_distance:
         return Status.CONVERGED, ""
+    if here.flowing > FREE:
+        return Status.LIMIT_LOAD, (
+            f"After {steps} steps |p| reaches {here.flowing:.2g} where nothing hardens any "
+            "more: the loads are at or beyond the limit load."
+        )
     settled = before is not None and residual > SETTLED * before
     if settled and residual <= here.rounding:
         return Status.STAGNATED, drowned(here, steps)

@@ -24,6 +24,7 @@ class Status(Enum):
     LINESEARCH_FAILED = "No step length along the Newton direction lowers the energy enough."
     STAGNATED = "The energy no longer changes beyond rounding, the tolerance is out of reach."
     NONFINITE = "A factorisation, energy or residual became singular, NaN or infinite."
+    LIMIT_LOAD = "Plastic strains grow without bound: the loads are at or beyond a limit load."
     LINEAR_SOLVER_FAILED = "A Krylov solver did not reach its tolerance; the state is the last one."
     STOPPED = "The monitor (or an interrupt) stopped the run; the state is the last one reached."
 

@@ -52,7 +52,10 @@ from ngepc import (
     Schedule,
     Status,
     SurfaceGradient,
+    Swift,
+    Tabulated,
     Units,
+    Voce,
     augmented_lagrangian,
     calibrate,
     cold_start,
@@ -150,8 +153,28 @@ USES = {
             **{name: NOT_NEGATIVE | UNSEEN for name in Material.__dataclass_fields__},
             **dict.fromkeys(("lame_mu", "yield_stress"), POSITIVE | UNSEEN),
             "lame_lambda": NUMBERS | UNSEEN,
+            "law": NOTHING,
         },
     ),
+    "Voce": Use(
+        Voce,
+        {"yield_stress": 1.0, "saturation": 1.0, "rate": 1.0},
+        {
+            "yield_stress": POSITIVE | UNSEEN,
+            "saturation": NOT_NEGATIVE | UNSEEN,
+            "rate": POSITIVE | UNSEEN,
+        },
+    ),
+    "Swift": Use(
+        Swift,
+        {"yield_stress": 1.0, "offset": 1.0, "exponent": 1.0},
+        {
+            "yield_stress": POSITIVE | UNSEEN,
+            "offset": POSITIVE | UNSEEN,
+            "exponent": NOT_NEGATIVE | UNSEEN,
+        },
+    ),
+    "Tabulated": Use(Tabulated, {"plastic_strain": [0], "stress_there": [1.0]}),
     "Coulomb": Use(Coulomb, {"coefficient": 0.3}, {"coefficient": NOT_NEGATIVE | UNSEEN}),
     "lame_parameters": Use(
         ngepc.lame_parameters, {"young": 1.0, "poisson": 0.3}, {"poisson": {"zero"}}
@@ -319,8 +342,8 @@ def test_the_count_of_cases_is_what_reliability_says():
 def test_every_public_callable_is_here():
     returned = {
         "BoundedResult", "Calibration", "DualResult", "ErrorBound", "Evolution", "ExactResult",
-        "Gradient", "Kinematics", "PathResult", "PrimalResult", "SolverError", "Status",
-        "TangentResult",
+        "Gradient", "HardeningLaw", "Kinematics", "PathResult", "PrimalResult", "SolverError",
+        "Status", "TangentResult",
     }  # fmt: skip
     rest = {n for n in ngepc.__all__ if not n.startswith("_")} - set(USES)
     assert rest == returned | STILL_UNCHECKED

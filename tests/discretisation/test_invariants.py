@@ -23,6 +23,7 @@ from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.rows import contact_rows
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.geometries import block, ring
+from ngepc.model.hardening import Swift, Voce
 
 STEEL = Material.kinematic(lame_lambda=1000.0, lame_mu=800.0, yield_stress=5.0, hardening=100.0)
 TIGHT = settings(max_examples=80, deadline=None)
@@ -285,6 +286,11 @@ def laws(draw):
         setattr(law, name, np.array([draw(positive), draw(positive)]))
     d = points.kinematics.d
     law.initial, law.back = draw(strains[d]), draw(strains[d])
+    if draw(st.booleans()):
+        some = draw(st.sampled_from([Voce, Swift]))
+        data = st.floats(0.1, 3.0)
+        law.isotropic = some(1.0, 1.0, 1.0).at(lambda _: np.array([draw(data), draw(data)]))
+        law.accumulated = np.array([draw(st.floats(0, 3)), draw(st.floats(0, 3))])
     return law, draw(strains[d]), draw(strains[d])
 
 
@@ -333,8 +339,9 @@ def test_the_return_solves_its_conditions(case):
     w, p, rounding = law.yielding_part(at), at.plastic_strain, 2e-9 * (1 + at.size)
     M = law.two_mu + law.hardening
     assert (np.abs(at.trial - w - M[:, None] * p).max(1) <= rounding).all()
-    assert (np.linalg.norm(w, axis=1) <= law.beta * (1 + 1e-14)).all()
-    assert (np.abs(dot(p, w) - law.beta * at.gained) <= rounding * at.gained).all()
+    bound = law.bound(at.gained)
+    assert (np.linalg.norm(w, axis=1) <= bound * (1 + 1e-14)).all()
+    assert (np.abs(dot(p, w) - bound * at.gained) <= rounding * at.gained).all()
     hooke = law.two_mu[:, None] * (e - law.initial - p)
     assert (np.abs(law.stress(at) - hooke).max(1) <= 1e-12 * scale_of(law, e)).all()
     assert (law.dual_variable(at) == -w).all()
@@ -367,7 +374,7 @@ def test_moduli_are_positive_definite_for_every_w_in_the_ball(case, part):
     law, e, direction = case
     at = law.returned(e)
     length = np.linalg.norm(direction, axis=1)
-    w = (part * law.beta / np.where(length > 0, length, 1.0))[:, None] * direction
+    w = (part * at.radius / np.where(length > 0, length, 1.0))[:, None] * direction
     moduli = law.moduli(at, w)
     d = moduli.direction
     C = moduli.across[:, None, None] * np.eye(d.shape[1])

@@ -21,7 +21,7 @@ def random_state(discrete):
     free, d = discrete.supports.free, discrete.problem.kinematics.d
     u = np.where(free, rng.normal(size=free.shape), 0.0)
     u *= 1.1 * 1.25 / np.median(discrete.state(u).at.size)
-    w = discrete.law.projected(rng.normal(size=(len(discrete.points), d)))
+    w = rng.normal(size=(len(discrete.points), d))
     state = discrete.state(u, w)
     assert 0 < state.at.yields.mean() < 1
     return state

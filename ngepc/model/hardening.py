@@ -1,0 +1,253 @@
+"""Isotropic hardening laws: the flow stress R of a bar over its accumulated plastic strain PEEQ.
+
+A law is the convex potential of its free energy,  E(x) = int_0^x R,  with R = E' and the slope R'.
+The radius of the yield surface is (2/3)^(1/2) R at x = PEEQ, and |p| = (3/2)^(1/2) PEEQ.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, fields
+from itertools import pairwise
+
+import numpy as np
+from ngsolve import CoefficientFunction, IfPos, Mesh, exp
+
+from ngepc.checks.arguments import (
+    Coefficient,
+    is_number,
+    require_coefficient,
+    require_finite,
+    require_number,
+    sample,
+)
+
+Value = float | np.ndarray | CoefficientFunction
+"""A number, values at points, or a coefficient: laws take each and give the same kind."""
+
+STRAINS = np.concatenate([[0.0], np.geomspace(1e-6, 10.0, 71)])
+"""Values of PEEQ at which laws are looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class HardeningLaw(ABC):
+    """A potential; one's own law is a frozen dataclass with numbers or coefficients as fields."""
+
+    @abstractmethod
+    def energy(self, x: Value) -> Value:
+        """E(x) = int_0^x R (energy per volume), convex."""
+
+    @abstractmethod
+    def stress(self, x: Value) -> Value:
+        """R(x) = E'(x) > 0 (stress), which never falls."""
+
+    @abstractmethod
+    def slope(self, x: Value) -> Value:
+        """R'(x) >= 0 (stress), from the right where R has a kink."""
+
+    @property
+    def data(self) -> list[Coefficient]:
+        """All numbers and coefficients of the law."""
+        given = (getattr(self, field.name) for field in fields(self))
+        return [v for value in given for v in (value if isinstance(value, tuple) else (value,))]
+
+    def at(self, values: Callable[[Coefficient], np.ndarray]) -> HardeningLaw:
+        """The law with the values of its data at some points."""
+        other = copy(self)
+        for field in fields(self):
+            given = getattr(self, field.name)
+            found = tuple(map(values, given)) if isinstance(given, tuple) else values(given)
+            object.__setattr__(other, field.name, found)
+        return other
+
+
+@dataclass(frozen=True, eq=False)
+class Voce(HardeningLaw):
+    """R = yield_stress + saturation (1 - exp(-rate x)).
+
+    Parameters
+    ----------
+    yield_stress
+        R at x = 0, of a bar (stress), > 0.
+    saturation
+        What R gains in the end (stress), >= 0.
+    rate
+        How fast (1), > 0.
+    """
+
+    yield_stress: Coefficient
+    saturation: Coefficient
+    rate: Coefficient
+
+    def __post_init__(self) -> None:
+        require_data(self, "yield_stress", "rate")
+
+    def energy(self, x: Value) -> Value:
+        """See ``HardeningLaw``."""
+        part = (1 - _exp(-self.rate * x)) * (self.saturation / self.rate)
+        return (self.yield_stress + self.saturation) * x - part
+
+    def stress(self, x: Value) -> Value:
+        """See ``HardeningLaw``."""
+        return self.yield_stress + self.saturation * (1 - _exp(-self.rate * x))
+
+    def slope(self, x: Value) -> Value:
+        """See ``HardeningLaw``."""
+        return self.saturation * self.rate * _exp(-self.rate * x)
+
+
+@dataclass(frozen=True, eq=False)
+class Swift(HardeningLaw):
+    """R = yield_stress (1 + x / offset)^exponent.
+
+    Parameters
+    ----------
+    yield_stress
+        R at x = 0, of a bar (stress), > 0.
+    offset
+        eps_0 > 0 (1); K = yield_stress / offset^exponent in R = K (eps_0 + x)^exponent.
+    exponent
+        n >= 0 (1).
+    """
+
+    yield_stress: Coefficient
+    offset: Coefficient
+    exponent: Coefficient
+
+    def __post_init__(self) -> None:
+        require_data(self, "yield_stress", "offset")
+
+    def energy(self, x: Value) -> Value:
+        """See ``HardeningLaw``."""
+        n = self.exponent + 1
+        return self.yield_stress * self.offset / n * ((1 + x / self.offset) ** n - 1)
+
+    def stress(self, x: Value) -> Value:
+        """See ``HardeningLaw``."""
+        return self.yield_stress * (1 + x / self.offset) ** self.exponent
+
+    def slope(self, x: Value) -> Value:
+        """See ``HardeningLaw``."""
+        return self.exponent / (self.offset + x) * self.stress(x)
+
+
+@dataclass(frozen=True, eq=False)
+class Tabulated(HardeningLaw):
+    """Straight lines between given points, constant beyond the last: one point never hardens.
+
+    Parameters
+    ----------
+    plastic_strain
+        Increasing numbers x, the first one 0 (1).
+    stress_there
+        R at each of them (stress), numbers or coefficients > 0 that do not fall.
+    """
+
+    plastic_strain: Sequence[float]
+    stress_there: Sequence[Coefficient]
+
+    def __post_init__(self) -> None:
+        for name in ("plastic_strain", "stress_there"):
+            given = getattr(self, name)
+            if isinstance(given, str | bytes) or not isinstance(given, Sequence | np.ndarray):
+                raise TypeError(f"{name}={given!r}: a sequence of numbers is needed")
+        given = self.plastic_strain
+        x = tuple(require_number("plastic_strain", value) for value in given)
+        if not x or x[0] != 0 or not all(a < b for a, b in pairwise(x)):
+            raise ValueError(f"plastic_strain={given!r}: increasing numbers from 0 on are needed")
+        if len(self.stress_there) != len(x):
+            raise ValueError(
+                f"stress_there={self.stress_there!r}: {len(x)} values are needed, one for each x"
+            )
+        for value in self.stress_there:
+            _require_datum("stress_there", value, strict=True)
+        object.__setattr__(self, "plastic_strain", x)
+        object.__setattr__(self, "stress_there", tuple(self.stress_there))
+
+    def energy(self, x: Value) -> Value:
+        """See ``HardeningLaw``."""
+        bends = (c / 2 * _positive(x - k) ** 2 for k, c in self._bends)
+        return self.stress_there[0] * x + sum(bends)
+
+    def stress(self, x: Value) -> Value:
+        """See ``HardeningLaw``."""
+        return self.stress_there[0] + sum(c * _positive(x - k) for k, c in self._bends)
+
+    def slope(self, x: Value) -> Value:
+        """See ``HardeningLaw``."""
+        return 0.0 * x + sum(c * _reached(x - k) for k, c in self._bends)
+
+    @property
+    def _bends(self) -> list[tuple]:
+        """Where the slope changes, and by how much."""
+        x, R = self.plastic_strain, self.stress_there
+        slopes = [(R[i + 1] - R[i]) / (x[i + 1] - x[i]) for i in range(len(x) - 1)]
+        ends = zip([0.0, *slopes], [*slopes, 0.0], strict=True)
+        return [(k, after - before) for k, (before, after) in zip(x, ends, strict=True)]
+
+
+def require_data(law: HardeningLaw, *positive: str) -> None:
+    """Numbers or scalar coefficients >= 0 as the fields of a law, those named > 0.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the field and its value.
+    """
+    for field in fields(law):
+        _require_datum(field.name, getattr(law, field.name), strict=field.name in positive)
+
+
+def check_law(law: HardeningLaw, mesh: Mesh) -> None:
+    """A flow stress that is finite, positive, and never falls.
+
+    Raises
+    ------
+    ValueError
+        Naming the law and what is wrong with it.
+    """
+    for value in law.data:
+        require_finite("law", value, mesh)
+    there = law.at(lambda value: sample(value, mesh))
+    before = 0.0
+    for x in STRAINS:
+        stress = there.stress(x)
+        if not (np.min(stress) > 0 and np.min(stress - before) >= -1e-12 * np.max(stress)):
+            raise ValueError(
+                f"law={law!r}: the flow stress at PEEQ = {x:g} is {np.min(stress):g}: positive "
+                "values that never fall are needed (softening is not covered)"
+            )
+        before = stress
+
+
+def require_linear(law: HardeningLaw | None, what: str) -> None:
+    """Refuse a law where only linear hardening is known.
+
+    Raises
+    ------
+    ValueError
+        Naming the law.
+    """
+    if law is not None:
+        raise ValueError(f"material.law={law!r}: {what} linear hardening, without a law")
+
+
+def _require_datum(name: str, value: object, *, strict: bool) -> None:
+    require_coefficient(name, value)
+    if is_number(value):
+        require_number(name, value, 0, strict=strict)
+
+
+def _exp(x: Value) -> Value:
+    return exp(x) if isinstance(x, CoefficientFunction) else np.exp(x)
+
+
+def _positive(x: Value) -> Value:
+    return IfPos(x, x, 0.0) if isinstance(x, CoefficientFunction) else np.maximum(x, 0.0)
+
+
+def _reached(x: Value) -> Value:
+    """1 where x >= 0, 0 elsewhere."""
+    return 1 - IfPos(-x, 1.0, 0.0) if isinstance(x, CoefficientFunction) else 1.0 * (x >= 0)
