@@ -1,11 +1,15 @@
 """The built wheel holds every module, geometries, notebooks and type information included."""
 
+import re
 import subprocess
 import sys
 import zipfile
+from configparser import ConfigParser
 from pathlib import Path
 
 import pytest
+
+import ngepc
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -23,6 +27,7 @@ def test_wheel_contains_every_module(wheel):
     modules = {str(p.relative_to(ROOT)) for p in (ROOT / "ngepc").rglob("*.py")}
     modules |= {f"ngepc/geometries/{p.name}" for p in (ROOT / "geometries").glob("*.py")}
     data = {"py.typed", "__init__.pyi", "pictures/ngepc.mplstyle", "pictures/page.html"}
+    data |= {"notebooks/quizzes.json"}
     assert modules | {f"ngepc/{name}" for name in data} <= names
     notebooks = {
         f"ngepc/{p.relative_to(ROOT).as_posix()}" for p in ROOT.glob("notebooks/**/*.ipynb")
@@ -45,3 +50,38 @@ def test_wheel_works_outside_the_checkout(wheel, tmp_path):
         timeout=120,
     )
     assert run.stdout.strip() == "417", run.stderr
+
+
+def test_conda_recipe_names_what_the_wheel_needs():
+    """Rendered as conda does it: one set line and plain substitutions."""
+    yaml = pytest.importorskip("yaml", reason="reads the recipe; comes with the extra docs")
+    text = (ROOT / "packaging" / "conda" / "meta.yaml").read_text(encoding="utf-8")
+    version = re.search(r'set version = "(.+?)"', text)[1]
+    plain = re.sub(r"\{%.*?%\}", "", text).replace("{{ version }}", version)
+    recipe = yaml.safe_load(plain.replace("{{ PYTHON }}", "python"))
+    assert recipe["package"] == {"name": "ngepc", "version": ngepc.__version__}
+    setup = ConfigParser()
+    setup.read(ROOT / "setup.cfg", encoding="utf-8")
+    options = setup["options"]
+    needed = {line.replace(">=", " >=") for line in options["install_requires"].split()}
+    found = {
+        line.replace("matplotlib-base", "matplotlib") for line in recipe["requirements"]["run"]
+    }
+    assert found - needed == {f"python {options['python_requires']}"}
+    assert needed <= found
+    assert (ROOT / recipe["about"]["license_file"]).is_file()
+
+
+def test_what_an_index_shows_needs_no_other_file(wheel):
+    """An index knows no relative addresses, and its renderer drops pictures that are data."""
+    archive = zipfile.ZipFile(wheel)
+    (name,) = (n for n in archive.namelist() if n.endswith(".dist-info/METADATA"))
+    shown = archive.read(name).decode("utf-8").partition("\n\n")[2]
+    assert shown.startswith("# ngepc")
+    addresses = re.findall(r"\]\(([^)]+)\)", shown)
+    assert addresses
+    assert all(address.startswith("https://") for address in addresses)
+    first_lines = re.search(
+        r"```python\n.*?```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
+    )
+    assert first_lines[0] in shown
