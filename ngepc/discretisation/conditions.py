@@ -49,6 +49,8 @@ class ContactConditions:
     ----------
     rows
         The contact rows, last those of rollers.
+    on_obstacles
+        The rows of rigid obstacles.
     rollers
         Place of each roller -> its rows.
     friction
@@ -66,6 +68,7 @@ class ContactConditions:
         rollers = roller_rows(problem, supports)
         parts = [contact_rows(problem, supports), *pairs, *rollers.values()]
         self.rows: ContactRows = joined(parts)
+        self.on_obstacles = slice(0, len(parts[0]))
         ends = np.cumsum([0, *map(len, parts)])[1 + len(pairs) :]
         self.rollers = {place: slice(*ends[k : k + 2].tolist()) for k, place in enumerate(rollers)}
         self.friction = friction_cone(problem, self.rows)

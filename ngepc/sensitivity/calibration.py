@@ -274,7 +274,7 @@ class _Search:
         m, n = found.jac.shape
         _, singular, right = np.linalg.svd(found.jac, full_matrices=False)
         with np.errstate(divide="ignore", invalid="ignore"):
-            condition = float((singular[0] / singular[-1]) ** 2)
+            condition = float((singular[0] / singular[-1]) ** 2) if singular[-1] > 0 else np.inf
             error = np.sqrt(np.nan_to_num((right / singular[:, None]) ** 2, posinf=np.inf).sum(0))
         factor = stats.norm.ppf(0.5 + confidence / 2)
         if any(curve.noise is None for curve in self.curves):

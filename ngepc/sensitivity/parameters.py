@@ -189,16 +189,16 @@ def _body_force(discrete: DiscreteProblem, boundary: str, change: object) -> Dat
 
 
 def _gap(discrete: DiscreteProblem, boundary: str, change: object) -> Data:
-    problem = discrete.problem
-    names = problem.contact_names
+    problem, gaps = discrete.problem, np.zeros(len(discrete.rows))
+    names, part = problem.contact_names, discrete.contact.on_obstacles
     if change is None and not boundary:
         _of_boundary("gap", dict.fromkeys(names), "")
+        gaps[part] = 1.0
+        return {"gaps": gaps}
     if not isinstance(change, Mapping):
         change = dict.fromkeys(names, 1.0 if change is None else change)
     change = dict.fromkeys(names, 0.0) | dict(_of_boundary("gap", change, boundary))
-    moved = contact_rows(replace(problem, gap=change), discrete.supports).gaps
-    gaps = np.zeros(len(discrete.rows))
-    gaps[: len(moved)] = moved
+    gaps[part] = contact_rows(replace(problem, gap=change), discrete.supports).gaps
     return {"gaps": gaps}
 
 

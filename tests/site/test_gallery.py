@@ -25,6 +25,7 @@ def script(monkeypatch):
 
 def test_the_gallery_has_the_problems_it_promises():
     assert set(SCRIPTS) >= {
+        "calibration",
         "cook",
         "hertz",
         "holed_plate",

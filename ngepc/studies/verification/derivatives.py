@@ -106,18 +106,23 @@ def same_sides(one: Solution, other: Solution) -> bool:
 
 
 def taylor_slopes(problem: Problem, seed: int) -> dict[str, float]:
-    """The order of the remainders F(m + t dm) - F(m) - t F' dm in a random direction."""
+    """The order of the remainders F(m + t dm) - F(m) - t F' dm in a random direction.
+
+    The lengths t are as short as it takes for no row or point to change side.
+    """
     result, amounts, random = once(problem), sizes(problem), np.random.default_rng(seed)
     rates = {name: amount * random.uniform(-1, 1) for name, amount in amounts.items()}
-    directions = [{name: t * rate for name, rate in rates.items()} for t in LENGTHS]
-    others = [once(moved(problem, direction), result) for direction in directions]
+    for lengths in (LENGTHS, LENGTHS / 10, LENGTHS / 100):
+        others = [once(moved(problem, {n: t * r for n, r in rates.items()})) for t in lengths]
+        if all(same_sides(result, other) for other in others):
+            break
     found = {}
     for key, functional in functionals(problem).items():
-        slopes, value = gradient(result, functional, list(rates)), None
-        value, rate = slopes.functional, sum(slopes[name] * r for name, r in rates.items())
+        slopes = gradient(result, functional, list(rates))
+        rate = sum(slopes[name] * r for name, r in rates.items())
         values = np.array([functional.slope(last_state(other)).value for other in others])
-        rest = np.abs(values - value - LENGTHS * rate)
-        found[key] = float(np.polyfit(np.log(LENGTHS), np.log(rest), 1)[0])
+        rest = np.abs(values - slopes.functional - lengths * rate)
+        found[key] = float(np.polyfit(np.log(lengths), np.log(rest), 1)[0])
     return found
 
 
