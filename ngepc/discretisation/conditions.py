@@ -128,6 +128,12 @@ class ContactConditions:
         compliance[on] /= 1 + GRIP
         return (R.T @ diags(stiffness) @ R).tocsr() if R.shape[0] else None, compliance
 
+    def grip_forces(self, change: np.ndarray, row_stiffness: np.ndarray) -> np.ndarray:
+        """What these springs carry in a step, shape (n,): rounding that belongs to the rollers."""
+        on, forces = self.roller_part, np.zeros(len(self))
+        forces[on] = GRIP * row_stiffness[on] * (self.rows.normal[on] @ change.ravel())
+        return forces
+
     @property
     def roller_part(self) -> slice:
         """The rows of rollers."""

@@ -24,6 +24,7 @@ def with_contact(
     forces: np.ndarray,
     change: np.ndarray,
     compliance: Compliance,
+    row_stiffness: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Newton's step with the conditions of contact and friction met at its end.
 
@@ -39,6 +40,8 @@ def with_contact(
         The step that leaves these forces as they are, shape (nodes, N).
     compliance
         A guess of the compliance of the rows; it learns.
+    row_stiffness
+        ``ContactConditions.stiffness``.
 
     Returns
     -------
@@ -56,7 +59,9 @@ def with_contact(
     sizes = np.abs(u + change).max(initial=0.0), -conditions.normal(gaps).min(initial=0.0)
     slack = ROUNDING * float(max(sizes))
     found = solve_by_secants(conditions.small_problem, product, compliance, gaps, forces, slack)
-    return None if found is None else (change, found)
+    if found is None:
+        return None
+    return change, found + conditions.grip_forces(change, row_stiffness)
 
 
 class ContactWork:

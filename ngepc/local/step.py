@@ -74,7 +74,7 @@ class ExactTarget:
         tangent.update(discrete.law.moduli(here.at, here.yielding))
         change = tangent.solve(-here.imbalance)
         work = contact, tangent.solve, here.u, here.contact, change, self._compliance
-        found = with_contact(*work)
+        found = with_contact(*work, discrete.row_stiffness)
         if found is None:
             raise TangentError(contact.unsolvable)
         return Target(*found)

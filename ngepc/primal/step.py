@@ -92,7 +92,7 @@ class PrimalStep:
         if not np.isfinite(free).all():
             raise FactorisationError("the tangent stiffness is singular")
         work = self.contact, reduced.solve, here.u, here.contact, free, self.compliance
-        found = with_contact(*work)
+        found = with_contact(*work, reduced.row_stiffness)
         if found is None:
             raise FactorisationError(self.contact.unsolvable)
         return found
