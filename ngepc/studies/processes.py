@@ -96,6 +96,7 @@ class Processes(Work):
         """All meshes on some processes."""
         mine = ("OMPI_", "PMIX_")  # what an MPI of this process has left
         clean = {name: value for name, value in os.environ.items() if not name.startswith(mine)}
+        clean["OMPI_MCA_mpi_yield_when_idle"] = "1"  # who waits leaves the core to others
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "records.json"
             program = [sys.executable, "-m", "mpi4py", "-c", CHILD, str(self.levels), str(path)]

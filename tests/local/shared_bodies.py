@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from ngepc import NewtonOptions, PETSc, PyAMG, evolve, lshape_problem, parts, semismooth_newton
 from ngepc.geometries import block, lshape
+from ngepc.local.recovery import error_indicators
 from ngepc.pictures.export import export_vtu
 from ngepc.primal.solver import primal_newton
 from ngepc.studies.large import pressed
@@ -107,6 +108,8 @@ def found(comm, folder):
     for name, problem in bodies(comm):
         result = semismooth_newton(problem, options=OPTIONS)
         results[name] = numbers(result)
+        own = error_indicators(result).vec.FV().NumPy().sum()
+        results[name]["error"] = problem.processes.total(float(own))
         results[name]["file"] = str(export_vtu(result, Path(folder) / f"{name}.vtu"))
         if comm.size > 1:
             results[name]["refusals"] = problem.processes.all(refusals(problem))

@@ -1,0 +1,48 @@
+"""Recovered stresses: no error where they are the true ones, about the right one elsewhere."""
+
+import numpy as np
+import pytest
+
+from ngepc import Problem, lshape_problem, semismooth_newton
+from ngepc.geometries import block, lshape
+from ngepc.local.recovery import error_indicators
+from ngepc.studies.large import indented_block
+
+
+def estimate(result):
+    return error_indicators(result).vec.FV().NumPy().sum()
+
+
+@pytest.mark.parametrize("pull", [0.0005, 0.05])
+def test_uniform_stress_has_no_error(pull):
+    """A bar on rollers, elastic and plastic: linear displacements are the solution."""
+    bar, steel = block.structured_mesh(3, 3, simplices=True), indented_block(0).material
+    rollers = {"left": (0, None), "clamped": (None, 0), "right": (pull, None)}
+    result = semismooth_newton(Problem(bar, steel, clamped=None, prescribed=rollers))
+    assert (result.history.records[-1].plastic_active > 0.99) == (pull > 0.01)
+    assert estimate(result) < 1e-20 * result.primal_energy
+
+
+def test_the_estimate_is_about_the_error():
+    """Example (a): the energies on 113, 417 nodes against the one on 1601."""
+    results = [semismooth_newton(lshape_problem(lshape.paper_mesh(n))) for n in (113, 417, 1601)]
+    finest = results[-1].primal_energy
+    for result in results[:-1]:
+        error = result.primal_energy - finest
+        assert 0.2 * error < estimate(result) < 2 * error
+
+
+def test_indicators_are_where_the_mesh_is_coarse():
+    result = semismooth_newton(indented_block(1))
+    indicators = error_indicators(result)
+    x = np.asarray(result.problem.mesh.ngmesh.Coordinates())
+    top = [max(x[v.nr, 2] for v in el.vertices) > 0.6 for el in result.problem.mesh.Elements()]
+    values = indicators.vec.FV().NumPy()
+    assert values.min() >= 0
+    assert values[top].mean() > 2 * values[~np.array(top)].mean()
+
+
+def test_other_elements_are_refused():
+    squares = semismooth_newton(indented_block(0, order=2))
+    with pytest.raises(ValueError, match="straight triangles or tetrahedra of order 1"):
+        error_indicators(squares)
