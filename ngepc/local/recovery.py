@@ -22,13 +22,12 @@ def error_indicators(result: ExactResult) -> GridFunction:
     Parameters
     ----------
     result
-        A result of the exact method of order one on straight triangles or tetrahedra of one
-        material; between materials stresses jump, and the estimate is too large.
+        Of order one on straight simplices of one material: elsewhere stresses jump, and it is more.
 
     Returns
     -------
     GridFunction
-        One number for each element; their sum estimates the error of ``primal_energy``.
+        Constant on elements; the sum of ``vec`` estimates the error of ``primal_energy``.
 
     Raises
     ------

@@ -105,15 +105,12 @@ class Processes(Work):
 
     def line(self, record: dict) -> str:
         """The last mesh."""
-        return f"{record['meshes'][-1]['processes']} processes: " + "  ".join(
-            map(str, self.row(record["meshes"][-1]))
-        )
+        return "  ".join(self.row(record["meshes"][-1]))
 
     def row(self, record: dict) -> list[str]:
         """A mesh on some processes."""
         solves = max(1, sum(record["solves"]))
         done = "" if record["status"] == "converged" else f" {record['status']}"
-        ratio = record.get("ratio")
         return [
             f"{record['nodes']:,}",
             str(record["processes"]),
@@ -121,7 +118,7 @@ class Processes(Work):
             f"{record['steps']}{done}",
             f"{sum(record['iterations']) / solves:.1f}",
             f"{max(record['cpu_s']):.1f}",
-            "" if ratio is None else f"{ratio:.2f}",
+            f"{record['ratio']:.2f}" if record.get("ratio") else "",
             f"{record['wall_s']:.0f}",
             f"{max(record['mb']):.0f}",
             f"{record['energy']:.12f}",
@@ -133,8 +130,7 @@ class Processes(Work):
         meshes.sort(key=lambda mesh: (mesh["nodes"], mesh["processes"]))
         alone = {m["nodes"]: max(m["cpu_s"]) for m in meshes if m["processes"] == 1}
         for mesh in meshes:
-            one = alone.get(mesh["nodes"])
-            mesh["ratio"] = None if one is None else max(mesh["cpu_s"]) / one
+            mesh["ratio"] = max(mesh["cpu_s"]) / alone.get(mesh["nodes"], float("inf"))
         return super().table(meshes)
 
     def notes(self, records: Sequence[dict]) -> list[str]:
