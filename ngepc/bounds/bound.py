@@ -187,7 +187,7 @@ def bound_of_state(
     state, moved = feasible_state(setting, given)
     algebraic = algebraic_part(setting, state, tangent)
     P = setting.pressure(state.multipliers)
-    z, mean = setting.best_stress(state, tangent, P, effort)
+    z, mean, P = setting.best_stress(state, tangent, P, effort)
     contact = setting.contact_gaps(state.u, P)
     volume, owners = setting.cells.volume, setting.cells.owners[setting.boundary.contact, 0]
     per_cell = setting.conjugate.integrals(z, volume, setting.gaps(state, mean))

@@ -125,3 +125,10 @@ def moments_of(values: np.ndarray, measure: np.ndarray) -> np.ndarray:
     N = values.shape[1]
     size = measure.reshape(-1, *[1] * (values.ndim - 1)) / (N * (N + 1))
     return size * (values + values.sum(axis=1, keepdims=True))
+
+
+def values_of(moments: np.ndarray, measure: np.ndarray) -> np.ndarray:
+    """Values at the vertices of affine functions from their moments, both (n, N)."""
+    N = moments.shape[1]
+    less = moments.sum(axis=1, keepdims=True) / (N + 1)
+    return N * (N + 1) / measure[:, None] * (moments - less)

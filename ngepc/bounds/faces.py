@@ -42,19 +42,22 @@ class Faces:
         Boolean, shape (3 nf, 3): components of delta that no support holds.
     piola
         Stress coordinates from the components of a reference stress, shape (nt, 6, 6).
+    closed
+        Unit normals where delta is held along them, zero elsewhere, shape (3 nf, 3).
     inverse, loaded
-        The inverses of the compliances A and their columns for unit body forces, shapes (nt, 30,
-        30) and (nt, 30, 3).
+        The inverses of the compliances A, in single precision as they only steer the search, and
+        columns of A for unit body forces, shapes (nt, 30, 30) and (nt, 30, 3).
     """
 
     def __init__(self, boundary: Boundary) -> None:
         self.cells = c = boundary.cells
         self.slot = (3 * c.facet_of[:, :, None] + c.place).reshape(-1, 12)
         self.free = np.repeat(boundary.given | ~c.outer[:, None], 3, axis=0)
+        self.closed = np.zeros(self.free.shape)
         turned = np.einsum("tij,cjk,tlk->tcil", c.jacobian, COMPONENTS, c.jacobian, optimize=True)
         flat = turned.reshape(-1, 9) @ COORDINATES.reshape(6, 9).T
         self.piola = flat.reshape(-1, 6, 6) / c.det[:, None, None]
-        self.inverse = np.empty((len(c.nodes), FREE, FREE))
+        self.inverse = np.empty((len(c.nodes), FREE, FREE), dtype=np.float32)
         self.loaded = np.empty((len(c.nodes), FREE, 3))
         self._blocks = np.empty((len(c.nodes), 4, 9, 9))
         numbers = np.arange(4 * len(c.nodes))
@@ -71,7 +74,11 @@ class Faces:
             A = self._compliances(compliance(part), part)
             self.loaded[part] = A[:, :FREE, FREE:]
             self.inverse[part] = np.linalg.inv(A[:, :FREE, :FREE])
-            self._fill_blocks(part)
+
+    def precondition(self) -> None:
+        """Take the blocks of the faces from the present compliances."""
+        for first in range(0, len(self.slot), CHUNK):
+            self._fill_blocks(slice(first, first + CHUNK))
         self._invert_blocks()
 
     def _compliances(self, H: np.ndarray, part: np.ndarray) -> np.ndarray:
@@ -84,9 +91,10 @@ class Faces:
         strains = np.matmul(H, stresses).reshape(len(P), 96, 33)
         return np.matmul(stresses.reshape(len(P), 96, 33).transpose(0, 2, 1), strains) * volume / 16
 
-    def _fill_blocks(self, part: np.ndarray) -> None:
+    def _fill_blocks(self, part: slice) -> None:
         """The blocks of S of each face, its vertices in the order of the face."""
-        J, place, n = self.cells.jacobian[part], self.cells.place[part], np.arange(len(part))
+        J, place = self.cells.jacobian[part], self.cells.place[part]
+        n = np.arange(len(J))
         half = np.matmul(self.inverse[part], OWN.T)
         for k in range(4):
             face = slice(9 * k, 9 * k + 9)
@@ -111,7 +119,12 @@ class Faces:
 
     def smooth(self, r: np.ndarray) -> np.ndarray:
         """The blocks of the faces solved for r, both (3 nf, 3)."""
-        return np.matmul(self._face_inverse, r.reshape(-1, 9, 1)).reshape(-1, 3)
+        return self.kept(np.matmul(self._face_inverse, r.reshape(-1, 9, 1)).reshape(-1, 3))
+
+    def kept(self, r: np.ndarray) -> np.ndarray:
+        """Displacements or moments (3 nf, 3) without the components that are held."""
+        r = np.where(self.free, r, 0.0)
+        return r - self.closed * np.einsum("si,si->s", self.closed, r)[:, None]
 
     def work(self, delta: np.ndarray) -> np.ndarray:
         """B' delta of each tetrahedron, shape (nt, 30)."""
@@ -119,7 +132,8 @@ class Faces:
 
     def answer(self, strains: np.ndarray) -> np.ndarray:
         """A^-1 times vectors of the tetrahedra, both (nt, 30)."""
-        return np.matmul(self.inverse, strains[:, :, None])[:, :, 0]
+        single = strains.astype(np.float32)[:, :, None]
+        return np.matmul(self.inverse, single)[:, :, 0].astype(float)
 
     def moments(self, x: np.ndarray, loads: np.ndarray | None = None) -> np.ndarray:
         """Outward moments (nt, 12, 3) of stresses x (nt, 30) and of loads (nt, 3)."""
@@ -133,12 +147,12 @@ class Faces:
 
     def product(self, delta: np.ndarray) -> np.ndarray:
         """S delta, zero where supports hold."""
-        return np.where(self.free, self.sums(self.moments(self.answer(self.work(delta)))), 0.0)
+        return self.kept(self.sums(self.moments(self.answer(self.work(delta)))))
 
     def spread(self, u: np.ndarray) -> np.ndarray:
         """Nodal displacements (nodes, 3) on the faces."""
-        return np.where(self.free, u[self.cells.facets.ravel()], 0.0)
+        return self.kept(u[self.cells.facets.ravel()])
 
     def at_nodes(self, r: np.ndarray) -> np.ndarray:
         """The transpose of ``spread``."""
-        return self.cells.at_nodes(np.where(self.free, r, 0.0), self.cells.facets)
+        return self.cells.at_nodes(self.kept(r), self.cells.facets)

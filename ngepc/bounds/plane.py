@@ -34,15 +34,15 @@ class PlaneSetting(Setting):
 
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray, effort: Effort | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """An admissible stress for which the bound is small, and its mean on each triangle."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """An admissible stress for which the bound is small, its mean on each triangle, and P."""
         moments, forces = self.loads(P)
         stress = self.balanced(state, tangent, forces)
         z = self.admissible(stress, moments)
         dual = Dual(self.space, self.conjugate, self.strain(state))
         rest = self.gaps(state, 0 * stress).sum() + self.contact_gaps(state.u, P).sum()
         z = tightened(dual, self.cells, z, stress, float(rest), effort or Effort())
-        return at_nodes(z), z.mean(axis=1)
+        return at_nodes(z), z.mean(axis=1), P
 
     def admissible(self, stress: np.ndarray, moments: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the midpoints, shape (nt, 9, 3).

@@ -61,8 +61,8 @@ class Setting(ABC):
     @abstractmethod
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray, effort: object | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """An admissible stress for which the bound is small, and its mean on each cell.
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """An admissible stress for which the bound is small, its mean on each cell, and its P.
 
         Parameters
         ----------

@@ -6,11 +6,13 @@ and the stresses are built from them again: they are admissible after any number
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ngepc.bounds.alfeld import AT_POINTS, AT_VERTICES, FREE, FROM_MOMENTS, MOMENTS
+from ngepc.bounds.conjugate import Completed
+from ngepc.bounds.equilibration import values_of
 from ngepc.bounds.faces import Faces
 from ngepc.bounds.setting import BALANCED, PASSES, Setting, stress_coordinates
 from ngepc.bounds.simplices import FACETS
@@ -63,28 +65,48 @@ class SolidSetting(Setting):
 
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray, effort: Effort | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """An admissible stress for which the bound is small, and its mean on each tetrahedron."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """An admissible stress for which the bound is small, its mean on each cell, and P."""
         effort, law, f = effort or SOLID_EFFORT, self.discrete.law, self.inner_loads
         moduli = law.moduli(state.at, state.yielding)
         z = stress_coordinates(3, law.bulk * state.volume, law.stress(state.at))
-        rest = float(self.gaps(state, 0 * z).sum() + self.contact_gaps(state.u, P).sum())
-        here = Displaced(tangent, moduli, self.strain(state)[:, None], rest)
         H = self.conjugate.compliance(self.conjugate.completed(z[:, None]))
         self.faces.fill(lambda part: H[part], np.arange(len(z)))
-        given = self.loads(P)[0]
+        self.faces.precondition()
         own = self.constant_moments(z) + self.faces.moments(np.zeros((len(z), FREE)), f)
         pulled = np.matmul(self.faces.loaded, f[:, :, None])[:, :, 0]
-        x = self.admissible(here, pulled, own, given, f, effort)
+        here = Displaced(tangent, moduli, self.strain(state)[:, None], 0.0)
+        P = self.sharpened(here, pulled, own, P, effort)
+        rest = float(self.gaps(state, 0 * z).sum() + self.contact_gaps(state.u, P).sum())
+        here = replace(here, rest=rest)
+        x = self.admissible(here, pulled, own, self.loads(P)[0], f, effort)
         for _ in range(effort.newton):
-            x = self.newton(here, x, effort)
-        return self.stress(x, f, AT_VERTICES), self.stress(x, f, AT_POINTS).mean(axis=1)
+            at = self.conjugate.completed(self.stress(x, f, AT_POINTS))
+            if (at.over > 0).any():
+                x = self.newton(here, x, at, effort)
+        return self.stress(x, f, AT_VERTICES), self.stress(x, f, AT_POINTS).mean(axis=1), P
 
-    def newton(self, here: Displaced, x: np.ndarray, effort: Effort) -> np.ndarray:
-        """Coefficients after a Newton step for the dual functional."""
-        stress = self.stress(x, self.inner_loads, AT_POINTS)
-        at = self.conjugate.completed(stress)
-        value = self.value(stress, here)
+    def sharpened(
+        self, here: Displaced, pulled: np.ndarray, own: np.ndarray, P: np.ndarray, effort: Effort
+    ) -> np.ndarray:
+        """The pressure of a body that is held where P > 0, as far as it presses."""
+        faces, on = self.faces, self.boundary.contact
+        closed = (P > 0).all(axis=1)[:, None]
+        if not closed.any():
+            return P
+        slots, normals = 3 * on[:, None] + np.arange(3), self.cells.normal[on][:, None]
+        faces.closed[slots] = closed[:, :, None] * normals
+        own = own - faces.moments(faces.answer(pulled))
+        b = self.loads(P)[0].reshape(-1, 3) - faces.sums(own)
+        delta = self.displacements(here, b, effort)
+        faces.closed[:] = 0.0
+        sums = faces.sums(own + faces.moments(faces.answer(faces.work(delta))))
+        pressed = values_of(-(sums[slots] * normals).sum(axis=2), self.cells.measure[on])
+        return np.where(closed, np.maximum(pressed, 0.0), P)
+
+    def newton(self, here: Displaced, x: np.ndarray, at: Completed, effort: Effort) -> np.ndarray:
+        """Coefficients after a Newton step for the dual functional from x, with the stresses at."""
+        value = self.value(self.stress(x, self.inner_loads, AT_POINTS), here)
         yields = np.flatnonzero((at.over > 0).any(axis=1))
         self.faces.fill(lambda part: self.conjugate.of(part).compliance(at.of(part)), yields)
         pulled = self.work(self.conjugate.gradient(at) - here.strain)
@@ -133,13 +155,21 @@ class SolidSetting(Setting):
         return self.coefficients(self.repaired(own, given), loads)
 
     def displacements(self, here: Displaced, b: np.ndarray, effort: Effort) -> np.ndarray:
-        """Delta of the faces that nearly solves S delta = b, by two-level conjugate gradients."""
+        """Delta of the faces that nearly solves S delta = b, by two-level conjugate gradients.
+
+        Where faces are held the continuous displacements, which are not, are left out.
+        """
         faces = self.faces
-        delta = faces.spread(here.factors.solve(faces.at_nodes(b)))
-        r = np.where(faces.free, b, 0.0) - faces.product(delta)
+        torn = faces.closed.any()
+
+        def coarse(r: np.ndarray) -> np.ndarray | float:
+            return 0.0 if torn else faces.spread(here.factors.solve(faces.at_nodes(r)))
+
+        delta = np.zeros_like(b) + coarse(b)
+        r = faces.kept(b) - faces.product(delta)
         total, before, p = 0.0, 0.0, np.zeros_like(r)
         for _ in range(effort.steps):
-            s = faces.smooth(r) + faces.spread(here.factors.solve(faces.at_nodes(r)))
+            s = faces.smooth(r) + coarse(r)
             rs = float(np.vdot(r, s))
             if not rs > 0:
                 break

@@ -116,10 +116,12 @@ class Crossing:
         return self.bound.total / (self.bound.energy - self.fine.least_energy)
 
 
-def random_crossings(seed: int, count: int, bisections: int = 3) -> Iterator[Crossing]:
-    """Random plane problems, each with its bound and a fine reference."""
-    plane = (d for d in draws(seed) if d.body != "cube")
-    for draw in islice(plane, count):
+def random_crossings(
+    seed: int, count: int, bisections: int = 3, dimension: int = 2
+) -> Iterator[Crossing]:
+    """Random problems in two or three dimensions, each with its bound and a fine reference."""
+    drawn = (d for d in draws(seed) if (d.body == "cube") == (dimension == 3))
+    for draw in islice(drawn, count):
         problem = build(draw)
         bound = error_bound(semismooth_newton(problem))
         yield Crossing(draw, bound, error_bound(semismooth_newton(finer(problem, bisections))))

@@ -9,9 +9,9 @@ from ngepc.bounds.bound import error_bound
 from ngepc.studies.bounds import finer, random_crossings
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_energies_of_random_problems_do_not_cross(seed):
-    for crossing in random_crossings(seed, 3, bisections=1):
+@pytest.mark.parametrize(("seed", "dimension"), [(0, 2), (1, 2), (2, 2), (3, 2), (4, 2), (1, 3)])
+def test_energies_of_random_problems_do_not_cross(seed, dimension):
+    for crossing in random_crossings(seed, 3, 1, dimension):
         assert crossing.margin > 0, crossing.draw
         assert crossing.fine.least_energy <= crossing.bound.energy
         assert crossing.bound.per_cell.min() >= -1e-9 * crossing.bound.total
