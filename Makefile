@@ -19,6 +19,8 @@ WORKERS ?= auto
 PARALLEL = -n $(WORKERS) --dist loadfile
 
 BIN := $(VENV)/bin
+# Setuptools warns of every editable installation of a package whose folder stands beside it.
+INSTALL = PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet
 export MPLBACKEND := Agg
 export NGS_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
@@ -56,14 +58,14 @@ lint: $(VENV)/.dev
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(INSTALL) --upgrade pip
 
 $(VENV)/.run: $(BIN)/python setup.cfg pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[html]"
+	$(INSTALL) --editable ".[html]"
 	touch $@
 
 $(VENV)/.test: $(BIN)/python setup.cfg pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[html,notebook,test,docs]"
+	$(INSTALL) --editable ".[html,notebook,test,docs]"
 	touch $@ $(VENV)/.run $(VENV)/.docs
 
 $(PETSC_VENV)/.test: setup.cfg pyproject.toml
@@ -72,11 +74,11 @@ $(PETSC_VENV)/.test: setup.cfg pyproject.toml
 	touch $@
 
 $(VENV)/.docs: $(BIN)/python setup.cfg pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[notebook,docs]"
+	$(INSTALL) --editable ".[notebook,docs]"
 	touch $@
 
 $(VENV)/.dev: $(BIN)/python setup.cfg pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	$(INSTALL) --editable ".[dev]"
 	touch $@
 
 clean:
