@@ -53,6 +53,7 @@ myst_heading_anchors = 3
 
 nb_execution_mode = os.environ.get("NGEPC_DOCS_EXECUTE", "off")
 nb_execution_timeout = 300
+nb_execution_excludepatterns = ["notebooks/exercises/*"]  # nothing is filled in there
 nb_ipywidgets_js = {}  # the views need no widgets, and those would come from the network
 nb_execution_raise_on_error = True
 nb_merge_streams = True

@@ -16,8 +16,9 @@ from ngepc.checks.kinds import (
     require_mapping,
     require_sequence,
 )
+from ngepc.pictures.bodies import check_drawing
 from ngepc.pictures.drawable import UnitNames, fields_of, require_sources, unit_names
-from ngepc.pictures.fields import check_drawing, plot_active_sets
+from ngepc.pictures.fields import plot_active_sets
 from ngepc.pictures.sampling import boundary_corners
 from ngepc.pictures.style import COLOURS, GUIDE, Picture, line_style, styled
 from ngepc.results.outcome import History
