@@ -36,6 +36,8 @@ SLOW = (
     "physics/test_kinematics.py",
     "physics/test_promises.py",
     "physics/test_property.py",
+    "physics/test_published.py",
+    "physics/test_supports.py",
     "physics/test_verification.py",
     "pictures",
     "sensitivity",

@@ -12,7 +12,7 @@ from ngsolve import CF, InnerProduct, Integrate, ds
 from pressed_shell import PressedShell
 from shared import check, plain, run, save
 
-from ngepc import Material, Problem, outward_normal, semismooth_newton
+from ngepc import Material, Problem, semismooth_newton
 from ngepc.geometries import ring
 from ngepc.pictures import beside, plot_field
 
@@ -27,7 +27,7 @@ def solved(mesh, pressure):
         MATERIAL,
         clamped=None,
         prescribed={"left": (0, None), "bottom": (None, 0)},
-        traction={"inner": -pressure * outward_normal(mesh)},
+        pressure={"inner": pressure},
         contact="outer",
         gap=GAP,
         kinematics="two-dimensional",
