@@ -16,7 +16,8 @@ from ngepc.evolution.result import Evolution
 from ngepc.evolution.solver import evolve
 from ngepc.local.system import State
 from ngepc.model.problem import Problem
-from ngepc.sensitivity.functionals import Form, Functional, as_functional
+from ngepc.sensitivity.forms import Form, as_functional
+from ngepc.sensitivity.functionals import Functional
 from ngepc.sensitivity.parameters import MATERIAL
 from ngepc.sensitivity.states import states_of
 from ngepc.sensitivity.tangent import tangents_at

@@ -1,30 +1,19 @@
-"""Functionals of a solution with their derivatives: ready-made ones, and forms of NGSolve."""
+"""Functionals of a solution with their derivatives: forces, energies, displacements."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from ngsolve import (
     VOL,
-    BilinearForm,
-    CoefficientFunction,
     ElementId,
-    GridFunction,
-    Id,
-    InnerProduct,
-    Variation,
-    ds,
-    dx,
 )
-from ngsolve.comp import SumOfIntegrals
 
 from ngepc.checks.arguments import boundary_names, require_integer, require_vector
-from ngepc.checks.kinds import require_attributes, require_instance, require_text
-from ngepc.discretisation.loads import nodal
-from ngepc.discretisation.pointfunctions import PointFunctions
+from ngepc.checks.kinds import require_text
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import RowSides
 from ngepc.sensitivity.radial import Data, RadialDerivative
@@ -101,6 +90,28 @@ class PrimalEnergy:
         }
         on_contact = sides.stacked(sides.coefficient * slip, still)
         return Slope(state.energy, u=forces + dragged, contact=on_contact, explicit=explicit)
+
+
+class ElasticEnergy:
+    """1/2 int sigma : (eps(u) - p_0 - p), what the body gives back (force times length)."""
+
+    def slope(self, state: State) -> Slope:
+        """Value and derivative at a state."""
+        law, elastic = state.discrete.law, RadialDerivative(state.discrete.law, state.at).elastic
+        sizes, volumes = (elastic**2).sum(axis=1), state.volume**2
+        energy = state.discrete.points.integral(0.5 * (law.bulk * volumes + law.two_mu * sizes))
+        explicit = {"bulk": -0.5 * volumes, "two_mu": -0.5 * sizes}
+        return Slope(energy, stress=elastic, mean=state.volume, explicit=explicit)
+
+
+class Dissipation:
+    """Int beta |p|, what the plastic strain of the step costs (force times length)."""
+
+    def slope(self, state: State) -> Slope:
+        """Value and derivative at a state."""
+        beta, at = state.discrete.law.beta, state.at
+        value = state.discrete.points.integral(beta * at.gained)
+        return Slope(value, p=beta[:, None] * at.direction, explicit={"beta": at.gained})
 
 
 @dataclass(frozen=True)
@@ -191,102 +202,3 @@ class Reaction:
             contact=rows,
             explicit={"load": -motion},
         )
-
-
-Form = Callable[[CoefficientFunction, CoefficientFunction, CoefficientFunction], SumOfIntegrals]
-"""(u, plastic strain p_0 + p, stress) -> integrals of them, both tensors."""
-
-
-@dataclass(frozen=True, eq=False)
-class FormFunctional:
-    """Integrals of displacement, plastic strain and stress.
-
-    Plastic strain and stress are the polynomials through their values at the points; they have no
-    values on boundaries.
-
-    Parameters
-    ----------
-    form
-        Called with the displacement u, the plastic strain p_0 + p and the stress, two tensors;
-        returns integrals such as ``InnerProduct(u, u) * ds("contact")``.
-    """
-
-    form: Form
-
-    def slope(self, state: State) -> Slope:
-        """Value and derivative at a state, by ``Variation`` of the form.
-
-        Raises
-        ------
-        TypeError
-            If the form does not return integrals.
-        """
-        discrete, kinematics = state.discrete, state.discrete.points.kinematics
-        law, d, functions = discrete.law, kinematics.d, PointFunctions(discrete.points)
-        parts = (
-            functions.function(law.initial + state.at.plastic_strain),
-            functions.function(law.stress(state.at)),
-            functions.function(law.bulk * state.volume),
-        )
-        space = discrete.supports.space
-        for part in parts:
-            space = space * part.space
-        (u, p, tau, mean), _ = space.TnT()
-        stress = mean * Id(kinematics.size) + kinematics.tensor(tau)
-        integrals = self.form(u, kinematics.tensor(p), stress)
-        if not isinstance(integrals, SumOfIntegrals):
-            raise TypeError(f"functional returned {integrals!r}: integrals are needed")
-        form = BilinearForm(space)
-        form += Variation(integrals)
-        vectors = [state.u.T.ravel(), *(part.vec.FV().NumPy() for part in parts)]
-        value, slope = _value_and_slope(form, np.concatenate(vectors))
-        cuts = np.cumsum([len(v) for v in vectors])[:-1]
-        of_u, of_p, of_tau, of_mean = np.split(slope, cuts)
-        weights = discrete.points.weights
-        of_p, of_tau = (functions.transposed(v, d) / weights[:, None] for v in (of_p, of_tau))
-        return Slope(
-            value,
-            u=nodal(of_u, discrete.problem),
-            p=of_p,
-            stress=of_tau,
-            mean=functions.transposed(of_mean, 1)[:, 0] / weights,
-            explicit={"initial": of_p},
-        )
-
-
-def _value_and_slope(form: BilinearForm, coefficients: np.ndarray) -> tuple[float, np.ndarray]:
-    here = GridFunction(form.space).vec
-    here.FV().NumPy()[:] = coefficients
-    slope = here.CreateVector()
-    form.Apply(here, slope)
-    return float(form.Energy(here)), slope.FV().NumPy().copy()
-
-
-def misfit(observed: CoefficientFunction, boundary: str | None = None) -> FormFunctional:
-    """Int |u - observed|^2 over a boundary, or over the body."""
-    require_instance("observed", observed, CoefficientFunction, "a vector coefficient")
-    require_text("boundary", boundary, optional=True)
-    measure = dx if boundary is None else ds(boundary)
-    return FormFunctional(lambda u, p, stress: InnerProduct(u - observed, u - observed) * measure)
-
-
-NAMES = {"contact_force": ContactForce(), "primal_energy": PrimalEnergy()}
-"""Functionals that a name is enough for."""
-
-
-def as_functional(functional: object) -> Functional:
-    """A functional from its name, a form, or itself.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none of them.
-    """
-    if isinstance(functional, str):
-        if functional not in NAMES:
-            raise ValueError(f"functional={functional!r}: one of {', '.join(NAMES)} is needed")
-        return NAMES[functional]
-    if callable(functional):
-        return FormFunctional(functional)
-    require_attributes("functional", functional, ["slope"], "a name, a form or a functional")
-    return functional

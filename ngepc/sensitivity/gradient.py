@@ -17,7 +17,8 @@ from ngepc.checks.arguments import require_integer
 from ngepc.local.system import State
 from ngepc.sensitivity.adjoint import derivative_by_data, paired, summed
 from ngepc.sensitivity.biactive import Biactive, biactive_set, told
-from ngepc.sensitivity.functionals import Form, Functional, Slope, as_functional
+from ngepc.sensitivity.forms import Form, as_functional
+from ngepc.sensitivity.functionals import Functional, Slope
 from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Constants, Parameters, changed_data, directions
 from ngepc.sensitivity.radial import Data
@@ -73,8 +74,8 @@ def gradient(
     result
         A converged result of ``semismooth_newton`` without gamma, or of ``evolve``.
     functional
-        "contact_force", "primal_energy", ``DisplacementAt``, ``Reaction``, ``misfit``, or a form,
-        see ``FormFunctional``.
+        "contact_force", "primal_energy", "elastic_energy", "dissipation", ``DisplacementAt``,
+        ``Reaction``, ``misfit``, or a form, see ``FormFunctional``.
     parameters
         Names such as ["hardening", "traction"], or name -> ``Direction``.  In a history a load or
         gap changes in all steps, an initial plastic strain at the begin.

@@ -26,7 +26,8 @@ from ngepc.local.system import State
 from ngepc.sensitivity.adjoint import paired, summed
 from ngepc.sensitivity.biactive import Biactive, biactive_set, told
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.functionals import Form, Functional, as_functional
+from ngepc.sensitivity.forms import Form, as_functional
+from ngepc.sensitivity.functionals import Functional
 from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Constants, Direction, changed_data, directions
 from ngepc.sensitivity.radial import Data, RadialDerivative

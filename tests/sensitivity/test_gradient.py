@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngsolve import CF, IfPos, x, y
+from ngsolve import CF, IfPos, InnerProduct, Integrate, ds, dx, x, y
 
 from ngepc import (
     Coulomb,
@@ -12,12 +12,14 @@ from ngepc import (
     NewtonOptions,
     Problem,
     SolverError,
+    evolve,
     lshape_problem,
     semismooth_newton,
 )
 from ngepc.cli.study import in_agreement
 from ngepc.geometries import block, lshape
-from ngepc.sensitivity.functionals import DisplacementAt, Reaction, misfit
+from ngepc.sensitivity.forms import as_functional, misfit
+from ngepc.sensitivity.functionals import DisplacementAt, Reaction
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.parameters import Direction
 from ngepc.studies.verification.derivatives import (
@@ -26,7 +28,13 @@ from ngepc.studies.verification.derivatives import (
     envelope_error,
     taylor_slopes,
 )
-from ngepc.studies.verification.differentiable import once, random_problem
+from ngepc.studies.verification.differentiable import (
+    last_state,
+    moved,
+    once,
+    random_problem,
+    sizes,
+)
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +126,35 @@ def test_reactions_balance_what_changes(lshape_result):
     reaction = gradient(lshape_result, Reaction("clamped", 1), names)
     for name in names:  # the obstacle of Example (a) pushes along y
         assert reaction[name] == pytest.approx(force[name], rel=1e-8)
+
+
+@pytest.mark.parametrize("seed", [4, 19])
+def test_energies_and_pressure_agree_with_differences(seed):
+    problem = random_problem(seed)
+    (names, h), result = (("traction", "lame_mu", "yield_stress", "gap"), 1e-5), once(problem)
+    top = "|".join(problem.contact_names)
+
+    def pressed(u, p, stress, pressure):
+        edge = ds(top, bonus_intorder=2)
+        return (1 + x) * pressure**2 * edge + InnerProduct(u, u) * dx
+
+    for functional in ("elastic_energy", "dissipation", pressed):
+        slopes, F = gradient(result, functional, names), as_functional(functional)
+        for name, size in sizes(problem).items():
+            if name in names:
+                ends = [once(moved(problem, {name: t * h * size}), result) for t in (-1, 1)]
+                before, after = (F.slope(last_state(end)).value for end in ends)
+                difference = (after - before) / (2 * h * size)
+                assert slopes[name] == pytest.approx(difference, rel=1e-5, abs=1e-7)
+    record = evolve(problem, [(1.0, {})]).steps[0].record
+    for name in ("elastic_energy", "dissipation"):
+        told = as_functional(name).slope(result.state).value
+        assert told == pytest.approx(getattr(record, name), rel=1e-9)
+    pressure = result.contact_pressure
+    integral = Integrate((1 + x) * pressure**2, problem.mesh.Boundaries(top))
+    of_u = as_functional(lambda u, p, stress: InnerProduct(u, u) * dx).slope(result.state).value
+    both = as_functional(pressed).slope(result.state).value
+    assert both - of_u == pytest.approx(integral, rel=1e-9)
 
 
 def test_a_field_that_fits_has_no_slope(lshape_result):

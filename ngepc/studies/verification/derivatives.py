@@ -11,9 +11,10 @@ from ngepc.model.friction import Coulomb
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.adjoint import paired
 from ngepc.sensitivity.contact import RowSides
-from ngepc.sensitivity.functionals import as_functional
+from ngepc.sensitivity.forms import as_functional
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.parameters import Constants, Direction, changed_data
+from ngepc.sensitivity.shape import STENCIL
 from ngepc.sensitivity.states import Solution, states_of
 from ngepc.studies.verification.differentiable import (
     four_times,
@@ -26,11 +27,8 @@ from ngepc.studies.verification.differentiable import (
 )
 from ngepc.studies.work import Cell, Outcome, Table, Work
 
-STENCIL = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
-"""Central difference of fourth order."""
-
 STEP = 3e-5
-"""Its step, relative to the size of the parameters."""
+"""The step of differences, relative to the size of the parameters."""
 
 LENGTHS = 1e-3 * 0.5 ** np.arange(4)
 """Lengths of the changes whose Taylor remainders are compared."""

@@ -24,7 +24,8 @@ from ngepc.model.friction import Coulomb
 from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
-from ngepc.sensitivity.functionals import DisplacementAt, Functional, Reaction, as_functional
+from ngepc.sensitivity.forms import as_functional
+from ngepc.sensitivity.functionals import DisplacementAt, Functional, Reaction
 from ngepc.sensitivity.parameters import MATERIAL
 from ngepc.sensitivity.states import Solution, states_of
 
