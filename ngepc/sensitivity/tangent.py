@@ -87,8 +87,7 @@ class TangentResult:
     @property
     def contact_force(self) -> float:
         """The change of the resultant contact force."""
-        discrete = self.state.discrete
-        return float(discrete.contact.normal(self.contact)[~discrete.rows.tied].sum())
+        return self.of("contact_force")
 
     def of(self, functional: str | Form | Functional) -> float:
         """The derivative of a functional, see ``gradient``."""

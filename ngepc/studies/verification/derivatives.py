@@ -36,18 +36,9 @@ LENGTHS = 1e-3 * 0.5 ** np.arange(4)
 
 @dataclass(frozen=True)
 class Comparison:
-    """A derivative beside its central difference.
+    """A derivative beside its difference, which is ``smooth`` if no row or point changes side.
 
-    Parameters
-    ----------
-    functional, parameter
-        What was differentiated with respect to what.
-    exact, difference
-        The two numbers, for a change of order one.
-    size
-        The largest derivative of the functional with respect to any parameter.
-    smooth
-        Whether the same points yield and the same rows are closed all over the difference.
+    Both are for a change of order one; ``size`` is the largest derivative of the functional.
     """
 
     functional: str
