@@ -26,6 +26,8 @@ from ngepc.dual.tichonov import FullProduct as FullProduct
 from ngepc.dual.tichonov import SurfaceGradient as SurfaceGradient
 from ngepc.evolution.load_path import Schedule as Schedule
 from ngepc.evolution.load_path import load_cycle as load_cycle
+from ngepc.evolution.material_point import PointHistory as PointHistory
+from ngepc.evolution.material_point import material_point as material_point
 from ngepc.evolution.result import Evolution as Evolution
 from ngepc.evolution.solver import cold_start as cold_start
 from ngepc.evolution.solver import evolve as evolve

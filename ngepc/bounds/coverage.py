@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from ngsolve import BND, ET, VOL, CoefficientFunction, IntegrationRule
 
-from ngepc.model.hardening import require_linear
-from ngepc.model.loading import require_plain
+from ngepc.model.loading import require_linear, require_plain
 from ngepc.model.problem import Problem
 from ngepc.model.rules import has_straight_simplices
 
@@ -109,7 +108,7 @@ def check_covered(problem: Problem) -> None:
         raise ValueError(
             f"contact={problem.contact!r}: bounds need rigid obstacles, not two bodies"
         )
-    require_linear(problem.material.law, "bounds need")
+    require_linear(problem, "bounds need")
     if problem.friction is not None:
         raise ValueError(f"friction={problem.friction!r}: bounds need contact without friction")
     require_plain(problem, "bounds need loads and components of displacements on boundaries")

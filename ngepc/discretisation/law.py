@@ -18,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from ngsolve import Trace
 
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.model.material import PEEQ
@@ -86,6 +87,8 @@ class Law:
         mu_1 + 2 mu_2/size, 2 mu_2, h and the yield bound (stress), shape (points,).
     back, initial
         dev alpha_2 (stress) and p_0 (1) in coordinates, shape (points, d).
+    swelling, distortion
+        tr eps_0 and dev eps_0 of the initial strain, to be taken off strains; 0 without.
     isotropic, accumulated
         The ``HardeningLaw`` at the points, None for none, and PEEQ where it starts (points,).
     """
@@ -101,6 +104,10 @@ class Law:
             self.back = points.at(kinematics.coordinates(problem.alpha_0[1]))
         if problem.initial_plastic_strain is not None:
             self.initial = points.at(kinematics.coordinates(problem.p_0))
+        self.swelling, self.distortion = 0.0, 0.0
+        if problem.initial_strain is not None:
+            self.swelling = points.at(Trace(problem.eps_0))
+            self.distortion = points.at(kinematics.coordinates(problem.eps_0))
         self.isotropic = None if material.law is None else material.law.at(points.at)
         self.accumulated = points.at(problem.accumulated_0)
 
@@ -194,6 +201,8 @@ class Law:
     def complementary_density(self, pressure: np.ndarray, stress: np.ndarray) -> np.ndarray:
         """The conjugate of ``energy_density`` at a stress, inf where none can be (points,).
 
+        As a function of all the strain, the initial one included.
+
         Parameters
         ----------
         pressure
@@ -207,7 +216,8 @@ class Law:
         flow = size * reached - 0.5 * self.hardening * reached**2 - self.hardening_energy(reached)
         total = stress + self.two_mu[:, None] * self.initial
         shape = 0.5 * np.einsum("pd,pd->p", total, total) / self.two_mu
-        return 0.5 * pressure**2 / self.bulk + shape + np.where(g < np.inf, flow, np.inf)
+        free = pressure * self.swelling + np.sum(stress * self.distortion, axis=1)
+        return 0.5 * pressure**2 / self.bulk + shape + np.where(g < np.inf, flow, np.inf) + free
 
     def yielding_part(self, at: Return) -> np.ndarray:
         """w = r s / max(r, |s|), shape (points, d)."""

@@ -27,8 +27,7 @@ from ngepc.discretisation.spaces import displacement_space, plastic_space, presc
 from ngepc.dual.parts import dual_parts
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
-from ngepc.model.hardening import require_linear
-from ngepc.model.loading import require_plain
+from ngepc.model.loading import require_linear, require_plain
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
 
@@ -97,7 +96,7 @@ def require_papers_problem(problem: Problem) -> None:
         If the problem is another one.
     """
     advice = "leave gamma and regularisation out"
-    require_linear(problem.material.law, "the paper's regularised method needs")
+    require_linear(problem, "the paper's regularised method needs")
     if problem.friction is not None:
         raise ValueError(
             f"friction={problem.friction!r}: the paper's regularised method has none; {advice}"

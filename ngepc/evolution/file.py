@@ -141,6 +141,7 @@ def problem_fingerprint(problem: Problem) -> str:
     body = [material.lame_lambda, material.lame_mu, material.effective_hardening]
     body += [material.hardening, problem.beta, problem.p_0, *problem.alpha_0]
     body += [] if problem.f is None else [problem.f]
+    body += [] if problem.initial_strain is None else [problem.eps_0]
     if material.law is not None:
         body += [problem.accumulated_0, *material.law.data]
         digest.update(type(material.law).__qualname__.encode())

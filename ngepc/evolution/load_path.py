@@ -161,7 +161,7 @@ def load_cycle(
 
 
 def scaled_loads(problem: Problem, factor: float) -> Changes:
-    """Changes that multiply all loads and prescribed displacements by ``factor``."""
+    """Changes that multiply loads, prescribed displacements, initial strains by ``factor``."""
     changes: dict[str, object] = {}
     if problem.traction:
         changes["traction"] = {p: factor * as_vector(g) for p, g in problem.traction.items()}
@@ -169,6 +169,8 @@ def scaled_loads(problem: Problem, factor: float) -> Changes:
         changes["pressure"] = {name: factor * p for name, p in problem.pressure.items()}
     if problem.body_force is not None:
         changes["body_force"] = factor * as_vector(problem.body_force)
+    if problem.initial_strain is not None:
+        changes["initial_strain"] = factor * problem.initial_strain
     if problem.prescribed:
         changes["prescribed"] = {
             p: replace(c, value=factor * c.value)

@@ -80,7 +80,7 @@ class StepRecord:
     ) -> StepRecord:
         """The numbers of a step from the solver's result and the fields at the points."""
         problem = step_fields.problem
-        elastic = step_fields.strain - step_fields.plastic_strain
+        elastic = step_fields.strain - problem.eps_0 - step_fields.plastic_strain
         stored = 0.5 * InnerProduct(step_fields.stress, elastic)
         lost = as_scalar(problem.beta) * Norm(step_fields.plastic_increment)
         return cls(

@@ -38,7 +38,7 @@ from ngepc.discretisation.law import ROUNDING
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.hardening import require_linear
+from ngepc.model.loading import require_linear
 from ngepc.model.problem import as_scalar
 from ngepc.model.rules import plastic_order
 
@@ -62,7 +62,7 @@ class SaddleForms:
     def __init__(self, discrete: DiscreteProblem, inverse: str) -> None:
         self.discrete, self._name, self._inverse = discrete, inverse, None
         problem, V = discrete.problem, discrete.supports.space
-        require_linear(problem.material.law, "these forms need")
+        require_linear(problem, "these forms need")
         local = L2(problem.mesh, order=plastic_order(problem.mesh, problem.order))
         Q = VectorValued(local, problem.kinematics.d)
         self.space = V * Q * Q

@@ -115,6 +115,7 @@ class DiscreteProblem:
         What is given as w is projected onto |w| <= r(|s|).
         """
         volume, e = self.points.strain(u)
+        volume, e = volume - self.law.swelling, e - self.law.distortion
         at = self.law.returned(e)
         if yielding is None:
             yielding = self.law.yielding_part(at)
@@ -138,7 +139,7 @@ class State(Balance):
     contact
         Forces of the contact conditions: normal forces >= 0, with friction then tangential ones.
     volume, deviator, at
-        tr eps(u), the coordinates of dev eps(u), and the law there.
+        tr eps(u) and the coordinates of dev eps(u) beyond the initial strain, and the law there.
     """
 
     discrete: DiscreteProblem

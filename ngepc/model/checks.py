@@ -247,6 +247,10 @@ def check_history(problem: Given) -> None:
             raise ValueError(
                 f"initial_plastic_strain has trace up to {trace:g}: plastic strains are trace-free"
             )
+    if problem.initial_strain is not None:
+        require_coefficient("initial_strain", problem.initial_strain, [(), (N, N)])
+        require_finite("initial_strain", problem.initial_strain, mesh)
+        _check_symmetric("initial_strain", sample(problem.eps_0, mesh).reshape(-1, N, N))
     if isinstance(problem.initial_hardening, tuple) and len(problem.initial_hardening) != 2:
         raise ValueError(
             f"initial_hardening={problem.initial_hardening!r}: a scalar, an {N} x {N} "

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ngsolve import CF, CoefficientFunction, Mesh
+from ngsolve import CF, CoefficientFunction, Id, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number
 from ngepc.model.contact import Contact
@@ -39,6 +39,7 @@ class Given:
     order: int = 1
     pressure: Mapping[str, Coefficient] | None = None
     springs: Mapping[Place, Coefficient | Sequence[Coefficient]] | None = None
+    initial_strain: Coefficient | None = None
 
     @property
     def N(self) -> int:
@@ -160,6 +161,14 @@ class Given:
         """Initial plastic strain, a tensor."""
         p_0 = self.initial_plastic_strain
         return self.kinematics.zero() if p_0 is None else p_0
+
+    @property
+    def eps_0(self) -> CoefficientFunction:
+        """Initial strain, a tensor."""
+        given, size = self.initial_strain, self.kinematics.size
+        if given is None:
+            return self.kinematics.zero()
+        return given if len(getattr(given, "dims", ())) == 2 else as_scalar(given) * Id(size)
 
     @property
     def alpha_0(self) -> tuple[CoefficientFunction, CoefficientFunction]:

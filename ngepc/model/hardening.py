@@ -222,18 +222,6 @@ def check_law(law: HardeningLaw, mesh: Mesh) -> None:
         before = stress
 
 
-def require_linear(law: HardeningLaw | None, what: str) -> None:
-    """Refuse a law where only linear hardening is known.
-
-    Raises
-    ------
-    ValueError
-        Naming the law.
-    """
-    if law is not None:
-        raise ValueError(f"material.law={law!r}: {what} linear hardening, without a law")
-
-
 def _require_datum(name: str, value: object, *, strict: bool) -> None:
     require_coefficient(name, value)
     if is_number(value):

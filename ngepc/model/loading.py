@@ -106,3 +106,21 @@ def require_plain(problem: Given, advice: str) -> None:
             f"contact={problem.contact!r} meets clamped={problem.clamped!r}, it must keep away "
             f"from the clamped boundary, (2.2): {advice}"
         )
+
+
+def require_linear(problem: Given, what: str) -> None:
+    """Refuse a law of hardening and an initial strain, by name, where nothing is known of them.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument and its value; ``what`` needs problems without.
+    """
+    if problem.material.law is not None:
+        raise ValueError(
+            f"material.law={problem.material.law!r}: {what} linear hardening, without a law"
+        )
+    if problem.initial_strain is not None:
+        raise ValueError(
+            f"initial_strain={problem.initial_strain!r}: {what} bodies without an initial strain"
+        )

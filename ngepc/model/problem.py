@@ -67,6 +67,10 @@ class Problem(Given):
         Boundary name -> stiffness k >= 0 per area (force per volume) of an elastic foundation: one
         number resists u.n, N numbers the components.  ``Edge(name)`` -> N numbers per length,
         ``Point(where)`` -> N numbers (force per length).  They are free of force at u = 0.
+    initial_strain
+        eps_0, the strain that is free of stress: a number or scalar coefficient for the same
+        in all directions, expansion times change of temperature for example, or a symmetric
+        tensor like ``initial_plastic_strain`` but with a trace; None for zero.
 
     Raises
     ------

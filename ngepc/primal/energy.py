@@ -155,12 +155,12 @@ class ReducedEnergy:
         self.set(u)
         problem, kinematics = self.problem, self.problem.kinematics
         p, p_0, (_, alpha_2) = self.mapping.plastic_increment, problem.p_0, problem.alpha_0
-        e_minus_p = self.mapping.elastic_strain_trial + p_0 - kinematics.tensor(p)
         density = (
             2 * self.mapping.hardening_energy
             - self.mapping.bound * Norm(p)
             + InnerProduct(kinematics.coordinates(alpha_2), p)
-            - 2 * as_scalar(problem.material.lame_mu) * InnerProduct(e_minus_p, p_0)
+            - 2 * as_scalar(problem.material.lame_mu) * InnerProduct(p_0, p_0)
+            - InnerProduct(self.mapping.stress, p_0 + problem.eps_0)
         )
         return self.integral(density.Compile()) - float(np.vdot(self.load, u))
 

@@ -58,8 +58,9 @@ class ReturnMapping:
 
     @property
     def elastic_strain_trial(self) -> CoefficientFunction:
-        """e - p_0, a tensor."""
-        return self.kinematics.strain(self.displacement) - self.problem.p_0
+        """e - eps_0 - p_0, a tensor; e in the formulas is beyond the initial strain eps_0."""
+        given = self.problem.p_0 + self.problem.eps_0
+        return self.kinematics.strain(self.displacement) - given
 
     @property
     def trial(self) -> CoefficientFunction:

@@ -56,9 +56,9 @@ class Quantities:
 
     @property
     def stress(self) -> CoefficientFunction:
-        """Sigma = C (eps(u) - p_0 - p), a tensor (stress), (2.7)."""
+        """Sigma = C (eps(u) - eps_0 - p_0 - p), a tensor (stress), (2.7)."""
         m, kinematics = self.problem.material, self.problem.kinematics
-        e = self.strain - self.plastic_strain
+        e = self.strain - self.problem.eps_0 - self.plastic_strain
         return m.lame_lambda * Trace(e) * Id(kinematics.size) + 2 * m.lame_mu * e
 
     @property

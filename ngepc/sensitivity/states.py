@@ -16,7 +16,7 @@ from ngepc.discretisation.points import Points
 from ngepc.evolution.result import Evolution
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.hardening import require_linear
+from ngepc.model.loading import require_linear
 from ngepc.model.problem import Problem
 
 CLOSED = 1e-10
@@ -44,7 +44,7 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
             "is needed"
         )
     result.raise_for_status()
-    require_linear(result.problem.material.law, "derivatives need")
+    require_linear(result.problem, "derivatives need")
     if isinstance(result, ExactResult):
         states = [result.state.on_sphere]
     else:

@@ -118,7 +118,7 @@ def nl1() -> Solved:
     return fine, found
 
 
-def material_point(material: Material, corners: Sequence, steps: Sequence[int]) -> Evolution:
+def pulled_cube(material: Material, corners: Sequence, steps: Sequence[int]) -> Evolution:
     """A cube under (sigma_xx, tau_xy), held at three of its corners."""
     mesh = block.structured_mesh(1, 1, 1)
 
@@ -151,7 +151,7 @@ AT_A, AT_B = (0.0148297, 0.0136014, 0.0205473), (0.035265, 0.020471, 0.042329)
 
 def ssnp15() -> Solved:
     """Code_Aster SSNP15: tension and shear to A and on to B, isotropic hardening."""
-    path = material_point(metal(195000, 0.3, 181, isotropic=TANGENT), [(0, 0), A, B], (1, 50))
+    path = pulled_cube(metal(195000, 0.3, 181, isotropic=TANGENT), [(0, 0), A, B], (1, 50))
     told = path.values(at_middle)
     at_a = zip(NAMES, AT_A, told[0], strict=True)
     at_b = zip(NAMES, AT_B, told[-1], strict=True)
@@ -161,7 +161,7 @@ def ssnp15() -> Solved:
 
 def ssnp14() -> Solved:
     """Code_Aster SSNP14: the same with kinematic hardening, to A."""
-    path = material_point(metal(195000, 0.3, 181, kinematic=TANGENT), [(0, 0), A], (1,))
+    path = pulled_cube(metal(195000, 0.3, 181, kinematic=TANGENT), [(0, 0), A], (1,))
     told = zip(NAMES, AT_A, path.values(at_middle)[-1], strict=True)
     return path, [Quantity(f"{name} at A", p, "P", 0.001, ours) for name, p, ours in told]
 

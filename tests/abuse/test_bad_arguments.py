@@ -144,6 +144,7 @@ USES = {
             "initial_hardening": NOT_NEGATIVE | {"a coefficient of nine"},
             "friction": NOT_NEGATIVE,
             "initial_accumulated": NOT_NEGATIVE,
+            "initial_strain": NUMBERS | {"a coefficient of nine"},
         },
     ),
     "Material": Use(
@@ -174,6 +175,7 @@ USES = {
             "exponent": NOT_NEGATIVE | UNSEEN,
         },
     ),
+    "material_point": Use(ngepc.material_point, {"material": Material(**STEEL)}),
     "Tabulated": Use(Tabulated, {"plastic_strain": [0], "stress_there": [1.0]}),
     "Coulomb": Use(Coulomb, {"coefficient": 0.3}, {"coefficient": NOT_NEGATIVE | UNSEEN}),
     "lame_parameters": Use(
@@ -342,8 +344,8 @@ def test_the_count_of_cases_is_what_reliability_says():
 def test_every_public_callable_is_here():
     returned = {
         "BoundedResult", "Calibration", "DualResult", "ErrorBound", "Evolution", "ExactResult",
-        "Gradient", "HardeningLaw", "Kinematics", "PathResult", "PrimalResult", "SolverError",
-        "Status", "TangentResult",
+        "Gradient", "HardeningLaw", "Kinematics", "PathResult", "PointHistory", "PrimalResult",
+        "SolverError", "Status", "TangentResult",
     }  # fmt: skip
     rest = {n for n in ngepc.__all__ if not n.startswith("_")} - set(USES)
     assert rest == returned | STILL_UNCHECKED

@@ -1,0 +1,212 @@
+"""A material point: the law alone under given strains or stresses, without a body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ngepc.checks.arguments import require_integer
+from ngepc.checks.kinds import require_instance
+from ngepc.discretisation.law import Law, Return
+from ngepc.evolution.load_path import numbers_in
+from ngepc.geometries import block
+from ngepc.linalg.linesearch import nearly_flat
+from ngepc.model.given import Given
+from ngepc.model.kinematics import SOLID
+from ngepc.model.material import PEEQ, Material
+from ngepc.results.outcome import Status
+
+COMPONENTS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+"""Names of the components of a symmetric tensor."""
+
+Path = Mapping[str, float | Sequence[float]]
+
+SINGULAR = 1e12
+"""Condition of a tangent that hardens no more."""
+
+STEPS = 100
+"""Most Newton steps of an increment."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointHistory:
+    """What a material point went through, at the end of each increment.
+
+    Parameters
+    ----------
+    strain, stress, plastic_strain
+        Tensors, shape (increments, 3, 3); of strains the tensor components.
+    accumulated_plastic_strain
+        PEEQ, shape (increments,).
+    corners
+        Numbers of the increments that end at a corner of the path.
+    status
+        CONVERGED, or LIMIT_LOAD where the stress cannot be reached: the history ends before.
+    """
+
+    strain: np.ndarray
+    stress: np.ndarray
+    plastic_strain: np.ndarray
+    accumulated_plastic_strain: np.ndarray
+    corners: np.ndarray
+    status: Status
+
+    @property
+    def von_mises(self) -> np.ndarray:
+        """(3/2)^(1/2) |dev sigma|_F, shape (increments,)."""
+        deviator = self.stress - np.trace(self.stress, axis1=1, axis2=2)[:, None, None] / 3 * _ONE
+        return np.sqrt(1.5) * np.linalg.norm(deviator, axis=(1, 2))
+
+
+def material_point(
+    material: Material, strain: Path | None = None, stress: Path | None = None, steps: int = 1
+) -> PointHistory:
+    """Drive a point in three dimensions along straight lines from zero through given corners.
+
+    ``material_point(steel, strain={"xx": [0.02, -0.02]}, steps=50)`` is a bar pulled and pushed.
+
+    Parameters
+    ----------
+    material
+        The law; of coefficients the value at the middle of the unit cube counts.
+    strain, stress
+        'xx', 'yy', 'zz', 'xy', 'xz' or 'yz' -> values at the corners, or one for all.  Strains are
+        tensor components.  What is in neither has no stress.
+    steps
+        Increments from one corner to the next, implicit Euler steps of first order.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not legal, or a component is given twice.
+    """
+    require_instance("material", material, Material, "a Material")
+    steps = require_integer("steps", steps, 1)
+    strains, stresses = (_corners(n, p) for n, p in (("strain", strain), ("stress", stress)))
+    twice = sorted(set(strains) & set(stresses))
+    if twice:
+        raise ValueError(f"stress={stress!r}: {twice[0]!r} is in strain too, one is needed")
+    lengths = {len(v) for v in (*strains.values(), *stresses.values()) if len(v) > 1} or {1}
+    if len(lengths) > 1:
+        raise ValueError(f"strain={strain!r}, stress={stress!r}: as many corners each are needed")
+    count = max(lengths)
+    held = np.array([name in strains for name in COMPONENTS])
+    path = np.zeros((count + 1, 6))
+    for i, name in enumerate(COMPONENTS):
+        path[1:, i] = (strains | stresses).get(name, (0.0,))
+    path *= np.where([i != j for i, j in COMPONENTS.values()], np.sqrt(2.0), 1.0)
+    times = np.arange(1, count * steps + 1) / steps
+    targets = np.array([np.interp(times, range(count + 1), column) for column in path.T]).T
+    return _driven(_Point(material), targets, held, steps)
+
+
+def _driven(point: _Point, targets: np.ndarray, held: np.ndarray, steps: int) -> PointHistory:
+    rows, status, e = [], Status.CONVERGED, np.zeros(6)
+    for target in targets:
+        found = point.solved(e, target, held)
+        if found is None:
+            status = Status.LIMIT_LOAD
+            break
+        e = found
+        rows.append((e, *point.accept(e)))
+    strain, stress, plastic = (
+        np.array([_tensor(r[k]) for r in rows]).reshape(-1, 3, 3) for k in range(3)
+    )
+    peeq, corners = np.array([r[3] for r in rows]), np.arange(steps - 1, len(rows), steps)
+    return PointHistory(strain, stress, plastic, peeq, corners, status)
+
+
+class _Point:
+    """``Law`` at one point, in orthonormal coordinates of the symmetric tensors."""
+
+    kinematics = SOLID
+
+    def __init__(self, material: Material) -> None:
+        mesh = block.structured_mesh(1, 1, 1)
+        self._middle = mesh(0.5, 0.5, 0.5)
+        self.material, self.hardening_variable = material, 0.0
+        self.law = Law(Given(mesh, material, kinematics=SOLID), self)
+        self._deviators = np.array([[(E * B).sum() for B in _BASIS] for E in SOLID.basis])
+
+    def __len__(self) -> int:
+        return 1
+
+    def at(self, value: object) -> np.ndarray:
+        """A number or a coefficient at the point, shape (1,)."""
+        return np.array([float(value(self._middle) if callable(value) else value)])
+
+    def _state(self, e: np.ndarray) -> tuple[Return, np.ndarray]:
+        """The law and the stress at a strain."""
+        at = self.law.returned((self._deviators @ e)[None])
+        stress = self.law.bulk * e[:3].sum() * _TRACE
+        return at, stress + self._deviators.T @ self.law.stress(at)[0]
+
+    def solved(self, e: np.ndarray, target: np.ndarray, held: np.ndarray) -> np.ndarray | None:
+        """The strain with the given strains and stresses; None if there is none."""
+        e, free = np.where(held, target, e), ~held
+        scale = self.law.beta[0] + np.abs(target[free]).max(initial=0.0)
+        for _ in range(STEPS):
+            at, stress = self._state(e)
+            wrong = (stress - target)[free]
+            if np.abs(wrong).max(initial=0.0) <= 1e-12 * scale:
+                return e
+            step, K = np.zeros(6), self._tangent(at)[np.ix_(free, free)]
+            if not np.isfinite(wrong).all() or np.linalg.cond(K) > SINGULAR:
+                return None
+            step[free] = -np.linalg.solve(K, wrong)
+            e = e + self._length(e, step, target, free) * step
+        return None
+
+    def _length(
+        self, e: np.ndarray, step: np.ndarray, target: np.ndarray, free: np.ndarray
+    ) -> float:
+        """A step length where the convex energy falls no more."""
+
+        def slope(t: float) -> float:
+            return float((self._state(e + t * step)[1] - target)[free] @ step[free])
+
+        found = nearly_flat(slope, 1e-15 * np.abs(target).max() * np.abs(step).max())
+        return 1.0 if found is None else found[0]
+
+    def _tangent(self, at: Return) -> np.ndarray:
+        moduli = self.law.moduli(at, self.law.yielding_part(at))
+        D = np.array([moduli(row[None])[0] for row in np.eye(5)])
+        return self.law.bulk * np.outer(_TRACE, _TRACE) + self._deviators.T @ D @ self._deviators
+
+    def accept(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Stress, plastic strain and PEEQ at the end of an increment, where the next one starts."""
+        law, (at, stress) = self.law, self._state(e)
+        m, p = self.material, at.plastic_strain
+        gained = float(at.gained[0])
+        factor = m.hardening_stiffness * m.hardening_modulus * m.yield_stress
+        self.hardening_variable += self.at(factor)[0] * gained
+        law.initial, law.back = law.initial + p, law.back + self.at(m.hardening)[0] * p
+        law.accumulated = law.accumulated + PEEQ * gained
+        law.beta = self.at(m.yield_bound(self.hardening_variable, float(law.accumulated[0])))
+        return stress, self._deviators.T @ law.initial[0], float(law.accumulated[0])
+
+
+def _corners(name: str, given: Path | None) -> dict[str, tuple[float, ...]]:
+    if given is not None and not isinstance(given, Mapping):
+        raise TypeError(f"{name}={given!r}: a mapping of component -> values is needed")
+    found = {}
+    for component, values in (given or {}).items():
+        if component not in COMPONENTS:
+            legal = ", ".join(COMPONENTS)
+            raise ValueError(f"{name}={given!r}: components are needed, each one of {legal}")
+        argument = f"{name}[{component!r}]"
+        found[component] = numbers_in(argument, values if np.ndim(values) else [values])
+    return found
+
+
+def _tensor(v: np.ndarray) -> np.ndarray:
+    return np.tensordot(v, _BASIS, 1)
+
+
+_ONE = np.eye(3)
+_TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+_BASIS = np.zeros((6, 3, 3))
+for _k, (_i, _j) in enumerate(COMPONENTS.values()):
+    _BASIS[_k, _i, _j] = _BASIS[_k, _j, _i] = 1.0 if _i == _j else 1 / np.sqrt(2.0)
