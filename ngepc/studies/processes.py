@@ -20,7 +20,7 @@ from pathlib import Path
 from ngepc.geometries import block
 from ngepc.local.petsc import PETSc
 from ngepc.local.solver import solve_exactly
-from ngepc.model.parts import MPI, distribute
+from ngepc.model.parts import INSTALL, MPI, distribute
 from ngepc.studies.cost import peak_memory
 from ngepc.studies.large import LAME_MU, MAX_STEPS, TOLERANCE, pressed
 from ngepc.studies.work import Cell, Outcome, Work
@@ -90,6 +90,9 @@ class Processes(Work):
 
     def cells(self) -> list[Cell]:
         """One for each number of processes."""
+        PETSc()  # says so if it is missing
+        if MPI is None:
+            raise ImportError(INSTALL)
         return [Cell(f"{count} processes") for count in self.counts]
 
     def solve(self, cell: Cell) -> Outcome:
@@ -100,7 +103,9 @@ class Processes(Work):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "records.json"
             program = [sys.executable, "-m", "mpi4py", "-c", CHILD, str(self.levels), str(path)]
-            subprocess.run([*LAUNCH, cell.row.split()[0], *program], check=True, env=clean)
+            run = subprocess.run([*LAUNCH, cell.row.split()[0], *program], check=False, env=clean)
+            if run.returncode:
+                raise OSError(f"{cell.row}: mpiexec ended with exit status {run.returncode}")
             return Outcome({"meshes": json.loads(path.read_text(encoding="utf-8"))})
 
     def line(self, record: dict) -> str:
