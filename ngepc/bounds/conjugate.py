@@ -59,7 +59,7 @@ _INNER = (5 - math.sqrt(5)) / 20
 RULE = {3: (1 - np.eye(3)) / 2, 4: _INNER + (1 - 4 * _INNER) * np.eye(4)}
 """Points of a rule of degree two with equal weights, by the number of vertices."""
 
-WORTH = {3: 0.005, 4: 0.02}
+WORTH = {3: 0.007, 4: 0.02}
 """Parts are split for the plastic term until that can gain this part of the bound.
 
 Half of it on each level: there are parts enough whose gain is nothing.

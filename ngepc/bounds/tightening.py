@@ -39,7 +39,7 @@ class Effort:
 
     newton: int = 2
     trust: float = 0.03
-    gain: float = 0.03
+    gain: float = 0.02
     steps: int = 12
 
 
