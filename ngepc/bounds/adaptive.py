@@ -40,7 +40,7 @@ SMALL_STEP = 0.01
 TOLERANCE = 1e-10
 """The residual at which Newton stops if no small step stops it before."""
 
-SOLVED = (Status.CONVERGED, Status.STAGNATED)
+SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
 """How Newton's method ends where refinement goes on."""
 
 LINE = "nodes:%(nodes)6d energy:%(energy).8e bound:%(total).2e"
@@ -232,7 +232,7 @@ def paused(result: ExactResult, bound: ErrorBound, steps: int) -> ExactResult:
     """The result of a run that has done enough for its mesh."""
     part = bound.algebraic / bound.total if bound.total > 0 else 0.0
     ending = f"Newton's part of the error bound is {part:.1e} after {steps} steps."
-    return replace(result, status=Status.CONVERGED, ending=ending)
+    return replace(result, status=Status.BOUNDED, ending=ending)
 
 
 def recorded(bound: ErrorBound, steps: int) -> MeshRecord:

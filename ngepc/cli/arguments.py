@@ -84,7 +84,7 @@ def say_nothing(line: str) -> None:
 def exit_status(command: str, status: str, done: str, how: str) -> int:
     """The exit status of a run; after Ctrl-C with a line that says how to go on."""
     if status != "stopped":
-        return 0 if status == "converged" else 1
+        return 0 if status in ("converged", "bounded") else 1
     sys.stderr.write(f"ngepc {command}: stopped by you after {done}; {how}\n")
     return 130
 

@@ -108,7 +108,7 @@ def _error_of(result: Result) -> float | None:
     """The guaranteed relative energy error of a solution of the problem itself, None for others."""
     from ngepc.bounds.bound import error_bound
 
-    solution = result.status.label == "converged" and not hasattr(result, "regularisation")
+    solution = result.status.is_success and not hasattr(result, "regularisation")
     return error_bound(result).relative if solution else None
 
 

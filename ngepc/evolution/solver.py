@@ -33,6 +33,9 @@ from ngepc.results.outcome import Status
 
 log = logging.getLogger(__name__)
 
+UNCUT = (Status.STOPPED, Status.MESH_LIMIT)
+"""Ends of a step that a shorter one would not change."""
+
 
 class StepSolver(Protocol):
     """What solves one step: ``semismooth_newton``, ``primal_newton``, or ``cold_start`` of one."""
@@ -171,7 +174,7 @@ class _Run:
                 status, message = self._solve(time, level)
                 if status is Status.CONVERGED:
                     continue
-                if status is Status.STOPPED or level >= self.cuts:
+                if status in UNCUT or level >= self.cuts:
                     self.pending.append((time, level))
                     self._end(status, f"In the step to time {time:g}: {message}")
                     return
@@ -210,7 +213,7 @@ class _Run:
             if bound.relative <= self.error:
                 break
             if message := self._refine(bound, time):
-                return Status.STOPPED, message
+                return Status.MESH_LIMIT, message
             problem, result = self._solved(time, result.displacement)
         if result.status is not Status.CONVERGED:
             return result.status, result.message

@@ -20,12 +20,13 @@ class Status(Enum):
     """How a run ended; the value is the sentence for the user."""
 
     CONVERGED = "The residual, computed afresh at the end, meets the tolerance."
+    BOUNDED = "Newton's method was ended where its part of the guaranteed error bound is small."
     ITERATION_LIMIT = "The iteration limit was reached before the residual met the tolerance."
     LINESEARCH_FAILED = "No step length along the Newton direction lowers the energy enough."
     STAGNATED = "The energy no longer changes beyond rounding, the tolerance is out of reach."
     NONFINITE = "A factorisation, energy or residual became singular, NaN or infinite."
     LIMIT_LOAD = "Plastic strains grow without bound: the loads are at or beyond a limit load."
-    LINEAR_SOLVER_FAILED = "A Krylov solver did not reach its tolerance; the state is the last one."
+    MESH_LIMIT = "The error bound is above what was asked, and a finer mesh is not allowed."
     STOPPED = "The monitor (or an interrupt) stopped the run; the state is the last one reached."
 
     def __str__(self) -> str:
@@ -35,6 +36,11 @@ class Status(Enum):
     def label(self) -> str:
         """Short name for tables and files: 'converged', 'iteration_limit', ..."""
         return self.name.lower()
+
+    @property
+    def is_success(self) -> bool:
+        """Whether what was asked for was reached."""
+        return self in (Status.CONVERGED, Status.BOUNDED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,14 +206,14 @@ class Ending:
     message: str
 
     def raise_for_status(self: Ended) -> Ended:
-        """Return the result itself if it converged.
+        """Return the result itself if what was asked for was reached.
 
         Raises
         ------
         SolverError
             Otherwise; its ``result`` keeps the last state.
         """
-        if self.status is not Status.CONVERGED:
+        if not self.status.is_success:
             raise SolverError(self)
         return self
 

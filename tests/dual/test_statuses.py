@@ -275,8 +275,8 @@ def test_message_names_the_damped_step(small):
 
 
 def test_every_status_has_its_advice():
-    silent = {Status.CONVERGED, Status.STOPPED, Status.LINEAR_SOLVER_FAILED}
-    assert set(ADVICE) == set(Status) - silent
+    silent, of_others = {Status.CONVERGED, Status.STOPPED}, {"BOUNDED", "LIMIT_LOAD", "MESH_LIMIT"}
+    assert {status.name for status in set(Status) - silent - set(ADVICE)} == of_others
 
 
 @pytest.mark.parametrize("R", [REGULARISATIONS["full product"], Coupled(1e2)])
