@@ -165,7 +165,7 @@ STUDIES = {
     "bounds": Study(
         "guaranteed bounds of the energy error beside the error, Examples (a) and (b)",
         "bounds:Bounds",
-        LEVELS,
+        {**LEVELS, "figures": (None, "log-log plots and sequences of meshes, too")},
     ),
     "benchmarks": Study(
         "published problems with numbers: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",
