@@ -22,6 +22,9 @@ from ngepc.bounds.boundary import Boundary
 CHUNK = 512
 """Tetrahedra whose matrices are made at once: they stay in the processor's cache."""
 
+SINGLE = np.float32
+"""Conjugate gradients only steer the search: what is found is made admissible in double."""
+
 OWN = np.ascontiguousarray(MOMENTS[:, :FREE])
 """Moments of the stresses without divergence, shape (36, 30)."""
 
@@ -45,8 +48,8 @@ class Faces:
     closed
         Unit normals where delta is held along them, zero elsewhere, shape (3 nf, 3).
     inverse, loaded
-        The inverses of the compliances A, in single precision as they only steer the search, and
-        columns of A for unit body forces, shapes (nt, 30, 30) and (nt, 30, 3).
+        The inverses of the compliances A in single precision, and columns of A for unit body
+        forces, shapes (nt, 30, 30) and (nt, 30, 3).
     """
 
     def __init__(self, boundary: Boundary) -> None:
@@ -54,10 +57,11 @@ class Faces:
         self.slot = (3 * c.facet_of[:, :, None] + c.place).reshape(-1, 12)
         self.free = np.repeat(boundary.given | ~c.outer[:, None], 3, axis=0)
         self.closed = np.zeros(self.free.shape)
-        turned = np.einsum("tij,cjk,tlk->tcil", c.jacobian, COMPONENTS, c.jacobian, optimize=True)
-        flat = turned.reshape(-1, 9) @ COORDINATES.reshape(6, 9).T
+        images = np.einsum("tij,cjk,tlk->tcil", c.jacobian, COMPONENTS, c.jacobian, optimize=True)
+        flat = images.reshape(-1, 9) @ COORDINATES.reshape(6, 9).T
         self.piola = flat.reshape(-1, 6, 6) / c.det[:, None, None]
-        self.inverse = np.empty((len(c.nodes), FREE, FREE), dtype=np.float32)
+        self.inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
+        self._jacobian = c.jacobian.astype(SINGLE)
         self.loaded = np.empty((len(c.nodes), FREE, 3))
         self._blocks = np.empty((len(c.nodes), 4, 9, 9))
         numbers = np.arange(4 * len(c.nodes))
@@ -85,8 +89,8 @@ class Faces:
         """A for the basis of 33 stresses."""
         P, volume = self.piola[part], self.cells.volume[part, None, None]
         if H.shape[1] == 1:
-            turned = np.matmul(np.matmul(P, H[:, 0]), P.transpose(0, 2, 1))
-            return (turned.reshape(-1, 36) @ GRAM.reshape(36, -1)).reshape(-1, 33, 33) * volume
+            product = np.matmul(np.matmul(P, H[:, 0]), P.transpose(0, 2, 1))
+            return (product.reshape(-1, 36) @ GRAM.reshape(36, -1)).reshape(-1, 33, 33) * volume
         stresses = np.matmul(P[:, None].transpose(0, 1, 3, 2), AT_POINTS)
         strains = np.matmul(H, stresses).reshape(len(P), 96, 33)
         return np.matmul(stresses.reshape(len(P), 96, 33).transpose(0, 2, 1), strains) * volume / 16
@@ -127,17 +131,19 @@ class Faces:
         return r - self.closed * np.einsum("si,si->s", self.closed, r)[:, None]
 
     def work(self, delta: np.ndarray) -> np.ndarray:
-        """B' delta of each tetrahedron, shape (nt, 30)."""
-        return np.matmul(delta[self.slot], self.cells.jacobian).reshape(-1, 36) @ OWN
+        """B' delta of each tetrahedron, in single precision, shape (nt, 30)."""
+        local = np.take(delta.astype(SINGLE), self.slot, axis=0)
+        return np.matmul(local, self._jacobian).reshape(-1, 36) @ OWN.astype(SINGLE)
 
     def answer(self, strains: np.ndarray) -> np.ndarray:
-        """A^-1 times vectors of the tetrahedra, both (nt, 30)."""
-        single = strains.astype(np.float32)[:, :, None]
-        return np.matmul(self.inverse, single)[:, :, 0].astype(float)
+        """A^-1 times vectors of the tetrahedra, both (nt, 30); in single precision."""
+        return np.matmul(self.inverse, strains.astype(SINGLE)[:, :, None])[:, :, 0]
 
     def moments(self, x: np.ndarray, loads: np.ndarray | None = None) -> np.ndarray:
         """Outward moments (nt, 12, 3) of stresses x (nt, 30) and of loads (nt, 3)."""
-        reference = x @ OWN.T if loads is None else x @ OWN.T + loads @ MOMENTS[:, FREE:].T
+        reference = x.astype(float) @ OWN.T
+        if loads is not None:
+            reference = reference + loads @ MOMENTS[:, FREE:].T
         return np.matmul(reference.reshape(-1, 12, 3), self.cells.jacobian.transpose(0, 2, 1))
 
     def sums(self, moments: np.ndarray) -> np.ndarray:
@@ -147,7 +153,9 @@ class Faces:
 
     def product(self, delta: np.ndarray) -> np.ndarray:
         """S delta, zero where supports hold."""
-        return self.kept(self.sums(self.moments(self.answer(self.work(delta)))))
+        reference = self.answer(self.work(delta)) @ OWN.T.astype(SINGLE)
+        moments = np.matmul(reference.reshape(-1, 12, 3), self._jacobian.transpose(0, 2, 1))
+        return self.kept(self.sums(moments))
 
     def spread(self, u: np.ndarray) -> np.ndarray:
         """Nodal displacements (nodes, 3) on the faces."""

@@ -25,7 +25,7 @@ from ngepc.model.kinematics import SOLID
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
 """Which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)."""
 
-SOLID_EFFORT = Effort(newton=1, gain=0.003, steps=60)
+SOLID_EFFORT = Effort(newton=1, gain=0.001, steps=60)
 """Conjugate gradients on faces take more steps, and gain a little with each."""
 
 
@@ -98,7 +98,7 @@ class SolidSetting(Setting):
         faces.closed[slots] = closed[:, :, None] * normals
         own = own - faces.moments(faces.answer(pulled))
         b = self.loads(P)[0].reshape(-1, 3) - faces.sums(own)
-        delta = self.displacements(here, b, effort)
+        delta = self.displacements(here, b, replace(effort, gain=10 * effort.gain))
         faces.closed[:] = 0.0
         sums = faces.sums(own + faces.moments(faces.answer(faces.work(delta))))
         pressed = values_of(-(sums[slots] * normals).sum(axis=2), self.cells.measure[on])
