@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import L2, GridFunction
 
+from ngepc.discretisation.law import SOFTEST
 from ngepc.local.result import ExactResult
 from ngepc.model.rules import has_straight_simplices
 
@@ -52,7 +53,9 @@ def error_indicators(result: ExactResult) -> GridFunction:
     squares = (left**2).sum(axis=1) + left.sum(axis=1) ** 2  # linear on a simplex
     along = np.einsum("ekd,ed->ek", left[:, :, 1:], state.at.direction)
     along = (along**2).sum(axis=1) + along.sum(axis=1) ** 2
-    plastic = np.where(state.at.yields, along / law.hardening, 0.0)
+    slope = state.at.slope
+    stiff = law.hardening + slope * (law.two_mu + law.hardening) / (1 - slope)
+    plastic = np.where(state.at.yields, along / np.maximum(stiff, SOFTEST * law.two_mu), 0.0)
     k = nodes.shape[1]
     indicators = GridFunction(L2(mesh, order=0), name="error_indicators")
     density = 0.5 * ((squares / moduli).sum(axis=1) + plastic) / (k * (k + 1))

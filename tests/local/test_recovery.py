@@ -1,9 +1,11 @@
 """Recovered stresses: no error where they are the true ones, about the right one elsewhere."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from ngepc import Problem, lshape_problem, semismooth_newton
+from ngepc import Material, Problem, Tabulated, lshape_problem, semismooth_newton
 from ngepc.geometries import block, lshape
 from ngepc.local.recovery import error_indicators
 from ngepc.studies.large import indented_block
@@ -40,6 +42,17 @@ def test_indicators_are_where_the_mesh_is_coarse():
     values = indicators.vec.FV().NumPy()
     assert values.min() >= 0
     assert values[top].mean() > 2 * values[~np.array(top)].mean()
+
+
+def test_a_linear_law_in_a_table_has_the_estimate_of_the_linear_one():
+    base, start, slope = lshape_problem(lshape.paper_mesh(113)), 1.25 / np.sqrt(2 / 3), 15.0
+    table = Tabulated([0, 9.0], [start, start + 9 * slope])
+    materials = (
+        replace(base.material, hardening=slope / 1.5),
+        Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=table),
+    )
+    linear, tabulated = (semismooth_newton(replace(base, material=m)) for m in materials)
+    assert estimate(tabulated) == pytest.approx(estimate(linear), rel=1e-9)
 
 
 def test_other_elements_are_refused():
