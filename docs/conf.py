@@ -81,3 +81,8 @@ html_theme_options = {
     "use_fullscreen_button": False,
     "navbar_persistent": [],
 }
+
+
+def setup(app: object) -> None:
+    """Say of the extension for MathJax what it does not say: pages may be read side by side."""
+    app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True

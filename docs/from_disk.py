@@ -5,11 +5,15 @@ the texts of the pages come with the search page, as a script.  Of MathJax only 
 is kept.
 """
 
+import html
 import json
 import shutil
 from pathlib import Path
 
+from docutils import nodes
 from sphinx.application import Sphinx
+
+from ngepc.pictures.views import viewer_installed, viewer_script
 
 FETCH = """
 if (location.protocol === "file:") {
@@ -30,14 +34,35 @@ def with_texts(app: Sphinx, pagename: str, *_: object) -> None:
         app.add_js_file("pages.js")
 
 
+def text_of(page: nodes.document) -> str:
+    """The words of a page, without HTML that notebooks made."""
+    for raw in list(page.findall(nodes.raw)):
+        raw.parent.remove(raw)
+    return " ".join(page.astext().split())
+
+
+def share_viewer(site: Path, static: Path) -> None:
+    """Views bring the viewer's script with them; the pages of a site can share one."""
+    if not viewer_installed():
+        return
+    (static / "webgui.js").write_text(viewer_script(), "utf-8")
+    own = html.escape(f"<script>{viewer_script()}</script>")
+    for page in site.glob("notebooks/**/*.html"):
+        text = page.read_text("utf-8")
+        if own in text:
+            root = "../" * (len(page.relative_to(site).parts) - 1)
+            shared = html.escape(f'<script src="{root}_static/webgui.js"></script>')
+            page.write_text(text.replace(own, shared), "utf-8")
+
+
 def finish(app: Sphinx, exception: Exception | None) -> None:
     """Write the texts, and remove scripts that nothing loads."""
     static = Path(app.outdir) / "_static"
     if exception or not static.is_dir():
         return
-    texts = {name: app.env.get_doctree(name).astext() for name in app.env.found_docs}
-    texts = {name: " ".join(text.split()) for name, text in texts.items()}
+    texts = {name: text_of(app.env.get_doctree(name)) for name in app.env.found_docs}
     (static / "pages.js").write_text(f"const pages = {json.dumps(texts)};{FETCH}", "utf-8")
+    share_viewer(Path(app.outdir), static)
     for folder in NEVER_LOADED:
         shutil.rmtree(static / folder, ignore_errors=True)
     unused = {*static.glob("mathjax/*.js"), *static.rglob("*.map")}
