@@ -344,8 +344,8 @@ def test_the_count_of_cases_is_what_reliability_says():
 def test_every_public_callable_is_here():
     returned = {
         "Between", "BoundedResult", "Calibration", "DualResult", "ErrorBound", "Evolution",
-        "ExactResult", "Gradient", "HardeningLaw", "Kinematics", "PathResult", "PointHistory", "PrimalResult",
-        "SolverError", "Status", "TangentResult",
+        "ExactResult", "Gradient", "HardeningLaw", "Kinematics", "PathResult", "PointHistory",
+        "PrimalResult", "SolverError", "Status", "TangentResult",
     }  # fmt: skip
     rest = {n for n in ngepc.__all__ if not n.startswith("_")} - set(USES)
     assert rest == returned | STILL_UNCHECKED
