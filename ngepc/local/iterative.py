@@ -33,8 +33,8 @@ class Engine(Protocol):
         """Take the blocks of a new matrix, (blocks, N, N), in the order of the pattern."""
         ...
 
-    def build(self, values: np.ndarray, modes: np.ndarray) -> None:
-        """Make the preconditioner from these blocks and modes of low energy, (unknowns, k)."""
+    def build(self, values: np.ndarray) -> None:
+        """Make the preconditioner from these blocks."""
         ...
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
@@ -74,6 +74,12 @@ class FullPattern:
         self.starts = np.searchsorted(self.rows, np.arange(nodes + 1)).astype(np.int32)
         self._source = np.append(np.arange(len(i)), above)[order].astype(np.int32)
         self._turned = np.flatnonzero(order >= len(i))
+
+    def graph(self, held: np.ndarray) -> csr_matrix:
+        """Which nodes are coupled, those of a mask left out."""
+        kept = np.flatnonzero(~(held[self.rows] | held[self.columns]))
+        pairs = (np.ones(len(kept), dtype=np.int32), (self.rows[kept], self.columns[kept]))
+        return csr_matrix(pairs, shape=(len(held), len(held)))
 
     def values(self, lower: np.ndarray) -> np.ndarray:
         """All blocks, shape (blocks, N, N)."""
@@ -159,7 +165,7 @@ class IterativeTangent:
     engine
         Called with the pattern and the discrete problem: the ``Engine``.
     patience
-        Iterations of a solve beyond which the next one makes a new hierarchy.
+        Iterations of a solve beyond which the next tangent gets a new hierarchy.
     most
         Iterations after which a solve gives up.
 
@@ -183,14 +189,14 @@ class IterativeTangent:
         self._blocks = StiffnessBlocks(discrete.points, discrete.supports.free, discrete.added)
         self._pattern = FullPattern(self._blocks)
         self._engine = engine(self._pattern, discrete)
-        self._modes = low_energy_modes(discrete)
-        self._stale, self.hierarchies, self._lower = True, 0, np.zeros(0)
+        self._stale, self.hierarchies, self._lower, self._dearest = True, 0, np.zeros(0), 0
         self.back_substitutions = self.linear_iterations = 0
 
     def update(self, moduli: Moduli) -> None:
-        """Assemble; the hierarchy stays as it is."""
+        """Assemble; the hierarchy stays as it is unless it is worn out."""
         self._lower = self._blocks.values(moduli)
         self._engine.take(self._pattern.values(self._lower))
+        self._stale, self._dearest = self._stale or self._dearest > self._patience, 0
         self.back_substitutions = self.linear_iterations = 0
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
@@ -198,16 +204,14 @@ class IterativeTangent:
         return self._engine.multiply(x)
 
     def prepare(self, closed: Closed) -> None:
-        """Make a hierarchy for the present tangent and closed rows if the last one is worn out."""
+        """Make a hierarchy for the present tangent and closed rows if there is none for it."""
         if not self._stale:
             return
-        N, (nodes, projections) = self._discrete.problem.N, closed.pins(self._discrete.problem.N)
+        nodes, projections = closed.pins(self._discrete.problem.N)
         values = self._pattern.values(self._lower)
         if len(nodes):
             self._pin(values, nodes, projections)
-        modes = self._modes.reshape(-1, N, self._modes.shape[1]).copy()
-        modes[nodes] = projections @ modes[nodes]
-        self._engine.build(values, modes.reshape(self._modes.shape))
+        self._engine.build(values)
         self._stale, self.hierarchies = False, self.hierarchies + 1
 
     def _pin(self, values: np.ndarray, nodes: np.ndarray, projections: np.ndarray) -> None:
@@ -250,7 +254,7 @@ class IterativeTangent:
         )
         self.back_substitutions += 1
         self.linear_iterations += iterations
-        self._stale = iterations > self._patience
+        self._dearest = max(self._dearest, iterations)
         return x
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
@@ -297,7 +301,7 @@ def conjugate_gradients(
 
 
 def low_energy_modes(discrete: DiscreteProblem) -> np.ndarray:
-    """Translations and rotations as nodal displacements, zero where held, shape (unknowns, k).
+    """Translations and rotations as nodal displacements, shape (unknowns, k).
 
     Nodes that are no vertices carry what is not linear: zero.
     """
@@ -312,4 +316,4 @@ def low_energy_modes(discrete: DiscreteProblem) -> np.ndarray:
         modes[: len(x), c, c] = 1.0
     for k, (a, b) in enumerate(pairs, start=N):
         modes[: len(x), a, k], modes[: len(x), b, k] = -x[:, b], x[:, a]
-    return (modes * free[:, :, None]).reshape(free.size, -1)
+    return modes.reshape(free.size, -1)

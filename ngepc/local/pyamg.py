@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import bsr_matrix
+from scipy.sparse import bsr_matrix, csr_matrix
 
 from ngepc.checks.arguments import require_integer, require_number
-from ngepc.local.iterative import FullPattern, IterativeTangent
+from ngepc.linalg.aggregation import coarse_spaces
+from ngepc.local.iterative import FullPattern, IterativeTangent, low_energy_modes
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.processes import require_whole
 
@@ -16,6 +17,9 @@ try:
     import pyamg
 except ImportError:  # said when PyAMG() is made
     pyamg = None
+
+
+SMOOTHER = ("gauss_seidel", {"sweep": "symmetric", "iterations": 2})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,14 +40,14 @@ class PyAMG:
     """
 
     forcing: float = 1e-2
-    patience: int = 30
+    patience: int = 0
     max_iterations: int = 500
 
     def __post_init__(self) -> None:
         if pyamg is None:
             raise ImportError("PyAMG() needs pyamg: 'pip install pyamg'")
         require_number("forcing", self.forcing, 1e-12)
-        require_integer("patience", self.patience, 1)
+        require_integer("patience", self.patience, 0)
         require_integer("max_iterations", self.max_iterations, 1)
 
     def tangent(self, discrete: DiscreteProblem) -> IterativeTangent:
@@ -63,26 +67,32 @@ class PyAMGEngine:
 
     def __init__(self, pattern: FullPattern, discrete: DiscreteProblem) -> None:
         self._pattern, self._size = pattern, discrete.supports.free.size
-        self._matrix = self._cycle = None
+        self._graph = pattern.graph(~discrete.supports.free.any(axis=1))
+        self._modes = low_energy_modes(discrete)
+        self._matrix = self._cycle = self._spaces = None
 
-    def _block_matrix(self, values: np.ndarray) -> bsr_matrix:
+    def _scalar_matrix(self, values: np.ndarray) -> csr_matrix:
         rows = (values, self._pattern.columns, self._pattern.starts)
-        return bsr_matrix(rows, shape=(self._size, self._size))
+        return bsr_matrix(rows, shape=(self._size, self._size)).tocsr()
 
     def take(self, values: np.ndarray) -> None:
         """The matrix for multiplication."""
-        self._matrix = self._block_matrix(values).tocsr()
+        self._matrix = self._scalar_matrix(values)
 
-    def build(self, values: np.ndarray, modes: np.ndarray) -> None:
-        """A new preconditioner."""
-        smoother = ("block_gauss_seidel", {"sweep": "symmetric"})
-        solver = pyamg.smoothed_aggregation_solver(
-            self._block_matrix(values),
-            B=modes,
-            symmetry="symmetric",
-            presmoother=smoother,
-            postsmoother=smoother,
-        )
+    def build(self, values: np.ndarray) -> None:
+        """A new preconditioner on the coarse spaces of the first one."""
+        if self._spaces is None:
+            self._spaces = coarse_spaces(self._matrix, self._modes, self._graph)
+        matrix, levels = self._scalar_matrix(values), []
+        for space in [*self._spaces, None]:
+            level = pyamg.multilevel.MultilevelSolver.Level()
+            level.A = matrix
+            if space is not None:
+                level.P, level.R = space, space.T.tocsr()
+                matrix = (level.R @ matrix @ space).tocsr()
+            levels.append(level)
+        solver = pyamg.multilevel.MultilevelSolver(levels, coarse_solver="splu")
+        pyamg.relaxation.smoothing.change_smoothers(solver, SMOOTHER, SMOOTHER)
         self._cycle = solver.aspreconditioner()
 
     def multiply(self, x: np.ndarray) -> np.ndarray:

@@ -86,8 +86,10 @@ def solve_large(
         its relative difference to the direct solver's on small meshes, processor time, memory.
     """
     begin, result, records = time.process_time(), None, []
-    for level in range(1, levels + 1):
-        problem = indented_block(level, hardening * LAME_MU)
+    mesh = block.mesh(maxh=0.4)
+    for _ in range(levels):
+        mesh.Refine()
+        problem = pressed(Mesh(mesh.ngmesh.Copy()), hardening * LAME_MU)
         result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, inverse, None)
         record = _recorded(result, hardening, time.process_time() - begin)
         if problem.mesh.nv <= DIRECT_NODES:

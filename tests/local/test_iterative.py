@@ -22,7 +22,7 @@ class Dense:
     def take(self, values):
         self.matrix = dense(self._pattern, values, self._size)
 
-    def build(self, values, modes):
+    def build(self, values):
         self._diagonal = np.diag(dense(self._pattern, values, self._size))
 
     def multiply(self, x):

@@ -1,0 +1,128 @@
+"""Smoothed aggregation: coarse spaces of multigrid for elasticity from a matrix and its modes.
+
+Vanek, Mandel, Brezina, Computing 56 (1996).  The coarse functions on an aggregate of nodes are the
+modes there, orthonormal, smoothed once by Jacobi's method.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags, eye
+
+COARSEST = 400
+"""Unknowns that are few enough for a direct solver."""
+
+DAMPING = 1.4
+"""Of the Jacobi step that smooths, divided by the largest eigenvalue."""
+
+DEPENDENT = 1e-10
+"""Modes of an aggregate count as dependent below this squared relative size."""
+
+
+def coarse_spaces(matrix: csr_matrix, modes: np.ndarray, graph: csr_matrix) -> list[csr_matrix]:
+    """Interpolations from each level to the next finer one, the finest first.
+
+    Parameters
+    ----------
+    matrix
+        Symmetric and positive definite, as many unknowns for each node.
+    modes
+        Vectors of low energy, shape (unknowns, k).  Trailing unknowns that have none, those of
+        order two, are left to a first level of their own.
+    graph
+        Which nodes are coupled, themselves included.
+    """
+    found, node = [], np.arange(len(modes)) // (len(modes) // graph.shape[0])
+    count = len(modes) - int((modes != 0).any(axis=1)[::-1].argmax())
+    if count < len(modes):
+        found.append(eye(len(modes), count, format="csr"))
+        matrix, modes, node = matrix[:count, :count], modes[:count], node[:count]
+        graph = graph[: node[-1] + 1, : node[-1] + 1]
+    while matrix.shape[0] > COARSEST:
+        number = aggregates(graph)
+        plain, modes, coarse_node = tentative(number[node], modes)
+        if plain.shape[1] > matrix.shape[0] // 2:
+            break
+        image = matrix @ plain
+        found.append(smoothed(matrix, plain, image))
+        members = incidence(number)
+        matrix, graph, node = (plain.T @ image).tocsr(), members.T @ graph @ members, coarse_node
+    return found
+
+
+def incidence(number: np.ndarray) -> csr_matrix:
+    """Which node belongs to which aggregate."""
+    chosen = np.flatnonzero(number >= 0)
+    pairs = (np.ones(len(chosen), dtype=np.int32), (chosen, number[chosen]))
+    return csr_matrix(pairs, shape=(len(number), number.max(initial=-1) + 1))
+
+
+def aggregates(graph: csr_matrix) -> np.ndarray:
+    """A number for each node, -1 for those without neighbours.
+
+    A node none of whose neighbours is taken takes them all; the others join a neighbour's.
+    """
+    starts, columns = graph.indptr.tolist(), graph.indices.tolist()
+    size, count = len(starts) - 1, 0
+    number = [-1] * size
+    for i in range(size):
+        around = columns[starts[i] : starts[i + 1]]
+        if len(around) > 1 and all(number[j] < 0 for j in around):
+            for j in around:
+                number[j] = count
+            count += 1
+    while True:
+        before, left = list(number), [i for i in range(size) if number[i] < 0]
+        for i in left:
+            joined = (before[j] for j in columns[starts[i] : starts[i + 1]] if before[j] >= 0)
+            number[i] = next(joined, -1)
+        if number == before:
+            return np.array(number)
+
+
+def tentative(
+    aggregate: np.ndarray, modes: np.ndarray
+) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
+    """The modes cut to aggregates and made orthonormal there, dependent ones left out.
+
+    Parameters
+    ----------
+    aggregate
+        Of each unknown, -1 for none.
+    modes
+        Shape (unknowns, k).
+
+    Returns
+    -------
+    tuple
+        The interpolation, the modes on the coarse level and the aggregate of its unknowns.
+    """
+    chosen, k = np.flatnonzero(aggregate >= 0), modes.shape[1]
+    here, part = aggregate[chosen], modes[chosen]
+    size = int(aggregate.max(initial=-1)) + 1
+    gram = np.empty((size, k, k))
+    for i in range(k):
+        for j in range(k):
+            gram[:, i, j] = np.bincount(here, part[:, i] * part[:, j], minlength=size)
+    squares, vectors = np.linalg.eigh(gram)
+    kept = squares > DEPENDENT * squares[:, -1:]
+    roots = np.sqrt(np.where(kept, squares, 1.0))
+    values = np.einsum("ui,uij->uj", part, (vectors / roots[:, None, :])[here])
+    place = np.where(kept.ravel(), np.cumsum(kept) - 1, -1).reshape(kept.shape)[here]
+    rows = np.repeat(chosen, k).reshape(-1, k)
+    used = place >= 0
+    shape = (len(modes), int(kept.sum()))
+    plain = csr_matrix((values[used], (rows[used], place[used])), shape=shape)
+    coarse = (vectors * roots[:, None, :]).swapaxes(1, 2)[kept]
+    return plain, coarse, np.nonzero(kept)[0]
+
+
+def smoothed(matrix: csr_matrix, plain: csr_matrix, image: csr_matrix) -> csr_matrix:
+    """One damped Jacobi step on the columns of ``plain``; ``image`` is the matrix times it."""
+    scale = 1 / matrix.diagonal()
+    x = np.random.default_rng(0).standard_normal(len(scale))
+    for _ in range(10):
+        x = scale * (matrix @ x)
+        largest = float(np.linalg.norm(x))
+        x /= largest
+    return plain - diags(DAMPING / largest * scale) @ image
