@@ -148,18 +148,24 @@ class PETScEngine:
         self._pc, self._sides = petsc.PC().create(self._comm), matrix.createVecs()
         self._pc.setOptionsPrefix(self._prefix)
         self._pc.setOperators(matrix, matrix)
+        self._pc.setFromOptions()
         if self._levels:
             given = self._modes.T, self._graph, self._processes
-            spaces = interpolations(self._summed(self._matrix), *given)
-            self._pc.setType("mg")
-            self._pc.setMGLevels(len(spaces) + 1)
-            for level, space in enumerate(reversed(spaces), start=1):
-                self._pc.setMGInterpolation(level, space)
+            self._coarsen(interpolations(self._summed(self._matrix), *given))
         else:
             kind = {"bsize": self._N, "comm": self._comm}
             vectors = [petsc.Vec().createWithArray(mode, **kind) for mode in self._modes]
             space = petsc.NullSpace().create(vectors=vectors, comm=self._comm)
             matrix.setNearNullSpace(space)
+
+    def _coarsen(self, spaces: list[object]) -> None:
+        """Give multigrid its levels; a body that is small enough is solved directly."""
+        if not spaces:
+            self._pc.setType("redundant")
+            return
+        self._pc.setMGLevels(len(spaces) + 1)
+        for level, space in enumerate(reversed(spaces), start=1):
+            self._pc.setMGInterpolation(level, space)
         self._pc.setFromOptions()
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
