@@ -52,7 +52,7 @@ def interpolations(
             break
         image = matrix.matMult(plain)
         coarse = plain.transposeMatMult(image)
-        found.append(damped(matrix, plain, image))
+        found.append(jacobi_smoothed(matrix, plain, image))
         matrix, graph, node = coarse, members.T @ graph @ members, coarse_node
     return found
 
@@ -67,7 +67,7 @@ def spread(local: csr_matrix, matrix: object, processes: Alone) -> object:
     return petsc.Mat().createAIJ(sizes, csr=parts, comm=matrix.comm)
 
 
-def damped(matrix: object, plain: object, image: object) -> object:
+def jacobi_smoothed(matrix: object, plain: object, image: object) -> object:
     """One damped Jacobi step on the columns of ``plain``; ``image`` is the matrix times it."""
     scale = matrix.getDiagonal()
     scale.reciprocal()
