@@ -12,7 +12,7 @@ import importlib.util
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from string import Template
 
@@ -47,7 +47,7 @@ class View:
         Height of the frame in a notebook (pixels).
     """
 
-    html: str
+    html: str = field(repr=False)
     height: int = 480
 
     def _repr_html_(self) -> str:
