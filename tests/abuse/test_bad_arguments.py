@@ -254,7 +254,7 @@ USES = {
     "displacement_bracket": Use(displacement_bracket, {"result": SOLVED, "body_force": (0.0, 1.0)}),
     "Refinement": Use(Refinement),
     "solve_to": Use(solve_to, {"problem": FREE, "relative_error": 0.5}),
-    "PyAMG": Use(PyAMG),
+    "PyAMG": Use(PyAMG, {}, {"patience": {"zero"}}),
     "misfit": Use(misfit, {"observed": PRIMAL.displacement}, {"observed": COEFFICIENTS}),
     # load histories
     "Schedule": Use(

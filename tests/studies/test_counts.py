@@ -49,7 +49,7 @@ def test_second_run_solves_nothing_and_gives_the_same_table(finished, monkeypatc
     def refuse(*arguments, **options):
         raise AssertionError("a stored cell was solved again")
 
-    monkeypatch.setattr("ngepc.studies.counts.solved", refuse)
+    monkeypatch.setattr("ngepc.studies.counts.solved_by", refuse)
     first = json.loads((finished / "table1.json").read_text())["cells"]
     assert [r["dual_energy"] for r in small_table(finished).run()] == [
         r["dual_energy"] for r in first
