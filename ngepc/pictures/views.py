@@ -7,6 +7,8 @@ The drawing is NGSolve's webgui, whose script is embedded.
 
 from __future__ import annotations
 
+import base64
+import gzip
 import html
 import importlib.util
 import json
@@ -157,6 +159,7 @@ def _page(
     """The HTML of panels side by side (caption -> frames), with a slider for several labels."""
     labels = [""] if labels is None else labels
     data = json.dumps({"labels": labels, "panels": list(panels.values())}, default=float)
+    packed = base64.b64encode(gzip.compress(data.encode(), mtime=0)).decode()
     figures = (
         f'<figure><figcaption>{html.escape(caption)}</figcaption><div class="place" '
         f'id="place-{k}"></div></figure>'
@@ -169,7 +172,7 @@ def _page(
         legend=scale,
         figures="".join(figures),
         slider=SLIDER.format(name=html.escape(name), last=len(labels) - 1) if many else "",
-        data=data.replace("</", "<\\/"),
+        data=packed,
         viewer=viewer_script(),
     )
 

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 
 from ngsolve import Mesh, sqrt, x, y
 
@@ -169,9 +171,11 @@ class Large(Work):
         return [Cell(f"h over mu {value:g}") for value in HARDENINGS]
 
     def solve(self, cell: Cell) -> Outcome:
-        """All meshes for one hardening."""
+        """All meshes for one hardening, in a process of its own: its memory is measured."""
         inverse, value = SOLVERS[self.solver](), float(cell.row.split()[-1])
-        return Outcome({"hardening": value, "meshes": solve_large(self.levels, inverse, value)})
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            meshes = pool.submit(solve_large, self.levels, inverse, value).result()
+        return Outcome({"hardening": value, "meshes": meshes})
 
     def line(self, r: dict) -> str:
         """The last mesh."""

@@ -154,7 +154,7 @@ def test_play_button_moves_the_slider_and_stops(browser, tmp_path):
     browser.wait_for("document.body.dataset.frame === '2'")
     browser.wait_for("document.body.dataset.frame === '0'")
     browser.evaluate("document.getElementById('play').click()")
-    assert browser.evaluate("timer") is None
+    assert browser.evaluate("document.body.dataset.playing") == "false"
 
 
 def test_pressures_of_rounding_size_are_not_drawn():
