@@ -138,8 +138,8 @@ class PETScEngine:
         if self._pc is None or not self._levels:
             self._create(self._summed(self._pinned))
         elif self._processes.size > 1:
-            matrix = self._pc.getOperators()[1]  # coarse products know this object
-            self._summed(self._pinned).copy(matrix, petsc.Mat.Structure.SAME_NONZERO_PATTERN)
+            matrix = self._pc.getOperators()[1]  # coarse products know this object; patterns differ
+            self._summed(self._pinned).copy(matrix, petsc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self._pc.setUp()
 
     def _create(self, matrix: object) -> None:

@@ -17,7 +17,7 @@ from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.dual.newton import semismooth_newton
 from ngepc.model.problem import Problem
 from ngepc.pictures.fields import plot_mesh
-from ngepc.pictures.style import COLOURS, Picture, save_figure
+from ngepc.pictures.style import COLOURS, Picture, save_figure, styled
 from ngepc.studies.examples import FAMILIES, example
 from ngepc.studies.verification.random_problems import Draw, build, draws
 from ngepc.studies.work import Cell, Outcome, Table, Work, first_of
@@ -253,6 +253,7 @@ def rates_of(records: Sequence[dict]) -> dict[str, float]:
     return rates
 
 
+@styled
 def draw_rates(records: Sequence[dict]) -> Picture:
     """Bound and error over nodes, uniform and adaptive, one panel for each example."""
     figure = Picture(figsize=(8.4, 3.6), layout="constrained")
@@ -262,13 +263,16 @@ def draw_rates(records: Sequence[dict]) -> Picture:
                 continue
             label = "adaptive" if name.endswith("adaptive") else "uniform"
             colour = COLOURS[label == "adaptive"]
-            axes.loglog(curve[:, 0], curve[:, 2], "-", color=colour, label=f"bound, {label}")
+            axes.loglog(
+                curve[:, 0], curve[:, 2], "-", marker="", color=colour, label=f"bound, {label}"
+            )
             axes.loglog(curve[:, 0], curve[:, 1], "o", ms=3, color=colour, label=f"error, {label}")
         axes.set(title=title, xlabel="nodes", ylabel="energy (force times length)")
         axes.legend(frameon=False)
     return figure
 
 
+@styled
 def draw_meshes(name: str) -> Picture:
     """Meshes that follow the bound, coarse to fine."""
     figure = Picture(figsize=(8.0, 7.2 if name == "lshape" else 3.8), layout="constrained")

@@ -142,7 +142,7 @@ class Processes(Work):
         """What the numbers mean."""
         cores = len(os.sched_getaffinity(0))
         return [
-            f"h/mu {HARDENING:g}, tolerance {TOLERANCE:g}, GAMG, nested from 281 nodes, {cores} "
+            f"h/mu {HARDENING:g}, tolerance {TOLERANCE:g}, PETSc(), nested from 281 nodes, {cores} "
             "cores. CPU, wall and MB are those from the coarsest mesh on and of the process with "
             "most; of one process: that CPU time over the one of a single process. Waiting counts "
             f"as CPU: beyond {cores} processes times mean nothing. Weak scaling: eight times the "

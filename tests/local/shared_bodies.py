@@ -30,8 +30,12 @@ def shared(mesh, comm, refinements):
 
 
 def bodies(comm):
-    """A sphere on a block; the L-shape with traction, a roller and a ceiling, plane strain."""
+    """A sphere on a block; the L-shape with traction, a roller and a ceiling, plane strain.
+
+    The fine block has several levels, which each tangent fills anew.
+    """
     yield "block", pressed(shared(block.mesh(maxh=0.4), comm, 1), 100.0)
+    yield "fine block", pressed(shared(block.mesh(maxh=0.4), comm, 2), 100.0)
     plane = lshape_problem(lshape.mesh(maxh=0.15))
     part = shared(plane.mesh, comm, 1)
     yield "lshape", replace(lshape_problem(part), kinematics="plane strain", body_force=(0.3, 0.2))
