@@ -247,7 +247,7 @@ def counts_figure(study: CountTable, table: Sequence[dict]) -> Figure:
     if left_out := [row for row in study.rows if row not in rows]:
         most = max(c["iterations"] for c in table if c["row"] in left_out)
         title = f"not drawn: gamma = {', '.join(left_out)}, at most {most} steps"
-        figure.axes[0].set_title(title)
+        figure.axes[0].set_title(title, loc="left", fontsize="medium")
     return figure
 
 
