@@ -11,6 +11,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from ngsolve import Mesh
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from ngepc.model.elements import element_vertices, vertex_coordinates
 from ngepc.model.given import Given
@@ -156,13 +158,6 @@ def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def connected(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """For each of ``count`` items the smallest item connected to it by the pairs (a, b)."""
-    label = np.arange(count)
-    while True:
-        smallest = np.minimum(label[a], label[b])
-        if (label[a] == smallest).all() and (label[b] == smallest).all():
-            return label
-        np.minimum.at(label, label[a], smallest)
-        np.minimum.at(label, label[b], smallest)
-        while (label[label] != label).any():
-            label = label[label]
+    """For each of ``count`` items the number of the group that the pairs (a, b) connect it to."""
+    pairs = coo_matrix((np.ones(len(a)), (a, b)), shape=(count, count))
+    return connected_components(pairs, directed=False)[1]

@@ -10,7 +10,7 @@ from ngepc import Material, Problem, lame_parameters
 from ngepc.checks.arguments import boundary_names, require_integer, require_number, sample
 from ngepc.geometries import block, lshape, wrench
 from ngepc.model.elements import element_facets
-from ngepc.model.rigid import check_conforming, connected, part_vertices, rigid_rows
+from ngepc.model.rigid import check_conforming, part_vertices, rigid_rows
 from ngepc.model.support import held_values
 
 STEEL = Material.kinematic(lame_lambda=1000.0, lame_mu=800.0, yield_stress=5.0, hardening=100.0)
@@ -213,27 +213,6 @@ def test_one_part(mesh):
     pairs = part_vertices(mesh, *check_conforming(*element_facets(mesh)))
     assert not pairs[:, 0].any()
     assert pairs[:, 1].tolist() == list(range(mesh.nv))
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_connected_components(seed):
-    """Against a search from every item."""
-    rng = np.random.default_rng(seed)
-    n = 60
-    a, b = rng.integers(0, n, size=(2, 40))
-    neighbours = {i: set() for i in range(n)}
-    for i, j in zip(a.tolist(), b.tolist(), strict=True):
-        neighbours[i].add(j)
-        neighbours[j].add(i)
-    expected = []
-    for start in range(n):
-        seen, queue = {start}, [start]
-        while queue:
-            fresh = neighbours[queue.pop()] - seen
-            seen |= fresh
-            queue += fresh
-        expected.append(min(seen))
-    assert connected(n, a, b).tolist() == expected
 
 
 @pytest.mark.parametrize("N", [2, 3])
