@@ -47,7 +47,7 @@ def runs(tmp_path_factory):
     return told
 
 
-@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("body", [*BODIES, "softer"])
 @pytest.mark.parametrize("count", [2, 3])
 def test_processes_find_what_one_finds(runs, body, count):
     one, several = runs[1][body], runs[count][body]
