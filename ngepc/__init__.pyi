@@ -34,6 +34,7 @@ from ngepc.evolution.solver import evolve as evolve
 from ngepc.linalg.linesearch import Armijo as Armijo
 from ngepc.local.petsc import PETSc as PETSc
 from ngepc.local.pyamg import PyAMG as PyAMG
+from ngepc.local.recovery import error_indicators as error_indicators
 from ngepc.local.result import ExactResult as ExactResult
 from ngepc.model import obstacles as obstacles
 from ngepc.model import parts as parts

@@ -103,7 +103,10 @@ def check_covered(problem: Problem) -> None:
     if problem.order != 1:
         raise ValueError(f"order={problem.order}: bounds need displacements of order 1")
     if not has_straight_simplices(problem.mesh):
-        raise ValueError("mesh: bounds need triangles or tetrahedra with straight edges")
+        raise ValueError(
+            "mesh: bounds need triangles or tetrahedra with straight edges;"
+            " error_indicators(result) estimates on others, without a guarantee"
+        )
     if problem.contact_pairs:
         raise ValueError(
             f"contact={problem.contact!r}: bounds need rigid obstacles, not two bodies"

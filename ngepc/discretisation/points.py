@@ -45,12 +45,15 @@ class Elements:
     volume, deviator
         Rows of tr eps and of the coordinates of dev eps at the points on the nodal displacements,
         node by node: shapes (elements, p, k N) and (elements, p, d, k N).
+    shapes
+        Shape functions at the points, shape (p, k).
     """
 
     nodes: np.ndarray
     points: np.ndarray
     volume: np.ndarray
     deviator: np.ndarray
+    shapes: np.ndarray
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -61,9 +64,8 @@ class Elements:
 
     def part(self, chosen: slice) -> Elements:
         """Some of the elements, as views."""
-        return Elements(
-            self.nodes[chosen], self.points[chosen], self.volume[chosen], self.deviator[chosen]
-        )
+        arrays = (self.nodes, self.points, self.volume, self.deviator)
+        return Elements(*(array[chosen] for array in arrays), self.shapes)
 
 
 def chunks(count: int) -> list[slice]:
@@ -146,7 +148,7 @@ class Points:
                 gradients = np.einsum("pkj,epji->epki", slopes, inverses[here], optimize=True)
                 hoop = None if radii is None else values / radii[here][:, :, None]
                 volume[part], deviator[part] = strain_rows(self.kinematics, gradients, hoop)
-            yield Elements(nodes, points, volume, deviator)
+            yield Elements(nodes, points, volume, deviator, values)
         self.weights *= weights
 
     def _with_mean_volume(self, block: Elements) -> Elements:

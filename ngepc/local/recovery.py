@@ -10,20 +10,23 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import L2, GridFunction
 
+from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.law import SOFTEST
+from ngepc.discretisation.points import Elements
 from ngepc.local.result import ExactResult
-from ngepc.model.rules import has_straight_simplices
+from ngepc.model.elements import element_numbers
 
 
 def error_indicators(result: ExactResult) -> GridFunction:
     """An estimate of the part of each element in the energy error (force times length).
 
-    Where processes share the mesh each has those of its own elements, and all must call this.
+    An indicator for elements of every shape: it guarantees nothing, ``error_bound`` does.  Where
+    processes share the mesh each has those of its own elements, and all must call this.
 
     Parameters
     ----------
     result
-        Of order one on straight simplices of one material: elsewhere stresses jump, and it is more.
+        Of order one, of one material: elsewhere stresses jump, and it is more.
 
     Returns
     -------
@@ -32,32 +35,41 @@ def error_indicators(result: ExactResult) -> GridFunction:
 
     Raises
     ------
-    ValueError
-        For other elements.
+    TypeError, ValueError
+        For other results and other orders.
     """
+    require_instance("result", result, ExactResult, "an ExactResult")
     discrete, state = result.discrete, result.state
     points, law, mesh = discrete.points, discrete.law, discrete.problem.mesh
-    if points.order > 1 or not has_straight_simplices(mesh):
-        raise ValueError("error_indicators: straight triangles or tetrahedra of order 1 are needed")
-    (block,) = points.blocks
-    weights, nodes = points.weights, block.nodes
+    if points.order > 1:
+        raise ValueError(f"order={points.order}: error_indicators needs order 1")
     stress = np.column_stack([law.bulk * state.volume, law.stress(state.at)])
     moduli = np.repeat(law.two_mu[:, None], stress.shape[1], axis=1)
     moduli[:, 0] = law.bulk
     around = np.zeros((mesh.nv, 1 + stress.shape[1]))
-    given = weights[:, None] * np.column_stack([np.ones(len(points)), stress])
-    for corner in nodes.T:
-        np.add.at(around, corner, given)
+    given = points.weights[:, None] * np.column_stack([np.ones(len(points)), stress])
+    for block in points.blocks:
+        shares = np.einsum("pk,epc->ekc", block.shapes, given[block.points])
+        np.add.at(around, block.nodes, shares)
     around = points.processes.summed(around)
-    left = (around[:, 1:] / around[:, :1])[nodes] - stress[:, None, :]
-    squares = (left**2).sum(axis=1) + left.sum(axis=1) ** 2  # linear on a simplex
-    along = np.einsum("ekd,ed->ek", left[:, :, 1:], state.at.direction)
-    along = (along**2).sum(axis=1) + along.sum(axis=1) ** 2
+    recovered = around[:, 1:] / around[:, :1]
     slope = state.at.slope
     stiff = law.hardening + slope * (law.two_mu + law.hardening) / (1 - slope)
-    plastic = np.where(state.at.yields, along / np.maximum(stiff, SOFTEST * law.two_mu), 0.0)
-    k = nodes.shape[1]
+    soft = state.at.yields / np.maximum(stiff, SOFTEST * law.two_mu)
     indicators = GridFunction(L2(mesh, order=0), name="error_indicators")
-    density = 0.5 * ((squares / moduli).sum(axis=1) + plastic) / (k * (k + 1))
-    indicators.vec.FV().NumPy()[:] = weights * density
+    values = indicators.vec.FV().NumPy()
+    for numbers, block in zip(element_numbers(mesh), points.blocks, strict=True):
+        places, source = (block.shapes, block.points) if len(block.shapes) > 1 else inside(block)
+        left = np.einsum("pk,ekc->epc", places, recovered[block.nodes]) - stress[source]
+        along = np.einsum("epd,epd->ep", left[:, :, 1:], state.at.direction[source])
+        density = (left**2 / moduli[source]).sum(axis=2) + soft[source] * along**2
+        weights = points.weights[source] * block.points.shape[1] / len(places)
+        values[numbers] = 0.5 * (weights * density).sum(axis=1)
     return indicators
+
+
+def inside(block: Elements) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric coordinates of a rule of degree two on simplices, and their one point."""
+    k = block.nodes.shape[1]
+    share = (1 - (k + 1) ** -0.5) / k
+    return share + (1 - k * share) * np.eye(k), np.repeat(block.points, k, axis=1)

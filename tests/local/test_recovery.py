@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ngsolve.meshes import MakeStructured3DMesh
 
 from ngepc import Material, Problem, Tabulated, lshape_problem, semismooth_newton
 from ngepc.geometries import block, lshape
@@ -55,7 +56,36 @@ def test_a_linear_law_in_a_table_has_the_estimate_of_the_linear_one():
     assert estimate(tabulated) == pytest.approx(estimate(linear), rel=1e-9)
 
 
-def test_other_elements_are_refused():
-    squares = semismooth_newton(indented_block(0, order=2))
-    with pytest.raises(ValueError, match="straight triangles or tetrahedra of order 1"):
-        error_indicators(squares)
+def prisms(n):
+    mesh = MakeStructured3DMesh(nx=n, ny=n, nz=n, prism=True)
+    for number, name in enumerate(mesh.GetBoundaries()):
+        mesh.ngmesh.SetBCName(number, {"bottom": "clamped", "top": "contact"}.get(name, name))
+    return mesh
+
+
+SHAPES = {
+    "quadrilaterals": lambda n: block.structured_mesh(n, n),
+    "hexahedra": lambda n: block.structured_mesh(n, n, n),
+    "prisms": prisms,
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_other_shapes_have_an_estimate(shape):
+    """Against the energy of half the mesh width, which has about a third of the error."""
+    steel = indented_block(0).material
+    n = 8 if shape == "quadrilaterals" else 4
+    load = (4.0, 1.0) if shape == "quadrilaterals" else (4.0, 1.0, 0.0)
+    coarse, fine = (
+        semismooth_newton(Problem(SHAPES[shape](k), steel, traction={"contact": load}))
+        for k in (n, 2 * n)
+    )
+    error = 1.5 * (coarse.primal_energy - fine.primal_energy)
+    assert coarse.state.at.yields.any()
+    assert 0.3 * error < estimate(coarse) < 2 * error
+    assert error_indicators(coarse).vec.FV().NumPy().min() >= 0
+
+
+def test_order_two_is_refused():
+    with pytest.raises(ValueError, match="order=2: error_indicators needs order 1"):
+        error_indicators(semismooth_newton(indented_block(0, order=2)))
