@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ngepc.discretisation.conditions import ContactConditions
+from ngepc.discretisation.floating import Floating
 from ngepc.discretisation.loads import Supports
 from ngepc.model.processes import Alone
 
@@ -26,6 +27,7 @@ class Frame(Protocol):
 
     contact: ContactConditions
     supports: Supports
+    floating: Floating
     load: np.ndarray
     free: np.ndarray
     stiffness_diagonal: np.ndarray

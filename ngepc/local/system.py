@@ -15,16 +15,13 @@ from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.balance import Balance
 from ngepc.discretisation.conditions import ContactConditions
+from ngepc.discretisation.floating import Floating
 from ngepc.discretisation.law import Law, Return
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.points import Points
 from ngepc.discretisation.rows import ContactRows
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.model.problem import Problem
-from ngepc.model.support import has_floating_parts
-
-FLOATING = 1e-4
-"""Stiffness of all springs of a floating part, about, relative to that of the part."""
 
 
 class DiscreteProblem:
@@ -89,15 +86,14 @@ class DiscreteProblem:
         return self.contact.stiffness(self.stiffness_diagonal)
 
     @cached_property
-    def springs(self) -> np.ndarray | None:
-        """Weak springs of the tangent for parts that contact alone holds; None if there are none.
+    def floating(self) -> Floating:
+        """The parts that contact alone holds."""
+        return Floating(self.problem, self.contact, self.load)
 
-        They resist the change of each Newton step, not the displacement: a proximal term that does
-        not change the solution and costs about a factor FLOATING in the speed of convergence.
-        """
-        if not has_floating_parts(self.problem):
-            return None
-        return FLOATING / len(self.supports.free) * self.stiffness_diagonal
+    @cached_property
+    def springs(self) -> np.ndarray | None:
+        """``Floating.springs``."""
+        return self.floating.springs(self.stiffness_diagonal)
 
     @cached_property
     def yield_forces(self) -> float:

@@ -65,8 +65,8 @@ def directed(
 
 def free_motions(
     problem: Given, held: np.ndarray, pairs: np.ndarray
-) -> Iterator[tuple[int, np.ndarray]]:
-    """Number of free rigid motions and vertices of each part that has some.
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Free rigid motions at the vertices, (vertices, N, k), and the vertices of a part that moves.
 
     ``pairs`` are those of ``part_vertices``; parts with common vertices are looked at together.
     """
@@ -89,18 +89,28 @@ def free_motions(
             _held_rows(pairs, vertices, directions, scaled, members, part) for part in members
         ]
         equations += _joint_rows(joints[np.isin(joints[:, 0], members)], scaled, members)
-        free, moving = mechanisms(np.vstack(equations), len(members))
-        if free:
-            yield free, pairs[pairs[:, 0] == members[moving], 1]
+        free = mechanisms(np.vstack(equations), len(members))
+        if len(free):
+            motions = np.zeros((*x.shape, len(free)))
+            for part, coefficients in zip(members, free.transpose(1, 2, 0), strict=True):
+                v = pairs[pairs[:, 0] == part, 1]
+                motions[v] = _at(scaled[v]) @ coefficients
+            moving = np.linalg.norm(free[-1], axis=1).argmax()
+            yield motions, pairs[pairs[:, 0] == members[moving], 1]
 
 
-def mechanisms(equations: np.ndarray, parts: int) -> tuple[int, int]:
-    """The number of free rigid motions and the part that moves most in one of them."""
+def mechanisms(equations: np.ndarray, parts: int) -> np.ndarray:
+    """The free rigid motions as coefficients of ``rigid_rows`` part by part, (k, parts, ...)."""
     columns = equations.shape[1]
     R = np.linalg.qr(np.vstack([equations, np.zeros((columns, columns))]), mode="r")
     _, size, motion = np.linalg.svd(R)
-    length = np.linalg.norm(motion[-1].reshape(parts, -1), axis=1)
-    return int(np.count_nonzero(size <= 1e-8)), int(length.argmax())
+    return motion[size <= 1e-8].reshape(-1, parts, columns // parts)
+
+
+def _at(x: np.ndarray) -> np.ndarray:
+    """All rigid motions at points (n, N): (n, N, N(N+1)/2)."""
+    axes = np.eye(x.shape[1])
+    return np.stack([rigid_rows(x, np.tile(axis, (len(x), 1))) for axis in axes], axis=1)
 
 
 def _held_rows(

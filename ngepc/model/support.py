@@ -165,12 +165,13 @@ def check_rigid_motions(problem: Given, held: np.ndarray, pairs: np.ndarray) -> 
     for pair in problem.contact_pairs:
         for names in (pair.first, pair.second):
             touching |= vertices_of(problem.mesh, boundary_names("contact", names, problem.mesh))
-    for free, vertices in free_motions(problem, held, pairs):
+    for motions, vertices in free_motions(problem, held, pairs):
         if touching.isdisjoint(vertices.tolist()):
             centre = vertex_coordinates(problem.mesh)[vertices].mean(axis=0)
             raise ValueError(
-                f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave {free} "
-                f"rigid motion(s) of the part around {centre.round(6).tolist()}: "
+                f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave "
+                f"{motions.shape[2]} rigid motion(s) of the part around "
+                f"{centre.round(6).tolist()}: "
                 "every connected part must be held, if need be by springs"
             )
 
@@ -184,7 +185,7 @@ def check_rigid_body(problem: Given, held: np.ndarray) -> None:
     rows = np.linalg.qr(
         rigid_rows(x[v] / processes.most(np.abs(x)), np.eye(problem.N)[i]), mode="r"
     )
-    free, _ = mechanisms(np.vstack(processes.all(rows)), 1)
+    free = len(mechanisms(np.vstack(processes.all(rows)), 1))
     if free:
         raise ValueError(
             f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave {free} rigid "
@@ -192,10 +193,10 @@ def check_rigid_body(problem: Given, held: np.ndarray) -> None:
         )
 
 
-def has_floating_parts(problem: Given) -> bool:
-    """Whether parts of the body are held by the contact with others alone."""
+def floating_motions(problem: Given) -> list[tuple[np.ndarray, np.ndarray]]:
+    """``free_motions`` of the parts that contact with others has to hold; mostly none."""
     if not problem.contact_pairs:
-        return False
+        return []
     a, b = check_conforming(*element_facets(problem.mesh))
     held = ~np.isnan(held_values(problem))
-    return any(free_motions(problem, held, part_vertices(problem.mesh, a, b)))
+    return list(free_motions(problem, held, part_vertices(problem.mesh, a, b)))

@@ -17,9 +17,10 @@ from ngsolve import (
     dx,
     specialcf,
 )
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.conditions import ContactConditions
+from ngepc.discretisation.floating import Floating
 from ngepc.discretisation.loads import Supports, applied_forces, nodal
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
@@ -45,6 +46,8 @@ class ReducedEnergy:
         The GridFunction that holds the displacement looked at last.
     mapping
         ``ReturnMapping`` at ``displacement``.
+    floating
+        The parts that contact alone holds.
     load
         Nodal forces of tractions and body force, shape (nodes, N).
     stiffness_diagonal
@@ -78,9 +81,12 @@ class ReducedEnergy:
             csr_matrix(tuple(map(np.asarray, matrix.CSR()))).diagonal(), problem
         )
         self.row_stiffness = self.contact.stiffness(self.stiffness_diagonal)
-        grip, _ = self.contact.grip(self.row_stiffness)
-        if grip is not None:
-            self._added = grip if self._added is None else self._added + grip
+        self.floating = Floating(problem, self.contact, self.load)
+        weak = self.floating.springs(self.stiffness_diagonal)
+        steering = [self.contact.grip(self.row_stiffness)[0]]
+        steering += [] if weak is None else [diags(weak.ravel(), format="csr")]
+        for more in (part for part in steering if part is not None):
+            self._added = more if self._added is None else self._added + more
         self.yield_forces = self._yield_forces()
 
     def _integral(self, density: CoefficientFunction):

@@ -15,7 +15,7 @@ from ngepc.model.problem import Problem
 from ngepc.model.rules import plastic_points
 from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.fields import Recovered
-from ngepc.results.outcome import Ending, History
+from ngepc.results.outcome import Ending, History, Status
 from ngepc.results.summary import Summarised
 
 FEW_FACETS = 4
@@ -188,6 +188,11 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         return density
 
     @property
+    def undetermined_motions(self) -> int:
+        """Number of rigid motions of floating parts that no contact force rules out, 0 mostly."""
+        return self.state.frame.floating.undetermined(self.state.contact)
+
+    @property
     def contact_area(self) -> float:
         """Area that belongs to the rows with a contact force."""
         return self._conditions.area(self.pressing > 0)
@@ -211,7 +216,8 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     @cached_property
     def message(self) -> str:
         """How the run ended, and what a user must know of the solution."""
-        return " ".join(filter(None, (self.ending, *observations(self))))
+        seen = [] if self.status is Status.UNHELD else observations(self)
+        return " ".join(filter(None, (self.ending, *seen)))
 
 
 def nearest(result: DiscreteSolution) -> tuple[float, tuple[float, ...]]:
@@ -237,6 +243,12 @@ def observations(result: DiscreteSolution) -> list[str]:
         found.append(
             f"Only {result.contact_facets} whole facets ({touching} nodes) are in contact: refine "
             "the contact boundary before you trust pressures."
+        )
+    loose = result.undetermined_motions if result.status.is_success else 0
+    if loose:
+        found.append(
+            f"{loose} rigid motion(s) of a part that contact alone holds are not determined: its "
+            "place is one of many, stresses are not concerned."
         )
     if result.largest_strain > SMALL_STRAIN:
         found.append(

@@ -113,6 +113,8 @@ def end_of(
         return Status.NONFINITE, "The energy or the residual is NaN or infinite."
     if residual <= tolerance and here.penetration <= here.touching_distance:
         return Status.CONVERGED, ""
+    if here.frame.floating.unheld:
+        return Status.UNHELD, here.frame.floating.unheld
     if here.flowing > FREE:
         return Status.LIMIT_LOAD, (
             f"After {steps} steps |p| reaches {here.flowing:.2g} where nothing hardens any "

@@ -26,6 +26,7 @@ class Status(Enum):
     STAGNATED = "The energy no longer changes beyond rounding, the tolerance is out of reach."
     NONFINITE = "A factorisation, energy or residual became singular, NaN or infinite."
     LIMIT_LOAD = "Plastic strains grow without bound: the loads are at or beyond a limit load."
+    UNHELD = "Contact cannot balance the loads on a part that nothing else holds: no solution."
     MESH_LIMIT = "The error bound is above what was asked, and a finer mesh is not allowed."
     STOPPED = "The monitor (or an interrupt) stopped the run; the state is the last one reached."
 

@@ -46,6 +46,7 @@ def cubes(gap=0.0):
 
 
 MESHES = {2: squares, 3: cubes}
+APART = squares()
 
 
 def stacked(N, gap=0.0, load=None, pair=("above", "below"), tied=False, **data):
@@ -95,6 +96,44 @@ def test_floating_body(N, order, friction):
     assert pressure == pytest.approx(np.full(len(pressure), 10.0), rel=1e-9)
     assert result.contact_force == pytest.approx(10.0, rel=1e-9)
     assert result.iterations <= 5
+
+
+def on_top(traction, friction, pair=("above", "below")):
+    """The upper square on the lower one, nothing else holds it."""
+    prescribed, contact = {"bottom": (0, 0)}, Contact(*pair)
+    return Problem(
+        APART, ELASTIC, None, {"top": traction}, prescribed=prescribed, contact=contact, **friction
+    )
+
+
+SHEARED = {
+    "pressed": ((0.0, -1.0), {}, True),
+    "pulled": ((0.0, 1.0), {}, False),
+    "slides": ((0.1, -1.0), {}, False),
+    "below the cone": ((0.19, -1.0), {"friction": Coulomb(0.2)}, True),
+    "beyond the cone": ((0.21, -1.0), {"friction": Coulomb(0.2)}, False),
+    "below the bound": ((0.15, -1.0), {"friction": 0.2}, True),
+    "beyond the bound": ((0.21, -1.0), {"friction": 0.2}, False),
+    "stands": ((0.49, -1.0), {"friction": Coulomb(2.0)}, True),
+    "tips over": ((0.51, -1.0), {"friction": Coulomb(2.0)}, False),
+}
+"""Traction on the unit square, friction, and whether the square stays where it is."""
+
+
+@pytest.mark.parametrize("name", SHEARED)
+@pytest.mark.parametrize("solver", [semismooth_newton, primal_newton])
+def test_contact_alone_holds_what_it_can(name, solver):
+    traction, friction, stays = SHEARED[name]
+    result = solver(on_top(traction, friction))
+    if not stays:
+        assert result.status is Status.UNHELD
+        assert result.message.startswith("Contact cannot hold the part around (0.5")
+        return
+    assert result.status is Status.CONVERGED, result.message
+    assert result.contact_force == pytest.approx(1.0, rel=1e-9)
+    assert result.friction_force == pytest.approx((-traction[0], 0), abs=1e-9)
+    assert result.undetermined_motions == (0 if friction else 1)
+    assert ("not determined" in result.message) == (not friction)
 
 
 @pytest.mark.parametrize("N", [2, 3])
