@@ -33,7 +33,7 @@ def interpolations(
     processes
         Those that have rows of the matrix.
     """
-    found, node = [], np.arange(len(modes)) // (len(modes) // graph.shape[0])
+    found, spare, node = [], [], np.arange(len(modes)) // (len(modes) // graph.shape[0])
     linear = (modes != 0).any(axis=1)
     if (
         matrix.comm.tompi4py().allreduce(not linear.all())
@@ -44,6 +44,7 @@ def interpolations(
             spread(eye(len(modes), format="csr")[:, np.flatnonzero(linear)], matrix, processes)
         )
         matrix, modes, node = matrix.ptap(found[0]), modes[linear], node[linear]
+        spare.append(matrix)
     while matrix.size[0] > COARSEST:
         number = aggregates(graph)
         local, modes, coarse_node = tentative(number[node], modes)
@@ -52,8 +53,12 @@ def interpolations(
             break
         image = matrix.matMult(plain)
         coarse = plain.transposeMatMult(image)
-        found.append(jacobi_smoothed(matrix, plain, image))
+        smooth = jacobi_smoothed(matrix, plain, image)
+        found.append(smooth.duplicate(copy=True))  # without what products keep for the next one
+        spare += [plain, image, coarse]
         matrix, graph, node = coarse, members.T @ graph @ members, coarse_node
+    for used in spare:
+        used.destroy()  # Python frees shared objects only when all processes do
     return found
 
 

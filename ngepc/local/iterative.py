@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import bsr_matrix, csr_matrix, diags
 from scipy.sparse.linalg import splu
 
 from ngepc.discretisation.blocks import StiffnessBlocks
@@ -30,11 +30,11 @@ class Engine(Protocol):
     """What multiplies by the matrix of the tangent and preconditions it."""
 
     def take(self, values: np.ndarray) -> None:
-        """Take the blocks of a new matrix, (blocks, N, N), in the order of the pattern."""
+        """Take the values of a new matrix in the order of the pattern."""
         ...
 
     def build(self, values: np.ndarray) -> None:
-        """Make the preconditioner from these blocks."""
+        """Make the preconditioner from these values."""
         ...
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
@@ -57,35 +57,44 @@ class Iterative(Protocol):
 
 
 class FullPattern:
-    """The blocks of both triangles, from those below the diagonal.
+    """The matrix of both triangles, from blocks on and below the diagonal.
 
     Attributes
     ----------
-    rows, columns, starts
-        Block rows and columns, row by row, and where each row begins: BSR without the values.
+    starts, columns
+        CSR without the values.
+    blocks
+        Which nodes are coupled.
     """
 
     def __init__(self, lower: StiffnessBlocks) -> None:
-        i, j, nodes = lower.rows, lower.columns, lower.points.scalar.ndof
-        above = np.flatnonzero(i != j)
+        i, j, nodes, N = lower.rows, lower.columns, len(lower.free), lower.N
+        above, entries = np.flatnonzero(i != j), np.arange(N * N, dtype=np.int32).reshape(N, N)
         rows, columns = np.append(i, j[above]), np.append(j, i[above])
-        order = np.argsort(rows * nodes + columns)
-        self.rows, self.columns = (a[order].astype(np.int32) for a in (rows, columns))
-        self.starts = np.searchsorted(self.rows, np.arange(nodes + 1)).astype(np.int32)
-        self._source = np.append(np.arange(len(i)), above)[order].astype(np.int32)
-        self._turned = np.flatnonzero(order >= len(i))
+        order = np.argsort(rows * np.int64(nodes) + columns)
+        starts = np.searchsorted(rows[order], np.arange(nodes + 1)).astype(np.int32)
+        source = np.append(np.arange(len(i)), above)[order].astype(np.int32)
+        source = N * N * source[:, None, None] + entries
+        turned = order >= len(i)
+        source[turned] = source[turned].swapaxes(1, 2)
+        columns = columns[order].astype(np.int32)
+        self.blocks = csr_matrix(
+            (np.ones(len(columns), dtype=np.int32), columns, starts), shape=(nodes, nodes)
+        )
+        whole = bsr_matrix((source, columns, starts), shape=(N * nodes, N * nodes)).tocsr()
+        self.starts, self.columns, self._source = whole.indptr, whole.indices, whole.data
 
     def graph(self, held: np.ndarray) -> csr_matrix:
         """Which nodes are coupled, those of a mask left out."""
-        kept = np.flatnonzero(~(held[self.rows] | held[self.columns]))
-        pairs = (np.ones(len(kept), dtype=np.int32), (self.rows[kept], self.columns[kept]))
-        return csr_matrix(pairs, shape=(len(held), len(held)))
+        kept = diags(~held, dtype=np.int32)
+        graph = (kept @ self.blocks @ kept).tocsr()
+        graph.eliminate_zeros()
+        graph.sort_indices()
+        return graph
 
     def values(self, lower: np.ndarray) -> np.ndarray:
-        """All blocks, shape (blocks, N, N)."""
-        full = lower[self._source]
-        full[self._turned] = full[self._turned].swapaxes(1, 2)
-        return full
+        """The values of the CSR matrix from the blocks, (blocks, N, N)."""
+        return lower.ravel()[self._source]
 
 
 class Closed:
@@ -208,16 +217,16 @@ class IterativeTangent:
         if not self._stale:
             return
         nodes, projections = closed.pins(self._discrete.problem.N)
-        values = self._pattern.values(self._lower)
+        lower, self._lower = self._lower, None
         if len(nodes):
-            self._pin(values, nodes, projections)
-        self._engine.build(values)
+            self._pin(lower, nodes, projections)
+        self._engine.build(self._pattern.values(lower))
         self._stale, self.hierarchies = False, self.hierarchies + 1
 
     def _pin(self, values: np.ndarray, nodes: np.ndarray, projections: np.ndarray) -> None:
         """Project out of the blocks what is pinned, and put the size of the diagonal there."""
-        rows, columns, N = self._pattern.rows, self._pattern.columns, projections.shape[1]
-        place = np.full(len(self._pattern.starts) - 1, -1)
+        rows, columns, N = self._blocks.rows, self._blocks.columns, projections.shape[1]
+        place = np.full(len(self._blocks.free), -1)
         place[nodes] = np.arange(len(nodes))
         padded = np.concatenate([projections, np.eye(N)[None]])  # number -1: not pinned
         hit = np.flatnonzero((place[rows] >= 0) | (place[columns] >= 0))

@@ -94,29 +94,56 @@ class PETScEngine:
 
     def __init__(self, pattern: FullPattern, discrete: DiscreteProblem, options: str) -> None:
         self._N, self._processes = discrete.problem.N, discrete.points.processes
-        self._comm = petsc.COMM_SELF
-        if self._processes.size > 1:
-            self._comm = self._processes.comm
-        self._starts, self._columns, self._places = _scalar_rows(pattern, self._N)
-        self._size = len(self._starts) - 1
-        self._values, self._entries = (np.zeros(len(self._columns)) for _ in range(2))
-        self._matrix, self._pinned = self._wrapped(self._values), self._wrapped(self._entries)
+        self._shared, own = self._processes.size > 1, self._processes.own
+        self._comm = self._processes.comm if self._shared else petsc.COMM_SELF
+        petsc.garbage_cleanup(self._comm)  # Python frees shared objects only when all do
+        self._rows, self._size = (pattern.starts, pattern.columns), len(pattern.starts) - 1
+        self._values, self._matrix = self._wrapped()
+        if self._shared:
+            self._pinned = self._total(pattern)
+        else:
+            self._entries, self._pinned = self._wrapped()
         self._pc, self._prefix = None, f"ngepc{next(_numbers)}_"
         self._levels = "-pc_type" not in options.split()
-        usual, own = (
-            MULTIGRID + (SHARED if self._processes.size > 1 else ALONE),
-            self._processes.own,
-        )
+        usual = MULTIGRID + (SHARED if self._shared else ALONE)
         self._set(usual + options if self._levels else options)
         self._graph = pattern.graph(~discrete.supports.free.any(axis=1))[own][:, own]
         self._modes = self._orthonormal(low_energy_modes(discrete))
         self._pair = tuple(petsc.Vec().createSeq(self._size, bsize=self._N) for _ in range(2))
 
-    def _wrapped(self, values: np.ndarray) -> object:
-        rows = (self._starts, self._columns, values)
+    def _wrapped(self) -> tuple[np.ndarray, object]:
+        """Values and a matrix of this process that has them."""
+        values = np.zeros(len(self._rows[1]))
+        rows = (*self._rows, values)
         matrix = petsc.Mat().createAIJWithArrays(self._size, rows, comm=petsc.COMM_SELF)
         matrix.setBlockSize(self._N)
+        return values, matrix
+
+    def _total(self, pattern: FullPattern) -> object:
+        """Room for the sum of the matrices of all processes, by global numbers."""
+        processes, N = self._processes, self._N
+        numbers = processes.numbers.astype(petsc.IntType)
+        places = petsc.LGMap().create(numbers, bsize=N, comm=self._comm)
+        own = processes.owned(slice(None))
+        near, far = (pattern.blocks @ chosen.astype(np.int32) for chosen in (own, ~own))
+        theirs = processes.summed(near + far) - near - far  # at most: others may have the same ones
+        counts = [np.repeat(N * (n + theirs)[own], N) for n in (near, far)]
+        size = (N * len(processes.own), N * processes.count)
+        matrix = petsc.Mat().create(self._comm)
+        matrix.setSizes((size, size), bsize=N)
+        matrix.setType("aij")
+        matrix.setLGMap(places, places)
+        matrix.setPreallocationNNZ(counts)
         return matrix
+
+    def _fill(self, values: np.ndarray) -> None:
+        """The preconditioner's matrix with the sum of these values of all processes."""
+        if self._shared:
+            self._pinned.zeroEntries()
+            self._pinned.setValuesLocalIJV(*self._rows, values, addv=True)
+        else:
+            self._entries[:] = values
+        self._pinned.assemble()
 
     def _set(self, options: str) -> None:
         """PETSc's data base with these options under the preconditioner's own prefix."""
@@ -128,35 +155,34 @@ class PETScEngine:
 
     def take(self, values: np.ndarray) -> None:
         """The matrix for multiplication."""
-        self._values[self._places] = values.ravel()
+        self._values[:] = values
         self._matrix.stateIncrease()
 
     def build(self, values: np.ndarray) -> None:
         """A new preconditioner; multigrid keeps its coarse spaces."""
-        self._entries[self._places] = values.ravel()
-        self._pinned.assemble()
+        spaces = None
+        if self._pc is None and self._levels:
+            self._fill(self._values)
+            spaces = interpolations(self._pinned, self._modes.T, self._graph, self._processes)
+        self._fill(values)
         if self._pc is None or not self._levels:
-            self._create(self._summed(self._pinned))
-        elif self._processes.size > 1:
-            matrix = self._pc.getOperators()[1]  # coarse products know this object; patterns differ
-            self._summed(self._pinned).copy(matrix, petsc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            self._create(spaces)
         self._pc.setUp()
 
-    def _create(self, matrix: object) -> None:
+    def _create(self, spaces: list[object] | None) -> None:
         if self._pc is not None:
             self._pc.destroy()  # one that is set up again keeps parts of its old hierarchy
-        self._pc, self._sides = petsc.PC().create(self._comm), matrix.createVecs()
+        self._pc, self._sides = petsc.PC().create(self._comm), self._pinned.createVecs()
         self._pc.setOptionsPrefix(self._prefix)
-        self._pc.setOperators(matrix, matrix)
+        self._pc.setOperators(self._pinned, self._pinned)
         self._pc.setFromOptions()
         if self._levels:
-            given = self._modes.T, self._graph, self._processes
-            self._coarsen(interpolations(self._summed(self._matrix), *given))
+            self._coarsen(spaces)
         else:
             kind = {"bsize": self._N, "comm": self._comm}
             vectors = [petsc.Vec().createWithArray(mode, **kind) for mode in self._modes]
             space = petsc.NullSpace().create(vectors=vectors, comm=self._comm)
-            matrix.setNearNullSpace(space)
+            self._pinned.setNearNullSpace(space)
 
     def _coarsen(self, spaces: list[object]) -> None:
         """Give multigrid its levels; a body that is small enough is solved directly."""
@@ -183,21 +209,6 @@ class PETScEngine:
     def _nodal(self, x: np.ndarray) -> np.ndarray:
         return x.reshape(-1, self._N)
 
-    def _summed(self, matrix: object) -> object:
-        """The sum of the matrices of all processes, by global numbers."""
-        processes, N = self._processes, self._N
-        if processes.size == 1:
-            return matrix
-        numbers = processes.numbers.astype(petsc.IntType)
-        places = petsc.LGMap().create(numbers, bsize=N, comm=self._comm)
-        size = (N * len(processes.own), N * processes.count)
-        parts = petsc.Mat().createIS((size, size), lgmapr=places, lgmapc=places, comm=self._comm)
-        parts.setISLocalMat(matrix)
-        parts.assemble()
-        total = parts.convert("aij", petsc.Mat())
-        total.setBlockSize(N)
-        return total
-
     def _orthonormal(self, modes: np.ndarray) -> np.ndarray:
         """The own entries of an orthonormal basis of the modes, one mode in each row."""
         N, k = self._N, modes.shape[1]
@@ -217,18 +228,3 @@ def _applied(operator: object, vectors: tuple, x: np.ndarray) -> np.ndarray:
 def is_name(word: str) -> bool:
     """Whether a word of an option string is a name, not a value: -pc_type, but not -1e-3."""
     return word.startswith("-") and not word[1:2].isdigit() and word[1:2] != "."
-
-
-def _scalar_rows(pattern: FullPattern, N: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """CSR of the scalar matrix: starts, columns, and the place there of each entry of a block."""
-    counts = np.diff(pattern.starts)
-    starts = np.zeros(N * len(counts) + 1, dtype=np.int32)
-    np.cumsum(np.repeat(N * counts, N), out=starts[1:])
-    within = np.arange(len(pattern.rows), dtype=np.int32) - pattern.starts[pattern.rows]
-    first = starts[N * pattern.rows] + N * within
-    along = np.arange(N, dtype=np.int32)
-    step = (N * counts[pattern.rows]).astype(np.int32)
-    places = first[:, None, None] + step[:, None, None] * along[:, None] + along
-    columns = np.empty(starts[-1], dtype=np.int32)
-    columns[places] = (N * pattern.columns)[:, None, None] + along
-    return starts, columns, places.ravel()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import bsr_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.linalg.aggregation import coarse_spaces
@@ -73,7 +73,7 @@ class PyAMGEngine:
 
     def _scalar_matrix(self, values: np.ndarray) -> csr_matrix:
         rows = (values, self._pattern.columns, self._pattern.starts)
-        return bsr_matrix(rows, shape=(self._size, self._size)).tocsr()
+        return csr_matrix(rows, shape=(self._size, self._size))
 
     def take(self, values: np.ndarray) -> None:
         """The matrix for multiplication."""

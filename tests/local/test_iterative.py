@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
 
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.factors import Factors, TangentError
@@ -33,10 +34,7 @@ class Dense:
 
 
 def dense(pattern, values, size):
-    N = values.shape[1]
-    matrix = np.zeros((size // N, N, size // N, N))
-    matrix[pattern.rows, :, pattern.columns, :] = values
-    return matrix.reshape(size, size)
+    return csr_matrix((values, pattern.columns, pattern.starts), shape=(size, size)).toarray()
 
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["order 1", "order 2"])
