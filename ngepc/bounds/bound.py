@@ -29,6 +29,7 @@ from ngepc.local.factors import Factors
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import Problem
+from ngepc.results.exact import DiscreteSolution
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,8 @@ class ErrorBound:
     ----------
     state
         The displacement that is judged; J(u) - inf J is its energy error.
+    energy
+        J(u), with int F |slip| where there is friction, no less than inf J.
     total
         No less than the energy error (force times length).
     algebraic
@@ -56,6 +59,7 @@ class ErrorBound:
     """
 
     state: State = field(repr=False)
+    energy: float
     total: float
     algebraic: float
     per_cell: np.ndarray = field(repr=False)
@@ -72,11 +76,6 @@ class ErrorBound:
     def discretisation(self) -> float:
         """``total`` without ``algebraic``: what only another mesh removes."""
         return max(self.total - self.algebraic, 0.0)
-
-    @property
-    def energy(self) -> float:
-        """J(u), no less than inf J."""
-        return self.state.energy
 
     @property
     def least_energy(self) -> float:
@@ -160,6 +159,8 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
 def state_of(setting: Setting, result: object) -> State:
     """Displacement and contact forces of any result, with the best plastic strain."""
     discrete, rows = setting.discrete, setting.discrete.rows
+    if isinstance(result, DiscreteSolution):
+        return discrete.state(result.state.u.copy(), contact=result.state.contact)
     u = nodal(result.displacement.vec.FV().NumPy(), setting.problem)
     multipliers = np.zeros(len(rows))
     if len(rows):
@@ -184,15 +185,17 @@ def bound_of_state(
     setting: Setting, given: State, tangent: Factors, effort: Effort | None = None
 ) -> ErrorBound:
     """The bound for a state on the mesh of a setting; ``tangent`` gets other factors."""
+    setting.check_touching(given)
     state, moved = feasible_state(setting, given)
     algebraic = algebraic_part(setting, state, tangent)
     P = setting.pressure(state.multipliers)
     z, mean, P = setting.best_stress(state, tangent, P, effort)
-    contact = setting.contact_gaps(state.u, P)
+    contact = setting.contact_gaps(state, P)
     volume, owners = setting.cells.volume, setting.cells.owners[setting.boundary.contact, 0]
     per_cell = setting.conjugate.integrals(z, volume, setting.gaps(state, mean))
     per_cell += np.bincount(owners, contact, minlength=len(per_cell))
-    return ErrorBound(state, float(per_cell.sum()), algebraic, per_cell, z, P, moved)
+    total, energy = float(per_cell.sum()), setting.energy(state)
+    return ErrorBound(state, energy, total, algebraic, per_cell, z, P, moved)
 
 
 def feasible_state(setting: Setting, given: State) -> tuple[State, float]:
@@ -201,7 +204,7 @@ def feasible_state(setting: Setting, given: State) -> tuple[State, float]:
     moved = float(np.abs(u - given.u).max(initial=0.0))
     if moved <= given.touching_distance:
         return given.on_sphere(), moved
-    return setting.discrete.state(u, contact=given.multipliers), moved
+    return setting.discrete.state(u, contact=given.contact), moved
 
 
 def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
@@ -210,8 +213,10 @@ def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
     ``tangent`` gets the factors of the tangent there.
     """
     tangent.update(setting.discrete.law.moduli(state.at, state.yielding))
-    rows, multipliers = setting.discrete.rows, np.maximum(state.multipliers, 0.0)
-    z = setting.balanced(state, tangent, rows.forces(multipliers))
+    contact = setting.discrete.contact
+    forces = state.contact - contact.defect(state.contact, 0.0)
+    z = setting.balanced(state, tangent, contact.forces(forces))
     dual = setting.conjugate.value(setting.conjugate.completed(z[:, None]))[:, 0]
     gaps = setting.gaps(state, z) + setting.cells.volume * dual
-    return float(gaps.sum() + multipliers @ rows.open_gap(state.u))
+    friction = contact.friction_work(forces, state.gaps, 0.0)
+    return float(gaps.sum() + forces @ state.gaps + friction)

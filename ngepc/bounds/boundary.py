@@ -32,11 +32,13 @@ class Boundary:
         (length), shape (contact facets, N).
     excess
         int over the facet of (psi - gap) times each vertex's hat function, shape as ``gap``.
+    friction
+        F at the vertices of the contact facets (stress), zero without friction, shape as ``gap``.
 
     Raises
     ------
     ValueError
-        For tractions or prescribed displacements that are not affine on facets, and for boundaries
+        For tractions, friction or displacements that are not affine on facets, and for boundaries
         inside the body.
     """
 
@@ -97,6 +99,12 @@ class Boundary:
         weights = self.cells.measure[self.contact][:, None] * rule.weights
         more = (weights * (psi[:, :, 0] - above @ rule.shares.T)) @ rule.shares
         self.gap, self.excess = self._at_vertices(above, on), self._at_vertices(more, on)
+        friction = 0.0 if self.problem.friction is None else self.problem.friction
+        bounds = on_facets(self.problem, as_scalar(friction))
+        rule.check_affine("friction", bounds[on])
+        self.friction = self.on_contact(bounds)
+        if self.problem.initial_displacement is not None:
+            rule.check_affine("initial_displacement", on_facets(self.problem, self.problem.u_0)[on])
 
     def on_contact(self, values: np.ndarray) -> np.ndarray:
         """From ``on_facets`` to the values at the vertices of the contact facets."""

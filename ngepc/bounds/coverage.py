@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from ngsolve import BND, ET, VOL, CoefficientFunction, IntegrationRule
 
+from ngepc.model.friction import Coulomb
 from ngepc.model.loading import require_linear, require_plain
 from ngepc.model.problem import Problem
 from ngepc.model.rules import has_straight_simplices
@@ -112,8 +113,8 @@ def check_covered(problem: Problem) -> None:
             f"contact={problem.contact!r}: bounds need rigid obstacles, not two bodies"
         )
     require_linear(problem, "bounds need")
-    if problem.friction is not None:
-        raise ValueError(f"friction={problem.friction!r}: bounds need contact without friction")
+    if isinstance(problem.friction, Coulomb):
+        raise ValueError(f"friction={problem.friction!r}: bounds need a given bound F of friction")
     require_plain(problem, "bounds need loads and components of displacements on boundaries")
     material, (scalar, back) = problem.material, problem.alpha_0
     coefficients = {
@@ -129,6 +130,18 @@ def check_covered(problem: Problem) -> None:
     for name, value in coefficients.items():
         if isinstance(value, CoefficientFunction):
             check_constant(problem, name, value)
+
+
+def require_frictionless(problem: Problem, what: str) -> None:
+    """Refuse friction, by name, where what slips would have to be known on other data.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument and its value.
+    """
+    if problem.friction is not None:
+        raise ValueError(f"friction={problem.friction!r}: {what} needs contact without friction")
 
 
 def check_constant(problem: Problem, name: str, value: CoefficientFunction) -> None:

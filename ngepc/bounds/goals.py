@@ -23,6 +23,7 @@ import numpy as np
 
 from ngepc.bounds.adaptive import SOLVED, TOLERANCE
 from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.bounds.coverage import require_frictionless
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.loads import applied_forces
 from ngepc.local.result import ExactResult
@@ -156,6 +157,7 @@ def slopes(
     slope, length
         About how steep the energy is, and a change that is large.
     """
+    require_frictionless(result.problem, "a bracket")
     here = error_bound(result)
     part = math.sqrt(here.total / here.strain_energy)
     first = part * min(2 * here.strain_energy / abs(slope), length) if slope else part * length

@@ -36,11 +36,11 @@ class PlaneSetting(Setting):
         self, state: State, tangent: Factors, P: np.ndarray, effort: Effort | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """An admissible stress for which the bound is small, its mean on each triangle, and P."""
-        moments, forces = self.loads(P)
+        moments, forces = self.loads(state, P)
         stress = self.balanced(state, tangent, forces)
         z = self.admissible(stress, moments)
         dual = Dual(self.space, self.conjugate, self.strain(state))
-        rest = self.gaps(state, 0 * stress).sum() + self.contact_gaps(state.u, P).sum()
+        rest = self.gaps(state, 0 * stress).sum() + self.contact_gaps(state, P).sum()
         z = tightened(dual, self.cells, z, stress, float(rest), effort or Effort())
         return at_nodes(z), z.mean(axis=1), P
 

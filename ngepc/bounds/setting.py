@@ -12,6 +12,7 @@ from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.equilibration import Patches, moments_of
 from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.triangles import Triangles
+from ngepc.discretisation.conditions import initial_displacements
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.processes import require_whole
@@ -56,6 +57,7 @@ class Setting(ABC):
         self.body_force = np.zeros((len(self.cells.nodes), self.problem.N))
         if self.problem.f is not None:
             self.body_force = discrete.points.at(self.problem.f)
+        self.start = initial_displacements(self.problem, discrete.supports)
         self.row_of = self._rows_of_contact_ends()
 
     @abstractmethod
@@ -140,20 +142,65 @@ class Setting(ABC):
         mean = P.sum(axis=1) / np.maximum(there.sum(axis=1), 1)
         return np.where(there, P, mean[:, None])
 
-    def loads(self, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Facet moments of the given tractions (nf, N, N), and nodal forces of P (nodes, N)."""
+    def across(self, vectors: np.ndarray) -> np.ndarray:
+        """The tangential parts of vectors on the contact facets, both (contact facets, N, N)."""
+        n = self.cells.normal[self.boundary.contact]
+        return vectors - np.einsum("eac,ec->ea", vectors, n)[:, :, None] * n[:, None]
+
+    def check_touching(self, state: State) -> None:
+        """Refuse friction where the gap is open: it acts elsewhere, and no minimum problem is left.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument.
+        """
+        touches = np.append(state.multipliers > 0, True)[self.row_of]
+        if (self.boundary.friction[~touches] > 0).any():
+            raise ValueError(
+                f"friction={self.problem.friction!r}: it acts where the gap is closed, and the gap "
+                "opens; bounds need F = 0 there"
+            )
+
+    def friction(self, state: State) -> np.ndarray:
+        """Tangential tractions |T| <= F on the obstacle (stress), (contact facets, N, N)."""
+        rows, bound = self.discrete.rows, self.boundary.friction
+        forces = np.einsum("md,mdc->mc", state.tangential_forces, rows.tangents)
+        stress = np.append(forces / rows.weights[:, None], np.zeros((1, self.problem.N)), axis=0)
+        T = self.across(stress[self.row_of])
+        size = np.linalg.norm(T, axis=2)
+        return (np.minimum(size, bound) / np.where(size > 0, size, 1.0))[:, :, None] * T
+
+    def slip(self, u: np.ndarray) -> np.ndarray:
+        """What the vertices of the contact facets have slipped (length), (contact facets, N, N)."""
+        return self.across((u - self.start)[self.cells.facets[self.boundary.contact]])
+
+    def friction_works(self, state: State) -> np.ndarray:
+        """No less than int F |slip| over each contact facet: |slip| is convex there."""
+        F = moments_of(self.boundary.friction, self.cells.measure[self.boundary.contact])
+        return (F * np.linalg.norm(self.slip(state.u), axis=2)).sum(axis=1)
+
+    def energy(self, state: State) -> float:
+        """J(u) with this friction."""
+        return state.energy - state.friction_work + float(self.friction_works(state).sum())
+
+    def loads(self, state: State, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Facet moments of given tractions (nf, N, N), and nodal forces of contact (nodes, N)."""
         c, b, on = self.cells, self.boundary, self.boundary.contact
         moments = np.zeros_like(b.traction)
         moments[c.outer] = moments_of(b.traction[c.outer], c.measure[c.outer])
-        of_pressure = moments_of(P, c.measure[on])[:, :, None] * c.normal[on][:, None]
-        moments[on] -= of_pressure
-        return moments, c.at_nodes(of_pressure, c.facets[on])
+        pushed = P[:, :, None] * c.normal[on][:, None] + self.friction(state)
+        of_contact = moments_of(pushed, c.measure[on])
+        moments[on] -= of_contact
+        return moments, c.at_nodes(of_contact, c.facets[on])
 
-    def contact_gaps(self, u: np.ndarray, P: np.ndarray) -> np.ndarray:
-        """The integral of P (psi - u . n) over each contact facet."""
-        b = self.boundary
-        room = moments_of(b.gap - self.normal_displacement(u), self.cells.measure[b.contact])
-        return (P * (room + b.excess)).sum(axis=1)
+    def contact_gaps(self, state: State, P: np.ndarray) -> np.ndarray:
+        """The integral of P (psi - u . n) + F |slip| - T . slip over each contact facet."""
+        b, measure = self.boundary, self.cells.measure[self.boundary.contact]
+        room = moments_of(b.gap - self.normal_displacement(state.u), measure)
+        dragged = moments_of(self.friction(state), measure) * self.slip(state.u)
+        gaps = (P * (room + b.excess)).sum(axis=1) - dragged.sum(axis=(1, 2))
+        return gaps + self.friction_works(state)
 
     def gaps(self, state: State, mean: np.ndarray) -> np.ndarray:
         """int [phi(eps) - sigma : eps] over each cell for stresses with this mean (nt, c)."""

@@ -76,10 +76,10 @@ class SolidSetting(Setting):
         own = self.constant_moments(z) + self.faces.moments(np.zeros((len(z), FREE)), f)
         pulled = np.matmul(self.faces.loaded, f[:, :, None])[:, :, 0]
         here = Displaced(tangent, moduli, self.strain(state)[:, None], 0.0)
-        P = self.sharpened(here, pulled, own, P, effort)
-        rest = float(self.gaps(state, 0 * z).sum() + self.contact_gaps(state.u, P).sum())
+        P = self.sharpened(state, here, pulled, own, P, effort)
+        rest = float(self.gaps(state, 0 * z).sum() + self.contact_gaps(state, P).sum())
         here = replace(here, rest=rest)
-        x = self.admissible(here, pulled, own, self.loads(P)[0], f, effort)
+        x = self.admissible(here, pulled, own, self.loads(state, P)[0], f, effort)
         for _ in range(effort.newton):
             at = self.conjugate.completed(self.stress(x, f, AT_POINTS))
             if (at.over > 0).any():
@@ -87,7 +87,13 @@ class SolidSetting(Setting):
         return self.stress(x, f, AT_VERTICES), self.stress(x, f, AT_POINTS).mean(axis=1), P
 
     def sharpened(
-        self, here: Displaced, pulled: np.ndarray, own: np.ndarray, P: np.ndarray, effort: Effort
+        self,
+        state: State,
+        here: Displaced,
+        pulled: np.ndarray,
+        own: np.ndarray,
+        P: np.ndarray,
+        effort: Effort,
     ) -> np.ndarray:
         """The pressure of a body that is held where P > 0, as far as it presses."""
         faces, on = self.faces, self.boundary.contact
@@ -97,7 +103,7 @@ class SolidSetting(Setting):
         slots, normals = 3 * on[:, None] + np.arange(3), self.cells.normal[on][:, None]
         faces.closed[slots] = closed[:, :, None] * normals
         own = own - faces.moments(faces.answer(pulled))
-        b = self.loads(P)[0].reshape(-1, 3) - faces.sums(own)
+        b = self.loads(state, P)[0].reshape(-1, 3) - faces.sums(own)
         delta = self.displacements(here, b, replace(effort, gain=10 * effort.gain))
         faces.closed[:] = 0.0
         sums = faces.sums(own + faces.moments(faces.answer(faces.work(delta))))

@@ -114,9 +114,9 @@ def tightened(
     for _ in range(effort.newton):
         at = dual.conjugate.completed(z)
         value = dual.value(z, at)
-        if rest + value - promised <= effort.trust * (rest + value):
-            break
         yields = np.flatnonzero((at.over > 0).any(axis=1))
+        if not len(yields) or rest + value - promised <= effort.trust * (rest + value):
+            break
         K[yields] = dual.of(yields).stiffness(at.of(yields))
         there = triangles.around(yields, RINGS)
         near, here = dual.of(there), at.of(there)

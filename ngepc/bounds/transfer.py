@@ -56,6 +56,7 @@ def check_carried(problem: Problem) -> None:
     """
     data: dict[str, object] = {"gap": problem.gap, "traction": problem.traction}
     data |= {"prescribed": problem.prescribed, "pressure": problem.pressure}
+    data |= {"friction": problem.friction, "initial_displacement": problem.initial_displacement}
     for name, value in data.items():
         for one in values_in(value):
             if "gridfunction" in str(one).lower():
@@ -137,14 +138,19 @@ def carried_state(old: State, discrete: DiscreteProblem) -> State:
     """The state on a bisected mesh: new vertices take the mean of their parents."""
     mesh, before = discrete.problem.mesh, old.discrete
     (count, N), rows = old.u.shape, before.rows
-    nodal = np.zeros((mesh.nv, N + 1))
+    nodal = np.zeros((mesh.nv, 2 * N + 1))
     nodal[:count, :N] = old.u
     forces = np.bincount(rows.vertices, old.multipliers, minlength=count)
     area = np.bincount(rows.vertices, rows.weights, minlength=count)
-    nodal[:count, N] = forces / np.where(area > 0, area, 1.0)
+    dragged = rows.friction_forces(old.tangential_forces)
+    stress = np.column_stack([forces, dragged]) / np.where(area > 0, area, 1.0)[:, None]
+    nodal[:count, N:] = stress
     for vertex in range(count, mesh.nv):
         a, b = mesh.GetParentVertices(vertex)
         nodal[vertex] = (nodal[a] + nodal[b]) / 2
     supports, there = discrete.supports, discrete.rows
     u = np.where(supports.free, nodal[:, :N], supports.values)
-    return discrete.state(u, contact=nodal[there.vertices, N] * there.weights)
+    forces = nodal[there.vertices, N:] * there.weights[:, None]
+    dragged = np.einsum("mdc,mc->md", there.tangents, forces[:, 1:])
+    contact = np.concatenate([forces[:, 0], dragged.ravel()])
+    return discrete.state(u, contact=contact[: len(discrete.contact)])

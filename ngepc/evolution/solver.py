@@ -16,7 +16,7 @@ from ngsolve import GridFunction
 
 from ngepc.bounds.adaptive import Refinement, marked
 from ngepc.bounds.bound import ErrorBound, error_bound
-from ngepc.bounds.coverage import check_covered
+from ngepc.bounds.coverage import check_covered, require_frictionless
 from ngepc.bounds.transfer import bisected, check_carried, on_mesh, parents
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
@@ -151,6 +151,7 @@ class _Run:
             if self.error is not None:
                 check_covered(step)
                 check_carried(step)
+                require_frictionless(step, "error=...")
         self.evolution = Evolution(self.problem, [], memory)
         self.pending = [(time, 0) for time in reversed(self.schedule.times)]
 

@@ -21,6 +21,24 @@ def lshaped():
     return solve_to(lshape_problem(lshape.paper_mesh(65)), 0.02)
 
 
+def test_meshes_follow_friction():
+    """A plate presses the block and drags: from mesh to mesh it sticks and slides."""
+    problem = Problem(
+        block.mesh(0.5, (1.0, 1.0)),
+        MATERIAL,
+        traction={"right": (0.4, 0.0)},
+        contact="contact",
+        gap=-2e-3,
+        friction=0.3,
+    )
+    solved = solve_to(problem, 0.02)
+    assert solved.reached
+    assert solved.result.state.sliding.any()
+    assert not solved.result.state.sliding.all()
+    lower = [record.energy - record.total for record in solved.records]
+    assert max(lower) <= min(record.energy for record in solved.records)
+
+
 def test_what_is_asked_for_is_reached(lshaped):
     assert lshaped.reached
     assert lshaped.message == ""

@@ -7,6 +7,7 @@ import pytest
 from ngsolve import CF, L2, GridFunction, Integrate, x, y
 
 from ngepc import (
+    Coulomb,
     Coupled,
     Material,
     NewtonOptions,
@@ -119,6 +120,32 @@ def test_a_solution_in_the_space_has_no_error():
     assert abs(bound.total) <= 1e-10 * bound.strain_energy
 
 
+@pytest.mark.parametrize("solver", [semismooth_newton, primal_newton])
+def test_sliding_in_the_space_has_no_error(solver):
+    """Pressed and sheared alike everywhere: F = 2 mu_2 eps_xy, slip beyond it from u_0."""
+    press, shear, moduli = 1e-3, 4e-4, (1e3, 1e3)
+    xx, yy, xy = -moduli[0] * press, -(moduli[0] + 2 * moduli[1]) * press, moduli[1] * shear
+    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1e3, hardening=1e2)
+    problem = square(
+        material,
+        traction={"left": (-xx, -xy), "right": (xx, xy)},
+        contact="contact",
+        gap=-press,
+        friction=xy,
+        initial_displacement=(0.01, 0.0),
+    )
+    bound = error_bound(solver(problem))
+    slip = 0.01 - shear
+    assert bound.energy == pytest.approx((xy * shear - yy * press) / 2 + xy * slip)
+    assert abs(bound.total) <= 1e-10 * bound.strain_energy
+
+
+def test_friction_where_the_gap_opens_is_refused():
+    problem = square(contact="contact", gap=0.2 * (x - 0.4) ** 2 - 4e-3, friction=0.1)
+    with pytest.raises(ValueError, match=r"friction=0\.1: it acts where the gap is closed"):
+        error_bound(semismooth_newton(problem))
+
+
 def test_indicators_are_drawn_where_they_belong():
     bound = error_bound(semismooth_newton(example("lshape", 113)))
     mesh = bound.problem.mesh
@@ -142,7 +169,8 @@ def square(material=MATERIAL, **data):
         ("body_force", lambda: square(body_force=(x, 0.0))),
         ("traction", lambda: square(traction={"contact": (0.0, x**2)})),
         ("prescribed", lambda: square(prescribed={"contact": (None, 1e-3 * x**2)})),
-        ("friction", lambda: square(contact="contact", gap=0.1, friction=1.0)),
+        ("friction", lambda: square(contact="contact", gap=0.1, friction=Coulomb(0.3))),
+        ("friction", lambda: square(contact="contact", gap=0.1, friction=x**2)),
         (
             "lame_mu",
             lambda: Problem(block.mesh(0.5, (1.0, 1.0)), replace(MATERIAL, lame_mu=1e3 + x)),

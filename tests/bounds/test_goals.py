@@ -19,6 +19,14 @@ def pair():
     return semismooth_newton(problem), semismooth_newton(finer(problem, 2))
 
 
+def test_friction_is_refused():
+    problem = Problem(
+        block.mesh(0.5, (1.0, 1.0)), MATERIAL, contact="contact", gap=-1e-3, friction=0.1
+    )
+    with pytest.raises(ValueError, match=r"friction=0.1: a bracket needs contact without"):
+        contact_force_bracket(semismooth_newton(problem))
+
+
 def test_contact_force(pair):
     coarse, fine = (contact_force_bracket(result) for result in pair)
     assert coarse.lower < fine.lower < fine.upper < coarse.upper
