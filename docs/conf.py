@@ -83,19 +83,6 @@ html_theme_options = {
 }
 
 
-MATHJAX_ON_DEMAND = ("tex-chtml.js", "input/tex/extensions", "output/chtml/fonts")
-"""What pages load of MathJax: one file, and what it may ask for."""
-
-
 def setup(app: object) -> None:
     """Say of the extension for MathJax what it does not say: pages may be read side by side."""
     app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True
-    app.connect("build-finished", without_spare_parts)
-
-
-def without_spare_parts(app: object, error: Exception | None) -> None:
-    """The site without the parts of MathJax that no page loads."""
-    folder = Path(app.outdir) / "_static" / "mathjax"
-    for path in [p for p in folder.rglob("*") if p.is_file()]:
-        if not path.relative_to(folder).as_posix().startswith(MATHJAX_ON_DEMAND):
-            path.unlink()

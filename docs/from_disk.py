@@ -7,7 +7,6 @@ is kept.
 
 import html
 import json
-import shutil
 from pathlib import Path
 
 from docutils import nodes
@@ -25,7 +24,8 @@ if (location.protocol === "file:") {
   };
 }
 """
-NEVER_LOADED = ("mathjax/sre", "mathjax/a11y", "mathjax/output/svg")
+LOADED = ("tex-chtml.js", "input/tex/extensions", "output/chtml/fonts")
+"""What pages load of MathJax: one file, and what it may ask for."""
 
 
 def with_texts(app: Sphinx, pagename: str, *_: object) -> None:
@@ -56,18 +56,19 @@ def share_viewer(site: Path, static: Path) -> None:
 
 
 def finish(app: Sphinx, exception: Exception | None) -> None:
-    """Write the texts, and remove scripts that nothing loads."""
+    """Write the texts, and remove what no page loads."""
     static = Path(app.outdir) / "_static"
     if exception or not static.is_dir():
         return
     texts = {name: text_of(app.env.get_doctree(name)) for name in app.env.found_docs}
     (static / "pages.js").write_text(f"const pages = {json.dumps(texts)};{FETCH}", "utf-8")
     share_viewer(Path(app.outdir), static)
-    for folder in NEVER_LOADED:
-        shutil.rmtree(static / folder, ignore_errors=True)
-    unused = {*static.glob("mathjax/*.js"), *static.rglob("*.map")}
-    for script in unused - {static / "mathjax" / "tex-chtml.js"}:
-        script.unlink()
+    mathjax = static / "mathjax"
+    used = {p for part in LOADED for p in (mathjax / part, *(mathjax / part).rglob("*"))}
+    spare = {*mathjax.rglob("*"), *static.rglob("*.map"), *(static / "locales").rglob("*")}
+    for path in spare - used:
+        if path.is_file():
+            path.unlink()
 
 
 def setup(app: Sphinx) -> dict:

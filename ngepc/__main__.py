@@ -21,6 +21,13 @@ from ngepc.results.files import no_empty_folders
 PLACES = ("out", "figures", "save", "json", "checkpoint")
 """Arguments that name files or folders to be written."""
 
+EXAMPLES = """examples:
+  ngepc solve lshape --figures out                 one solve, with pictures
+  ngepc study table1 --levels 3                    a table of the paper
+  ngepc notebooks lectures                         lectures and exercises
+  eval "$(register-python-argcomplete ngepc)"      the Tab key completes, in this shell
+"""
+
 COMMANDS = {
     "solve": (solve, "solve one problem on one mesh"),
     "path": (path, "follow the path in gamma on one mesh"),
@@ -44,18 +51,13 @@ def parser() -> argparse.ArgumentParser:
     common.add_argument("--verbose", action="store_true", help="log every Newton step")
     common.add_argument("--quiet", action="store_true", help="no progress, no summary")
     text = "Elasto-plastic contact by semismooth Newton methods."
-    top = OneLineParser(prog="ngepc", description=text, parents=[common])
+    pages = {"formatter_class": argparse.RawDescriptionHelpFormatter, "parents": [common]}
+    top = OneLineParser(prog="ngepc", description=text, epilog=EXAMPLES, **pages)
     top.add_argument("--version", action="version", version=f"ngepc {__version__}")
     subparsers = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, (module, text) in COMMANDS.items():
-        sub = subparsers.add_parser(
-            name,
-            help=text,
-            description=f"{text.capitalize()}.",
-            epilog=module.EXAMPLES,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-            parents=[common],
-        )
+        words = {"help": text, "description": f"{text.capitalize()}.", "epilog": module.EXAMPLES}
+        sub = subparsers.add_parser(name, **words, **pages)
         module.configure(*((sub, common) if module is study else (sub,)))
         sub.set_defaults(run=module.run)
     return top
@@ -82,8 +84,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"ngepc {args.command}: error: {error}\n")
         return 2
     except KeyboardInterrupt:
-        what = "what is finished is kept, resume with the same command"
-        sys.stderr.write(f"ngepc {args.command}: stopped by you; {what}\n")
+        kept = ", and the same command goes on from there" if args.command == "study" else ""
+        sys.stderr.write(f"ngepc {args.command}: stopped by you; what was written is kept{kept}\n")
         return 130
 
 

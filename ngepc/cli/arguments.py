@@ -59,7 +59,8 @@ def add_body(parser: argparse.ArgumentParser) -> None:
     """PROBLEM, --nodes and --maxh."""
     parser.add_argument("problem", choices=PROBLEMS, help="Example (a) or (b) of the paper")
     mesh = parser.add_mutually_exclusive_group()
-    mesh.add_argument("--nodes", type=count, help="mesh of the paper's family with so many nodes")
+    text = "mesh of the paper's family with so many nodes, default the first of the paper's tables"
+    mesh.add_argument("--nodes", type=count, help=text)
     mesh.add_argument("--maxh", type=positive, help="CSG mesh of this width instead")
 
 
@@ -92,6 +93,23 @@ def exit_status(command: str, status: str, done: str, how: str) -> int:
 def name_written(paths: Iterable[Path]) -> None:
     """One line on standard output for each file that was written."""
     sys.stdout.write("".join(f"wrote {path}\n" for path in paths))
+
+
+def summary(record: dict, error: str) -> dict[str, object]:
+    """What people are told of a solve: label -> value; ``error`` says how far the bound goes."""
+    return {
+        "mesh": f"{record['problem']}, {record['nodes']} nodes, {record['elements']} elements",
+        "unknowns": record["unknowns"],
+        "method": ", ".join(filter(None, (record["method"], record["label"]))),
+        "status": record["status"],
+        "steps": record["iterations"],
+        "residual": f"{record['residual_norm']:.3g}",
+        "energy J": f"{record['primal_energy']:.10g}",
+        "-J*": f"{-record['dual_energy']:.10g}",
+        "contact force": f"{record['contact_force']:.10g}",
+        "energy error": error,
+        "time": f"{record['wall_time_s']:.2f} s",
+    }
 
 
 def report(record: dict, lines: dict[str, object], target: Path | None, quiet: bool) -> None:

@@ -14,6 +14,7 @@ from ngepc.cli.arguments import (
     report,
     say,
     say_nothing,
+    summary,
 )
 
 EXAMPLES = """examples:
@@ -62,9 +63,8 @@ def run(args: argparse.Namespace) -> int:
         **path_record(args.problem, path, time.perf_counter() - begin),
         **records.provenance(),
     }
-    shown = ("status", "outer_iterations", "inner_iterations", "gamma_end", "dual_energy",
-             "primal_energy", "contact_force", "wall_time_s")  # fmt: skip
-    lines = {key.replace("_", " "): record[key] for key in shown}
+    steps = f"{record['total_inner_iterations']} for {record['outer_iterations']} values of gamma"
+    lines = summary({**record, "method": "path", "iterations": steps}, "not bounded")
     report(record, lines, args.json, args.quiet)
     kept = "give --checkpoint FILE next time to be able to go on"
     how = kept if args.checkpoint is None else "resume with the same command"

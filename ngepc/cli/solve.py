@@ -19,6 +19,7 @@ from ngepc.cli.arguments import (
     name_written,
     positive,
     report,
+    summary,
 )
 
 if TYPE_CHECKING:
@@ -77,7 +78,8 @@ def run(args: argparse.Namespace) -> int:
         "error_bound": error,
         **records.provenance(),
     }
-    report(record, _summary(record), args.json, args.quiet)
+    bound = "not bounded" if error is None else f"at most {100 * error:.3g} percent, guaranteed"
+    report(record, summary(record, bound), args.json, args.quiet)
     written = _files(args, method, record, result)
     if not args.quiet and str(args.json) != "-":
         name_written(written)
@@ -150,27 +152,6 @@ def _start(args: argparse.Namespace, method: str | float, options: object) -> Re
     if args.gamma is not None:
         return coarse_start(args.problem, args.gamma, options)
     return solved_by(method, coarse_problem(args.problem), options=options).or_interrupted()
-
-
-def _summary(record: dict) -> dict[str, object]:
-    gamma = "exact" if record["gamma"] is None else f"gamma = {record['gamma']:g}"
-    return {
-        "mesh": f"{record['problem']}, {record['nodes']} nodes, {record['elements']} elements",
-        "unknowns": record["unknowns"],
-        "method": f"{record['method']}, {record['label'] or gamma}",
-        "status": record["status"],
-        "steps": record["iterations"],
-        "residual": f"{record['residual_norm']:.3g}",
-        "energy J": f"{record['primal_energy']:.10g}",
-        "-J*": f"{-record['dual_energy']:.10g}",
-        "contact force": f"{record['contact_force']:.10g}",
-        "energy error": _error(record["error_bound"]),
-        "time": f"{record['wall_time_s']:.2f} s",
-    }
-
-
-def _error(bound: float | None) -> str:
-    return "not bounded" if bound is None else f"at most {100 * bound:.3g} percent, guaranteed"
 
 
 def _files(args: argparse.Namespace, method: str, record: dict, result: Result) -> list[Path]:

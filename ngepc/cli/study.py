@@ -99,10 +99,10 @@ class Study:
 
 
 LEVELS = {"levels": (count, "meshes of the family, from the coarsest; default 3")}
-NODES = {
-    "lshape_nodes": (count, "mesh of Example (a)"),
-    "wrench_nodes": (count, "mesh of Example (b)"),
-}
+NODES = {"lshape_nodes": (count, "mesh of Example (a)"), "wrench_nodes": (count, "of Example (b)")}
+FIGURES = {"figures": (None, "pictures, too")}
+COUNT = {"count": (count, "problems, default 200")}
+NAMES = {"rows": (words, "names of rows separated by commas; default all")}
 COUNTS = {
     **LEVELS,
     "rows": (words, "such as 1e0,1e3,default,default*,primal; default the paper's and default"),
@@ -143,9 +143,7 @@ STUDIES = {
         },
         success=bool,
     ),
-    "step42": Study(
-        "the default method against the primal one on the body of step-42", "step42:Step42", LEVELS
-    ),
+    "step42": Study("the body of step-42 by two methods", "step42:Step42", LEVELS),
     "counts": Study(
         "Newton steps of the default method: meshes, nested, hardening, 3D; the primal one beside",
         "newton_counts:NewtonCounts",
@@ -157,32 +155,18 @@ STUDIES = {
         "cost:Cost",
         {**LEVELS, "modes": (words, "of default,order 2,primal,1e4")},
     ),
-    "locking": Study(
-        "volume locking: three classical tests, elements of order 1 and 2",
-        "locking:Locking",
-        LEVELS,
-    ),
-    "bounds": Study(
-        "guaranteed bounds of the energy error beside the error, Examples (a) and (b)",
-        "bounds:Bounds",
-        {**LEVELS, "figures": (None, "log-log plots and sequences of meshes, too")},
-    ),
+    "locking": Study("volume locking: three tests, orders 1 and 2", "locking:Locking", LEVELS),
+    "bounds": Study("guaranteed bounds beside the error", "bounds:Bounds", LEVELS | FIGURES),
     "benchmarks": Study(
         "published problems with numbers: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",
         "benchmarks:Benchmarks",
-        {
-            "rows": (words, "names of problems separated by commas; default all"),
-            "figures": (None, "a picture of each, too"),
-        },
+        NAMES | FIGURES,
         success=nothing_to_complain,
     ),
     "large": Study(
         "large bodies: Newton steps and iterations of multigrid solvers, time and memory",
         "large:Large",
-        {
-            **LEVELS,
-            "solver": (multigrid, "pyamg or petsc, default pyamg"),
-        },
+        {**LEVELS, "solver": (multigrid, "pyamg or petsc, default pyamg")},
     ),
     "processes": Study(
         "a large body shared by processes: the same steps, time and memory of each",
@@ -193,22 +177,19 @@ STUDIES = {
     "fuzz": Study(
         "random problems by two methods, judged",
         "verification.fuzz:Fuzz",
-        {"count": (count, "problems, default 200"), "seed": (count, "of the sequence, default 1")},
+        {**COUNT, "seed": (count, "of the sequence, default 1")},
         success=nothing_to_complain,
     ),
     "derivatives": Study(
         "gradients of random problems beside differences, Taylor slopes, the envelope theorem",
         "verification.derivatives:Derivatives",
-        {"count": (count, "problems, default 200")},
+        COUNT,
         success=in_agreement,
     ),
     "robustness": Study(
         "data at their extremes: iterations and statuses of all methods",
         "verification.robustness:Robustness",
-        {
-            "rows": (words, "rows of the table separated by commas; default all"),
-            "limit": (count, "most Newton steps, default 200"),
-        },
+        {**NAMES, "limit": (count, "most Newton steps, default 200")},
         success=bool,
     ),
 }

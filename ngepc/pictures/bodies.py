@@ -139,7 +139,7 @@ def decorate(
 ) -> None:
     """Title, axis labels, equal aspect, and in 2D the undeformed outline and the obstacle."""
     fields = fields_of(source)
-    heading = title or ", ".join(filter(None, (words, method_label(source))))
+    heading = title or "\n".join(filter(None, (words, method_label(source))))
     axes.set_title(heading)
     if fields.problem.N == 3:
         return
@@ -160,8 +160,9 @@ def decorate(
 def label_bar(bar: Colorbar, label: str) -> None:
     """The label of a colour bar, and powers of ten where numbers are small or large."""
     bar.set_label(label)
-    bar.formatter.set_powerlimits((-2, 4))
-    bar.ax.yaxis.get_offset_text().set_fontsize(8)
+    if bar.orientation == "vertical":
+        bar.formatter.set_powerlimits((-2, 4))
+        bar.ax.yaxis.get_offset_text().set_fontsize(8)
     bar.outline.set_linewidth(0.4)
 
 

@@ -74,7 +74,7 @@ class Answers:
         try:
             self.done[question] = bool(test())
             word = "right:  " if self.done[question] else "not yet:"
-        except Exception as error:
+        except Exception as error:  # an answer that is not there yet may raise anything
             self.done[question], self.errors[question], word = False, error, "fill in:"
         sys.stdout.write(f"{word} {question}\n")
 

@@ -202,7 +202,11 @@ def plot_comparison(
             for panel in panels:
                 panel.set(**{f"{axis}lim": (ends.min(), ends.max())})
     figure = panels[0].figure
-    bar = figure.colorbar(patch, ax=panels, extend=limits.extend, shrink=0.85, aspect=30)
+    place = {"shrink": 0.85}
+    if figure.get_figwidth() > 3 * figure.get_figheight():
+        figure.set_figheight(figure.get_figheight() + 0.9)
+        place = {"shrink": 0.4, "location": "bottom"}
+    bar = figure.colorbar(patch, ax=panels, extend=limits.extend, aspect=30, **place)
     label_bar(bar, first.label)
     return figure
 

@@ -85,7 +85,9 @@ def scenes_of(
     peak = _peak(sources)
     scenes = {}
     for key, source in sources.items():
-        value = surface_value(fields_of(source).problem.mesh, what[key].coefficient)
+        value = what[key].coefficient
+        if field != "contact_pressure":  # which lives on the surface
+            value = surface_value(fields_of(source).problem.mesh, value)
         scenes[key] = scene_data(source, value, limits, options, peak) | {"colors": colours}
     return scenes, first, limits
 
@@ -118,25 +120,30 @@ def scene_data(
 
     ``peak`` is the contact pressure drawn at full height in 2D, 0 for none.
     """
-    draw, fields = webgui_draw(), fields_of(source)
+    fields = fields_of(source)
     problem = fields.problem
     deformation = options.deformation_scale * fields.displacement
     if problem.N == 2:
         deformation = CF((deformation[0], deformation[1], 0.0))
     curved = max(problem.mesh.GetCurveOrder(), fields.displacement.space.globalorder) > 1
-    scene = draw(
-        coefficient,
-        problem.mesh,
-        show=False,
-        order=2 if curved else 1,
-        draw_vol=False,
-        deformation=deformation,
-        min=limits.least,
-        max=limits.most,
-        autoscale=False,
-        objects=_contact_lines(source, options, peak),
-        settings=_settings(problem.N, options),
-    )
+    drawing = {
+        "order": 2 if curved else 1,
+        "draw_vol": False,
+        "draw_surf": True,
+        "nodal_p1": False,
+        "interpolate_multidim": False,
+        "animate": False,
+        "deformation": deformation,
+        "scale": 1.0,
+        "min": limits.least,
+        "max": limits.most,
+        "autoscale": False,
+        "objects": _contact_lines(source, options, peak),
+        "settings": _settings(problem.N, options),
+    }
+    kind = webgui_scene()
+    scene = kind.__new__(kind)  # its constructor makes a widget, which keeps a second copy
+    vars(scene).update(obj=coefficient, args=[problem.mesh], kwargs=drawing, encoding="b64")
     return scene.GetData()
 
 
@@ -148,14 +155,14 @@ def _settings(N: int, options: ViewOptions) -> dict:
     return {"Objects": objects, "Colormap": {"ncolors": 64}, "Light": light, **camera}
 
 
-def webgui_draw() -> object:
-    """NGSolve's Draw for notebooks, imported without its change of numpy's error state."""
+def webgui_scene() -> type:
+    """NGSolve's scene for browsers, imported without its change of numpy's error state."""
     with np.errstate():
         try:
-            from ngsolve.webgui import Draw
+            from ngsolve.webgui import WebGLScene
         except ImportError as error:
             raise ImportError(f"interactive views need NGSolve's webgui: {EXTRA}") from error
-    return Draw
+    return WebGLScene
 
 
 def _contact_lines(source: object, options: ViewOptions, peak: float) -> list[dict]:

@@ -55,7 +55,8 @@ class View:
     def _repr_html_(self) -> str:
         return (
             f'<iframe srcdoc="{html.escape(self.html)}" loading="lazy" title="interactive view" '
-            f'style="width:100%;height:{self.height}px;border:1px solid #8884"></iframe>'
+            f'style="width:100%;height:{self.height}px;box-sizing:border-box;'
+            'border:1px solid #8884"></iframe>'
         )
 
     def save(self, path: str | os.PathLike) -> Path:
@@ -138,7 +139,7 @@ def _options(options: ViewOptions | None) -> ViewOptions:
 def legend(what: Drawable, limits: ColourRange) -> str:
     """The colour scale as HTML: label, colours, values at the ends and between."""
     shades = ",".join(map(to_hex, colormaps[what.colormap](np.linspace(0, 1, 10))))
-    values = [f"{value:.3g}" for value in np.linspace(limits.least, limits.most, 5)]
+    values = [f"{float(f'{v:.3g}'):g}" for v in np.linspace(limits.least, limits.most, 5)]
     values[0] = ("≤ " if limits.below else "") + values[0]
     values[-1] = ("≥ " if limits.above else "") + values[-1]
     ticks = "".join(f"<span>{value.replace('-', '−')}</span>" for value in values)

@@ -244,6 +244,19 @@ def test_ctrl_c_names_the_step_and_how_to_resume(tmp_path, monkeypatch, capsys):
     assert rest["dual_energy"] == pytest.approx(whole["dual_energy"], rel=1e-10)
 
 
+def test_ctrl_c_between_solves_promises_only_what_was_written(tmp_path, monkeypatch, capsys):
+    def pressed(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ngepc.bounds.adaptive.solve_to", pressed)
+    assert main(["solve", "lshape", "--nodes", "33", "--error", "0.1"]) == 130
+    err = capsys.readouterr().err
+    assert err == "ngepc solve: stopped by you; what was written is kept\n"
+    monkeypatch.setattr("ngepc.studies.counts.Table1.solve", pressed)
+    assert main(["study", "table1", "--levels", "1", "--out", str(tmp_path)]) == 130
+    assert "the same command goes on" in capsys.readouterr().err
+
+
 def test_ctrl_c_without_a_file_says_what_to_do_next_time(monkeypatch, capsys):
     stopping_at(2, monkeypatch)
     assert main(["solve", "lshape", "--nodes", "113"]) == 130

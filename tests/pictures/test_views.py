@@ -1,5 +1,6 @@
 """Interactive pages in a real browser: drawn, offline, without errors; the slider moves them."""
 
+import base64
 import re
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc import primal_newton
 from ngepc.pictures import views
-from ngepc.pictures.scenes import EXTRA, _peak
+from ngepc.pictures.scenes import EXTRA, _peak, scenes_of
 from ngepc.pictures.views import View, ViewOptions, compare, show, slide
 
 needs_browser = pytest.mark.skipif(
@@ -132,6 +133,21 @@ def test_blocks_are_drawn_in_three_dimensions(browser, tmp_path, field):
     assert 0.05 < (pixels[70:] < 0.97).any(axis=2).mean() < 0.7
 
 
+@needs_viewer
+def test_contact_pressure_of_blocks_reaches_their_surface():
+    scenes, _, limits = scenes_of({"": block_primal()}, "contact_pressure", ViewOptions())
+    points = b"".join(map(base64.b64decode, scenes[""]["Bezier_trig_points"]))
+    values = np.frombuffer(points, np.float32).reshape(-1, 4)[:, 3]
+    assert values.max() == pytest.approx(limits.most, rel=1e-6)
+    assert 0 < (values > 0).mean() < 0.5
+
+
+@needs_viewer
+def test_views_leave_no_widget_with_a_second_copy_of_the_data(monkeypatch):
+    monkeypatch.setattr("netgen.webgui.WebGuiWidget", None)
+    assert "data" in show(lshape_primal()).html
+
+
 @needs_browser
 @needs_viewer
 def test_frame_of_a_notebook_shows_the_same_page(browser, tmp_path):
@@ -177,7 +193,7 @@ def test_pages_name_no_address_of_the_network():
 def test_numpy_keeps_its_error_settings():
     code = (
         "import numpy as np; before = np.geterr();"
-        "from ngepc.pictures.scenes import webgui_draw; webgui_draw();"
+        "from ngepc.pictures.scenes import webgui_scene; webgui_scene();"
         "assert np.geterr() == before, np.geterr()"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
