@@ -123,25 +123,27 @@ class AirySpace:
         M = (self.to_plane * scale[:, None, None]).transpose(1, 2, 0)
         six = congruent(H.transpose(2, 3, 1, 0), M).reshape(6 * H.shape[1], -1)
         table = STIFFNESS_MAP if H.shape[1] == 9 else STIFFNESS_MAP.sum(axis=1)
-        K = (six.T @ table.reshape(-1, 144)).reshape(-1, 12, 12)
-        return self._in_unknowns(K)
+        K = (table.reshape(-1, 144).T @ six).reshape(12, 12, -1)
+        self._in_unknowns(K)
+        return np.ascontiguousarray(K.reshape(144, -1).T).reshape(-1, 12, 12)
 
-    def _in_unknowns(self, K: np.ndarray) -> np.ndarray:
-        """From unknowns of the reference triangle to those of the mesh, in place."""
-        along, across, J = self._along, self._across, self.jacobian[:, None]
-        middle = K[:, 9:, 9:] * along[:, None, :]
-        cross = (K[:, :9, 9:] * along[:, None, :]) @ EDGE_ROWS
-        twice = np.einsum("tkl,tk->tkl", middle, along).reshape(-1, 9) @ EDGE_PAIRS
-        K[:, :9, :9] += cross + cross.transpose(0, 2, 1) + twice.reshape(-1, 9, 9)
-        K[:, 9:, :9] += middle @ EDGE_ROWS
-        K[:, 9:] *= across[:, :, None]
-        K[:, 9:, 9:] *= across[:, None, :]
-        for pair in GRADIENTS:
-            turn(K[:, :, pair], J)
-        for pair in GRADIENTS:
-            turn(K[:, pair, :9].swapaxes(1, 2), J)
-        K[:, :9, 9:] = K[:, 9:, :9].transpose(0, 2, 1)
-        return K
+    def _in_unknowns(self, K: np.ndarray) -> None:
+        """From unknowns of the reference triangle to those of the mesh, (12, 12, nt) in place."""
+        along, across = self._along.T.copy(), self._across.T.copy()
+        (a, b), (c, d) = self.jacobian.transpose(1, 2, 0).copy()
+        rows = EDGE_ROWS.T[:, :, None]
+        for k in range(3):  # first the rows, then the columns of the vertices
+            K[:9] += rows[:, k, None] * (along[k] * K[9 + k])
+        for k in range(3):
+            K[:, :9] += rows[:, k] * (along[k] * K[:, 9 + k])[:, None]
+        K[9:] *= across[:, None]
+        K[:, 9:] *= across
+        for v in (1, 4, 7):
+            x, y = K[v].copy(), K[v + 1]
+            K[v], K[v + 1] = a * x + b * y, c * x + d * y
+        for v in (1, 4, 7):
+            x, y = K[:, v].copy(), K[:, v + 1]
+            K[:, v], K[:, v + 1] = a * x + b * y, c * x + d * y
 
     def stress(self, x: np.ndarray) -> np.ndarray:
         """In-plane stress coordinates at the midpoints, shape (nt, 9, 3), of all unknowns x."""

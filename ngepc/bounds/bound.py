@@ -184,7 +184,7 @@ def setting_of(discrete: DiscreteProblem) -> Setting:
 def bound_of_state(
     setting: Setting, given: State, tangent: Factors, effort: Effort | None = None
 ) -> ErrorBound:
-    """The bound for a state on the mesh of a setting; ``tangent`` gets other factors."""
+    """The bound for a state on the mesh of a setting; ``tangent`` may be that of an earlier one."""
     setting.check_touching(given)
     state, moved = feasible_state(setting, given)
     algebraic = algebraic_part(setting, state, tangent)
@@ -208,11 +208,7 @@ def feasible_state(setting: Setting, given: State) -> tuple[State, float]:
 
 
 def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
-    """No less than J(u) - J_h: the same bound with a discrete stress and the discrete contact.
-
-    ``tangent`` gets the factors of the tangent there.
-    """
-    tangent.update(setting.discrete.law.moduli(state.at, state.yielding))
+    """No less than J(u) - J_h: the same bound with a discrete stress and the discrete contact."""
     contact = setting.discrete.contact
     forces = state.contact - contact.defect(state.contact, 0.0)
     z = setting.balanced(state, tangent, contact.forces(forces))

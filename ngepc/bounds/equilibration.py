@@ -99,10 +99,20 @@ class Patches:
             missing = needed - self._sum @ mu
             for k, L in enumerate(self._laplacians):
                 mu[:, k] += self._free[:, k] * (self._jump @ L.solve(missing[:, k]))
-        left = np.abs(needed - self._sum @ mu).max()
-        if left > BALANCED * size:
-            raise RuntimeError(f"the stress is out of equilibrium by {left / size:.1e} of its size")
+        require_balanced(np.abs(needed - self._sum @ mu).max(), size)
         return mu.reshape(-1, N, N)
+
+
+def require_balanced(left: float, size: float) -> None:
+    """Refuse stresses that rounding leaves out of equilibrium: there is no bound then.
+
+    Raises
+    ------
+    RuntimeError
+        If ``left`` is more than a small part of ``size``.
+    """
+    if left > BALANCED * size:
+        raise RuntimeError(f"the stress is out of equilibrium by {left / size:.1e} of its size")
 
 
 def corner_forces(cells: Simplices, stress: np.ndarray, body_force: np.ndarray) -> np.ndarray:

@@ -6,8 +6,14 @@ import numpy as np
 from ngsolve import H1, BitArray
 
 from ngepc.bounds.airy import AirySpace
-from ngepc.bounds.triangles import Triangles
+from ngepc.bounds.triangles import PAIRS, Triangles
 from ngepc.discretisation.blocks import lower_pattern, pattern_matrix
+
+MODES_UP_TO = 4000
+"""Triangles up to which resultants between supports are unknowns.
+
+Those of the discrete solution converge twice as fast as its stress.
+"""
 
 
 class TwoLevels:
@@ -34,8 +40,15 @@ class TwoLevels:
         a, b = np.tril_indices(3)
         i, j = t.nodes[:, a], t.nodes[:, b]
         self._local, self._turned, nv = (a, b), i < j, np.int64(len(t.points))
-        keys = np.maximum(i, j) * nv + np.minimum(i, j)
-        self._places = np.searchsorted(self._rows * nv + self._columns, keys)
+        keys, ends = self._rows * nv + self._columns, t.edges.astype(np.int64)
+        edge = np.searchsorted(keys, ends[:, 1] * nv + ends[:, 0])[t.edge_of]
+        corner = np.searchsorted(keys, np.arange(nv) * (nv + 1))[t.nodes]
+        between = {frozenset(pair): edge[:, k] for k, pair in enumerate(PAIRS)}
+        places = [
+            corner[:, k] if k == j else between[frozenset((k, j))]
+            for k, j in zip(a, b, strict=True)
+        ]
+        self._places = np.stack(places, axis=1)
         self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
 
     def update(self, K: np.ndarray, chosen: np.ndarray | slice) -> None:
@@ -61,7 +74,9 @@ class TwoLevels:
         entries = [np.bincount(where, v, minlength=count) for v in values.reshape(-1, 9).T]
         entries = np.stack(entries, axis=1).reshape(-1, 3, 3)
         rows, columns = self._rows, self._columns
-        touched = np.flatnonzero(~(free[rows] & free[columns]).all(axis=1))
+        there = free.any(axis=1)
+        touched = ~(free[rows] & free[columns]).all(axis=1) & there[rows] & there[columns]
+        touched = np.flatnonzero(touched)
         rows, columns = rows[touched], columns[touched]
         kept = free[rows][:, :, None] & free[columns][:, None]
         same = (rows == columns)[:, None, None] & np.eye(3, dtype=bool)
@@ -75,18 +90,17 @@ class TwoLevels:
 
     def _relax_modes(self) -> None:
         """Modes of held unknowns, with free ones that follow them, and their stiffness."""
-        modes = self.space.held.modes() if len(self._K) == len(self.space.unknowns) else []
+        few = len(self._K) == len(self.space.unknowns) <= MODES_UP_TO
+        modes = self.space.held.modes() if few else []
         self._modes = np.array([mode - self._relaxed(self.product(mode)) for mode in modes])
         self._gram = np.array([self._modes @ self.product(mode) for mode in self._modes])
 
     def precondition(self, r: np.ndarray) -> np.ndarray:
         """What nearly solves K x = r."""
         x = self._relaxed(r)
-        return (
-            x + np.linalg.solve(self._gram, self._modes @ r) @ self._modes
-            if len(self._modes)
-            else x
-        )
+        if len(self._modes):
+            x += np.linalg.solve(self._gram, self._modes @ r) @ self._modes
+        return x
 
     def _relaxed(self, r: np.ndarray) -> np.ndarray:
         """Free unknowns that answer forces: edges, vertices, and edges that follow them."""

@@ -8,6 +8,7 @@ from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import TO_PLANE
 from ngepc.bounds.element import STRESS_MAP, at_nodes, midpoint_rows
 from ngepc.bounds.equilibration import corner_forces, mean_moments
+from ngepc.bounds.fans import Fans
 from ngepc.bounds.setting import Setting
 from ngepc.bounds.tightening import Dual, Effort, tightened
 from ngepc.local.factors import Factors
@@ -30,7 +31,7 @@ class PlaneSetting(Setting):
 
     def __init__(self, discrete: DiscreteProblem) -> None:
         super().__init__(discrete)
-        self.space = AirySpace(self.boundary)
+        self.space, self.fans = AirySpace(self.boundary), Fans(self.boundary)
 
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray, effort: Effort | None
@@ -55,7 +56,7 @@ class PlaneSetting(Setting):
             Of the given tractions, shape (ne, 2, 2).
         """
         t, f, sigma = self.cells, self.body_force, tensors(stress)
-        mu = self.patches.repaired(mean_moments(t, sigma), corner_forces(t, sigma, f), moments)
+        mu = self.fans.repaired(mean_moments(t, sigma), corner_forces(t, sigma, f), moments)
         around = t.per_triangle(mu).reshape(-1, 6, 2)
         data = np.concatenate([around, (f * t.det[:, None])[:, None]], axis=1)
         data = np.matmul(data, t.inverse.transpose(0, 2, 1)).reshape(-1, 14)

@@ -9,10 +9,11 @@ import numpy as np
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.conjugate import R6, Conjugate
 from ngepc.bounds.coverage import check_covered
-from ngepc.bounds.equilibration import Patches, moments_of
+from ngepc.bounds.equilibration import moments_of
 from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.triangles import Triangles
 from ngepc.discretisation.conditions import initial_displacements
+from ngepc.discretisation.points import Moduli
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.processes import require_whole
@@ -23,7 +24,7 @@ LEVEL = 1e-9
 CLEAR = 1e-12
 """Part of the largest displacement that counts as no penetration."""
 
-BALANCED = 1e-13
+BALANCED = 1e-12
 """Part of the largest nodal force that may be missing after PASSES corrections at most."""
 
 PASSES = 2
@@ -52,7 +53,6 @@ class Setting(ABC):
         self.discrete, self.problem = discrete, discrete.problem
         self.cells = (Triangles if self.problem.N == 2 else Simplices)(self.problem.mesh)
         self.boundary = Boundary(self.problem, self.cells)
-        self.patches = Patches(self.boundary)
         self.conjugate = Conjugate(discrete.law)
         self.body_force = np.zeros((len(self.cells.nodes), self.problem.N))
         if self.problem.f is not None:
@@ -71,7 +71,7 @@ class Setting(ABC):
         state
             The displacement.
         tangent
-            With the factors of the tangent there.
+            Of a state near it, or without factors.
         P
             The contact pressure, shape (contact facets, N).
         effort
@@ -211,19 +211,25 @@ class Setting(ABC):
         """The strain coordinates whose product with a stress is sigma : eps, shape (nt, c)."""
         return stress_coordinates(self.problem.N, state.volume, state.deviator, 0.0)
 
+    def factorised(self, state: State, tangent: Factors) -> Moduli:
+        """The moduli of a tangent, that at the state unless it has factors of another one."""
+        if tangent.moduli is None:
+            tangent.update(self.discrete.law.moduli(state.at, state.yielding))
+        return tangent.moduli
+
     def balanced(self, state: State, tangent: Factors, contact_forces: np.ndarray) -> np.ndarray:
         """Stresses (nt, c) in equilibrium with loads and contact forces (nodes, N).
 
-        What is missing in the nodal forces is made up for by the tangent.
+        What is missing in the nodal forces is made up for by a tangent.
         """
         law, points = self.discrete.law, self.discrete.points
-        moduli = law.moduli(state.at, state.yielding)
         mean, deviator = law.bulk * state.volume, law.stress(state.at)
         for _ in range(PASSES):
             forces = points.forces(mean, deviator)
             missing = np.where(self.discrete.free, self.discrete.load - contact_forces - forces, 0)
             if np.abs(missing).max() <= BALANCED * np.abs(forces).max():
                 break
+            moduli = self.factorised(state, tangent)
             volume, e = points.strain(tangent.solve(missing))
             mean, deviator = mean + moduli.bulk * volume, deviator + moduli(e)
         return stress_coordinates(self.problem.N, mean, deviator)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ngepc.bounds.alfeld import AT_POINTS, AT_VERTICES, FREE, FROM_MOMENTS, MOMENTS
 from ngepc.bounds.conjugate import Completed
-from ngepc.bounds.equilibration import values_of
+from ngepc.bounds.equilibration import Patches, values_of
 from ngepc.bounds.faces import Faces
 from ngepc.bounds.setting import BALANCED, PASSES, Setting, stress_coordinates
 from ngepc.bounds.simplices import FACETS
@@ -61,6 +61,7 @@ class SolidSetting(Setting):
     def __init__(self, discrete: DiscreteProblem) -> None:
         super().__init__(discrete)
         self.faces, c = Faces(self.boundary), self.cells
+        self.patches = Patches(self.boundary)
         self.inner_loads = c.det[:, None] * np.einsum("tij,tj->ti", c.inverse, self.body_force)
 
     def best_stress(
@@ -68,7 +69,7 @@ class SolidSetting(Setting):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """An admissible stress for which the bound is small, its mean on each cell, and P."""
         effort, law, f = effort or SOLID_EFFORT, self.discrete.law, self.inner_loads
-        moduli = law.moduli(state.at, state.yielding)
+        moduli = self.factorised(state, tangent)
         z = stress_coordinates(3, law.bulk * state.volume, law.stress(state.at))
         H = self.conjugate.compliance(self.conjugate.completed(z[:, None]))
         self.faces.fill(lambda part: H[part], np.arange(len(z)))

