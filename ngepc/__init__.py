@@ -24,10 +24,18 @@ _HOME = _homes()
 
 __all__ = ["__version__", *sorted(n for n, home in _HOME.items() if home.count(".") > 1)]
 
+_GONE = {
+    "DualParameters": "Coupled(gamma, ...) has what is left of it",
+    "Fractional": "FullProduct() has no boundary conditions either, and needs no dense matrix",
+    "augmented_lagrangian": "semismooth_newton(problem) solves the problem without regularisation",
+}
+"""Public names of the version before -> what to take instead."""
+
 
 def __getattr__(name: str) -> object:
     if name not in _HOME:
-        raise AttributeError(f"module 'ngepc' has no attribute {name!r}")
+        instead = f", it is gone: {_GONE[name]}" if name in _GONE else ""
+        raise AttributeError(f"module 'ngepc' has no attribute {name!r}{instead}")
     home = _HOME[name]
     if home.count(".") > 1:
         value = getattr(importlib.import_module(home), name)

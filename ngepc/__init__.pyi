@@ -16,14 +16,12 @@ from ngepc.bounds.goals import contact_force_bracket as contact_force_bracket
 from ngepc.bounds.goals import displacement_bracket as displacement_bracket
 from ngepc.dual.newton import NewtonOptions as NewtonOptions
 from ngepc.dual.newton import semismooth_newton as semismooth_newton
-from ngepc.dual.parameters import DualParameters as DualParameters
-from ngepc.dual.regularisation import Coupled as Coupled
 from ngepc.dual.result import DualResult as DualResult
+from ngepc.dual.spaces import Coupled as Coupled
 from ngepc.dual.spaces import DualSpaces as DualSpaces
+from ngepc.dual.spaces import FullProduct as FullProduct
+from ngepc.dual.spaces import SurfaceGradient as SurfaceGradient
 from ngepc.dual.spaces import Units as Units
-from ngepc.dual.tichonov import Fractional as Fractional
-from ngepc.dual.tichonov import FullProduct as FullProduct
-from ngepc.dual.tichonov import SurfaceGradient as SurfaceGradient
 from ngepc.evolution.load_path import Schedule as Schedule
 from ngepc.evolution.load_path import load_cycle as load_cycle
 from ngepc.evolution.material_point import PointHistory as PointHistory
@@ -83,4 +81,3 @@ from ngepc.sensitivity.parameters import Direction as Direction
 from ngepc.sensitivity.tangent import TangentResult as TangentResult
 from ngepc.sensitivity.tangent import tangent as tangent
 from ngepc.theory.duality import duality_report as duality_report
-from ngepc.theory.shifts import augmented_lagrangian as augmented_lagrangian

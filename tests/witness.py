@@ -113,7 +113,7 @@ def _pull(problem, w, z, points):
     """(M^1)'(z)."""
     rules = boundary_rules(problem.N, points)
     on_contact = ds("|".join(problem.contact_names), intrules=rules)
-    tension = as_scalar(w.contact_shift) + w.contact * z
+    tension = w.contact * z
     pull = IfPos(tension, tension, 0.0) * z.space.TestFunction()
     return LinearForm(pull * on_contact).Assemble().vec
 
@@ -126,7 +126,7 @@ def _increment(problem, y, q):
 def _flow(problem, w, q, points):
     """(M^2)'(q)."""
     size = Norm(q) + 1e-300
-    excess = w.plastic_shift + w.plastic * (size - w.yield_bound)
+    excess = w.plastic * (size - as_scalar(problem.beta))
     gradient = IfPos(excess, excess / size, 0.0) * (q * q.space.TestFunction())
     return LinearForm(gradient * dx(intrules=fine_rules(problem.N, points))).Assemble().vec
 

@@ -25,7 +25,7 @@ from ngepc.cli.arguments import (
 if TYPE_CHECKING:
     from ngepc.bounds.adaptive import BoundedResult
     from ngepc.model.problem import Problem
-    from ngepc.results.outcome import Result
+    from ngepc.results.result import Result
 
 EXAMPLES = """examples:
   ngepc solve lshape                               the default method on 833 nodes

@@ -72,15 +72,7 @@ def load_terms(problem: Problem, v: CoefficientFunction, r: CoefficientFunction)
 
 
 def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
-    """J(u, p) of (2.14).
-
-    Parameters
-    ----------
-    problem
-        The data.
-    u, p
-        The displacement and the coordinates of the plastic strain gained in the step.
-    """
+    """J(u, p) of (2.14); p are the coordinates of the plastic strain gained in the step."""
     mesh, h = problem.mesh, problem.effective_hardening
     strain_energy = Integrate(sum(elastic_terms(problem, h, u, p, u, p)) / 2, mesh)
     dissipation = Integrate(as_scalar(problem.beta) * Norm(p), mesh)
@@ -88,14 +80,9 @@ def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
 
 
 def require_papers_problem(problem: Problem) -> None:
-    """Accept what the paper's method is for: no revolution, order one, no friction, no pairs.
-
-    Raises
-    ------
-    ValueError
-        If the problem is another one.
-    """
+    """Refuse, by a ValueError, what the paper's method is not for."""
     advice = "leave gamma and regularisation out"
+    require_whole("gamma", problem.mesh)
     require_linear(problem, "the paper's regularised method needs")
     if problem.friction is not None:
         raise ValueError(
@@ -121,7 +108,7 @@ class LinearBlocks:
     problem
         The data: order one, no friction, no body of revolution.
     choice
-        The spaces of the dual variables.
+        Product and units, which stay along a path.
     inverse
         NGSolve's name of the direct solver for D and B.
 
@@ -139,6 +126,8 @@ class LinearBlocks:
         Lambda: Y -> H as a matrix; -l and [psi, 0] as functionals.
     B, B_inverse
         Name -> block of B, and its inverse (the Poisson solves).
+    residual_unit
+        The unit of ||Psi_gamma||_{H*}, length^(N/2 + 1) of the reference units.
 
     Raises
     ------
@@ -147,9 +136,9 @@ class LinearBlocks:
     """
 
     def __init__(self, problem: Problem, choice: DualSpaces, inverse: str) -> None:
-        require_whole("gamma", problem.mesh)
         require_papers_problem(problem)
         self.problem, self.choice = problem, choice
+        self.residual_unit = choice.units.length ** (problem.N / 2 + 1)
         self.parts = dual_parts(problem, choice)
         spaces = [part.space for part in self.parts.values()]
         V, Q = displacement_space(problem), plastic_space(problem)
@@ -236,18 +225,19 @@ class LinearBlocks:
         names = ("displacement", "plastic_strain", *self.parts)
         return {"state": state, **dict(zip(names, state.components, strict=True))}
 
-    def primal_of(self, v: BaseVector, y: BaseVector, refinements: int = REFINEMENTS) -> None:
-        """Solve D y = Lambda* v - l with the prescribed displacements; overwrites ``y``.
+    def primal_of(self, v: BaseVector, refinements: int = REFINEMENTS) -> BaseVector:
+        """The y with D y = Lambda* v - l and the prescribed displacements.
 
         The factors of the condensed D find y, the residual formed with D itself corrects it: where
         h is small beside the elastic moduli, condensation alone would lose digits.
         """
-        right, r = y.CreateVector(), y.CreateVector()
+        y, right, r = (self.Y_vector() for _ in range(3))
         right.data = self.Lambda.T * v + self.load
         y.data = self.lift.vec
         for _ in range(1 + refinements):
             r.data = right - self.D * y
             y += self.primal_response(r)
+        return y
 
     def primal_response(self, r: BaseVector) -> BaseVector:
         """The y with D y = r, zero at the supports, by the factors of the condensed D."""

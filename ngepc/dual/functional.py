@@ -4,8 +4,11 @@ With y = (u, p) and v = (z, q) everything comes from the saddle function
 
     S(y, v) = -1/2 <D y, y> - l(y) + <Lambda y - [psi, 0], v> + M^1(z) + M^2(q) + T(v),
 
+    M^1(z) = gamma_z/2 |[z]^+|^2,   M^2(q) = gamma_q/2 |[|q| - beta]^+|^2,
+    T(v) = b(v, v) / (2 gamma_T),
+
 concave in y, convex in v:  J*_gamma(v) = max_y S(y, v), attained where D y = Lambda* v - l, and
-Psi_gamma = Lambda y - [psi, 0] + M(v) + B v / gamma_T there.
+Psi_gamma = Lambda y - [psi, 0] + M(v) + B v / gamma_T there.  The paper takes one gamma.
 """
 
 from __future__ import annotations
@@ -20,21 +23,15 @@ from ngsolve import InnerProduct
 from ngsolve.la import BaseVector
 
 from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.parameters import DualParameters
 from ngepc.dual.penalty import AssembledState
+from ngepc.dual.spaces import Coupled
 
 ROUNDING_SAMPLES = 2
 
 
 @dataclass(frozen=True)
 class ResidualNorms:
-    """||Psi_gamma||_{H*} of the parts of v, by their Poisson problems.
-
-    Parameters
-    ----------
-    by_part
-        Part name -> norm; 'contact' and 'plastic', those that there are.
-    """
+    """||Psi_gamma||_{H*} of the parts of v by name, 'contact' and 'plastic'."""
 
     by_part: dict[str, float]
 
@@ -46,15 +43,7 @@ class ResidualNorms:
 
 @dataclass(frozen=True, eq=False)
 class ActiveTerms:
-    """M^1 and M^2 at one v: the active sets, and what follows from them.
-
-    Parameters
-    ----------
-    blocks
-        The spaces.
-    by_part
-        Part name -> its term at v.
-    """
+    """M^1 and M^2 at one v, by the name of the part: the active sets, and what follows."""
 
     blocks: LinearBlocks
     by_part: dict[str, AssembledState]
@@ -85,25 +74,30 @@ class DualFunctional:
     ----------
     blocks
         The linear part with its spaces; it can be shared along a path in gamma.
-    parameters
-        The numbers of the nonsmooth and Tichonov terms.
+    regularisation
+        gamma, with the product and the units of the blocks.
     quadrature_points
         Points for the nonsmooth terms on elements that a kink crosses.
+
+    Raises
+    ------
+    ValueError
+        If the blocks were assembled for another product or other units.
     """
 
     def __init__(
-        self, blocks: LinearBlocks, parameters: DualParameters, quadrature_points: int
+        self, blocks: LinearBlocks, regularisation: Coupled, quadrature_points: int
     ) -> None:
-        self.blocks, self.parameters = blocks, parameters
-        self.weights = parameters.weights(blocks.problem, blocks.choice.units)
+        if regularisation.spaces != blocks.choice:
+            raise ValueError(
+                f"regularisation={regularisation!r}: tichonov and units of the blocks are needed, "
+                f"{blocks.choice!r}"
+            )
+        self.blocks, self.regularisation = blocks, regularisation
+        self.weights = regularisation.weights
         self._terms = {
             name: part.term(self.weights, quadrature_points) for name, part in blocks.parts.items()
         }
-
-    @property
-    def residual_unit(self) -> float:
-        """The unit of ||Psi_gamma||_{H*}, length^(N/2 + 1) of the reference units."""
-        return self.blocks.choice.units.length ** (self.blocks.problem.N / 2 + 1)
 
     def terms(self, v: BaseVector) -> ActiveTerms:
         """M^1 and M^2 at v."""
@@ -136,12 +130,6 @@ class DualFunctional:
         r = v.CreateVector()
         r.data = self.blocks.Lambda * y - self.blocks.psi
         r += self.tichonov_gradient(v)
-        return r
-
-    def residual(self, y: BaseVector, v: BaseVector) -> BaseVector:
-        """Psi_gamma = Lambda y - [psi, 0] + M(v) + B v / gamma_T as a functional on H."""
-        r = self.linear_residual(y, v)
-        r += self.terms(v).gradient
         return r
 
     def residual_norms(self, r: BaseVector) -> ResidualNorms:

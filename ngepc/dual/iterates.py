@@ -7,50 +7,69 @@ J*_gamma(v + alpha dv) is a parabola plus the nonsmooth terms and no trial needs
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 from ngsolve import InnerProduct
 from ngsolve.la import BaseVector
 
-from ngepc.dual.blocks import REFINEMENTS
-from ngepc.dual.functional import ActiveTerms, DualFunctional
+from ngepc.dual.functional import ActiveTerms, DualFunctional, ResidualNorms
 from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.linalg.linesearch import Step
 from ngepc.results.outcome import IterationRecord
 
+START = Step(length=1.0, energy=math.nan, halvings=0)
 
-@dataclass
+
+@dataclass(frozen=True, eq=False)
 class Iterate:
     """(y, v) with the active sets, the residual and the energy J*_gamma(v) there.
 
     Parameters
     ----------
+    functional
+        J*_gamma.
     y, v
-        Primal and dual variables.
+        Primal and dual variables, D y = Lambda* v - l.
     terms
         M^1 and M^2 at v: the active sets.
-    residual
-        Psi_gamma as a functional on H.
-    smooth_energy
-        The quadratic part of J*_gamma.
     number, step
-        How many Newton steps led here, and the last of them; None at a start.
+        How many Newton steps led here, and the last of them.
     """
 
+    functional: DualFunctional
     y: BaseVector
     v: BaseVector
     terms: ActiveTerms
-    residual: BaseVector
-    smooth_energy: float
     number: int = 0
-    step: Step | None = None
+    step: Step = START
 
     @classmethod
     def at(cls, functional: DualFunctional, v: BaseVector) -> Iterate:
         """The iterate with dual part ``v``; solves D y = Lambda* v - l."""
-        y, terms = functional.blocks.Y_vector(), functional.terms(v)
-        functional.blocks.primal_of(v, y)
-        return cls(y, v, terms, _residual(functional, y, v, terms), functional.smooth_energy(y, v))
+        return cls(functional, functional.blocks.primal_of(v), v, functional.terms(v))
+
+    def afresh(self, dv: BaseVector | None = None) -> Iterate:
+        """The same iterate, or that at v + dv, with y solved for again."""
+        v = self.v if dv is None else (self.v + dv).Evaluate()
+        return replace(Iterate.at(self.functional, v), number=self.number, step=self.step)
+
+    @cached_property
+    def residual(self) -> BaseVector:
+        """Psi_gamma = Lambda y - [psi, 0] + M(v) + B v / gamma_T as a functional on H."""
+        residual = self.functional.linear_residual(self.y, self.v)
+        residual += self.terms.gradient
+        return residual
+
+    @cached_property
+    def norms(self) -> ResidualNorms:
+        """||Psi_gamma||_{H*}."""
+        return self.functional.residual_norms(self.residual)
+
+    @cached_property
+    def smooth_energy(self) -> float:
+        """The quadratic part of J*_gamma."""
+        return self.functional.smooth_energy(self.y, self.v)
 
     @property
     def energy(self) -> float:
@@ -62,36 +81,21 @@ class Iterate:
         """Size of the terms that the energy is summed from."""
         return abs(self.smooth_energy) + abs(self.terms.energy)
 
-    def refresh(self, functional: DualFunctional, refinements: int = REFINEMENTS) -> float:
-        """Solve for y and the residual afresh; returns the norm of the new residual."""
-        functional.blocks.primal_of(self.v, self.y, refinements)
-        self.residual = _residual(functional, self.y, self.v, self.terms)
-        return functional.residual_norms(self.residual).total
-
-    def record(self, functional: DualFunctional) -> IterationRecord:
+    def record(self) -> IterationRecord:
         """What monitors and histories get."""
-        norms, active = functional.residual_norms(self.residual), self.terms.measures
-        step = Step(length=1.0, energy=math.nan, halvings=0) if self.step is None else self.step
+        active = self.terms.measures
         return IterationRecord(
             iteration=self.number,
-            residual_norm=norms.total,
-            contact_residual_norm=norms.by_part.get(CONTACT, 0.0),
-            plastic_residual_norm=norms.by_part[PLASTIC],
+            residual_norm=self.norms.total,
+            contact_residual_norm=self.norms.by_part.get(CONTACT, 0.0),
+            plastic_residual_norm=self.norms.by_part[PLASTIC],
             energy=self.energy,
-            step_length=step.length,
-            halvings=step.halvings,
-            back_substitutions=0 if self.step is None else 1,
+            step_length=self.step.length,
+            halvings=self.step.halvings,
+            back_substitutions=int(self.number > 0),
             contact_active=active.get(CONTACT, 0.0),
             plastic_active=active[PLASTIC],
         )
-
-
-def _residual(
-    functional: DualFunctional, y: BaseVector, v: BaseVector, terms: ActiveTerms
-) -> BaseVector:
-    residual = functional.linear_residual(y, v)
-    residual += terms.gradient
-    return residual
 
 
 class DualLine:
@@ -99,18 +103,14 @@ class DualLine:
 
     Parameters
     ----------
-    functional
-        The functional.
     here
         The iterate at alpha = 0.
     dy, dv
         The solution of (7.1).
     """
 
-    def __init__(
-        self, functional: DualFunctional, here: Iterate, dy: BaseVector, dv: BaseVector
-    ) -> None:
-        self._functional, self._here, self._dy, self._dv = functional, here, dy, dv
+    def __init__(self, here: Iterate, dy: BaseVector, dv: BaseVector) -> None:
+        self._here, self._dy, self._dv, functional = here, dy, dv, here.functional
         image = (functional.blocks.Lambda * dy).Evaluate()
         self._slope = InnerProduct(functional.linear_residual(here.y, here.v), dv)
         self._curvature = InnerProduct(image, dv) + functional.tichonov(dv, dv)
@@ -119,9 +119,8 @@ class DualLine:
     def _at(self, alpha: float) -> tuple[BaseVector, ActiveTerms]:
         """v + alpha dv with its active sets; the last trial is kept for the next iterate."""
         if self._trial[0] != alpha:
-            v = self._dv.CreateVector()
-            v.data = self._here.v + alpha * self._dv
-            self._trial = alpha, v, self._functional.terms(v)
+            v = (self._here.v + alpha * self._dv).Evaluate()
+            self._trial = alpha, v, self._here.functional.terms(v)
         return self._trial[1:]
 
     def energy(self, alpha: float) -> float:
@@ -137,10 +136,5 @@ class DualLine:
     def iterate(self, step: Step) -> Iterate:
         """The iterate at an accepted step length."""
         v, terms = self._at(step.length)
-        y = self._dy.CreateVector()
-        y.data = self._here.y + step.length * self._dy
-        smooth, residual = (
-            self._functional.smooth_energy(y, v),
-            _residual(self._functional, y, v, terms),
-        )
-        return Iterate(y, v, terms, residual, smooth, self._here.number + 1, step)
+        y = (self._here.y + step.length * self._dy).Evaluate()
+        return Iterate(self._here.functional, y, v, terms, self._here.number + 1, step)

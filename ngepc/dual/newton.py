@@ -15,10 +15,10 @@ from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import DualLine, Iterate
-from ngepc.dual.regularisation import Coupled
 from ngepc.dual.result import DualResult
 from ngepc.dual.runlog import RunLog
-from ngepc.dual.stopping import End, ResidualBelow, StoppingRule, final_check
+from ngepc.dual.spaces import Coupled
+from ngepc.dual.stopping import End, ResidualBelow, final_check
 from ngepc.dual.system import FactorisationError, NewtonSystem
 from ngepc.linalg.direct import require_direct_solver
 from ngepc.linalg.linesearch import ROUNDING, Armijo, Descent, FullSteps, LineSearch
@@ -161,14 +161,14 @@ def semismooth_newton(
         "start", start, (DualResult, type(None)), "a result of semismooth_newton or None"
     )
     functional = prepared(problem, regularisation, options)
-    v = functional.blocks.H_vector() if start is None else carried_over(start, functional)
+    v = carried_over(start, functional)
     return algorithm_7_1(functional, NewtonSystem(functional, options.inverse), v, options, monitor)
 
 
 def prepared(problem: Problem, regularisation: Coupled, options: NewtonOptions) -> DualFunctional:
     """J*_gamma of a regularised problem with its matrices assembled."""
     blocks = LinearBlocks(problem, regularisation.spaces, options.inverse)
-    return DualFunctional(blocks, regularisation.parameters, options.quadrature_points)
+    return DualFunctional(blocks, regularisation, options.quadrature_points)
 
 
 def algorithm_7_1(
@@ -177,76 +177,42 @@ def algorithm_7_1(
     v: BaseVector,
     options: NewtonOptions,
     monitor: Monitor | None = None,
-    rule: StoppingRule | None = None,
+    rule: ResidualBelow | None = None,
 ) -> DualResult:
     """The loop of Algorithm 7.1 from v, with a Newton system that may have been used before.
 
     It ends by ``rule``, or by ``options.tolerance`` when that is None.
     """
-    rule = ResidualBelow(options.tolerance * functional.residual_unit) if rule is None else rule
-    log, end = RunLog(functional, rule, monitor), None
+    tolerance = options.tolerance * functional.blocks.residual_unit
+    log = RunLog(ResidualBelow(tolerance) if rule is None else rule, monitor)
     here = before = Iterate.at(functional, v)
     try:
-        while end is None:
+        while True:
             log.note(here)
-            here, end = tested(functional, system, here, before, log, options)
+            here, end = tested(system, here, before, log, options.max_iterations)
             if end is None:
                 before = here
-                here, end = newton_step(functional, system, here, options.linesearch)
+                here, end = newton_step(system, here, options.linesearch or FullSteps())
+            if end is not None:
+                return log.result(here, end)
     except (StopIteration, KeyboardInterrupt):
-        end = End(Status.STOPPED)
+        return log.result(here, End(Status.STOPPED))
     except FactorisationError as error:
-        end = End(Status.NONFINITE, f"{error}.")
-    return log.result(here, end)
-
-
-def tested(
-    functional: DualFunctional,
-    system: NewtonSystem,
-    here: Iterate,
-    before: Iterate,
-    log: RunLog,
-    options: NewtonOptions,
-) -> tuple[Iterate, End | None]:
-    """Whether the iteration ends at an iterate, and with which one, test by test."""
-    record = log.last
-    if not math.isfinite(record.residual_norm + record.energy):
-        return before, End(Status.NONFINITE)
-    if log.rule.met(record):
-        here, end = final_check(functional, system, here, log.rule)
-        if end is not None:
-            return here, end
-    if record.iteration == options.max_iterations:
-        return here, End(Status.ITERATION_LIMIT)
-    if log.drowned >= ROUNDING_STEPS:
-        return here, End(Status.STAGNATED)
-    return here, None
+        return log.result(here, End(Status.NONFINITE, f"{error}."))
 
 
 def newton_step(
-    functional: DualFunctional, system: NewtonSystem, here: Iterate, search: LineSearch | None
+    system: NewtonSystem, here: Iterate, search: LineSearch
 ) -> tuple[Iterate, End | None]:
-    """Steps (a) to (c) of Algorithm 7.1: solve (7.1), choose the step length, update.
-
-    Returns
-    -------
-    tuple
-        The next iterate and None; or this one and why there is no next one.
-
-    Raises
-    ------
-    FactorisationError
-        If the direct solver gives up.
-    """
+    """Steps (a) to (c) of Algorithm 7.1; the next iterate, or this one and why there is none."""
     system.factorise(here.terms)
-    dy, dv = system.solve((-here.residual).Evaluate())
-    slope = InnerProduct(here.residual, dv)
+    dy, dv = system.solve((-here.residual).Evaluate())  # (a) the Newton system (7.1)
+    slope, line = InnerProduct(here.residual, dv), DualLine(here, dy, dv)
     if not math.isfinite(slope):
         return here, End(Status.NONFINITE)
     if slope >= 0:
         rounding = slope <= ROUNDING * here.magnitude
         return here, End(Status.STAGNATED if rounding else Status.LINESEARCH_FAILED)
-    line = DualLine(functional, here, dy, dv)
     phi = Descent(
         energy=line.energy,
         derivative=line.derivative,
@@ -254,9 +220,25 @@ def newton_step(
         slope_0=slope,
         magnitude=here.magnitude,
     )
-    step = (FullSteps() if search is None else search).search(phi)
+    step = search.search(phi)  # (b) Armijo's rule for J*_gamma
     if step is None:
-        terms = functional.terms(here.v)  # the data may have changed
+        terms = here.functional.terms(here.v)  # the data may have changed
         sane = math.isfinite(terms.energy + InnerProduct(terms.gradient, dv))
         return here, End(Status.LINESEARCH_FAILED if sane else Status.NONFINITE)
-    return line.iterate(step), None
+    return line.iterate(step), None  # (c) the update
+
+
+def tested(
+    system: NewtonSystem, here: Iterate, before: Iterate, log: RunLog, max_iterations: int
+) -> tuple[Iterate, End | None]:
+    """Whether the iteration ends at an iterate, and with which one, test by test."""
+    record = log.history.records[-1]
+    if not math.isfinite(record.residual_norm + record.energy):
+        return before, End(Status.NONFINITE)
+    if log.rule.met(record):
+        here, end = final_check(system, here, log.rule)
+        if end is not None:
+            return here, end
+    if record.iteration == max_iterations:
+        return here, End(Status.ITERATION_LIMIT)
+    return here, End(Status.STAGNATED) if log.drowned >= ROUNDING_STEPS else None

@@ -1,96 +1,110 @@
-"""The parts of the dual variable v = (z, q) by name: spaces, couplings and nonsmooth terms.
+"""The parts of the dual variable v = (z, q) by name.
 
-A part is one component of v together with the terms that only it has in the saddle function
+A part is one component of v together with the terms that it alone has in the saddle function
 S(y, v) of functional.py: its row of <Lambda y, v>, of (psi, z), of the Tichonov form b and its
 nonsmooth term M.  The functional is the sum over the parts.
 """
 
 from __future__ import annotations
 
-from ngsolve import CoefficientFunction, FESpace, ds, dx
+from ngsolve import BND, BilinearForm, CoefficientFunction, FESpace, ds, dx
 from ngsolve.la import BaseMatrix
 
 from ngepc.discretisation.spaces import contact_space, plastic_dual_space
-from ngepc.dual.parameters import Weights
 from ngepc.dual.penalty import ContactPenalty, PlasticPenalty
-from ngepc.dual.spaces import DualSpaces
+from ngepc.dual.spaces import DualSpaces, Weights
 from ngepc.model.normals import outward_normal
 from ngepc.model.problem import Problem
 
 CONTACT, PLASTIC = "contact", "plastic"
 
-Integrals = CoefficientFunction
-"""What forms are added up from."""
-
 
 class ContactPart:
-    """z, the normal stress on Gamma_c: (u.n, z) - (psi, z) + M^1(z).
-
-    Parameters
-    ----------
-    problem, choice
-        The data.
-    """
+    """z, the normal stress on Gamma_c: (u.n, z) - (psi, z) + M^1(z)."""
 
     def __init__(self, problem: Problem, choice: DualSpaces) -> None:
-        self._problem, self._product = problem, choice.tichonov.contact
-        self._length, self._on_contact = choice.units.length, ds("|".join(problem.contact_names))
-        self.space: FESpace = contact_space(problem, ends_fixed=self._product.ends_fixed)
+        self._problem, self._choice = problem, choice
+        self._on_contact = ds("|".join(problem.contact_names))
+        self.space = contact_space(problem, ends_fixed=choice.tichonov.fixed)
 
     def coupling(
         self, u: CoefficientFunction, p: CoefficientFunction, w: CoefficientFunction
-    ) -> Integrals:
+    ) -> CoefficientFunction:
         """(tau_n u, w) on Gamma_c."""
         return (u * outward_normal(self._problem.mesh)) * w * self._on_contact
 
-    def offset(self, w: CoefficientFunction) -> Integrals:
+    def offset(self, w: CoefficientFunction) -> CoefficientFunction | None:
         """(psi, w) on Gamma_c."""
         return self._problem.psi * w * self._on_contact
 
     def tichonov(self) -> BaseMatrix:
-        """B_z."""
-        return self._product.matrix(self._problem, self.space, self._length)
+        """B_z.
+
+        Raises
+        ------
+        ValueError
+            If a piece of Gamma_c has no ends: its constants would be in the kernel of (R2).
+        """
+        tichonov = self._choice.tichonov
+        if tichonov.fixed and closed_somewhere(self._problem, self.space):
+            raise ValueError(
+                f"contact={self._problem.contact!r} has a closed piece without ends: the gradient "
+                "product (R2) has the constants in its kernel there; use tichonov=FullProduct()"
+            )
+        product = tichonov.contact(*self.space.TnT(), self._choice.units.length)
+        return BilinearForm(product * self._on_contact).Assemble().mat
 
     def term(self, weights: Weights, points: int) -> ContactPenalty:
         """M^1."""
-        return ContactPenalty(self._problem, weights, self.space, points)
+        return ContactPenalty(self._problem, weights.contact, self.space, points)
 
 
 class PlasticPart:
-    """q, which is dev H~ p - dev sigma by (3.8): (p, q) + M^2(q).
-
-    Parameters
-    ----------
-    problem, choice
-        The data.
-    """
+    """q, which is dev H~ p - dev sigma by (3.8): (p, q) + M^2(q)."""
 
     def __init__(self, problem: Problem, choice: DualSpaces) -> None:
-        self._problem, self._product = problem, choice.tichonov.plastic
-        self._length = choice.units.length
-        fixed = self._product.boundary_fixed
-        self.space: FESpace = plastic_dual_space(problem, boundary_fixed=fixed)
+        self._problem, self._choice = problem, choice
+        self.space = plastic_dual_space(problem, boundary_fixed=choice.tichonov.fixed)
 
     def coupling(
         self, u: CoefficientFunction, p: CoefficientFunction, w: CoefficientFunction
-    ) -> Integrals:
+    ) -> CoefficientFunction:
         """(p, w) in Omega."""
         return p * w * dx
 
-    def offset(self, w: CoefficientFunction) -> None:
+    def offset(self, w: CoefficientFunction) -> CoefficientFunction | None:
         """Zero."""
         return None
 
     def tichonov(self) -> BaseMatrix:
         """B_q."""
-        return self._product.matrix(self._problem, self.space, self._length)
+        product = self._choice.tichonov.plastic(*self.space.TnT(), self._choice.units.length)
+        return BilinearForm(product * dx).Assemble().mat
 
     def term(self, weights: Weights, points: int) -> PlasticPenalty:
         """M^2."""
-        return PlasticPenalty(self._problem, weights, self.space, points)
+        return PlasticPenalty(self._problem, weights.plastic, self.space, points)
 
 
 def dual_parts(problem: Problem, choice: DualSpaces) -> dict[str, ContactPart | PlasticPart]:
     """Name -> part; without contact there is no such part."""
     contact = {CONTACT: ContactPart(problem, choice)} if problem.contact_names else {}
     return {**contact, PLASTIC: PlasticPart(problem, choice)}
+
+
+def closed_somewhere(problem: Problem, Z: FESpace) -> bool:
+    """Whether a connected piece of Gamma_c has no fixed degree of freedom of Z."""
+    names, free = set(problem.contact_names), Z.FreeDofs()
+    elements = [
+        [dof for dof in Z.GetDofNrs(element) if dof >= 0]
+        for element in problem.mesh.Elements(BND)
+        if element.mat in names
+    ]
+    held = {dof for dof in range(Z.ndof) if not free[dof]}
+    while elements:
+        apart = [dofs for dofs in elements if held.isdisjoint(dofs)]
+        if len(apart) == len(elements):
+            return True
+        held.update(dof for dofs in elements if not held.isdisjoint(dofs) for dof in dofs)
+        elements = apart
+    return False

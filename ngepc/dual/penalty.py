@@ -33,10 +33,37 @@ from ngepc.discretisation.quadrature import (
     smooth_rules,
     threshold_bounds,
 )
-from ngepc.dual.parameters import Weights
-from ngepc.dual.radial import RadialLaw
 from ngepc.model.elements import element_numbers, element_vertices
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
+
+TINY = 1e-290
+"""What is added to |q|: q / |q| is zero at q = 0."""
+
+
+class RadialLaw:
+    """([s]^+)^2 / 2 with s = |q| - t, and its derivatives (6.1); NaN where the data are NaN.
+
+    Parameters
+    ----------
+    q, threshold
+        q and t > 0.
+
+    Attributes
+    ----------
+    density, gradient, curvature
+        s^2 / 2, rho q and rho Id + (1 - rho) d d^T where s > 0, with rho = s / |q|, d = q / |q|.
+    inside
+        1 where s > 0.
+    """
+
+    def __init__(self, q: CoefficientFunction, threshold: CoefficientFunction | float) -> None:
+        norm = Norm(q)
+        size, excess = norm + TINY, norm - threshold
+        self.inside = IfPos(excess, 1.0, 0.0)
+        rho, direction = self.inside * excess / size, q / size
+        across = self.inside * threshold / size
+        self.density, self.gradient = self.inside * excess * excess / 2, rho * q
+        self.curvature = rho * Id(q.dim) + across * OuterProduct(direction, direction)
 
 
 class AssembledTerm:
@@ -81,15 +108,7 @@ class AssembledTerm:
 
 
 class AssembledState:
-    """A nonsmooth term at one v: its active set, and what follows from it.
-
-    Parameters
-    ----------
-    term
-        The term.
-    v
-        The function as coefficients.
-    """
+    """A nonsmooth term at one v: its active set, and what follows from it."""
 
     def __init__(self, term: AssembledTerm, v: BaseVector) -> None:
         self._term, self._v = term, v.CreateVector()
@@ -124,14 +143,14 @@ class AssembledState:
 
 
 class ContactPenalty(AssembledTerm):
-    """M^1(z) = 1/(2 gamma) |[mu^ + gamma z]^+|^2 on Gamma_c, with Lemma 6.2.
+    """M^1(z) = gamma/2 |[z]^+|^2 on Gamma_c, with Lemma 6.2.
 
-    M^1'(z) = [mu^ + gamma z]^+, its Newton derivative gamma chi on the set where that is positive;
-    active is the contact, z + mu^/gamma < 0.
+    M^1'(z) = gamma [z]^+, its Newton derivative gamma chi where z > 0; active is the contact,
+    z < 0.
 
     Parameters
     ----------
-    problem, weights
+    problem, gamma
         The data.
     Z
         The space of z.
@@ -139,16 +158,11 @@ class ContactPenalty(AssembledTerm):
         As for the domain; the boundary rule has the same order.
     """
 
-    def __init__(
-        self, problem: Problem, weights: Weights, Z: FESpace, quadrature_points: int
-    ) -> None:
-        gamma, z = weights.contact, GridFunction(Z)
-        on_contact = ds(
-            "|".join(problem.contact_names),
-            intrules=boundary_rules(problem.N, quadrature_points),
-        )
-        mu = as_scalar(weights.contact_shift) + gamma * z  # (OC2_gamma): mu = [mu^ + gamma z]^+
-        dz, w = Z.TnT()
+    def __init__(self, problem: Problem, gamma: float, Z: FESpace, quadrature_points: int) -> None:
+        rules = boundary_rules(problem.N, quadrature_points)
+        on_contact = ds("|".join(problem.contact_names), intrules=rules)
+        z, (dz, w) = GridFunction(Z), Z.TnT()
+        mu = gamma * z  # (OC2_gamma): mu = [gamma z]^+
         gradient = LinearForm(Z)
         gradient += IfPos(mu, mu, 0) * w * on_contact
         hessian = BilinearForm(Z, symmetric=True, symmetric_storage=True)
@@ -158,13 +172,11 @@ class ContactPenalty(AssembledTerm):
 
 
 class PlasticPenalty(AssembledTerm):
-    """M^2(q) = int 1/(2 gamma) ([nu^ + gamma (|q| - beta_gamma)]^+)^2, with Lemma 6.3.
-
-    That is gamma times the ``RadialLaw`` with the threshold beta_gamma - nu^/gamma.
+    """M^2(q) = gamma/2 int ([|q| - beta]^+)^2, gamma times ``RadialLaw``, with Lemma 6.3.
 
     Parameters
     ----------
-    problem, weights
+    problem, gamma
         The data.
     R
         The space of q.
@@ -172,15 +184,12 @@ class PlasticPenalty(AssembledTerm):
         Points on elements that the kink crosses.
     """
 
-    def __init__(
-        self, problem: Problem, weights: Weights, R: FESpace, quadrature_points: int
-    ) -> None:
-        mesh, N, gamma = problem.mesh, problem.N, weights.plastic
-        threshold = weights.threshold
-        threshold = float(threshold) if is_number(threshold) else threshold
+    def __init__(self, problem: Problem, gamma: float, R: FESpace, quadrature_points: int) -> None:
+        mesh, N = problem.mesh, problem.N
+        beta = float(problem.beta) if is_number(problem.beta) else problem.beta
         fine, smooth = fine_rules(N, quadrature_points), smooth_rules(N)
         self._elements = list(zip(element_vertices(mesh), element_numbers(mesh), strict=True))
-        self._low, self._high = threshold_bounds(mesh, threshold, fine)
+        self._low, self._high = threshold_bounds(mesh, beta, fine)
         self._of_kind = {SMOOTH: BitArray(mesh.ne), KINKED: BitArray(mesh.ne)}
         measures, low = (
             [
@@ -190,11 +199,9 @@ class PlasticPenalty(AssembledTerm):
             for rules in (fine, smooth)
         )
         q, (dq, r) = GridFunction(R), R.TnT()
-        law = RadialLaw(Norm(q), threshold)
-        direction = q / law.size
-        curvature = law.slope * Id(q.dim) + law.across * OuterProduct(direction, direction)
+        law = RadialLaw(q, beta)
         density, slope, curvature = (
-            (gamma * f).Compile() for f in (law.density, law.slope * q, curvature)
+            (gamma * f).Compile() for f in (law.density, law.gradient, law.curvature)
         )
         gradient = LinearForm(R)
         hessian = BilinearForm(R, symmetric=True, symmetric_storage=True)

@@ -11,17 +11,17 @@ from ngsolve.la import BaseVector
 from ngepc.discretisation.loads import applied_forces
 from ngepc.dual.blocks import primal_energy
 from ngepc.dual.functional import DualFunctional
+from ngepc.dual.iterates import Iterate
 from ngepc.dual.parts import CONTACT, PLASTIC
-from ngepc.dual.regularisation import Coupled
+from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.equilibrium import Equilibrium
-from ngepc.results.fields import Recovered
-from ngepc.results.outcome import Ending, History, Status
-from ngepc.results.summary import Summarised
+from ngepc.results.outcome import History, Status
+from ngepc.results.result import Result
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DualResult(Summarised, Recovered, Ending):
+class DualResult(Result):
     """What ``semismooth_newton`` returns; the state is there whatever the status says.
 
     Parameters
@@ -43,6 +43,13 @@ class DualResult(Summarised, Recovered, Ending):
     message: str
     history: History
 
+    @classmethod
+    def at(
+        cls, functional: DualFunctional, v: BaseVector, status: Status, history: History
+    ) -> DualResult:
+        """The result with dual variable ``v``, the primal one solved for afresh."""
+        return cls(functional, functional.blocks.primal_of(v), v, status, "", history)
+
     @property
     def problem(self) -> Problem:
         """The problem that was solved."""
@@ -56,19 +63,12 @@ class DualResult(Summarised, Recovered, Ending):
     @property
     def regularisation(self) -> Coupled:
         """The regularisation that it was solved with."""
-        return Coupled.of(self.functional.blocks.choice, self.functional.parameters)
-
-    @property
-    def iterations(self) -> int:
-        """Newton steps done."""
-        return self.history.records[-1].iteration
+        return self.functional.regularisation
 
     @property
     def residual_norm(self) -> float:
         """||Psi_gamma||_{H*} at the end, with y solved for afresh."""
-        y = self.y.CreateVector()
-        self.functional.blocks.primal_of(self.v, y)
-        return self.functional.residual_norms(self.functional.residual(y, self.v)).total
+        return Iterate.at(self.functional, self.v).norms.total
 
     @property
     def residual_rounding(self) -> float:
@@ -81,8 +81,7 @@ class DualResult(Summarised, Recovered, Ending):
     @property
     def dual_energy(self) -> float:
         """J*_gamma(v) (force times length)."""
-        penalty = self.functional.terms(self.v).energy
-        return self.functional.smooth_energy(self.y, self.v) + penalty
+        return Iterate(self.functional, self.y, self.v, self.functional.terms(self.v)).energy
 
     @cached_property
     def primal_energy(self) -> float:
@@ -136,8 +135,8 @@ class DualResult(Summarised, Recovered, Ending):
 
     @property
     def yield_excess(self) -> CoefficientFunction:
-        """|q| + nu^/gamma - beta_gamma (stress): > 0 on the active set."""
-        return Norm(self.plastic_dual) - as_scalar(self.functional.weights.threshold)
+        """|q| - beta (stress): > 0 on the active set."""
+        return self.yield_function
 
     @cached_property
     def normal_stress(self) -> CoefficientFunction:

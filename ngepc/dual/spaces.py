@@ -1,12 +1,63 @@
-"""What stays along a path in gamma: the space H with its product, and the reference units."""
+"""The Hilbert space H of v = (z, q) with its product b, and the units that gamma is a number in.
+
+    b([z, q], [w, r]) = <B_z z, w> + <B_q q, r>
+
+B also measures the residual: its inverse is the solution of the Poisson problems of Algorithm 7.1.
+All products have one unit, stress^2 length^(N-2), that of the gradients in Omega, so that their
+sum makes sense; the others carry powers of a reference length L (``Units.length``, 1 as in the
+paper).  In an L2 term it matters: L is the length beyond which such a term outweighs the gradient,
+so a body of another size needs L = its size to give the scaled result.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
+
+from ngsolve import CoefficientFunction, InnerProduct, grad
+from ngsolve.comp import ProxyFunction
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
-from ngepc.dual.tichonov import SurfaceGradient, Tichonov
+
+
+@dataclass(frozen=True)
+class SurfaceGradient:
+    """(R2): H^1_0(Gamma_c) x H^1_0(Omega)^d with L (grad z, grad w) + (grad q, grad r).
+
+    Attributes
+    ----------
+    fixed
+        Whether z = 0 at the ends of Gamma_c and q = 0 on the boundary of the body.
+    """
+
+    fixed: ClassVar[bool] = True
+
+    def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CoefficientFunction:
+        """The integrand of <B_z z, w> on Gamma_c, with the reference length."""
+        return length * grad(z).Trace() * grad(w).Trace()
+
+    def plastic(self, q: ProxyFunction, r: ProxyFunction, length: float) -> CoefficientFunction:
+        """The integrand of <B_q q, r> in Omega."""
+        return InnerProduct(grad(q), grad(r))
+
+
+@dataclass(frozen=True)
+class FullProduct(SurfaceGradient):
+    """The full products of H^1(Gamma_c) x H^1(Omega)^d, (z, w) / L and (q, r) / L^2 added.
+
+    No boundary condition at all, the alternative that section 7 names for q.
+    """
+
+    fixed = False
+
+    def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CoefficientFunction:
+        """Gradients and values."""
+        return super().contact(z, w, length) + z * w / length
+
+    def plastic(self, q: ProxyFunction, r: ProxyFunction, length: float) -> CoefficientFunction:
+        """Gradients and values."""
+        return super().plastic(q, r, length) + InnerProduct(q, r) / length**2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +82,7 @@ class Units:
 
 @dataclass(frozen=True, kw_only=True)
 class DualSpaces:
-    """The spaces of v = (z, q): matrices are assembled for them once.
+    """What stays along a path in gamma: matrices are assembled for it once.
 
     Parameters
     ----------
@@ -46,10 +97,66 @@ class DualSpaces:
         If an argument is of the wrong kind.
     """
 
-    tichonov: Tichonov = field(default_factory=SurfaceGradient)
+    tichonov: SurfaceGradient = field(default_factory=SurfaceGradient)
     units: Units = field(default_factory=Units)
 
     def __post_init__(self) -> None:
-        needed = "SurfaceGradient(), Fractional() or FullProduct()"
-        require_instance("tichonov", self.tichonov, Tichonov, needed)
+        needed = "SurfaceGradient() or FullProduct()"
+        require_instance("tichonov", self.tichonov, SurfaceGradient, needed)
         require_instance("units", self.units, Units, "Units(...)")
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """The paper's regularisation: one gamma for contact, yield bound and Tichonov term.
+
+    Parameters
+    ----------
+    gamma
+        gamma > 0, a number in reference units.
+    tichonov, units
+        As in ``DualSpaces``.
+    gamma_tichonov
+        gamma_T > 0 of the Tichonov term alone, a number in reference units; None for gamma.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is out of range or of the wrong kind.
+    """
+
+    gamma: float
+    tichonov: SurfaceGradient = field(default_factory=SurfaceGradient)
+    units: Units = field(default_factory=Units)
+    gamma_tichonov: float | None = None
+
+    def __post_init__(self) -> None:
+        require_number("gamma", self.gamma, 0, strict=True)
+        if self.gamma_tichonov is not None:
+            require_number("gamma_tichonov", self.gamma_tichonov, 0, strict=True)
+        _ = self.spaces
+
+    @property
+    def spaces(self) -> DualSpaces:
+        """What stays along a path."""
+        return DualSpaces(tichonov=self.tichonov, units=self.units)
+
+    @property
+    def weights(self) -> Weights:
+        """The gammas in the units of the problem."""
+        stress, length = self.units.stress, self.units.length
+        gamma_T = self.gamma if self.gamma_tichonov is None else self.gamma_tichonov
+        return Weights(
+            contact=self.gamma * length / stress,
+            plastic=self.gamma / stress,
+            tichonov=gamma_T * stress / length**2,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weights:
+    """gamma_z (length / stress), gamma_q (1 / stress) and gamma_T (stress / length^2)."""
+
+    contact: float
+    plastic: float
+    tichonov: float

@@ -19,7 +19,7 @@ class NewtonSystem:
     Parameters
     ----------
     functional
-        The first functional to be used; later ones must share its blocks.
+        The first functional to be used; ``use`` changes to another one on its blocks.
     inverse
         NGSolve's name of the direct solver.
     """
@@ -36,7 +36,13 @@ class NewtonSystem:
         return [Placed(A, self._blocks.first_of(name)) for name, A in by_part.items()]
 
     def use(self, functional: DualFunctional) -> None:
-        """Switch to other numbers on the same blocks."""
+        """Switch to another gamma.
+
+        Raises
+        ------
+        ValueError
+            If the functional is on other blocks.
+        """
         if functional.blocks is not self._blocks:
             raise ValueError("functional has blocks of its own: one on the same blocks is needed")
         self._sum.values[:] = 0.0

@@ -8,6 +8,7 @@ from functools import partial
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_instance
 from ngepc.dual.newton import NewtonOptions
+from ngepc.dual.stopping import ResidualBelow
 from ngepc.results.outcome import IterationRecord
 
 
@@ -78,39 +79,26 @@ class PathOptions:
         gamma = self.gamma_start * self.growth**k
         return gamma if self.gamma_end is None else min(gamma, self.gamma_end)
 
-    def gammas(self) -> list[float]:
-        """All values that a path may come to."""
-        found = []
-        for k in range(int(self.max_outer_iterations)):
-            try:
-                found.append(self.gamma(k))
-            except OverflowError:
-                break
-            if found[-1] == self.gamma_end:
-                break
-        return found
-
 
 @dataclass(frozen=True)
-class InnerRule:
+class InnerRule(ResidualBelow):
     """Step (iv)(a) of Algorithm 7.2: separate bounds for both residuals, at least one step.
 
     Parameters
     ----------
+    tolerance
+        A start with a residual norm below it needs no step.
     contact, plastic
         Bounds for ||Psi_z|| and ||Psi_q||.
-    zero
-        A start with a residual norm below it needs no step.
     """
 
     contact: float
     plastic: float
-    zero: float
 
     def met(self, record: IterationRecord) -> bool:
         """Whether both residuals are below their bounds."""
         if record.iteration == 0:
-            return record.residual_norm < self.zero
+            return super().met(record)
         below = record.contact_residual_norm < self.contact
         return below and record.plastic_residual_norm < self.plastic
 

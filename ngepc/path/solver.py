@@ -12,23 +12,19 @@ from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.newton import algorithm_7_1
-from ngepc.dual.parameters import DualParameters
 from ngepc.dual.result import DualResult
-from ngepc.dual.spaces import DualSpaces
+from ngepc.dual.spaces import Coupled, DualSpaces
 from ngepc.dual.system import NewtonSystem
-from ngepc.dual.widths import contact_mesh_width, mesh_width
 from ngepc.model.problem import Problem
 from ngepc.path.options import InnerRule, PathOptions
 from ngepc.path.result import PathResult
 from ngepc.path.state import PathState, PathStep, PathStore
+from ngepc.path.widths import contact_mesh_width, mesh_width
 from ngepc.results.outcome import Monitor, Status
 
 logger = logging.getLogger(__name__)
 
 PathMonitor = Callable[[PathStep], None]
-
-Numbers = Callable[[float], DualParameters]
-"""gamma -> the numbers of its problem."""
 
 
 def follow_path(
@@ -38,7 +34,6 @@ def follow_path(
     *,
     start: DualResult | None = None,
     spaces: DualSpaces | None = None,
-    parameters: Numbers = DualParameters,
     checkpoint: Path | str | None = None,
     newton_monitor: Monitor | None = None,
     observer: Callable[[DualResult], None] | None = None,
@@ -57,8 +52,6 @@ def follow_path(
         A result on this or another mesh of the body; None starts from v = 0.
     spaces
         The Tichonov choice and the units, which stay along the path; None for (R2).
-    parameters
-        Maps gamma to the numbers of its problem.
     checkpoint
         File that is written after each gamma.  A later call with the same problem and options
         goes on from there, to the same digits when it uses one thread.
@@ -81,16 +74,19 @@ def follow_path(
     """
     options = PathOptions() if options is None else options
     spaces = DualSpaces() if spaces is None else spaces
-    check_arguments(problem, options, start, spaces, parameters)
+    require_instance("problem", problem, Problem, "a Problem")
+    require_instance("options", options, PathOptions, "PathOptions(...)")
+    kinds = (DualResult, type(None))
+    require_instance("start", start, kinds, "a result of semismooth_newton or None")
+    require_instance("spaces", spaces, DualSpaces, "DualSpaces(...)")
     watchers = {"monitor": monitor, "newton_monitor": newton_monitor, "observer": observer}
     for name, watcher in watchers.items():
         require_function(name, watcher, "what it is shown", optional=True)
-    walk = _Walk(problem, options, spaces, parameters)
+    walk = _Walk(problem, options, spaces)
     store = PathStore(checkpoint, options, walk.functional, start)
     state = store.load(walk.blocks)
     if state is None:
-        v = walk.blocks.H_vector() if start is None else carried_over(start, walk.functional)
-        state = PathState([], v, [])
+        state = PathState([], carried_over(start, walk.functional), [])
     return followed(walk, store, state, newton_monitor, (observer, monitor))
 
 
@@ -124,48 +120,32 @@ def followed(
     return PathResult(status, message, tuple(state.steps), result)
 
 
-def check_arguments(
-    problem: object, options: object, start: object, spaces: object, parameters: object
-) -> None:
-    """Refuse arguments of the wrong kind before any work, at every gamma of the path."""
-    require_instance("problem", problem, Problem, "a Problem")
-    require_instance("options", options, PathOptions, "PathOptions(...)")
-    kinds = (DualResult, type(None))
-    require_instance("start", start, kinds, "a result of semismooth_newton or None")
-    require_instance("spaces", spaces, DualSpaces, "DualSpaces(...)")
-    require_function("parameters", parameters, "gamma")
-    needed = "DualParameters(...): what fixes the spaces stays along a path, spaces=DualSpaces(...)"
-    for gamma in options.gammas():
-        require_instance(f"parameters({gamma:g})", parameters(gamma), DualParameters, needed)
-
-
 class _Walk:
     """The matrices of a path, and one gamma at a time."""
 
-    def __init__(
-        self, problem: Problem, options: PathOptions, spaces: DualSpaces, parameters: Numbers
-    ) -> None:
-        self.options, self._parameters, self.gamma = options, parameters, options.gamma_start
+    def __init__(self, problem: Problem, options: PathOptions, spaces: DualSpaces) -> None:
+        self.options = options
         self.blocks = LinearBlocks(problem, spaces, options.newton.inverse)
         self._system: NewtonSystem | None = None
         length = spaces.units.length
         self.h = mesh_width(problem.mesh) / length
         self.h_contact = contact_mesh_width(problem) / length
-        self.move_to(self.gamma)
+        self.move_to(options.gamma_start)
 
     def move_to(self, gamma: float) -> None:
         """Make J*_gamma for this gamma the functional in use."""
-        self.gamma, points = gamma, self.options.newton.quadrature_points
-        self.functional = DualFunctional(self.blocks, self._parameters(gamma), points)
+        spaces, points = self.blocks.choice, self.options.newton.quadrature_points
+        self.gamma, regularisation = gamma, Coupled(gamma, spaces.tichonov, spaces.units)
+        self.functional = DualFunctional(self.blocks, regularisation, points)
 
     def inner_rule(self, guarded: bool) -> InnerRule:
         """The tolerances for the present gamma; ``guarded`` once the safeguard has acted."""
-        o, unit = self.options, self.functional.residual_unit
+        o, unit = self.options, self.blocks.residual_unit
         loose = o.inner_tolerance / math.sqrt(self.gamma)
         most = o.residual_tolerance / math.sqrt(2) if guarded else math.inf
         widths = (self.h_contact, self.h)
         bounds = [min(o.inner_scale * max(h, loose), most) * unit for h in widths]
-        return InnerRule(*bounds, zero=o.newton.tolerance * unit)
+        return InnerRule(o.newton.tolerance * unit, *bounds)
 
     def solve(self, state: PathState, monitor: Monitor | None) -> DualResult:
         """The next problem (D_gamma_k), inexactly, from the last v."""
@@ -211,7 +191,7 @@ class _Walk:
         tolerance = self.options.residual_tolerance
         if tolerance is None:
             return True
-        return step.residual_norm < tolerance * self.functional.residual_unit
+        return step.residual_norm < tolerance * self.blocks.residual_unit
 
     def restored(self, state: PathState) -> DualResult | None:
         """The result that a checkpoint stands for, None at the start of a path."""

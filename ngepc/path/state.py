@@ -79,8 +79,7 @@ class PathState:
 
     def after(self, result: DualResult, gamma: float) -> PathState:
         """The state after one more gamma."""
-        here = Iterate.at(result.functional, result.v)
-        last = here.record(result.functional)
+        last = Iterate.at(result.functional, result.v).record()
         step = PathStep(
             gamma=gamma,
             iterations=result.iterations,
@@ -96,10 +95,8 @@ class PathState:
 
     def result(self, functional: DualFunctional) -> DualResult:
         """The last result as ``semismooth_newton`` gives it."""
-        y = functional.blocks.Y_vector()
-        functional.blocks.primal_of(self.v, y)
-        status = self.steps[-1].status
-        return DualResult(functional, y, self.v, status, "", History(list(self.history)))
+        status, history = self.steps[-1].status, History(list(self.history))
+        return DualResult.at(functional, self.v, status, history)
 
 
 def relative_change(steps: list[PathStep], value: float) -> float | None:

@@ -11,12 +11,10 @@ from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, V
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.rows import ContactRows
 from ngepc.model.elements import vertex_coordinates
-from ngepc.model.problem import Problem
 from ngepc.model.rules import plastic_points
 from ngepc.results.equilibrium import Equilibrium
-from ngepc.results.fields import Recovered
-from ngepc.results.outcome import Ending, History, Status
-from ngepc.results.summary import Summarised
+from ngepc.results.outcome import Status
+from ngepc.results.result import Result
 
 FEW_FACETS = 4
 """Fewer facets in contact do not resolve a contact zone."""
@@ -28,15 +26,13 @@ SMALL_STRAIN = 0.1
 """Largest |eps(u)| at the points that small-strain kinematics is meant for."""
 
 
-class DiscreteSolution(Summarised, Recovered, Ending):
+class DiscreteSolution(Result):
     """Fields, contact and message of a solution with contact rows.
 
     A result that inherits has these:
 
     Attributes
     ----------
-    problem, history, displacement, plastic_increment
-        As in every result.
     ending
         A sentence about how the run ended, empty for a run that converged.
     state
@@ -46,11 +42,7 @@ class DiscreteSolution(Summarised, Recovered, Ending):
         The contact conditions N u <= gaps.
     """
 
-    problem: Problem
-    history: History
     ending: str
-    displacement: GridFunction
-    plastic_increment: GridFunction
     state: Any
     rows: ContactRows
 
@@ -110,11 +102,6 @@ class DiscreteSolution(Summarised, Recovered, Ending):
     def open_gap(self) -> np.ndarray:
         """gaps - N u of each contact row (length), shape (m,)."""
         return self.state.open_gap
-
-    @property
-    def iterations(self) -> int:
-        """Newton steps done."""
-        return self.history.records[-1].iteration if self.history.records else 0
 
     @property
     def yield_excess(self) -> CoefficientFunction:

@@ -1,9 +1,8 @@
-"""What follows from a solution: stresses, yield function, zones and forces."""
+"""What follows from a displacement and a plastic strain: stresses, yield function, zones."""
 
 import math
 from dataclasses import dataclass
 
-import numpy as np
 from ngsolve import (
     CoefficientFunction,
     GridFunction,
@@ -19,7 +18,6 @@ from ngepc.checks.arguments import require_coefficient
 from ngepc.checks.kinds import require_instance
 from ngepc.model.material import PEEQ
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.results.equilibrium import Equilibrium
 
 
 def frobenius(A: CoefficientFunction) -> CoefficientFunction:
@@ -132,41 +130,3 @@ class Fields(Quantities):
         require_coefficient("displacement", self.displacement, [(self.problem.N,)])
         d = self.problem.kinematics.d
         require_coefficient("plastic_increment", self.plastic_increment, [(d,)])
-
-
-class Recovered(Quantities):
-    """What every result offers: its quantities, and forces on the whole body.
-
-    A result that inherits has ``equilibrium`` and ``contact_pressure``, too.
-    """
-
-    equilibrium: Equilibrium
-    contact_pressure: CoefficientFunction
-
-    @property
-    def fields(self) -> Fields:
-        """The quantities of u and p alone, without the solver's other variables."""
-        return Fields(self.problem, self.displacement, self.plastic_increment)
-
-    def contact_zone(self, threshold: float = 0.0) -> CoefficientFunction:
-        """1 on Gamma_c where the contact pressure exceeds ``threshold`` (stress), 0 elsewhere."""
-        return IfPos(self.contact_pressure - threshold, 1.0, 0.0)
-
-    @property
-    def applied_force(self) -> np.ndarray:
-        """Resultant of tractions and body force on the body, N components (force)."""
-        return self.equilibrium.resultant(self.equilibrium.applied)
-
-    @property
-    def contact_resultant(self) -> np.ndarray:
-        """Resultant force of the obstacles on the body, with friction, N components (force)."""
-        return self.equilibrium.resultant(self.equilibrium.contact)
-
-    @property
-    def reaction(self) -> np.ndarray:
-        """Resultant force of the supports on the body, N components (force).
-
-        Each support's own is in ``equilibrium.reactions``.  The applied force, the contact
-        resultant and the reaction add up to zero.
-        """
-        return self.equilibrium.resultant(self.equilibrium.reaction)

@@ -1,19 +1,11 @@
-"""What a solver gives back: a named status, the history of its steps, the fields."""
+"""How a run ended, a named status, and the history of its steps."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol, TypeVar
-
-if TYPE_CHECKING:
-    import numpy as np
-    from ngsolve import CoefficientFunction, GridFunction
-
-    from ngepc.model.problem import Problem
-    from ngepc.results.equilibrium import Equilibrium
-    from ngepc.results.fields import Fields
+from typing import TypeVar
 
 
 class Status(Enum):
@@ -83,7 +75,7 @@ class IterationRecord:
     contact_active: float = 0.0
     plastic_active: float = 0.0
     friction_active: float = 0.0
-    snapshot: Callable[[], Result] | None = field(default=None, compare=False, repr=False)
+    snapshot: Callable[[], Ending] | None = field(default=None, compare=False, repr=False)
 
     def as_row(self) -> dict:
         """The numbers by their names, for tables and files."""
@@ -132,64 +124,6 @@ class History:
     def as_rows(self) -> list[dict]:
         """The records as dictionaries, for tables."""
         return [record.as_row() for record in self.records]
-
-
-class Result(Protocol):
-    """What the results of the dual and of the primal method have in common.
-
-    Scalars are numbers, fields are coefficients on the mesh, forces have N components.  Everything
-    is there whatever the status says.
-    """
-
-    problem: Problem
-    status: Status
-    message: str
-    history: History
-    iterations: int
-    residual_norm: float
-
-    primal_energy: float
-    """J(u, p) of (2.14)."""
-    dual_energy: float
-    """J*_gamma(v), or -J by the identity that a primal minimum satisfies."""
-
-    displacement: GridFunction
-    plastic_increment: CoefficientFunction
-    """Coordinates of the plastic strain gained in this step."""
-    fields: Fields
-    strain: CoefficientFunction
-    plastic_strain: CoefficientFunction
-    equivalent_plastic_strain: CoefficientFunction
-    stress: CoefficientFunction
-    deviatoric_stress: CoefficientFunction
-    back_stress: CoefficientFunction
-    hardening_variable: CoefficientFunction
-    yield_function: CoefficientFunction
-    yield_excess: CoefficientFunction
-    """Positive where the body yields in this step: the plastic active set."""
-
-    contact_pressure: CoefficientFunction
-    """On Gamma_c, positive in compression."""
-    contact_force: float
-    """Resultant of the contact pressure, positive in compression."""
-
-    equilibrium: Equilibrium
-    """Nodal forces of loads, obstacles and supports."""
-    applied_force: np.ndarray
-    contact_resultant: np.ndarray
-    reaction: np.ndarray
-
-    def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
-        """1 where |p_0 + p|_F exceeds ``threshold``, 0 elsewhere."""
-        ...
-
-    def contact_zone(self, threshold: float = 0.0) -> CoefficientFunction:
-        """1 on Gamma_c where the contact pressure exceeds ``threshold``, 0 elsewhere."""
-        ...
-
-    def raise_for_status(self) -> Result:
-        """The result itself if it converged, otherwise a SolverError."""
-        ...
 
 
 class SolverError(RuntimeError):

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ngepc.evolution.result import Evolution
 from ngepc.pictures.fields import plot_field
 from ngepc.pictures.style import save_figure, styled
-from ngepc.results.outcome import Result
+from ngepc.results.result import Result
 from ngepc.studies import contact_problems, solid_problems
 from ngepc.studies.solid_problems import Quantity, Solved
 from ngepc.studies.work import Cell, Outcome, Table, Work

@@ -35,7 +35,8 @@ from ngsolve import (  # fmt: skip
 from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.starts import coarse_start
 from ngepc.model.problem import Problem
-from ngepc.results.outcome import IterationRecord, Result
+from ngepc.results.outcome import IterationRecord
+from ngepc.results.result import Result
 from ngepc.studies.examples import example, solved_by
 from ngepc.studies.work import Cell, Outcome, Work, chosen, first_of
 

@@ -16,14 +16,13 @@ from matplotlib.figure import Figure
 
 from ngepc.bounds.bound import error_bound
 from ngepc.dual.newton import NewtonOptions
-from ngepc.dual.regularisation import Coupled
-from ngepc.dual.restore import restore
+from ngepc.dual.starts import restore
 from ngepc.pictures.curves import plot_counts, plot_history
 from ngepc.pictures.fields import plot_comparison
 from ngepc.pictures.report import solution_sections, standard_figures, write_report
 from ngepc.pictures.style import save_figure
 from ngepc.results import records as texts
-from ngepc.results.outcome import History, IterationRecord, Result, Status
+from ngepc.results.result import Result
 from ngepc.studies.examples import BODIES, FAMILIES, THRESHOLDS, TITLES, example, solved_by
 from ngepc.studies.paper import TABLE_1, TABLE_2
 from ngepc.studies.work import Cell, Outcome, Table, Work, chosen, ending, first_of
@@ -170,10 +169,9 @@ class CountTable(Work):
 
     def _restored(self, cell: Cell, gamma: float) -> Result:
         outcome = self.kept(cell)
-        history = History([IterationRecord(**row) for row in outcome.record["history"]])
-        status, problem = Status[outcome.record["status"].upper()], example(self.body, cell.nodes)
-        v = outcome.arrays["v"]
-        return restore(problem, Coupled(gamma), v, self.options, status, history)
+        problem, record = example(self.body, cell.nodes), outcome.record
+        run = record["status"], record["history"]
+        return restore(problem, gamma, outcome.arrays["v"], self.options, *run)
 
 
 class Table1(CountTable):

@@ -10,7 +10,7 @@ from ngepc.model.examples import lshape_problem, wrench_problem
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import primal_newton
 from ngepc.primal.step import PrimalOptions
-from ngepc.results.outcome import Result
+from ngepc.results.result import Result
 
 BODIES = {"lshape": lshape, "wrench": wrench}
 PROBLEMS = {"lshape": lshape_problem, "wrench": wrench_problem}

@@ -12,7 +12,7 @@ from functools import cache
 
 from ngepc.geometries import block
 from ngepc.model.problem import Problem
-from ngepc.results.outcome import Result
+from ngepc.results.result import Result
 from ngepc.studies.examples import BODIES, FAMILIES, TITLES, example, solved_by
 from ngepc.studies.large import LAME_MU, indented_block, pressed
 from ngepc.studies.work import Cell, Outcome, Work, ending, first_of

@@ -10,12 +10,11 @@ from ngsolve import GridFunction
 
 from ngepc.discretisation.spaces import displacement_space
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
-from ngepc.dual.regularisation import Coupled
-from ngepc.dual.restore import restore
+from ngepc.dual.starts import restore
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import primal_newton
 from ngepc.results import checkpoint
-from ngepc.results.outcome import History, IterationRecord, Result, Status
+from ngepc.results.result import Result
 
 FINGERPRINT = {"kind": "run of ngepc solve", "version": 2}
 
@@ -53,6 +52,5 @@ def load_run(path: Path, build: Callable[..., Problem]) -> tuple[dict, Result]:
         u = GridFunction(displacement_space(problem))
         u.vec.FV().NumPy()[:] = state
         return record, primal_newton(problem, u)
-    status = Status[record["status"].upper()]
-    history = History([IterationRecord(**row) for row in kept["history"]])
-    return record, restore(problem, Coupled(kept["gamma"]), state, NewtonOptions(), status, history)
+    run = record["status"], kept["history"]
+    return record, restore(problem, kept["gamma"], state, NewtonOptions(), *run)

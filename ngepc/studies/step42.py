@@ -20,7 +20,7 @@ from ngepc.geometries import quarter_cube
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.obstacles import Sphere
 from ngepc.model.problem import Problem
-from ngepc.results.outcome import Result
+from ngepc.results.result import Result
 from ngepc.studies.examples import solved_by
 from ngepc.studies.work import Cell, Outcome, Work, ending, first_of
 

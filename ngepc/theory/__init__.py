@@ -1,1 +1,1 @@
-"""Sections 3, 4 and 6 made visible: duality gaps, shifts as multipliers, the norm gap."""
+"""Sections 3 and 6 made visible: duality gaps, the norm gap, Newton's method in lambda and in v."""

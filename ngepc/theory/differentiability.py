@@ -33,13 +33,10 @@ from ngsolve import (
     CoefficientFunction,
     FESpace,
     GridFunction,
-    Id,
     InnerProduct,
     Integrate,
     LinearForm,
     Mesh,
-    Norm,
-    OuterProduct,
     VectorValued,
     dx,
     grad,
@@ -50,8 +47,8 @@ from ngsolve.meshes import MakeStructured2DMesh
 from ngepc.checks.arguments import require_integer
 from ngepc.discretisation.quadrature import fine_rules
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
-from ngepc.dual.radial import RadialLaw
-from ngepc.dual.regularisation import Coupled
+from ngepc.dual.penalty import RadialLaw
+from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem
 
 CELLS = 8
@@ -107,14 +104,11 @@ class YieldMap:
 
     def value(self, q: CoefficientFunction) -> CoefficientFunction:
         """M(q)."""
-        return self.gamma * RadialLaw(Norm(q), self.beta).slope * q
+        return self.gamma * RadialLaw(q, self.beta).gradient
 
     def derivative(self, q: CoefficientFunction) -> CoefficientFunction:
         """G(q), a 2 x 2 matrix."""
-        law = RadialLaw(Norm(q), self.beta)
-        direction = q / law.size
-        M = law.slope * Id(2) + law.across * OuterProduct(direction, direction)  # (6.1)
-        return self.gamma * M
+        return self.gamma * RadialLaw(q, self.beta).curvature
 
     def quotients(self, q: CoefficientFunction, h: GridFunction) -> dict[str, float]:
         """Norms of h, and ||E(h)||_Y / ||h||_X for the pairs L2 -> L2, L6 -> L2, H1 -> H^(-1).

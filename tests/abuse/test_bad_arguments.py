@@ -33,11 +33,9 @@ from ngepc import (
     Curve,
     Direction,
     DisplacementAt,
-    DualParameters,
     DualSpaces,
     Edge,
     Fields,
-    Fractional,
     FullProduct,
     Material,
     NewtonOptions,
@@ -56,7 +54,6 @@ from ngepc import (
     Tabulated,
     Units,
     Voce,
-    augmented_lagrangian,
     calibrate,
     cold_start,
     contact_force_bracket,
@@ -199,19 +196,7 @@ USES = {
     "PrimalOptions": Use(PrimalOptions, may={"tolerance": NOTHING}),
     "Units": Use(Units),
     "DualSpaces": Use(DualSpaces),
-    **{
-        kind.__name__: Use(
-            kind,
-            {"gamma": 10.0},
-            {
-                "contact_shift": NOT_NEGATIVE | UNSEEN,
-                "plastic_shift": NOT_NEGATIVE | UNSEEN,
-                "beta_gamma": POSITIVE | UNSEEN,
-            },
-        )
-        for kind in (Coupled, DualParameters)
-    },
-    "Fractional": Use(Fractional),
+    "Coupled": Use(Coupled, {"gamma": 10.0}),
     "FullProduct": Use(FullProduct),
     "SurfaceGradient": Use(SurfaceGradient),
     "Fields": Use(
@@ -225,14 +210,7 @@ USES = {
     # solvers
     "semismooth_newton": Use(semismooth_newton, {"problem": PROBLEM, "options": QUICK}),
     "primal_newton": Use(primal_newton, {"problem": PROBLEM}),
-    "follow_path": Use(
-        follow_path, {"problem": PROBLEM, "options": SHORT_PATH}, {"parameters": CALLABLE}
-    ),
-    "augmented_lagrangian": Use(
-        augmented_lagrangian,
-        {"problem": PROBLEM, "regularisation": Coupled(10.0), "updates": 0, "options": QUICK},
-        {"updates": {"zero"}},
-    ),
+    "follow_path": Use(follow_path, {"problem": PROBLEM, "options": SHORT_PATH}),
     "duality_report": Use(duality_report, {"result": DUAL}),
     # derivatives
     "Direction": Use(Direction, {"datum": "gap"}, skip=("change",)),
@@ -378,11 +356,6 @@ def test_solver_that_returns_nonsense_is_named():
 def test_changes_that_are_no_mapping_are_named_before_the_first_step():
     with pytest.raises(TypeError, match=r"changes at time 2 are 2\.0: a mapping is needed"):
         evolve(PROBLEM, Schedule([1.0, 2.0], lambda t: {} if t < 2 else t))
-
-
-def test_parameters_of_a_path_that_are_none_are_named():
-    with pytest.raises(TypeError, match=r"parameters\(.*=5: DualParameters.* is needed"):
-        follow_path(PROBLEM, SHORT_PATH, parameters=lambda gamma: 5)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from ngsolve import GridFunction
 
-from ngepc import Coupled, lshape_problem
+from ngepc import lshape_problem
 from ngepc.discretisation.quadrature import SMOOTH, classify
 from ngepc.discretisation.spaces import plastic_dual_space
 from ngepc.dual.penalty import PlasticPenalty
@@ -15,9 +15,7 @@ VARIATION = "ngepc.discretisation.quadrature.SMOOTH_VARIATION"
 
 
 def penalty(problem, R, points=400):
-    regularisation = Coupled(1e4)
-    weights = regularisation.parameters.weights(problem, regularisation.units)
-    return PlasticPenalty(problem, weights, R, points)
+    return PlasticPenalty(problem, 1e4, R, points)
 
 
 def field(problem, values):

@@ -7,7 +7,7 @@ from ngsolve import H1, BilinearForm, Mesh, dx, grad, x
 
 from ngepc import (
     Coupled,
-    Fractional,
+    FullProduct,
     NewtonOptions,
     SurfaceGradient,
     lshape_problem,
@@ -89,7 +89,7 @@ def test_inverse_of_a_matrix_in_symmetric_storage(name):
     assert solution == pytest.approx(expected, rel=1e-12, abs=1e-14)
 
 
-@pytest.mark.parametrize("tichonov", [SurfaceGradient(), Fractional()], ids=["R2", "R1"])
+@pytest.mark.parametrize("tichonov", [SurfaceGradient(), FullProduct()], ids=["R2", "full"])
 def test_a_run_does_not_depend_on_the_direct_solver(tichonov):
     problem, regularisation = lshape_problem(lshape.paper_mesh(113)), Coupled(1e3, tichonov)
     runs = [

@@ -9,14 +9,12 @@ import pytest
 
 from ngepc import (
     Coupled,
-    DualParameters,
     DualSpaces,
     FullProduct,
     NewtonOptions,
     PathOptions,
     SolverError,
     Status,
-    SurfaceGradient,
     Units,
     follow_path,
     lshape_problem,
@@ -24,10 +22,11 @@ from ngepc import (
     wrench_problem,
 )
 from ngepc.__main__ import main
+from ngepc.dual.functional import DualFunctional
 from ngepc.dual.newton import prepared
 from ngepc.dual.system import NewtonSystem
-from ngepc.dual.widths import contact_mesh_width, mesh_width
 from ngepc.geometries import lshape, wrench
+from ngepc.path.widths import contact_mesh_width, mesh_width
 
 
 @pytest.fixture(scope="module")
@@ -203,23 +202,17 @@ def test_checkpoint_of_another_version_is_refused(problem, tmp_path, monkeypatch
 
 
 def test_path_in_other_spaces_meets_its_direct_solution(tmp_path):
-    """The Tichonov choice and the units stay; gamma and the shifts may move."""
+    """The Tichonov choice and the units stay along the path."""
     problem, file = lshape_problem(lshape.paper_mesh(113)), tmp_path / "path.npz"
     spaces = DualSpaces(tichonov=FullProduct(), units=Units(stress=2.0, length=0.5))
-
-    def parameters(gamma):
-        return DualParameters(gamma, contact_shift=1.0 / gamma)
-
-    chosen = {"spaces": spaces, "parameters": parameters}
     options = PathOptions(gamma_start=10, growth=10, gamma_end=1e3, inner_scale=1e-9)
-    path = follow_path(problem, options, **chosen).raise_for_status()
-    direct = semismooth_newton(
-        problem, regularisation=Coupled.of(spaces, parameters(1e3)), start=path.last
-    )
+    path = follow_path(problem, options, spaces=spaces).raise_for_status()
+    regularisation = Coupled(1e3, tichonov=spaces.tichonov, units=spaces.units)
+    direct = semismooth_newton(problem, regularisation=regularisation, start=path.last)
     assert path.last.regularisation == direct.regularisation
     assert path.last.dual_energy == pytest.approx(direct.dual_energy, rel=1e-10)
-    follow_path(problem, options, stop_after(2), **chosen, checkpoint=file)
-    resumed = follow_path(problem, options, **chosen, checkpoint=file)
+    follow_path(problem, options, stop_after(2), spaces=spaces, checkpoint=file)
+    resumed = follow_path(problem, options, spaces=spaces, checkpoint=file)
     assert resumed.path_values == pytest.approx(path.path_values, rel=1e-12)
     with pytest.raises(ValueError, match="problem"):
         follow_path(problem, options, checkpoint=file)
@@ -228,23 +221,20 @@ def test_path_in_other_spaces_meets_its_direct_solution(tmp_path):
 @pytest.mark.parametrize(
     "changing",
     [
-        lambda gamma: Coupled(gamma, SurfaceGradient() if gamma < 100 else FullProduct()),
-        lambda gamma: Coupled(gamma, units=Units(length=0.5 if gamma < 100 else 0.9)),
-        lambda gamma: DualParameters(gamma) if gamma < 1e4 else Coupled(gamma, FullProduct()),
+        lambda gamma: Coupled(gamma, tichonov=FullProduct()),
+        lambda gamma: Coupled(gamma, units=Units(length=0.9)),
     ],
-    ids=["product", "units", "late"],
+    ids=["product", "units"],
 )
-def test_what_fixes_the_spaces_cannot_change_along_a_path(problem, changing, monkeypatch):
-    """Such a path used to end CONVERGED with a wrong energy; now there is no work at all."""
-    monkeypatch.setattr("ngepc.path.solver.LinearBlocks", lambda *_: pytest.fail("some work"))
-    with pytest.raises(TypeError, match=r"parameters\(.*DualParameters.*spaces=DualSpaces"):
+def test_what_fixes_the_spaces_cannot_change_along_a_path(problem, changing):
+    """Such a path used to end CONVERGED with a wrong energy; no argument can ask for it now."""
+    blocks = prepared(problem, Coupled(10.0), NewtonOptions()).blocks
+    with pytest.raises(ValueError, match="tichonov and units of the blocks are needed"):
+        DualFunctional(blocks, changing(1e4), 400)
+    with pytest.raises(TypeError, match="regularisation"):
+        follow_path(problem, regularisation=changing)
+    with pytest.raises(TypeError, match="parameters"):
         follow_path(problem, parameters=changing)
-
-
-@pytest.mark.parametrize("name", ["tichonov", "units", "share"])
-def test_the_numbers_have_nothing_that_fixes_the_spaces(name):
-    with pytest.raises(TypeError, match=name):
-        DualParameters(10.0, **{name: FullProduct()})
 
 
 def test_a_system_refuses_a_functional_on_other_blocks(problem):

@@ -151,7 +151,7 @@ def test_regularised_solution_is_as_near_as_energies_allow_and_its_status_honest
     if dual.status is not Status.CONVERGED:
         assert dual.message
         return
-    unit, witness = dual.functional.residual_unit, dual_residual(dual, 25)
+    unit, witness = dual.functional.blocks.residual_unit, dual_residual(dual, 25)
     assert witness.norm < 1e-10 * unit + witness.rounding
     distance, above = distance_bound(primal_newton(problem), dual)
     assert distance <= above + 1e-8 * (abs(above) + abs(dual.dual_energy))

@@ -18,7 +18,8 @@ from ngepc.dual.blocks import primal_energy
 from ngepc.geometries import block, lshape, plate, ring, wrench
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.fields import Fields
-from ngepc.results.outcome import Result, SolverError, Status
+from ngepc.results.outcome import SolverError, Status
+from ngepc.results.result import Result
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 METHODS = ("primal", "dual")

@@ -37,6 +37,12 @@ def test_unknown_name_is_an_attribute_error():
         ngepc.Nothing  # noqa: B018
 
 
+@pytest.mark.parametrize("name", ["DualParameters", "Fractional", "augmented_lagrangian"])
+def test_names_that_are_gone_say_what_to_take(name):
+    with pytest.raises(AttributeError, match=f"no attribute '{name}', it is gone: "):
+        getattr(ngepc, name)
+
+
 def test_modules_are_attributes_without_an_import(tmp_path):
     code = "import ngepc; print(ngepc.obstacles.Sphere.__name__, ngepc.geometries.__name__)"
     assert outside(code, tmp_path) == "Sphere ngepc.geometries"

@@ -19,7 +19,7 @@ from ngepc.path.options import PathOptions
 from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
 from ngepc.primal.solver import primal_newton
-from ngepc.results.outcome import Result
+from ngepc.results.result import Result
 from ngepc.studies.examples import solved_by
 from ngepc.studies.work import Cell, Outcome, Table, Work, chosen, ending
 
