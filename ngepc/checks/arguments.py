@@ -184,7 +184,7 @@ def require_finite(
 ) -> np.ndarray:
     """Sample ``value`` and refuse NaN and infinite values; returns the samples.
 
-    With ``corners`` it must be finite at the vertices of the elements too.
+    With ``corners`` it is sampled at the vertices of the elements too.
     """
     where = "the body" if boundaries is None else "|".join(boundaries)
     try:

@@ -210,7 +210,7 @@ class LinearBlocks:
         return v
 
     def part_of(self, v: BaseVector, name: str) -> BaseVector:
-        """View of the part of a vector on H; ``v`` has to outlive it."""
+        """View of the part of a vector on H."""
         return v.Range(*self._ranges[name])
 
     def first_of(self, name: str) -> int:

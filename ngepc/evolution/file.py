@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,15 +12,13 @@ import numpy as np
 from ngsolve import GridFunction
 
 from ngepc._version import __version__
-from ngepc.checks.arguments import sample
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.spaces import displacement_space
 from ngepc.evolution.load_path import ListedSteps, Schedule
-from ngepc.model.friction import Coulomb
-from ngepc.model.places import Place, values_at
-from ngepc.model.problem import Problem, as_vector
-from ngepc.results.checkpoint import load, mesh_fingerprint, save
+from ngepc.model.problem import Problem
+from ngepc.results.checkpoint import load, save
 from ngepc.results.fields import Fields
+from ngepc.results.fingerprint import mesh_fingerprint, problem_fingerprint
 from ngepc.results.records import check_writable
 
 
@@ -130,51 +127,3 @@ class EvolutionFile:
             self._rows.append(vars(step.record) | {"fingerprint": digest})
         record = {"steps": self._rows, "pending": [list(p) for p in pending]}
         self._processes.together(partial(save, self.path, self.fingerprint, record, arrays))
-
-
-def problem_fingerprint(problem: Problem) -> str:
-    """A digest of all data of a problem but its mesh, sampled on the mesh."""
-    mesh, material, digest = problem.mesh, problem.material, hashlib.sha256()
-    names = (problem.clamped_names, problem.contact_names)
-    names += problem.contact_pairs
-    digest.update(repr((*names, problem.kinematics.name, problem.order)).encode())
-    body = [material.lame_lambda, material.lame_mu, material.effective_hardening]
-    body += [material.hardening, problem.beta, problem.p_0, *problem.alpha_0]
-    body += [] if problem.f is None else [problem.f]
-    body += [] if problem.initial_strain is None else [problem.eps_0]
-    if material.law is not None:
-        body += [problem.accumulated_0, *material.law.data]
-        digest.update(type(material.law).__qualname__.encode())
-    for value in body:
-        digest.update(sample(value, mesh).tobytes())
-    for kind in (problem.tractions, problem.gaps):
-        for name, value in sorted(kind.items()):
-            digest.update(name.encode() + sample(value, mesh, [name]).tobytes())
-    if problem.friction is not None:
-        law = problem.friction
-        value = law.coefficient if isinstance(law, Coulomb) else law
-        digest.update(b"Coulomb" if isinstance(law, Coulomb) else b"Tresca")
-        digest.update(sample(value, mesh, list(problem.touching_names)).tobytes())
-    if problem.initial_displacement is not None:
-        digest.update(sample(as_vector(problem.initial_displacement), mesh).tobytes())
-    for place, components in sorted(problem.held_components.items(), key=str):
-        digest.update(str(place).encode())
-        _digest_at(digest, problem, place, components)
-    for place, roller in sorted(problem.rollers.items(), key=str):
-        digest.update(repr((place, roller.direction)).encode())
-        _digest_at(digest, problem, place, [roller.value])
-    for place, k in sorted(problem.spring_constants.items(), key=str):
-        digest.update(f"springs {place}".encode())
-        _digest_at(digest, problem, place, k if isinstance(k, tuple | list | np.ndarray) else [k])
-    for place in problem.concentrated:
-        if place in problem.loads:
-            _digest_at(digest, problem, place, [problem.loads[place]])
-    return digest.hexdigest()
-
-
-def _digest_at(digest: object, problem: Problem, place: Place, values: Sequence) -> None:
-    """Take in coefficients, None for a free component, at the vertices of a place."""
-    for value in values:
-        digest.update(str(value is None).encode())
-        if value is not None:
-            digest.update(values_at(value, problem.mesh, place)[1].tobytes())

@@ -21,7 +21,7 @@ def error_indicators(result: ExactResult) -> GridFunction:
     """An estimate of the part of each element in the energy error (force times length).
 
     An indicator for elements of every shape: it guarantees nothing, ``error_bound`` does.  Where
-    processes share the mesh each has those of its own elements, and all must call this.
+    processes share the mesh each has those of its own elements: a collective call.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ class MeshPart(Mesh):
 
 
 def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
-    """Give each process a part of a mesh; all of them must call this.
+    """Give each process a part of a mesh: a collective call.
 
     Parameters
     ----------

@@ -148,12 +148,12 @@ class Roller:
 
 
 def places(argument: str, key: object, mesh: Mesh) -> tuple[Place, ...]:
-    """The single places of a key: 'a|b' are two boundaries; points and edges must exist.
+    """The single places of a key: 'a|b' are two boundaries.
 
     Raises
     ------
     TypeError, ValueError
-        If it is none, naming the ``argument``.
+        If it is none, or not on the mesh, naming the ``argument``.
     """
     if not isinstance(key, Point | Edge):
         return boundary_names(argument, key, mesh)

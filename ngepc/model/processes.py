@@ -3,8 +3,8 @@
 Each process has some of the elements and the nodes on them; nodes between two parts are on both.
 Nodal arrays, displacements and forces alike, have the same values on all processes that have a
 node, so that whatever is local to a node or an element is computed as on one process.  What is left
-are sums: over the elements of a node (``summed``), over the body (``total``, ``dot``).  All
-processes must call these, in the same order.
+are sums: over the elements of a node (``summed``), over the body (``total``, ``dot``).  These are
+collective calls.
 """
 
 from __future__ import annotations

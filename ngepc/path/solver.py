@@ -82,15 +82,15 @@ def follow_path(
     watchers = {"monitor": monitor, "newton_monitor": newton_monitor, "observer": observer}
     for name, watcher in watchers.items():
         require_function(name, watcher, "what it is shown", optional=True)
+    store = PathStore(checkpoint, problem, options, spaces, start)
     walk = _Walk(problem, options, spaces)
-    store = PathStore(checkpoint, options, walk.functional, start)
     state = store.load(walk.blocks)
     if state is None:
         state = PathState([], carried_over(start, walk.functional), [])
-    return followed(walk, store, state, newton_monitor, (observer, monitor))
+    return _followed(walk, store, state, newton_monitor, (observer, monitor))
 
 
-def followed(
+def _followed(
     walk: _Walk,
     store: PathStore,
     state: PathState,

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ngsolve import Integrate
 from ngsolve.la import BaseVector
 
 from ngepc._version import __version__
@@ -18,9 +15,11 @@ from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import Iterate
 from ngepc.dual.result import DualResult
-from ngepc.model.problem import as_scalar
+from ngepc.dual.spaces import DualSpaces
+from ngepc.model.problem import Problem
 from ngepc.results import checkpoint
 from ngepc.results.files import check_writable
+from ngepc.results.fingerprint import mesh_fingerprint, problem_fingerprint
 from ngepc.results.outcome import History, IterationRecord, Status
 
 LIMITS = ("max_outer_iterations", "max_iterations")
@@ -110,34 +109,41 @@ def relative_change(steps: list[PathStep], value: float) -> float | None:
 
 
 class PathStore:
-    """The checkpoint of a path.
+    """The checkpoint of a path, or none.
 
     Parameters
     ----------
     path
         File name, None to keep nothing.
-    options
-        Those of the path; everything in them but limits belongs to the fingerprint.
-    functional
-        J*_gamma for the first gamma: two of its values stand for the data of the problem.
-    start
-        The start of the path.
+    problem, options, spaces, start
+        The work that it belongs to; limits in the options do not.
     """
 
     def __init__(
         self,
         path: Path | str | None,
+        problem: Problem,
         options: Any,
-        functional: DualFunctional,
+        spaces: DualSpaces,
         start: DualResult | None,
     ) -> None:
         self._path = None if path is None else require_path("checkpoint", path)
-        self._fingerprint: Mapping = {}
-        if self._path is not None:
-            if not self._path.parent.is_dir():
-                raise FileNotFoundError(f"checkpoint {self._path}: there is no such folder")
-            check_writable(self._path)
-            self._fingerprint = fingerprint(options, functional, start)
+        if self._path is None:
+            return
+        if not self._path.parent.is_dir():
+            raise FileNotFoundError(f"checkpoint {self._path}: there is no such folder")
+        check_writable(self._path)
+        kept = {k: v for k, v in asdict(options).items() if k not in LIMITS}
+        kept["newton"] = {k: v for k, v in kept["newton"].items() if k not in LIMITS}
+        self._fingerprint = {
+            "kind": "path",
+            "version": __version__,
+            "mesh": mesh_fingerprint(problem.mesh),
+            "problem": problem_fingerprint(problem),
+            "spaces": repr(spaces),
+            "start": None if start is None else checkpoint.contents_digest(arrays_of(start.v)),
+            **kept,
+        }
 
     def load(self, blocks: LinearBlocks) -> PathState | None:
         """The state on disk, None if there is none.
@@ -147,9 +153,7 @@ class PathStore:
         ValueError
             If the file is damaged or belongs to other work.
         """
-        if self._path is None:
-            return None
-        saved = checkpoint.load(self._path, self._fingerprint)
+        saved = None if self._path is None else checkpoint.load(self._path, self._fingerprint)
         if saved is None:
             return None
         try:
@@ -167,43 +171,14 @@ class PathStore:
 
     def save(self, state: PathState) -> None:
         """Write the state, whole or not at all."""
-        if self._path is None:
-            return
-        record = {
-            "steps": [{**asdict(s), "status": s.status.name} for s in state.steps],
-            "history": [record.as_row() for record in state.history],
-        }
-        arrays = {"v": np.array(state.v.FV().NumPy())}
-        checkpoint.save(self._path, self._fingerprint, record, arrays)
+        if self._path is not None:
+            record = {
+                "steps": [{**asdict(s), "status": s.status.name} for s in state.steps],
+                "history": [record.as_row() for record in state.history],
+            }
+            checkpoint.save(self._path, self._fingerprint, record, arrays_of(state.v))
 
 
-def fingerprint(options: Any, functional: DualFunctional, start: DualResult | None) -> dict:
-    """What must agree for a path to be continued."""
-    kept = {k: v for k, v in asdict(options).items() if k not in LIMITS}
-    kept["newton"] = {k: v for k, v in kept["newton"].items() if k not in LIMITS}
-    digest = None
-    if start is not None:
-        digest = hashlib.sha256(np.array(start.v.FV().NumPy()).tobytes()).hexdigest()
-    return {
-        "kind": "path",
-        "version": __version__,
-        "mesh": checkpoint.mesh_fingerprint(functional.blocks.problem.mesh),
-        "problem": probes(functional),
-        "start": digest,
-        **kept,
-    }
-
-
-def probes(functional: DualFunctional) -> list[str]:
-    """J*_gamma at 0 and at a wavy v beyond the yield bound, to nine digits."""
-    problem = functional.blocks.problem
-    area = Integrate(1.0, problem.mesh)
-    mean_bound = Integrate(as_scalar(problem.beta), problem.mesh) / area
-    v = functional.blocks.H_vector()
-    free = np.array(functional.blocks.H.FreeDofs(), dtype=float)
-    wavy = 2 * mean_bound * np.sin(1.0 + np.arange(len(free))) * free
-    values = []
-    for coefficients in (0 * free, wavy):
-        v.FV().NumPy()[:] = coefficients
-        values.append(f"{Iterate.at(functional, v).energy:.8e}")
-    return values
+def arrays_of(v: BaseVector) -> dict[str, np.ndarray]:
+    """What a checkpoint keeps of a dual variable."""
+    return {"v": np.array(v.FV().NumPy())}

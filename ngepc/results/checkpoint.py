@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from ngsolve import Mesh
 
 from ngepc.results.files import replace_contents
 
@@ -28,15 +27,6 @@ class Checkpoint:
 
     record: dict
     arrays: dict[str, np.ndarray]
-
-
-def mesh_fingerprint(mesh: Mesh) -> str:
-    """A digest of the vertices and elements of a mesh."""
-    netgen_mesh = mesh.ngmesh
-    elements = netgen_mesh.Elements2D() if mesh.dim == 2 else netgen_mesh.Elements3D()
-    digest = hashlib.sha256(np.ascontiguousarray(netgen_mesh.Coordinates()).tobytes())
-    digest.update(np.ascontiguousarray(elements.NumPy()["nodes"]).tobytes())
-    return digest.hexdigest()
 
 
 def save(path: Path, fingerprint: Mapping, record: Mapping, arrays: Mapping) -> None:

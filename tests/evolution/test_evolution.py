@@ -377,10 +377,10 @@ def test_schedules_check_their_times():
 
 def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():
     from ngepc import semismooth_newton
-    from ngepc.evolution.file import problem_fingerprint
     from ngepc.evolution.solver import cold_start
     from ngepc.geometries import lshape
     from ngepc.model.examples import lshape_problem
+    from ngepc.results.fingerprint import problem_fingerprint
 
     names = {cold_start(semismooth_newton, gamma=g).__qualname__ for g in (1e3, 1e4)}
     assert len(names) == 2

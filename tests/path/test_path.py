@@ -214,7 +214,7 @@ def test_path_in_other_spaces_meets_its_direct_solution(tmp_path):
     follow_path(problem, options, stop_after(2), spaces=spaces, checkpoint=file)
     resumed = follow_path(problem, options, spaces=spaces, checkpoint=file)
     assert resumed.path_values == pytest.approx(path.path_values, rel=1e-12)
-    with pytest.raises(ValueError, match="problem"):
+    with pytest.raises(ValueError, match="spaces"):
         follow_path(problem, options, checkpoint=file)
 
 
