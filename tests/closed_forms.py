@@ -30,7 +30,7 @@ class Law:
         if regularisation is None:
             return cls(problem.beta, problem.material.effective_hardening)
         h = problem.material.effective_hardening
-        weights = regularisation.parameters.weights(problem, regularisation.units)
+        weights = regularisation.weights
         tau = weights.tichonov * regularisation.units.length**2
         return cls(problem.beta, h, weights.plastic, 1 / tau)
 

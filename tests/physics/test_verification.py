@@ -148,7 +148,7 @@ def test_column_and_obstacle(regularisation, push):
 
     def imbalance(e):
         sigma = stress(e)
-        weights = R.parameters.weights(problem, R.units)
+        weights = R.weights
         softness = 1 / (weights.tichonov * R.units.length)
         return e / 2 + push + weights.contact * max(sigma, 0.0) + softness * sigma
 
