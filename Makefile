@@ -1,6 +1,8 @@
 # make demo: the main job, Example (a) over a family of meshes.
 # make check: the quick tests, while one works.   make test: all tests.   make coverage: what they
 # run of the package, in out/coverage.   make lint: style.
+# make campaigns: random problems and extreme data by all methods, minutes, results/fuzz.* and
+# results/robustness.*.
 # make test-petsc: the tests of large bodies once more, with Debian's PETSc.
 # make docs: this project's site in out/docs.   make benchmark: what a Newton step costs,
 # make benchmark-pieces: its pieces.
@@ -25,7 +27,7 @@ export MPLBACKEND := Agg
 export NGS_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo check test test-petsc coverage lint docs benchmark benchmark-pieces clean
+.PHONY: demo check test campaigns test-petsc coverage lint docs benchmark benchmark-pieces clean
 
 demo: $(VENV)/.run
 	$(BIN)/ngepc study table1 --levels $(LEVELS) --rows $(ROWS) --figures --out $(OUT)
@@ -39,6 +41,10 @@ test: $(VENV)/.test
 coverage: $(VENV)/.test
 	$(BIN)/python -m pytest $(PARALLEL) -m "not notebooks" --cov \
 	  --cov-report=term:skip-covered --cov-report=html:out/coverage
+
+campaigns: $(VENV)/.test
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results fuzz --count 100 --seed 1
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results robustness
 
 test-petsc: $(PETSC_VENV)/.test
 	PETSC_DIR=$(PETSC_DIR) NGEPC_NEEDS_PETSC=1 $(PETSC_VENV)/bin/python -m pytest tests/local

@@ -101,7 +101,6 @@ class Study:
 LEVELS = {"levels": (count, "meshes of the family, from the coarsest; default 3")}
 NODES = {"lshape_nodes": (count, "mesh of Example (a)"), "wrench_nodes": (count, "of Example (b)")}
 FIGURES = {"figures": (None, "pictures, too")}
-COUNT = {"count": (count, "problems, default 200")}
 NAMES = {"rows": (words, "names of rows separated by commas; default all")}
 COUNTS = {
     **LEVELS,
@@ -172,25 +171,12 @@ STUDIES = {
         "a large body shared by processes: the same steps, time and memory of each",
         "processes:Processes",
         {**LEVELS, "counts": (counts, "numbers of processes, default 1,2,4,8")},
-        success=bool,
-    ),
-    "fuzz": Study(
-        "random problems by two methods, judged",
-        "verification.fuzz:Fuzz",
-        {**COUNT, "seed": (count, "of the sequence, default 1")},
-        success=nothing_to_complain,
     ),
     "derivatives": Study(
         "gradients of random problems beside differences, Taylor slopes, the envelope theorem",
-        "verification.derivatives:Derivatives",
-        COUNT,
+        "derivatives:Derivatives",
+        {"count": (count, "problems, default 200")},
         success=in_agreement,
-    ),
-    "robustness": Study(
-        "data at their extremes: iterations and statuses of all methods",
-        "verification.robustness:Robustness",
-        {**NAMES, "limit": (count, "most Newton steps, default 200")},
-        success=bool,
     ),
 }
 """Name -> study."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from matplotlib.figure import Figure
 
@@ -14,7 +14,7 @@ from ngepc.pictures.style import save_figure, styled
 from ngepc.results.result import Result
 from ngepc.studies import contact_problems, solid_problems
 from ngepc.studies.solid_problems import Quantity, Solved
-from ngepc.studies.work import Cell, Outcome, Table, Work
+from ngepc.studies.work import Cell, Table, Work, chosen
 
 
 @dataclass(frozen=True)
@@ -118,11 +118,6 @@ BENCHMARKS = {
 }
 """Name -> problem, in the order of the table."""
 
-HEAD = (
-    *("problem", "quantity", "reference", "type", "ours", "difference", "tolerance"),
-    *("elements", "unknowns", "seconds"),
-)
-
 
 @dataclass(eq=False)
 class Benchmarks(Work):
@@ -139,31 +134,34 @@ class Benchmarks(Work):
     rows: Sequence[str] | None = None
     figures: bool = False
 
-    name, title, head = "benchmarks", "Published problems", HEAD
+    name, title = "benchmarks", "Published problems"
+
+    def __post_init__(self) -> None:
+        self.rows = chosen(BENCHMARKS, self.rows)
 
     def cells(self) -> list[Cell]:
         """One for each problem."""
-        return [Cell(name) for name in (self.rows or BENCHMARKS)]
+        return [Cell(name) for name in self.rows]
 
-    def solve(self, cell: Cell) -> Outcome:
+    def solve(self, cell: Cell) -> dict:
         """Solve a problem; its numbers, the size of its mesh, processor time."""
         benchmark, begin = BENCHMARKS[cell.row], time.process_time()
         result, quantities = benchmark.solve()
         seconds = time.process_time() - begin
         last = result.steps[-1].fields if isinstance(result, Evolution) else result
-        record = {
+        if self.figures:
+            file = "".join(c if c.isalnum() else "_" for c in cell.row.lower())
+            figure = picture(result, benchmark, cell.row)
+            save_figure(figure, self.folder / f"benchmark_{file}.png")
+        return {
             "problem": cell.row,
             "source": benchmark.source,
-            "quantities": [dict(q._asdict()) for q in quantities],
+            "quantities": [q._asdict() for q in quantities],
             "elements": last.problem.mesh.ne,
             "unknowns": last.displacement.space.ndof,
             "cpu_s": seconds,
             "complaints": [q.name for q in quantities if not (q.holds or benchmark.remark)],
         }
-        if self.figures:
-            figure = picture(result, benchmark, cell.row)
-            save_figure(figure, self.folder / f"benchmark_{file_name(cell.row)}.png")
-        return Outcome(record)
 
     def line(self, record: dict) -> str:
         """The largest difference, as a part of its tolerance."""
@@ -172,27 +170,45 @@ class Benchmarks(Work):
 
     def table(self, records: Sequence[dict]) -> Table:
         """A row for each quantity."""
-        rows = [
-            rows_of(record, number, q)
-            for record in records
-            for number, q in enumerate(quantities_of(record))
-        ]
-        return Table(
-            name=self.name,
-            title=self.title,
-            head=HEAD,
-            rows=rows,
-            notes=self.notes(records),
-            cells=records,
-        )
+        rows = [row for record in records for row in rows_of(record)]
+        return replace(super().table(records), head=HEAD, rows=rows)
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What the types are, then the remarks."""
-        said = ["P published, C closed form, O own computation; seconds of one processor.", ""]
-        for record in records:
-            remark = BENCHMARKS[record["problem"]].remark
-            said += [f"- {record['problem']}: {remark}"] if remark else []
-        return said
+        remarks = {r["problem"]: BENCHMARKS[r["problem"]].remark for r in records}
+        said = [f"- {problem}: {remark}" for problem, remark in remarks.items() if remark]
+        return [
+            "P published, C closed form, O own computation; seconds of one processor.",
+            "",
+            *said,
+        ]
+
+
+HEAD = (
+    *("problem", "quantity", "reference", "type", "ours", "difference", "tolerance"),
+    *("elements", "unknowns", "seconds"),
+)
+
+
+def rows_of(record: dict) -> list[list[object]]:
+    """The rows of a problem; what belongs to the whole of it stands in the first one."""
+    about = f"{record['problem']} ({record['source']})"
+    costs = (record["elements"], record["unknowns"], f"{record['cpu_s']:.1f}")
+    return [
+        [
+            about if number == 0 else "",
+            *(q.name, f"{q.reference:.6g}", q.kind, f"{q.ours:.6g}"),
+            f"{100 * q.difference:+.2f} %{'' if q.holds else ' (beyond)'}",
+            f"{100 * q.tolerance:.3g} %",
+            *(costs if number == 0 else ("", "", "")),
+        ]
+        for number, q in enumerate(quantities_of(record))
+    ]
+
+
+def quantities_of(record: dict) -> list[Quantity]:
+    """The quantities of a record."""
+    return [Quantity(**q) for q in record["quantities"]]
 
 
 @styled
@@ -214,26 +230,3 @@ def picture(result: Evolution | Result, benchmark: Benchmark, title: str) -> Fig
     axes.set_xlim(max(axes.get_xlim()[0], -half), min(axes.get_xlim()[1], half))
     axes.set_ylim(max(axes.get_ylim()[0], -half), min(axes.get_ylim()[1], half))
     return figure
-
-
-def rows_of(record: dict, number: int, q: Quantity) -> list[object]:
-    """The row of a quantity; what belongs to the problem stands in its first row."""
-    about = [f"{record['problem']} ({record['source']})"]
-    costs = [record["elements"], record["unknowns"], f"{record['cpu_s']:.1f}"]
-    return [
-        *(about if number == 0 else [""]),
-        *(q.name, f"{q.reference:.6g}", q.kind, f"{q.ours:.6g}"),
-        f"{100 * q.difference:+.2f} %{'' if q.holds else ' (beyond)'}",
-        f"{100 * q.tolerance:.3g} %",
-        *(costs if number == 0 else [""] * 3),
-    ]
-
-
-def quantities_of(record: dict) -> list[Quantity]:
-    """The quantities of a record."""
-    return [Quantity(**q) for q in record["quantities"]]
-
-
-def file_name(problem: str) -> str:
-    """The name of a problem without signs that files do not like."""
-    return "".join(c if c.isalnum() else "_" for c in problem.lower())

@@ -38,7 +38,7 @@ from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord
 from ngepc.results.result import Result
 from ngepc.studies.examples import example, solved_by
-from ngepc.studies.work import Cell, Outcome, Work, chosen, first_of
+from ngepc.studies.work import Cell, Entry, Work, chosen, first_of, steps
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
 """Meshes of Example (a): the paper's from 1601 on, and the next two bisections."""
@@ -46,19 +46,6 @@ ORDER_2 = "order 2"
 MODES = ("default", ORDER_2, "primal", "1e4")
 """The default method, with displacements of order 2 too (a fourth of the nodes), the primal one,
 all cold; the paper's at gamma = 1e4 from 417 nodes."""
-HEAD = {
-    "mode": "method",
-    "nodes": "nodes",
-    "iterations": "Newton steps",
-    "solve_seconds": "whole solve (s)",
-    "elastic_seconds": "elastic solve (s)",
-    "step_seconds": "step (s)",
-    "step_ratio": "step / elastic: median",
-    "largest_ratio": "largest",
-    "setup_ratio": "set-up / elastic",
-    "peak_megabytes": "peak memory (MB)",
-    "load_average": "load average",
-}
 NOTE = (
     "Example (a), tolerance 1e-10. Times are processor times of one thread, medians over a run; "
     "every step is compared with the linear-elastic solves (assembly, sparsecholesky, solution) "
@@ -130,7 +117,7 @@ def measure(mode: str, nodes: int) -> dict:
 
 
 def numbers(result: Result, clock: StepClock) -> dict:
-    """What a run and its clock tell, for the columns of ``HEAD``."""
+    """What a run and its clock tell."""
     setup, *ratios = clock.ratios
     return {
         "status": result.status.label,
@@ -163,6 +150,14 @@ def growth(cells: Sequence[dict]) -> float:
     return float(np.polyfit(np.log(nodes), np.log(seconds), 1)[0])
 
 
+def _digits(key: str) -> Entry:
+    def entry(record: dict) -> str:
+        value = record[key]
+        return "" if value is None else f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"
+
+    return entry
+
+
 @dataclass(eq=False)
 class Cost(Work):
     """The study; nothing is kept, every run measures anew.
@@ -178,49 +173,43 @@ class Cost(Work):
     levels: int = 3
     modes: Sequence[str] | None = None
 
-    name, title, head = "cost", "What a solve costs", tuple(HEAD.values())
+    name, title, keeps = "cost", "What a solve costs", False
+    columns = (
+        ("method", "{mode}"),
+        ("nodes", "{nodes}"),
+        ("Newton steps", steps),
+        ("whole solve (s)", _digits("solve_seconds")),
+        ("elastic solve (s)", _digits("elastic_seconds")),
+        ("step (s)", _digits("step_seconds")),
+        ("step / elastic: median", _digits("step_ratio")),
+        ("largest", _digits("largest_ratio")),
+        ("set-up / elastic", _digits("setup_ratio")),
+        ("peak memory (MB)", _digits("peak_megabytes")),
+        ("load average", _digits("load_average")),
+    )
 
     def __post_init__(self) -> None:
-        self.modes, _ = chosen(dict.fromkeys(MODES), self.modes), first_of(NODES, self.levels)
+        self.modes, _ = chosen(MODES, self.modes), first_of(NODES, self.levels)
 
     def cells(self) -> list[Cell]:
         """The meshes of each method."""
         levels = {m: max(1, self.levels - 2) if m == ORDER_2 else self.levels for m in self.modes}
         return [Cell(mode, n) for mode in self.modes for n in NODES[: levels[mode]]]
 
-    def kept(self, cell: Cell) -> Outcome:
+    def solve(self, cell: Cell) -> dict:
         """A measurement in a new process."""
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
             found = pool.submit(measure, cell.row, cell.nodes).result()
-        return Outcome({"mode": cell.row, "nodes": cell.nodes, **found})
-
-    solve = kept
-
-    def line(self, r: dict) -> str:
-        """Counts and ratios."""
-        return (
-            f"{r['mode']:8s} {r['nodes']:6d} nodes: {r['iterations']} steps, {r['status']}, "
-            f"{r['solve_seconds']:.2f} s; a step costs {r['step_ratio']:.2f} elastic solves"
-        )
-
-    def row(self, record: dict) -> list[str]:
-        """Three digits."""
-        return [_text(record[key]) for key in HEAD]
+        return {"mode": cell.row, "nodes": cell.nodes, **found}
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """How it was measured, growth, and the part of the primal method's time."""
         grown = [
             f"Time per step grows like nodes^{growth(cells):.2f} ({mode})."
-            for mode, cells in by_mode(records).items()
-            if len(cells) > 1
+            for mode in dict.fromkeys(r["mode"] for r in records)
+            if len(cells := [r for r in records if r["mode"] == mode]) > 1
         ]
         return [NOTE, *grown, *_beside_primal(records)]
-
-
-def by_mode(table: Sequence[dict]) -> dict[str, list[dict]]:
-    """Mode -> its cells."""
-    present = dict.fromkeys(cell["mode"] for cell in table)
-    return {mode: [c for c in table if c["mode"] == mode] for mode in present}
 
 
 def _beside_primal(table: Sequence[dict]) -> list[str]:
@@ -230,9 +219,3 @@ def _beside_primal(table: Sequence[dict]) -> list[str]:
         for (mode, nodes), primal in seconds.items()
         if mode == "primal" and ("default", nodes) in seconds
     ]
-
-
-def _text(value: object) -> str:
-    if isinstance(value, float):
-        return f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"
-    return "" if value is None else str(value)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -25,7 +25,7 @@ from ngepc.results import records as texts
 from ngepc.results.result import Result
 from ngepc.studies.examples import BODIES, FAMILIES, THRESHOLDS, TITLES, example, solved_by
 from ngepc.studies.paper import TABLE_1, TABLE_2
-from ngepc.studies.work import Cell, Outcome, Table, Work, chosen, ending, first_of
+from ngepc.studies.work import Cell, Table, Work, chosen, ending, first_of, pivoted
 
 OWN_ROWS = ("default", "default*", "primal", "primal*")
 ALWAYS_ONE_STEP = 1e2
@@ -67,26 +67,22 @@ class CountTable(Work):
     paper: ClassVar[Mapping[str, Sequence[int]]]
     about: ClassVar[str]
 
+    settings, internal = ("tolerance",), ("history",)
+
     def __post_init__(self) -> None:
         self.family = FAMILIES[self.body]
         self.nodes = self.nodes or first_of(self.family, self.levels)
-        known = dict.fromkeys([*self.paper, *OWN_ROWS])
-        self.rows = chosen(known, self.rows or (*self.paper, "default"))
+        self.rows = chosen([*self.paper, *OWN_ROWS], self.rows or [*self.paper, "default"])
         self.options = NewtonOptions(tolerance=self.tolerance, max_iterations=2000)
         self._results: dict[Cell, Result] = {}
-
-    def settings(self) -> dict:
-        """Tolerance and quadrature."""
-        points = self.options.quadrature_points
-        return {"tolerance": self.tolerance, "quadrature_points": points}
 
     def cells(self) -> list[Cell]:
         """All rows on one mesh after the other."""
         return [Cell(row, nodes) for nodes in self.nodes for row in self.rows]
 
-    def line(self, r: dict) -> str:
+    def line(self, record: dict) -> str:
         """The count beside the paper's."""
-        return f"{r['row']:>8} nodes {r['nodes']:>5}: {entry(r)} steps, {r['status']}"
+        return f"{record['row']:>8} nodes {record['nodes']:>5}: {entry(record)} steps"
 
     def result(self, cell: Cell) -> Result:
         """A cell with all its fields: the paper's method from its dual variable, others again."""
@@ -110,43 +106,40 @@ class CountTable(Work):
             return None
         return self.paper[cell.row][self.family.index(cell.nodes)]
 
-    def rows_of(self, table: Sequence[dict]) -> list[list[str]]:
-        """The entries, row by row with its label in front."""
-        found = {(r["row"], r["nodes"]): entry(r) for r in table}
-        return [[row, *(found.get((row, n), "") for n in self.nodes)] for row in self.rows]
-
     def table(self, records: Sequence[dict]) -> Table:
         """Rows over meshes."""
-        return Table(
-            name=self.name,
+        found = pivoted(records, lambda r: r["row"], "nodes", entry)
+        return replace(
+            super().table(records),
             title=f"Table {self.name[-1]}",
             head=["gamma", *(f"{n} nodes" for n in self.nodes)],
-            rows=self.rows_of(records),
-            notes=[
-                f"Newton steps for {TITLES[self.body]}, ours (the paper's in parentheses). "
-                f"{self.about} Rows 'default' are the default method and 'primal' the primal one, "
-                f"cold or with * nested. Tolerance {self.tolerance:g}, "
-                f"{self.options.quadrature_points} quadrature points per triangle for the paper's "
-                "rows."
-            ],
-            cells=[{key: r[key] for key in r if key != "history"} for r in records],
+            rows=[[row, *(found.get(row, {}).get(n, "") for n in self.nodes)] for row in self.rows],
         )
 
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write the table, and pictures and a page if they were asked for; returns the paths."""
-        written = super().write(table)
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """What is counted."""
+        return [
+            f"Newton steps for {TITLES[self.body]}, ours (the paper's in parentheses). "
+            f"{self.about} Rows 'default' are the default method and 'primal' the primal one, "
+            f"cold or with * nested. Tolerance {self.tolerance:g}, "
+            f"{self.options.quadrature_points} quadrature points per triangle for the paper's "
+            "rows."
+        ]
+
+    def draw(self, records: Sequence[dict]) -> list[Path]:
+        """Pictures and a page, if they were asked for."""
         if not self.figures:
-            return written
+            return []
         cell = last_cell(self)
         about = standard_figures(self.result(cell), THRESHOLDS[self.body])
         about |= regularised_beside(self, cell)
         figures = {f"{self.body}_{name}": figure for name, figure in about.items()}
-        figures[f"{self.name}_steps"] = counts_figure(self, table)
+        figures[f"{self.name}_steps"] = counts_figure(self, records)
         figures[f"{self.name}_residuals"] = residuals_figure(self, cell.row)
-        written += [save_figure(f, self.folder / f"{name}.png") for name, f in figures.items()]
-        return [*written, write_page(self, table, self.folder / f"{self.body}.html")]
+        drawn = [save_figure(f, self.folder / f"{name}.png") for name, f in figures.items()]
+        return [*drawn, write_page(self, records, self.folder / f"{self.body}.html")]
 
-    def solve(self, cell: Cell) -> Outcome:
+    def solve(self, cell: Cell) -> dict:
         """Solve, and keep the dual variable of the paper's method."""
         result = self._results[cell] = self._solved(cell)
         names = ("iterations", "primal_energy", "dual_energy", "residual_norm")
@@ -160,7 +153,7 @@ class CountTable(Work):
             "history": result.history.as_rows(),
         }
         own = math.isinf(gamma_of(cell.row))
-        return Outcome(record, {} if own else {"v": result.v.FV().NumPy().copy()})
+        return record if own else record | {"v": result.v.FV().NumPy().copy()}
 
     def _solved(self, cell: Cell) -> Result:
         start = self.start_of(cell)
@@ -168,10 +161,9 @@ class CountTable(Work):
         return solved_by(cell.row.rstrip("*"), example(self.body, cell.nodes), begin, self.options)
 
     def _restored(self, cell: Cell, gamma: float) -> Result:
-        outcome = self.kept(cell)
-        problem, record = example(self.body, cell.nodes), outcome.record
-        run = record["status"], record["history"]
-        return restore(problem, gamma, outcome.arrays["v"], self.options, *run)
+        (kept,) = self.kept(cell)
+        run = kept["status"], kept["history"]
+        return restore(example(self.body, cell.nodes), gamma, kept["v"], self.options, *run)
 
 
 class Table1(CountTable):
@@ -270,8 +262,8 @@ def write_page(study: CountTable, table: Sequence[dict], path: Path) -> Path:
     """Write an HTML page of the counts, the curves and the last solution; returns its path."""
     cell = last_cell(study)
     result = study.result(cell)
-    head = ["gamma", *(f"{n} nodes" for n in study.nodes)]
-    counts = [dict(zip(head, row, strict=True)) for row in study.rows_of(table)]
+    written = study.table(table)
+    counts = [dict(zip(written.head, row, strict=True)) for row in written.rows]
     about = (
         "Ours, and in parentheses the paper's. Rows named `default` are the default method, "
         "which solves the problem itself instead of a regularised one."

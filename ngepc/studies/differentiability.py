@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ngepc.studies.examples import FAMILIES, example
-from ngepc.studies.work import Cell, Outcome, Table, Work
+from ngepc.studies.work import Cell, Table, Work
 from ngepc.theory.differentiability import counts_without_tichonov, difference_quotients
 
 COARSER = (113, 225, 417)
 
+QUOTIENTS = "||M(q+h) - M(q) - G(q+h) h|| / ||h||"
 
 TABLES = {
     "differentiability": (
         "Difference quotients of Definition 6.1",
-        "||M(q+h) - M(q) - G(q+h) h|| / ||h|| for directions h on shrinking discs: it tends to "
-        "zero between spaces with a norm gap and does not from L2 to L2, "
-        "docs/differentiability.md.",
+        f"{QUOTIENTS} for directions h on shrinking discs: it tends to zero between spaces with a "
+        "norm gap and does not from L2 to L2, docs/differentiability.md.",
     ),
     "without_tichonov": (
         "Newton steps with and without the Tichonov term",
@@ -44,44 +44,33 @@ class Differentiability(Work):
     nodes: int = 1601
     gamma: float = 1e4
 
-    name = "differentiability"
+    name, keeps = "differentiability", False
 
     def __post_init__(self) -> None:
         example("lshape", self.nodes)
 
     def cells(self) -> list[Cell]:
-        """The meshes of the counts."""
-        return [Cell("counts", n) for n in (*COARSER, *FAMILIES["lshape"]) if n <= self.nodes]
+        """The quotients, then the meshes of the counts."""
+        meshes = [n for n in (*COARSER, *FAMILIES["lshape"]) if n <= self.nodes]
+        return [Cell("quotients"), *(Cell("counts", n) for n in meshes)]
 
-    def kept(self, cell: Cell) -> Outcome:
-        """Counts with and without the Tichonov term."""
-        problem = example("lshape", cell.nodes)
-        (record,) = counts_without_tichonov([problem], self.gamma)
-        return Outcome(record)
+    def solve(self, cell: Cell) -> list[dict]:
+        """All quotients, or the counts with and without the Tichonov term."""
+        if cell.row == "quotients":
+            return difference_quotients(self.levels)
+        return counts_without_tichonov([example("lshape", cell.nodes)], self.gamma)
 
-    solve = kept
-
-    def line(self, record: dict) -> str:
-        """The counts."""
-        return ", ".join(f"{key} {_text(value)}" for key, value in record.items())
-
-    def run(self) -> list[dict]:
-        """The quotients, then the counts."""
-        return [*difference_quotients(self.levels), *super().run()]
-
-    def table(self, records: Sequence[dict]) -> Table:
-        """Of the quotients, or of the counts."""
-        name = "without_tichonov" if "nodes" in records[0] else self.name
-        title, note = TABLES[name]
-        rows = [[_text(v) for v in row.values()] for row in records]
-        head = list(records[0])
-        return Table(name=name, title=title, head=head, rows=rows, notes=[note], cells=records)
+    def row(self, record: dict) -> list[str]:
+        """Three digits."""
+        return [f"{v:.3g}" if isinstance(v, float) else str(v) for v in record.values()]
 
     def write(self, table: Sequence[dict]) -> list[Path]:
         """Write differentiability.* and without_tichonov.*; returns their paths."""
-        quotients = super().write([row for row in table if "nodes" not in row])
-        return quotients + super().write([row for row in table if "nodes" in row])
-
-
-def _text(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+        quotients = [row for row in table if "nodes" not in row]
+        counts = [row for row in table if "nodes" in row]
+        written = []
+        for (name, (title, note)), part in zip(TABLES.items(), (quotients, counts), strict=True):
+            head, rows = list(part[0]), list(map(self.row, part))
+            whole = Table(name=name, title=title, head=head, rows=rows, notes=[note], cells=part)
+            written += whole.write(self.folder)
+        return written

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
 from ngepc.studies.examples import example
-from ngepc.studies.work import Cell, Outcome, Work
+from ngepc.studies.work import Cell, Work
 from ngepc.theory.duality import duality_report
 
 COLUMNS = {
@@ -24,7 +23,7 @@ COLUMNS = {
     "stress_deviation": "(3.8)",
     "yield_deviation": "(3.9)",
 }
-"""Field of DualityReport -> column."""
+"""Field of DualityReport -> head."""
 
 NOTE = (
     "The five columns after J + J* add up to it. M1, M2, T vanish with 1/gamma (Theorem 4.2); "
@@ -51,24 +50,26 @@ class Duality(Work):
     wrench_nodes: int = 873
     gamma_end: float = 1e6
 
-    name, title = "duality", "Duality"
-    head = ("example", "nodes", "gamma", *COLUMNS.values())
+    name, title, note = "duality", "Duality", NOTE
+    settings = ("gamma_end",)
+    columns = (
+        ("example", "{example}"),
+        ("nodes", "{nodes}"),
+        ("gamma", "{gamma:.3g}"),
+        *((head, f"{{{part}:.3g}}") for part, head in COLUMNS.items()),
+    )
 
     def __post_init__(self) -> None:
         self.options = PathOptions(growth=10.0, gamma_end=self.gamma_end, inner_scale=1e-8)
         for cell in self.cells():
             example(cell.row, cell.nodes)
 
-    def settings(self) -> dict:
-        """The end of the paths."""
-        return {"gamma_end": self.gamma_end}
-
     def cells(self) -> list[Cell]:
         """A path for each example."""
         return [Cell("lshape", self.lshape_nodes), Cell("wrench", self.wrench_nodes)]
 
-    def solve(self, cell: Cell) -> Outcome:
-        """Follow the path of an example; a report for each gamma."""
+    def solve(self, cell: Cell) -> list[dict]:
+        """Follow the path of an example: a record for each gamma."""
         reports: list[dict] = []
         path = follow_path(
             example(cell.row, cell.nodes),
@@ -76,7 +77,7 @@ class Duality(Work):
             lambda s: self.progress(f"{cell.row} gamma {s.gamma:9.4g}: {s.iterations} steps"),
             observer=lambda result: reports.append(duality_report(result).as_dict()),
         ).or_interrupted()
-        steps = [
+        return [
             {
                 "example": cell.row,
                 "nodes": cell.nodes,
@@ -87,21 +88,3 @@ class Duality(Work):
             }
             for step, report in zip(path.steps, reports, strict=False)
         ]
-        return Outcome({"steps": steps})
-
-    def line(self, record: dict) -> str:
-        """How far it went."""
-        return f"{len(record['steps'])} values of gamma"
-
-    def run(self) -> list[dict]:
-        """A record for each example and gamma."""
-        return [step for record in super().run() for step in record["steps"]]
-
-    def row(self, r: dict) -> list[object]:
-        """The parts of the gap."""
-        parts = [f"{r[key]:.3g}" for key in COLUMNS]
-        return [r["example"], r["nodes"], f"{r['gamma']:.3g}", *parts]
-
-    def notes(self, records: Sequence[dict]) -> list[str]:
-        """What the columns are."""
-        return [NOTE]

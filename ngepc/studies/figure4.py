@@ -24,10 +24,10 @@ from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.result import DualResult
 from ngepc.dual.starts import coarse_start
 from ngepc.model.problem import Problem
-from ngepc.pictures.style import COLOURS, MARKERS, beside, save_figure
+from ngepc.pictures.style import beside, line_style, save_figure
 from ngepc.results.outcome import IterationRecord
 from ngepc.studies.examples import FAMILIES, TITLES, example
-from ngepc.studies.work import Cell, Outcome, Work, first_of
+from ngepc.studies.work import Cell, Work, first_of
 
 LAST = 6
 """Iterates that enter the five quotients."""
@@ -92,6 +92,19 @@ def h_norm(result: DualResult, w: np.ndarray) -> float:
     return math.sqrt(max(0.0, functional.tichonov(v, v) * functional.weights.tichonov))
 
 
+def quotient(j: int) -> Callable[[dict], str]:
+    """Q_j of a record, in parentheses where it is rounding, empty for a run with fewer steps."""
+
+    def entry(record: dict) -> str:
+        place = j - LAST + len(record["quotients"])
+        if place < 0:
+            return ""
+        q = record["quotients"][place]
+        return f"{q:.3g}" if record["meaningful"][place] else f"({q:.2g})"
+
+    return entry
+
+
 @dataclass(eq=False)
 class Figure4(Work):
     """The study: Example (a) from the 417-node solution, Example (b) from v = 0.
@@ -111,43 +124,30 @@ class Figure4(Work):
     nodes: dict[str, Sequence[int]] | None = field(default=None, kw_only=True)
 
     name, title = "figure4", "Figure 4: convergence quotients"
-    head = ("example", "nodes", "steps", *(f"Q_{j}" for j in range(1, LAST)), "residual of v*",
-            "rounding of v*")  # fmt: skip
+    settings = ("gamma",)
+    columns = (
+        ("example", lambda r: TITLES[r["example"]]),
+        ("nodes", "{nodes}"),
+        ("steps", "{iterations}"),
+        *((f"Q_{j}", quotient(j)) for j in range(1, LAST)),
+        ("residual of v*", "{reference_residual:.1e}"),
+        ("rounding of v*", "{rounding:.1e}"),
+    )
 
     def __post_init__(self) -> None:
         if self.nodes is None:
             self.nodes = {name: first_of(f, self.levels) for name, f in FAMILIES.items()}
 
-    def settings(self) -> dict:
-        """Gamma."""
-        return {"gamma": self.gamma}
-
     def cells(self) -> list[Cell]:
         """All meshes of both examples."""
         return [Cell(name, n) for name, family in self.nodes.items() for n in family]
 
-    def solve(self, cell: Cell) -> Outcome:
+    def solve(self, cell: Cell) -> dict:
         """The quotients of one run."""
         name, options = cell.row, NewtonOptions(max_iterations=2000)
         start = coarse_start(name, self.gamma, options) if name == "lshape" else None
         problem = example(name, cell.nodes)
-        quotients = convergence_quotients(problem, self.gamma, start, options)
-        return Outcome({"example": name, **quotients})
-
-    def line(self, r: dict) -> str:
-        """The quotients."""
-        quotients = ", ".join(f"{q:.2g}" for q in r["quotients"])
-        return f"{r['example']} {r['nodes']}: {r['iterations']} steps, Q = {quotients}"
-
-    def row(self, r: dict) -> list[str]:
-        """The quotients, those of rounding in parentheses."""
-        entries = [
-            f"{q:.3g}" if sound else f"({q:.2g})"
-            for q, sound in zip(r["quotients"], r["meaningful"], strict=True)
-        ]
-        entries = [""] * (5 - len(entries)) + entries
-        first = [TITLES[r["example"]], str(r["nodes"]), str(r["iterations"])]
-        return [*first, *entries, f"{r['reference_residual']:.1e}", f"{r['rounding']:.1e}"]
+        return {"example": name, **convergence_quotients(problem, self.gamma, start, options)}
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What v* is."""
@@ -158,10 +158,9 @@ class Figure4(Work):
             "rounding of v*, the quotient says nothing."
         ]
 
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write figure4.png, .csv, .md and .json; returns their paths."""
-        picture = save_figure(draw_quotients(table), self.folder / "figure4.png")
-        return [picture, *super().write(table)]
+    def draw(self, records: Sequence[dict]) -> list[Path]:
+        """The quotients."""
+        return [save_figure(draw_quotients(records), self.folder / "figure4.png")]
 
 
 def draw_quotients(table: Sequence[dict]) -> Figure:
@@ -177,9 +176,8 @@ def draw_quotients(table: Sequence[dict]) -> Figure:
 def _curves(axes: Axes, title: str, table: Sequence[dict]) -> None:
     for index, record in enumerate(table):
         quotients = np.where(record["meaningful"], record["quotients"], np.nan)
-        j = np.arange(6 - len(quotients), 6)
-        style = {"color": COLOURS[index % len(COLOURS)], "marker": MARKERS[index % len(MARKERS)]}
-        axes.plot(j, quotients, label=f"{record['nodes']} nodes", **style)
+        j = np.arange(LAST - len(quotients), LAST)
+        axes.plot(j, quotients, label=f"{record['nodes']} nodes", **line_style(index, LAST))
     axes.axhline(1.0, color="#808890", linewidth=0.8, linestyle=":")
     axes.set(
         yscale="log",

@@ -16,13 +16,12 @@ from ngsolve import Integrate
 
 from ngepc.dual.result import DualResult
 from ngepc.path.options import PathOptions
-from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
 from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
 from ngepc.pictures.sampling import body_corners
 from ngepc.pictures.style import beside, save_figure
 from ngepc.studies.examples import THRESHOLDS, example
-from ngepc.studies.work import Cell, Outcome, Work, ending
+from ngepc.studies.work import Cell, Work, ending
 
 PATHS = {
     "lshape": PathOptions(gamma_start=1.0, growth=5.0, gamma_end=5.0**13),
@@ -43,7 +42,7 @@ HIGHEST_STRAIN = {"lshape": 0.2, "wrench": 0.04}
 """Upper end of the colour scales; the strains at the re-entrant corners grow with refinement."""
 
 
-def draw(number: int, result: DualResult) -> Figure:
+def drawn(number: int, result: DualResult) -> Figure:
     """Figure 2, 3, 5 or 6 from a result for its example."""
     body = BODY[number]
     bound = result.problem.beta
@@ -99,8 +98,21 @@ class Figures(Work):
     lshape_nodes: int = 3201
     wrench_nodes: int = 6353
 
-    name, title = "figures", "Figures 2, 3, 5 and 6"
-    head = ("figure", "shows", "nodes", "gamma", "Newton steps", "max |p|_F", "zone / body")
+    name, title, keeps = "figures", "Figures 2, 3, 5 and 6", False
+    columns = (
+        ("figure", "[{figure}]({file})"),
+        ("shows", "{shows}"),
+        ("nodes", "{nodes}"),
+        ("gamma", lambda r: f"{r['gamma']:.3g}{ending(r)}"),
+        ("Newton steps", lambda r: sum(r["inner_iterations"])),
+        ("max |p|_F", "{plastic_strain_max:.4g}"),
+        ("zone / body", lambda r: f"{r['zone_area'] / r['body_area']:.4f}"),
+    )
+    note = (
+        "Deformed configurations, displacement not scaled; lengths and stresses in the units of "
+        "the examples. max |p|_F of Example (a) grows without bound under refinement (re-entrant "
+        "corner)."
+    )
 
     def __post_init__(self) -> None:
         self.only = tuple(CAPTIONS if self.only is None else self.only)
@@ -109,74 +121,37 @@ class Figures(Work):
         for cell in self.cells():
             example(cell.row, cell.nodes)
 
-    def path(self, cell: Cell) -> PathResult:
-        """The path of an example, from disk or followed now."""
-        folder = self.folder / "cells"
-        folder.mkdir(parents=True, exist_ok=True)
-        return follow_path(
-            example(cell.row, cell.nodes),
-            PATHS[cell.row],
-            lambda s: self.progress(f"{cell.row} gamma {s.gamma:9.4g}: {s.iterations} steps"),
-            checkpoint=folder / f"figures-{cell.name}.npz",
-        ).or_interrupted()
-
     def cells(self) -> list[Cell]:
         """The path of each example whose figures are wanted."""
         nodes = {"lshape": self.lshape_nodes, "wrench": self.wrench_nodes}
         return [Cell(name, n) for name, n in nodes.items() if name in map(BODY.get, self.only)]
 
-    def run(self) -> list[dict]:
-        """Draw the figures as figureN.png; returns one record for each."""
-        return [record for cell in self.cells() for record in self.kept(cell).record["figures"]]
-
-    def kept(self, cell: Cell) -> Outcome:
-        """The figures of an example; the path keeps itself."""
-        path = self.path(cell)
-        wanted = [number for number in self.only if BODY[number] == cell.row]
-        return Outcome({"figures": [self._drawn(number, path) for number in wanted]})
-
-    solve = kept
-
-    def _drawn(self, number: int, path: PathResult) -> dict:
-        name = BODY[number]
-        picture = save_figure(draw(number, path.last), self.folder / f"figure{number}.png")
-        return {
-            "figure": number,
-            "file": picture.name,
-            "shows": CAPTIONS[number],
-            "example": name,
-            "nodes": path.last.problem.mesh.nv,
+    def solve(self, cell: Cell) -> list[dict]:
+        """Follow the path of an example, which keeps itself, and draw figureN.png at its end."""
+        folder = self.folder / "cells"
+        folder.mkdir(parents=True, exist_ok=True)
+        path = follow_path(
+            example(cell.row, cell.nodes),
+            PATHS[cell.row],
+            lambda s: self.progress(f"{cell.row} gamma {s.gamma:9.4g}: {s.iterations} steps"),
+            checkpoint=folder / f"figures-{cell.name}.npz",
+        ).or_interrupted()
+        numbers = {
+            "example": cell.row,
+            "nodes": cell.nodes,
             "gamma": path.gamma_end,
             "status": path.status.label,
             "residual_norm": path.residual_norms[-1],
             "inner_iterations": path.inner_iterations,
-            **field_numbers(path.last, THRESHOLDS[name]),
+            **field_numbers(path.last, THRESHOLDS[cell.row]),
         }
+        found = []
+        for number in (n for n in self.only if BODY[n] == cell.row):
+            file = f"figure{number}.png"
+            save_figure(drawn(number, path.last), self.folder / file)
+            found.append({"figure": number, "file": file, "shows": CAPTIONS[number], **numbers})
+        return found
 
-    def line(self, record: dict) -> str:
-        """What a figure shows."""
-        return record["shows"]
-
-    def row(self, r: dict) -> list[object]:
-        """What can be read from a figure."""
-        return [
-            f"[{r['figure']}]({r['file']})",
-            r["shows"],
-            r["nodes"],
-            f"{r['gamma']:.3g}{ending(r)}",
-            sum(r["inner_iterations"]),
-            f"{r['plastic_strain_max']:.4g}",
-            f"{r['zone_area'] / r['body_area']:.4f}",
-        ]
-
-    def notes(self, records: Sequence[dict]) -> list[str]:
-        """Scales."""
-        return [
-            "Deformed configurations, displacement not scaled; lengths and stresses in the units "
-            "of the examples. max |p|_F of Example (a) grows without bound under refinement "
-            "(re-entrant corner)."
-        ]
-
-    def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write figures.csv, figures.md and figures.json; returns all paths, PNGs included."""
-        return [*(self.folder / r["file"] for r in table), *super().write(table)]
+    def draw(self, records: Sequence[dict]) -> list[Path]:
+        """The pictures that ``solve`` has drawn."""
+        return [self.folder / record["file"] for record in records]

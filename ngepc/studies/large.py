@@ -7,7 +7,7 @@ included.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -23,7 +23,7 @@ from ngepc.local.solver import solve_exactly
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.studies.cost import peak_memory
-from ngepc.studies.work import Cell, Outcome, Table, Work
+from ngepc.studies.work import Cell, Work, steps
 
 LAME_MU = 1e3
 
@@ -32,7 +32,10 @@ DIRECT_NODES = 2000
 
 TOLERANCE, MAX_STEPS = 1e-8, 50
 
-HEAD = ("nodes", "Newton steps", "CG for a solve: mean", "most", "CPU s", "MB", "J", "direct")
+HARDENINGS = (1.0, 0.1, 0.01, 0.001)
+"""Values of h/mu."""
+
+SOLVERS = {"pyamg": PyAMG, "petsc": PETSc}
 
 
 def indented_block(refinements: int, hardening: float = 100.0, order: int = 1) -> Problem:
@@ -62,12 +65,7 @@ def pressed(mesh: Mesh, hardening: float, order: int = 1) -> Problem:
     return Problem(mesh, steel, "clamped", contact="contact", gap=gap, order=order)
 
 
-def solve_large(
-    levels: int,
-    inverse: Iterative,
-    hardening: float = 0.1,
-    progress: Callable[[str], None] = lambda line: None,
-) -> list[dict]:
+def solve_large(levels: int, inverse: Iterative, hardening: float = 0.1) -> list[dict]:
     """Solve on ``levels`` meshes from 281 nodes on.
 
     Parameters
@@ -78,14 +76,13 @@ def solve_large(
         ``PETSc()`` or another iterative solver.
     hardening
         h/mu.
-    progress
-        Called with a line of text after each solve.
 
     Returns
     -------
     list of dict
-        One record for each mesh: nodes, status, steps, iterations and solves of each step, energy,
-        its relative difference to the direct solver's on small meshes, processor time, memory.
+        One record for each mesh: nodes, status, Newton steps, linear iterations and solves of each,
+        energy, its relative difference to the direct solver's on small meshes, processor time,
+        memory.
     """
     begin, result, records = time.process_time(), None, []
     mesh = block.mesh(maxh=0.4)
@@ -93,55 +90,37 @@ def solve_large(
         mesh.Refine()
         problem = pressed(Mesh(mesh.ngmesh.Copy()), hardening * LAME_MU)
         result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, inverse, None)
-        record = _recorded(result, hardening, time.process_time() - begin)
+        about = {"hardening": hardening, "nodes": problem.mesh.nv, **numbers_of(result)}
+        about |= {"cpu_s": time.process_time() - begin, "memory_mb": peak_memory()}
         if problem.mesh.nv <= DIRECT_NODES:
             clock = time.process_time()
             direct = solve_exactly(problem, None, TOLERANCE, MAX_STEPS, "sparsecholesky", None)
-            record["difference"] = abs(result.primal_energy / direct.primal_energy - 1)
+            about["difference"] = abs(result.primal_energy / direct.primal_energy - 1)
             begin += time.process_time() - clock  # not part of the method
-        records.append(record)
-        progress("  ".join(text_of(record)))
+        records.append(about)
     return records
 
 
-def _recorded(result: ExactResult, hardening: float, seconds: float) -> dict:
-    """The numbers of one solve."""
+def numbers_of(result: ExactResult) -> dict:
+    """Status, counts and energy of a solve."""
     return {
-        "hardening": hardening,
-        "nodes": result.problem.mesh.nv,
         "status": result.status.label,
-        "steps": result.iterations,
+        "iterations": result.iterations,
         "solves": result.history.column("back_substitutions")[1:],
-        "iterations": result.history.column("linear_iterations")[1:],
+        "linear_iterations": result.history.column("linear_iterations")[1:],
         "energy": result.primal_energy,
-        "difference": None,
-        "cpu_s": seconds,
-        "memory_mb": peak_memory(),
     }
 
 
-def text_of(record: dict) -> list[str]:
-    """The row of a record under ``HEAD``; "most" is the mean of the dearest Newton step."""
-    solves = [max(1, n) for n in record["solves"]]
-    most = max((n / k for n, k in zip(record["iterations"], solves, strict=True)), default=0.0)
-    done = "" if record["status"] == "converged" else f" {record['status']}"
-    check = "" if record["difference"] is None else f"{record['difference']:.0e}"
-    return [
-        f"{record['nodes']:,}",
-        f"{record['steps']}{done}",
-        f"{sum(record['iterations']) / max(1, sum(solves)):.1f}",
-        f"{most:.0f}",
-        f"{record['cpu_s']:.1f}",
-        f"{record['memory_mb'] or 0:.0f}",
-        f"{record['energy']:.10f}",
-        check,
-    ]
+def mean_iterations(record: dict) -> str:
+    """Linear iterations of a solve, in the mean of a run."""
+    return f"{sum(record['linear_iterations']) / max(1, sum(record['solves'])):.1f}"
 
 
-HARDENINGS = (1.0, 0.1, 0.01, 0.001)
-"""Values of h/mu."""
-
-SOLVERS = {"pyamg": PyAMG, "petsc": PETSc}
+def most_iterations(record: dict) -> str:
+    """The same for the dearest Newton step."""
+    pairs = zip(record["linear_iterations"], record["solves"], strict=True)
+    return f"{max((n / max(1, k) for n, k in pairs), default=0.0):.0f}"
 
 
 @dataclass(eq=False)
@@ -159,37 +138,34 @@ class Large(Work):
     levels: int = 3
     solver: str = "pyamg"
 
-    name = "large"
-    title = "A sphere pressed into a block, by iterative solvers"
-
-    def settings(self) -> dict:
-        """The meshes and the solver."""
-        return {"levels": self.levels, "solver": self.solver}
+    name, title = "large", "A sphere pressed into a block, by iterative solvers"
+    settings = ("levels", "solver")
+    columns = (
+        ("h/mu", "{hardening:g}"),
+        ("nodes", "{nodes:,}"),
+        ("Newton steps", steps),
+        ("CG for a solve: mean", mean_iterations),
+        ("most", most_iterations),
+        ("CPU s", "{cpu_s:.1f}"),
+        ("MB", lambda r: f"{r['memory_mb'] or 0:.0f}"),
+        ("J", "{energy:.10f}"),
+        ("direct", lambda r: f"{r['difference']:.0e}" if "difference" in r else ""),
+    )
 
     def cells(self) -> list[Cell]:
         """One for each hardening."""
         return [Cell(f"h over mu {value:g}") for value in HARDENINGS]
 
-    def solve(self, cell: Cell) -> Outcome:
+    def solve(self, cell: Cell) -> list[dict]:
         """All meshes for one hardening, in a process of its own: its memory is measured."""
         inverse, value = SOLVERS[self.solver](), float(cell.row.split()[-1])
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            meshes = pool.submit(solve_large, self.levels, inverse, value).result()
-        return Outcome({"hardening": value, "meshes": meshes})
+            return pool.submit(solve_large, self.levels, inverse, value).result()
 
-    def line(self, r: dict) -> str:
-        """The last mesh."""
-        return f"h/mu {r['hardening']:g}: " + "  ".join(text_of(r["meshes"][-1]))
-
-    def table(self, records: Sequence[dict]) -> Table:
-        """A row for each mesh."""
-        rows = [[f"{r['hardening']:g}", *text_of(m)] for r in records for m in r["meshes"]]
-        note = (
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """What the numbers mean."""
+        return [
             f"Solver {self.solver}, tolerance {TOLERANCE:g}, nested from 281 nodes; CPU seconds "
             "from the coarsest mesh on, meshes included; MB: the most that the process has held so "
             "far; direct: difference of the energies."
-        )
-        head = ("h/mu", *HEAD)
-        return Table(
-            name=self.name, title=self.title, head=head, rows=rows, notes=[note], cells=records
-        )
+        ]

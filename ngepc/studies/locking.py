@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from ngsolve import CoefficientFunction, IfPos, Mesh, x, y
@@ -18,7 +18,7 @@ from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
-from ngepc.studies.work import Cell, Outcome, Table, Work, ending, first_of
+from ngepc.studies.work import Cell, Table, Work, ending, first_of, pivoted
 
 POISSON = 0.4999
 ELASTIC = {"yield_stress": 1e6, "hardening": 1.0}
@@ -96,6 +96,15 @@ def solve_with(problem: Problem, mean_volume: bool) -> ExactResult:
     return primal_dual_newton(discrete, starting_state(discrete, None), factors, 1e-10, 300)
 
 
+NOTE = (
+    "Triangles (P) and quadrilaterals (Q) of order 1 and 2, plane strain; mean volume averages tr "
+    "eps over each element (for order 2 that is one number too few). Cantilever 10 x 1 and Cook's "
+    "membrane: elastic, Poisson's ratio 0.4999; cells over the height, along a side. Punch: half "
+    "of a smooth one of width 1 in a block 4 x 4, Poisson's ratio 0.3, h / mu = 1e-3; the limit "
+    "without hardening is 1."
+)
+
+
 @dataclass(eq=False)
 class Locking(Work):
     """The study.
@@ -108,52 +117,42 @@ class Locking(Work):
 
     levels: int = 3
 
-    name = "locking"
+    name, title, note = "locking", "Volume locking", NOTE
 
     def cells(self) -> list[Cell]:
         """All kinds of elements on all meshes of all problems."""
         meshes = [(test, n) for test, (*_, f) in TESTS.items() for n in first_of(f, self.levels)]
         return [Cell(f"{test}: {kind}", n) for test, n in meshes for kind in KINDS]
 
-    def solve(self, cell: Cell) -> Outcome:
+    def solve(self, cell: Cell) -> dict:
         """One problem on one mesh."""
         test, _, kind = cell.row.partition(": ")
         build, number, _ = TESTS[test]
         quads, order, mean = kind.startswith("Q"), int(kind[1]), kind.endswith(MEAN)
         problem = build(partial(MakeStructured2DMesh, quads=quads), cell.nodes, order)
         result = solve_with(problem, mean).or_interrupted()
-        return Outcome(
-            {
-                "problem": test,
-                "elements": kind,
-                "cells": cell.nodes,
-                "nodes": problem.mesh.nv,
-                "status": result.status.label,
-                "iterations": result.iterations,
-                "value": number(result),
-            }
-        )
+        return {
+            "problem": test,
+            "elements": kind,
+            "cells": cell.nodes,
+            "nodes": problem.mesh.nv,
+            "status": result.status.label,
+            "iterations": result.iterations,
+            "value": number(result),
+        }
 
-    def line(self, r: dict) -> str:
+    def line(self, record: dict) -> str:
         """The number that is shown."""
-        return f"{r['problem']}, {r['cells']} cells, {r['elements']}: {r['value']:.4g}{ending(r)}"
+        return "{problem}, {cells} cells, {elements}: {value:.4g}".format(**record)
 
     def table(self, records: Sequence[dict]) -> Table:
         """One row for each problem and mesh, one column for each kind of element."""
-        found = {(r["problem"], r["cells"], r["elements"]): r for r in records}
-        meshes = dict.fromkeys((r["problem"], r["cells"]) for r in records)
-        entries = {place: f"{r['value']:.3f}{ending(r)}" for place, r in found.items()}
-        return Table(
-            name=self.name,
-            title="Volume locking",
-            head=["problem, what is shown", "cells", *KINDS],
-            rows=[[*place, *(entries[(*place, kind)] for kind in KINDS)] for place in meshes],
-            notes=[
-                "Triangles (P) and quadrilaterals (Q) of order 1 and 2, plane strain; mean volume "
-                "averages tr eps over each element (for order 2 that is one number too few). "
-                "Cantilever 10 x 1 and Cook's membrane: elastic, Poisson's ratio 0.4999; cells "
-                "over the height, along a side. Punch: half of a smooth one of width 1 in a block "
-                "4 x 4, Poisson's ratio 0.3, h / mu = 1e-3; the limit without hardening is 1."
-            ],
-            cells=list(records),
+        found = pivoted(
+            records,
+            lambda r: (r["problem"], r["cells"]),
+            "elements",
+            lambda r: f"{r['value']:.3f}{ending(r)}",
         )
+        rows = [[*place, *(values[kind] for kind in KINDS)] for place, values in found.items()]
+        head = ["problem, what is shown", "cells", *KINDS]
+        return replace(super().table(records), head=head, rows=rows)

@@ -15,7 +15,7 @@ from ngepc.model.problem import Problem
 from ngepc.results.result import Result
 from ngepc.studies.examples import BODIES, FAMILIES, TITLES, example, solved_by
 from ngepc.studies.large import LAME_MU, indented_block, pressed
-from ngepc.studies.work import Cell, Outcome, Work, ending, first_of
+from ngepc.studies.work import Cell, Entry, Work, first_of, steps
 
 RATIOS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 HARDENED_NODES = (833, 3201)
@@ -29,8 +29,6 @@ BLOCKS = {
 }
 """Elements -> nodes -> refinements of a coarse mesh, or cells along an edge."""
 
-HEAD = ("problem", "h / mu", "nodes", "steps", "CPU s", "nested: steps", "CPU s",
-        "primal: steps", "CPU s", "GetFEM: steps", "CPU s")  # fmt: skip
 NOTE = (
     "Cold starts, nested ones from the next coarser mesh, and the primal method; tolerance 1e-10 "
     "(relative forces out of balance); CPU seconds of one thread, set-up included. Rows with h / "
@@ -77,6 +75,31 @@ def timed(solve: Callable[[], Result]) -> dict:
     }
 
 
+def problem_of(body: str, ratio: str, nodes: int) -> Problem:
+    """The problem of a row: an example, or one with hardening ``ratio``, or a block."""
+    if not ratio:
+        return example(body, nodes)
+    if body == "lshape":
+        return hardened(float(ratio), nodes)
+    return pressed_block(body, nodes, float(ratio))
+
+
+def _steps(method: str) -> Entry:
+    return lambda record: steps(record[method]) if method in record else ""
+
+
+def _seconds(method: str) -> Entry:
+    return lambda record: f"{record[method]['cpu_s']:.2f}" if method in record else ""
+
+
+def _getfem(part: int) -> Entry:
+    def entry(record: dict) -> object:
+        beside = record["hardening"] is None and record["problem"] == TITLES["lshape"]
+        return GETFEM.get(record["nodes"] if beside else None, ("", ""))[part]
+
+    return entry
+
+
 @dataclass(eq=False)
 class NewtonCounts(Work):
     """The study.
@@ -89,7 +112,20 @@ class NewtonCounts(Work):
 
     levels: int = 3
 
-    name, title, head = "counts", "Newton steps of the default method", HEAD
+    name, title = "counts", "Newton steps of the default method"
+    columns = (
+        ("problem", "{problem}"),
+        ("h / mu", lambda r: "" if r["hardening"] is None else f"{r['hardening']:g}"),
+        ("nodes", "{nodes}"),
+        ("steps", _steps("default")),
+        ("CPU s", _seconds("default")),
+        ("nested: steps", _steps("nested")),
+        ("CPU s", _seconds("nested")),
+        ("primal: steps", _steps("primal")),
+        ("CPU s", _seconds("primal")),
+        ("GetFEM: steps", _getfem(0)),
+        ("CPU s", _getfem(1)),
+    )
 
     def cells(self) -> list[Cell]:
         """Both examples, then small hardening, then blocks."""
@@ -98,10 +134,10 @@ class NewtonCounts(Work):
         blocks = [(e, n) for e, sizes in BLOCKS.items() for n in list(sizes)[: self.levels]]
         return found + [Cell(f"{e}, {r:g}", n) for r in BLOCK_RATIOS for e, n in blocks]
 
-    def solve(self, cell: Cell) -> Outcome:
+    def solve(self, cell: Cell) -> dict:
         """By all methods that the table shows for it."""
         body, _, ratio = cell.row.partition(", ")
-        problem = _problem(body, ratio, cell.nodes)
+        problem = problem_of(body, ratio, cell.nodes)
         found = {m: timed(lambda m=m: solved_by(m, problem)) for m in ("default", "primal")}
         if not ratio:
             family = (BODIES[body].COARSE_NODES, *FAMILIES[body])
@@ -109,34 +145,11 @@ class NewtonCounts(Work):
             found["nested"] = timed(lambda: nested(body, cell.nodes))
         name = TITLES.get(body, f"block, {body}")
         h = float(ratio) if ratio else None
-        return Outcome({"problem": name, "hardening": h, "nodes": problem.mesh.nv, **found})
-
-    def line(self, record: dict) -> str:
-        """The counts."""
-        return ", ".join(map(str, self.row(record)))
-
-    def row(self, r: dict) -> list[object]:
-        """Steps and seconds of each method."""
-        h = "" if r["hardening"] is None else f"{r['hardening']:g}"
-        runs = [_entries(r.get(method)) for method in ("default", "nested", "primal")]
-        theirs = not h and r["problem"] == TITLES["lshape"] and GETFEM.get(r["nodes"])
-        return [r["problem"], h, r["nodes"], *sum(runs, ()), *(theirs or ("", ""))]
+        return {"problem": name, "hardening": h, "nodes": problem.mesh.nv, **found}
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """How it was measured, and totals of nested iteration."""
         return [NOTE, *_agreement(records), *_totals(records)]
-
-
-def _problem(body: str, ratio: str, nodes: int) -> Problem:
-    if not ratio:
-        return example(body, nodes)
-    if body == "lshape":
-        return hardened(float(ratio), nodes)
-    return pressed_block(body, nodes, float(ratio))
-
-
-def _entries(run: dict | None) -> tuple[str, str]:
-    return ("", "") if run is None else (f"{run['iterations']}{ending(run)}", f"{run['cpu_s']:.2f}")
 
 
 def _agreement(records: Sequence[dict]) -> list[str]:

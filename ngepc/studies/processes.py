@@ -22,8 +22,15 @@ from ngepc.local.petsc import PETSc
 from ngepc.local.solver import solve_exactly
 from ngepc.model.parts import INSTALL, MPI, distribute
 from ngepc.studies.cost import peak_memory
-from ngepc.studies.large import LAME_MU, MAX_STEPS, TOLERANCE, pressed
-from ngepc.studies.work import Cell, Outcome, Work
+from ngepc.studies.large import (
+    LAME_MU,
+    MAX_STEPS,
+    TOLERANCE,
+    mean_iterations,
+    numbers_of,
+    pressed,
+)
+from ngepc.studies.work import Cell, Table, Work, steps
 
 HARDENING = 0.1
 """h/mu."""
@@ -48,11 +55,7 @@ def child(levels: str, path: str) -> None:
             {
                 "processes": world.size,
                 "nodes": mesh.processes.count,
-                "status": result.status.label,
-                "steps": result.iterations,
-                "solves": result.history.column("back_substitutions")[1:],
-                "iterations": result.history.column("linear_iterations")[1:],
-                "energy": result.primal_energy,
+                **numbers_of(result),
                 "force": result.contact_force,
                 "wall_s": wall,
                 **dict(zip(("own", "cpu_s", "mb"), map(list, zip(*own, strict=True)), strict=True)),
@@ -77,16 +80,20 @@ class Processes(Work):
     levels: int = 3
     counts: Sequence[int] = (1, 2, 4, 8)
 
-    name = "processes"
-    title = "A sphere pressed into a block that processes share"
-    head = (
-        *("nodes", "processes", "nodes of the largest part", "Newton steps", "CG for a solve"),
-        *("CPU s of a process", "of one process", "wall s", "MB of a process", "J"),
+    name, title = "processes", "A sphere pressed into a block that processes share"
+    settings = ("levels",)
+    columns = (
+        ("nodes", "{nodes:,}"),
+        ("processes", "{processes}"),
+        ("nodes of the largest part", lambda r: f"{max(r['own']):,}"),
+        ("Newton steps", steps),
+        ("CG for a solve", mean_iterations),
+        ("CPU s of a process", lambda r: f"{max(r['cpu_s']):.1f}"),
+        ("of one process", lambda r: f"{r['ratio']:.2f}" if r.get("ratio") else ""),
+        ("wall s", "{wall_s:.0f}"),
+        ("MB of a process", lambda r: f"{max(r['mb']):.0f}"),
+        ("J", "{energy:.12f}"),
     )
-
-    def settings(self) -> dict:
-        """The meshes."""
-        return {"levels": self.levels}
 
     def cells(self) -> list[Cell]:
         """One for each number of processes."""
@@ -95,7 +102,7 @@ class Processes(Work):
             raise ImportError(INSTALL)
         return [Cell(f"{count} processes") for count in self.counts]
 
-    def solve(self, cell: Cell) -> Outcome:
+    def solve(self, cell: Cell) -> list[dict]:
         """All meshes on some processes."""
         mine = ("OMPI_", "PMIX_")  # what an MPI of this process has left
         clean = {name: value for name, value in os.environ.items() if not name.startswith(mine)}
@@ -106,37 +113,14 @@ class Processes(Work):
             run = subprocess.run([*LAUNCH, cell.row.split()[0], *program], check=False, env=clean)
             if run.returncode:
                 raise OSError(f"{cell.row}: mpiexec ended with exit status {run.returncode}")
-            return Outcome({"meshes": json.loads(path.read_text(encoding="utf-8"))})
+            return json.loads(path.read_text(encoding="utf-8"))
 
-    def line(self, record: dict) -> str:
-        """The last mesh."""
-        return "  ".join(self.row(record["meshes"][-1]))
-
-    def row(self, record: dict) -> list[str]:
-        """A mesh on some processes."""
-        solves = max(1, sum(record["solves"]))
-        done = "" if record["status"] == "converged" else f" {record['status']}"
-        return [
-            f"{record['nodes']:,}",
-            str(record["processes"]),
-            f"{max(record['own']):,}",
-            f"{record['steps']}{done}",
-            f"{sum(record['iterations']) / solves:.1f}",
-            f"{max(record['cpu_s']):.1f}",
-            f"{record['ratio']:.2f}" if record.get("ratio") else "",
-            f"{record['wall_s']:.0f}",
-            f"{max(record['mb']):.0f}",
-            f"{record['energy']:.12f}",
-        ]
-
-    def table(self, records: Sequence[dict]) -> object:
+    def table(self, records: Sequence[dict]) -> Table:
         """A row for each mesh and number of processes, mesh by mesh."""
-        meshes = [mesh for record in records for mesh in record["meshes"]]
-        meshes.sort(key=lambda mesh: (mesh["nodes"], mesh["processes"]))
-        alone = {m["nodes"]: max(m["cpu_s"]) for m in meshes if m["processes"] == 1}
-        for mesh in meshes:
-            mesh["ratio"] = max(mesh["cpu_s"]) / alone.get(mesh["nodes"], float("inf"))
-        return super().table(meshes)
+        alone = {r["nodes"]: max(r["cpu_s"]) for r in records if r["processes"] == 1}
+        ratios = [max(r["cpu_s"]) / alone.get(r["nodes"], float("inf")) for r in records]
+        told = [r | {"ratio": ratio} for r, ratio in zip(records, ratios, strict=True)]
+        return super().table(sorted(told, key=lambda r: (r["nodes"], r["processes"])))
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What the numbers mean."""

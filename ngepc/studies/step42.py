@@ -8,9 +8,8 @@ body that symmetry leaves is meshed towards the contact zone.
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +21,7 @@ from ngepc.model.obstacles import Sphere
 from ngepc.model.problem import Problem
 from ngepc.results.result import Result
 from ngepc.studies.examples import solved_by
-from ngepc.studies.work import Cell, Outcome, Work, ending, first_of
+from ngepc.studies.work import Cell, Entry, Work, first_of, steps
 
 DEPTH, BOUND = 0.01, 400.0
 CELLS = {"tetrahedra": (4, 6, 8, 12, 16), "hexahedra": (4, 6, 8, 12)}
@@ -37,11 +36,6 @@ QUARTER = {
     "mirror_y": (None, 0, None),
 }
 METHODS = ("primal", "default")
-QUANTITIES = ("contact_force", "energy", "peak_pressure")
-HEAD = (
-    *("mesh of the quarter", "nodes", "touching", "steps", "F primal", "F default"),
-    *("F", "energy", "peak", "max of u", "change of F from mesh to mesh"),
-)
 NOTE = (
     "Contact force F of the whole body, nodes in contact on the quarter and Newton steps, by the "
     "primal method and the default one. F, energy, peak (largest contact pressure): their relative "
@@ -101,6 +95,19 @@ def _numbers(result: Result) -> dict:
     }
 
 
+def relative(record: dict, quantity: str) -> float:
+    """The difference of a quantity between the methods, relative to the primal one."""
+    return abs(record["default"][quantity] / record["primal"][quantity] - 1)
+
+
+def _apart(quantity: str) -> Entry:
+    return lambda record: f"{relative(record, quantity):.1e}"
+
+
+def _both(number: Callable[[dict], object]) -> Entry:
+    return lambda record: ", ".join(str(number(record[method])) for method in METHODS)
+
+
 @dataclass(eq=False)
 class Step42(Work):
     """The study.
@@ -113,8 +120,26 @@ class Step42(Work):
 
     levels: int = 3
 
-    name, head = "step42", HEAD
-    title = "Step-42: the default method against the primal one"
+    name, title, note = "step42", "Step-42: the default method against the primal one", NOTE
+    columns = (
+        (
+            "mesh of the quarter",
+            lambda r: OWN if r["mesh"] == OWN else f"{r['cells']}^3 cells, {r['mesh']}",
+        ),
+        ("nodes", "{nodes}"),
+        ("touching", _both(lambda run: run["touching"])),
+        ("steps", _both(steps)),
+        ("F primal", "{primal[contact_force]:.4f}"),
+        ("F default", "{default[contact_force]:.4f}"),
+        ("F", _apart("contact_force")),
+        ("energy", _apart("energy")),
+        ("peak", _apart("peak_pressure")),
+        ("max of u", "{displacement_difference:.1e}"),
+        (
+            "change of F from mesh to mesh",
+            lambda r: "-" if r["change"] is None else f"{r['change']:.1e}",
+        ),
+    )
 
     def __post_init__(self) -> None:
         first_of(CELLS["tetrahedra"], self.levels)
@@ -124,50 +149,18 @@ class Step42(Work):
         meshes = [Cell(shape, n) for shape, cells in CELLS.items() for n in cells[: self.levels]]
         return [*meshes, Cell(OWN, 4)]
 
-    def solve(self, cell: Cell) -> Outcome:
-        """Both methods on one mesh."""
+    def solve(self, cell: Cell) -> dict:
+        """Both methods on one mesh, and the change of F from the next coarser one."""
         shape, n = cell.row, cell.nodes
         if shape == OWN:
             mesh = quarter_cube.mesh(n, 2 * n, grading=0.0, simplices=False)
         else:
             mesh = quarter_cube.mesh(n, simplices=shape == "tetrahedra")
         found = compare_methods(step42_problem(mesh))
-        return Outcome({"mesh": shape, "cells": n, "nodes": mesh.nv, **found})
+        found = {"mesh": shape, "cells": n, "nodes": mesh.nv, **found}
+        coarser = [Cell(shape, m) for m in CELLS.get(shape, ()) if m < n]
+        return found | {"change": self._change(found, coarser[-1]) if coarser else None}
 
-    def line(self, record: dict) -> str:
-        """The contact forces."""
-        forces = " and ".join(f"{record[m]['contact_force']:.4f}" for m in METHODS)
-        return f"{record['mesh']}, {record['cells']}: {forces}"
-
-    def run(self) -> list[dict]:
-        """One record for each mesh, with the change of F from the next coarser one."""
-        records = super().run()
-        for record, coarser in zip(records, [None, *records], strict=False):
-            same = coarser is not None and coarser["mesh"] == record["mesh"]
-            before = coarser["primal"]["contact_force"] if same else math.nan
-            record["change"] = abs(record["primal"]["contact_force"] / before - 1)
-        return records
-
-    def row(self, record: dict) -> list[str]:
-        """Both methods side by side, then their differences."""
-        runs, change = [record[name] for name in METHODS], record["change"]
-        own = record["mesh"] == OWN
-        return [
-            OWN if own else f"{record['cells']}^3 cells, {record['mesh']}",
-            str(record["nodes"]),
-            ", ".join(str(run["touching"]) for run in runs),
-            ", ".join(f"{run['iterations']}{ending(run)}" for run in runs),
-            *(f"{run['contact_force']:.4f}" for run in runs),
-            *(f"{relative(record, quantity):.1e}" for quantity in QUANTITIES),
-            f"{record['displacement_difference']:.1e}",
-            "-" if math.isnan(change) else f"{change:.1e}",
-        ]
-
-    def notes(self, records: Sequence[dict]) -> list[str]:
-        """What the columns are."""
-        return [NOTE]
-
-
-def relative(record: dict, quantity: str) -> float:
-    """The difference of a quantity between the methods, relative to the primal one."""
-    return abs(record["default"][quantity] / record["primal"][quantity] - 1)
+    def _change(self, found: dict, coarser: Cell) -> float:
+        (before,) = self.kept(coarser)
+        return abs(found["primal"]["contact_force"] / before["primal"]["contact_force"] - 1)

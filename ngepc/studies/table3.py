@@ -10,13 +10,17 @@ from ngepc.path.solver import follow_path
 from ngepc.path.widths import mesh_width
 from ngepc.studies.examples import FAMILIES, example
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
-from ngepc.studies.work import Cell, Outcome, Table, Work, ending, first_of
+from ngepc.studies.work import Cell, Table, Work, ending, first_of, steps
 
-HEAD = (
-    *("nodes", "iterations", "paper", "gamma_end", "inner"),
-    *("last two changes / (tau_out h)", "directly at gamma_end", "directly / path"),
-    *("residual", "V"),
-)
+PATH = ("outer_iterations", "total_inner_iterations", "inner_iterations", "gamma_end",
+        "path_values", "residual_norms")  # fmt: skip
+"""What is recorded of a path."""
+
+
+def last_changes(record: dict) -> str:
+    """The last changes of the value, over what stops the path."""
+    changes = [c for c in record["changes"][-2:] if c is not None]
+    return ", ".join(f"{c / record['outer_bound']:.3f}" for c in changes)
 
 
 @dataclass(eq=False)
@@ -35,102 +39,70 @@ class Table3(Work):
     inner_scale: float = PathOptions().inner_scale
     nodes: Sequence[int] | None = field(default=None, kw_only=True)
 
+    name = "table3"
+    columns = (
+        ("nodes", "{nodes}"),
+        ("iterations",
+         lambda r: f"{r['outer_iterations']}({r['total_inner_iterations']}){ending(r)}"),
+        ("paper", "{paper}"),
+        ("gamma_end", "{gamma_end:.3g}"),
+        ("inner", lambda r: " ".join(map(str, r["inner_iterations"]))),
+        ("last two changes / (tau_out h)", last_changes),
+        ("directly at gamma_end", lambda r: steps(r, "direct_")),
+        ("directly / path",
+         lambda r: f"{r['direct_iterations'] / r['total_inner_iterations']:.2f}"),
+        ("residual", lambda r: f"{r['residual_norms'][-1]:.1e}"),
+        ("V", lambda r: f"{r['path_values'][-1]:.6f}"),
+    )  # fmt: skip
+
     def __post_init__(self) -> None:
         self.nodes = self.nodes or first_of(FAMILIES["wrench"], self.levels)
         self.options = PathOptions(inner_scale=self.inner_scale)
-        self._scale = f"c{self.inner_scale:g}"
-
-    name = "table3"
-
-    def settings(self) -> dict:
-        """The options of the path."""
-        names = ("gamma_start", "growth", "inner_tolerance", "outer_tolerance")
-        return {name: getattr(self.options, name) for name in names}
 
     def cells(self) -> list[Cell]:
-        """The paths."""
-        return [Cell(f"path-{self._scale}", n) for n in self.nodes]
+        """The meshes."""
+        return [Cell(f"c{self.inner_scale:g}", n) for n in self.nodes]
 
-    def run(self) -> list[dict]:
-        """Fill the table; returns one record for each mesh."""
-        table = []
-        for path in super().run():
-            n = path["nodes"]
-            direct = self.kept(Cell(f"direct-{self._scale}", n)).record
-            self.progress(f"nodes {n:>5}: directly {direct['iterations']} steps")
-            table.append(path | {f"direct_{key}": value for key, value in direct.items()})
-        return table
-
-    def line(self, r: dict) -> str:
-        """The counts beside the paper's."""
-        return (
-            f"nodes {r['nodes']:>5}: {r['outer_iterations']}({r['total_inner_iterations']}) "
-            f"(paper {r['paper']}), gamma_end {r['gamma_end']:.3g}, {r['status']}"
-        )
-
-    def solve(self, cell: Cell) -> Outcome:
-        """A path, or the direct solve at its end."""
-        return self._follow(cell) if cell.row.startswith("path") else self._direct(cell)
-
-    def _follow(self, cell: Cell) -> Outcome:
+    def solve(self, cell: Cell) -> dict:
+        """A path, and the direct solve at its end: Algorithm 7.1 from v = 0, as precise."""
         problem = example("wrench", cell.nodes)
         path = follow_path(
             problem,
             self.options,
             lambda s: self.progress(f"  gamma {s.gamma:9.4g}: {s.iterations} steps"),
-            checkpoint=self.folder / "cells" / f"{cell.name}.path.npz",
-        )
+            checkpoint=self.folder / "cells" / f"{self.name}-{cell.name}.path.npz",
+        ).or_interrupted()
+        there = replace(self.options, gamma_start=path.gamma_end, gamma_end=path.gamma_end)
+        direct = follow_path(problem, there).or_interrupted()
         h = mesh_width(problem.mesh)
-        names = ("outer_iterations", "total_inner_iterations", "inner_iterations", "gamma_end",
-                 "path_values", "residual_norms")  # fmt: skip
-        return Outcome(
-            {
-                "nodes": cell.nodes,
-                "h": h,
-                "inner_scale": self.inner_scale,
-                "paper": paper_value(cell.nodes),
-                "status": path.status.label,
-                **{name: getattr(path, name) for name in names},
-                "changes": [step.change for step in path.steps],
-                "outer_bound": self.options.outer_tolerance * h,
-            }
-        )
-
-    def _direct(self, cell: Cell) -> Outcome:
-        """Algorithm 7.1 from v = 0 at the last gamma of the path, to the same precision."""
-        gamma = self.kept(Cell(f"path-{self._scale}", cell.nodes)).record["gamma_end"]
-        options = replace(self.options, gamma_start=gamma, gamma_end=gamma)
-        direct = follow_path(example("wrench", cell.nodes), options)
-        return Outcome(
-            {
-                "iterations": direct.total_inner_iterations,
-                "status": direct.status.label,
-                "path_value": direct.path_values[-1],
-                "residual_norm": direct.residual_norms[-1],
-                "halvings": direct.steps[-1].halvings,
-            }
-        )
-
-    def row(self, r: dict) -> list[str]:
-        """A path, and the direct solve at its end."""
-        quotients = [c / r["outer_bound"] for c in r["changes"][-2:] if c is not None]
-        return [
-            str(r["nodes"]),
-            f"{r['outer_iterations']}({r['total_inner_iterations']}){ending(r)}",
-            str(r["paper"]),
-            f"{r['gamma_end']:.3g}",
-            " ".join(map(str, r["inner_iterations"])),
-            ", ".join(f"{q:.3f}" for q in quotients),
-            f"{r['direct_iterations']}{ending(r, 'direct_')}",
-            f"{r['direct_iterations'] / r['total_inner_iterations']:.2f}",
-            f"{r['residual_norms'][-1]:.1e}",
-            f"{r['path_values'][-1]:.6f}",
-        ]
+        return {
+            "nodes": cell.nodes,
+            "h": h,
+            "inner_scale": self.inner_scale,
+            "paper": paper_value(cell.nodes),
+            "status": path.status.label,
+            **{name: getattr(path, name) for name in PATH},
+            "changes": [step.change for step in path.steps],
+            "outer_bound": self.options.outer_tolerance * h,
+            "direct_iterations": direct.total_inner_iterations,
+            "direct_status": direct.status.label,
+            "direct_path_value": direct.path_values[-1],
+            "direct_residual_norm": direct.residual_norms[-1],
+            "direct_halvings": direct.steps[-1].halvings,
+        }
 
     def table(self, records: Sequence[dict]) -> Table:
         """One row for each mesh, in table3.* (with _cX for another scale)."""
+        c = self.inner_scale
+        if c == PathOptions().inner_scale:
+            return replace(super().table(records), title="Table 3")
+        name, title = f"table3_c{c:g}", f"Table 3 with c = {c:g}"
+        return replace(super().table(records), name=name, title=title)
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """What is counted."""
         o = self.options
-        notes = [
+        return [
             "Outer (total inner) iterations of Algorithm 7.2 for Example (b) from v = 0, "
             f"gamma_0 = {o.gamma_start:g}, theta = {o.growth:g}, tau_out = {o.outer_tolerance:g}, "
             f"tau_in = {o.inner_tolerance:g}; inner tolerances times c = {o.inner_scale:g}, at "
@@ -142,15 +114,6 @@ class Table3(Work):
             "precision; the paper reports more than double the iterations of the path for the "
             "finest mesh, the column beside it is what we count.",
         ]
-        usual = o.inner_scale == PathOptions().inner_scale
-        return Table(
-            name="table3" if usual else f"table3_{self._scale}",
-            title="Table 3" if usual else f"Table 3 with c = {o.inner_scale:g}",
-            head=HEAD,
-            rows=[self.row(record) for record in records],
-            notes=notes,
-            cells=records,
-        )
 
 
 def paper_value(nodes: int) -> str | None:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import csv
 import io
-import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
+
 from ngepc.results import checkpoint, records
 from ngepc.results.files import check_folder
 from ngepc.results.outcome import Status
+
+Entry = str | Callable[[dict], object]
+"""What a column shows of a record: a format of it, such as "{force:.4f}", or a function."""
 
 
 @dataclass(frozen=True)
@@ -29,21 +33,13 @@ class Cell:
         return f"{self.row.replace('*', '-nested').replace('/', ' over ')}-{self.nodes}"
 
 
-@dataclass
-class Outcome:
-    """What solving a cell gave: the record to keep, and arrays that later cells start from."""
-
-    record: dict
-    arrays: dict = field(default_factory=dict)
-
-
 def silent(line: str) -> None:
     """Progress that nobody wants to read."""
 
 
 @dataclass(eq=False)
 class Work(ABC):
-    """A study at work: ``run`` gives one record for each cell, ``write`` the files.
+    """A study at work: ``run`` gives the records of all cells, ``write`` the files.
 
     Parameters
     ----------
@@ -56,8 +52,14 @@ class Work(ABC):
     ----------
     name
         File name of the results without ending.
-    title, head
-        Of the table.
+    title, columns, note
+        Of the table: (head, entry) for each column, and what is said below it.
+    settings
+        Options that change what a cell gives; kept cells with other values are refused.
+    internal
+        Entries of records that stay out of the files.
+    keeps
+        Whether cells are kept on disk.
     """
 
     folder: Path
@@ -65,77 +67,103 @@ class Work(ABC):
 
     name: ClassVar[str]
     title: ClassVar[str] = ""
-    head: ClassVar[Sequence[str]] = ()
-
-    def settings(self) -> dict:
-        """Everything that determines a cell beside its name; kept ones with others are refused."""
-        return {}
+    columns: ClassVar[Sequence[tuple[str, Entry]]] = ()
+    note: ClassVar[str] = ""
+    settings: ClassVar[Sequence[str]] = ()
+    internal: ClassVar[Sequence[str]] = ()
+    keeps: ClassVar[bool] = True
 
     @abstractmethod
     def cells(self) -> Sequence[Cell]:
         """The cells, in the order in which they are solved."""
 
     @abstractmethod
-    def solve(self, cell: Cell) -> Outcome:
-        """Solve a cell."""
+    def solve(self, cell: Cell) -> dict | list[dict]:
+        """What a cell gives: a record, or several; arrays in them are kept but not written."""
 
-    @abstractmethod
+    def row(self, record: dict) -> list[str]:
+        """The entries of a record in the columns."""
+        return [str(shown(entry, record)) for _, entry in self.columns]
+
     def line(self, record: dict) -> str:
         """What progress says about a record."""
-
-    def row(self, record: dict) -> Sequence[object]:
-        """The entries of a record under ``head``."""
-        return list(record.values())
+        return "  ".join(filter(None, self.row(record)))
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What is said below the table."""
-        return []
+        return [self.note]
 
     def table(self, records: Sequence[dict]) -> Table:
         """The table of the records that ``run`` has returned, a row for each."""
         return Table(
             name=self.name,
             title=self.title,
-            head=self.head,
+            head=[head for head, _ in self.columns],
             rows=[self.row(record) for record in records],
             notes=self.notes(records),
-            cells=records,
+            cells=[{k: r[k] for k in r if k not in self.internal} for r in records],
         )
 
+    def draw(self, records: Sequence[dict]) -> list[Path]:
+        """Write pictures of the records; returns their paths."""
+        return []
+
     def run(self) -> list[dict]:
-        """Do the work; returns one record for each cell."""
-        cells, table = self.cells(), []
+        """Do the work; returns the records of all cells."""
+        cells, found = self.cells(), []
         for number, cell in enumerate(cells, 1):
-            table.append(self.kept(cell).record)
-            self.progress(f"[{number}/{len(cells)}] {self.line(table[-1])}")
-        return table
+            found += map(without_arrays, self.kept(cell))
+            self.progress(f"[{number}/{len(cells)}] {self.line(found[-1])}")
+        return found
 
     def write(self, table: Sequence[dict]) -> list[Path]:
-        """Write what ``run`` has returned as NAME.csv, .md and .json; returns their paths."""
-        return self.table(table).write(self.folder)
+        """Write what ``run`` has returned as NAME.csv, .md and .json, and pictures; the paths."""
+        return [*self.table(table).write(self.folder), *self.draw(table)]
 
-    def kept(self, cell: Cell) -> Outcome:
-        """The stored outcome of a cell, or the one that ``solve`` gives, which is then stored.
+    def kept(self, cell: Cell) -> list[dict]:
+        """The stored records of a cell, or those that ``solve`` gives, which are then stored.
 
         Raises
         ------
         KeyboardInterrupt
             If the solve was stopped: half a cell is not stored.
         """
-        check_folder(self.folder / "cells")
+        about = {name: getattr(self, name) for name in self.settings}
+        about |= {"study": self.name, "ngepc": records.provenance()["version"]}
+        about |= {"row": cell.row, "nodes": cell.nodes}
         path = self.folder / "cells" / f"{self.name}-{cell.name}.npz"
-        about = {"study": self.name, "ngepc": records.provenance()["version"], **self.settings()}
-        fingerprint = {**about, "row": cell.row, "nodes": cell.nodes}
-        stored = checkpoint.load(path, fingerprint)
-        if stored is not None:
-            return Outcome(stored.record, stored.arrays)
-        begin = time.perf_counter()
-        outcome = self.solve(cell)
-        if outcome.record.get("status") == Status.STOPPED.label:
+        if self.keeps:
+            check_folder(path.parent)
+            if (stored := checkpoint.load(path, about)) is not None:
+                return [record | stored.arrays for record in stored.record["records"]]
+        found = self.solve(cell)
+        found = [found] if isinstance(found, dict) else found
+        if any(record.get("status") == Status.STOPPED.label for record in found):
             raise KeyboardInterrupt
-        outcome.record["wall_time_s"] = time.perf_counter() - begin
-        checkpoint.save(path, fingerprint, outcome.record, outcome.arrays)
-        return outcome
+        if self.keeps:
+            arrays = {k: a for r in found for k, a in r.items() if isinstance(a, np.ndarray)}
+            checkpoint.save(path, about, {"records": list(map(without_arrays, found))}, arrays)
+        return found
+
+
+def without_arrays(record: dict) -> dict:
+    """The numbers and texts of a record."""
+    return {key: value for key, value in record.items() if not isinstance(value, np.ndarray)}
+
+
+def shown(entry: Entry, record: dict) -> object:
+    """What a column shows of a record."""
+    return entry.format(**record) if isinstance(entry, str) else entry(record)
+
+
+def pivoted(
+    records: Sequence[dict], row: Callable[[dict], Hashable], column: str, entry: Entry
+) -> dict[Hashable, dict[Hashable, object]]:
+    """Entries of records by what ``row`` says of them, then by their value of ``column``."""
+    found: dict[Hashable, dict[Hashable, object]] = {}
+    for record in records:
+        found.setdefault(row(record), {})[record[column]] = shown(entry, record)
+    return found
 
 
 def first_of(family: Sequence[int], levels: int) -> tuple[int, ...]:
@@ -145,7 +173,7 @@ def first_of(family: Sequence[int], levels: int) -> tuple[int, ...]:
     return tuple(family[:levels])
 
 
-def chosen(known: Mapping[str, object], rows: Sequence[str] | None) -> tuple[str, ...]:
+def chosen(known: Collection[str], rows: Sequence[str] | None) -> tuple[str, ...]:
     """The rows asked for, all of them for None; ValueError for unknown ones."""
     rows = tuple(known if rows is None else rows)
     unknown = [row for row in rows if row not in known]
@@ -154,10 +182,15 @@ def chosen(known: Mapping[str, object], rows: Sequence[str] | None) -> tuple[str
     return rows
 
 
-def ending(record: dict, prefix: str = "") -> str:
+def ending(record: Mapping, prefix: str = "") -> str:
     """' status' for a run that has not converged, nothing for one that has."""
     status = record[f"{prefix}status"]
     return "" if status == "converged" else f" {status.replace('_', ' ')}"
+
+
+def steps(record: Mapping, prefix: str = "") -> str:
+    """The Newton steps of a run, with its status if it has not converged."""
+    return f"{record[f'{prefix}iterations']}{ending(record, prefix)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,8 +205,6 @@ class Table:
         Of the Markdown table.
     cells
         One record for each cell; values that are no numbers or text stay out of the CSV.
-    seed
-        Where chance took part.
     """
 
     name: str
@@ -182,11 +213,10 @@ class Table:
     rows: Sequence[Sequence[object]]
     notes: Sequence[str]
     cells: Sequence[dict]
-    seed: int | None = None
 
     def write(self, folder: Path) -> list[Path]:
         """Write NAME.csv, NAME.md and NAME.json into ``folder``; returns their paths."""
-        made_with = records.provenance(self.seed)
+        made_with = records.provenance()
         texts = {
             "csv": _csv([_flat(cell) for cell in self.cells]),
             "md": self._markdown([f"- {key}: {value}" for key, value in made_with.items()]),
@@ -207,7 +237,8 @@ class Table:
 
 def _csv(rows: Sequence[dict]) -> str:
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, fieldnames=list(rows[0]), lineterminator="\n", restval="")
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    writer = csv.DictWriter(stream, fieldnames=names, lineterminator="\n", restval="")
     writer.writeheader()
     writer.writerows(rows)
     return stream.getvalue()

@@ -145,7 +145,7 @@ WORK = {
     "end of the gap": (["study", "duality", "--gamma-end", "1"], "gamma_end=1.0"),
     "nodes of the norm gap": (["study", "differentiability", "--nodes", "5"], "nodes=5"),
     "levels of the norm gap": (["study", "differentiability", "--levels", "99"], "levels=99"),
-    "a row of the robustness": (["study", "robustness", "--rows", "junk"], "rows=['junk']"),
+    "a row of the benchmarks": (["study", "benchmarks", "--rows", "junk"], "rows=['junk']"),
     "no run to report": (["report", "none.npz"], "no such run"),
 }
 

@@ -7,10 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from witness import dual_residual
-
-from ngepc import Status, primal_newton
-from ngepc.studies.verification.robustness import (
+from campaigns.robustness import (
     ASPECT,
     CASES,
     CONTACT,
@@ -22,7 +19,9 @@ from ngepc.studies.verification.robustness import (
     extreme_problem,
     solve,
 )
-from ngepc.studies.verification.witness import balance_residual
+from witness import balance_residual, dual_residual
+
+from ngepc import Status, primal_newton
 
 LIMIT, CELLS = 60, 6
 RESULTS = Path(__file__).resolve().parent.parent.parent / "results"

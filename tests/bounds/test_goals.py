@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import pytest
+from campaigns.crossings import finer
 
 from ngepc import Material, Problem, contact_force_bracket, displacement_bracket, semismooth_newton
 from ngepc.geometries import block
-from ngepc.studies.bounds import finer
 from ngepc.studies.examples import example
 
 MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)

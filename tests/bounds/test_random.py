@@ -1,12 +1,12 @@
 """Random problems, and a body of two materials: the bound is never below the true error."""
 
 import pytest
+from campaigns.crossings import finer, random_crossings
 from netgen.geom2d import SplineGeometry
 from ngsolve import Mesh
 
 from ngepc import Material, Problem, semismooth_newton
 from ngepc.bounds.bound import error_bound
-from ngepc.studies.bounds import finer, random_crossings
 
 
 @pytest.mark.parametrize(("seed", "dimension"), [(0, 2), (1, 2), (2, 2), (3, 2), (4, 2), (1, 3)])

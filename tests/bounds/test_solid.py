@@ -4,6 +4,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from campaigns.crossings import finer
 from ngsolve import BND, CF, x, y, z
 
 from ngepc import (
@@ -22,7 +23,6 @@ from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.bounds.tightening import Effort
 from ngepc.geometries import block
 from ngepc.model.kinematics import SOLID
-from ngepc.studies.bounds import finer
 from ngepc.studies.large import indented_block
 
 MATERIAL = Material.combined(

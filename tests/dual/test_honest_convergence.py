@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from bodies import flat_problem
+from campaigns.robustness import Case
+from campaigns.robustness import extreme_problem as build
 from ngsolve import CF, BilinearForm, GridFunction, dx, y
 from scipy.sparse.linalg import splu
+from witness import elastic_product
 
 from ngepc import (
     Coupled,
@@ -27,9 +30,6 @@ from ngepc import (
 from ngepc.dual.blocks import elastic_terms
 from ngepc.dual.iterates import Iterate
 from ngepc.geometries import block, lshape
-from ngepc.studies.verification.robustness import Case
-from ngepc.studies.verification.robustness import extreme_problem as build
-from ngepc.studies.verification.witness import elastic_product
 
 REGULARISATIONS = {
     "coupled": Coupled(1e3),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bodies import flat_problem
 from ngsolve import CF, Integrate, Norm, Parameter, y
-from witness import dual_residual
+from witness import balance_residual, dual_residual
 
 from ngepc import (
     Coupled,
@@ -27,7 +27,6 @@ from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.primal.step import PrimalStep
-from ngepc.studies.verification.witness import balance_residual
 
 NAN = math.nan
 

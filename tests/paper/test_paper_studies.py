@@ -89,7 +89,7 @@ def test_figure4_study(tmp_path, monkeypatch):
     study = Figure4(tmp_path, gamma=1e3, nodes=nodes)
     table = study.run()
     names = [path.name for path in study.write(table)]
-    assert names == ["figure4.png", "figure4.csv", "figure4.md", "figure4.json"]
+    assert names == ["figure4.csv", "figure4.md", "figure4.json", "figure4.png"]
     assert [r["example"] for r in table] == ["lshape", "wrench"]
     with pytest.raises(ValueError, match="levels"):
         Figure4(tmp_path, 7)

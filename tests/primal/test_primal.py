@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from bodies import FLAT
+from campaigns.random_problems import Draw, build
 from ngsolve import (
     CF,
     H1,
@@ -21,6 +22,7 @@ from ngsolve import (
     x,
     y,
 )
+from witness import balance_residual
 
 from ngepc.discretisation.loads import Supports, nodal
 from ngepc.discretisation.pointfunctions import interpolated
@@ -33,8 +35,6 @@ from ngepc.model.rules import plastic_points
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.outcome import SolverError, Status
-from ngepc.studies.verification.random_problems import Draw, build
-from ngepc.studies.verification.witness import balance_residual
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
 TRACE_FREE = CF((1e-3 * x, 2e-3, 2e-3, -1e-3 * x), dims=(2, 2))

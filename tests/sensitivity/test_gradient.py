@@ -22,13 +22,13 @@ from ngepc.sensitivity.forms import as_functional, misfit
 from ngepc.sensitivity.functionals import DisplacementAt, Reaction
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.parameters import Direction
-from ngepc.studies.verification.derivatives import (
+from ngepc.studies.derivatives import (
     Derivatives,
     compared,
     envelope_error,
     taylor_slopes,
 )
-from ngepc.studies.verification.differentiable import (
+from ngepc.studies.random_problems import (
     last_state,
     moved,
     once,

@@ -8,8 +8,8 @@ from ngepc.geometries import lshape
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.states import restored_state, states_of
 from ngepc.sensitivity.tangent import tangents
-from ngepc.studies.verification.derivatives import compared
-from ngepc.studies.verification.differentiable import (
+from ngepc.studies.derivatives import compared
+from ngepc.studies.random_problems import (
     four_times,
     functionals,
     random_problem,

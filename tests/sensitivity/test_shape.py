@@ -7,7 +7,7 @@ from ngsolve import CF, sin, x, y, z
 from ngepc import Direction, Material, Problem, gradient, semismooth_newton, tangent
 from ngepc.geometries import block
 from ngepc.sensitivity.shape import STENCIL, moved_mesh, vertex_motion
-from ngepc.studies.verification.differentiable import (
+from ngepc.studies.random_problems import (
     four_times,
     functionals,
     last_state,

@@ -14,7 +14,7 @@ from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Direction
 from ngepc.sensitivity.radial import RadialDerivative
 from ngepc.sensitivity.tangent import tangent
-from ngepc.studies.verification.differentiable import functionals, once, random_problem, sizes
+from ngepc.studies.random_problems import functionals, once, random_problem, sizes
 
 
 def test_reverse_is_the_transpose_of_forward():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.parameters import Constants, Direction, changed_data
 from ngepc.sensitivity.shape import STENCIL
 from ngepc.sensitivity.states import Solution, states_of
-from ngepc.studies.verification.differentiable import (
+from ngepc.studies.random_problems import (
     four_times,
     functionals,
     last_state,
@@ -25,7 +25,7 @@ from ngepc.studies.verification.differentiable import (
     random_problem,
     sizes,
 )
-from ngepc.studies.work import Cell, Outcome, Table, Work
+from ngepc.studies.work import Cell, Table, Work
 
 STEP = 3e-5
 """The step of differences, relative to the size of the parameters."""
@@ -147,15 +147,30 @@ class Derivatives(Work):
 
     count: int = 200
 
-    name = "derivatives"
-    title = "Derivatives against differences"
-    head = ("", "problems", "numbers", "across a kink", "largest error", "Taylor slope", "envelope")
+    name, title = "derivatives", "Derivatives against differences"
+    columns = (
+        ("", "{group}"),
+        ("problems", "{problems}"),
+        ("numbers", "{compared}"),
+        ("across a kink", "{kinks}"),
+        ("largest error", "{error:.1e}"),
+        ("Taylor slope", lambda r: f"{min(r['slopes']):.3f}" if r["slopes"] else ""),
+        ("envelope", lambda r: f"{max(r['errors']):.1e}" if r["errors"] else ""),
+    )
+    note = (
+        "Gradients of contact force, energy, a displacement, a reaction and integrals of u, p and "
+        "stress by all data, beside central differences of fourth order with the relative step "
+        f"{STEP:g}; errors relative to the largest derivative of the functional, without "
+        "differences across which a row or point changes side. Taylor: the smallest order of a "
+        "remainder in a random direction. Envelope: dJ/dm against the explicit partial derivative, "
+        "where friction has no bound that follows the pressure."
+    )
 
     def cells(self) -> list[Cell]:
         """The problems by seed."""
         return [Cell("seed", seed) for seed in range(self.count)]
 
-    def solve(self, cell: Cell) -> Outcome:
+    def solve(self, cell: Cell) -> dict:
         """Differences for all, Taylor remainders and the envelope theorem for single steps."""
         seed, problem = cell.nodes, random_problem(cell.nodes)
         steps = 4 if seed % 5 == 2 else 1
@@ -163,7 +178,7 @@ class Derivatives(Work):
         found = compared(problem, once if steps == 1 else four_times, part)
         smooth = [c.error for c in found if c.smooth]
         friction = "Coulomb" if isinstance(problem.friction, Coulomb) else "Tresca"
-        record = {
+        return {
             "seed": seed,
             "kinematics": problem.kinematics.name,
             "order": problem.order,
@@ -176,7 +191,6 @@ class Derivatives(Work):
             "Taylor": min(taylor_slopes(problem, seed).values()) if steps == 1 else None,
             "envelope": envelope_error(problem) if steps == 1 else None,
         }
-        return Outcome(record)
 
     def line(self, record: dict) -> str:
         """One line about a problem."""
@@ -184,32 +198,22 @@ class Derivatives(Work):
 
     def table(self, records: Sequence[dict]) -> Table:
         """Counts over groups of problems."""
-        groups = {"all": records}
+        groups = {"all": list(records)}
         for key in ("kinematics", "order", "friction", "bodies", "steps"):
-            for value in dict.fromkeys(record[key] for record in records):
-                groups[f"{key} {value}"] = [r for r in records if r[key] == value]
-        notes = [
-            "Gradients of contact force, energy, a displacement, a reaction and integrals of u, p "
-            "and stress by all data, beside central differences of fourth order with the relative "
-            f"step {STEP:g}; errors relative to the largest derivative of the functional, without "
-            "differences across which a row or point changes side. Taylor: the smallest order of "
-            "a remainder in a random direction. Envelope: dJ/dm against the explicit partial "
-            "derivative, where friction has no bound that follows the pressure."
-        ]
-        rows = [_summary(label, group) for label, group in groups.items()]
-        return Table(
-            name=self.name, title=self.title, head=self.head, rows=rows, notes=notes, cells=records
-        )
+            for record in records:
+                groups.setdefault(f"{key} {record[key]}", []).append(record)
+        rows = [self.row(summary(label, group)) for label, group in groups.items()]
+        return replace(super().table([]), rows=rows, cells=records)
 
 
-def _summary(label: str, group: Sequence[dict]) -> list[object]:
-    slopes, errors = ([r[k] for r in group if r[k] is not None] for k in ("Taylor", "envelope"))
-    return [
-        label,
-        len(group),
-        sum(r["compared"] for r in group),
-        sum(r["across a kink"] for r in group),
-        f"{max(r['largest error'] for r in group):.1e}",
-        f"{min(slopes):.3f}" if slopes else "",
-        f"{max(errors):.1e}" if errors else "",
-    ]
+def summary(label: str, group: Sequence[dict]) -> dict:
+    """The numbers of a group of problems."""
+    return {
+        "group": label,
+        "problems": len(group),
+        "compared": sum(r["compared"] for r in group),
+        "kinks": sum(r["across a kink"] for r in group),
+        "error": max(r["largest error"] for r in group),
+        "slopes": [r["Taylor"] for r in group if r["Taylor"] is not None],
+        "errors": [r["envelope"] for r in group if r["envelope"] is not None],
+    }

@@ -4,10 +4,8 @@ Materials over six orders of magnitude in stress, bodies over four in length, lo
 deeply plastic, gaps from none to full contact, CSG meshes.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,11 +67,11 @@ class Draw:
     history: float
 
 
-def draws(seed: int) -> Iterator[Draw]:
+def draws(seed):
     """An endless sequence of random problems, the same for the same seed."""
     random = np.random.default_rng(seed)
 
-    def one_of(values: object) -> str:
+    def one_of(values):
         return str(random.choice(list(values)))
 
     while True:
@@ -94,7 +92,7 @@ def draws(seed: int) -> Iterator[Draw]:
         )
 
 
-def build(draw: Draw) -> Problem:
+def build(draw):
     """The problem that a draw stands for."""
     body = BODIES[draw.body]
     mesh = body.mesh(draw.maxh)
@@ -124,7 +122,7 @@ def build(draw: Draw) -> Problem:
     )
 
 
-def _material(draw: Draw) -> Material:
+def _material(draw):
     mu = 1e3 * 10**draw.stress_unit
     young = 2 * mu * (1 + draw.poisson)
     lame_lambda, lame_mu = lame_parameters(young, draw.poisson)
@@ -140,7 +138,7 @@ def _material(draw: Draw) -> Material:
     )
 
 
-def _history(draw: Draw, material: Material, size: int) -> dict:
+def _history(draw, material, size):
     if draw.history == 0:
         return {}
     strain_size = draw.history * material.yield_stress / (2 * material.lame_mu)

@@ -4,24 +4,20 @@ The body is the unit square, fixed below, sheared at its sides until it yields a
 an obstacle above.  Every cell of the table is a run from a cold start that ends in a named status.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from ngsolve import BND, CF, CoefficientFunction, IfPos, Mesh, x
+from ngsolve import BND, CF, IfPos, x
 
 from ngepc.dual.newton import NewtonOptions
 from ngepc.geometries import block
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.path.options import PathOptions
-from ngepc.path.result import PathResult
 from ngepc.path.solver import follow_path
 from ngepc.primal.solver import primal_newton
-from ngepc.results.result import Result
 from ngepc.studies.examples import solved_by
-from ngepc.studies.work import Cell, Outcome, Table, Work, chosen, ending
+from ngepc.studies.work import Cell, Work, chosen, pivoted, steps
 
 LAME_MU, YIELD_STRESS = 1e3, 1.25
 SHEAR = 2.5
@@ -69,7 +65,7 @@ CASES = {
 """Label -> case, in the order of the table."""
 
 
-def extreme_problem(case: Case, cells: int = 12) -> Problem:
+def extreme_problem(case, cells=12):
     """The problem of a case on ``cells`` x ``cells`` rectangles cut into triangles."""
     height = 1 / case.aspect
     mesh = block.structured_mesh(cells, cells, size=(1.0, height), simplices=True)
@@ -86,7 +82,7 @@ def extreme_problem(case: Case, cells: int = 12) -> Problem:
     return Problem(mesh, material, "clamped", free.traction, contact="contact", gap=gap)
 
 
-def _gap(contact: str, mesh: Mesh, top: CoefficientFunction, height: float) -> CoefficientFunction:
+def _gap(contact, mesh, top, height):
     """The gap that gives a contact state, from the displacement ``top`` without an obstacle."""
     vertices = sorted({v.nr for el in mesh.Boundaries("contact").Elements() for v in el.vertices})
     points = [mesh.ngmesh.Coordinates()[v][0] for v in vertices]
@@ -104,7 +100,7 @@ def _gap(contact: str, mesh: Mesh, top: CoefficientFunction, height: float) -> C
     }[contact]
 
 
-def solve(case: Case, method: str, limit: int, cells: int = 12) -> Result | PathResult:
+def solve(case, method, limit, cells=12):
     """The result of one of METHODS for a case, in ``limit`` Newton steps at most."""
     problem = extreme_problem(case, cells)
     options = NewtonOptions(max_iterations=limit, quadrature_points=100)
@@ -129,47 +125,42 @@ class Robustness(Work):
     rows: Sequence[str] | None = None
     limit: int = 200
 
-    name = "robustness"
+    name, title, settings = "robustness", "Robustness", ("limit",)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         self.rows = chosen(CASES, self.rows)
 
-    def settings(self) -> dict:
-        """The limit."""
-        return {"limit": self.limit}
-
-    def cells(self) -> list[Cell]:
+    def cells(self):
         """All methods in each row."""
         return [Cell(f"{row}, {method}") for row in self.rows for method in METHODS]
 
-    def solve(self, cell: Cell) -> Outcome:
+    def solve(self, cell):
         """One run."""
         row, method = cell.row.rsplit(", ", 1)
         result = solve(CASES[row], method, self.limit).or_interrupted()
         last = getattr(result, "last", result)
-        steps = result.total_inner_iterations if method == "path" else result.iterations
-        return Outcome(
-            {
-                "row": row,
-                "method": method,
-                "iterations": steps,
-                "status": result.status.label,
-                "residual": last.residual_norm,
-                "plastic": last.history.records[-1].plastic_active,
-                "contact_force": last.contact_force,
-                "primal_energy": last.primal_energy,
-                "message": result.message,
-            }
-        )
+        return {
+            "row": row,
+            "method": method,
+            "iterations": result.total_inner_iterations if method == "path" else result.iterations,
+            "status": result.status.label,
+            "residual": last.residual_norm,
+            "plastic": last.history.records[-1].plastic_active,
+            "contact_force": last.contact_force,
+            "primal_energy": last.primal_energy,
+            "message": result.message,
+        }
 
-    def line(self, r: dict) -> str:
+    def line(self, record):
         """The count."""
-        return f"{r['row']}, {r['method']}: {r['iterations']}{ending(r)}"
+        return f"{record['row']}, {record['method']}: {steps(record)}"
 
-    def table(self, records: Sequence[dict]) -> Table:
+    def table(self, records):
         """Cases over methods."""
-        found = {(r["row"], r["method"]): f"{r['iterations']}{ending(r)}" for r in records}
-        rows = [[row, *(found[row, method] for method in METHODS)] for row in self.rows]
-        note = NOTE.format(limit=self.limit)
-        parts = {"head": ["", *METHODS], "rows": rows, "notes": [note], "cells": records}
-        return Table(name=self.name, title="Robustness", **parts)
+        found = pivoted(records, lambda r: r["row"], "method", steps)
+        rows = [[row, *(counts[method] for method in METHODS)] for row, counts in found.items()]
+        return replace(super().table(records), head=["", *METHODS], rows=rows)
+
+    def notes(self, records):
+        """What the problem is."""
+        return [NOTE.format(limit=self.limit)]

@@ -11,24 +11,19 @@
 Runs that end in another status are honest but counted.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import islice
 
 import numpy as np
+from campaigns.random_problems import BODIES, GAPS, HARDENINGS, build, draws
 from ngsolve import Integrate
+from witness import balance_residual, energy, feasible_bound
 
 from ngepc.dual.newton import semismooth_newton
-from ngepc.local.result import ExactResult
 from ngepc.primal import primal_newton
-from ngepc.primal.result import PrimalResult
 from ngepc.results.outcome import Status
-from ngepc.studies.verification.random_problems import BODIES, GAPS, HARDENINGS, Draw, build, draws
-from ngepc.studies.verification.witness import balance_residual, energy, feasible_bound
-from ngepc.studies.work import Cell, Outcome, Table, Work
+from ngepc.studies.work import Cell, Work
 
 SLACK = 1e-8
 """Rounding allowed in the comparison of energies, relative to the energies."""
@@ -50,7 +45,7 @@ EMPTY = {
 }
 
 
-def examine(draw: Draw) -> dict:
+def examine(draw):
     """Solve a random problem by both methods and judge the results; never raises.
 
     ``complaints`` are a sentence each, none when all is well; ``statuses`` and ``iterations`` are
@@ -69,7 +64,7 @@ def examine(draw: Draw) -> dict:
         return EMPTY | {"draw": asdict(draw), "complaints": (f"{type(error).__name__}: {error}",)}
 
 
-def judged(primal: PrimalResult, default: ExactResult) -> dict:
+def judged(primal, default):
     """What ``examine`` says about two results for one problem."""
     problem, last = primal.problem, primal.history.records[-1]
     gap, out_of_order = _energies(primal, default)
@@ -86,7 +81,7 @@ def judged(primal: PrimalResult, default: ExactResult) -> dict:
     }
 
 
-def _false_statuses(primal: PrimalResult, default: ExactResult) -> Iterator[str]:
+def _false_statuses(primal, default):
     """Runs that say converged without being so, and states that are not finite."""
     for name, result in {"primal": primal, "default": default}.items():
         residual = balance_residual(result)
@@ -96,7 +91,7 @@ def _false_statuses(primal: PrimalResult, default: ExactResult) -> Iterator[str]
             yield f"no finite state is left: {result.status.label}"
 
 
-def _energies(primal: PrimalResult, default: ExactResult) -> tuple[float, list[str]]:
+def _energies(primal, default):
     """What the energies leave between the solutions, relative, and what is out of order."""
     distance, above = feasible_bound(primal, default)
     least = energy(primal.problem, primal.displacement, primal.plastic_increment)
@@ -125,18 +120,17 @@ class Fuzz(Work):
     count: int = 200
     seed: int = 1
 
-    name = "fuzz"
+    name, title = "fuzz", "Random problems"
 
-    def cells(self) -> list[Cell]:
+    def cells(self):
         """The problems by number."""
         return [Cell(f"seed {self.seed}", number) for number in range(1, self.count + 1)]
 
-    def solve(self, cell: Cell) -> Outcome:
+    def solve(self, cell):
         """The verdict on one problem."""
-        draw = next(islice(draws(self.seed), cell.nodes - 1, None))
-        return Outcome(examine(draw))
+        return examine(next(islice(draws(self.seed), cell.nodes - 1, None)))
 
-    def line(self, record: dict) -> str:
+    def line(self, record):
         """One line about a verdict, and one for each complaint and message."""
         d = record["draw"]
         pairs = zip(record["statuses"], record["iterations"], strict=True)
@@ -148,10 +142,15 @@ class Fuzz(Work):
             + "".join(f"\n    {text}" for text in said)
         )
 
-    def table(self, records: Sequence[dict]) -> Table:
+    def table(self, records):
         """Counts over groups of problems."""
+        rows = [_row(label, group) for label, group in _groups(records) if group]
+        return replace(super().table(records), head=HEAD, rows=rows)
+
+    def notes(self, records):
+        """What was drawn, what a complaint is, and the complaints."""
         complaints = [(k, v["complaints"]) for k, v in enumerate(records, 1) if v["complaints"]]
-        notes = [
+        return [
             f"{len(records)} random problems, seed {self.seed}, each solved by the default method "
             "and by the primal one. Materials over six orders of magnitude in stress and four in "
             "length, Poisson's ratio -0.4 to 0.49, yield bound 1e-4 to 3e-2 and hardening 1e-3 to "
@@ -161,18 +160,9 @@ class Fuzz(Work):
             "solutions, relative.",
             *[f"- {number}: {'; '.join(texts)}" for number, texts in complaints],
         ]
-        return Table(
-            name=self.name,
-            title="Random problems",
-            head=HEAD,
-            rows=[_row(label, group) for label, group in _groups(records) if group],
-            notes=notes,
-            cells=records,
-            seed=self.seed,
-        )
 
 
-def _groups(table: Sequence[dict]) -> Iterator[tuple[str, list[dict]]]:
+def _groups(table):
     yield "all", list(table)
     for name, values in {"gap": GAPS, "kind": HARDENINGS, "body": tuple(BODIES)}.items():
         for value in values:
@@ -181,7 +171,7 @@ def _groups(table: Sequence[dict]) -> Iterator[tuple[str, list[dict]]]:
         yield name, [v for v in table if low <= v["plastic"] < high]
 
 
-def _row(label: str, group: list[dict]) -> list[object]:
+def _row(label, group):
     statuses = [status for v in group for status in v["statuses"]]
     others = sorted(set(statuses) - {"converged"})
     gaps = [v["gap"] for v in group if math.isfinite(v["gap"])] or [math.nan]

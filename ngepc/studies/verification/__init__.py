@@ -1,1 +1,0 @@
-"""Checks on many problems: random data, data at their extremes, an independent look at results."""

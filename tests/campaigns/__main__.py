@@ -1,0 +1,47 @@
+"""Campaigns that try to contradict the solvers, longer than a test; cells are kept as in studies.
+
+``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
+--rows "usual,gamma 1e+06"``.
+"""
+
+import argparse
+from pathlib import Path
+
+from campaigns.fuzz import Fuzz
+from campaigns.robustness import Robustness
+from ngsolve import SetNumThreads
+
+
+def rows(text):
+    """The parts of a list."""
+    return text.split(",")
+
+
+def arguments():
+    """What a command line may say."""
+    parser = argparse.ArgumentParser(prog="python -m campaigns", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    campaigns = parser.add_subparsers(dest="campaign", required=True)
+    fuzz = campaigns.add_parser("fuzz", help="random problems by two methods, judged")
+    fuzz.set_defaults(kind=Fuzz, options=("count", "seed"))
+    fuzz.add_argument("--count", type=int, default=Fuzz.count)
+    fuzz.add_argument("--seed", type=int, default=Fuzz.seed)
+    extremes = campaigns.add_parser("robustness", help="data at their extremes, all methods")
+    extremes.set_defaults(kind=Robustness, options=("rows", "limit"))
+    extremes.add_argument("--rows", type=rows)
+    extremes.add_argument("--limit", type=int, default=Robustness.limit)
+    return parser
+
+
+def main(words=None):
+    """Run a campaign; says what it has written."""
+    given = arguments().parse_args(words)
+    options = {name: getattr(given, name) for name in given.options}
+    work = given.kind(given.out, progress=print, **options)
+    for path in work.write(work.run()):
+        print(path)
+
+
+if __name__ == "__main__":
+    SetNumThreads(1)
+    main()
