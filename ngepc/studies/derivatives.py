@@ -202,11 +202,11 @@ class Derivatives(Work):
         for key in ("kinematics", "order", "friction", "bodies", "steps"):
             for record in records:
                 groups.setdefault(f"{key} {record[key]}", []).append(record)
-        rows = [self.row(summary(label, group)) for label, group in groups.items()]
+        rows = [self.row(group_record(label, group)) for label, group in groups.items()]
         return replace(super().table([]), rows=rows, cells=records)
 
 
-def summary(label: str, group: Sequence[dict]) -> dict:
+def group_record(label: str, group: Sequence[dict]) -> dict:
     """The numbers of a group of problems."""
     return {
         "group": label,
