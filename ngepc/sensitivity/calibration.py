@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy import stats
@@ -12,7 +13,6 @@ from scipy.optimize import OptimizeResult, least_squares
 from ngepc.checks.arguments import is_number, require_integer, require_number
 from ngepc.checks.kinds import require_instance, require_mapping, require_sequence
 from ngepc.evolution.load_path import Schedule
-from ngepc.evolution.result import Evolution
 from ngepc.evolution.solver import evolve
 from ngepc.local.system import State
 from ngepc.model.problem import Problem
@@ -58,18 +58,18 @@ class Curve:
         require_instance("schedule", self.schedule, Schedule, "a Schedule")
         as_functional(self.functional)
         require_numbers("measured", self.measured)
-        if is_number(self.noise):
-            require_number("noise", self.noise, 0, strict=True)
-        elif self.noise is not None:
-            require_numbers("noise", self.noise)
         count, times = len(self.measured), len(self.schedule.times)
         if count != times:
             raise ValueError(
                 f"measured={self.measured!r}: one value for each of {times} times is needed"
             )
+        if self.noise is None:
+            return
+        if not is_number(self.noise):
+            require_numbers("noise", self.noise)
         if np.ndim(self.noise) and len(self.noise) != count:
             raise ValueError(f"noise={self.noise!r}: one number or {count} are needed")
-        if self.noise is not None and not (np.asarray(self.noise, dtype=float) > 0).all():
+        if not (np.asarray(self.noise, dtype=float) > 0).all():
             raise ValueError(f"noise={self.noise!r}: positive numbers are needed")
 
     @property
@@ -77,11 +77,6 @@ class Curve:
         """1 / noise of each measurement."""
         noise = 1.0 if self.noise is None else np.asarray(self.noise, dtype=float)
         return np.ones(len(self.measured)) / noise
-
-    def measured_steps(self, evolution: Evolution) -> list[int]:
-        """The steps at whose ends was measured; others come from cuts."""
-        times = evolution.times
-        return [times.index(time) for time in self.schedule.times]
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,22 +159,44 @@ def calibrate(
     require_number("tolerance", tolerance, 0, strict=True)
     if not 0 < require_number("confidence", confidence) < 1:
         raise ValueError(f"confidence={confidence!r}: a number in (0, 1) is needed")
-    limit = require_integer("max_evaluations", max_evaluations, 1)
-    search = _Search(problem, list(curves), tuple(checked_start(start)))
+    limit, names = require_integer("max_evaluations", max_evaluations, 1), checked_start(start)
     count = sum(len(curve.measured) for curve in curves)
-    if count < len(start):
-        raise ValueError(f"{count} measurements: at least {len(start)} are needed")
+    if count < len(names):
+        raise ValueError(f"{count} measurements: at least {len(names)} are needed")
+
+    @lru_cache(maxsize=1)  # the Jacobian is asked for where the residuals were found
+    def solved(*logarithms: float) -> list[Prediction]:
+        body = with_constants(problem, names, logarithms)
+        return [Prediction.along(curve, body) for curve in curves]
+
     found = least_squares(
-        search.residuals,
-        np.log(list(start.values())),
-        search.jacobian,
+        lambda x: np.concatenate([path.residuals() for path in solved(*x)]),
+        np.log([start[name] for name in names]),
+        lambda x: np.concatenate([path.slopes(names) for path in solved(*x)]) * np.exp(x),
         method="dogbox",  # shortest Gauss-Newton steps where the data do not identify a constant
         max_nfev=limit,
         ftol=tolerance,
         xtol=tolerance,
         gtol=tolerance,
     )
-    return search.calibration(found, confidence)
+    known = all(curve.noise is not None for curve in curves)
+    condition, (low, high) = statistics(found, confidence, known)
+    message = found.message
+    if not condition <= ILL_CONDITIONED:
+        message += (
+            f" The data do not identify all of {', '.join(names)}: the Gauss-Newton matrix has "
+            f"condition {condition:.2g}."
+        )
+    return Calibration(
+        values=dict(zip(names, np.exp(found.x).tolist(), strict=True)),
+        intervals=dict(zip(names, zip(low, high, strict=True), strict=True)),
+        problem=with_constants(problem, names, found.x),
+        residuals=found.fun,
+        condition=condition,
+        evaluations=solved.cache_info().misses,
+        converged=bool(found.success),
+        message=message,
+    )
 
 
 def require_numbers(name: str, values: object) -> None:
@@ -189,113 +206,63 @@ def require_numbers(name: str, values: object) -> None:
         require_number(f"{name}[{i}]", value)
 
 
-def checked_start(start: Mapping[str, float]) -> Mapping[str, float]:
-    """Refuse what is no material constant with a positive guess."""
+def checked_start(start: Mapping[str, float]) -> tuple[str, ...]:
+    """The names in ``start``; refuses what is no material constant with a positive guess."""
     require_mapping("start", start, "material constant -> first guess")
     for name, guess in start.items():
         if name not in MATERIAL:
             raise ValueError(f"start names {name!r}: one of {', '.join(MATERIAL)} is needed")
         require_number(f"start[{name!r}]", guess, 0, strict=True)
-    return start
+    return tuple(start)
+
+
+def with_constants(problem: Problem, names: Sequence[str], logarithms: Sequence[float]) -> Problem:
+    """The problem with other material constants."""
+    values = dict(zip(names, np.exp(logarithms).tolist(), strict=True))
+    return replace(problem, material=replace(problem.material, **values))
 
 
 @dataclass(frozen=True, eq=False)
-class SolvedPath:
-    """A load path solved with some constants, beside the curve measured along it."""
+class Prediction:
+    """The states along a load path, and the steps at whose ends was measured: cuts add others."""
 
     curve: Curve
     states: list[State]
     steps: list[int]
 
     @classmethod
-    def of(cls, problem: Problem, curve: Curve) -> SolvedPath:
-        """Solve the load path of a curve.
-
-        Raises
-        ------
-        SolverError
-            If a step does not converge.
-        """
+    def along(cls, curve: Curve, problem: Problem) -> Prediction:
+        """Solve the load path of a curve; SolverError if a step does not converge."""
         run = evolve(problem, curve.schedule)
-        states = [give_state() for give_state in states_of(run)]
-        return cls(curve, states, curve.measured_steps(run))
+        steps = [run.times.index(time) for time in curve.schedule.times]
+        return cls(curve, [give_state() for give_state in states_of(run)], steps)
 
-    @property
     def residuals(self) -> np.ndarray:
         """(predicted - measured) / noise."""
         functional = as_functional(self.curve.functional)
         predicted = [functional.slope(self.states[step]).value for step in self.steps]
         return (np.array(predicted) - self.curve.measured) * self.curve.weights
 
-    def slopes(self, name: str) -> np.ndarray:
-        """The derivatives of the residuals with respect to a material constant."""
-        found = tangents_at(self.states, {name: 1.0})
-        slopes = [found[step].of(self.curve.functional) for step in self.steps]
-        return np.array(slopes) * self.curve.weights
+    def slopes(self, names: Sequence[str]) -> np.ndarray:
+        """The derivatives of the residuals by material constants, shape (measurements, names)."""
+        found = [tangents_at(self.states, {name: 1.0}) for name in names]
+        slopes = [[t[step].of(self.curve.functional) for t in found] for step in self.steps]
+        return np.array(slopes) * self.curve.weights[:, None]
 
 
-@dataclass(eq=False)
-class _Search:
-    """The residuals at logarithms of the constants, and their Jacobian at the same point."""
+def statistics(found: OptimizeResult, confidence: float, known: bool) -> tuple[float, np.ndarray]:
+    """Condition of J' J, and the ends of the confidence intervals, shape (2, constants).
 
-    problem: Problem
-    curves: list[Curve]
-    names: tuple[str, ...]
-    paths: list[SolvedPath] = field(default_factory=list)
-    evaluations: int = 0
-    at: np.ndarray | None = None
-
-    def values(self, logarithms: np.ndarray) -> dict[str, float]:
-        return dict(zip(self.names, np.exp(logarithms).tolist(), strict=True))
-
-    def problem_at(self, logarithms: np.ndarray) -> Problem:
-        material = replace(self.problem.material, **self.values(logarithms))
-        return replace(self.problem, material=material)
-
-    def solve(self, logarithms: np.ndarray) -> list[SolvedPath]:
-        if self.at is None or (self.at != logarithms).any():
-            problem = self.problem_at(logarithms)
-            self.paths = [SolvedPath.of(problem, curve) for curve in self.curves]
-            self.at, self.evaluations = logarithms.copy(), self.evaluations + 1
-        return self.paths
-
-    def residuals(self, logarithms: np.ndarray) -> np.ndarray:
-        return np.concatenate([path.residuals for path in self.solve(logarithms)])
-
-    def jacobian(self, logarithms: np.ndarray) -> np.ndarray:
-        paths, values = self.solve(logarithms), self.values(logarithms)
-        columns = [
-            value * np.concatenate([path.slopes(name) for path in paths])
-            for name, value in values.items()
-        ]
-        return np.stack(columns, axis=1)
-
-    def calibration(self, found: OptimizeResult, confidence: float) -> Calibration:
-        """Statistics of the linearised problem at the end of the search."""
-        m, n = found.jac.shape
-        _, singular, right = np.linalg.svd(found.jac, full_matrices=False)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            condition = float((singular[0] / singular[-1]) ** 2) if singular[-1] > 0 else np.inf
-            error = np.sqrt(np.nan_to_num((right / singular[:, None]) ** 2, posinf=np.inf).sum(0))
+    Those of the linearised problem at the end of the search; where the noise is not ``known`` it is
+    estimated from the residuals.
+    """
+    m, n = found.jac.shape
+    _, singular, right = np.linalg.svd(found.jac, full_matrices=False)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        condition = float((singular[0] / singular[-1]) ** 2) if singular[-1] > 0 else np.inf
+        error = np.sqrt(np.nan_to_num((right / singular[:, None]) ** 2, posinf=np.inf).sum(0))
         factor = stats.norm.ppf(0.5 + confidence / 2)
-        if any(curve.noise is None for curve in self.curves):
+        if not known:
             error = error * np.sqrt(2 * found.cost / max(m - n, 1))
             factor = stats.t.ppf(0.5 + confidence / 2, max(m - n, 1))
-        with np.errstate(over="ignore"):
-            ends = np.exp(found.x + factor * np.outer([-1, 1], error)).T.tolist()
-        texts = [found.message]
-        if not condition <= ILL_CONDITIONED:
-            texts.append(
-                f"The data do not identify all of {', '.join(self.names)}: the Gauss-Newton "
-                f"matrix has condition {condition:.2g}."
-            )
-        return Calibration(
-            values=self.values(found.x),
-            intervals={name: tuple(end) for name, end in zip(self.names, ends, strict=True)},
-            problem=self.problem_at(found.x),
-            residuals=found.fun,
-            condition=condition,
-            evaluations=self.evaluations,
-            converged=bool(found.success),
-            message=" ".join(texts),
-        )
+        return condition, np.exp(found.x + factor * np.outer([-1, 1], error))

@@ -7,16 +7,13 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from ngsolve import (
-    VOL,
-    ElementId,
-)
+from ngsolve import VOL, ElementId
 
 from ngepc.checks.arguments import boundary_names, require_integer, require_vector
 from ngepc.checks.kinds import require_text
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import RowSides
-from ngepc.sensitivity.radial import Data, RadialDerivative
+from ngepc.sensitivity.radial import Data
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +43,11 @@ class Slope:
     contact: np.ndarray | float = 0.0
     explicit: Data = field(default_factory=dict)
 
+    def of_points(self, state: State, p: np.ndarray, stress: np.ndarray, mean: np.ndarray) -> float:
+        """The part of a change of F that changes at the points make."""
+        local = (self.p * p + self.stress * stress).sum(axis=1) + self.mean * mean
+        return state.discrete.points.integral(local)
+
 
 class Functional(Protocol):
     """What derivatives are taken of."""
@@ -71,7 +73,7 @@ class PrimalEnergy:
     def slope(self, state: State) -> Slope:
         """Value and derivative: p is best for u, so that J depends on u and on the data."""
         law, at = state.discrete.law, state.at
-        elastic = RadialDerivative(law, at).elastic
+        elastic = law.stress(at) / law.two_mu[:, None]
         forces = state.internal_forces - state.discrete.load
         sides, still = RowSides(state), np.zeros(len(state.multipliers))
         slip, bound = (np.where(sides.slips, a, 0.0) for a in (sides.slip, sides.bound))
@@ -97,7 +99,8 @@ class ElasticEnergy:
 
     def slope(self, state: State) -> Slope:
         """Value and derivative at a state."""
-        law, elastic = state.discrete.law, RadialDerivative(state.discrete.law, state.at).elastic
+        law = state.discrete.law
+        elastic = law.stress(state.at) / law.two_mu[:, None]
         sizes, volumes = (elastic**2).sum(axis=1), state.volume**2
         energy = state.discrete.points.integral(0.5 * (law.bulk * volumes + law.two_mu * sizes))
         explicit = {"bulk": -0.5 * volumes, "two_mu": -0.5 * sizes}

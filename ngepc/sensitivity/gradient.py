@@ -1,7 +1,15 @@
 """Gradients of functionals by the adjoint, backwards through the time steps.
 
-One step is a history of one.  Backwards from the last one the derivative with respect to what a
-step has inherited, p_0, dev alpha_2, alpha_1 and u_0, is carried to the step before, which left
+Changes of the solution obey K u' + C' y = -r_m at the free components and R u' - D y = shift_m for
+the rows that contact leaves (``sensitivity.contact``).  With the multipliers z, zeta of the
+transposed system K z + R' zeta = F_u, C z - D zeta = E' F_x,
+
+    dF/dm = F_m - z . r_m + zeta . shift_m + (F_u - K z - R' zeta) . values_m,
+
+for the prescribed values of the held components, and e . (F_x - R z) per change of a bound: one
+solve for any number of parameters.  One step is a history of one.  Backwards from the last one the
+derivative with respect to what a step has inherited, p_0, dev alpha_2, alpha_1 and u_0, is carried
+to the step before, which left
 
     p_0 + p,    dev alpha_2 + k p,    alpha_1 + k_1 H sigma_y |p|    and, with friction, u_0 = u.
 """
@@ -15,13 +23,12 @@ import numpy as np
 
 from ngepc.checks.arguments import require_integer
 from ngepc.local.system import State
-from ngepc.sensitivity.adjoint import derivative_by_data, paired, summed
 from ngepc.sensitivity.biactive import Biactive, biactive_set, told
 from ngepc.sensitivity.forms import Form, as_functional
 from ngepc.sensitivity.functionals import Functional, Slope
 from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Constants, Parameters, changed_data, directions
-from ngepc.sensitivity.radial import Data
+from ngepc.sensitivity.radial import Data, RadialDerivative, paired, summed
 from ngepc.sensitivity.shape import MovingBody
 from ngepc.sensitivity.states import Solution, states_of
 
@@ -144,3 +151,28 @@ def inherited(constants: Constants, slopes: Data, later: Data) -> Data:
     remembered = later.get("alpha_1", 0.0) + constants.memory * slopes["beta"]
     kept = {name: slopes[name] for name in ("initial", "back", "start") if name in slopes}
     return kept | {"alpha_1": remembered}
+
+
+def derivative_by_data(state: State, system: HeldSystem, slope: Slope) -> Data:
+    """The derivative of a functional with respect to all discrete data, see ``Data``.
+
+    Raises
+    ------
+    TangentError
+        If the adjoint system is singular.
+    """
+    discrete, law, contact = state.discrete, RadialDerivative(state), system.contact
+    zero, points = np.zeros_like(state.deviator), discrete.points
+    force = np.zeros_like(state.u) + slope.u
+    if any(np.ndim(part) for part in (slope.p, slope.stress, slope.mean)):
+        direct = law.reverse(zero + slope.p, zero + slope.stress, zero[:, 0] + slope.mean)
+        force = force + points.forces(direct["volume"], direct["strain"])
+    on_contact = np.zeros(len(discrete.contact)) + slope.contact
+    z, y, inner = system.solve_transposed(force, contact.given.T @ on_contact)
+    zeta = contact.chosen @ y
+    volume, e = points.strain(z)
+    data = law.reverse(zero + slope.p, slope.stress - e, slope.mean - volume)
+    support = force - inner - discrete.contact.forces(zeta)
+    data |= {"load": z, "values": np.where(discrete.supports.free, 0.0, support)}
+    data |= contact.slopes(zeta, on_contact - discrete.contact.displacement(z))
+    return summed(data, slope.explicit)

@@ -15,6 +15,7 @@ from ngepc.discretisation.stiffness import Stiffness
 from ngepc.local.factors import SOLVER_ERRORS, TangentError
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
+from ngepc.sensitivity.radial import RadialDerivative
 
 PENALTY = 1e6
 """Stiffness of a row's spring over that of its vertex: each refinement gains so much."""
@@ -45,7 +46,7 @@ class HeldSystem:
     Parameters
     ----------
     state
-        The solution, with ``on_sphere`` dual variables.
+        The solution.
     contact
         Contact with its sides; None for those of the solution.
 
@@ -59,7 +60,7 @@ class HeldSystem:
         discrete = state.discrete
         self.discrete, self.free = discrete, discrete.supports.free
         self.contact = LinearContact(state) if contact is None else contact
-        self.moduli = discrete.law.moduli(state.at, state.yielding)
+        self.moduli = RadialDerivative(state).moduli
         self.back_substitutions = 0
         stiffness = discrete.stiffness.another()
         stiffness.fill(self.moduli)

@@ -6,7 +6,7 @@ With s = 2 mu_2 (e - p_0) - dev alpha_2 and p = [|s| - beta]_+ / (2 mu_2 + h) s/
     s' = (2 mu_2)' (e - p_0) + 2 mu_2 (e' - p_0') - dev alpha_2',
     tau' = (2 mu_2)' (e - p_0 - p) + 2 mu_2 (e' - p_0' - p'),         tau the deviatoric stress,
 
-with the symmetric A = |p|/|s| Id + (1/(2 mu_2 + h) - |p|/|s|) d (x) d, d = s/|s|.
+with the symmetric A that belongs to the moduli of the law: 2 mu_2 (Id - 2 mu_2 A).
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ngepc.discretisation.law import Law, Return
+from ngepc.discretisation.points import Points
+from ngepc.local.system import State
 
 Data = Mapping[str, np.ndarray]
 """Name of discrete data -> its change, or the derivative with respect to it.
@@ -27,62 +28,66 @@ moves there are strain and volume, the changes of the strains of the same displa
 shape (m, N - 1), what the rows would slip by, and shape, the motion of the vertices.
 """
 
+DENSITIES = (
+    *("two_mu", "bulk", "hardening", "beta", "kinematic", "isotropic"),
+    *("back", "initial", "strain", "volume"),
+)
+"""Data at the points: derivatives with respect to them lack the weights of the points."""
+
 
 class RadialDerivative:
-    """The formulas above at the strain of a state.
+    """The formulas above at a state; ``state.at.yields`` decides which one holds at a point."""
 
-    Parameters
-    ----------
-    law
-        Its data.
-    at
-        The law at a strain; ``at.yields`` decides which formula holds at a point.
-    """
-
-    def __init__(self, law: Law, at: Return) -> None:
-        self.law, self.at = law, at
-        self.elastic = law.stress(at) / law.two_mu[:, None]
-        self.total = (at.trial + law.back) / law.two_mu[:, None]
-        self._compliance = np.where(at.yields, 1 / (law.two_mu + law.hardening), 0.0)
-        self._across = at.gained / np.where(at.size > 0, at.size, 1.0)
+    def __init__(self, state: State) -> None:
+        self.state, self.law, self.at = state, state.discrete.law, state.at
+        self.two_mu = self.law.two_mu[:, None]
+        self.elastic = self.law.stress(self.at) / self.two_mu
+        self.total = (self.at.trial + self.law.back) / self.two_mu
+        self.moduli = self.law.moduli(self.at, self.law.yielding_part(self.at))
+        soft = self.law.two_mu + self.law.hardening
+        self._compliance = np.where(self.at.yields, 1 / soft, 0.0)
 
     def _along(self, v: np.ndarray) -> np.ndarray:
         return np.einsum("pd,pd->p", self.at.direction, v)
 
     def _plastic(self, v: np.ndarray) -> np.ndarray:
         """A v."""
-        along = (self._compliance - self._across) * self._along(v)
-        return self._across[:, None] * v + along[:, None] * self.at.direction
+        return (v - self.moduli(v) / self.two_mu) / self.two_mu
 
-    def trial(self, e: np.ndarray, data: Data) -> np.ndarray:
-        """The change of s with a change ``e`` of the strain and a change of the data."""
-        two_mu = self.law.two_mu[:, None]
-        ds = two_mu * (e - data.get("initial", 0.0)) - data.get("back", 0.0)
+    def strain(self, u: np.ndarray, data: Data) -> tuple[np.ndarray, np.ndarray]:
+        """The changes of tr eps and dev eps with a change of u, and with the mesh."""
+        volume, e = self.state.discrete.points.strain(u)
+        return volume + data.get("volume", 0.0), e + data.get("strain", 0.0)
+
+    def _trial(self, e: np.ndarray, data: Data) -> np.ndarray:
+        """s'."""
+        ds = self.two_mu * (e - data.get("initial", 0.0)) - data.get("back", 0.0)
         return ds + np.reshape(data.get("two_mu", 0.0), (-1, 1)) * self.total
 
     def overshoot(self, e: np.ndarray, data: Data) -> np.ndarray:
         """The change of |s| - beta, shape (points,)."""
-        return self._along(self.trial(e, data)) - data.get("beta", 0.0)
+        return self._along(self._trial(e, data)) - data.get("beta", 0.0)
 
-    def forward(self, e: np.ndarray, data: Data) -> tuple[np.ndarray, np.ndarray]:
-        """The changes of p and of the deviatoric stress, shapes (points, d)."""
+    def forward(self, u: np.ndarray, data: Data) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The changes of p, of the deviatoric stress (points, d) and of the mean one (points,)."""
         gained, softer = self.at.gained, data.get("two_mu", 0.0)
+        volume, e = self.strain(u, data)
         lost = data.get("beta", 0.0) + gained * (softer + data.get("hardening", 0.0))
-        p = self._plastic(self.trial(e, data))
+        p = self._plastic(self._trial(e, data))
         p = p - (self._compliance * lost)[:, None] * self.at.direction
         elastic = e - data.get("initial", 0.0) - p
-        return p, np.reshape(softer, (-1, 1)) * self.elastic + self.law.two_mu[:, None] * elastic
+        stress = np.reshape(softer, (-1, 1)) * self.elastic + self.two_mu * elastic
+        return p, stress, self.law.bulk * volume + data.get("bulk", 0.0) * self.state.volume
 
-    def reverse(self, p: np.ndarray, stress: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives of p . p(e, data) + stress . tau(e, data), also with respect to e, "strain".
+    def reverse(self, p: np.ndarray, stress: np.ndarray, mean: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of p . p' + stress . tau' + mean mean' by data and strain.
 
         Densities: of integrals, the weights of the points are left out.
         """
-        two_mu = self.law.two_mu[:, None]
-        on_p = p - two_mu * stress
+        on_p = p - self.two_mu * stress
         on_s = self._plastic(on_p)
         lost = -self._compliance * self._along(on_p)
-        strain = two_mu * (on_s + stress)
+        strain = self.two_mu * (on_s + stress)
         softer = np.einsum("pd,pd->p", on_s, self.total) + self.at.gained * lost
         return {
             "strain": strain,
@@ -91,4 +96,25 @@ class RadialDerivative:
             "two_mu": softer + np.einsum("pd,pd->p", stress, self.elastic),
             "hardening": self.at.gained * lost,
             "beta": lost,
+            "volume": self.law.bulk * mean,
+            "bulk": mean * self.state.volume,
         }
+
+
+def summed(one: Data, other: Data) -> dict[str, np.ndarray]:
+    """The sum, name by name."""
+    return {
+        name: one.get(name, 0.0) + other.get(name, 0.0) for name in dict.fromkeys([*one, *other])
+    }
+
+
+def paired(points: Points, slopes: Data, change: Data) -> float:
+    """The derivative in the direction of a change of the data."""
+    result = 0.0
+    for name in slopes.keys() & change.keys():
+        product = slopes[name] * change[name]
+        if name in DENSITIES:
+            result += points.integral(product.reshape(len(points), -1).sum(axis=1))
+        else:
+            result += float(product.sum())
+    return result

@@ -16,9 +16,8 @@ from ngsolve import Grad, GridFunction, Mesh, Norm, VectorH1
 from ngepc.checks.arguments import require_coefficient
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import Problem, as_vector
-from ngepc.sensitivity.adjoint import paired
 from ngepc.sensitivity.functionals import Functional
-from ngepc.sensitivity.radial import Data, RadialDerivative
+from ngepc.sensitivity.radial import Data, RadialDerivative, paired
 
 STENCIL = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
 """Central difference of fourth order."""
@@ -92,14 +91,10 @@ class MovingBody:
     def explicit(self, functional: Functional, data: Data) -> float:
         """The part of a functional's derivative that the discrete data do not carry."""
         slope, state = functional.slope(self.state), self.state
-        law, points = state.discrete.law, state.discrete.points
         whole = self.derivative(lambda there: {"value": functional.slope(there).value})
-        p, stress = RadialDerivative(law, state.at).forward(data["strain"], data)
-        mean = law.bulk * data["volume"] + data["bulk"] * state.volume
-        carried = (slope.p * p + slope.stress * stress).sum(axis=1) + slope.mean * mean
-        return (
-            float(whole["value"]) - points.integral(carried) - paired(points, slope.explicit, data)
-        )
+        changes = RadialDerivative(state).forward(np.zeros_like(state.u), data)
+        carried = slope.of_points(state, *changes)
+        return float(whole["value"]) - carried - paired(state.discrete.points, slope.explicit, data)
 
 
 def turned(x: np.ndarray, here: DiscreteProblem, there: DiscreteProblem) -> np.ndarray:

@@ -46,7 +46,7 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
     result.raise_for_status()
     require_linear(result.problem, "derivatives need")
     if isinstance(result, ExactResult):
-        states = [result.state.on_sphere]
+        states = [lambda: result.state]
     else:
         problems = [step.problem for step in result.steps]
         if any(step.problem.mesh != result.problem.mesh for step in result.steps):

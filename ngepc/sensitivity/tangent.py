@@ -23,14 +23,13 @@ from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_mapping
 from ngepc.local.factors import TangentError
 from ngepc.local.system import State
-from ngepc.sensitivity.adjoint import paired, summed
 from ngepc.sensitivity.biactive import Biactive, biactive_set, told
 from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.forms import Form, as_functional
 from ngepc.sensitivity.functionals import Functional
 from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Constants, Direction, changed_data, directions
-from ngepc.sensitivity.radial import Data, RadialDerivative
+from ngepc.sensitivity.radial import Data, RadialDerivative, paired, summed
 from ngepc.sensitivity.shape import MovingBody
 from ngepc.sensitivity.states import Solution, states_of
 
@@ -93,8 +92,7 @@ class TangentResult:
         """The derivative of a functional, see ``gradient``."""
         functional, points = as_functional(functional), self.state.discrete.points
         slope = functional.slope(self.state)
-        local = (slope.p * self.plastic_strain + slope.stress * self.stress).sum(axis=1)
-        result = points.integral(local + slope.mean * self.mean)
+        result = slope.of_points(self.state, self.plastic_strain, self.stress, self.mean)
         result += float(np.sum(slope.u * self.u) + np.sum(slope.contact * self.contact))
         if "shape" in self.data:
             moving = MovingBody(self.state, self.data["shape"])
@@ -126,15 +124,10 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
     TangentError
         If the tangent is singular, or the sides of biactive rows and points were not found.
     """
-    return tangents(result, parameters)[-1]
-
-
-def tangents(result: Solution, parameters: Rates) -> list[TangentResult]:
-    """The derivatives of the solutions of all time steps, see ``tangent``."""
     states = (give_state() for give_state in states_of(result))
     rates = {parameters: 1.0} if isinstance(parameters, str) else parameters
     require_mapping("parameters", rates, "the name of a datum, or name -> rate")
-    return tangents_at(states, rates)
+    return tangents_at(states, rates)[-1]
 
 
 def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
@@ -168,7 +161,7 @@ def change_of(state: State, data: Data) -> TangentResult:
         else:
             u = lowest(state, biactive, data, u, found.u - u)
         yields = chosen_points(state, biactive, data, u)
-        state = replace(state, at=replace(state.at, yields=yields)).on_sphere()
+        state = with_yields(state, yields)
     raise TangentError(f"the sides of biactive rows and points did not settle: {biactive.message}")
 
 
@@ -176,24 +169,21 @@ def lowest(
     state: State, biactive: Biactive, data: Data, u: np.ndarray, du: np.ndarray
 ) -> np.ndarray:
     """Where the energy of the change is lowest between u and u + du."""
-    points, law = state.discrete.points, state.discrete.law
-    (volume, e), (dvolume, de) = strain_change(state, u, data), points.strain(du)
+    points = state.discrete.points
+    volume, e = points.strain(du)
     work = float(np.sum(data.get("load", 0.0) * du))
 
     def slope(t: float) -> float:
-        yields = chosen_points(state, biactive, data, u + t * du)
-        radial = RadialDerivative(law, replace(state.at, yields=yields))
-        _, stress = radial.forward(e + t * de, data)
-        mean = law.bulk * (volume + t * dvolume) + data.get("bulk", 0.0) * state.volume
-        return points.integral((stress * de).sum(axis=1) + mean * dvolume) - work
+        there = with_yields(state, chosen_points(state, biactive, data, u + t * du))
+        _, stress, mean = RadialDerivative(there).forward(u + t * du, data)
+        return points.integral((stress * e).sum(axis=1) + mean * volume) - work
 
     return u + du * (1.0 if slope(1.0) <= 0 or slope(0.0) >= 0 else brentq(slope, 0.0, 1.0))
 
 
-def strain_change(state: State, u: np.ndarray, data: Data) -> tuple[np.ndarray, np.ndarray]:
-    """The changes of tr eps and dev eps with a change u, and with the mesh."""
-    volume, e = state.discrete.points.strain(u)
-    return volume + data.get("volume", 0.0), e + data.get("strain", 0.0)
+def with_yields(state: State, yields: np.ndarray) -> State:
+    """The state with other points that count as yielding."""
+    return replace(state, at=replace(state.at, yields=yields))
 
 
 def left_behind(found: TangentResult, constants: Constants, memory: Data) -> Data:
@@ -228,21 +218,15 @@ def change_with_sides(
     state: State, contact: LinearContact, data: Data, biactive: Biactive
 ) -> TangentResult:
     """The change with given sides: those of ``contact``, and points where ``state.at.yields``."""
-    discrete = state.discrete
-    points, law = discrete.points, discrete.law
-    radial = RadialDerivative(law, state.at)
+    discrete, radial = state.discrete, RadialDerivative(state)
     moved = np.zeros_like(state.u) + data.get("values", 0.0)
-    volume, e = strain_change(state, moved, data)
-    _, stress = radial.forward(e, data)
-    mean = law.bulk * volume + data.get("bulk", 0.0) * state.volume
+    _, stress, mean = radial.forward(moved, data)
     pushed = contact.pushed(data)
-    force = data.get("load", 0.0) - points.forces(mean, stress) - discrete.contact.forces(pushed)
+    force = data.get("load", 0.0) - discrete.points.forces(mean, stress)
+    force = force - discrete.contact.forces(pushed)
     u, y = HeldSystem(state, contact).solve(force, contact.shift(data, moved))
     u, x = u + moved, contact.given @ y + pushed
-    volume, e = strain_change(state, u, data)
-    p, stress = radial.forward(e, data)
-    mean = law.bulk * volume + data.get("bulk", 0.0) * state.volume
-    return TangentResult(state, contact, data, u, x, p, stress, mean, biactive)
+    return TangentResult(state, contact, data, u, x, *radial.forward(u, data), biactive)
 
 
 def chosen_rows(found: TangentResult) -> LinearContact:
@@ -279,10 +263,10 @@ def chosen_rows(found: TangentResult) -> LinearContact:
 
 def chosen_points(state: State, biactive: Biactive, data: Data, u: np.ndarray) -> np.ndarray:
     """Yielding points that a change u asks for: biactive ones may change side."""
-    yields, (_, e) = state.at.yields.copy(), strain_change(state, u, data)
-    law = state.discrete.law
-    over = RadialDerivative(law, state.at).overshoot(e, data)
-    neutral = np.abs(over) <= NEUTRAL * np.abs(law.two_mu[:, None] * e).max()
+    yields, radial = state.at.yields.copy(), RadialDerivative(state)
+    _, e = radial.strain(u, data)
+    over = radial.overshoot(e, data)
+    neutral = np.abs(over) <= NEUTRAL * np.abs(radial.two_mu * e).max()
     chosen = np.where(neutral, yields, over > 0)
     yields[biactive.points] = chosen[biactive.points]
     return yields

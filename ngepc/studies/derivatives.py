@@ -9,11 +9,11 @@ import numpy as np
 
 from ngepc.model.friction import Coulomb
 from ngepc.model.problem import Problem
-from ngepc.sensitivity.adjoint import paired
 from ngepc.sensitivity.contact import RowSides
 from ngepc.sensitivity.forms import as_functional
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.parameters import Constants, Direction, changed_data
+from ngepc.sensitivity.radial import paired
 from ngepc.sensitivity.shape import STENCIL
 from ngepc.sensitivity.states import Solution, states_of
 from ngepc.studies.random_problems import (
@@ -121,7 +121,7 @@ def envelope_error(problem: Problem) -> float | None:
     None where J is not what is minimised: with slip bounds that are part of the pressure.
     """
     result, names = once(problem), list(sizes(problem))
-    state, energy = result.state.on_sphere(), as_functional("primal_energy")
+    state, energy = result.state, as_functional("primal_energy")
     sides, held = RowSides(state), ~state.discrete.free
     if (sides.closed & sides.slips & (sides.coefficient > 0)).any():
         return None
