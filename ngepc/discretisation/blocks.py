@@ -6,7 +6,8 @@ import numpy as np
 from ngsolve import CF, H1, BaseMatrix, BilinearForm, dx
 from scipy.sparse import csr_matrix
 
-from ngepc.discretisation.points import Elements, Moduli, Points, chunks
+from ngepc.discretisation.elements import Elements, chunks
+from ngepc.discretisation.points import Moduli, Points
 
 
 class StiffnessBlocks:

@@ -23,54 +23,11 @@ from ngsolve import (
     x,
 )
 
+from ngepc.discretisation.elements import Elements, chunks
 from ngepc.model.elements import element_numbers, element_vertices
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.processes import processes_of
 from ngepc.model.rules import plastic_points
-
-CHUNK = 20_000
-"""Elements whose matrices are held in memory at once."""
-
-
-@dataclass(frozen=True, eq=False)
-class Elements:
-    """The elements of one shape.
-
-    Parameters
-    ----------
-    nodes
-        Node numbers, shape (elements, k).
-    points
-        Numbers of their points among all points, shape (elements, p).
-    volume, deviator
-        Rows of tr eps and of the coordinates of dev eps at the points on the nodal displacements,
-        node by node: shapes (elements, p, k N) and (elements, p, d, k N).
-    shapes
-        Shape functions at the points, shape (p, k).
-    """
-
-    nodes: np.ndarray
-    points: np.ndarray
-    volume: np.ndarray
-    deviator: np.ndarray
-    shapes: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.nodes)
-
-    def local(self, u: np.ndarray) -> np.ndarray:
-        """Displacements of the nodes of each element, shape (elements, k N)."""
-        return u[self.nodes].reshape(len(self.nodes), -1)
-
-    def part(self, chosen: slice) -> Elements:
-        """Some of the elements, as views."""
-        arrays = (self.nodes, self.points, self.volume, self.deviator)
-        return Elements(*(array[chosen] for array in arrays), self.shapes)
-
-
-def chunks(count: int) -> list[slice]:
-    """The slices of ``CHUNK`` that cover ``count`` elements."""
-    return [slice(first, first + CHUNK) for first in range(0, count, CHUNK)]
 
 
 class Points:
@@ -141,21 +98,18 @@ class Points:
             weights[points] = np.array(rule.weights)
             nodes = vertices if self.order == 1 else self._nodes(numbers)
             slopes, values = _reference(element, rule)
-            k, d = self.kinematics.N * nodes.shape[1], self.kinematics.d
-            volume, deviator = np.empty((*points.shape, k)), np.empty((*points.shape, d, k))
+            gradients = np.empty((*points.shape, nodes.shape[1], self.kinematics.N))
             for part in chunks(len(points)):
-                here = points[part]
-                gradients = np.einsum("pkj,epji->epki", slopes, inverses[here], optimize=True)
-                hoop = None if radii is None else values / radii[here][:, :, None]
-                volume[part], deviator[part] = strain_rows(self.kinematics, gradients, hoop)
-            yield Elements(nodes, points, volume, deviator, values)
+                here = inverses[points[part]]
+                gradients[part] = np.einsum("pkj,epji->epki", slopes, here, optimize=True)
+            here = None if radii is None else radii[points]
+            yield Elements(self.kinematics, nodes, points, values, gradients, here)
         self.weights *= weights
 
     def _with_mean_volume(self, block: Elements) -> Elements:
-        weights = self.weights[block.points]
-        mean = np.einsum("ep,epk->ek", weights, block.volume) / weights.sum(axis=1)[:, None]
-        repeated = np.repeat(mean[:, None, :], weights.shape[1], axis=1)
-        return replace(block, volume=repeated)
+        weights, volume = self.weights[block.points], block.rows()[0]
+        mean = np.einsum("ep,epk->ek", weights, volume) / weights.sum(axis=1)[:, None]
+        return replace(block, mean=mean)
 
     def _nodes(self, numbers: np.ndarray) -> np.ndarray:
         return np.array([self.scalar.GetDofNrs(_id(number)) for number in numbers.tolist()])
@@ -165,9 +119,8 @@ class Points:
         volume = np.empty(len(self))
         deviator = np.empty((len(self), self.kinematics.d))
         for block in self.blocks:
-            local = block.local(u)
-            volume[block.points] = np.einsum("epk,ek->ep", block.volume, local)
-            deviator[block.points] = np.einsum("epdk,ek->epd", block.deviator, local)
+            for part in block.parts:
+                volume[part.points], deviator[part.points] = part.strain(u)
         return volume, deviator
 
     def forces(self, pressure: np.ndarray, deviator: np.ndarray) -> np.ndarray:
@@ -177,39 +130,37 @@ class Points:
         shape (nodes, N).
         """
         return self._gathered(
-            lambda b, w: (
-                np.einsum("epk,ep->ek", b.volume, w * pressure[b.points])
-                + np.einsum("epdk,epd->ek", b.deviator, w[:, :, None] * deviator[b.points])
-            )
+            lambda b, w: b.forces(w * pressure[b.points], w[:, :, None] * deviator[b.points])
         )
 
     def diagonal(self, bulk: np.ndarray, shear: np.ndarray) -> np.ndarray:
         """Diagonal of B' C B for C = bulk I (x) I + shear Id, shape (nodes, N)."""
         return self._gathered(
             lambda b, w: (
-                np.einsum("ep,epk->ek", w * bulk[b.points], b.volume**2)
-                + np.einsum("ep,epdk->ek", w * shear[b.points], b.deviator**2)
+                np.einsum("ep,epk->ek", w * bulk[b.points], b.rows()[0] ** 2)
+                + np.einsum("ep,epdk->ek", w * shear[b.points], b.rows()[1] ** 2)
             )
         )
 
     def force_sizes(self, stress: np.ndarray) -> np.ndarray:
         """Nodal forces of a stress of this size if nothing cancelled, shape (nodes, N)."""
         return self._gathered(
-            lambda b, w: np.einsum("ep,epdk->ek", w * stress[b.points], np.abs(b.deviator))
+            lambda b, w: np.einsum("ep,epdk->ek", w * stress[b.points], np.abs(b.rows()[1]))
         )
 
     def _gathered(self, local: Callable[[Elements, np.ndarray], np.ndarray]) -> np.ndarray:
         """The sum over elements of ``local(block, weights)``, shape (nodes, N)."""
         count, N = self.scalar.ndof, self.kinematics.N
-        result = np.zeros(count * N)
+        result = np.zeros((count, N))
         for block in self.blocks:
-            dofs = (N * block.nodes[:, :, None] + np.arange(N)).ravel()
-            values = np.empty((len(block), N * block.nodes.shape[1]))
-            for part in chunks(len(block)):
-                some = block.part(part)
-                values[part] = local(some, self.weights[some.points])
-            result += np.bincount(dofs, values.ravel(), minlength=count * N)
-        return self.processes.summed(result.reshape(count, N))
+            values = np.empty((*block.nodes.shape, N))
+            for chosen, part in zip(chunks(len(block)), block.parts, strict=True):
+                found = local(part, self.weights[part.points])
+                values[chosen] = found.reshape(*part.nodes.shape, N)
+            for corner, nodes in enumerate(block.nodes.T):
+                for c in range(N):
+                    result[:, c] += np.bincount(nodes, values[:, corner, c], minlength=count)
+        return self.processes.summed(result)
 
     def integral(self, density: np.ndarray) -> float:
         """The integral of a density given at the points."""
@@ -217,10 +168,11 @@ class Points:
 
     def element_stiffness(self, block: Elements, chosen: slice, moduli: Moduli) -> np.ndarray:
         """B' C B of some elements of a block, shape (elements, k N, k N)."""
-        points = block.points[chosen]
-        weights, d = self.weights[points], block.deviator[chosen]
+        part = block.part(chosen)
+        points, (volume, d) = part.points, part.rows()
+        weights = self.weights[points]
         along = np.einsum("epd,epdk->epk", moduli.direction[points], d)
-        rows = np.concatenate([block.volume[chosen][:, :, None], d, along[:, :, None]], axis=2)
+        rows = np.concatenate([volume[:, :, None], d, along[:, :, None]], axis=2)
         factors = np.empty(rows.shape[:3])
         factors[:, :, 0] = weights * moduli.bulk[points]
         factors[:, :, 1:-1] = (weights * moduli.across[points])[:, :, None]
@@ -250,21 +202,6 @@ class Moduli:
         """The deviatoric stress of the deviatoric strain ``e``, both in coordinates."""
         along = self.extra * np.einsum("pd,pd->p", self.direction, e)
         return self.across[:, None] * e + along[:, None] * self.direction
-
-
-def strain_rows(
-    kinematics: Kinematics, gradients: np.ndarray, hoop: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of tr eps and dev eps from gradients (..., k, N) of shape functions, and N_i / r."""
-    N, *_, k = kinematics.N, gradients.shape[-2]
-    volume = gradients.copy()
-    # E : eps(phi_i e_c) = E[c, :] . grad phi_i for symmetric E
-    deviator = np.einsum("dcj,...kj->...dkc", kinematics.basis[:, :N, :N], gradients, optimize=True)
-    if hoop is not None:
-        volume[..., 0] += hoop
-        deviator[..., 0] += kinematics.basis[:, 2, 2][:, None] * hoop[..., None, :]
-    shape = gradients.shape[:-2]
-    return volume.reshape(*shape, k * N), deviator.reshape(*shape, kinematics.d, k * N)
 
 
 def _reference(element, rule: IntegrationRule) -> tuple[np.ndarray, np.ndarray]:
