@@ -31,45 +31,43 @@ class StiffnessBlocks:
 
     def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
         self.points, self.free, self.N = points, free, points.kinematics.N
-        self.rows, self.columns = lower_pattern(pattern_matrix(points.scalar))
-        self._keys = self.rows * np.int64(points.scalar.ndof) + self.columns
-        self._touched = np.flatnonzero(~(free[self.rows] & free[self.columns]).all(axis=1))
-        self._places = [self._places_of(block) for block in points.blocks]
-        self._added = None if added is None else self._placed(added)
+        rows, columns = lower_pattern(pattern_matrix(points.scalar))
+        keys = rows * points.scalar.ndof + columns
+        self.rows, self.columns = rows.astype(np.int32), columns.astype(np.int32)
+        self._touched = np.flatnonzero(~(free[rows] & free[columns]).all(axis=1))
+        self._places = [[self._places_of(p, keys) for p in block.parts] for block in points.blocks]
+        self._added = None if added is None else self._placed(added, keys)
 
-    def diagonal_places(self, nodes: np.ndarray) -> np.ndarray:
-        """Numbers of the diagonal blocks of these nodes."""
-        return np.searchsorted(self._keys, nodes * np.int64(self.points.scalar.ndof + 1))
-
-    def _placed(self, matrix: csr_matrix) -> tuple[np.ndarray, np.ndarray]:
+    def _placed(self, matrix: csr_matrix, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Numbers of blocks on and below the diagonal, and their entries in a matrix."""
         blocks = matrix.tobsr((self.N, self.N))
         rows = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr))
         lower = rows >= blocks.indices
-        keys = rows[lower] * np.int64(self.points.scalar.ndof) + blocks.indices[lower]
-        return np.searchsorted(self._keys, keys), blocks.data[lower]
+        wanted = rows[lower] * np.int64(self.points.scalar.ndof) + blocks.indices[lower]
+        return np.searchsorted(keys, wanted), blocks.data[lower]
 
-    def _places_of(self, block: Elements) -> tuple[np.ndarray, ...]:
-        """Local pairs a >= b, the block of each in each element, and where to transpose."""
-        a, b = np.tril_indices(block.nodes.shape[1])
-        i, j = block.nodes[:, a], block.nodes[:, b]
-        keys = np.maximum(i, j) * np.int64(self.points.scalar.ndof) + np.minimum(i, j)
-        return a, b, np.searchsorted(self._keys, keys).astype(np.int32), i < j
+    def _places_of(self, part: Elements, keys: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Blocks that some elements touch, which of these each pair is, and where to transpose."""
+        a, b = np.tril_indices(part.nodes.shape[1])
+        i, j = part.nodes[:, a], part.nodes[:, b]
+        wanted = np.maximum(i, j) * np.int64(self.points.scalar.ndof) + np.minimum(i, j)
+        touched, which = np.unique(wanted, return_inverse=True)
+        touched = np.searchsorted(keys, touched)
+        return touched.astype(np.int32), which.astype(np.int32).ravel(), i < j
 
     def values(self, moduli: Moduli) -> np.ndarray:
         """The blocks for these moduli at the points, shape (blocks, N, N)."""
-        entries = np.zeros((self.N**2, len(self.rows)))
-        for block, (a, b, places, turned) in zip(self.points.blocks, self._places, strict=True):
+        values = np.zeros((len(self.rows), self.N**2))
+        for block, places in zip(self.points.blocks, self._places, strict=True):
             k = block.nodes.shape[1]
-            for part in chunks(len(block)):
+            a, b = np.tril_indices(k)
+            for part, (touched, which, turned) in zip(chunks(len(block)), places, strict=True):
                 K = self.points.element_stiffness(block, part, moduli)
                 K = K.reshape(-1, k, self.N, k, self.N)[:, a, :, b, :].swapaxes(0, 1)
-                swap = turned[part]
-                K[swap] = K[swap].swapaxes(1, 2)
-                where = places[part].ravel()
-                for c, values in enumerate(K.reshape(-1, self.N**2).T):
-                    entries[c] += np.bincount(where, values, minlength=len(self.rows))
-        values = np.ascontiguousarray(entries.T).reshape(-1, self.N, self.N)
+                K[turned] = K[turned].swapaxes(1, 2)
+                found = [np.bincount(which, c, len(touched)) for c in K.reshape(-1, self.N**2).T]
+                values[touched] += np.column_stack(found)
+        values = values.reshape(-1, self.N, self.N)
         if self._added is not None:
             places, blocks = self._added
             values[places] += blocks

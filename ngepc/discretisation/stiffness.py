@@ -62,7 +62,7 @@ class Stiffness:
 
     def diagonal_places(self, nodes: np.ndarray) -> np.ndarray:
         """Where in ``entries`` the diagonal blocks of these nodes are."""
-        return self._blocks.diagonal_places(nodes)
+        return np.flatnonzero(self._blocks.rows == self._blocks.columns)[nodes]
 
     def fill(self, moduli: Moduli) -> None:
         """Assemble the entries for these moduli at the points."""
