@@ -47,8 +47,8 @@ class Return:
 
     Parameters
     ----------
-    trial, size, direction
-        s (points, d), |s| (points,) and s/|s| (points, d).
+    trial, size
+        s (points, d) and |s| (points,).
     yields
         Boolean, shape (points,): |s| > beta.
     gained
@@ -59,11 +59,15 @@ class Return:
 
     trial: np.ndarray
     size: np.ndarray
-    direction: np.ndarray
     yields: np.ndarray
     gained: np.ndarray
     radius: np.ndarray
     slope: np.ndarray
+
+    @property
+    def direction(self) -> np.ndarray:
+        """The unit vector s/|s|, 0 for s = 0, shape (points, d)."""
+        return self.trial / np.where(self.size > 0, self.size, 1.0)[:, None]
 
     @property
     def plastic_strain(self) -> np.ndarray:
@@ -99,7 +103,7 @@ class Law:
         self.bulk = points.at(material.lame_lambda) + self.two_mu / kinematics.size
         self.hardening = points.at(problem.effective_hardening)
         self.beta = points.at(as_scalar(problem.beta))
-        self.back = self.initial = np.zeros((len(points), kinematics.d))
+        self.back = self.initial = np.broadcast_to(0.0, (len(points), kinematics.d))
         if problem.initial_hardening is not None:
             self.back = points.at(kinematics.coordinates(problem.alpha_0[1]))
         if problem.initial_plastic_strain is not None:
@@ -116,8 +120,7 @@ class Law:
         s = self.two_mu[:, None] * (e - self.initial) - self.back
         size = np.sqrt(np.einsum("pd,pd->p", s, s))
         yields = size > (1 + ROUNDING) * self.beta
-        direction = s / np.where(size > 0, size, 1.0)[:, None]
-        return Return(s, size, direction, yields, *self._flow(size, yields))
+        return Return(s, size, yields, *self._flow(size, yields))
 
     def _flow(
         self, size: np.ndarray, yields: np.ndarray
@@ -225,9 +228,10 @@ class Law:
 
     def linearised(self, at: Return, w: np.ndarray, ds: np.ndarray) -> np.ndarray:
         """w + dw for a change ds of s, from |s| w = r(|s|) s linearised where s yields."""
-        size, along = np.maximum(at.size, at.radius), np.einsum("pd,pd->p", at.direction, ds)
+        size, direction = np.maximum(at.size, at.radius), at.direction
+        along = np.einsum("pd,pd->p", direction, ds)
         moved = (at.radius[:, None] * (at.trial + ds) - along[:, None] * w) / size[:, None]
-        moved += (at.slope * along)[:, None] * at.direction
+        moved += (at.slope * along)[:, None] * direction
         return np.where(at.yields[:, None], moved, at.trial + ds)
 
     def projected(self, w: np.ndarray, at: Return) -> np.ndarray:
@@ -243,13 +247,14 @@ class Law:
         the derivative of the radial return.
         """
         two_mu, h, size = self.two_mu, self.hardening, np.maximum(at.size, at.radius)
+        direction = at.direction
         part = two_mu / (two_mu + h)
         across = np.where(at.yields, part * (h + two_mu * at.radius / size), two_mu)
-        along = np.maximum(np.einsum("pd,pd->p", at.direction, w), at.slope * size)
+        along = np.maximum(np.einsum("pd,pd->p", direction, w), at.slope * size)
         along = np.minimum(along, at.radius)
         kept = 1.0 if self.isotropic is None else 1 - SOFTEST
         extra = np.where(at.yields, kept * part * two_mu * (at.slope - along / size), 0.0)
-        return Moduli(self.bulk, across, extra, at.direction)
+        return Moduli(self.bulk, across, extra, direction)
 
     def dual_variable(self, at: Return) -> np.ndarray:
         """q = h p - dev sigma + dev alpha_2 = -w of (3.8), shape (points, d)."""

@@ -75,9 +75,9 @@ class Points:
         return len(self.weights)
 
     def at(self, value: CoefficientFunction | float) -> np.ndarray:
-        """A coefficient at the points, shape (points,) or (points, components)."""
+        """A coefficient at the points, shape (points,) or (points, components); to be read only."""
         if not isinstance(value, CoefficientFunction):
-            return np.full(len(self._mapped), float(value))
+            return np.broadcast_to(float(value), len(self._mapped))
         values = np.asarray(value(self._mapped)).reshape(len(self._mapped), -1)
         return values[:, 0].copy() if not value.dims else values
 

@@ -71,7 +71,7 @@ class FullPattern:
         i, j, nodes, N = lower.rows, lower.columns, len(lower.free), lower.N
         above, entries = np.flatnonzero(i != j), np.arange(N * N, dtype=np.int32).reshape(N, N)
         rows, columns = np.append(i, j[above]), np.append(j, i[above])
-        order = np.argsort(rows * np.int64(nodes) + columns)
+        order = np.argsort(rows.astype(np.int64) * nodes + columns)
         starts = np.searchsorted(rows[order], np.arange(nodes + 1)).astype(np.int32)
         source = np.append(np.arange(len(i)), above)[order].astype(np.int32)
         source = N * N * source[:, None, None] + entries

@@ -1,5 +1,7 @@
 """Projected conjugate gradients and the active sets of contact, without any library."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
@@ -64,6 +66,19 @@ def test_both_triangles_are_the_matrix_of_the_direct_solver(discrete):
     assert np.abs(tangent.solve(forces) - u).max() < 1e-9 * np.abs(u).max()
     assert tangent.back_substitutions == 1
     assert tangent.linear_iterations > 10
+
+
+def test_the_pattern_of_a_hundred_thousand_nodes_does_not_overflow():
+    count, rng = 100_000, np.random.default_rng(4)
+    rows, columns = np.array([0, 7, 60_000, 99_999]), np.array([0, 3, 59_999, 12])
+    lower = SimpleNamespace(rows=rows.astype(np.int32), columns=columns.astype(np.int32), N=3)
+    lower.free, blocks = np.ones((count, 3), dtype=bool), rng.standard_normal((4, 3, 3))
+    pattern, size = FullPattern(lower), 3 * count
+    matrix = csr_matrix((pattern.values(blocks), pattern.columns, pattern.starts), (size, size))
+    for i, j, block in zip(rows, columns, blocks, strict=True):
+        assert (matrix[3 * i : 3 * i + 3, 3 * j : 3 * j + 3].toarray() == block).all()
+        assert i == j or (matrix[3 * j : 3 * j + 3, 3 * i : 3 * i + 3].toarray() == block.T).all()
+    assert matrix.nnz == 9 * 7
 
 
 def test_the_projection_keeps_supports_and_closed_rows(discrete):
