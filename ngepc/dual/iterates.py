@@ -15,7 +15,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.dual.functional import ActiveTerms, DualFunctional, ResidualNorms
 from ngepc.dual.parts import CONTACT, PLASTIC
-from ngepc.linalg.linesearch import Step
+from ngepc.linalg.linesearch import Descent, Step
 from ngepc.results.outcome import IterationRecord
 
 START = Step(length=1.0, energy=math.nan, halvings=0)
@@ -107,34 +107,51 @@ class DualLine:
         The iterate at alpha = 0.
     dy, dv
         The solution of (7.1).
+
+    Attributes
+    ----------
+    slope
+        d/d alpha at alpha = 0.
     """
 
     def __init__(self, here: Iterate, dy: BaseVector, dv: BaseVector) -> None:
-        self._here, self._dy, self._dv, functional = here, dy, dv, here.functional
+        self.here, self.dy, self.dv, functional = here, dy, dv, here.functional
+        self.slope = InnerProduct(here.residual, dv)
         image = (functional.blocks.Lambda * dy).Evaluate()
-        self._slope = InnerProduct(functional.linear_residual(here.y, here.v), dv)
+        self._smooth_slope = InnerProduct(functional.linear_residual(here.y, here.v), dv)
         self._curvature = InnerProduct(image, dv) + functional.tichonov(dv, dv)
         self._trial: tuple[float, BaseVector, ActiveTerms] = (0.0, here.v, here.terms)
+
+    @property
+    def descent(self) -> Descent:
+        """The function of alpha as line searches take it."""
+        return Descent(
+            energy=self.energy,
+            derivative=self.derivative,
+            energy_0=self.here.energy,
+            slope_0=self.slope,
+            magnitude=self.here.magnitude,
+        )
 
     def _at(self, alpha: float) -> tuple[BaseVector, ActiveTerms]:
         """v + alpha dv with its active sets; the last trial is kept for the next iterate."""
         if self._trial[0] != alpha:
-            v = (self._here.v + alpha * self._dv).Evaluate()
-            self._trial = alpha, v, self._here.functional.terms(v)
+            v = (self.here.v + alpha * self.dv).Evaluate()
+            self._trial = alpha, v, self.here.functional.terms(v)
         return self._trial[1:]
 
     def energy(self, alpha: float) -> float:
         """J*_gamma(v + alpha dv)."""
-        parabola = alpha * self._slope + alpha**2 / 2 * self._curvature
-        return self._here.smooth_energy + parabola + self._at(alpha)[1].energy
+        parabola = alpha * self._smooth_slope + alpha**2 / 2 * self._curvature
+        return self.here.smooth_energy + parabola + self._at(alpha)[1].energy
 
     def derivative(self, alpha: float) -> float:
         """d/d alpha J*_gamma(v + alpha dv)."""
-        smooth = self._slope + alpha * self._curvature
-        return smooth + InnerProduct(self._at(alpha)[1].gradient, self._dv)
+        smooth = self._smooth_slope + alpha * self._curvature
+        return smooth + InnerProduct(self._at(alpha)[1].gradient, self.dv)
 
     def iterate(self, step: Step) -> Iterate:
         """The iterate at an accepted step length."""
         v, terms = self._at(step.length)
-        y = (self._here.y + step.length * self._dy).Evaluate()
-        return Iterate(self._here.functional, y, v, terms, self._here.number + 1, step)
+        y = (self.here.y + step.length * self.dy).Evaluate()
+        return Iterate(self.here.functional, y, v, terms, self.here.number + 1, step)

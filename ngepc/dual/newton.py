@@ -1,35 +1,27 @@
-"""Algorithm 7.1: the globalised semismooth Newton method for one regularised dual problem."""
+"""``semismooth_newton``, the door to the exact method and to the paper's, and its options."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import overload
 
-from ngsolve import InnerProduct
-from ngsolve.la import BaseVector
-
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.dual.algorithm import algorithm_7_1
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
 from ngepc.dual.functional import DualFunctional
-from ngepc.dual.iterates import DualLine, Iterate
 from ngepc.dual.result import DualResult
-from ngepc.dual.runlog import RunLog
 from ngepc.dual.spaces import Coupled
-from ngepc.dual.stopping import End, ResidualBelow, final_check
-from ngepc.dual.system import FactorisationError, NewtonSystem
+from ngepc.dual.stopping import ResidualBelow
+from ngepc.dual.system import NewtonSystem
 from ngepc.linalg.direct import require_direct_solver
-from ngepc.linalg.linesearch import ROUNDING, Armijo, Descent, FullSteps, LineSearch
+from ngepc.linalg.linesearch import Armijo, LineSearch
 from ngepc.local.iterative import Iterative
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
-from ngepc.results.outcome import Monitor, Status
-
-ROUNDING_STEPS = 8
-"""Steps in a row whose energies differ by rounding only that end a run."""
+from ngepc.results.outcome import Monitor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,84 +153,12 @@ def semismooth_newton(
         "start", start, (DualResult, type(None)), "a result of semismooth_newton or None"
     )
     functional = prepared(problem, regularisation, options)
-    v = carried_over(start, functional)
-    return algorithm_7_1(functional, NewtonSystem(functional, options.inverse), v, options, monitor)
+    rule = ResidualBelow(options.tolerance * functional.blocks.residual_unit)
+    system, v = NewtonSystem(functional, options.inverse), carried_over(start, functional)
+    return algorithm_7_1(system, v, rule, options.linesearch, options.max_iterations, monitor)
 
 
 def prepared(problem: Problem, regularisation: Coupled, options: NewtonOptions) -> DualFunctional:
     """J*_gamma of a regularised problem with its matrices assembled."""
     blocks = LinearBlocks(problem, regularisation.spaces, options.inverse)
     return DualFunctional(blocks, regularisation, options.quadrature_points)
-
-
-def algorithm_7_1(
-    functional: DualFunctional,
-    system: NewtonSystem,
-    v: BaseVector,
-    options: NewtonOptions,
-    monitor: Monitor | None = None,
-    rule: ResidualBelow | None = None,
-) -> DualResult:
-    """The loop of Algorithm 7.1 from v, with a Newton system that may have been used before.
-
-    It ends by ``rule``, or by ``options.tolerance`` when that is None.
-    """
-    tolerance = options.tolerance * functional.blocks.residual_unit
-    log = RunLog(ResidualBelow(tolerance) if rule is None else rule, monitor)
-    here = before = Iterate.at(functional, v)
-    try:
-        while True:
-            log.note(here)
-            here, end = tested(system, here, before, log, options.max_iterations)
-            if end is None:
-                before = here
-                here, end = newton_step(system, here, options.linesearch or FullSteps())
-            if end is not None:
-                return log.result(here, end)
-    except (StopIteration, KeyboardInterrupt):
-        return log.result(here, End(Status.STOPPED))
-    except FactorisationError as error:
-        return log.result(here, End(Status.NONFINITE, f"{error}."))
-
-
-def newton_step(
-    system: NewtonSystem, here: Iterate, search: LineSearch
-) -> tuple[Iterate, End | None]:
-    """Steps (a) to (c) of Algorithm 7.1; the next iterate, or this one and why there is none."""
-    system.factorise(here.terms)
-    dy, dv = system.solve((-here.residual).Evaluate())  # (a) the Newton system (7.1)
-    slope, line = InnerProduct(here.residual, dv), DualLine(here, dy, dv)
-    if not math.isfinite(slope):
-        return here, End(Status.NONFINITE)
-    if slope >= 0:
-        rounding = slope <= ROUNDING * here.magnitude
-        return here, End(Status.STAGNATED if rounding else Status.LINESEARCH_FAILED)
-    phi = Descent(
-        energy=line.energy,
-        derivative=line.derivative,
-        energy_0=here.energy,
-        slope_0=slope,
-        magnitude=here.magnitude,
-    )
-    step = search.search(phi)  # (b) Armijo's rule for J*_gamma
-    if step is None:
-        terms = here.functional.terms(here.v)  # the data may have changed
-        sane = math.isfinite(terms.energy + InnerProduct(terms.gradient, dv))
-        return here, End(Status.LINESEARCH_FAILED if sane else Status.NONFINITE)
-    return line.iterate(step), None  # (c) the update
-
-
-def tested(
-    system: NewtonSystem, here: Iterate, before: Iterate, log: RunLog, max_iterations: int
-) -> tuple[Iterate, End | None]:
-    """Whether the iteration ends at an iterate, and with which one, test by test."""
-    record = log.history.records[-1]
-    if not math.isfinite(record.residual_norm + record.energy):
-        return before, End(Status.NONFINITE)
-    if log.rule.met(record):
-        here, end = final_check(system, here, log.rule)
-        if end is not None:
-            return here, end
-    if record.iteration == max_iterations:
-        return here, End(Status.ITERATION_LIMIT)
-    return here, End(Status.STAGNATED) if log.drowned >= ROUNDING_STEPS else None

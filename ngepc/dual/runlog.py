@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ngepc.dual.iterates import Iterate
 from ngepc.dual.result import DualResult
-from ngepc.dual.stopping import End, ResidualBelow
+from ngepc.dual.stopping import ResidualBelow
 from ngepc.linalg.linesearch import ROUNDING
 from ngepc.results.outcome import History, IterationRecord, Monitor, Status
 
@@ -68,27 +68,27 @@ class RunLog:
         seen = History(self.history.records[: here.number + 1])
         return DualResult(here.functional, here.y, here.v, Status.STOPPED, "", seen)
 
-    def result(self, here: Iterate, end: End) -> DualResult:
+    def result(self, here: Iterate, status: Status, cause: str = "") -> DualResult:
         """The result of a run that ends at an iterate."""
         records = self.history.records
         last = records[-1] if records else None
-        if end.status in TRUE_RESIDUAL:
+        if status in TRUE_RESIDUAL:
             here = here.afresh()
             last = here.record()
-        message = self._message(end, last)
-        return DualResult(here.functional, here.y, here.v, end.status, message, self.history)
+        message = self._message(status, cause, last)
+        return DualResult(here.functional, here.y, here.v, status, message, self.history)
 
-    def _message(self, end: End, last: IterationRecord | None) -> str:
+    def _message(self, status: Status, cause: str, last: IterationRecord | None) -> str:
         """What was seen and what to try, empty for a run that converged."""
-        if end.status is Status.CONVERGED or last is None:
-            return end.cause
+        if status is Status.CONVERGED or last is None:
+            return cause
         seen = (
             f"After {last.iteration} steps the residual is {last.residual_norm:.3g} (contact "
             f"{last.contact_residual_norm:.3g}, plastic {last.plastic_residual_norm:.3g}), "
             f"{self.rule}; last step length {last.step_length:.3g}."
         )
-        damped = "" if end.status is Status.STOPPED else self._damped()
-        return " ".join(filter(None, (end.cause, seen, damped, ADVICE.get(end.status))))
+        damped = "" if status is Status.STOPPED else self._damped()
+        return " ".join(filter(None, (cause, seen, damped, ADVICE.get(status))))
 
     def _damped(self) -> str:
         """The shortest of the last steps, if it was damped."""

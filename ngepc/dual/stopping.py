@@ -33,26 +33,28 @@ class ResidualBelow:
         return f"the tolerance {self.tolerance:.3g}"
 
 
-@dataclass(frozen=True)
-class End:
-    """Why a run ends: a status, and a sentence about what went wrong, where there is one."""
+class End(Exception):
+    """Why a run ends: a status, the iterate it ends with, a sentence where something went wrong."""
 
-    status: Status
-    cause: str = ""
+    def __init__(self, status: Status, here: Iterate, cause: str = "") -> None:
+        super().__init__(status)
+        self.status, self.here, self.cause = status, here, cause
 
 
-def final_check(
-    system: NewtonSystem, here: Iterate, rule: ResidualBelow
-) -> tuple[Iterate, End | None]:
+def final_check(system: NewtonSystem, here: Iterate, rule: ResidualBelow) -> Iterate:
     """Judge an iterate whose updated residual meets the rule: y and residual afresh, corrected.
 
     Near a solution the active sets stay, so that a correction needs no new factors.
 
     Returns
     -------
-    tuple
-        The iterate to go on from or to return; CONVERGED, STAGNATED, or None if further Newton
-        steps may help.
+    Iterate
+        Where to go on from, if further Newton steps may help.
+
+    Raises
+    ------
+    End
+        Otherwise, CONVERGED or STAGNATED.
     """
     here = here.afresh()
     rounding = here.functional.rounding(here.y)
@@ -65,12 +67,13 @@ def final_check(
         here = better
     record = here.record()
     if rule.met(plus(record, rounding)):
-        return here, End(Status.CONVERGED)
+        raise End(Status.CONVERGED, here)
     if rule.met(plus(record, rounding, part=0.0)):
-        return here, None
+        return here
     reach = 1.1 * (here.norms.total + rounding.total) / here.functional.blocks.residual_unit
-    return here, End(
+    raise End(
         Status.STAGNATED,
+        here,
         f"Rounding alone leaves about {rounding.total:.2g} of the residual, in whatever way it is "
         "computed: the hardening is small beside the elastic moduli, or the loads are large, for "
         f"{rule}. A tolerance above {reach:.2g} is within reach.",

@@ -45,6 +45,7 @@ class NewtonSystem:
         """
         if functional.blocks is not self._blocks:
             raise ValueError("functional has blocks of its own: one on the same blocks is needed")
+        self.functional = functional
         self._sum.values[:] = 0.0
         self._sum.add(Placed(self._blocks.saddle.mat))
         for B in self._placed(self._blocks.B):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -15,36 +14,27 @@ from ngepc._version import __version__
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.spaces import displacement_space
 from ngepc.evolution.load_path import ListedSteps, Schedule
+from ngepc.evolution.result import EvolutionStep, StepRecord
 from ngepc.model.problem import Problem
 from ngepc.results.checkpoint import load, save
 from ngepc.results.fields import Fields
+from ngepc.results.files import check_writable
 from ngepc.results.fingerprint import mesh_fingerprint, problem_fingerprint
-from ngepc.results.records import check_writable
 
-
-@dataclass(frozen=True, eq=False)
-class StoredSteps:
-    """The steps of a checkpoint as (row, displacement, plastic increment), and what was pending."""
-
-    steps: list[tuple[dict, np.ndarray, np.ndarray]]
-    pending: list[tuple[float, int]]
+Stored = tuple[dict, np.ndarray, np.ndarray]
+"""The row of a step, its displacement and its plastic increment."""
 
 
 class EvolutionFile:
-    """The checkpoint file of one evolution.
+    """The checkpoint file of one evolution; OSError if it cannot be written.
 
     Parameters
     ----------
     path
-        The file; its folder must be writable.  Processes that share the mesh have one each,
-        '<stem>_0000<suffix>', ..., with what is on their parts.
+        The file.  Processes that share the mesh have one each, '<stem>_0000<suffix>', ..., with
+        what is on their parts.
     problem, schedule, solver
         The work that it belongs to.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
     """
 
     def __init__(
@@ -67,8 +57,8 @@ class EvolutionFile:
         if self._processes.size > 1:
             self.fingerprint["processes"] = self._processes.size
 
-    def load(self) -> StoredSteps | None:
-        """What an earlier run left; None if there is no file.
+    def load(self) -> tuple[list[Stored], list[tuple[float, int]]]:
+        """The steps that an earlier run left, and what was pending; none if there is no file.
 
         Raises
         ------
@@ -80,29 +70,21 @@ class EvolutionFile:
         records = self._processes.all((count, None if stored is None else stored.record["pending"]))
         count, pending = min(records, key=itemgetter(0))  # a run may end between two files
         if count < 0:
-            return None
-        rows = stored.record["steps"][:count]
-        steps = [
-            (row, stored.arrays[f"u{i}"], stored.arrays[f"p{i}"]) for i, row in enumerate(rows)
-        ]
-        return StoredSteps(steps, [(float(time), int(level)) for time, level in pending])
+            return [], []
+        rows, arrays = stored.record["steps"][:count], stored.arrays
+        steps = [(row, arrays[f"u{i}"], arrays[f"p{i}"]) for i, row in enumerate(rows)]
+        return steps, [(float(time), int(level)) for time, level in pending]
 
-    def fields(
-        self,
-        problem: Problem,
-        row: dict,
-        u: np.ndarray,
-        p: np.ndarray,
-        functions: PointFunctions,
-    ) -> Fields:
-        """The fields of a stored step.
+    def step(self, problem: Problem, stored: Stored, functions: PointFunctions) -> EvolutionStep:
+        """A stored step.
 
         Raises
         ------
         ValueError
             If ``problem`` is not what the step was solved for.
         """
-        differs = problem_fingerprint(problem) != row["fingerprint"]
+        row, u, p = stored
+        differs = problem_fingerprint(problem) != row.pop("fingerprint")
         if self._processes.any(np.array(differs)):
             raise ValueError(
                 f"checkpoint {self.path} belongs to other work: the step to time "
@@ -114,7 +96,7 @@ class EvolutionFile:
         if len(increment.vec) != len(p):
             raise ValueError(f"checkpoint {self.path} has plastic strains of another solver")
         increment.vec.FV().NumPy()[:] = p
-        return Fields(problem, displacement, increment)
+        return EvolutionStep(Fields(problem, displacement, increment), StepRecord(**row))
 
     def save(self, steps: Sequence, pending: Sequence[tuple[float, int]]) -> None:
         """Write all finished steps and the pending times."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from ngsolve import InnerProduct, Norm
@@ -15,7 +15,7 @@ from ngepc.model.processes import nodes_of
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Ending, Status
 
-Force = tuple[float, ...]
+Force = list[float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class StepRecord:
         Resultant of the normal contact pressure, positive in compression (force).
     contact_resultant
         Force of the obstacles on the body, with friction, N numbers; this and the next three are
-        None if the solver, or a checkpoint of an earlier version, does not tell.
+        None if the solver does not tell.
     reaction, applied_force
         Forces of all supports and of the loads on the body, N numbers.
     reactions
@@ -69,61 +69,37 @@ class StepRecord:
     error_bound: float | None = None
 
     @classmethod
-    def of(
-        cls,
-        result: object,
-        step_fields: Fields,
-        points: Points,
-        time: float,
-        cuts: int,
-        error_bound: float | None = None,
-    ) -> StepRecord:
-        """The numbers of a step from the solver's result and the fields at the points."""
+    def of(cls, result: object, step_fields: Fields, points: Points, **known: object) -> StepRecord:
+        """The numbers of a step from the solver's result and the fields at the points.
+
+        ``known`` are ``time``, ``cuts`` and ``error_bound``.
+        """
         problem = step_fields.problem
         elastic = step_fields.strain - problem.eps_0 - step_fields.plastic_strain
         stored = 0.5 * InnerProduct(step_fields.stress, elastic)
         lost = as_scalar(problem.beta) * Norm(step_fields.plastic_increment)
+        plastic = points.at(step_fields.equivalent_plastic_strain)
         return cls(
-            time=time,
-            cuts=cuts,
             iterations=result.iterations,
             contact_force=float(result.contact_force),
             **_forces(result),
             primal_energy=float(result.primal_energy),
             elastic_energy=points.integral(points.at(stored)),
             dissipation=points.integral(points.at(lost)),
-            max_plastic_strain=problem.processes.most(
-                points.at(step_fields.equivalent_plastic_strain)
-            ),
+            max_plastic_strain=problem.processes.most(plastic),
             nodes=nodes_of(problem.mesh),
-            error_bound=error_bound,
+            **known,
         )
-
-    @classmethod
-    def from_row(cls, row: Mapping) -> StepRecord:
-        """The record from its dictionary, as a checkpoint keeps it."""
-        data = {f.name: row[f.name] for f in fields(cls) if f.name not in _FORCES and f.name in row}
-        forces = {name: _force(row.get(name)) for name in _FORCES[:-1]}
-        reactions = row.get("reactions")
-        if reactions is not None:
-            reactions = {name: _force(value) for name, value in reactions.items()}
-        return cls(**data, **forces, reactions=reactions)
-
-
-_FORCES = ("contact_resultant", "reaction", "applied_force", "reactions")
 
 
 def _forces(result: object) -> dict:
-    """What the result tells of ``_FORCES``."""
-    told = {name: _force(getattr(result, name, None)) for name in _FORCES[:-1]}
+    """What the result tells of forces, as lists."""
+    resultants = ("contact_resultant", "reaction", "applied_force")
+    told: dict = {name: getattr(result, name, None) for name in resultants}
+    told = {name: None if f is None else np.asarray(f).tolist() for name, f in told.items()}
     equilibrium = getattr(result, "equilibrium", None)
-    if equilibrium is None:
-        return told | {"reactions": None}
-    return told | {"reactions": {str(p): _force(f) for p, f in equilibrium.reactions.items()}}
-
-
-def _force(values: Iterable | None) -> Force | None:
-    return None if values is None else tuple(float(v) for v in values)
+    each = None if equilibrium is None else equilibrium.reactions.items()
+    return told | {"reactions": each and {str(place): f.tolist() for place, f in each}}
 
 
 @dataclass(frozen=True, eq=False)

@@ -157,15 +157,12 @@ class _Run:
 
     def resume(self, file: EvolutionFile) -> None:
         """Take up the finished steps of a checkpoint, if there is one."""
-        stored = file.load()
-        self.file = file
-        if stored is None:
-            return
-        for row, u, p in stored.steps:
-            problem = self._problem_at(row["time"], self.evolution.memory, self._u_0)
-            step_fields = file.fields(problem, row, u, p, self.evolution.memory.functions)
-            self._append(EvolutionStep(step_fields, StepRecord.from_row(row)))
-        self.pending = [(time, level) for time, level in stored.pending]
+        self.file, (steps, pending) = file, file.load()
+        for stored in steps:
+            memory = self.evolution.memory
+            problem = self._problem_at(stored[0]["time"], memory, self._u_0)
+            self._append(file.step(problem, stored, memory.functions))
+        self.pending = pending if steps else self.pending
 
     def advance(self) -> None:
         """Solve the pending steps, cutting those that fail."""
@@ -222,8 +219,10 @@ class _Run:
         increment = memory.functions.function(memory.increment(result.plastic_increment))
         step_fields = Fields(problem, result.displacement, increment)
         points = memory.functions.points
-        told = None if self.error is None else bound.relative
-        record = StepRecord.of(result, step_fields, points, time, level, told)
+        told = {"time": time, "cuts": level, "error_bound": None}
+        if self.error is not None:
+            told["error_bound"] = bound.relative
+        record = StepRecord.of(result, step_fields, points, **told)
         step = EvolutionStep(step_fields, record)
         self._append(step)
         if self.file is not None:

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.dual.algorithm import algorithm_7_1
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
 from ngepc.dual.functional import DualFunctional
-from ngepc.dual.newton import algorithm_7_1
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import Coupled, DualSpaces
 from ngepc.dual.system import NewtonSystem
@@ -155,8 +155,9 @@ class _Walk:
         if self._system is None:
             self._system = NewtonSystem(self.functional, self.options.newton.inverse)
         self._system.use(self.functional)
-        rule = self.inner_rule(guarded=self._reductions(state.steps) > 0)
-        return algorithm_7_1(self.functional, self._system, v, self.options.newton, monitor, rule)
+        rule, newton = self.inner_rule(self._reductions(state.steps) > 0), self.options.newton
+        search, limit = newton.linesearch, newton.max_iterations
+        return algorithm_7_1(self._system, v, rule, search, limit, monitor)
 
     def verdict(self, steps: list[PathStep]) -> Status | None:
         """How the path has ended after these steps, None if it goes on."""

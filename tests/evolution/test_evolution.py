@@ -16,7 +16,6 @@ from ngsolve import IfPos, InnerProduct, Integrate, ds, specialcf, x
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule, load_cycle
 from ngepc.evolution.memory import Memory
-from ngepc.evolution.result import StepRecord
 from ngepc.evolution.solver import cold_start, evolve
 from ngepc.geometries import block, lshape
 from ngepc.model.material import Material
@@ -428,20 +427,13 @@ def test_records_tell_the_force_of_every_support(rolled, solver):
         evolution.reactions("right")
 
 
-def test_reactions_come_back_from_a_checkpoint_and_may_be_missing(rolled, tmp_path):
+def test_reactions_come_back_from_a_checkpoint(rolled, tmp_path):
     problem, schedule = rolled
     file = tmp_path / "steps.npz"
     whole = evolve(problem, schedule, checkpoint=file)
     again = evolve(problem, schedule, checkpoint=file)
     assert again.as_rows() == whole.as_rows()
     assert (again.reactions("left") == whole.reactions("left")).all()
-    row = whole.as_rows()[0]
-    old = StepRecord.from_row(
-        {k: v for k, v in row.items() if k not in ("reactions", "contact_resultant")}
-    )
-    assert old.reaction == row["reaction"]
-    assert old.reactions is None
-    assert old.contact_resultant is None
 
 
 def test_elastic_unloading_takes_one_newton_step():
