@@ -76,7 +76,7 @@ class AssembledTerm:
     energy, active
         M and the measure of its active set as integrals.
     gradient, hessian
-        M' and its Newton derivative.
+        Integrals of M' and of its Newton derivative.
     """
 
     def __init__(
@@ -84,11 +84,13 @@ class AssembledTerm:
         function: GridFunction,
         energy: CoefficientFunction,
         active: CoefficientFunction,
-        gradient: LinearForm,
-        hessian: BilinearForm,
+        gradient: CoefficientFunction,
+        hessian: CoefficientFunction,
     ) -> None:
         self.function, self.energy, self.active = function, energy, active
-        self.gradient, self.hessian = gradient, hessian
+        self.gradient = LinearForm(gradient)
+        self.hessian = BilinearForm(function.space, symmetric=True, symmetric_storage=True)
+        self.hessian += hessian
 
     def at(self, v: BaseVector) -> AssembledState:
         """The term at v, with its active set."""
@@ -146,16 +148,7 @@ class ContactPenalty(AssembledTerm):
     """M^1(z) = gamma/2 |[z]^+|^2 on Gamma_c, with Lemma 6.2.
 
     M^1'(z) = gamma [z]^+, its Newton derivative gamma chi where z > 0; active is the contact,
-    z < 0.
-
-    Parameters
-    ----------
-    problem, gamma
-        The data.
-    Z
-        The space of z.
-    quadrature_points
-        As for the domain; the boundary rule has the same order.
+    z < 0.  The boundary rule has the order that gives so many points on a cell.
     """
 
     def __init__(self, problem: Problem, gamma: float, Z: FESpace, quadrature_points: int) -> None:
@@ -163,25 +156,19 @@ class ContactPenalty(AssembledTerm):
         on_contact = ds("|".join(problem.contact_names), intrules=rules)
         z, (dz, w) = GridFunction(Z), Z.TnT()
         mu = gamma * z  # (OC2_gamma): mu = [gamma z]^+
-        gradient = LinearForm(Z)
-        gradient += IfPos(mu, mu, 0) * w * on_contact
-        hessian = BilinearForm(Z, symmetric=True, symmetric_storage=True)
-        hessian += IfPos(mu, gamma, 0.0) * dz * w * on_contact
-        energy = IfPos(mu, mu * mu, 0) / (2 * gamma) * on_contact
-        super().__init__(z, energy, IfPos(-mu, 1.0, 0.0) * on_contact, gradient, hessian)
+        super().__init__(
+            z,
+            energy=IfPos(mu, mu * mu, 0) / (2 * gamma) * on_contact,
+            active=IfPos(-mu, 1.0, 0.0) * on_contact,
+            gradient=IfPos(mu, mu, 0) * w * on_contact,
+            hessian=IfPos(mu, gamma, 0.0) * dz * w * on_contact,
+        )
 
 
 class PlasticPenalty(AssembledTerm):
     """M^2(q) = gamma/2 int ([|q| - beta]^+)^2, gamma times ``RadialLaw``, with Lemma 6.3.
 
-    Parameters
-    ----------
-    problem, gamma
-        The data.
-    R
-        The space of q.
-    quadrature_points
-        Points on elements that the kink crosses.
+    Elements that the kink crosses have ``quadrature_points``, others a few or none.
     """
 
     def __init__(self, problem: Problem, gamma: float, R: FESpace, quadrature_points: int) -> None:
@@ -203,13 +190,13 @@ class PlasticPenalty(AssembledTerm):
         density, slope, curvature = (
             (gamma * f).Compile() for f in (law.density, law.gradient, law.curvature)
         )
-        gradient = LinearForm(R)
-        hessian = BilinearForm(R, symmetric=True, symmetric_storage=True)
-        for m in measures:
-            gradient += InnerProduct(slope, r) * m
-            hessian += InnerProduct(curvature * dq, r) * m
-        energy, active = sum(density * m for m in measures), sum(law.inside * m for m in low)
-        super().__init__(q, energy, active, gradient, hessian)
+        super().__init__(
+            q,
+            energy=sum(density * m for m in measures),
+            active=sum(law.inside * m for m in low),
+            gradient=sum(InnerProduct(slope, r) * m for m in measures),
+            hessian=sum(InnerProduct(curvature * dq, r) * m for m in measures),
+        )
 
     def sort(self, v: BaseVector) -> np.ndarray:
         """The kinds of the elements, ``ngepc.discretisation.quadrature``."""

@@ -44,8 +44,8 @@ class IterationRecord:
     ----------
     iteration
         Number of Newton steps done so far; 0 is the start.
-    residual_norm, contact_residual_norm, plastic_residual_norm, friction_residual_norm
-        ||Psi_gamma||_{H*} and its parts on Gamma_c (z), in Omega (q) and on Gamma_c (t).
+    residual_norm, contact_residual_norm, plastic_residual_norm
+        ||Psi_gamma||_{H*} and its parts on Gamma_c (z) and in Omega (q).
     energy
         J*_gamma(v) (dual methods) or J (primal ones), force times length.
     step_length, halvings
@@ -66,7 +66,6 @@ class IterationRecord:
     residual_norm: float
     contact_residual_norm: float = 0.0
     plastic_residual_norm: float = 0.0
-    friction_residual_norm: float = 0.0
     energy: float = float("nan")
     step_length: float = 1.0
     halvings: int = 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
@@ -75,7 +75,7 @@ class Duality(Work):
             example(cell.row, cell.nodes),
             self.options,
             lambda s: self.progress(f"{cell.row} gamma {s.gamma:9.4g}: {s.iterations} steps"),
-            observer=lambda result: reports.append(duality_report(result).as_dict()),
+            observer=lambda result: reports.append(asdict(duality_report(result))),
         ).or_interrupted()
         return [
             {

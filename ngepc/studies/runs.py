@@ -16,7 +16,7 @@ from ngepc.primal.solver import primal_newton
 from ngepc.results import checkpoint
 from ngepc.results.result import Result
 
-FINGERPRINT = {"kind": "run of ngepc solve", "version": 2}
+FINGERPRINT = {"kind": "run of ngepc solve", "version": 3}
 
 
 def save_run(path: Path, place: dict, gamma: float | None, record: dict, result: Result) -> None:

@@ -11,7 +11,7 @@ second bracket is zero where p points against q with |q| = beta, or p = 0.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from ngsolve import (
     L2,
@@ -21,11 +21,13 @@ from ngsolve import (
     IfPos,
     InnerProduct,
     Integrate,
+    Mesh,
     Norm,
     VectorValued,
     ds,
     dx,
 )
+from ngsolve.comp import DifferentialSymbol
 
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.dual.parts import CONTACT, PLASTIC
@@ -33,6 +35,11 @@ from ngepc.dual.result import DualResult
 from ngepc.model.problem import as_scalar
 
 POINTS = 400
+
+ON_CONTACT = (
+    *("tension", "penetration", "shear"),
+    *("normal_stress", "normal_stress_deviation", "complementarity"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,10 +98,6 @@ class DualityReport:
         terms = ("contact_term", "plastic_term", "contact_penalty", "plastic_penalty", "tichonov")
         return {name: getattr(self, name) for name in terms}
 
-    def as_dict(self) -> dict[str, float]:
-        """All numbers by name, for tables and JSON."""
-        return asdict(self)
-
 
 def duality_report(result: DualResult) -> DualityReport:
     """Measure the duality gap, its parts, and how well (2.10)-(2.13), (3.8), (3.9) hold.
@@ -135,56 +138,45 @@ def _energies(result: DualResult) -> dict[str, float]:
 
 
 def _contact(result: DualResult) -> dict[str, float]:
-    problem = result.problem
-    names = (
-        *("tension", "penetration", "complementarity"),
-        *("shear", "normal_stress", "normal_stress_deviation"),
-    )
+    problem, z = result.problem, result.normal_stress
     if not problem.contact_names:
-        return dict.fromkeys(names, 0.0)
+        return dict.fromkeys(ON_CONTACT, 0.0)
     rules = boundary_rules(problem.N, POINTS)
-    measure = ds("|".join(problem.contact_names), intrules=rules)
-
-    def integrated(density: CoefficientFunction) -> float:
-        return Integrate(density * measure, problem.mesh)
-
-    def size(field: CoefficientFunction) -> float:
-        return math.sqrt(integrated(InnerProduct(field, field)))
-
-    n, z = problem.normal, result.normal_stress
+    measure, n = ds("|".join(problem.contact_names), intrules=rules), problem.normal
     overlap = result.displacement * n - problem.psi
     traction = BoundaryFromVolumeCF(result.stress) * n
-    normal = InnerProduct(traction, n)
-    product = z * overlap
-    values = (
-        size(IfPos(z, z, 0)),
-        size(IfPos(overlap, overlap, 0)),
-        integrated(IfPos(product, product, -product)),
-        size(traction - normal * n),
-        size(normal),
-        size(z - normal),
+    normal, product = InnerProduct(traction, n), z * overlap
+    fields = (
+        IfPos(z, z, 0),
+        IfPos(overlap, overlap, 0),
+        traction - normal * n,
+        normal,
+        z - normal,
     )
-    return dict(zip(names, values, strict=True))
+    sizes = [_size(field, measure, problem.mesh) for field in fields]
+    complementarity = Integrate(IfPos(product, product, -product) * measure, problem.mesh)
+    return dict(zip(ON_CONTACT, (*sizes, complementarity), strict=True))
 
 
 def _plasticity(result: DualResult) -> dict[str, float]:
     problem, mesh = result.problem, result.problem.mesh
-    measure = dx(intrules=fine_rules(problem.N, POINTS))
-
-    def size(field: CoefficientFunction) -> float:
-        return math.sqrt(Integrate(InnerProduct(field, field) * measure, mesh))
-
     q, p = result.plastic_dual, result.plastic_increment
     dev_stress, hardening = result.fields.deviatoric_stress, problem.effective_hardening
     residual_stress = problem.kinematics.coordinates(problem.alpha_0[1] - dev_stress)
-    deviation = q - (hardening * p + residual_stress)
+    deviation, excess = q - (hardening * p + residual_stress), result.yield_function
     means = GridFunction(VectorValued(L2(mesh, order=0), q.dim))
     means.Set(deviation)
-    excess = result.yield_function
-    return {
-        "overshoot": size(IfPos(excess, excess, 0)),
-        "deviatoric_stress": size(dev_stress),
-        "stress_deviation": size(deviation),
-        "mean_stress_deviation": size(means),
-        "yield_deviation": size(excess - result.fields.yield_function),
+    fields = {
+        "overshoot": IfPos(excess, excess, 0),
+        "deviatoric_stress": dev_stress,
+        "stress_deviation": deviation,
+        "mean_stress_deviation": means,
+        "yield_deviation": excess - result.fields.yield_function,
     }
+    measure = dx(intrules=fine_rules(problem.N, POINTS))
+    return {name: _size(field, measure, mesh) for name, field in fields.items()}
+
+
+def _size(field: CoefficientFunction, measure: DifferentialSymbol, mesh: Mesh) -> float:
+    """The L2 norm."""
+    return math.sqrt(Integrate(InnerProduct(field, field) * measure, mesh))
