@@ -71,6 +71,7 @@ class Answers:
     def __call__(self, question: str, test: Callable[[], object]) -> None:
         """Write 'right', 'not yet' or 'fill in' and the question; ``test`` takes nothing."""
         require_function("test", test, "nothing")
+        self.errors.pop(question, None)
         try:
             self.done[question] = bool(test())
             word = "right:  " if self.done[question] else "not yet:"

@@ -123,6 +123,8 @@ def test_unfinished_answers_are_told_from_wrong_ones(capsys):
     assert capsys.readouterr().out == "fill in: missing\nnot yet: wrong\nright:   fine\n"
     assert check.done == {"missing": False, "wrong": False, "fine": True}
     assert list(check.errors) == ["missing"]
+    check("missing", lambda: True)
+    assert not check.errors
 
 
 @pytest.mark.notebooks
