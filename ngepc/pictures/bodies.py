@@ -22,10 +22,8 @@ from ngepc.pictures.sampling import (
     boundary_corners,
     element_borders,
     obstacle_lines,
-    sample_corners,
 )
 from ngepc.pictures.style import DEFORMED, GUIDE, OBSTACLE, OUTLINE, Picture
-from ngepc.results.fields import Fields
 
 LIGHT = np.array([0.42, -0.25, 0.87])
 """Where bodies in space are lit from."""
@@ -88,36 +86,34 @@ def draw_body(
     colormap: str | ListedColormap,
     scale: float,
     mesh_lines: bool,
-) -> object:
+) -> ScalarMappable:
     """Draw the triangles with their values; returns what a colour bar needs."""
-    points, options = corners.deformed(scale), {"cmap": colormap}
-    options["clim"] = (limits.least, limits.most)
+    points, colours = corners.deformed(scale), Normalize(limits.least, limits.most)
     if points.shape[2] == 3:
-        return _draw_solid(axes, points, corners.values.mean(axis=1), mesh_lines, **options)
+        return _draw_solid(axes, points, corners, ScalarMappable(colours, colormap), mesh_lines)
     x, y = points.reshape(-1, 2).T
     triangles = Triangulation(x, y, np.arange(len(x)).reshape(-1, 3))
+    options = {"cmap": colormap, "norm": colours, "rasterized": True}
     if corners.constant:
         options |= {"facecolors": corners.values[:, 0], "edgecolors": "none", "antialiased": False}
-        patch = axes.tripcolor(triangles, rasterized=True, **options)
+        patch = axes.tripcolor(triangles, **options)
     else:
-        values = corners.values.ravel()
-        patch = axes.tripcolor(triangles, values, shading="gouraud", rasterized=True, **options)
+        patch = axes.tripcolor(triangles, corners.values.ravel(), shading="gouraud", **options)
     if mesh_lines:
-        borders = element_borders(fields_of(source)).deformed(scale)
-        thin = min(1.0, 1500 / len(borders))
-        lines = LineCollection(borders, colors=GUIDE, linewidths=0.3, alpha=thin, zorder=2)
-        axes.add_collection(lines)
+        fields = fields_of(source)
+        thin = {"linewidths": 0.3, "alpha": min(1.0, 1500 / fields.problem.mesh.ne)}
+        lines = element_borders(fields).deformed(scale)
+        axes.add_collection(LineCollection(lines, colors=GUIDE, zorder=2, **thin))
     return patch
 
 
 def _draw_solid(
-    axes: Axes, points: np.ndarray, values: np.ndarray, mesh_lines: bool, cmap: object, clim: tuple
+    axes: Axes, points: np.ndarray, corners: Corners, scale: ScalarMappable, mesh_lines: bool
 ) -> ScalarMappable:
     """Triangles in space, lit from above and the side; returns the scale of their colours."""
-    scale = ScalarMappable(Normalize(*clim), cmap)
     normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    colours = scale.to_rgba(values)
+    colours = scale.to_rgba(corners.values.mean(axis=1))
     colours[:, :3] *= (0.8 + 0.2 * np.abs(normals @ LIGHT))[:, None]
     edges = GUIDE if mesh_lines else colours
     solid = Poly3DCollection(points, facecolors=colours, edgecolors=edges, linewidths=0.3)
@@ -145,12 +141,10 @@ def decorate(
         return
     axes.set(xlabel=f"x ({units.length})", ylabel=f"y ({units.length})")
     outline = boundary_corners(fields)
-    axes.add_collection(LineCollection(outline.points, colors=OUTLINE, linewidths=0.7, zorder=0))
-    deformed = LineCollection(outline.deformed(scale), colors=DEFORMED, linewidths=0.6, zorder=3)
-    axes.add_collection(deformed)
-    if scale > 0:
-        obstacle = obstacle_lines(fields, scale)
-        axes.add_collection(LineCollection(obstacle, colors=OBSTACLE, linewidths=1.4, zorder=4))
+    drawn = [(outline.points, OUTLINE, 0.7, 0), (outline.deformed(scale), DEFORMED, 0.6, 3)]
+    drawn += [(obstacle_lines(fields, scale), OBSTACLE, 1.4, 4)] if scale > 0 else []
+    for lines, colour, width, above in drawn:
+        axes.add_collection(LineCollection(lines, colors=colour, linewidths=width, zorder=above))
     axes.set_aspect("equal")
     axes.grid(False)
     axes.autoscale_view()
@@ -164,11 +158,3 @@ def label_bar(bar: Colorbar, label: str) -> None:
         bar.formatter.set_powerlimits((-2, 4))
         bar.ax.yaxis.get_offset_text().set_fontsize(8)
     bar.outline.set_linewidth(0.4)
-
-
-def pressure_on_boundary(fields: Fields, result: object, cuts: int) -> Corners:
-    """The contact pressure on the whole boundary, zero where there is no contact boundary."""
-    mesh, names = fields.problem.mesh, fields.problem.touching_names
-    pressures = dict.fromkeys(names, result.contact_pressure) if names else {}
-    pressure = mesh.BoundaryCF(pressures, default=0.0)
-    return sample_corners(fields, mesh.Boundaries(".*"), pressure, cuts)

@@ -32,22 +32,10 @@ def look(
     title: str = "",
     name: str = "",
 ) -> views.View | Figure:
-    """A view of a result to turn and zoom; without the viewer a still picture.
-
-    Parameters
-    ----------
-    source
-        Result of a solver, ``Fields``, or a mapping of caption -> either: side by side, or with
-        ``name`` one after the other on a slider.
-    field, options, title, name
-        As in ``views.slide``; a still picture of the contact pressure shows the displacement.
-    """
-    many = isinstance(source, Mapping)
+    """What ``views.show`` shows; without the viewer a still picture, of |u| for the pressure."""
     if views.viewer_installed():
-        if name:
-            return views.slide(source, field, options, title, name)
-        return (views.compare if many else views.show)(source, field, options, title)
-    still = plot_comparison if many else plot_field
+        return views.show(source, field, options, title, name)
+    still = plot_comparison if isinstance(source, Mapping) else plot_field
     field = "displacement" if isinstance(field, str) and field == "contact_pressure" else field
     drawn = options or ViewOptions()
     return still(source, field, deformation_scale=drawn.deformation_scale, units=drawn.units)
@@ -81,30 +69,19 @@ class Answers:
 
 
 @dataclass(frozen=True)
-class Question:
-    """A question with choices, the first of which is right.
-
-    Parameters
-    ----------
-    text, choices
-        The question; its answers, the right one first.  They are shown in alphabetical order.
-    why
-        What is said with the right one.
-    """
-
-    text: str
-    choices: tuple[str, ...]
-    why: str
-
-
-@dataclass(frozen=True)
 class Quiz:
     """Questions at the end of a lecture; a click on a choice says whether it is right, and why.
 
     Plain HTML, which works in notebooks and on pages without network.
+
+    Parameters
+    ----------
+    questions
+        Each with 'text', 'choices' (the first is right, they are shown in alphabetical order) and
+        'why', which is said with the right one.
     """
 
-    questions: tuple[Question, ...]
+    questions: tuple[dict, ...]
 
     def _repr_html_(self) -> str:
         return f'{STYLE}<div class="quiz">{"".join(map(_form, self.questions))}</div>'
@@ -115,20 +92,19 @@ def quiz(lecture: str) -> Quiz:
     quizzes = json.loads(QUIZZES.read_text(encoding="utf-8"))
     if lecture not in quizzes:
         raise ValueError(f"lecture={lecture!r}: one of {', '.join(quizzes)} is needed")
-    found = quizzes[lecture]
-    return Quiz(tuple(Question(q["text"], tuple(q["choices"]), q["why"]) for q in found))
+    return Quiz(tuple(quizzes[lecture]))
 
 
-def _form(question: Question) -> str:
+def _form(question: dict) -> str:
     """A question as HTML."""
-    group = f"quiz-{zlib.crc32(question.text.encode())}"
-    lines = [f"<p>{html.escape(question.text)}</p>"]
-    for number, choice in enumerate(sorted(question.choices)):
-        right = choice == question.choices[0]
-        said = f"Right. {question.why}" if right else "No. Try another."
-        place = f'type="radio" name="{group}" id="{group}-{number}"'
+    lines = [f"<p>{html.escape(question['text'])}</p>"]
+    group = f"quiz-{zlib.crc32(question['text'].encode())}"
+    for number, choice in enumerate(sorted(question["choices"])):
+        right = choice == question["choices"][0]
+        said = f"Right. {question['why']}" if right else "No. Try another."
         lines.append(
-            f'<div><input {place}><label for="{group}-{number}">{html.escape(choice)}</label>'
+            f'<div><input type="radio" name="{group}" id="{group}-{number}">'
+            f'<label for="{group}-{number}">{html.escape(choice)}</label>'
             f"<span>{html.escape(said)}</span></div>"
         )
     return "".join(lines)

@@ -24,25 +24,10 @@ from ngepc.pictures.bodies import (
     draw_body,
     draw_classes,
     label_bar,
-    pressure_on_boundary,
 )
-from ngepc.pictures.drawable import (
-    UnitNames,
-    drawable,
-    fields_of,
-    require_sources,
-    unit_names,
-)
-from ngepc.pictures.sampling import (
-    body_corners,
-    colour_range,
-)
-from ngepc.pictures.style import (
-    CONTACT,
-    ELASTIC,
-    PLASTIC,
-    styled,
-)
+from ngepc.pictures.drawable import UnitNames, drawable, fields_of, require_sources, unit_names
+from ngepc.pictures.sampling import body_corners, colour_range, pressure_on_boundary, sample_corners
+from ngepc.pictures.style import CONTACT, ELASTIC, PLASTIC, styled
 
 SET_COLOURS = (ELASTIC, PLASTIC, CONTACT)
 
@@ -159,7 +144,8 @@ def plot_active_sets(
     cuts = max(1, round(math.sqrt(16_000 / fields.problem.mesh.ne)))
     sampled = body_corners(fields, result.yield_excess, cuts)
     classes = (sampled.values.mean(axis=1) > 0.0).astype(float)
-    touching = pressure_on_boundary(fields, result, cuts)
+    everywhere, pressure = fields.problem.mesh.Boundaries(".*"), pressure_on_boundary(result)
+    touching = sample_corners(fields, everywhere, pressure, cuts)
     pushed = touching.values.mean(axis=1) > 0.0
     if fields.problem.N == 3:
         classes[pushed] = 2.0

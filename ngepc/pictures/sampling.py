@@ -22,6 +22,7 @@ from ngsolve import (
     y,
     z,
 )
+from scipy.spatial import Delaunay
 
 from ngepc.checks.arguments import require_number
 from ngepc.model.normals import outward_normal
@@ -69,28 +70,20 @@ class Corners:
 
 def _pieces(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Points of a reference element whose edges are cut into n parts, and its pieces by number."""
+    t = np.arange(n + 1)
     if shape is ET.SEGM:
-        return np.arange(n + 1)[:, None] / n, np.arange(n)[:, None] + [0, 1]
-    square = shape is ET.QUAD
-    i, j = (a.ravel() for a in np.meshgrid(np.arange(n + 1), np.arange(n + 1)))
-    inside = (i + j <= n) | square
-    number = np.cumsum(inside).reshape(n + 1, n + 1).T - 1
-    below = (i < n) & (j < n) & ((i + j < n) | square)
-    above = (i < n) & (j < n) & ((i + j < n - 1) | square)
-    corners = [
-        np.stack([number[i[k] + a, j[k] + b] for a, b in steps], axis=1)
-        for k, steps in ((below, ((0, 0), (1, 0), (0, 1))), (above, ((1, 0), (1, 1), (0, 1))))
-    ]
-    return np.column_stack([i, j])[inside] / n, np.vstack(corners)
+        return t[:, None] / n, t[:-1, None] + [0, 1]
+    points = np.array([(i, j) for j in t for i in t if shape is ET.QUAD or i + j <= n])
+    return points / n, Delaunay(points).simplices
 
 
 def _border(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same for the border of an element: one closed polygon."""
+    """The same for the segments of its border."""
     tips = [(0, 0), (1, 0), (1, 1), (0, 1)] if shape is ET.QUAD else [(0, 0), (1, 0), (0, 1)]
     t = np.arange(n)[:, None] / n
     sides = zip(np.array(tips), np.array(tips[1:] + tips[:1]), strict=True)
-    points = np.vstack([(1 - t) * a + t * b for a, b in sides])
-    return points, np.r_[np.arange(len(points)), 0][None, :]
+    points, first = np.vstack([(1 - t) * a + t * b for a, b in sides]), np.arange(n * len(tips))
+    return points, np.stack([first, np.roll(first, -1)], axis=1)
 
 
 def cuts_for(fields: Fields) -> int:
@@ -111,6 +104,13 @@ def surface_value(mesh: Mesh, coefficient: CoefficientFunction) -> CoefficientFu
     """A coefficient of the body where pictures show it: in 3D its trace from inside."""
     require_whole("pictures", mesh)
     return BoundaryFromVolumeCF(coefficient) if mesh.dim == 3 else coefficient
+
+
+def pressure_on_boundary(source: object) -> CoefficientFunction:
+    """The contact pressure of a result on the whole boundary, zero where nothing touches."""
+    problem = source.problem
+    pressures = dict.fromkeys(problem.touching_names, source.contact_pressure)
+    return problem.mesh.BoundaryCF(pressures, default=0.0)
 
 
 def drawn_region(mesh: Mesh) -> Region:
@@ -139,7 +139,7 @@ def boundary_corners(
 
 
 def element_borders(fields: Fields) -> Corners:
-    """The closed borders of the elements of a 2D body, for the lines of the mesh."""
+    """The borders of the elements of a 2D body in segments, for the lines of the mesh."""
     return sample_corners(fields, drawn_region(fields.problem.mesh), CF(0.0), cut=_border)
 
 
@@ -159,18 +159,12 @@ def sample_corners(
     points = mesh.MapToAllElements(rules, region)
     N, all_of = mesh.dim, (CF((x, y, z)[: mesh.dim]), fields.displacement, coefficient)
     data = np.hstack([np.asarray(c(points), float).reshape(len(points), -1) for c in all_of])
-    counts = np.zeros(len(types), dtype=int)
-    for shape, (p, _) in parts.items():
-        counts[types == shape] = len(p)
+    counts = np.array([len(parts[shape][0]) for shape in types])
     first = np.cumsum(counts) - counts
     pieces = [
         (first[types == shape][:, None, None] + corners).reshape(-1, corners.shape[1])
         for shape, (_, corners) in parts.items()
-        if (types == shape).any()
     ]
-    if len({piece.shape[1] for piece in pieces}) > 1:  # borders of triangles and quadrilaterals
-        longest = max(piece.shape[1] for piece in pieces)
-        pieces = [np.pad(p, ((0, 0), (0, longest - p.shape[1])), mode="edge") for p in pieces]
     data = data[np.vstack(pieces)]
     return Corners(data[..., :N], data[..., N : 2 * N], data[..., -1])
 
@@ -251,8 +245,8 @@ def colour_range(
             require_number(name, end)
     if vmin is not None and vmax is not None and vmin >= vmax:
         raise ValueError(f"vmin={vmin!r}, vmax={vmax!r}: vmin < vmax is needed")
-    every = np.concatenate([s.values.ravel() for s in samples])
-    lowest, highest = float(every.min()), float(every.max())
+    lowest = min(float(s.values.min()) for s in samples)
+    highest = max(float(s.values.max()) for s in samples)
     low, high = _percentiles(samples, percent)
     span = highest - lowest
     low = lowest if low - lowest <= 0.25 * span else low

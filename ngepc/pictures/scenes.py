@@ -16,19 +16,19 @@ from ngepc.pictures.curves import pressure_curves
 from ngepc.pictures.drawable import Drawable, UnitNames, drawable, fields_of, unit_names
 from ngepc.pictures.sampling import (
     ColourRange,
-    Corners,
-    body_corners,
     boundary_corners,
     colour_range,
+    drawn_region,
     obstacle_lines,
     offset,
+    pressure_on_boundary,
+    sample_corners,
     surface_value,
 )
 
 EXTRA = 'pip install "ngepc[html]"'
 NOISE = 1e-3
 """Contact pressures below this part of the yield bound are not drawn."""
-BLUE, BLACK = "#0072B2", "#000000"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,39 +74,35 @@ def scenes_of(
     sources: Mapping[str, object], field: str | CoefficientFunction, options: ViewOptions
 ) -> tuple[dict[str, dict], Drawable, ColourRange]:
     """Webgui data of each source on one colour scale, and what that scale is."""
-    if isinstance(field, str) and field == "contact_pressure":
-        what, samples = _pressures(sources, options)
-    else:
-        what = {k: drawable(s, field, options.units) for k, s in sources.items()}
-        samples = [body_corners(fields_of(s), what[k].coefficient) for k, s in sources.items()]
-    first = next(iter(what.values()))
-    limits = colour_range(*samples, vmin=options.vmin, vmax=options.vmax, symmetric=first.signed)
-    colours = colormaps[first.colormap](np.linspace(0.0, 1.0, 64))[:, :3].tolist()
+    drawn = {key: _drawn(source, field, options) for key, source in sources.items()}
+    samples = [
+        sample_corners(fields_of(s), drawn_region(fields_of(s).problem.mesh), drawn[key][1])
+        for key, s in sources.items()
+    ]
+    what, _ = next(iter(drawn.values()))
+    limits = colour_range(*samples, vmin=options.vmin, vmax=options.vmax, symmetric=what.signed)
+    colours = colormaps[what.colormap](np.linspace(0.0, 1.0, 64))[:, :3].tolist()
     peak = _peak(sources)
-    scenes = {}
-    for key, source in sources.items():
-        value = what[key].coefficient
-        if field != "contact_pressure":  # which lives on the surface
-            value = surface_value(fields_of(source).problem.mesh, value)
-        scenes[key] = scene_data(source, value, limits, options, peak) | {"colors": colours}
-    return scenes, first, limits
+    scenes = {
+        key: scene_data(source, drawn[key][1], limits, options, peak) | {"colors": colours}
+        for key, source in sources.items()
+    }
+    return scenes, what, limits
 
 
-def _pressures(
-    sources: Mapping[str, object], options: ViewOptions
-) -> tuple[dict[str, Drawable], list[Corners]]:
-    """The contact pressure on the contact boundary, zero elsewhere, and its samples."""
-    label = f"contact pressure ({(options.units or UnitNames()).stress})"
-    what, samples = {}, []
-    for key, source in sources.items():
-        fields, pressure = fields_of(source), source.contact_pressure
-        names = fields.problem.touching_names
-        if not names:
-            raise ValueError("field='contact_pressure': this problem has no contact boundary")
-        everywhere = fields.problem.mesh.BoundaryCF(dict.fromkeys(names, pressure), default=0.0)
-        what[key] = Drawable(everywhere, label, label, colormap="YlGnBu")
-        samples.append(boundary_corners(fields, names, pressure))
-    return what, samples
+def _drawn(
+    source: object, field: str | CoefficientFunction, options: ViewOptions
+) -> tuple[Drawable, CoefficientFunction]:
+    """What is drawn of a source, and its values where they are: in 3D on the surface."""
+    problem = fields_of(source).problem
+    if not isinstance(field, str) or field != "contact_pressure":
+        what = drawable(source, field, options.units)
+        return what, surface_value(problem.mesh, what.coefficient)
+    if not problem.touching_names or problem.N == 2:
+        raise ValueError("field='contact_pressure': a solid with a contact boundary is needed")
+    label = f"contact pressure ({unit_names(options.units).stress})"
+    what = Drawable(pressure_on_boundary(source), label, label, colormap="YlGnBu")
+    return what, what.coefficient
 
 
 def scene_data(
@@ -158,10 +154,7 @@ def _settings(N: int, options: ViewOptions) -> dict:
 def webgui_scene() -> type:
     """NGSolve's scene for browsers, imported without its change of numpy's error state."""
     with np.errstate():
-        try:
-            from ngsolve.webgui import WebGLScene
-        except ImportError as error:
-            raise ImportError(f"interactive views need NGSolve's webgui: {EXTRA}") from error
+        from ngsolve.webgui import WebGLScene
     return WebGLScene
 
 
@@ -176,11 +169,19 @@ def _contact_lines(source: object, options: ViewOptions, peak: float) -> list[di
         return []
     scale, pressure = options.deformation_scale, getattr(source, "contact_pressure", None)
     extent = np.ptp(boundary_corners(fields).points.reshape(-1, 2), axis=0).max()
-    distance = CF(0.0) if pressure is None or peak <= 0 else 0.15 * extent / peak * pressure
+    height = CF(0.0) if pressure is None or peak <= 0 else 0.15 * extent / peak * pressure
+    pushed = offset(fields, problem.touching_names, height, scale)
+    lines = {"obstacle": ("#000000", obstacle_lines(fields, scale))}
+    lines["contact pressure"] = ("#0072B2", pushed)
     return [
-        _lines("obstacle", BLACK, obstacle_lines(fields, scale)),
-        _lines("contact pressure", BLUE, offset(fields, problem.touching_names, distance, scale)),
+        {"type": "lines", "name": name, "color": colour, "position": _in_space(segments)}
+        for name, (colour, segments) in lines.items()
     ]
+
+
+def _in_space(segments: np.ndarray) -> list[float]:
+    """The coordinates of segments of the plane, in space."""
+    return np.pad(segments, ((0, 0), (0, 0), (0, 1))).ravel().tolist()
 
 
 def _peak(sources: Mapping[str, object]) -> float:
@@ -195,8 +196,3 @@ def _peak(sources: Mapping[str, object]) -> float:
         mesh = problem.mesh
         bound = max(bound, Integrate(as_scalar(problem.beta), mesh) / Integrate(1.0, mesh))
     return greatest if greatest > NOISE * bound else 0.0
-
-
-def _lines(name: str, colour: str, segments: np.ndarray) -> dict:
-    position = np.concatenate([segments, np.zeros((len(segments), 2, 1))], axis=2)
-    return {"type": "lines", "name": name, "color": colour, "position": position.ravel().tolist()}

@@ -71,69 +71,53 @@ def show(
     field: str | CoefficientFunction = "equivalent_plastic_strain",
     options: ViewOptions | None = None,
     title: str = "",
+    name: str = "",
 ) -> View:
-    """The deformed body coloured by a field, to turn and zoom in a notebook.
+    """The deformed body coloured by a field, to turn and zoom.
 
     Parameters
     ----------
     source
-        Result of a solver, or ``Fields``.
+        Result of a solver, ``Fields``, or a mapping of caption -> either, drawn on one colour
+        scale: side by side, or with ``name`` one after the other on a slider.
     field
         Name of a field, 'contact_pressure' (3D), or a coefficient.
     options, title
         How it is drawn, heading.
+    name
+        What the slider moves through: 'gamma', 'load step', ...; the captions stand beside it.
 
     Raises
     ------
     ImportError
         If the viewer is not installed; the message says what to install.
     """
-    return compare({"": source}, field, options, title)
-
-
-def compare(
-    sources: Mapping[str, object],
-    field: str | CoefficientFunction = "equivalent_plastic_strain",
-    options: ViewOptions | None = None,
-    title: str = "",
-) -> View:
-    """Several results side by side on one colour scale; ``sources`` maps captions to results."""
-    options = checked(sources, options, title=title)
-    scenes, what, limits = scenes_of(sources, field, options)
-    panels = {name: [data] for name, data in scenes.items()}
-    return View(_page(title, legend(what, limits), panels), options.height)
-
-
-def slide(
-    sources: Mapping[str, object],
-    field: str | CoefficientFunction = "equivalent_plastic_strain",
-    options: ViewOptions | None = None,
-    title: str = "",
-    name: str = "",
-) -> View:
-    """One scene with a slider through results: over gamma, load steps or Newton iterates.
-
-    ``sources`` maps the text beside the slider to results, in the order of the slider; ``name`` is
-    what it moves through, such as 'gamma'.
-    """
-    options = checked(sources, options, title=title, name=name)
-    scenes, what, limits = scenes_of(sources, field, options)
-    panels = {"": list(scenes.values())}
-    return View(_page(title, legend(what, limits), panels, list(scenes), name), options.height)
-
-
-def checked(sources: object, options: ViewOptions | None, **texts: object) -> ViewOptions:
-    """The options, the defaults for None, after a look at the other arguments of a view."""
+    sources = source if isinstance(source, Mapping) else {"": source}
     require_sources(sources)
-    for name, text in texts.items():
-        require_text(name, text)
-    return _options(options)
-
-
-def _options(options: ViewOptions | None) -> ViewOptions:
+    require_text("title", title)
+    require_text("name", name)
     options = ViewOptions() if options is None else options
     require_instance("options", options, ViewOptions, "ViewOptions(...) or None")
-    return options
+    viewer = viewer_script()
+    scenes, what, limits = scenes_of(sources, field, options)
+    panels = {"": list(scenes.values())} if name else {key: [data] for key, data in scenes.items()}
+    labels = list(scenes) if name else [""]
+    data = json.dumps({"labels": labels, "panels": list(panels.values())}, default=float)
+    places = (
+        f"<figure><figcaption>{html.escape(caption)}</figcaption>"
+        f'<div class="place" id="place-{number}"></div></figure>'
+        for number, caption in enumerate(panels)
+    )
+    page = PAGE.substitute(
+        title=html.escape(title or "ngepc"),
+        heading=f"<h1>{html.escape(title)}</h1>" if title else "",
+        legend=legend(what, limits),
+        figures="".join(places),
+        slider=SLIDER.format(name=html.escape(name), last=len(labels) - 1) if name else "",
+        data=base64.b64encode(gzip.compress(data.encode(), mtime=0)).decode(),
+        viewer=viewer,
+    )
+    return View(page, options.height)
 
 
 def legend(what: Drawable, limits: ColourRange) -> str:
@@ -147,34 +131,6 @@ def legend(what: Drawable, limits: ColourRange) -> str:
         f'<div class="legend">{html.escape(what.plain_label)}'
         f'<div class="scale" style="background:linear-gradient(90deg,{shades})"></div>'
         f'<div class="ticks">{ticks}</div></div>'
-    )
-
-
-def _page(
-    title: str,
-    scale: str,
-    panels: Mapping[str, list[dict]],
-    labels: list[str] | None = None,
-    name: str = "",
-) -> str:
-    """The HTML of panels side by side (caption -> frames), with a slider for several labels."""
-    labels = [""] if labels is None else labels
-    data = json.dumps({"labels": labels, "panels": list(panels.values())}, default=float)
-    packed = base64.b64encode(gzip.compress(data.encode(), mtime=0)).decode()
-    figures = (
-        f'<figure><figcaption>{html.escape(caption)}</figcaption><div class="place" '
-        f'id="place-{k}"></div></figure>'
-        for k, caption in enumerate(panels)
-    )
-    many = len(labels) > 1
-    return PAGE.substitute(
-        title=html.escape(title or "ngepc"),
-        heading=f"<h1>{html.escape(title)}</h1>" if title else "",
-        legend=scale,
-        figures="".join(figures),
-        slider=SLIDER.format(name=html.escape(name), last=len(labels) - 1) if many else "",
-        data=packed,
-        viewer=viewer_script(),
     )
 
 
@@ -193,9 +149,6 @@ def viewer_script() -> str:
         If it is not installed; the message says what to install.
     """
     if not viewer_installed():
-        raise ImportError(
-            "interactive views need the package webgui_jupyter_widgets, which brings NGSolve's "
-            f"viewer for offline use: {EXTRA}"
-        )
+        raise ImportError(f"interactive views need webgui_jupyter_widgets: {EXTRA}")
     origin = importlib.util.find_spec("webgui_jupyter_widgets").origin
     return (Path(origin).parent / "js" / "webgui.js").read_text(encoding="utf-8")

@@ -96,7 +96,7 @@ from ngepc.pictures import (
 )
 from ngepc.pictures.export import export_series
 from ngepc.pictures.monitors import ProgressLine, together
-from ngepc.pictures.views import View, ViewOptions, compare, slide
+from ngepc.pictures.views import View, ViewOptions
 
 PROBLEM = lshape_problem(MESH)
 STEEL = {"lame_lambda": 1000.0, "lame_mu": 800.0, "yield_stress": 5.0, "hardening": 100.0}
@@ -274,8 +274,6 @@ USES = {
     "UnitNames": Use(UnitNames),
     "ViewOptions": Use(ViewOptions, may=DRAWN | RANGE),
     "show": Use(show, {"source": DUAL}, FIELD),
-    "compare": Use(compare, {"sources": {"one": DUAL}}, FIELD),
-    "slide": Use(slide, {"sources": {"one": DUAL}}, FIELD),
     # files
     "export_vtu": Use(export_vtu, {"source": DUAL, "path": "fields.vtu"}, {"path": NOTHING}),
     "export_series": Use(

@@ -186,8 +186,7 @@ def test_quadrilaterals_are_cut_and_bordered():
     assert corners.measures.sum() == pytest.approx(0.5, rel=1e-12)
     expected = corners.points[..., 0] * corners.points[..., 1]
     np.testing.assert_allclose(corners.values, expected, atol=1e-14)
-    lengths = np.linalg.norm(np.diff(borders.points, axis=1), axis=2).sum(axis=1)
-    np.testing.assert_allclose(lengths, 2 * (1 / 3 + 1 / 4), rtol=1e-12)
+    assert borders.measures.sum() == pytest.approx(6 * 2 * (1 / 3 + 1 / 4), rel=1e-12)
 
 
 def test_curved_elements_are_drawn_curved():
@@ -354,7 +353,7 @@ def test_titles_say_how_the_problem_was_solved():
 
     source = Labelled(lshape_dual())
     assert plot_field(source).axes[0].get_title() == "gamma = 1000"
-    assert plot_plastic_zone(source).axes[0].get_title().endswith(", gamma = 1000")
+    assert plot_plastic_zone(source).axes[0].get_title().endswith("\ngamma = 1000")
     assert plot_field(source, title="mine").axes[0].get_title() == "mine"
 
 

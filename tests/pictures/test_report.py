@@ -9,7 +9,7 @@ from solved import lshape_dual, lshape_primal
 
 from ngepc.pictures import plot_field, report
 from ngepc.pictures.report import html_table, solution_sections, write_report
-from ngepc.pictures.views import slide, viewer_installed
+from ngepc.pictures.views import show, viewer_installed
 
 ROWS = [
     {"gamma": 1e3, "paper": 8, "here": 7, "status": "converged"},
@@ -104,7 +104,7 @@ def test_without_the_viewer_a_report_says_what_to_install(tmp_path, monkeypatch)
 @pytest.mark.skipif(not viewer_installed(), reason="the offline viewer is not installed")
 @pytest.mark.parametrize("width", [390, 900])
 def test_report_opens_from_disk_with_its_view(tmp_path, width):
-    view = slide({"dual": lshape_dual(), "exact": lshape_primal()}, name="method")
+    view = show({"dual": lshape_dual(), "exact": lshape_primal()}, name="method")
     sections = ("Counts", [ROWS, view])
     path = write_report(tmp_path / "report.html", "L-shape", sections, footer="made by a test")
     with Browser(width, 900) as browser:

@@ -15,7 +15,7 @@ from solved import block_primal, lshape_dual, lshape_primal
 from ngepc import primal_newton
 from ngepc.pictures import views
 from ngepc.pictures.scenes import EXTRA, _peak, scenes_of
-from ngepc.pictures.views import View, ViewOptions, compare, show, slide
+from ngepc.pictures.views import View, ViewOptions, show
 
 needs_browser = pytest.mark.skipif(
     chromium() is None, reason="no Chromium or Chrome is installed (Debian: apt install chromium)"
@@ -92,7 +92,7 @@ def test_slider_moves_through_the_results_and_back(browser, tmp_path):
         "γ = 1000": lshape_dual(),
         "exact": lshape_primal(),
     }
-    path = slide(results, name="γ").save(tmp_path / "slider.html")
+    path = show(results, name="γ").save(tmp_path / "slider.html")
     pictures, labels = [opened(browser, path)], [browser.evaluate("label.textContent")]
     for position in (1, 2, 0):
         browser.evaluate(f"{MOVE}({position})")
@@ -109,7 +109,9 @@ def test_slider_moves_through_the_results_and_back(browser, tmp_path):
 @needs_browser
 @needs_viewer
 def test_fragment_of_the_address_chooses_the_frame(browser, tmp_path):
-    path = slide({"a": lshape_dual(), "b": lshape_primal()}).save(tmp_path / "slider.html")
+    path = show({"a": lshape_dual(), "b": lshape_primal()}, name="kind").save(
+        tmp_path / "slider.html"
+    )
     opened(browser, path, "#1")
     assert browser.evaluate("label.textContent") == "b"
     opened(browser, path, "#77")
@@ -119,7 +121,7 @@ def test_fragment_of_the_address_chooses_the_frame(browser, tmp_path):
 @needs_browser
 @needs_viewer
 def test_comparison_draws_every_panel(browser, tmp_path):
-    view = compare({"dual": lshape_dual(), "exact": lshape_primal()})
+    view = show({"dual": lshape_dual(), "exact": lshape_primal()})
     pixels = opened(browser, view.save(tmp_path / "compare.html"))
     for half in (pixels[90:, :345], pixels[90:, 355:]):
         assert 0.05 < coloured(half) < 0.6
@@ -165,7 +167,7 @@ def test_frame_of_a_notebook_shows_the_same_page(browser, tmp_path):
 @needs_viewer
 def test_play_button_moves_the_slider_and_stops(browser, tmp_path):
     results = {"a": lshape_dual(417, 10.0), "b": lshape_dual(), "c": lshape_primal()}
-    opened(browser, slide(results).save(tmp_path / "slider.html"))
+    opened(browser, show(results, name="kind").save(tmp_path / "slider.html"))
     browser.evaluate("document.getElementById('play').click()")
     browser.wait_for("document.body.dataset.frame === '2'")
     browser.wait_for("document.body.dataset.frame === '0'")
@@ -208,7 +210,7 @@ def test_missing_viewer_says_what_to_install(monkeypatch):
 @needs_viewer
 def test_text_of_pages_is_escaped(tmp_path):
     results = {"</script><b>": lshape_dual(), "2": lshape_primal()}
-    view = slide(results, title="<i>title</i>", name="a<b $x")
+    view = show(results, title="<i>title</i>", name="a<b $x")
     assert "</script><b>" not in view.html
     assert "<i>title" not in view.html
     assert "a&lt;b $x" in view.html
@@ -225,7 +227,7 @@ def test_frames_hold_whole_pages():
     ("call", "message"),
     [
         (lambda: show(lshape_primal(), "nothing"), "nothing"),
-        (lambda: slide({}), "at least one"),
+        (lambda: show({}), "at least one"),
         (lambda: ViewOptions(deformation_scale=-1.0), "deformation_scale=-1.0"),
     ],
 )

@@ -110,7 +110,7 @@ def test_every_lecture_ends_with_its_quiz(path):
     questions = quiz(path.stem).questions
     assert len(questions) >= 3
     for question in questions:
-        assert len(set(question.choices)) == len(question.choices) >= 2
+        assert len(set(question["choices"])) == len(question["choices"]) >= 2
     shown = quiz(path.stem)._repr_html_()
     assert shown.count("Right. ") == len(questions)
 
