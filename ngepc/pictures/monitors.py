@@ -161,8 +161,11 @@ class LivePlotMonitor:
 
     def draw(self) -> None:
         """Show the figure, in the place where it was shown first."""
-        begin = time.monotonic()
-        self._handle = _shown(self._handle, self.figure())
+        begin, figure = time.monotonic(), self.figure()
+        if self._handle is None:
+            self._handle = _display(figure)
+        else:
+            self._handle.update(figure)
         end = time.monotonic()
         self._next = end + max(self.interval, 4 * (end - begin))
 
@@ -183,14 +186,6 @@ class LivePlotMonitor:
 def live_plot_monitor(interval: float = 0.3, tolerance: float | None = None) -> LivePlotMonitor:
     """A figure that grows while the solver runs, for notebooks; see ``LivePlotMonitor``."""
     return LivePlotMonitor(interval, tolerance)
-
-
-def _shown(handle: object, figure: Figure) -> object:
-    """Show a figure in its place of the running notebook; returns the handle of that place."""
-    if handle is None:
-        return _display(figure)
-    handle.update(figure)
-    return handle
 
 
 def _display(figure: Figure) -> object:

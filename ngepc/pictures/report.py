@@ -151,25 +151,23 @@ def _inline(text: str) -> str:
 
 def describe_problem(problem: Problem) -> list[dict[str, str]]:
     """The data of a problem as rows 'what', 'value', for a table."""
+
+    def data(value: object) -> str:
+        return f"{value:g}" if is_number(value) else "none" if value is None else "varies"
+
     mesh, m = problem.mesh, problem.material
     rows = {
         "body": f"{problem.N} dimensions, {mesh.nv} nodes, {mesh.ne} elements",
-        "elasticity": f"mu_1 = {_data(m.lame_lambda)}, mu_2 = {_data(m.lame_mu)}",
-        "yield stress": _data(m.yield_stress),
-        "hardening": f"kinematic {_data(m.hardening)}, isotropic H = {_data(m.hardening_modulus)}, "
-        f"k_1 = {_data(m.hardening_stiffness)}",
+        "elasticity": f"mu_1 = {data(m.lame_lambda)}, mu_2 = {data(m.lame_mu)}",
+        "yield stress": data(m.yield_stress),
+        "hardening": f"kinematic {data(m.hardening)}, isotropic H = {data(m.hardening_modulus)}, "
+        f"k_1 = {data(m.hardening_stiffness)}",
         "clamped": ", ".join(problem.clamped_names),
         "loaded": ", ".join(map(str, problem.loads)),
         "contact": ", ".join(problem.touching_names),
-        "gap": _data(problem.gap),
+        "gap": data(problem.gap),
     }
     return [{"what": key, "value": value or "none"} for key, value in rows.items()]
-
-
-def _data(value: object) -> str:
-    if value is None:
-        return "none"
-    return f"{value:g}" if is_number(value) else "varies"
 
 
 def png_address(figure: Figure | os.PathLike) -> str:
