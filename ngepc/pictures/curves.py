@@ -45,19 +45,16 @@ def plot_history(
         require_instance(f"histories[{label!r}]", history, History, "a History")
         if not history.records:
             raise ValueError(f"histories[{label!r}] has no records: a run fills them")
-    if tolerance is not None:
-        require_number("tolerance", tolerance, 0, strict=True)
     figure = Picture(figsize=(7.6, 3.3))
     left, right = figure.subplots(1, 2)
-    _history_axes(left, right, tolerance)
-    for index, (label, history) in enumerate(histories.items()):
-        style = {"label": label or None, **line_style(index, len(history.records))}
-        _draw_run(left, right, history, 0, style)
-    right.set_ylim(top=1.4)
+    drawn = [
+        (history, 0, {"label": label or None, **line_style(index, len(history.records))})
+        for index, (label, history) in enumerate(histories.items())
+    ]
+    _draw(left, right, drawn, tolerance)
     if len(histories) > 1:
         handles, labels = left.get_legend_handles_labels()
-        columns = min(4, len(labels))
-        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
     return figure
 
 
@@ -65,33 +62,31 @@ def draw_runs(
     left: Axes, right: Axes, runs: Sequence[History], tolerance: float | None = None
 ) -> None:
     """Runs one after the other: residuals left, step lengths right, earlier runs grey."""
-    _history_axes(left, right, tolerance)
-    first = 0
-    for number, history in enumerate(runs):
-        style = line_style(0, len(history.records))
-        if number < len(runs) - 1:
-            style |= {"color": EARLIER}
-        _draw_run(left, right, history, first, style)
-        first += len(history.step_lengths)
-    right.set_ylim(top=1.4)
+    first = np.cumsum([0, *(len(history.step_lengths) for history in runs)])
+    styles = [line_style(0, len(history.records)) for history in runs]
+    styles[:-1] = [style | {"color": EARLIER} for style in styles[:-1]]
+    _draw(left, right, list(zip(runs, first[:-1], styles, strict=True)), tolerance)
 
 
-def _history_axes(left: Axes, right: Axes, tolerance: float | None) -> None:
+def _draw(
+    left: Axes, right: Axes, runs: list[tuple[History, int, dict]], tolerance: float | None
+) -> None:
+    """Histories, each with its first step and its style: residuals left, step lengths right."""
     for axes in (left, right):
         axes.set_xlabel("Newton step")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     left.set(yscale="log", ylabel="residual norm")
-    if tolerance is not None:
-        left.axhline(tolerance, color=GUIDE, linewidth=0.8, linestyle=":")
     right.set_yscale("log", base=2)
     right.set_ylabel("step length")
-
-
-def _draw_run(left: Axes, right: Axes, history: History, first: int, style: dict) -> None:
-    residuals = np.maximum(history.residual_norms, np.finfo(float).tiny)
-    left.plot(range(first, first + len(residuals)), residuals, **style)
-    steps = history.step_lengths
-    right.plot(range(first + 1, first + 1 + len(steps)), steps, **style)
+    if tolerance is not None:
+        require_number("tolerance", tolerance, 0, strict=True)
+        left.axhline(tolerance, color=GUIDE, linewidth=0.8, linestyle=":")
+    for history, first, style in runs:
+        residuals = np.maximum(history.residual_norms, np.finfo(float).tiny)
+        left.plot(np.arange(first, first + len(residuals)), residuals, **style)
+        steps = history.step_lengths
+        right.plot(np.arange(first + 1, first + 1 + len(steps)), steps, **style)
+    right.set_ylim(top=1.4)
 
 
 @styled
@@ -112,9 +107,6 @@ def plot_progress(
     require_sequence("runs", histories, "histories")
     for number, history in enumerate(histories):
         require_instance(f"runs[{number}]", history, History, "a History")
-    if tolerance is not None:
-        require_number("tolerance", tolerance, 0, strict=True)
-    require_number("deformation_scale", deformation_scale, 0.0)
     figure = Picture(figsize=(9.6, 3.0))
     grid = figure.add_gridspec(1, 3, width_ratios=(1.2, 1.0, 1.0))
     three = result.problem.N == 3
@@ -151,20 +143,18 @@ def plot_counts(
     for index, (label, row) in enumerate(counts.items()):
         style = line_style(index, len(row))
         axes.plot(list(row), list(row.values()), label=label, **style)
-        if label in paper:
-            dashed = {**style, "linestyle": "--", "markerfacecolor": "white", "alpha": 0.7}
-            axes.plot(list(paper[label]), list(paper[label].values()), **dashed)
+        style |= {"linestyle": "--", "markerfacecolor": "white", "alpha": 0.7}
+        axes.plot(list(paper.get(label, ())), list(paper.get(label, {}).values()), **style)
     nodes = sorted({n for row in counts.values() for n in row})
-    most = max(steps for row in (*counts.values(), *paper.values()) for steps in row.values())
+    most = 1.3 * max(2, *(n for row in (*counts.values(), *paper.values()) for n in row.values()))
     axes.set(xscale="log", xlabel="nodes of the mesh")
+    axes.set_ylabel("Newton steps" + (" (dashed: paper)" if paper else ""))
     axes.set_yscale("symlog", linthresh=1.0, linscale=0.3)
-    axes.set_ylim(0, 1.3 * max(most, 2))
-    ticks = [0, 1, *(m * 10**k for k in range(4) for m in (2, 5, 10))]
-    axes.set_yticks([t for t in ticks if t <= 1.3 * most])
+    axes.set_ylim(0, most)
+    axes.set_yticks([t for t in (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if t <= most])
     axes.set_xticks(nodes, [str(n) for n in nodes])
     axes.minorticks_off()
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.set_ylabel("Newton steps" + (" (dashed: paper)" if paper else ""))
     figure.legend(loc="outside right center")
     return figure
 

@@ -29,7 +29,7 @@ class UnitNames:
 
     def of(self, quantity: str) -> str:
         """The unit of 'length', 'stress' or '1'."""
-        return {"length": self.length, "stress": self.stress}.get(quantity, quantity)
+        return getattr(self, quantity, quantity)
 
 
 @dataclass(frozen=True)
@@ -96,30 +96,25 @@ def drawable(
         return Drawable(scalar(field), "value", "value")
     if not isinstance(field, str):
         raise TypeError(f"field={field!r}: the name of a field or a CoefficientFunction is needed")
-    name, component = _split(field)
+    match = re.fullmatch(r"(.+)_([xyz]{1,2})", field)
+    name, component = match.groups() if match else (field, "")
     if name not in KINDS:
         raise ValueError(
             f"field={field!r}: the fields are {', '.join(KINDS)}, "
             "and components such as displacement_x and stress_xy"
         )
     kind, coefficient = KINDS[name], field_of(source, name)
-    symbol = kind.symbol
+    symbol, plain = kind.symbol, kind.plain
     if component:
         coefficient = _component(field, coefficient, component, kind.rank)
-        symbol = f"{symbol}_{{{component}}}"
+        symbol, plain = f"{symbol}_{{{component}}}", f"{plain}_{component}"
     elif kind.rank:
         coefficient = scalar(coefficient)
-        symbol = f"|{symbol}|" + ("_F" if kind.rank == 2 else "")
+        symbol, plain = f"|{symbol}|" + "_F" * (kind.rank == 2), f"|{plain}|"
     unit = units.of(kind.quantity)
-    plain = _plain(kind, component)
-    label = f"{kind.title} ${symbol}$ ({unit})"
+    label, plain = f"{kind.title} ${symbol}$ ({unit})", f"{kind.title} {plain} ({unit})"
     colormap = "RdBu_r" if component else kind.colormap
-    return Drawable(coefficient, label, f"{plain} ({unit})", bool(component), colormap)
-
-
-def _split(field: str) -> tuple[str, str]:
-    match = re.fullmatch(r"(.+)_([xyz]{1,2})", field)
-    return (match[1], match[2]) if match else (field, "")
+    return Drawable(coefficient, label, plain, bool(component), colormap)
 
 
 def _component(
@@ -134,12 +129,6 @@ def _component(
             else f"field={field!r}: this field is a scalar and has no components"
         )
     return coefficient[tuple(index)] if rank == 2 else coefficient[index[0]]
-
-
-def _plain(kind: FieldKind, component: str) -> str:
-    if component:
-        return f"{kind.title} {kind.plain}_{component}"
-    return f"{kind.title} |{kind.plain}|" if kind.rank else f"{kind.title} {kind.plain}"
 
 
 def fields_of(source: object, name: str = "source") -> Fields:

@@ -11,6 +11,7 @@ import os
 import tempfile
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -54,9 +55,6 @@ def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = 
     """
     path = require_path("path", path, ".vtu")
     check_names(fields)
-    unknown = [name for name in fields if name not in KINDS]
-    if unknown:
-        raise ValueError(f"fields={list(fields)!r}: {unknown[0]!r} is none of {', '.join(KINDS)}")
     processes = fields_of(source).problem.processes
     if processes.size == 1:
         _write_part(source, path, fields)
@@ -65,7 +63,7 @@ def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = 
     processes.together(partial(_write_part, source, parts[processes.rank], fields))
     path = path.with_suffix(".pvtu")
     if processes.rank == 0:
-        write_text(path, _listing(parts))
+        _write_xml(path, _listing(parts))
     processes.all(None)  # no process goes on before the file is there
     return path
 
@@ -84,7 +82,7 @@ def _write_part(source: object, path: Path, fields: Sequence[str]) -> None:
         written.replace(path)
 
 
-def _listing(parts: Sequence[Path]) -> str:
+def _listing(parts: Sequence[Path]) -> ElementTree.Element:
     """A PVTU file: the arrays as the first part has them, and where the parts are."""
     header, _, _ = parts[0].read_bytes().partition(b"<AppendedData")
     first = ElementTree.fromstring(header + b"</VTKFile>")
@@ -98,7 +96,7 @@ def _listing(parts: Sequence[Path]) -> str:
             ElementTree.SubElement(arrays, "PDataArray", told)
     for part in parts:
         ElementTree.SubElement(grid, "Piece", Source=part.name)
-    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode")
+    return root
 
 
 def export_series(
@@ -134,25 +132,26 @@ def export_series(
         place = {"timestep": repr(float(time)), "part": "0", "file": written.name}
         ElementTree.SubElement(collection, "DataSet", place)
     if fields_of(source).problem.processes.rank == 0:
-        write_text(path, '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode"))
+        _write_xml(path, root)
     return path
+
+
+def _write_xml(path: Path, root: ElementTree.Element) -> None:
+    write_text(path, '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode"))
 
 
 def in_space(coefficient: CoefficientFunction) -> CoefficientFunction:
     """A scalar as it is, a vector with 3 and a matrix with 9 components, filled up with zeros."""
     if coefficient.dim == 1:
         return coefficient
-    n, matrix = coefficient.dims[0], len(coefficient.dims) == 2
-    if not matrix:
-        return CF(tuple(coefficient[i] if i < n else 0.0 for i in range(3)))
-    pairs = [(i, j) for i in range(3) for j in range(3)]
-    return CF(tuple(coefficient[i, j] if max(i, j) < n else 0.0 for i, j in pairs))
+    n, rank = coefficient.dims[0], len(coefficient.dims)
+    return CF(tuple(coefficient[i] if max(i) < n else 0.0 for i in product(range(3), repeat=rank)))
 
 
 def check_names(fields: object) -> None:
-    """Refuse anything but a sequence of at least one text."""
+    """Refuse anything but a sequence of at least one name of a field."""
     texts = isinstance(fields, Sequence) and not isinstance(fields, str | bytes)
     if not texts or not all(isinstance(name, str) for name in fields):
         raise TypeError(f"fields={fields!r}: a sequence of names of fields is needed")
-    if not fields:
-        raise ValueError(f"fields={fields!r}: at least one of {', '.join(KINDS)} is needed")
+    if not fields or not set(fields) <= set(KINDS):
+        raise ValueError(f"fields={fields!r}: at least one, of {', '.join(KINDS)}, is needed")

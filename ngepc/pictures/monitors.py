@@ -1,9 +1,8 @@
 """Monitors: callables that see each ``IterationRecord`` while a solver runs.
 
 Any ``record -> None`` will do; raising StopIteration in one ends the run with Status.STOPPED and
-keeps the state.  ``record.snapshot()`` is the result of a run that had stopped at that iterate,
-for monitors that look at fields; it costs nothing until it is called.  Those here print a table or
-a progress line, or draw the run as it grows.
+keeps the state.  ``record.snapshot()`` is the result of a run that had stopped at that iterate; it
+costs nothing until it is called.  Those here print a table or a progress line, or draw the run.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_attributes, require_function, require_text
+from ngepc.checks.kinds import require_attributes, require_text
 from ngepc.pictures.curves import draw_runs, plot_progress
 from ngepc.pictures.style import Picture, styled
 from ngepc.results.outcome import History, IterationRecord
@@ -40,18 +39,6 @@ COLUMNS = (
 """Heading, field of the record and format of the columns of the table."""
 
 
-def together(*monitors: RecordMonitor) -> RecordMonitor:
-    """One monitor that calls several in order."""
-    for number, monitor in enumerate(monitors):
-        require_function(f"monitors[{number}]", monitor, "a record")
-
-    def both(record: IterationRecord) -> None:
-        for monitor in monitors:
-            monitor(record)
-
-    return both
-
-
 def check_stream(stream: object) -> None:
     """Refuse what cannot be written to; None stands for standard error."""
     if stream is not None:
@@ -64,15 +51,14 @@ def table_monitor(stream: TextIO | None = None) -> RecordMonitor:
     ``stream`` is where to; standard error by default.
     """
     check_stream(stream)
-    widths = [int(form.split(".")[0].rstrip("defg")) for _, _, form in COLUMNS]
 
     def write(record: IterationRecord) -> None:
         out = sys.stderr if stream is None else stream
+        cells = [format(getattr(record, name), form) for _, name, form in COLUMNS]
         if record.iteration == 0:
-            headings = zip(COLUMNS, widths, strict=True)
-            out.write("  ".join(f"{text:>{width}}" for (text, _, _), width in headings) + "\n")
-        out.write("  ".join(format(getattr(record, name), form) for _, name, form in COLUMNS))
-        out.write("\n")
+            heads = zip(COLUMNS, cells, strict=True)
+            out.write("  ".join(text.rjust(len(cell)) for (text, *_), cell in heads) + "\n")
+        out.write("  ".join(cells) + "\n")
         out.flush()
 
     return write

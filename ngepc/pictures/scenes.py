@@ -66,8 +66,7 @@ class ViewOptions:
         require_flag("contact_lines", self.contact_lines)
         unit_names(self.units)
         for name in ("vmin", "vmax"):
-            if getattr(self, name) is not None:
-                require_number(name, getattr(self, name))
+            require_number(name, 0.0 if getattr(self, name) is None else getattr(self, name))
 
 
 def scenes_of(

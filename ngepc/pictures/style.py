@@ -99,8 +99,7 @@ def beside(
     require_number("height", height, 0, strict=True)
     require_flag("three", three)
     figure = Picture(figsize=(width * len(panels), height), layout="compressed")
-    projection = {"projection": "3d"} if three else {}
-    every = figure.subplots(1, len(panels), squeeze=False, subplot_kw=projection)[0]
-    for draw, axes in zip(panels, every, strict=True):
-        draw(axes)
+    projection = "3d" if three else None
+    for number, draw in enumerate(panels, 1):
+        draw(figure.add_subplot(1, len(panels), number, projection=projection))
     return figure

@@ -124,8 +124,8 @@ def legend(what: Drawable, limits: ColourRange) -> str:
     """The colour scale as HTML: label, colours, values at the ends and between."""
     shades = ",".join(map(to_hex, colormaps[what.colormap](np.linspace(0, 1, 10))))
     values = [f"{float(f'{v:.3g}'):g}" for v in np.linspace(limits.least, limits.most, 5)]
-    values[0] = ("≤ " if limits.below else "") + values[0]
-    values[-1] = ("≥ " if limits.above else "") + values[-1]
+    values[0] = "≤ " * limits.below + values[0]
+    values[-1] = "≥ " * limits.above + values[-1]
     ticks = "".join(f"<span>{value.replace('-', '−')}</span>" for value in values)
     return (
         f'<div class="legend">{html.escape(what.plain_label)}'

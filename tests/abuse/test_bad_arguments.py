@@ -5,7 +5,6 @@ the rest must raise TypeError or ValueError with a message that names the argume
 and says what is needed.  ``test_bad_input`` has the finer tables for problems and materials.
 """
 
-import io
 from dataclasses import replace
 
 import pytest
@@ -95,7 +94,7 @@ from ngepc.pictures import (
     plot_progress,
 )
 from ngepc.pictures.export import export_series
-from ngepc.pictures.monitors import ProgressLine, together
+from ngepc.pictures.monitors import ProgressLine
 from ngepc.pictures.views import View, ViewOptions
 
 PROBLEM = lshape_problem(MESH)
@@ -369,11 +368,6 @@ def test_sections_of_a_report_are_checked(sections, message, tmp_path):
     with pytest.raises(TypeError, match=message):
         write_report(tmp_path / "page.html", "title", *sections)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_monitors_that_are_none_are_named():
-    with pytest.raises(TypeError, match=r"monitors\[1\]=3: a function of a record is needed"):
-        together(table_monitor(io.StringIO()), 3)
 
 
 def test_a_quick_dual_result_is_what_it_says():

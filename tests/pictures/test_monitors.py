@@ -20,7 +20,6 @@ from ngepc.pictures.monitors import (
     ProgressLine,
     live_plot_monitor,
     table_monitor,
-    together,
 )
 from ngepc.results.outcome import History, IterationRecord
 
@@ -60,19 +59,18 @@ def problem():
 
 def test_solver_tells_monitors_the_history(problem):
     seen = []
-    result = semismooth_newton(
-        problem, 1e3, monitor=together(seen.append, table_monitor(io.StringIO()))
-    )
+    result = semismooth_newton(problem, 1e3, monitor=seen.append)
     assert seen == result.history.records
 
 
-def test_stop_iteration_in_one_of_several_monitors_stops_the_run(problem):
+def test_stop_iteration_in_a_monitor_stops_the_run(problem):
     def stop(record):
+        seen.append(record)
         if record.iteration == 2:
             raise StopIteration
 
     seen = []
-    result = semismooth_newton(problem, 1e3, monitor=together(seen.append, stop))
+    result = semismooth_newton(problem, 1e3, monitor=stop)
     assert result.status is Status.STOPPED
     assert [record.iteration for record in seen] == [0, 1, 2]
 
@@ -107,7 +105,8 @@ def test_progress_keeps_one_line_on_a_terminal_and_writes_nothing_to_a_file():
     terminal, file = Terminal(), io.StringIO()
     with ProgressLine("run", terminal) as shown, ProgressLine("run", file) as logged:
         for record in RECORDS:
-            together(shown, logged)(record)
+            shown(record)
+            logged(record)
         text = terminal.getvalue()
     assert "\n" not in text
     last = text.split("\r")[-1]
