@@ -18,8 +18,10 @@ from functools import cached_property
 import numpy as np
 from ngsolve import L2, GridFunction
 
+from ngepc.bounds.conjugate import Conjugate
 from ngepc.bounds.coverage import on_facets
 from ngepc.bounds.plane import PlaneSetting
+from ngepc.bounds.quadratic import QuadraticSetting
 from ngepc.bounds.setting import Setting
 from ngepc.bounds.solid import SolidSetting
 from ngepc.bounds.tightening import Effort
@@ -131,7 +133,7 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
     result
         What a solver of a :class:`Problem` returned.  Where its displacement violates the obstacle
         it is moved, the plastic strain is the best one for it: ``ErrorBound.state`` is what the
-        bound is for.
+        bound is for.  Order two is for plane problems.
     effort
         How hard to look for a sharp bound; every effort gives a bound.
 
@@ -178,7 +180,9 @@ def setting_of(discrete: DiscreteProblem) -> Setting:
     ValueError
         For a problem that no bound covers.
     """
-    return (PlaneSetting if discrete.problem.N == 2 else SolidSetting)(discrete)
+    if discrete.problem.N == 3:
+        return SolidSetting(discrete)
+    return (PlaneSetting if discrete.problem.order == 1 else QuadraticSetting)(discrete)
 
 
 def bound_of_state(
@@ -212,7 +216,9 @@ def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
     contact = setting.discrete.contact
     forces = state.contact - contact.defect(state.contact, 0.0)
     z = setting.balanced(state, tangent, contact.forces(forces))
-    dual = setting.conjugate.value(setting.conjugate.completed(z[:, None]))[:, 0]
-    gaps = setting.gaps(state, z) + setting.cells.volume * dual
+    conjugate, law = Conjugate(setting.discrete.law), setting.discrete.law
+    density = law.energy_density(state.volume, state.at)
+    density += conjugate.value(conjugate.completed(z[:, None]))[:, 0]
+    gap = density - np.einsum("pc,pc->p", z, setting.point_strain(state))
     friction = contact.friction_work(forces, state.gaps, 0.0)
-    return float(gaps.sum() + forces @ state.gaps + friction)
+    return setting.discrete.points.integral(gap) + float(forces @ state.gaps + friction)

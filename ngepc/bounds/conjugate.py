@@ -101,7 +101,9 @@ class Conjugate:
     Parameters
     ----------
     law
-        The material at the points, one for each triangle.
+        The material at the points.
+    each
+        Points of each cell.
 
     Attributes
     ----------
@@ -109,9 +111,9 @@ class Conjugate:
         As there.
     """
 
-    def __init__(self, law: Law) -> None:
+    def __init__(self, law: Law, each: int = 1) -> None:
         for name in OF_LAW[:-1]:
-            setattr(self, name, getattr(law, name))
+            setattr(self, name, getattr(law, name)[::each])
         self.d = self.back.shape[1]
         self.whole = self.d != 3  # no direction without an equation
         self.constant = 0.5 * self.two_mu * np.einsum("td,td->t", self.initial, self.initial)

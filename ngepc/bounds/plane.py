@@ -41,9 +41,21 @@ class PlaneSetting(Setting):
         stress = self.balanced(state, tangent, forces)
         z = self.admissible(stress, moments)
         dual = Dual(self.space, self.conjugate, self.strain(state))
-        rest = self.gaps(state, 0 * stress).sum() + self.contact_gaps(state, P).sum()
-        z = tightened(dual, self.cells, z, stress, float(rest), effort or Effort())
-        return at_nodes(z), z.mean(axis=1), P
+        rest = self.phi(state).sum() + self.contact_gaps(state, P).sum()
+        z = tightened(dual, self.cells, z, self.centre(stress), float(rest), effort or Effort())
+        return at_nodes(z), z, P
+
+    def means(self, stress: np.ndarray) -> np.ndarray:
+        """The means on the triangles, shape (nt, 3), of stresses at the points."""
+        return stress
+
+    def centre(self, stress: np.ndarray) -> np.ndarray:
+        """Stresses at the points as one or nine on each triangle, (nt, ., 3)."""
+        return stress[:, None]
+
+    def wished(self, stress: np.ndarray) -> np.ndarray:
+        """Moments (ne, 2, 2) of the mean tractions of both triangles."""
+        return mean_moments(self.cells, tensors(stress))
 
     def admissible(self, stress: np.ndarray, moments: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the midpoints, shape (nt, 9, 3).
@@ -51,12 +63,13 @@ class PlaneSetting(Setting):
         Parameters
         ----------
         stress
-            In equilibrium against hat functions, in-plane coordinates, shape (nt, 3).
+            In equilibrium against hat functions, in-plane coordinates, shape (points, 3).
         moments
             Of the given tractions, shape (ne, 2, 2).
         """
-        t, f, sigma = self.cells, self.body_force, tensors(stress)
-        mu = self.fans.repaired(mean_moments(t, sigma), corner_forces(t, sigma, f), moments)
+        t, f = self.cells, self.body_force
+        needed = corner_forces(t, tensors(self.means(stress)), f)
+        mu = self.fans.repaired(self.wished(stress), needed, moments)
         around = t.per_triangle(mu).reshape(-1, 6, 2)
         data = np.concatenate([around, (f * t.det[:, None])[:, None]], axis=1)
         data = np.matmul(data, t.inverse.transpose(0, 2, 1)).reshape(-1, 14)

@@ -53,10 +53,11 @@ class Setting(ABC):
         self.discrete, self.problem = discrete, discrete.problem
         self.cells = (Triangles if self.problem.N == 2 else Simplices)(self.problem.mesh)
         self.boundary = Boundary(self.problem, self.cells)
-        self.conjugate = Conjugate(discrete.law)
+        each = len(discrete.points) // len(self.cells.nodes)
+        self.conjugate = Conjugate(discrete.law, each)
         self.body_force = np.zeros((len(self.cells.nodes), self.problem.N))
         if self.problem.f is not None:
-            self.body_force = discrete.points.at(self.problem.f)
+            self.body_force = discrete.points.at(self.problem.f)[::each]
         self.start = initial_displacements(self.problem, discrete.supports)
         self.row_of = self._rows_of_contact_ends()
 
@@ -64,7 +65,7 @@ class Setting(ABC):
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray, effort: object | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """An admissible stress for which the bound is small, its mean on each cell, and its P.
+        """An admissible stress for which the bound is small, again at points, and its P.
 
         Parameters
         ----------
@@ -80,7 +81,8 @@ class Setting(ABC):
         Returns
         -------
         tuple
-            Stress coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2, c).
+            Stress coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2, c),
+            then those whose product with ``strain`` has the integral as its mean.
         """
 
     def _rows_of_contact_ends(self) -> np.ndarray:
@@ -202,14 +204,27 @@ class Setting(ABC):
         gaps = (P * (room + b.excess)).sum(axis=1) - dragged.sum(axis=(1, 2))
         return gaps + self.friction_works(state)
 
-    def gaps(self, state: State, mean: np.ndarray) -> np.ndarray:
-        """int [phi(eps) - sigma : eps] over each cell for stresses with this mean (nt, c)."""
-        phi = self.discrete.law.energy_density(state.volume, state.at)
-        return self.cells.volume * (phi - np.einsum("tc,tc->t", mean, self.strain(state)))
+    def gaps(self, state: State, z: np.ndarray) -> np.ndarray:
+        """int [phi(eps) - sigma : eps] over each cell for stresses at points (nt, ., c)."""
+        strain = self.strain(state)
+        if strain.shape[1] == 1:
+            z = z.mean(axis=1, keepdims=True)
+        work = np.einsum("tqc,tqc->t", z, strain) / strain.shape[1]
+        return self.phi(state) - self.cells.volume * work
+
+    def phi(self, state: State) -> np.ndarray:
+        """int phi(eps(u)) over each cell."""
+        points = self.discrete.points
+        density = points.weights * self.discrete.law.energy_density(state.volume, state.at)
+        return density.reshape(len(self.cells.nodes), -1).sum(axis=1)
+
+    def point_strain(self, state: State) -> np.ndarray:
+        """The strain coordinates whose product with a stress is sigma : eps, shape (points, c)."""
+        return stress_coordinates(self.problem.N, state.volume, state.deviator, 0.0)
 
     def strain(self, state: State) -> np.ndarray:
-        """The strain coordinates whose product with a stress is sigma : eps, shape (nt, c)."""
-        return stress_coordinates(self.problem.N, state.volume, state.deviator, 0.0)
+        """Those at points of each cell: one, where they are constant, shape (nt, 1, c)."""
+        return self.point_strain(state)[:, None]
 
     def factorised(self, state: State, tangent: Factors) -> Moduli:
         """The moduli of a tangent, that at the state unless it has factors of another one."""
@@ -218,7 +233,7 @@ class Setting(ABC):
         return tangent.moduli
 
     def balanced(self, state: State, tangent: Factors, contact_forces: np.ndarray) -> np.ndarray:
-        """Stresses (nt, c) in equilibrium with loads and contact forces (nodes, N).
+        """Stresses (points, c) in equilibrium with loads and contact forces (nodes, N).
 
         What is missing in the nodal forces is made up for by a tangent.
         """

@@ -76,16 +76,20 @@ class SolidSetting(Setting):
         self.faces.precondition()
         own = self.constant_moments(z) + self.faces.moments(np.zeros((len(z), FREE)), f)
         pulled = np.matmul(self.faces.loaded, f[:, :, None])[:, :, 0]
-        here = Displaced(tangent, moduli, self.strain(state)[:, None], 0.0)
+        here = Displaced(tangent, moduli, self.strain(state), 0.0)
         P = self.sharpened(state, here, pulled, own, P, effort)
-        rest = float(self.gaps(state, 0 * z).sum() + self.contact_gaps(state, P).sum())
+        rest = float(self.phi(state).sum() + self.contact_gaps(state, P).sum())
         here = replace(here, rest=rest)
         x = self.admissible(here, pulled, own, self.loads(state, P)[0], f, effort)
         for _ in range(effort.newton):
             at = self.conjugate.completed(self.stress(x, f, AT_POINTS))
             if (at.over > 0).any():
                 x = self.newton(here, x, at, effort)
-        return self.stress(x, f, AT_VERTICES), self.stress(x, f, AT_POINTS).mean(axis=1), P
+        return (
+            self.stress(x, f, AT_VERTICES),
+            self.stress(x, f, AT_POINTS).mean(axis=1, keepdims=True),
+            P,
+        )
 
     def sharpened(
         self,

@@ -56,7 +56,7 @@ class Dual:
     space, conjugate
         The Airy functions, and phi*.
     strain
-        eps(u) in in-plane coordinates, shape (nt, 3).
+        eps(u) in in-plane coordinates at one or nine points, shape (nt, ., 3).
     """
 
     space: AirySpace
@@ -69,12 +69,12 @@ class Dual:
 
     def value(self, z: np.ndarray, at: Completed) -> float:
         """The integral for stresses (nt, points, 3), by the mean over the points."""
-        density = self.conjugate.value(at) - np.einsum("tqc,tc->tq", z, self.strain)
+        density = self.conjugate.value(at) - (z * self.strain).sum(axis=2)
         return float(self.space.area @ density.mean(axis=1))
 
     def gradient(self, at: Completed) -> np.ndarray:
         """Strains (nt, points, 3)."""
-        return self.conjugate.gradient(at) - self.strain[:, None]
+        return self.conjugate.gradient(at) - self.strain
 
     def stiffness(self, at: Completed) -> np.ndarray:
         """The matrices of the Airy functions on each triangle, (nt, 12, 12)."""
@@ -89,7 +89,7 @@ def tightened(
     dual: Dual,
     triangles: Triangles,
     z: np.ndarray,
-    discrete: np.ndarray,
+    centre: np.ndarray,
     rest: float,
     effort: Effort,
 ) -> np.ndarray:
@@ -101,14 +101,14 @@ def tightened(
         What is to be small, and where.
     z
         The admissible stress to start from, shape (nt, 9, 3).
-    discrete
-        The stress of the discrete solution, shape (nt, 3).
+    centre
+        The stress of the discrete solution at one or nine points, shape (nt, ., 3).
     rest
         The bound less the value of ``dual``.
     """
-    system, centre = TwoLevels(dual.space, triangles), discrete[:, None]
-    at = dual.conjugate.completed(centre)
-    first, moved = dual.gradient(at), np.matmul(z - centre, dual.conjugate.compliance(at)[:, 0])
+    system, at = TwoLevels(dual.space, triangles), dual.conjugate.completed(centre)
+    first, H = dual.gradient(at), dual.conjugate.compliance(at)
+    moved = np.matmul((z - centre)[:, :, None], H)[:, :, 0]
     model = dual.value(centre, at) + dual.space.product(z - centre, first + moved / 2)
     K = dual.stiffness(at)
     system.update(K, slice(None))

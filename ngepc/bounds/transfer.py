@@ -134,22 +134,47 @@ class Carrier:
         return CF(entries, dims=tuple(value.dims)) if len(value.dims) == 2 else CF(entries)
 
 
+def carried_parabolas(old: State, discrete: DiscreteProblem) -> np.ndarray:
+    """Displacements of order two on a bisected mesh of triangles, shape (nodes, 2).
+
+    An unknown of an edge is -8 times what the middle exceeds the mean of the ends by.
+    """
+    before, after = old.discrete.points.blocks[0].nodes, discrete.points.blocks[0].nodes
+    parent = parents(old.discrete.problem.mesh, discrete.problem.mesh)
+    corners = vertex_coordinates(old.discrete.problem.mesh)[before[parent, :3]]
+    x = vertex_coordinates(discrete.problem.mesh)[after[:, :3]]
+    ends = [(2, 0), (1, 2), (0, 1)]
+    middles = np.stack([(x[:, a] + x[:, b]) / 2 for a, b in ends], axis=1)
+    there = np.concatenate([x, middles], axis=1) - corners[:, :1]
+    frame = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
+    share = np.matmul(there, np.linalg.inv(frame).transpose(0, 2, 1))
+    share = np.concatenate([1 - share.sum(axis=2, keepdims=True), share], axis=2)
+    bubbles = np.stack([-share[:, :, a] * share[:, :, b] / 2 for a, b in ends], axis=2)
+    values = np.matmul(np.concatenate([share, bubbles], axis=2), old.u[before[parent]])
+    for k, (a, b) in enumerate(ends):
+        values[:, 3 + k] = 4 * (values[:, a] + values[:, b]) - 8 * values[:, 3 + k]
+    u = np.empty_like(discrete.supports.values)
+    u[after] = values
+    return u
+
+
 def carried_state(old: State, discrete: DiscreteProblem) -> State:
-    """The state on a bisected mesh: new vertices take the mean of their parents."""
+    """The state on a bisected mesh: the same displacements, contact forces as means of parents'."""
     mesh, before = discrete.problem.mesh, old.discrete
-    (count, N), rows = old.u.shape, before.rows
+    count, N, rows = before.problem.mesh.nv, old.u.shape[1], before.rows
     nodal = np.zeros((mesh.nv, 2 * N + 1))
-    nodal[:count, :N] = old.u
+    nodal[:count, :N] = old.u[:count]
     forces = np.bincount(rows.vertices, old.multipliers, minlength=count)
     area = np.bincount(rows.vertices, rows.weights, minlength=count)
     dragged = rows.friction_forces(old.tangential_forces)
-    stress = np.column_stack([forces, dragged]) / np.where(area > 0, area, 1.0)[:, None]
+    stress = np.column_stack([forces, dragged[:count]]) / np.where(area > 0, area, 1.0)[:, None]
     nodal[:count, N:] = stress
     for vertex in range(count, mesh.nv):
         a, b = mesh.GetParentVertices(vertex)
         nodal[vertex] = (nodal[a] + nodal[b]) / 2
     supports, there = discrete.supports, discrete.rows
-    u = np.where(supports.free, nodal[:, :N], supports.values)
+    u = nodal[:, :N] if discrete.problem.order == 1 else carried_parabolas(old, discrete)
+    u = np.where(supports.free, u, supports.values)
     forces = nodal[there.vertices, N:] * there.weights[:, None]
     dragged = np.einsum("mdc,mc->md", there.tangents, forces[:, 1:])
     contact = np.concatenate([forces[:, 0], dragged.ravel()])

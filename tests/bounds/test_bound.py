@@ -164,7 +164,7 @@ def square(material=MATERIAL, **data):
 @pytest.mark.parametrize(
     ("word", "make"),
     [
-        ("order", lambda: square(order=2)),
+        ("order", lambda: square(order=2, contact="contact", gap=0.1, friction=1.0)),
         ("axisymmetric", lambda: square(kinematics="axisymmetric")),
         ("body_force", lambda: square(body_force=(x, 0.0))),
         ("traction", lambda: square(traction={"contact": (0.0, x**2)})),

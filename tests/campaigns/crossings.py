@@ -1,6 +1,6 @@
 """Bounds of the energy error of random problems beside energies on finer meshes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -38,11 +38,11 @@ class Crossing:
         return self.bound.total / (self.bound.energy - self.fine.least_energy)
 
 
-def random_crossings(seed, count, bisections=3, dimension=2):
+def random_crossings(seed, count, bisections=3, dimension=2, order=1):
     """Random problems in two or three dimensions, each with its bound and a fine reference."""
     drawn = (d for d in draws(seed) if (d.body == "cube") == (dimension == 3))
     for draw in islice(drawn, count):
-        problem = build(draw)
+        problem = replace(build(draw), order=order)
         bound = error_bound(semismooth_newton(problem))
         yield Crossing(draw, bound, error_bound(semismooth_newton(finer(problem, bisections))))
 

@@ -1,0 +1,103 @@
+"""Order two: upper bounds of the energy, parabolas on finer meshes, and its rate."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns.crossings import random_crossings
+from ngsolve import GridFunction
+
+from ngepc import lshape_problem, semismooth_newton
+from ngepc.bounds.adaptive import Refinement, solve_to
+from ngepc.bounds.bound import error_bound
+from ngepc.bounds.quadratic import exceeding
+from ngepc.bounds.transfer import bisected, carried_state, on_mesh
+from ngepc.geometries import lshape
+from ngepc.local.system import DiscreteProblem
+from ngepc.studies.bounds import LIMITS
+
+
+def fine_points(count):
+    """Centres of count^2 equal parts of a triangle, barycentric."""
+    i, j = (v.ravel() for v in np.indices((count, count)))
+    lower = i + j < count
+    corners = np.stack([i[lower] + 1 / 3, j[lower] + 1 / 3], axis=1)
+    upper = i + j < count - 1
+    more = np.stack([i[upper] + 2 / 3, j[upper] + 2 / 3], axis=1)
+    places = np.concatenate([corners, more]) / count
+    return np.column_stack([places, 1 - places.sum(axis=1)])
+
+
+@pytest.mark.parametrize(("spread", "accuracy"), [(0.05, 1e-6), (0.5, 1e-3), (3.0, 3e-2)])
+def test_plastic_integrals_from_below(spread, accuracy):
+    """Against many points; the more exact the less the direction turns in a triangle."""
+    random = np.random.default_rng(0)
+    s = random.standard_normal((40, 1, 3)) + spread * random.standard_normal((40, 3, 3))
+    size = np.linalg.norm(np.matmul(fine_points(200), s), axis=2)
+    exact = (np.maximum(size - 1.0, 0.0) ** 2).mean(axis=1)
+    found = exceeding(s, np.ones(40), np.ones(40))
+    assert (found <= exact + 1e-4 * exact + 1e-9).all()
+    assert found.sum() >= (1 - accuracy) * exact.sum() * (1 - 1e-4)
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    return semismooth_newton(replace(lshape_problem(lshape.paper_mesh(113)), order=2))
+
+
+def displacement(state):
+    u = GridFunction(state.discrete.supports.space)
+    u.vec.FV().NumPy()[:] = state.u.T.ravel()
+    return u
+
+
+def test_parabolas_are_carried_exactly(coarse):
+    problem = coarse.problem
+    mesh = bisected(problem.mesh, np.arange(problem.mesh.ne) % 3 == 0)
+    carried = carried_state(coarse.state, DiscreteProblem(on_mesh(problem, mesh)))
+    old, new = displacement(coarse.state), displacement(carried)
+    random = np.random.default_rng(1)
+    centres = np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, :2]
+    nodes = np.array([[v.nr for v in element.vertices] for element in mesh.Elements()])
+    points = np.einsum("tk,tkc->tc", random.dirichlet(np.ones(3), mesh.ne), centres[nodes])
+    before = np.array(old(problem.mesh(*points.T)))
+    after = np.array(new(mesh(*points.T)))
+    assert np.abs(after - before).max() <= 1e-12 * np.abs(before).max()
+
+
+def test_the_energy_is_no_less_than_the_integral(coarse):
+    """J(u) on a mesh bisected four times, where the points are many."""
+    bound, problem = error_bound(coarse), coarse.problem
+    mesh = problem.mesh
+    for _ in range(4):
+        mesh = bisected(mesh, np.ones(mesh.ne, dtype=bool))
+    many = carried_state(bound.state, DiscreteProblem(on_mesh(problem, mesh)))
+    assert bound.energy >= many.energy - 1e-9 * abs(many.energy)
+    assert bound.energy - many.energy <= 0.02 * bound.total
+
+
+def test_orders_agree(coarse):
+    """Lower bounds from either order are below the energies of the other one."""
+    two, one = error_bound(coarse), error_bound(semismooth_newton(replace(coarse.problem, order=1)))
+    assert max(one.least_energy, two.least_energy) < LIMITS["lshape"] < two.energy < one.energy
+    assert two.total < 0.6 * one.total
+
+
+def test_adaptive_meshes_reach_the_rate_of_order_two(coarse):
+    start = replace(lshape_problem(lshape.paper_mesh(65)), order=2)
+    solved = solve_to(start, 4e-4, Refinement(max_nodes=3000))
+    records = [r for r in solved.records if r.nodes > 150]
+    fit = np.polyfit(np.log([r.nodes for r in records]), np.log([r.total for r in records]), 1)
+    assert solved.reached
+    assert fit[0] <= -1.7
+    for record in solved.records:
+        assert record.energy - LIMITS["lshape"] <= record.total
+    assert records[-1].total <= 2.3 * (records[-1].energy - LIMITS["lshape"])
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_energies_of_random_problems_do_not_cross(seed):
+    for crossing in random_crossings(seed, 3, 1, order=2):
+        assert crossing.margin > 0, crossing.draw
+        assert crossing.fine.least_energy <= crossing.bound.energy
+        assert crossing.bound.per_cell.min() >= -1e-9 * crossing.bound.total
