@@ -23,11 +23,14 @@ class Compliance:
     ----------
     diagonal
         First guess of the diagonal of S (length per force), positive, shape (n,).
+    columns
+        C in the first guess diag + C C', shape (n, k); None for no more than the diagonal.
     """
 
-    def __init__(self, diagonal: np.ndarray) -> None:
-        self._diagonal, self._signs = diagonal, np.zeros(0)
-        self._columns = np.zeros((len(diagonal), 0))  # W = diag + columns diag(signs) columns'
+    def __init__(self, diagonal: np.ndarray, columns: np.ndarray | None = None) -> None:
+        columns = np.zeros((len(diagonal), 0)) if columns is None else columns
+        self._diagonal, self._columns = diagonal, columns  # W = diag + columns diag(signs) columns'
+        self._signs = np.ones(columns.shape[1])
         self.restart()
 
     def __matmul__(self, forces: np.ndarray) -> np.ndarray:

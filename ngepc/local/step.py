@@ -60,7 +60,10 @@ class ExactTarget:
     """
 
     def __init__(self, discrete: DiscreteProblem) -> None:
-        self._compliance = Compliance(discrete.contact.grip(discrete.row_stiffness)[1])
+        self._compliance = Compliance(
+            discrete.contact.grip(discrete.row_stiffness)[1],
+            discrete.floating.compliance(discrete.stiffness_diagonal),
+        )
 
     def __call__(self, here: State, tangent: Tangent) -> Target:
         """Factorise the tangent at a state and solve Newton's model with contact and friction.

@@ -62,7 +62,10 @@ class PrimalStep:
 
     def __init__(self, reduced: ReducedEnergy) -> None:
         self.reduced, self.contact = reduced, reduced.contact
-        self.compliance = Compliance(reduced.contact.grip(reduced.row_stiffness)[1])
+        self.compliance = Compliance(
+            reduced.contact.grip(reduced.row_stiffness)[1],
+            reduced.floating.compliance(reduced.stiffness_diagonal),
+        )
 
     def __call__(self, here: PrimalState) -> tuple[PrimalState, float, int] | None:
         """The next state, the step length and its trials; None if no length lowers J."""

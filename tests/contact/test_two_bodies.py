@@ -136,6 +136,26 @@ def test_contact_alone_holds_what_it_can(name, solver):
     assert ("not determined" in result.message) == (not friction)
 
 
+@pytest.mark.parametrize("widths", [(0.5, 0.17), (0.2, 0.17), (0.2, 0.5)])
+@pytest.mark.parametrize("friction", [None, 0.3, Coulomb(0.05), Coulomb(0.6)])
+def test_a_square_on_a_wider_block_spreads(widths, friction):
+    """Its rows slip apart from the middle, whose place friction alone decides, if at all."""
+    lower, upper = Rectangle(2, 1).Face(), MoveTo(0.5, 1).Rectangle(1, 1).Face()
+    for body, maxh, side in ((lower, widths[0], "below"), (upper, widths[1], "top")):
+        body.faces.maxh, body.edges.Max(Y).name = maxh, side
+    lower.edges.Min(Y).name, upper.edges.Min(Y).name = "bottom", "above"
+    mesh = Mesh(OCCGeometry(Compound([lower, upper]), dim=2).GenerateMesh(maxh=1))
+    problem = Problem(
+        *(mesh, ELASTIC, "bottom", {"top": (0, -1)}),
+        contact=Contact("above", "below"),
+        friction=friction,
+    )
+    one, two = solved(problem), primal_newton(problem).raise_for_status()
+    assert max(one.iterations, two.iterations) <= 5
+    assert one.primal_energy == pytest.approx(two.primal_energy, rel=1e-9)
+    assert one.friction_force == pytest.approx((0, 0), abs=1e-9)
+
+
 @pytest.mark.parametrize("N", [2, 3])
 def test_tied_bodies_carry_tension(N):
     result = solved(stacked(N, load=-10.0, tied=True))
