@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from ngepc.cli.interrupt import raise_if_pressed
@@ -13,26 +14,21 @@ from ngepc.cli.interrupt import raise_if_pressed
 PROBLEMS = ("lshape", "wrench")
 
 
+def _above_zero(kind: type, text: str, needed: str) -> float:
+    with suppress(ValueError):
+        if 0 < (value := kind(text)) < math.inf:
+            return value
+    raise argparse.ArgumentTypeError(f"{text!r}: {needed} > 0 is needed")
+
+
 def positive(text: str) -> float:
     """A finite number > 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r}: a finite number > 0 is needed")
-    return value
+    return _above_zero(float, text, "a finite number")
 
 
 def count(text: str) -> int:
     """An integer > 0."""
-    try:
-        value = int(text)
-    except ValueError:
-        value = 0
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"{text!r}: an integer > 0 is needed")
-    return value
+    return _above_zero(int, text, "an integer")
 
 
 def words(text: str) -> tuple[str, ...]:
@@ -70,16 +66,16 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", type=location, help=text)
 
 
-def say(line: str) -> None:
-    """One line of progress on standard error; KeyboardInterrupt if Ctrl-C was lost on its way."""
-    sys.stderr.write(line + "\n")
-    sys.stderr.flush()
-    raise_if_pressed()
+def teller(quiet: bool) -> Callable[[str], None]:
+    """What puts lines of progress on standard error, and raises a Ctrl-C that was lost."""
 
+    def tell(line: str) -> None:
+        if not quiet:
+            sys.stderr.write(line + "\n")
+            sys.stderr.flush()
+        raise_if_pressed()
 
-def say_nothing(line: str) -> None:
-    """What ``say`` is with --quiet: only Ctrl-C is heard."""
-    raise_if_pressed()
+    return tell
 
 
 def exit_status(command: str, status: str, done: str, how: str) -> int:

@@ -3,19 +3,8 @@
 import argparse
 import time
 
-from ngepc.cli.arguments import (
-    add_body,
-    add_json,
-    check_targets,
-    count,
-    exit_status,
-    location,
-    positive,
-    report,
-    say,
-    say_nothing,
-    summary,
-)
+from ngepc.cli import arguments
+from ngepc.cli.arguments import count, location, positive
 
 EXAMPLES = """examples:
   ngepc path wrench --nodes 1641                        as in Table 3
@@ -35,14 +24,14 @@ NUMBERS = {
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_body(parser)
+    arguments.add_body(parser)
     for name, text in NUMBERS.items():
         parser.add_argument(f"--{name.replace('_', '-')}", type=positive, help=text)
     text = "values of gamma, default 30"
     parser.add_argument("--max-outer-iterations", type=count, help=text)
     text = "kept after each gamma; the same command goes on from it"
     parser.add_argument("--checkpoint", metavar="FILE", type=location, help=text)
-    add_json(parser)
+    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,11 +41,11 @@ def run(args: argparse.Namespace) -> int:
     from ngepc.results import records
     from ngepc.studies.examples import example
 
-    check_targets((args.json,))
+    arguments.check_targets((args.json,))
     given = {name: getattr(args, name) for name in (*NUMBERS, "max_outer_iterations")}
     options = PathOptions(**{name: value for name, value in given.items() if value is not None})
     problem = example(args.problem, args.nodes, args.maxh)
-    tell = say_nothing if args.quiet else say
+    tell = arguments.teller(args.quiet)
     begin = time.perf_counter()
     path = follow_path(problem, options, lambda s: tell(_line(s)), checkpoint=args.checkpoint)
     record = {
@@ -64,11 +53,12 @@ def run(args: argparse.Namespace) -> int:
         **records.provenance(),
     }
     steps = f"{record['total_inner_iterations']} for {record['outer_iterations']} values of gamma"
-    lines = summary({**record, "method": "path", "iterations": steps}, "not bounded")
-    report(record, lines, args.json, args.quiet)
+    lines = arguments.summary({**record, "method": "path", "iterations": steps}, "not bounded")
+    arguments.report(record, lines, args.json, args.quiet)
     kept = "give --checkpoint FILE next time to be able to go on"
     how = kept if args.checkpoint is None else "resume with the same command"
-    return exit_status("path", record["status"], f"{len(path.steps)} values of gamma", how)
+    done = f"{len(path.steps)} values of gamma"
+    return arguments.exit_status("path", record["status"], done, how)
 
 
 def path_record(name: str, path: object, wall_time: float) -> dict:

@@ -9,18 +9,8 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ngepc.cli.arguments import (
-    add_body,
-    add_json,
-    check_targets,
-    count,
-    exit_status,
-    location,
-    name_written,
-    positive,
-    report,
-    summary,
-)
+from ngepc.cli import arguments
+from ngepc.cli.arguments import count, location, positive
 
 if TYPE_CHECKING:
     from ngepc.bounds.adaptive import BoundedResult
@@ -38,7 +28,7 @@ EXAMPLES = """examples:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    add_body(parser)
+    arguments.add_body(parser)
     add, methods = parser.add_argument, ("default", "primal")
     add("--method", choices=methods, default="default", help="default: default")
     add("--gamma", type=positive, help="the paper's method, regularised by gamma")
@@ -48,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--error", type=positive, metavar="PART", help=f"{text} of the strain energy")
     add("--tolerance", type=positive, default=1e-10, help="default 1e-10")
     add("--max-iterations", type=count, default=300, help="default 300")
-    add_json(parser)
+    arguments.add_json(parser)
     add("--save", metavar="FILE", type=location, help="keep the run in a .npz file")
     add("--figures", metavar="DIR", type=location, help="write PNG figures there")
 
@@ -59,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from ngepc.studies.examples import example
 
     method = _method(args)
-    check_targets((args.json, args.save), args.figures)
+    arguments.check_targets((args.json, args.save), args.figures)
     problem = example(args.problem, args.nodes, args.maxh)
     begin, bounded = time.perf_counter(), None
     if args.error is None:
@@ -79,30 +69,29 @@ def run(args: argparse.Namespace) -> int:
         **records.provenance(),
     }
     bound = "not bounded" if error is None else f"at most {100 * error:.3g} percent, guaranteed"
-    report(record, summary(record, bound), args.json, args.quiet)
+    arguments.report(record, arguments.summary(record, bound), args.json, args.quiet)
     written = _files(args, method, record, result)
     if not args.quiet and str(args.json) != "-":
-        name_written(written)
+        arguments.name_written(written)
     how = "give --save FILE next time to be able to go on"
     if args.save is not None:
         how = f"resume with: {record['command']} --start {args.save}"
-    return exit_status("solve", record["status"], f"step {record['iterations']}", how)
+    return arguments.exit_status("solve", record["status"], f"step {record['iterations']}", how)
 
 
 def _refined(args: argparse.Namespace, problem: Problem) -> BoundedResult:
     """The mesh bisected until the bound is as small as asked, a line for each mesh."""
     from ngepc.bounds.adaptive import MeshRecord, solve_to
-    from ngepc.cli.arguments import say
+
+    tell = arguments.teller(args.quiet)
 
     def note(mesh: MeshRecord) -> None:
-        say(
-            f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps: energy error at most "
-            f"{100 * mesh.relative:.3g} percent"
-        )
+        part = f"energy error at most {100 * mesh.relative:.3g} percent"
+        tell(f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps: {part}")
 
-    bounded = solve_to(problem, args.error, monitor=None if args.quiet else note)
+    bounded = solve_to(problem, args.error, monitor=note)
     if bounded.message:
-        say(f"ngepc solve: {bounded.message}")
+        tell(f"ngepc solve: {bounded.message}")
     return bounded
 
 

@@ -8,17 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ngepc.cli.arguments import (
-    check_targets,
-    count,
-    counts,
-    location,
-    name_written,
-    positive,
-    say,
-    say_nothing,
-    words,
-)
+from ngepc.cli import arguments
+from ngepc.cli.arguments import count, counts, location, positive, words
 
 EXAMPLES = """examples:
   ngepc study table1 --levels 2 --figures --out out/demo
@@ -49,13 +40,6 @@ def in_agreement(table: Sequence[dict]) -> bool:
     )
 
 
-def multigrid(text: str) -> str:
-    """The name of an iterative solver."""
-    if text not in ("pyamg", "petsc"):
-        raise argparse.ArgumentTypeError(f"{text!r}: pyamg or petsc is needed")
-    return text
-
-
 @dataclass(frozen=True)
 class Study:
     """A study: what it is called, what it takes, which ``Work`` does it, when it has succeeded.
@@ -67,20 +51,21 @@ class Study:
     work
         Module and class in ``ngepc.studies``; the options are keywords of the class.
     options
-        Name -> (type, help); a type of None stands for a switch.
+        Name -> (type, help); a tuple names what may be chosen, None stands for a switch.
     success
         What makes the exit status 0.
     """
 
     help: str
     work: str
-    options: dict[str, tuple[Callable | None, str]] = field(default_factory=dict)
+    options: dict[str, tuple[Callable | tuple | None, str]] = field(default_factory=dict)
     success: Callable[[Sequence[dict]], bool] = all_converged
 
     def configure(self, parser: argparse.ArgumentParser) -> None:
         """Add the arguments; those not given keep the defaults of the class."""
         for name, (kind, text) in self.options.items():
-            what = {"action": "store_true"} if kind is None else {"type": kind}
+            what = {"choices": kind} if isinstance(kind, tuple) else {"type": kind}
+            what = {"action": "store_true"} if kind is None else what
             flag = f"--{name.replace('_', '-')}"
             parser.add_argument(flag, help=text, default=argparse.SUPPRESS, **what)
         text = "folder, default out"
@@ -88,13 +73,13 @@ class Study:
 
     def run(self, args: argparse.Namespace) -> int:
         """Measure, write, name what was written; the exit status."""
-        check_targets((), args.out)
+        arguments.check_targets((), args.out)
         module, _, name = self.work.partition(":")
         kind = getattr(importlib.import_module(f"ngepc.studies.{module}"), name)
         given = {name: getattr(args, name) for name in self.options if hasattr(args, name)}
-        work = kind(args.out, progress=say_nothing if args.quiet else say, **given)
+        work = kind(args.out, progress=arguments.teller(args.quiet), **given)
         table = work.run()
-        name_written(work.write(table))
+        arguments.name_written(work.write(table))
         return 0 if self.success(table) else 1
 
 
@@ -165,7 +150,7 @@ STUDIES = {
     "large": Study(
         "large bodies: Newton steps and iterations of multigrid solvers, time and memory",
         "large:Large",
-        {**LEVELS, "solver": (multigrid, "pyamg or petsc, default pyamg")},
+        {**LEVELS, "solver": (("pyamg", "petsc"), "default pyamg")},
     ),
     "processes": Study(
         "a large body shared by processes: the same steps, time and memory of each",

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from ngsolve import (
+    BND,
     CF,
     ET,
+    VOL,
     BoundaryFromVolumeCF,
     CoefficientFunction,
     IntegrationRule,
@@ -92,7 +94,7 @@ def cuts_for(fields: Fields) -> int:
     In 3D into more: there every triangle has one colour.
     """
     mesh = fields.problem.mesh
-    elements = len(list(drawn_region(mesh).Elements()))
+    elements = mesh.GetNE(VOL if mesh.dim == 2 else BND)
     flat = max(mesh.GetCurveOrder(), fields.displacement.space.globalorder) <= 1
     least = 1 if flat else CURVED_CUTS
     if mesh.dim == 3:
@@ -100,10 +102,12 @@ def cuts_for(fields: Fields) -> int:
     return max(1, min(least, int(math.sqrt(MOST_TRIANGLES / elements))))
 
 
-def surface_value(mesh: Mesh, coefficient: CoefficientFunction) -> CoefficientFunction:
-    """A coefficient of the body where pictures show it: in 3D its trace from inside."""
+def visible(mesh: Mesh, coefficient: CoefficientFunction) -> tuple[Region, CoefficientFunction]:
+    """What pictures show of a body and a field: all of it in 2D, surface and trace in 3D."""
     require_whole("pictures", mesh)
-    return BoundaryFromVolumeCF(coefficient) if mesh.dim == 3 else coefficient
+    if mesh.dim == 2:
+        return mesh.Materials(".*"), coefficient
+    return mesh.Boundaries(".*"), BoundaryFromVolumeCF(coefficient)
 
 
 def pressure_on_boundary(source: object) -> CoefficientFunction:
@@ -113,11 +117,6 @@ def pressure_on_boundary(source: object) -> CoefficientFunction:
     return problem.mesh.BoundaryCF(pressures, default=0.0)
 
 
-def drawn_region(mesh: Mesh) -> Region:
-    """What pictures show: the body in 2D, its surface in 3D."""
-    return mesh.Materials(".*") if mesh.dim == 2 else mesh.Boundaries(".*")
-
-
 def body_corners(
     fields: Fields, coefficient: CoefficientFunction, cuts: int | None = None
 ) -> Corners:
@@ -125,9 +124,7 @@ def body_corners(
 
     Each edge is cut into ``cuts`` parts; None for as many as curved elements need.
     """
-    mesh = fields.problem.mesh
-    value = surface_value(mesh, coefficient)
-    return sample_corners(fields, drawn_region(mesh), value, cuts)
+    return sample_corners(fields, *visible(fields.problem.mesh, coefficient), cuts)
 
 
 def boundary_corners(
@@ -140,7 +137,7 @@ def boundary_corners(
 
 def element_borders(fields: Fields) -> Corners:
     """The borders of the elements of a 2D body in segments, for the lines of the mesh."""
-    return sample_corners(fields, drawn_region(fields.problem.mesh), CF(0.0), cut=_border)
+    return sample_corners(fields, fields.problem.mesh.Materials(".*"), CF(0.0), cut=_border)
 
 
 def sample_corners(

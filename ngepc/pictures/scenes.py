@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib import colormaps
-from ngsolve import CF, CoefficientFunction, Integrate
+from ngsolve import CF, CoefficientFunction, Integrate, Region
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_flag
@@ -18,12 +18,11 @@ from ngepc.pictures.sampling import (
     ColourRange,
     boundary_corners,
     colour_range,
-    drawn_region,
     obstacle_lines,
     offset,
     pressure_on_boundary,
     sample_corners,
-    surface_value,
+    visible,
 )
 
 EXTRA = 'pip install "ngepc[html]"'
@@ -74,16 +73,13 @@ def scenes_of(
 ) -> tuple[dict[str, dict], Drawable, ColourRange]:
     """Webgui data of each source on one colour scale, and what that scale is."""
     drawn = {key: _drawn(source, field, options) for key, source in sources.items()}
-    samples = [
-        sample_corners(fields_of(s), drawn_region(fields_of(s).problem.mesh), drawn[key][1])
-        for key, s in sources.items()
-    ]
-    what, _ = next(iter(drawn.values()))
+    samples = [sample_corners(fields_of(s), *drawn[key][1:]) for key, s in sources.items()]
+    what, *_ = next(iter(drawn.values()))
     limits = colour_range(*samples, vmin=options.vmin, vmax=options.vmax, symmetric=what.signed)
     colours = colormaps[what.colormap](np.linspace(0.0, 1.0, 64))[:, :3].tolist()
     peak = _peak(sources)
     scenes = {
-        key: scene_data(source, drawn[key][1], limits, options, peak) | {"colors": colours}
+        key: scene_data(source, drawn[key][2], limits, options, peak) | {"colors": colours}
         for key, source in sources.items()
     }
     return scenes, what, limits
@@ -91,17 +87,17 @@ def scenes_of(
 
 def _drawn(
     source: object, field: str | CoefficientFunction, options: ViewOptions
-) -> tuple[Drawable, CoefficientFunction]:
-    """What is drawn of a source, and its values where they are: in 3D on the surface."""
+) -> tuple[Drawable, Region, CoefficientFunction]:
+    """What is drawn of a source, where, and its values there."""
     problem = fields_of(source).problem
     if not isinstance(field, str) or field != "contact_pressure":
         what = drawable(source, field, options.units)
-        return what, surface_value(problem.mesh, what.coefficient)
+        return what, *visible(problem.mesh, what.coefficient)
     if not problem.touching_names or problem.N == 2:
         raise ValueError("field='contact_pressure': a solid with a contact boundary is needed")
     label = f"contact pressure ({unit_names(options.units).stress})"
     what = Drawable(pressure_on_boundary(source), label, label, colormap="YlGnBu")
-    return what, what.coefficient
+    return what, problem.mesh.Boundaries(".*"), what.coefficient
 
 
 def scene_data(

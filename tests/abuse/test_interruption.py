@@ -20,7 +20,7 @@ import pytest
 
 from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
 from ngepc.__main__ import main
-from ngepc.cli.arguments import say
+from ngepc.cli.arguments import teller
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
 from ngepc.path.options import PathOptions
@@ -273,15 +273,15 @@ def test_ctrl_c_ends_a_study_between_cells_and_a_rerun_completes_it(uninterrupte
 
 def test_ctrl_c_that_gets_lost_ends_the_study_at_its_next_line(tmp_path, monkeypatch):
     """The bindings clear an exception raised while they convert arguments; here a test does."""
-    progress = []
+    progress, tell = [], teller(quiet=False)
 
     def swallowing(line):
         progress.append(line)
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-        say(line)
+        tell(line)
 
-    monkeypatch.setattr("ngepc.cli.study.say", swallowing)
+    monkeypatch.setattr("ngepc.cli.arguments.teller", lambda quiet: swallowing)
     before = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
