@@ -7,7 +7,7 @@ Definition 6.1 asks of M(q) = gamma [|q| - beta]^+ q/|q| that
 With X = Y = L2 that is false.  Take q just inside the yield surface and let h lift it across on a
 disc of radius r: |h| stays, ||h||_L2 goes to zero with r, and E(h) is as large as h where it
 lives, so that the quotient stays.  Where X is stronger than Y it goes to zero: L6 -> L2 of
-Lemma 6.3, or H1 -> H^(-1) for H_2 = H^1_0.
+Lemma 6.3, or H1 -> H^(-1) for H_2 = H^1_0.  Both gamma and beta scale out and are one here.
 
 Two families of directions on shrinking discs, both of fixed height:
 
@@ -24,14 +24,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from ngsolve import (
     H1,
     BilinearForm,
     CoefficientFunction,
-    FESpace,
     GridFunction,
     InnerProduct,
     Integrate,
@@ -41,7 +39,6 @@ from ngsolve import (
     dx,
     grad,
 )
-from ngsolve.la import BaseMatrix
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc.checks.arguments import require_integer
@@ -75,57 +72,27 @@ def graded_mesh(levels: int) -> Mesh:
     return mesh
 
 
-@dataclass(frozen=True, eq=False)
-class YieldMap:
-    """M and its Newton derivative G of Lemma 6.3 on P1 fields with two components.
+class NormGap:
+    """E(h) for M(q) = [|q| - 1]^+ q / |q| on P1 fields with two components, H^1_0."""
 
-    Parameters
-    ----------
-    space
-        P1 with two components, zero on the boundary.
-    inverse
-        Inverse of the gradient product there: the H^(-1) norm is <E, inverse E>^(1/2).
-    gamma, beta
-        The data of M.
-    """
-
-    space: FESpace
-    inverse: BaseMatrix
-    gamma: float
-    beta: float
-
-    @classmethod
-    def on(cls, mesh: Mesh, gamma: float, beta: float) -> YieldMap:
-        """The map on a mesh."""
-        space = VectorValued(H1(mesh, order=1, dirichlet=".*"), 2)
-        q, r = space.TnT()
+    def __init__(self, mesh: Mesh) -> None:
+        self.space = VectorValued(H1(mesh, order=1, dirichlet=".*"), 2)
+        q, r = self.space.TnT()
         B = BilinearForm(InnerProduct(grad(q), grad(r)) * dx).Assemble().mat
-        return cls(space, B.Inverse(space.FreeDofs(), inverse="sparsecholesky"), gamma, beta)
-
-    def value(self, q: CoefficientFunction) -> CoefficientFunction:
-        """M(q)."""
-        return self.gamma * RadialLaw(q, self.beta).gradient
-
-    def derivative(self, q: CoefficientFunction) -> CoefficientFunction:
-        """G(q), a 2 x 2 matrix."""
-        return self.gamma * RadialLaw(q, self.beta).curvature
+        self._inverse = B.Inverse(self.space.FreeDofs(), inverse="sparsecholesky")
 
     def quotients(self, q: CoefficientFunction, h: GridFunction) -> dict[str, float]:
-        """Norms of h, and ||E(h)||_Y / ||h||_X for the pairs L2 -> L2, L6 -> L2, H1 -> H^(-1).
-
-        The quotients are divided by gamma, so that they do not depend on it.
-        """
+        """Norms of h, and ||E(h)||_Y / ||h||_X for the pairs L2 -> L2, L6 -> L2, H1 -> H^(-1)."""
         mesh, measure = self.space.mesh, dx(intrules=fine_rules(2, POINTS))
-        E = self.value(q + h) - self.value(q) - self.derivative(q + h) * h
+        here, there = RadialLaw(q, 1.0), RadialLaw(q + h, 1.0)
+        E = there.gradient - here.gradient - there.curvature * h
         defect = LinearForm(InnerProduct(E, self.space.TestFunction()) * measure).Assemble().vec
-        riesz = defect.CreateVector()
-        riesz.data = self.inverse * defect
-        E_dual = math.sqrt(max(0.0, InnerProduct(riesz, defect))) / self.gamma
-        E_L2 = math.sqrt(Integrate(InnerProduct(E, E) * measure, mesh)) / self.gamma
-        square = InnerProduct(h, h)
-        h_L2 = math.sqrt(Integrate(square * measure, mesh))
-        h_L6 = Integrate(square**3 * measure, mesh) ** (1 / 6)
-        h_H1 = math.sqrt(Integrate(InnerProduct(grad(h), grad(h)) * measure, mesh))
+        riesz = (self._inverse * defect).Evaluate()
+        E_dual = math.sqrt(max(0.0, InnerProduct(riesz, defect)))
+        E_L2, h_L2, h_H1 = (
+            math.sqrt(Integrate(InnerProduct(f, f) * measure, mesh)) for f in (E, h, grad(h))
+        )
+        h_L6 = Integrate(InnerProduct(h, h) ** 3 * measure, mesh) ** (1 / 6)
         return {
             **{"h_L2": h_L2, "h_L6": h_L6, "h_H1": h_H1},
             **{"L2_L2": E_L2 / h_L2, "L6_L2": E_L2 / h_L6, "H1_dual": E_dual / h_H1},
@@ -146,46 +113,37 @@ def logarithmic(distance: np.ndarray, radius: float) -> np.ndarray:
 FAMILIES = {"plateau": plateau, "log": logarithmic}
 
 
-def difference_quotients(
-    levels: int = 7, gamma: float = 1e3, beta: float = 1.0, mesh: Mesh | None = None
-) -> list[dict]:
+def difference_quotients(levels: int = 7, mesh: Mesh | None = None) -> list[dict]:
     """The quotients of Definition 6.1 along both families of shrinking directions.
 
-    q = (0.9 beta, 0) is constant and h = 0.5 beta (0.8, 0.6) times the shape, so that
-    |q + h| > beta where the shape exceeds about a quarter.
+    q = (0.9, 0) is constant and h = 0.5 (0.8, 0.6) times the shape, so that |q + h| > 1 where the
+    shape exceeds about a quarter.
 
     Parameters
     ----------
     levels
         The radii are 1/8, 1/16, ..., 2^(-2-levels), >= 1.
-    gamma, beta
-        The data of M; the rows do not depend on them.
     mesh
         A mesh of the unit square that resolves the smallest radius; None for ``graded_mesh``.
 
     Returns
     -------
     list of dict
-        ``family``, ``radius``, the norms ``h_L2``, ``h_L6``, ``h_H1`` of h (times 1/beta), and the
-        quotients ``L2_L2``, ``L6_L2``, ``H1_dual`` (divided by gamma).
+        ``family``, ``radius``, the norms ``h_L2``, ``h_L6``, ``h_H1`` of h, and the quotients
+        ``L2_L2``, ``L6_L2``, ``H1_dual``.
     """
     require_integer("levels", levels, 1, 12)
     mesh = graded_mesh(levels + 3) if mesh is None else mesh
-    M = YieldMap.on(mesh, gamma, beta)
+    gap, q = NormGap(mesh), CoefficientFunction((0.9, 0.0))
     points = np.asarray(mesh.ngmesh.Coordinates())[:, :2]
     distance = np.hypot(points[:, 0] - 0.5, points[:, 1] - 0.5)
-    q = CoefficientFunction((0.9 * beta, 0.0))
     rows = []
     for family, shape in FAMILIES.items():
         for k in range(levels):
             radius = LARGEST_RADIUS / 2 ** (k + 1)
-            h = GridFunction(M.space)
-            values = shape(distance, radius)
-            h.vec.FV().NumPy()[:] = 0.5 * beta * np.concatenate([0.8 * values, 0.6 * values])
-            quotients = M.quotients(q, h)
-            for norm in ("h_L2", "h_L6", "h_H1"):
-                quotients[norm] /= beta
-            rows.append({"family": family, "radius": radius, **quotients})
+            h, values = GridFunction(gap.space), 0.5 * shape(distance, radius)
+            h.vec.FV().NumPy()[:] = np.concatenate([0.8 * values, 0.6 * values])
+            rows.append({"family": family, "radius": radius, **gap.quotients(q, h)})
     return rows
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from bodies import CASES, pressed_body
+from saddle_forms import SaddleForms
 
 from ngepc.local.factors import Factors
-from ngepc.local.forms import SaddleForms
 from ngepc.local.system import DiscreteProblem
 
 CHOLESKY = "sparsecholesky"

@@ -1,4 +1,4 @@
-"""The Newton system as forms of NGSolve, in all three unknowns: the page of a lecture that runs.
+"""The Newton system as forms of NGSolve, in all three unknowns: a witness of the tangent.
 
 The unknowns du, dp, dq solve at each state (u, q), w = -q, with c = 2 mu_2 + h and, where the trial
 stress s of the paper's (3.8) exceeds the yield bound,  |s| w = beta s  linearised:
