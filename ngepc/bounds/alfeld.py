@@ -3,11 +3,11 @@
 The centre cuts a tetrahedron into four; part k has the vertices of the tetrahedron, k replaced by
 the centre.  Stresses are symmetric and affine on each part, with continuous normal components: 42
 unknowns.  Those without divergence, 30, are fixed by the moments int sigma n phi of the four faces
-with the hat functions phi of their vertices, 36 with six equations of equilibrium.  Three more have
-the constant divergences of a body force.
+with the hat functions phi of their vertices, 36 with six equations of equilibrium.  Six more have
+the divergences of constant and of rotating body forces.
 
 On a tetrahedron with Jacobian J the stress is J s J'/det J, the moments are J times the reference
-moments, and the body force f has the coefficients det J J^-1 f.
+moments, and a constant body force f has the coefficients det J J^-1 f.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from ngepc.bounds.conjugate import RULE
+from ngepc.bounds.oscillation import rotating_loads
 from ngepc.bounds.simplices import FACETS
 from ngepc.model.kinematics import SOLID
 
@@ -79,29 +80,30 @@ def _face_moments() -> np.ndarray:
 
 
 def _basis() -> np.ndarray:
-    """Orthonormal stresses without divergence, and those of unit body forces, shape (96, 33)."""
+    """Orthonormal stresses without divergence, and those of unit body forces, shape (96, 36)."""
     equations = np.vstack([_jumps(), _divergences()])
     _, size, vectors = np.linalg.svd(equations)
     rank = int((size > 1e-10 * size[0]).sum())
-    given = np.vstack([np.zeros((54, 3)), np.tile(-np.eye(3), (4, 1))])
+    turning = rotating_loads(3).transpose(1, 2, 0).reshape(12, 3)
+    given = np.vstack([np.zeros((54, 6)), np.hstack([np.tile(-np.eye(3), (4, 1)), -turning])])
     return np.hstack([vectors[rank:].T, np.linalg.lstsq(equations, given, rcond=None)[0]])
 
 
 _STRESSES = _basis()
-FREE = _STRESSES.shape[1] - 3
+FREE = _STRESSES.shape[1] - 6
 """Unknowns without divergence: 30."""
 
 AT_VERTICES = _STRESSES.reshape(16, 6, -1)
-"""Components at the vertices of the parts, one part after the other, (16, 6, 33)."""
+"""Components at the vertices of the parts, one part after the other, (16, 6, 36)."""
 
 AT_POINTS = np.einsum("qa,kacj->kqcj", RULE[4], AT_VERTICES.reshape(4, 4, 6, -1)).reshape(16, 6, -1)
 """Components at the points of a rule of degree two on the parts, with equal weights."""
 
 MOMENTS = _face_moments() @ _STRESSES
-"""Moments (face, vertex, direction) of the basis, shape (36, 33)."""
+"""Moments (face, vertex, direction) of the basis, shape (36, 36)."""
 
 FROM_MOMENTS = np.linalg.pinv(MOMENTS[:, :FREE])
 """Coefficients without divergence from moments in equilibrium, shape (30, 36)."""
 
 GRAM = np.einsum("qci,qdj->cdij", AT_POINTS, AT_POINTS) / 16
-"""Means of the products of components of the basis, shape (6, 6, 33, 33)."""
+"""Means of the products of components of the basis, shape (6, 6, 36, 36)."""

@@ -58,6 +58,8 @@ class ErrorBound:
         The contact pressure P >= 0 that goes with it, at the vertices of the contact facets.
     moved
         By how much the displacement of the result was changed to clear the obstacle (length).
+    oscillation
+        The part of ``total`` that stands for loads that vary inside elements.
     """
 
     state: State = field(repr=False)
@@ -68,6 +70,7 @@ class ErrorBound:
     admissible: np.ndarray = field(repr=False)
     pressure: np.ndarray = field(repr=False)
     moved: float = 0.0
+    oscillation: float = 0.0
 
     @property
     def problem(self) -> Problem:
@@ -198,8 +201,20 @@ def bound_of_state(
     volume, owners = setting.cells.volume, setting.cells.owners[setting.boundary.contact, 0]
     per_cell = setting.conjugate.integrals(z, volume, setting.gaps(state, mean))
     per_cell += np.bincount(owners, contact, minlength=len(per_cell))
-    total, energy = float(per_cell.sum()), setting.energy(state)
-    return ErrorBound(state, energy, total, algebraic, per_cell, z, P, moved)
+    whole = with_loads(setting, per_cell)
+    total, energy = float(whole.sum()), setting.energy(state)
+    oscillation = total - float(per_cell.sum())
+    return ErrorBound(state, energy, total, algebraic, whole, z, P, moved, oscillation)
+
+
+def with_loads(setting: Setting, gaps: np.ndarray) -> np.ndarray:
+    """(gaps^(1/2) + rho / (2 m)^(1/2))^2 with what loads leave, rho; J is m-convex in eps(u)."""
+    law, left, size = setting.conjugate, setting.carried.left, setting.problem.kinematics.size
+    if not left.any():
+        return gaps
+    softest = law.two_mu * law.hardening / (law.two_mu + law.hardening)
+    m = np.minimum(softest, size * law.bulk)
+    return (np.sqrt(np.maximum(gaps, 0.0)) + left / np.sqrt(2 * m)) ** 2
 
 
 def feasible_state(setting: Setting, given: State) -> tuple[State, float]:
@@ -215,7 +230,7 @@ def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
     """No less than J(u) - J_h: the same bound with a discrete stress and the discrete contact."""
     contact = setting.discrete.contact
     forces = state.contact - contact.defect(state.contact, 0.0)
-    z = setting.balanced(state, tangent, contact.forces(forces))
+    z = setting.balanced(state, tangent, setting.discrete.load - contact.forces(forces))
     conjugate, law = Conjugate(setting.discrete.law), setting.discrete.law
     density = law.energy_density(state.volume, state.at)
     density += conjugate.value(conjugate.completed(z[:, None]))[:, 0]

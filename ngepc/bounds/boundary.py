@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import CF
 
-from ngepc.bounds.coverage import FACET_RULES, on_facets
+from ngepc.bounds.coverage import CONSTANT, FACET_RULES, on_facets
 from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import boundary_names
 from ngepc.model.problem import Problem, as_scalar
@@ -24,7 +24,10 @@ class Boundary:
     given
         Boolean, shape (nf, N): components of the traction that are known, contact included.
     traction
-        g at the vertices of each facet (stress), zero elsewhere, shape (nf, N, N).
+        At the vertices of each facet the affine function with the moments of g (stress), zero
+        elsewhere, shape (nf, N, N).
+    uneven
+        Facets with tractions, and what g has beyond that at the points of the rule, (., points, N).
     contact
         Numbers of the contact facets.
     gap
@@ -38,13 +41,13 @@ class Boundary:
     Raises
     ------
     ValueError
-        For tractions, friction or displacements that are not affine on facets, and for boundaries
-        inside the body.
+        For friction or displacements that are not affine on facets, and for boundaries inside the
+        body.
     """
 
     def __init__(self, problem: Problem, cells: Simplices) -> None:
         self.problem, self.cells, self.triangles = problem, cells, cells
-        mesh, N, self._rule = problem.mesh, cells.N, FACET_RULES[cells.N]
+        mesh, N, self.rule = problem.mesh, cells.N, FACET_RULES[cells.N]
         elements = (mesh.ngmesh.Elements1D() if N == 2 else mesh.ngmesh.Elements2D()).NumPy()
         vertices = elements["nodes"][:, :N].astype(int) - 1
         self._order = vertices.argsort(axis=1)
@@ -76,23 +79,26 @@ class Boundary:
                 if value is not None:
                     held[on, c] = True
                     values = on_facets(problem, as_scalar(value))
-                    self._rule.check_affine(argument, values[on])
+                    self.rule.check_affine(argument, values[on])
         return held
 
     def _read_tractions(self) -> None:
-        tractions = self.problem.tractions
-        if not tractions:
-            return
+        tractions, rule, N = self.problem.tractions, self.rule, self.problem.N
         on = self._on(tuple(tractions), "traction")
-        g = self.problem.mesh.BoundaryCF(tractions, default=CF((0.0,) * self.problem.N))
-        values = on_facets(self.problem, g)[on]
-        self._rule.check_affine("traction", values)
-        self.traction[self._facet[on]] = self._at_vertices(values, on)
+        g = self.problem.mesh.BoundaryCF(tractions, default=CF((0.0,) * N))
+        values, facets = on_facets(self.problem, g)[on], self._facet[on]
+        if self.problem.order == 2:
+            rule.check_affine("traction", values)
+        moments = np.einsum("q,qa,eqi->eai", rule.weights, rule.shares, values)
+        affine = N * (N + 1) * (moments - moments.sum(axis=1, keepdims=True) / (N + 1))
+        rest = np.where(self.given[facets][:, None], values - rule.shares @ affine, 0.0)
+        rest[:, np.abs(rest).max(initial=0.0) <= CONSTANT * np.abs(values).max(initial=0.0)] = 0.0
+        self.traction[facets], self.uneven = self._at_vertices(affine, on), (facets, rest)
 
     def _read_contact(self) -> None:
         on = self._on(self.problem.contact_names, f"contact={self.problem.contact!r}")
         self._touching, self.contact = on, self._facet[on]
-        rule = self._rule
+        rule = self.rule
         psi = on_facets(self.problem, self.problem.psi)[on]
         lowest = rule.affine_defect(psi)[:, :, 0].min(axis=1, initial=0.0)[:, None]
         above = psi[:, : self.cells.N, 0] + lowest

@@ -126,11 +126,13 @@ def check_covered(problem: Problem) -> None:
         "initial_plastic_strain": problem.initial_plastic_strain,
         "initial_hardening": None if problem.initial_hardening is None else scalar,
         "initial_hardening (alpha_2)": None if problem.initial_hardening is None else back,
-        "body_force": problem.f,
+        "body_force": problem.f if problem.order == 2 else None,
     }
     for name, value in coefficients.items():
-        if isinstance(value, CoefficientFunction):
-            check_constant(problem, name, value)
+        if isinstance(value, CoefficientFunction) and varies_inside(problem, value):
+            raise ValueError(
+                f"{name} varies inside elements: bounds need one value on each element"
+            )
 
 
 def require_frictionless(problem: Problem, what: str) -> None:
@@ -145,12 +147,11 @@ def require_frictionless(problem: Problem, what: str) -> None:
         raise ValueError(f"friction={problem.friction!r}: {what} needs contact without friction")
 
 
-def check_constant(problem: Problem, name: str, value: CoefficientFunction) -> None:
-    """One value on each element."""
+def varies_inside(problem: Problem, value: CoefficientFunction) -> bool:
+    """Whether a coefficient has several values on an element."""
     points = problem.mesh.MapToAllElements(_INSIDE, VOL)
     values = np.asarray(value(points)).reshape(problem.mesh.ne, -1, value.dim)
-    if np.ptp(values, axis=1).max() > CONSTANT * np.abs(values).max(initial=1e-300):
-        raise ValueError(f"{name} varies inside elements: bounds need one value on each element")
+    return np.ptp(values, axis=1).max() > CONSTANT * np.abs(values).max(initial=1e-300)
 
 
 def on_facets(problem: Problem, value: CoefficientFunction) -> np.ndarray:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ngepc.bounds.oscillation import rotating_loads
 from ngepc.bounds.triangles import PAIRS
 
 CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
@@ -36,13 +37,13 @@ def _traction(triangle: int, node: int, n: np.ndarray) -> np.ndarray:
 
 def _edge_equations(k: int) -> tuple[np.ndarray, np.ndarray]:
     """The traction at the ends of edge k from its moments: t_i = (4 m_i - 2 m_j) / L."""
-    given = np.zeros((2, 2, 14))
+    given = np.zeros((2, 2, 15))
     for end in (0, 1):
         for c in (0, 1):
             given[end, c, 4 * k + 2 * end + c] = 4 / LENGTHS[k]
             given[end, c, 4 * k + 2 * (1 - end) + c] = -2 / LENGTHS[k]
     rows = [_traction(k, end, NORMALS[k]) for end in (0, 1)]
-    return np.concatenate(rows), given.reshape(4, 14)
+    return np.concatenate(rows), given.reshape(4, 15)
 
 
 def _divergence_equations(k: int) -> tuple[np.ndarray, np.ndarray]:
@@ -53,8 +54,9 @@ def _divergence_equations(k: int) -> tuple[np.ndarray, np.ndarray]:
     rows = np.zeros((2, 3, 3, 3))
     for c in (0, 1):
         rows[c, k, :, c], rows[c, k, :, 2] = slopes[c], slopes[1 - c]
-    given = np.zeros((2, 14))
+    given = np.zeros((2, 15))
     given[0, 12] = given[1, 13] = -1.0
+    given[:, 14] = -rotating_loads(2)[0, k]
     return rows.reshape(2, 27), given
 
 
@@ -65,7 +67,7 @@ def _continuity_equations(v: int) -> tuple[np.ndarray, np.ndarray]:
     n = np.array([t[1], -t[0]])
     ends = ((PAIRS[a].index(v), PAIRS[b].index(v)), (2, 2))
     rows = [_traction(a, at_a, n) - _traction(b, at_b, n) for at_a, at_b in ends]
-    return np.concatenate(rows), np.zeros((4, 14))
+    return np.concatenate(rows), np.zeros((4, 15))
 
 
 def _stress_map() -> np.ndarray:
@@ -101,7 +103,7 @@ def _airy_moments() -> np.ndarray:
 
 
 STRESS_MAP = _stress_map()
-"""Stresses (sub-triangle, node, component) from 12 edge moments and 2 body forces, (27, 14)."""
+"""Stresses (sub-triangle, node, component) from 12 edge moments and 3 body forces, (27, 15)."""
 
 AIRY_MAP = STRESS_MAP[:, :12] @ _airy_moments()
 """Stresses times det J from the twelve unknowns of an Airy function, shape (27, 12)."""

@@ -115,10 +115,9 @@ def require_balanced(left: float, size: float) -> None:
         raise RuntimeError(f"the stress is out of equilibrium by {left / size:.1e} of its size")
 
 
-def corner_forces(cells: Simplices, stress: np.ndarray, body_force: np.ndarray) -> np.ndarray:
-    """int_T sigma grad phi_i - int_T f phi_i for constant sigma and f, shape (nt, N + 1, N)."""
-    forces = np.matmul(cells.gradients, stress) * cells.volume[:, None, None]
-    return forces - (body_force * (cells.volume / (cells.N + 1))[:, None])[:, None]
+def corner_forces(cells: Simplices, stress: np.ndarray) -> np.ndarray:
+    """int_T sigma grad phi_i for constant sigma, shape (nt, N + 1, N)."""
+    return np.matmul(cells.gradients, stress) * cells.volume[:, None, None]
 
 
 def mean_moments(cells: Simplices, stress: np.ndarray) -> np.ndarray:

@@ -49,7 +49,7 @@ class Faces:
         Unit normals where delta is held along them, zero elsewhere, shape (3 nf, 3).
     inverse, loaded
         The inverses of the compliances A in single precision, and columns of A for unit body
-        forces, shapes (nt, 30, 30) and (nt, 30, 3).
+        forces, shapes (nt, 30, 30) and (nt, 30, 6).
     """
 
     def __init__(self, boundary: Boundary) -> None:
@@ -62,7 +62,7 @@ class Faces:
         self.piola = flat.reshape(-1, 6, 6) / c.det[:, None, None]
         self.inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
         self._jacobian = c.jacobian.astype(SINGLE)
-        self.loaded = np.empty((len(c.nodes), FREE, 3))
+        self.loaded = np.empty((len(c.nodes), FREE, 6))
         self._blocks = np.empty((len(c.nodes), 4, 9, 9))
         numbers = np.arange(4 * len(c.nodes))
         self._sides = np.full((len(c.facets), 2), -1)
@@ -86,14 +86,14 @@ class Faces:
         self._invert_blocks()
 
     def _compliances(self, H: np.ndarray, part: np.ndarray) -> np.ndarray:
-        """A for the basis of 33 stresses."""
+        """A for the basis of 36 stresses."""
         P, volume = self.piola[part], self.cells.volume[part, None, None]
         if H.shape[1] == 1:
             product = np.matmul(np.matmul(P, H[:, 0]), P.transpose(0, 2, 1))
-            return (product.reshape(-1, 36) @ GRAM.reshape(36, -1)).reshape(-1, 33, 33) * volume
+            return (product.reshape(-1, 36) @ GRAM.reshape(36, -1)).reshape(-1, 36, 36) * volume
         stresses = np.matmul(P[:, None].transpose(0, 1, 3, 2), AT_POINTS)
-        strains = np.matmul(H, stresses).reshape(len(P), 96, 33)
-        return np.matmul(stresses.reshape(len(P), 96, 33).transpose(0, 2, 1), strains) * volume / 16
+        strains = np.matmul(H, stresses).reshape(len(P), 96, 36)
+        return np.matmul(stresses.reshape(len(P), 96, 36).transpose(0, 2, 1), strains) * volume / 16
 
     def _fill_blocks(self, part: slice) -> None:
         """The blocks of S of each face, its vertices in the order of the face."""
@@ -140,7 +140,7 @@ class Faces:
         return np.matmul(self.inverse, strains.astype(SINGLE)[:, :, None])[:, :, 0]
 
     def moments(self, x: np.ndarray, loads: np.ndarray | None = None) -> np.ndarray:
-        """Outward moments (nt, 12, 3) of stresses x (nt, 30) and of loads (nt, 3)."""
+        """Outward moments (nt, 12, 3) of stresses x (nt, 30) and of loads (nt, 6)."""
         reference = x.astype(float) @ OWN.T
         if loads is not None:
             reference = reference + loads @ MOMENTS[:, FREE:].T

@@ -15,7 +15,7 @@ from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
 START_MAP = midpoint_rows(STRESS_MAP)
-"""Stresses at the midpoints from edge moments and body force, shape (27, 14)."""
+"""Stresses at the midpoints from edge moments and body forces, shape (27, 15)."""
 
 FROM_PLANE = np.linalg.inv(TO_PLANE)
 
@@ -38,7 +38,7 @@ class PlaneSetting(Setting):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """An admissible stress for which the bound is small, its mean on each triangle, and P."""
         moments, forces = self.loads(state, P)
-        stress = self.balanced(state, tangent, forces)
+        stress = self.balanced(state, tangent, self.carried_forces() - forces)
         z = self.admissible(stress, moments)
         dual = Dual(self.space, self.conjugate, self.strain(state))
         rest = self.phi(state).sum() + self.contact_gaps(state, P).sum()
@@ -67,12 +67,12 @@ class PlaneSetting(Setting):
         moments
             Of the given tractions, shape (ne, 2, 2).
         """
-        t, f = self.cells, self.body_force
-        needed = corner_forces(t, tensors(self.means(stress)), f)
+        t = self.cells
+        needed = corner_forces(t, tensors(self.means(stress))) - self.carried.nodal
         mu = self.fans.repaired(self.wished(stress), needed, moments)
         around = t.per_triangle(mu).reshape(-1, 6, 2)
-        data = np.concatenate([around, (f * t.det[:, None])[:, None]], axis=1)
-        data = np.matmul(data, t.inverse.transpose(0, 2, 1)).reshape(-1, 14)
+        moments = np.matmul(around, t.inverse.transpose(0, 2, 1)).reshape(-1, 12)
+        data = np.concatenate([moments, self.carried.inner], axis=1)
         return self.space.in_plane(data @ START_MAP.T)
 
 

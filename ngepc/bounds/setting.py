@@ -10,6 +10,7 @@ from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.conjugate import R6, Conjugate
 from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.equilibration import moments_of
+from ngepc.bounds.oscillation import CarriedLoads
 from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.triangles import Triangles
 from ngepc.discretisation.conditions import initial_displacements
@@ -55,9 +56,7 @@ class Setting(ABC):
         self.boundary = Boundary(self.problem, self.cells)
         each = len(discrete.points) // len(self.cells.nodes)
         self.conjugate = Conjugate(discrete.law, each)
-        self.body_force = np.zeros((len(self.cells.nodes), self.problem.N))
-        if self.problem.f is not None:
-            self.body_force = discrete.points.at(self.problem.f)[::each]
+        self.carried = CarriedLoads(self.boundary)
         self.start = initial_displacements(self.problem, discrete.supports)
         self.row_of = self._rows_of_contact_ends()
 
@@ -232,8 +231,16 @@ class Setting(ABC):
             tangent.update(self.discrete.law.moduli(state.at, state.yielding))
         return tangent.moduli
 
-    def balanced(self, state: State, tangent: Factors, contact_forces: np.ndarray) -> np.ndarray:
-        """Stresses (points, c) in equilibrium with loads and contact forces (nodes, N).
+    def carried_forces(self) -> np.ndarray:
+        """Nodal forces of the loads that the stress carries, shape (nodes, N)."""
+        if self.problem.order == 2:
+            return self.discrete.load
+        c, outer = self.cells, self.cells.outer
+        given = moments_of(self.boundary.traction[outer], c.measure[outer])
+        return c.at_nodes(self.carried.nodal, c.nodes) + c.at_nodes(given, c.facets[outer])
+
+    def balanced(self, state: State, tangent: Factors, load: np.ndarray) -> np.ndarray:
+        """Stresses (points, c) in equilibrium with nodal forces (nodes, N).
 
         What is missing in the nodal forces is made up for by a tangent.
         """
@@ -241,7 +248,7 @@ class Setting(ABC):
         mean, deviator = law.bulk * state.volume, law.stress(state.at)
         for _ in range(PASSES):
             forces = points.forces(mean, deviator)
-            missing = np.where(self.discrete.free, self.discrete.load - contact_forces - forces, 0)
+            missing = np.where(self.discrete.free, load - forces, 0)
             if np.abs(missing).max() <= BALANCED * np.abs(forces).max():
                 break
             moduli = self.factorised(state, tangent)

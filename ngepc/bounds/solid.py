@@ -60,9 +60,8 @@ class SolidSetting(Setting):
 
     def __init__(self, discrete: DiscreteProblem) -> None:
         super().__init__(discrete)
-        self.faces, c = Faces(self.boundary), self.cells
+        self.faces, self.inner_loads = Faces(self.boundary), self.carried.inner
         self.patches = Patches(self.boundary)
-        self.inner_loads = c.det[:, None] * np.einsum("tij,tj->ti", c.inverse, self.body_force)
 
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray, effort: Effort | None
@@ -154,7 +153,7 @@ class SolidSetting(Setting):
         given
             Moments of the given tractions, shape (nf, 3, 3).
         loads
-            Coefficients of body forces, shape (nt, 3).
+            Coefficients of body forces, shape (nt, 6).
         effort
             How hard to look.
         """

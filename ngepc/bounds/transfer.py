@@ -20,6 +20,7 @@ from ngsolve import (
     VectorValued,
 )
 
+from ngepc.bounds.coverage import varies_inside
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import element_vertices, vertex_coordinates
 from ngepc.model.material import Material
@@ -56,6 +57,8 @@ def check_carried(problem: Problem) -> None:
     """
     data: dict[str, object] = {"gap": problem.gap, "traction": problem.traction}
     data |= {"prescribed": problem.prescribed, "pressure": problem.pressure}
+    if problem.f is not None and varies_inside(problem, problem.f):
+        data["body_force"] = problem.f
     data |= {"friction": problem.friction, "initial_displacement": problem.initial_displacement}
     for name, value in data.items():
         for one in values_in(value):
@@ -87,8 +90,10 @@ def on_mesh(problem: Problem, mesh: Mesh) -> Problem:
     material = problem.material
     carried = {f.name: carry(getattr(material, f.name)) for f in fields(Material)}
     data["mesh"], data["material"] = mesh, replace(material, **carried)
-    for name in ("initial_plastic_strain", "body_force", "initial_accumulated"):
+    for name in ("initial_plastic_strain", "initial_accumulated"):
         data[name] = carry(data[name])
+    if problem.f is not None and not varies_inside(problem, problem.f):
+        data["body_force"] = carry(problem.f)
     hardening = data["initial_hardening"]
     if isinstance(hardening, tuple):
         data["initial_hardening"] = tuple(carry(part) for part in hardening)

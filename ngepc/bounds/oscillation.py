@@ -1,0 +1,132 @@
+"""Loads that vary inside elements: what the stress carries exactly, and a bound of what it leaves.
+
+A stress carries body forces that are constant on the N + 1 parts of a cell, such that their work on
+rigid motions is that of f, and affine tractions with the moments of g.  What is left is orthogonal
+to rigid motions, so that on each cell
+
+    int (f - f_h) . w + int_boundary (g - g_h) . w  <=  rho |eps(w)|_L2.
+
+Displacements map as w(x) = M^-T w'(x'), from a reference cell with x = M x': then eps(w) = M^-T
+eps' M^-1, rigid motions remain ones, and with the largest singular value s of M
+
+    rho = C s^2 |M^-1 (f - f_h)|_T + C' s^2 (|E| / (|E'| det M))^(1/2) |M^-1 (g - g_h)|_E.
+
+The constants of the reference cells are computed upper bounds, from stresses of Johnson and Mercier
+on the cell cut into similar ones: ``tests/campaigns/constants.py`` has the argument.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import numpy as np
+from ngsolve import CF, ET, VOL, CoefficientFunction, IntegrationRule, x, y, z
+
+from ngepc.bounds.boundary import Boundary
+from ngepc.bounds.coverage import CONSTANT
+
+REFERENCE = {
+    2: np.array([[1.0, 0.0], [0.5, math.sqrt(3) / 2]]).T,
+    3: np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.5], [0.5, -0.5, 0.5]]).T,
+}
+"""Edges from the first vertex, as columns: an equilateral triangle, and the tetrahedron with edges
+1, 1 and four of 3^(1/2)/2, whose bisected edges cut it into eight similar ones."""
+
+INSIDE, OUTSIDE = {2: 0.441, 3: 0.651}, {2: 1.003, 3: 1.685}
+"""C and C' by dimension."""
+
+FACET = {2: 1.0, 3: math.sqrt(2) / 4}
+"""|E'|."""
+
+
+def rotations(N: int) -> np.ndarray:
+    """The matrices of rotations, shape (N (N - 1)/2, N, N)."""
+    pairs = list(combinations(range(N), 2))
+    result = np.zeros((len(pairs), N, N))
+    for k, (i, j) in enumerate(pairs):
+        result[k, i, j], result[k, j, i] = 1.0, -1.0
+    return result
+
+
+def rotating_loads(N: int) -> np.ndarray:
+    """The loads of rotations on the parts of the reference cell, (N (N - 1)/2, parts, N)."""
+    corners = np.vstack([np.zeros(N), np.eye(N)])
+    middles = -(corners - corners.mean(axis=0)) / (N + 1)  # of the parts, from the centre
+    return np.einsum("aij,kj->aki", rotations(N), middles)
+
+
+class CarriedLoads:
+    """The body force and the tractions of a problem on the cells of its mesh.
+
+    Parameters
+    ----------
+    boundary
+        The tractions, and the cells.
+
+    Attributes
+    ----------
+    nodal
+        int f phi_i over each cell for its vertices i, shape (nt, N + 1, N).
+    inner
+        Coefficients of constant and of rotating loads on the reference cell, (nt, N (N + 1)/2).
+    left
+        rho of each cell, shape (nt,).
+    """
+
+    def __init__(self, boundary: Boundary) -> None:
+        self.cells = c = boundary.cells
+        N, count = c.N, len(c.nodes)
+        edges = np.matmul(c.jacobian, np.linalg.inv(REFERENCE[N]))
+        self._turned = np.matmul(REFERENCE[N], c.inverse)  # M^-1
+        self._square = np.linalg.norm(edges, 2, axis=(1, 2)) ** 2
+        self._det = c.det / np.linalg.det(REFERENCE[N])
+        self.nodal, self.left = np.zeros((count, N + 1, N)), np.zeros(count)
+        self.inner = np.zeros((count, N * (N + 1) // 2))
+        if boundary.problem.f is not None:
+            self._carry(boundary.problem.f)
+        self._leave_tractions(boundary)
+
+    def _carry(self, force: CoefficientFunction) -> None:
+        """The loads of a body force, from points of a rule of degree two on the parts."""
+        c, N = self.cells, self.cells.N
+        share = (1 - (N + 2) ** -0.5) / (N + 1)
+        inside = share + (1 - (N + 1) * share) * np.eye(N + 1)
+        parts = np.repeat(np.eye(N + 1)[None], N + 1, axis=0)
+        parts[np.arange(N + 1), np.arange(N + 1)] = 1 / (N + 1)
+        places = np.matmul(inside, parts).reshape(-1, N + 1)
+        shape = ET.TRIG if N == 2 else ET.TET
+        rule = IntegrationRule([tuple(p[:N]) for p in places.tolist()], [1.0] * len(places))
+        points = c.mesh.MapToAllElements({shape: rule}, VOL)
+        f, at = (
+            np.asarray(value(points)).reshape(len(c.nodes), -1, N)
+            for value in (force, CF((x, y, z)[:N]))
+        )
+        there = np.matmul(at - c.points[c.nodes[:, 0]][:, None], c.inverse.transpose(0, 2, 1))
+        share = np.concatenate([1 - there.sum(axis=2, keepdims=True), there], axis=2)
+        weight = c.volume[:, None, None] / len(places)
+        self.nodal = weight * np.matmul(share.transpose(0, 2, 1), f)
+        work = np.matmul(self.nodal, c.inverse.transpose(0, 2, 1))  # of reference displacements
+        loads, turns = rotating_loads(N), rotations(N)
+        corners = np.vstack([np.zeros(N), np.eye(N)]) - 1 / (N + 1)
+        gram = np.einsum("aki,bki->ab", loads, loads) / (math.factorial(N) * (N + 1))
+        torque = np.einsum("tvi,aij,vj->ta", work, turns, corners)
+        mean = work.sum(axis=1) * math.factorial(N)
+        self.inner = np.concatenate([mean, torque @ np.linalg.inv(gram)], axis=1)
+        part = share.argmin(axis=2)
+        carried = mean[:, None] + np.einsum("ta,atqi->tqi", self.inner[:, N:], loads[:, part])
+        carried = np.matmul(carried, c.jacobian.transpose(0, 2, 1)) / c.det[:, None, None]
+        rest = np.matmul(f - carried, self._turned.transpose(0, 2, 1))
+        size = np.sqrt(c.volume * (rest**2).sum(axis=2).mean(axis=1))
+        small = np.abs(f - carried).max() <= CONSTANT * np.abs(f).max()
+        self.left += 0.0 if small else INSIDE[N] * self._square * size
+
+    def _leave_tractions(self, boundary: Boundary) -> None:
+        """What tractions leave."""
+        c, (facets, rest), weights = self.cells, boundary.uneven, boundary.rule.weights
+        cell = c.owners[facets, 0]
+        turned = np.matmul(rest, self._turned[cell].transpose(0, 2, 1))
+        area = c.measure[facets]
+        size = np.sqrt(area * ((turned**2).sum(axis=2) @ weights))
+        scale = self._square[cell] * np.sqrt(area / (FACET[c.N] * self._det[cell]))
+        np.add.at(self.left, cell, OUTSIDE[c.N] * scale * size)

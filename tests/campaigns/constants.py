@@ -1,0 +1,200 @@
+"""Upper bounds of the constants of ``ngepc.bounds.oscillation``, by stresses on cut cells.
+
+The reference cell is cut n times into similar ones with the stresses of Johnson and Mercier.  A
+load r that does no work on rigid motions, with its part r_R in the rigid motions of the small cells
+and Q r_R constant on their parts with the same work, has the energy
+
+    E(r)^(1/2) <= E(Q r_R)^(1/2) + C/n |r - Q r_R|,    E(r) = min {|tau|^2: div tau = r, tau n = 0},
+
+since what is left does no work on the small cells' rigid motions and C scales with the length.
+With m the largest E(Q r_R) of a discrete stress over |r_R|^2 and b that of |(1 - Q) r_R|^2,
+
+    C^2 <= m + m^1/2 C/n + max(b, 1) (C^2/n^2 + m^1/2 C/n).
+
+Tractions on one facet in the same way: those affine on small facets are carried exactly, what is
+left has no moments on them, C'^2 <= m' + C'^2/n.
+"""
+
+from itertools import combinations
+from math import factorial, sqrt
+
+import numpy as np
+from scipy.linalg import block_diag, null_space, qr
+
+from ngepc.bounds.oscillation import REFERENCE, rotations
+
+
+def cut(cell):
+    """A simplex cut into 2^N ones."""
+    N = cell.shape[1]
+
+    def mid(pair):
+        return (cell[pair[0]] + cell[pair[1]]) / 2
+
+    corners = [
+        [cell[j] if j == i else mid((i, j)) for j in range(N + 1)] for i in range(N + 1)
+    ]
+    if N == 2:
+        return [np.array(c) for c in (*corners, [mid((0, 1)), mid((1, 2)), mid((0, 2))])]
+    opposite = [((0, 1), (2, 3)), ((0, 2), (1, 3)), ((0, 3), (1, 2))]
+    opposite.sort(key=lambda pairs: np.linalg.norm(mid(pairs[0]) - mid(pairs[1])))
+    axis, (a, c), (b, d) = opposite  # the shortest diagonal, and the ring around it
+    ends = [mid(pair) for pair in axis]
+    ring = [mid(pair) for pair in (a, b, c, d)]
+    inner = [[*ends, ring[k], ring[(k + 1) % 4]] for k in range(4)]
+    return [np.array(c) for c in (*corners, *inner)]
+
+
+def normal_of(places):
+    """A normal of a facet, as long as the facet is large."""
+    edges = places[1:] - places[0]
+    return np.array([edges[0, 1], -edges[0, 0]]) if len(edges) == 1 else np.cross(*edges) / 2
+
+
+class Stresses:
+    """The stresses of one cell, in a basis with continuous normal components.
+
+    ``mass``, ``divergence`` (parts, N, k) and ``traction`` (facet, vertex, N, k) act on it.
+    """
+
+    def __init__(self, cell):
+        N = self.N = cell.shape[1]
+        self.cell, self.middle = cell, cell.mean(axis=0)
+        self.volume = abs(np.linalg.det(cell[1:] - cell[0])) / factorial(N)
+        pairs = [(i, i) for i in range(N)] + list(combinations(range(N), 2))
+        self.symmetric = np.zeros((len(pairs), N, N))
+        for k, (i, j) in enumerate(pairs):
+            self.symmetric[k, i, j] = self.symmetric[k, j, i] = 1
+        self.points = np.vstack([cell, self.middle])
+        self.parts = [[N + 1 if v == k else v for v in range(N + 1)] for k in range(N + 1)]
+        jumps = []
+        for k, j in combinations(range(N + 1), 2):
+            face = [v for v in range(N + 1) if v not in (k, j)] + [N + 1]
+            n = normal_of(self.points[face])
+            jumps += [self._rows(k, v, n) - self._rows(j, v, n) for v in face]
+        basis = null_space(np.concatenate(jumps), rcond=1e-10)
+        weights = np.einsum("qij,pij->qp", self.symmetric, self.symmetric)
+        nodes = (np.ones((N + 1, N + 1)) + np.eye(N + 1)) * self.volume / (N + 1)
+        nodes = np.kron(np.eye(N + 1), nodes / ((N + 1) * (N + 2)))
+        self.mass = basis.T @ np.kron(nodes, weights) @ basis
+        self.divergence = np.stack([self._divergence(k) @ basis for k in range(N + 1)])
+        self.facets = [[v for v in range(N + 1) if v != k] for k in range(N + 1)]
+        self.traction = np.stack([self._traction(k) @ basis for k in range(N + 1)])
+
+    def _rows(self, part, vertex, n):
+        N, count = self.N, len(self.symmetric)
+        rows = np.zeros((N, N + 1, N + 1, count))
+        rows[:, part, self.parts[part].index(vertex)] = (self.symmetric @ n).T
+        return rows.reshape(N, -1)
+
+    def _divergence(self, k):
+        N = self.N
+        frame = np.column_stack([np.ones(N + 1), self.points[self.parts[k]]])
+        rows = np.zeros((N, N + 1, N + 1, len(self.symmetric)))
+        rows[:, k] = np.einsum("qij,jv->ivq", self.symmetric, np.linalg.inv(frame)[1:])
+        return rows.reshape(N, -1)
+
+    def _traction(self, k):
+        n = normal_of(self.cell[self.facets[k]])
+        n = n * np.sign(n @ (self.middle - self.cell[k])) / np.linalg.norm(n)
+        return np.stack([self._rows(k, v, n) for v in self.facets[k]])
+
+    def rotating(self):
+        """Orthonormal rotations as matrices, Q of them on the parts (a, parts, N), and b."""
+        N, away = self.N, self.cell - self.middle
+        second = self.volume / ((N + 1) * (N + 2)) * away.T @ away
+        turns = rotations(N)
+        gram = np.einsum("aij,jk,bik->ab", turns, second, turns)
+        turns = np.einsum("ab,bij->aij", np.linalg.inv(np.linalg.cholesky(gram)), turns)
+        on_parts = np.einsum("aij,kj->aki", turns, -away / (N + 1))
+        work = np.einsum("aki,bki->ab", on_parts, on_parts) * self.volume / (N + 1)
+        Q = np.linalg.inv(work)
+        b = np.linalg.eigvalsh(Q - np.eye(len(turns))).max()
+        return second, turns, np.einsum("ab,bki->aki", Q, on_parts), b
+
+
+def complement(rows):
+    """An orthonormal basis of the null space of a matrix with dependent rows."""
+    q, r, _ = qr(rows.T, pivoting=True, mode="full")
+    size = np.abs(np.diag(r))
+    return q[:, (size > 1e-10 * size[0]).sum() :]
+
+
+def largest_energy(operator, loads):
+    """The largest |tau|^2 of tau in coordinates with operator tau = one of the loads' span."""
+    values, vectors = np.linalg.eigh(operator @ operator.T)
+    kept = values > 1e-10 * values[-1]
+    assert np.abs(vectors[:, ~kept].T @ loads).max(initial=0.0) < 1e-7 * np.abs(loads).max()
+    return np.linalg.norm((vectors[:, kept] / np.sqrt(values[kept])).T @ loads, 2) ** 2
+
+
+def constants(N, cuts):
+    """Upper bounds of C and C' on the reference cell."""
+    whole = np.vstack([np.zeros(N), REFERENCE[N].T])
+    cells = [whole]
+    for _ in range(cuts):
+        cells = [small for cell in cells for small in cut(cell)]
+    all_stresses, n = [Stresses(cell) for cell in cells], 2**cuts
+    size = all_stresses[0].mass.shape[0]
+    root = np.linalg.inv(np.linalg.cholesky(block_diag(*[s.mass for s in all_stresses])))
+    faces = {}
+    for t, s in enumerate(all_stresses):
+        for k, face in enumerate(s.facets):
+            keys = [tuple(np.round(p * 16 * n).astype(int)) for p in s.cell[face]]
+            order = np.argsort([hash(key) for key in keys])
+            found = faces.setdefault(frozenset(keys), [np.zeros((N, N, len(cells) * size)), 0])
+            found[0][:, :, t * size : (t + 1) * size] += s.traction[k][order]
+            found[1], found[2:] = found[1] + 1, [s.cell[face][order]]
+    jumps = np.concatenate([f[0].reshape(N * N, -1) for f in faces.values()]) @ root.T
+    divergence = block_diag(*[s.divergence.reshape(-1, size) for s in all_stresses]) @ root.T
+    m, b = largest_inside(all_stresses, divergence @ complement(jumps))
+    first = [f[1] == 1 and np.abs(lowest(whole, f[2])).max() < 1e-9 for f in faces.values()]
+    places = [f[2] for f, there in zip(faces.values(), first, strict=True) if there]
+    rows = np.repeat(first, N * N)
+    tractions = jumps[rows] @ complement(np.vstack([jumps[~rows], divergence]))
+    outside = largest_energy(tractions, without_moments(whole, places))
+    C = sqrt(m)
+    for _ in range(1000):
+        C = sqrt(m + sqrt(m) * C / n + max(b, 1) * ((C / n) ** 2 + sqrt(m) * C / n))
+    return C, sqrt(outside / (1 - 1 / n)), sqrt(m)
+
+
+def lowest(whole, places):
+    """The barycentric coordinate of the first vertex."""
+    return 1 - ((places - whole[0]) @ np.linalg.inv(whole[1:] - whole[0])).sum(axis=1)
+
+
+def largest_inside(all_stresses, divergence):
+    """The numbers m and b."""
+    N, r = all_stresses[0].N, len(rotations(all_stresses[0].N))
+    loads, rigid, b = [], [], 0.0
+    for s in all_stresses:
+        second, turns, Q, worst = s.rotating()
+        b = max(b, worst)
+        means = np.tile(np.eye(N), (N + 1, 1)) / sqrt(s.volume)
+        loads.append(np.hstack([means, Q.reshape(r, -1).T]))
+        shifts = np.hstack([np.eye(N) * sqrt(s.volume), np.zeros((N, r))])
+        spins = [
+            np.concatenate([w @ s.middle * sqrt(s.volume), np.einsum("ij,jk,aik->a", w, second, turns)])
+            for w in rotations(N)
+        ]
+        rigid.append(np.vstack([shifts, spins]))
+    return largest_energy(divergence, block_diag(*loads) @ null_space(np.hstack(rigid))), b
+
+
+def without_moments(whole, places):
+    """Orthonormal tractions, affine on small facets, whose moments on the large one vanish."""
+    N = whole.shape[1]
+    areas = [np.linalg.norm(normal_of(p)) for p in places]
+    nodes = (np.ones((N, N)) + np.eye(N)) / (N * (N + 1))
+    mass = block_diag(*[np.kron(area * nodes, np.eye(N)) for area in areas])
+    directions = np.linalg.svd(whole[2:] - whole[1])[2][: N - 1]
+    affine = [np.kron([1, *(directions @ (v - whole[1]))], np.eye(N)) for p in places for v in p]
+    root = np.linalg.cholesky(mass)
+    free = null_space(np.vstack([row.reshape(N, -1) for row in affine]).T @ mass)
+    return np.linalg.solve(root.T, np.linalg.qr(root.T @ free)[0])
+
+
+if __name__ == "__main__":
+    for dimension, cuts in ((2, 3), (3, 2)):
+        print(dimension, constants(dimension, cuts))
