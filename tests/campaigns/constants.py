@@ -31,9 +31,7 @@ def cut(cell):
     def mid(pair):
         return (cell[pair[0]] + cell[pair[1]]) / 2
 
-    corners = [
-        [cell[j] if j == i else mid((i, j)) for j in range(N + 1)] for i in range(N + 1)
-    ]
+    corners = [[cell[j] if j == i else mid((i, j)) for j in range(N + 1)] for i in range(N + 1)]
     if N == 2:
         return [np.array(c) for c in (*corners, [mid((0, 1)), mid((1, 2)), mid((0, 2))])]
     opposite = [((0, 1), (2, 3)), ((0, 2), (1, 3)), ((0, 3), (1, 2))]
@@ -175,7 +173,9 @@ def largest_inside(all_stresses, divergence):
         loads.append(np.hstack([means, Q.reshape(r, -1).T]))
         shifts = np.hstack([np.eye(N) * sqrt(s.volume), np.zeros((N, r))])
         spins = [
-            np.concatenate([w @ s.middle * sqrt(s.volume), np.einsum("ij,jk,aik->a", w, second, turns)])
+            np.concatenate(
+                [w @ s.middle * sqrt(s.volume), np.einsum("ij,jk,aik->a", w, second, turns)]
+            )
             for w in rotations(N)
         ]
         rigid.append(np.vstack([shifts, spins]))
