@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import ET, IntegrationRule
 
-from ngepc.bounds.conjugate import SPLIT
-from ngepc.bounds.element import MIDPOINTS
+from ngepc.bounds.conjugate import RULE, SPLIT
 from ngepc.bounds.equilibration import moments_of
 from ngepc.bounds.plane import PlaneSetting, tensors
 from ngepc.bounds.setting import LEVEL
@@ -29,7 +28,7 @@ def _midpoints() -> np.ndarray:
     """Barycentric coordinates of the edge midpoints of the sub-triangles, shape (9, 3)."""
     unit = np.eye(3)
     parts = [np.array([unit[i], unit[j], unit.mean(axis=0)]) for i, j in PAIRS]
-    return np.concatenate([MIDPOINTS @ part for part in parts])
+    return np.concatenate([RULE[3] @ part for part in parts])
 
 
 AT_MIDPOINTS = _midpoints()
