@@ -46,24 +46,19 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
     result.raise_for_status()
     require_linear(result.problem, "derivatives need")
     if isinstance(result, ExactResult):
-        states = [lambda: result.state]
-    else:
-        problems = [step.problem for step in result.steps]
-        if any(step.problem.mesh != result.problem.mesh for step in result.steps):
-            raise ValueError("result has steps on several meshes: one mesh is needed")
-        points = result.memory.functions.points
-        problems = [step.problem for step in result.steps]
-        for problem in problems[:1]:
-            names = ("initial_plastic_strain", "initial_hardening")
-            given = {name: getattr(result.problem, name) for name in names}
-            problems[0] = replace(problem, **given)
-        states = [
-            partial(restored_state, problem, step.fields.displacement, points)
-            for problem, step in zip(problems, result.steps, strict=True)
-        ]
-    if not states:
+        return [lambda: result.state]
+    problems = [step.problem for step in result.steps]
+    if not problems:
         raise ValueError("result has no finished step: at least one is needed")
-    return states
+    if any(problem.mesh != result.problem.mesh for problem in problems):
+        raise ValueError("result has steps on several meshes: one mesh is needed")
+    names = ("initial_plastic_strain", "initial_hardening")
+    problems[0] = replace(problems[0], **{name: getattr(result.problem, name) for name in names})
+    points = result.memory.functions.points
+    return [
+        partial(restored_state, problem, step.fields.displacement, points)
+        for problem, step in zip(problems, result.steps, strict=True)
+    ]
 
 
 def restored_state(problem: Problem, displacement: GridFunction, points: Points) -> State:
