@@ -154,9 +154,6 @@ def rounded_blocks(fine: float) -> Mesh:
     return mesh
 
 
-MU = 0.3
-
-
 def mindlin(fine: float = 0.05) -> Solved:
     """Cattaneo and Mindlin: equal cylinders pressed, then sheared with friction; P, Q as found."""
     mesh, E, nu, R = rounded_blocks(fine), 1e3, 0.3, 40.0

@@ -38,7 +38,7 @@ from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord
 from ngepc.results.result import Result
 from ngepc.studies.examples import example, solved_by
-from ngepc.studies.work import Cell, Entry, Work, chosen, first_of, steps
+from ngepc.studies.work import Cell, Work, chosen, first_of, steps
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
 """Meshes of Example (a): the paper's from 1601 on, and the next two bisections."""
@@ -150,14 +150,6 @@ def growth(cells: Sequence[dict]) -> float:
     return float(np.polyfit(np.log(nodes), np.log(seconds), 1)[0])
 
 
-def _digits(key: str) -> Entry:
-    def entry(record: dict) -> str:
-        value = record[key]
-        return "" if value is None else f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"
-
-    return entry
-
-
 @dataclass(eq=False)
 class Cost(Work):
     """The study; nothing is kept, every run measures anew.
@@ -178,14 +170,14 @@ class Cost(Work):
         ("method", "{mode}"),
         ("nodes", "{nodes}"),
         ("Newton steps", steps),
-        ("whole solve (s)", _digits("solve_seconds")),
-        ("elastic solve (s)", _digits("elastic_seconds")),
-        ("step (s)", _digits("step_seconds")),
-        ("step / elastic: median", _digits("step_ratio")),
-        ("largest", _digits("largest_ratio")),
-        ("set-up / elastic", _digits("setup_ratio")),
-        ("peak memory (MB)", _digits("peak_megabytes")),
-        ("load average", _digits("load_average")),
+        ("whole solve (s)", "{solve_seconds:.3g}"),
+        ("elastic solve (s)", "{elastic_seconds:.3g}"),
+        ("step (s)", "{step_seconds:.3g}"),
+        ("step / elastic: median", "{step_ratio:.3g}"),
+        ("largest", "{largest_ratio:.3g}"),
+        ("set-up / elastic", "{setup_ratio:.3g}"),
+        ("peak memory (MB)", "{peak_megabytes:.0f}"),
+        ("load average", "{load_average:.3g}"),
     )
 
     def __post_init__(self) -> None:

@@ -22,6 +22,7 @@ from ngepc.pictures.fields import plot_comparison
 from ngepc.pictures.report import solution_sections, standard_figures, write_report
 from ngepc.pictures.style import save_figure
 from ngepc.results import records as texts
+from ngepc.results.outcome import History
 from ngepc.results.result import Result
 from ngepc.studies.examples import BODIES, FAMILIES, THRESHOLDS, TITLES, example, solved_by
 from ngepc.studies.paper import TABLE_1, TABLE_2
@@ -131,13 +132,16 @@ class CountTable(Work):
         if not self.figures:
             return []
         cell = last_cell(self)
-        about = standard_figures(self.result(cell), THRESHOLDS[self.body])
-        about |= regularised_beside(self, cell)
-        figures = {f"{self.body}_{name}": figure for name, figure in about.items()}
-        figures[f"{self.name}_steps"] = counts_figure(self, records)
-        figures[f"{self.name}_residuals"] = residuals_figure(self, cell.row)
+        beside, histories = regularised_beside(self, cell), self._histories(cell.row)
+        curves = {
+            f"{self.name}_steps": counts_figure(self, records),
+            f"{self.name}_residuals": plot_history(histories, tolerance=self.tolerance),
+        }
+        fields = standard_figures(self.result(cell), THRESHOLDS[self.body]) | beside
+        figures = {f"{self.body}_{name}": figure for name, figure in fields.items()} | curves
         drawn = [save_figure(f, self.folder / f"{name}.png") for name, f in figures.items()]
-        return [*drawn, write_page(self, records, self.folder / f"{self.body}.html")]
+        pictures = [*beside.values(), *curves.values()]
+        return [*drawn, write_page(self, records, pictures, self.folder / f"{self.body}.html")]
 
     def solve(self, cell: Cell) -> dict:
         """Solve, and keep the dual variable of the paper's method."""
@@ -154,6 +158,9 @@ class CountTable(Work):
         }
         own = math.isinf(gamma_of(cell.row))
         return record if own else record | {"v": result.v.FV().NumPy().copy()}
+
+    def _histories(self, row: str) -> dict[str, History]:
+        return {f"{n} nodes": self.result(Cell(row, n)).history for n in self.nodes}
 
     def _solved(self, cell: Cell) -> Result:
         start = self.start_of(cell)
@@ -241,12 +248,6 @@ def counts_figure(study: CountTable, table: Sequence[dict]) -> Figure:
     return figure
 
 
-def residuals_figure(study: CountTable, row: str) -> Figure:
-    """The histories of a row on all meshes."""
-    histories = {f"{n} nodes": study.result(Cell(row, n)).history for n in study.nodes}
-    return plot_history(histories, tolerance=study.tolerance)
-
-
 def regularised_beside(study: CountTable, cell: Cell) -> dict[str, Figure]:
     """The plastic strain of a cell beside that of the paper's method at the largest gamma there."""
     regularised = [row for row in study.rows if not math.isinf(gamma_of(row))]
@@ -258,8 +259,10 @@ def regularised_beside(study: CountTable, cell: Cell) -> dict[str, Figure]:
     return {"plastic_strain": plot_comparison(sources, "equivalent_plastic_strain")}
 
 
-def write_page(study: CountTable, table: Sequence[dict], path: Path) -> Path:
-    """Write an HTML page of the counts, the curves and the last solution; returns its path."""
+def write_page(
+    study: CountTable, table: Sequence[dict], pictures: Sequence[Figure], path: Path
+) -> Path:
+    """Write an HTML page of the counts, pictures and the last solution; returns its path."""
     cell = last_cell(study)
     result = study.result(cell)
     written = study.table(table)
@@ -275,8 +278,6 @@ def write_page(study: CountTable, table: Sequence[dict], path: Path) -> Path:
         said = f"Energy error at most {part} of what the body stores and dissipates, guaranteed."
         study.progress(f"{label_of(cell.row)}, {cell.nodes} nodes. {said}")
         body = (body[0], [said, *body[1]])
-    pictures = [counts_figure(study, table), residuals_figure(study, cell.row)]
-    pictures = [*regularised_beside(study, cell).values(), *pictures]
     return write_report(
         path,
         f"Mesh independence: {study.name} of Hintermüller and Rösel",

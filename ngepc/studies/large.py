@@ -147,9 +147,9 @@ class Large(Work):
         ("CG for a solve: mean", mean_iterations),
         ("most", most_iterations),
         ("CPU s", "{cpu_s:.1f}"),
-        ("MB", lambda r: f"{r['memory_mb'] or 0:.0f}"),
+        ("MB", "{memory_mb:.0f}"),
         ("J", "{energy:.10f}"),
-        ("direct", lambda r: f"{r['difference']:.0e}" if "difference" in r else ""),
+        ("direct", "{difference:.0e}"),
     )
 
     def cells(self) -> list[Cell]:

@@ -88,18 +88,6 @@ def _steps(method: str) -> Entry:
     return lambda record: steps(record[method]) if method in record else ""
 
 
-def _seconds(method: str) -> Entry:
-    return lambda record: f"{record[method]['cpu_s']:.2f}" if method in record else ""
-
-
-def _getfem(part: int) -> Entry:
-    def entry(record: dict) -> object:
-        beside = record["hardening"] is None and record["problem"] == TITLES["lshape"]
-        return GETFEM.get(record["nodes"] if beside else None, ("", ""))[part]
-
-    return entry
-
-
 @dataclass(eq=False)
 class NewtonCounts(Work):
     """The study.
@@ -115,16 +103,16 @@ class NewtonCounts(Work):
     name, title = "counts", "Newton steps of the default method"
     columns = (
         ("problem", "{problem}"),
-        ("h / mu", lambda r: "" if r["hardening"] is None else f"{r['hardening']:g}"),
+        ("h / mu", "{hardening:g}"),
         ("nodes", "{nodes}"),
         ("steps", _steps("default")),
-        ("CPU s", _seconds("default")),
+        ("CPU s", "{default[cpu_s]:.2f}"),
         ("nested: steps", _steps("nested")),
-        ("CPU s", _seconds("nested")),
+        ("CPU s", "{nested[cpu_s]:.2f}"),
         ("primal: steps", _steps("primal")),
-        ("CPU s", _seconds("primal")),
-        ("GetFEM: steps", _getfem(0)),
-        ("CPU s", _getfem(1)),
+        ("CPU s", "{primal[cpu_s]:.2f}"),
+        ("GetFEM: steps", "{getfem[0]}"),
+        ("CPU s", "{getfem[1]}"),
     )
 
     def cells(self) -> list[Cell]:
@@ -143,6 +131,7 @@ class NewtonCounts(Work):
             family = (BODIES[body].COARSE_NODES, *FAMILIES[body])
             nested(body, family[family.index(cell.nodes) - 1])
             found["nested"] = timed(lambda: nested(body, cell.nodes))
+            found["getfem"] = GETFEM.get(cell.nodes) if body == "lshape" else None
         name = TITLES.get(body, f"block, {body}")
         h = float(ratio) if ratio else None
         return {"problem": name, "hardening": h, "nodes": problem.mesh.nv, **found}

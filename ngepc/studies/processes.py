@@ -89,7 +89,7 @@ class Processes(Work):
         ("Newton steps", steps),
         ("CG for a solve", mean_iterations),
         ("CPU s of a process", lambda r: f"{max(r['cpu_s']):.1f}"),
-        ("of one process", lambda r: f"{r['ratio']:.2f}" if r.get("ratio") else ""),
+        ("of one process", "{ratio:.2f}"),
         ("wall s", "{wall_s:.0f}"),
         ("MB of a process", lambda r: f"{max(r['mb']):.0f}"),
         ("J", "{energy:.12f}"),
@@ -118,8 +118,10 @@ class Processes(Work):
     def table(self, records: Sequence[dict]) -> Table:
         """A row for each mesh and number of processes, mesh by mesh."""
         alone = {r["nodes"]: max(r["cpu_s"]) for r in records if r["processes"] == 1}
-        ratios = [max(r["cpu_s"]) / alone.get(r["nodes"], float("inf")) for r in records]
-        told = [r | {"ratio": ratio} for r, ratio in zip(records, ratios, strict=True)]
+        told = [
+            r | ({"ratio": max(r["cpu_s"]) / alone[r["nodes"]]} if r["nodes"] in alone else {})
+            for r in records
+        ]
         return super().table(sorted(told, key=lambda r: (r["nodes"], r["processes"])))
 
     def notes(self, records: Sequence[dict]) -> list[str]:

@@ -135,10 +135,7 @@ class Step42(Work):
         ("energy", _apart("energy")),
         ("peak", _apart("peak_pressure")),
         ("max of u", "{displacement_difference:.1e}"),
-        (
-            "change of F from mesh to mesh",
-            lambda r: "-" if r["change"] is None else f"{r['change']:.1e}",
-        ),
+        ("change of F from mesh to mesh", "{change:.1e}"),
     )
 
     def __post_init__(self) -> None:

@@ -152,8 +152,13 @@ def without_arrays(record: dict) -> dict:
 
 
 def shown(entry: Entry, record: dict) -> object:
-    """What a column shows of a record."""
-    return entry.format(**record) if isinstance(entry, str) else entry(record)
+    """What a column shows of a record; empty where it has no such number, or None."""
+    if not isinstance(entry, str):
+        return entry(record)
+    try:
+        return entry.format(**record)
+    except (KeyError, TypeError):
+        return ""
 
 
 def pivoted(
