@@ -11,6 +11,7 @@ import numpy as np
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.floating import Floating
 from ngepc.discretisation.loads import Supports
+from ngepc.model.problem import Problem
 from ngepc.model.processes import Alone
 
 EPSILON = float(np.finfo(float).eps)
@@ -25,6 +26,7 @@ ROUNDING_SCALE = 4e-6
 class Frame(Protocol):
     """What no Newton step changes, as far as balance asks for it."""
 
+    problem: Problem
     contact: ContactConditions
     supports: Supports
     floating: Floating

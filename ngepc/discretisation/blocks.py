@@ -2,12 +2,37 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from ngsolve import CF, H1, BaseMatrix, BilinearForm, dx
 from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.elements import Elements, chunks
 from ngepc.discretisation.points import Moduli, Points
+
+
+class Blocks(Protocol):
+    """What has the entries of tangents: N x N blocks on and below the diagonal, held as identity.
+
+    Attributes
+    ----------
+    rows, columns
+        Nodes of the blocks, row by row, rows >= columns.
+    free
+        Boolean, shape (nodes, N): components that no support holds.
+    N
+        Components.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    free: np.ndarray
+    N: int
+
+    def values(self, tangent: object) -> np.ndarray:
+        """The blocks of a tangent, shape (blocks, N, N)."""
+        ...
 
 
 class StiffnessBlocks:
@@ -34,7 +59,6 @@ class StiffnessBlocks:
         rows, columns = lower_pattern(pattern_matrix(points.scalar))
         keys = rows * points.scalar.ndof + columns
         self.rows, self.columns = rows.astype(np.int32), columns.astype(np.int32)
-        self._touched = np.flatnonzero(~(free[rows] & free[columns]).all(axis=1))
         self._places = [[self._places_of(p, keys) for p in block.parts] for block in points.blocks]
         self._added = None if added is None else self._placed(added, keys)
 
@@ -71,18 +95,20 @@ class StiffnessBlocks:
         if self._added is not None:
             places, blocks = self._added
             values[places] += blocks
-        self._hold(values)
+        hold(values, self)
         return values
 
-    def _hold(self, values: np.ndarray) -> None:
-        """Rows and columns of held components become those of the identity."""
-        rows, columns = self.rows[self._touched], self.columns[self._touched]
-        free_rows, free_columns = self.free[rows], self.free[columns]
-        held = values[self._touched]
-        held[~(free_rows[:, :, None] & free_columns[:, None, :])] = 0.0
-        same = (rows == columns)[:, None, None]
-        held[same & ~free_rows[:, :, None] & np.eye(self.N, dtype=bool)] = 1.0
-        values[self._touched] = held
+
+def hold(values: np.ndarray, blocks: Blocks) -> None:
+    """Rows and columns of held components become those of the identity."""
+    free_rows, free_columns = blocks.free[blocks.rows], blocks.free[blocks.columns]
+    touched = np.flatnonzero(~(free_rows & free_columns).all(axis=1))
+    free_rows, free_columns = free_rows[touched], free_columns[touched]
+    held = values[touched]
+    held[~(free_rows[:, :, None] & free_columns[:, None, :])] = 0.0
+    same = (blocks.rows[touched] == blocks.columns[touched])[:, None, None]
+    held[same & ~free_rows[:, :, None] & np.eye(blocks.N, dtype=bool)] = 1.0
+    values[touched] = held
 
 
 def lower_pattern(matrix: BaseMatrix) -> tuple[np.ndarray, np.ndarray]:

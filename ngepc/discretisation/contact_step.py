@@ -25,6 +25,7 @@ def with_contact(
     change: np.ndarray,
     compliance: Compliance,
     row_stiffness: np.ndarray,
+    slack: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Newton's step with the conditions of contact and friction met at its end.
 
@@ -42,6 +43,8 @@ def with_contact(
         A guess of the compliance of the rows; it learns.
     row_stiffness
         ``ContactConditions.stiffness``.
+    slack
+        What the gaps may miss (length), at least their rounding.
 
     Returns
     -------
@@ -57,7 +60,7 @@ def with_contact(
 
     gaps = conditions.gaps(u) - conditions.displacement(change)
     sizes = np.abs(u + change).max(initial=0.0), -conditions.normal(gaps).min(initial=0.0)
-    slack = ROUNDING * float(max(sizes))
+    slack = max(slack, ROUNDING * float(max(sizes)))
     found = solve_by_secants(conditions.small_problem, product, compliance, gaps, forces, slack)
     if found is None:
         return None

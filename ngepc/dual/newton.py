@@ -15,7 +15,7 @@ from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import Coupled
 from ngepc.dual.stopping import ResidualBelow
 from ngepc.dual.system import NewtonSystem
-from ngepc.linalg.direct import require_direct_solver
+from ngepc.linalg.direct import require_solver
 from ngepc.linalg.linesearch import Armijo, LineSearch
 from ngepc.local.iterative import Iterative
 from ngepc.local.result import ExactResult
@@ -59,8 +59,7 @@ class NewtonOptions:
         require_number("tolerance", self.tolerance, 1e-16)
         require_integer("max_iterations", self.max_iterations, 1)
         require_integer("quadrature_points", self.quadrature_points, 1, 900)
-        if isinstance(self.inverse, type) or not hasattr(self.inverse, "tangent"):
-            require_direct_solver("inverse", self.inverse)
+        require_solver("inverse", self.inverse)
         if self.linesearch is not None and not hasattr(self.linesearch, "search"):
             raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
 

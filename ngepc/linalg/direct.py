@@ -25,14 +25,16 @@ class FactorisationError(RuntimeError):
     """A linear solver that gave up on a matrix."""
 
 
-def require_direct_solver(name: str, value: object) -> None:
-    """Accept NGSolve's name of a direct solver that this installation has.
+def require_solver(name: str, value: object) -> None:
+    """Accept NGSolve's name of a direct solver that is here, or what has a method ``tangent``.
 
     Raises
     ------
     ValueError
         If the name is unknown or the solver is missing.
     """
+    if hasattr(value, "tangent") and not isinstance(value, type):
+        return
     if not isinstance(value, str) or value not in DIRECT_SOLVERS:
         raise ValueError(f"{name}={value!r}: one of {', '.join(DIRECT_SOLVERS)} is needed")
     if value in SHIPPED:

@@ -2,7 +2,8 @@
 
 Contact is found by active sets: the closed rows are kept by a projection, and the set is corrected
 by the signs of forces and gaps, each time from the last displacement (Hintermueller, Ito, Kunisch,
-SIAM J. Optim. 13, 2002).  A few solves do for all rows together, whatever their number.
+SIAM J. Optim. 13, 2002).  A few solves do for all rows together, whatever their number.  With
+friction the forces of the rows are found by secants, one solve for each.
 """
 
 from __future__ import annotations
@@ -11,16 +12,25 @@ from functools import partial
 
 import numpy as np
 
-from ngepc.local.iterative import Closed, IterativeTangent
+from ngepc.discretisation.contact_step import with_contact
+from ngepc.linalg.compliance import Compliance
+from ngepc.local.closed import Closed
+from ngepc.local.factors import TangentError
+from ngepc.local.iterative import IterativeTangent
 from ngepc.local.step import Target
-from ngepc.local.system import State
+from ngepc.local.system import DiscreteProblem, State
 
 SETS = 30
 """Most active sets of one Newton step."""
 
-
 FINEST = 1e-9
 """Smallest relative residual of a linear system."""
+
+ANSWER = 3e-5
+"""Largest relative residual of the systems that tell what rows with friction answer."""
+
+SLACK = 0.3
+"""What secants may leave of the conditions, as a part of what the linear systems leave."""
 
 
 class InexactTarget:
@@ -28,14 +38,18 @@ class InexactTarget:
 
     Parameters
     ----------
+    discrete
+        The discrete problem; with friction, what its rows answer is learned from step to step.
     forcing
         Largest relative residual of a linear system.
     tolerance
         Of the Newton iteration: linear systems are not solved beyond what it needs.
     """
 
-    def __init__(self, forcing: float, tolerance: float) -> None:
+    def __init__(self, discrete: DiscreteProblem, forcing: float, tolerance: float) -> None:
         self._forcing, self._tolerance, self._before = forcing, tolerance, 0.0
+        self._compliance = Compliance(discrete.contact.grip(discrete.row_stiffness)[1])
+        self._meet = self._sets if discrete.contact.friction is None else self._rub
 
     def accuracy(self, residual: float) -> float:
         """The relative residual for a step from here (Eisenstat and Walker 1996, choice 2)."""
@@ -48,16 +62,17 @@ class InexactTarget:
 
         Raises
         ------
-        ValueError
-            If the problem has friction or parts that contact alone holds.
+        TangentError
+            If a linear system or the contact with friction is not solved.
         """
+        tangent.linearise(here)
+        return self._meet(here, tangent, self.accuracy(here.residual_norm))
+
+    def _sets(self, here: State, tangent: IterativeTangent, accuracy: float) -> Target:
+        """Contact by active sets."""
         discrete, rows = here.discrete, here.discrete.rows
         processes = discrete.points.processes
-        if discrete.contact.friction is not None or discrete.springs is not None:
-            raise ValueError("inverse: friction and floating parts need a direct solver")
-        tangent.update(discrete.law.moduli(here.at, here.yielding))
-        forces = (discrete.load - here.internal_forces).ravel()
-        accuracy, gap = self.accuracy(here.residual_norm), here.open_gap
+        forces, gap = (discrete.load - here.internal_forces).ravel(), here.open_gap
         change, active, scale = np.zeros(forces.size), here.multipliers > 0, 0.0
         if not processes.any(active):
             active = gap < 0
@@ -78,3 +93,22 @@ class InexactTarget:
             active = correct
         multipliers = np.where(rows.tied, multipliers, np.maximum(multipliers, 0.0))
         return Target(processes.spread(change.reshape(here.u.shape)), multipliers)
+
+    def _rub(self, here: State, tangent: IterativeTangent, accuracy: float) -> Target:
+        """Contact with friction by secants; what they leave of the gaps is made up for at last."""
+        discrete, contact, rows = here.discrete, here.discrete.contact, here.discrete.rows
+        solve = partial(tangent.solve, accuracy=min(ANSWER, accuracy))
+        change = solve(-here.imbalance)
+        slack = SLACK * accuracy * here.residual_norm * here.force_scale
+        found = with_contact(
+            *(contact, solve, here.u, here.contact, change, self._compliance),
+            discrete.row_stiffness,
+            slack / discrete.row_stiffness.max(),
+        )
+        if found is None:
+            raise TangentError(contact.unsolvable)
+        change, forces = found
+        left = here.open_gap - rows.displacement(change)
+        active = (contact.normal(forces) > 0) | (left < 0) | rows.tied
+        moved = Closed(discrete, active).moved(left[active])
+        return Target(change + moved.reshape(change.shape), forces)

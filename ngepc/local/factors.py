@@ -8,7 +8,7 @@ import numpy as np
 
 from ngepc.discretisation.points import Moduli
 from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError
-from ngepc.local.system import DiscreteProblem
+from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.processes import require_whole
 
 
@@ -22,8 +22,8 @@ class Tangent(Protocol):
     back_substitutions: int
     linear_iterations: int
 
-    def update(self, moduli: Moduli) -> None:
-        """Take the moduli at the points of a new tangent."""
+    def linearise(self, here: State) -> None:
+        """Take the tangent at a state."""
         ...
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
@@ -60,6 +60,10 @@ class Factors:
         self._stiffness = discrete.stiffness.another()
         self._name, self._inverse, self.back_substitutions = name, None, 0
         self._right, self._left = (self._stiffness.matrix.CreateColVector() for _ in range(2))
+
+    def linearise(self, here: State) -> None:
+        """Take the tangent at a state."""
+        self.update(here.moduli)
 
     def update(self, moduli: Moduli) -> None:
         """Assemble and factorise.

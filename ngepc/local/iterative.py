@@ -12,18 +12,15 @@ from typing import Protocol
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags
-from scipy.sparse.linalg import splu
 
-from ngepc.discretisation.blocks import StiffnessBlocks
-from ngepc.discretisation.points import Moduli
+from ngepc.discretisation.balance import Frame
+from ngepc.discretisation.blocks import Blocks
+from ngepc.local.closed import Closed
 from ngepc.local.factors import TangentError
-from ngepc.local.system import DiscreteProblem
+from ngepc.local.system import State
 
 ACCURACY = 1e-12
 """Relative residual of ``solve``, for callers that take it for exact."""
-
-PARALLEL = 1e-8
-"""Normals at a node that are closer count as one."""
 
 
 class Engine(Protocol):
@@ -36,6 +33,10 @@ class Engine(Protocol):
     def build(self, values: np.ndarray) -> None:
         """Make the preconditioner from these values."""
         ...
+
+    def linearise(self, here: State) -> None:
+        """Take the tangent of the primal-dual method at a state."""
+        self.update(here.moduli)
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """The matrix times a vector, into a new one."""
@@ -51,8 +52,8 @@ class Iterative(Protocol):
 
     forcing: float
 
-    def tangent(self, discrete: DiscreteProblem) -> IterativeTangent:
-        """The tangent of a discrete problem."""
+    def tangent(self, frame: Frame, blocks: Blocks) -> IterativeTangent:
+        """The tangent of a discrete problem, whose entries ``blocks`` knows."""
         ...
 
 
@@ -67,7 +68,7 @@ class FullPattern:
         Which nodes are coupled.
     """
 
-    def __init__(self, lower: StiffnessBlocks) -> None:
+    def __init__(self, lower: Blocks) -> None:
         i, j, nodes, N = lower.rows, lower.columns, len(lower.free), lower.N
         above, entries = np.flatnonzero(i != j), np.arange(N * N, dtype=np.int32).reshape(N, N)
         rows, columns = np.append(i, j[above]), np.append(j, i[above])
@@ -97,80 +98,13 @@ class FullPattern:
         return lower.ravel()[self._source]
 
 
-class Closed:
-    """The displacements that keep supports and closed contact rows, and the projection onto them.
-
-    Parameters
-    ----------
-    discrete
-        The discrete problem.
-    active
-        Boolean, shape (m,): closed rows.
-
-    Raises
-    ------
-    TangentError
-        If the closed rows are dependent.
-    """
-
-    def __init__(self, discrete: DiscreteProblem, active: np.ndarray) -> None:
-        self.free = discrete.supports.free.ravel().astype(float)
-        self.rows = discrete.rows.normal[np.flatnonzero(active)].multiply(self.free).tocsr()
-        self._transposed = self.rows.T.tocsr()
-        if self.rows.shape[0]:
-            try:
-                self._gram = splu((self.rows @ self._transposed).tocsc())
-            except RuntimeError as error:
-                raise TangentError("contact rows of one node are dependent") from error
-
-    def moved(self, amounts: np.ndarray) -> np.ndarray:
-        """The smallest displacement that moves the closed rows by these amounts."""
-        if not self.rows.shape[0]:
-            return np.zeros(len(self.free))
-        return self._transposed @ self._gram.solve(amounts)
-
-    def forces(self, imbalance: np.ndarray) -> np.ndarray:
-        """The forces of the closed rows that balance nodal forces best."""
-        return self._gram.solve(self.rows @ imbalance) if self.rows.shape[0] else np.zeros(0)
-
-    def project(self, x: np.ndarray) -> np.ndarray:
-        """The part of a displacement, or of nodal forces, that supports and rows leave free."""
-        x = self.free * x
-        return x - self.moved(self.rows @ x)
-
-    def pins(self, N: int) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes of closed rows and the projections onto what they leave free there, (k, N, N).
-
-        Rows over several nodes pin the one where they are largest.
-        """
-        largest = _largest(self.rows)
-        nodes, which = np.unique(largest // N, return_inverse=True)
-        normals = np.zeros((len(largest), N))
-        for c in range(N):
-            normals[:, c] = np.asarray(
-                self.rows[np.arange(len(largest)), (largest // N) * N + c]
-            ).ravel()
-        gram = np.zeros((len(nodes), N, N))
-        np.add.at(gram, which, normals[:, :, None] * normals[:, None, :])
-        sizes, vectors = np.linalg.eigh(gram)
-        left = (sizes <= PARALLEL * sizes[:, -1:]).astype(float)
-        return nodes, np.einsum("kan,kn,kbn->kab", vectors, left, vectors)
-
-
-def _largest(rows: csr_matrix) -> np.ndarray:
-    """The column of the largest entry of each row."""
-    if not rows.shape[0]:
-        return np.zeros(0, dtype=int)
-    return np.asarray(abs(rows).argmax(axis=1)).ravel()
-
-
 class IterativeTangent:
     """A tangent that is never factorised.
 
     Parameters
     ----------
-    discrete
-        The discrete problem.
+    frame, blocks
+        The discrete problem, and what has the entries of its tangents.
     engine
         Called with the pattern and the discrete problem: the ``Engine``.
     patience
@@ -188,25 +122,29 @@ class IterativeTangent:
 
     def __init__(
         self,
-        discrete: DiscreteProblem,
-        engine: Callable[[FullPattern, DiscreteProblem], Engine],
+        frame: Frame,
+        blocks: Blocks,
+        engine: Callable[[FullPattern, Frame], Engine],
         patience: int,
         most: int,
     ) -> None:
-        self._discrete, self._patience, self._most = discrete, patience, most
-        self._dot = discrete.points.processes.dot
-        self._blocks = StiffnessBlocks(discrete.points, discrete.supports.free, discrete.added)
-        self._pattern = FullPattern(self._blocks)
-        self._engine = engine(self._pattern, discrete)
+        self._frame, self._patience, self._most = frame, patience, most
+        self._dot = frame.contact.processes.dot
+        self._blocks, self._pattern = blocks, FullPattern(blocks)
+        self._engine = engine(self._pattern, frame)
         self._stale, self.hierarchies, self._lower, self._dearest = True, 0, np.zeros(0), 0
         self.back_substitutions = self.linear_iterations = 0
 
-    def update(self, moduli: Moduli) -> None:
-        """Assemble; the hierarchy stays as it is unless it is worn out."""
-        self._lower = self._blocks.values(moduli)
+    def update(self, state: object) -> None:
+        """Assemble from what ``Blocks.values`` takes; the hierarchy stays unless it is worn out."""
+        self._lower = self._blocks.values(state)
         self._engine.take(self._pattern.values(self._lower))
         self._stale, self._dearest = self._stale or self._dearest > self._patience, 0
         self.back_substitutions = self.linear_iterations = 0
+
+    def linearise(self, here: State) -> None:
+        """Take the tangent of the primal-dual method at a state."""
+        self.update(here.moduli)
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """The tangent times nodal displacements, flat."""
@@ -216,7 +154,7 @@ class IterativeTangent:
         """Make a hierarchy for the present tangent and closed rows if there is none for it."""
         if not self._stale:
             return
-        nodes, projections = closed.pins(self._discrete.problem.N)
+        nodes, projections = closed.pins(self._blocks.N)
         lower, self._lower = self._lower, None
         if len(nodes):
             self._pin(lower, nodes, projections)
@@ -266,12 +204,15 @@ class IterativeTangent:
         self._dearest = max(self._dearest, iterations)
         return x
 
-    def solve(self, forces: np.ndarray) -> np.ndarray:
-        """Displacements, zero where held, that answer nodal forces; both (nodes, N)."""
-        closed = Closed(self._discrete, np.zeros(len(self._discrete.rows), dtype=bool))
+    def solve(self, forces: np.ndarray, accuracy: float = ACCURACY) -> np.ndarray:
+        """Displacements, zero where held, that answer nodal forces; both (nodes, N).
+
+        ``accuracy`` is a relative residual.
+        """
+        closed = Closed(self._frame, np.zeros(len(self._frame.contact.rows), dtype=bool))
         right = closed.project(forces.ravel())
         size = float(np.sqrt(self._dot(right, right)))
-        return self.minimise(closed, right, np.zeros_like(right), ACCURACY * size).reshape(
+        return self.minimise(closed, right, np.zeros_like(right), accuracy * size).reshape(
             forces.shape
         )
 
@@ -309,13 +250,13 @@ def conjugate_gradients(
     raise TangentError(f"conjugate gradients did not converge in {most} iterations")
 
 
-def low_energy_modes(discrete: DiscreteProblem) -> np.ndarray:
+def low_energy_modes(frame: Frame) -> np.ndarray:
     """Translations and rotations as nodal displacements, shape (unknowns, k).
 
     Nodes that are no vertices carry what is not linear: zero.
     """
-    problem = discrete.problem
-    N, free = problem.N, discrete.supports.free
+    problem = frame.problem
+    N, free = problem.N, frame.free
     x = np.asarray(problem.mesh.ngmesh.Coordinates())[: problem.mesh.nv, :N]
     own, processes = x[problem.processes.own], problem.processes
     x = x - processes.total(own.sum(axis=0)) / processes.total(len(own))

@@ -10,9 +10,10 @@ import numpy as np
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_text
+from ngepc.discretisation.balance import Frame
+from ngepc.discretisation.blocks import Blocks
 from ngepc.local.hierarchy import interpolations, petsc
 from ngepc.local.iterative import FullPattern, IterativeTangent, low_energy_modes
-from ngepc.local.system import DiscreteProblem
 
 INSTALL = (
     "PETSc() needs petsc4py: 'conda install -c conda-forge petsc4py', or on Debian and Ubuntu "
@@ -72,10 +73,10 @@ class PETSc:
         require_integer("patience", self.patience, 0)
         require_integer("max_iterations", self.max_iterations, 1)
 
-    def tangent(self, discrete: DiscreteProblem) -> IterativeTangent:
+    def tangent(self, frame: Frame, blocks: Blocks) -> IterativeTangent:
         """The tangent of a discrete problem."""
         engine = partial(PETScEngine, options=self.options)
-        return IterativeTangent(discrete, engine, self.patience, self.max_iterations)
+        return IterativeTangent(frame, blocks, engine, self.patience, self.max_iterations)
 
 
 class PETScEngine:
@@ -86,14 +87,14 @@ class PETScEngine:
 
     Parameters
     ----------
-    pattern, discrete
+    pattern, frame
         The blocks and the discrete problem that they come from.
     options
         PETSc's option string.
     """
 
-    def __init__(self, pattern: FullPattern, discrete: DiscreteProblem, options: str) -> None:
-        self._N, self._processes = discrete.problem.N, discrete.points.processes
+    def __init__(self, pattern: FullPattern, frame: Frame, options: str) -> None:
+        self._N, self._processes = frame.free.shape[1], frame.contact.processes
         self._shared, own = self._processes.size > 1, self._processes.own
         self._comm = self._processes.comm if self._shared else petsc.COMM_SELF
         petsc.garbage_cleanup(self._comm)  # Python frees shared objects only when all do
@@ -107,8 +108,8 @@ class PETScEngine:
         self._levels = "-pc_type" not in options.split()
         usual = MULTIGRID + (SHARED if self._shared else ALONE)
         self._set(usual + options if self._levels else options)
-        self._graph = pattern.graph(~discrete.supports.free.any(axis=1))[own][:, own]
-        self._modes = self._orthonormal(low_energy_modes(discrete))
+        self._graph = pattern.graph(~frame.free.any(axis=1))[own][:, own]
+        self._modes = self._orthonormal(low_energy_modes(frame))
         self._pair = tuple(petsc.Vec().createSeq(self._size, bsize=self._N) for _ in range(2))
 
     def _wrapped(self) -> tuple[np.ndarray, object]:

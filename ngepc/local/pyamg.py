@@ -8,9 +8,10 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from ngepc.checks.arguments import require_integer, require_number
+from ngepc.discretisation.balance import Frame
+from ngepc.discretisation.blocks import Blocks
 from ngepc.linalg.aggregation import coarse_spaces
 from ngepc.local.iterative import FullPattern, IterativeTangent, low_energy_modes
-from ngepc.local.system import DiscreteProblem
 from ngepc.model.processes import require_whole
 
 try:
@@ -50,10 +51,10 @@ class PyAMG:
         require_integer("patience", self.patience, 0)
         require_integer("max_iterations", self.max_iterations, 1)
 
-    def tangent(self, discrete: DiscreteProblem) -> IterativeTangent:
+    def tangent(self, frame: Frame, blocks: Blocks) -> IterativeTangent:
         """The tangent of a discrete problem."""
-        require_whole("inverse=PyAMG()", discrete.problem.mesh)
-        return IterativeTangent(discrete, PyAMGEngine, self.patience, self.max_iterations)
+        require_whole("inverse=PyAMG()", frame.problem.mesh)
+        return IterativeTangent(frame, blocks, PyAMGEngine, self.patience, self.max_iterations)
 
 
 class PyAMGEngine:
@@ -61,14 +62,14 @@ class PyAMGEngine:
 
     Parameters
     ----------
-    pattern, discrete
+    pattern, frame
         The blocks and the discrete problem that they come from.
     """
 
-    def __init__(self, pattern: FullPattern, discrete: DiscreteProblem) -> None:
-        self._pattern, self._size = pattern, discrete.supports.free.size
-        self._graph = pattern.graph(~discrete.supports.free.any(axis=1))
-        self._modes = low_energy_modes(discrete)
+    def __init__(self, pattern: FullPattern, frame: Frame) -> None:
+        self._pattern, self._size = pattern, frame.free.size
+        self._graph = pattern.graph(~frame.free.any(axis=1))
+        self._modes = low_energy_modes(frame)
         self._matrix = self._cycle = self._spaces = None
 
     def _scalar_matrix(self, values: np.ndarray) -> csr_matrix:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ngepc.discretisation.blocks import StiffnessBlocks
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.factors import Factors
 from ngepc.local.iterative import Iterative
@@ -36,5 +37,7 @@ def solve_exactly(
         return primal_dual_newton(
             discrete, state, Factors(discrete, inverse), tolerance, max_iterations, monitor
         )
-    tangent, target = inverse.tangent(discrete), InexactTarget(inverse.forcing, tolerance)
+    blocks = StiffnessBlocks(discrete.points, discrete.free, discrete.added)
+    tangent = inverse.tangent(discrete, blocks)
+    target = InexactTarget(discrete, inverse.forcing, tolerance)
     return primal_dual_newton(discrete, state, tangent, tolerance, max_iterations, monitor, target)

@@ -74,7 +74,7 @@ class ExactTarget:
             If the linear solver gives up, or contact rows are dependent.
         """
         discrete, contact = here.discrete, here.discrete.contact
-        tangent.update(discrete.law.moduli(here.at, here.yielding))
+        tangent.linearise(here)
         change = tangent.solve(-here.imbalance)
         work = contact, tangent.solve, here.u, here.contact, change, self._compliance
         found = with_contact(*work, discrete.row_stiffness)

@@ -18,7 +18,7 @@ from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.floating import Floating
 from ngepc.discretisation.law import Law, Return
 from ngepc.discretisation.loads import Supports, applied_forces
-from ngepc.discretisation.points import Points
+from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.rows import ContactRows
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.model.problem import Problem
@@ -164,6 +164,11 @@ class State(Balance):
         pull = self.discrete.supports.pull(self.u)
         work = self.discrete.points.processes.dot(self.discrete.load - 0.5 * pull, self.u)
         return self.discrete.points.integral(density) - work + self.friction_work
+
+    @property
+    def moduli(self) -> Moduli:
+        """The moduli of the tangent at the points."""
+        return self.discrete.law.moduli(self.at, self.yielding)
 
     @property
     def flowing(self) -> float:

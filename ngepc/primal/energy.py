@@ -19,6 +19,7 @@ from ngsolve import (
 )
 from scipy.sparse import csr_matrix, diags
 
+from ngepc.discretisation.blocks import hold
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.floating import Floating
 from ngepc.discretisation.loads import Supports, applied_forces, nodal
@@ -27,7 +28,36 @@ from ngepc.model.processes import require_whole
 from ngepc.model.rules import plastic_points
 from ngepc.primal.return_mapping import ReturnMapping
 
-INVERSE = "sparsecholesky"
+ANSWER = 1e-8
+"""Relative residual of linear systems that are solved by iterations."""
+
+
+class ComponentBlocks:
+    """``Blocks`` of matrices of NGSolve that go component by component.
+
+    Parameters
+    ----------
+    matrix
+        One of them.
+    free
+        Boolean, shape (nodes, N): components that no support holds.
+    """
+
+    def __init__(self, matrix: BaseMatrix, free: np.ndarray) -> None:
+        self.free, (nodes, self.N) = free, free.shape
+        pattern = csr_matrix(tuple(map(np.asarray, matrix.CSR())))[:nodes, :nodes].tocoo()
+        self._lower = pattern.row >= pattern.col
+        self.rows, self.columns = (a[self._lower] for a in (pattern.row, pattern.col))
+
+    def values(self, matrix: BaseMatrix) -> np.ndarray:
+        """The blocks of a matrix, shape (blocks, N, N)."""
+        whole, N = csr_matrix(tuple(map(np.asarray, matrix.CSR()))), self.N
+        cuts = np.arange(N + 1) * len(self.free)
+        parts = [slice(*cuts[c : c + 2]) for c in range(N)]
+        entries = [whole[i, j].data[self._lower] for i in parts for j in parts]
+        values = np.stack(entries, axis=1).reshape(-1, N, N)
+        hold(values, self)
+        return values
 
 
 class ReducedEnergy:
@@ -37,6 +67,8 @@ class ReducedEnergy:
     ----------
     problem
         Data of the time step.
+    inverse
+        As in ``PrimalOptions``.
 
     Attributes
     ----------
@@ -58,7 +90,7 @@ class ReducedEnergy:
         Norm of nodal forces of size beta/h, those of stresses at the yield bound.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, inverse: str | object = "sparsecholesky") -> None:
         require_whole("primal_newton", problem.mesh)
         self.problem, self.supports = problem, Supports(problem)
         self.contact = ContactConditions(problem, self.supports)
@@ -74,7 +106,7 @@ class ReducedEnergy:
         self._tangent += self._integral(self.mapping.tangent(u, v))
         self._density = self.mapping.energy_density.Compile()
         self._plastic = self.mapping.plastic.Compile()
-        self._inverse = None
+        self._name, self._inverse = inverse, None
         self._added = self.supports.stiffness
         matrix = self._assembled()
         self.stiffness_diagonal = nodal(
@@ -88,6 +120,9 @@ class ReducedEnergy:
         for more in (part for part in steering if part is not None):
             self._added = more if self._added is None else self._added + more
         self.yield_forces = self._yield_forces()
+        self._iterative = None
+        if not isinstance(inverse, str):
+            self._iterative = inverse.tangent(self, ComponentBlocks(matrix, self.free))
 
     def _integral(self, density: CoefficientFunction):
         return self.problem.kinematics.weight * density * dx(intrules=self.rules)
@@ -135,15 +170,19 @@ class ReducedEnergy:
         """Assemble and factorise the tangent at ``u`` for ``solve``."""
         self.set(u)
         matrix = self._assembled()
-        if self._inverse is None:
+        if self._iterative is not None:
+            self._iterative.update(matrix)
+        elif self._inverse is None:
             free = BitArray(self.free.T.ravel().tolist())
-            self._inverse = matrix.Inverse(free, inverse=INVERSE)
+            self._inverse = matrix.Inverse(free, inverse=self._name)
             self._right, self._solution = matrix.CreateColVector(), matrix.CreateRowVector()
         else:
             self._inverse.Update()
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
         """Displacements, zero where held, that the last tangent answers ``forces`` with."""
+        if self._iterative is not None:
+            return self._iterative.solve(forces, ANSWER)
         self._right.FV().NumPy()[:] = forces.T.ravel()
         self._solution.data = self._inverse * self._right
         return np.where(self.free, nodal(self._solution.FV().NumPy(), self.problem), 0.0)

@@ -62,7 +62,7 @@ def primal_newton(
     options = PrimalOptions() if options is None else options
     require_instance("options", options, PrimalOptions, "PrimalOptions(...)")
     given = None if start is None else nodal_values(start, problem)
-    reduced = ReducedEnergy(problem)
+    reduced = ReducedEnergy(problem, options.inverse)
     u = reduced.supports.values
     if given is not None:
         u = np.where(reduced.free, given, u)

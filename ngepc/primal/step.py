@@ -11,7 +11,7 @@ from ngepc.checks.arguments import require_integer, require_number
 from ngepc.discretisation.balance import EPSILON
 from ngepc.discretisation.contact_step import ContactWork, with_contact
 from ngepc.linalg.compliance import Compliance
-from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError
+from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError, require_solver
 from ngepc.linalg.linesearch import nearly_flat
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.result import PrimalResult
@@ -33,6 +33,8 @@ class PrimalOptions:
         or to the smaller of beta/h and 4e-6 |K| |u|, where strains cancel; in [1e-13, 1).
     max_iterations
         Newton steps before the run gives up, >= 1.
+    inverse
+        NGSolve's name of a direct solver, or, for large bodies, ``PETSc()`` or ``PyAMG()``.
 
     Raises
     ------
@@ -42,11 +44,13 @@ class PrimalOptions:
 
     tolerance: float = 1e-10
     max_iterations: int = 100
+    inverse: str | object = "sparsecholesky"
 
     def __post_init__(self) -> None:
         require_integer("max_iterations", self.max_iterations, 1)
         if require_number("tolerance", self.tolerance, 1e-13) >= 1:
             raise ValueError(f"tolerance={self.tolerance!r}: a number < 1 is needed")
+        require_solver("inverse", self.inverse)
 
 
 class PrimalStep:

@@ -15,7 +15,7 @@ from ngepc import (
 )
 from ngepc.geometries import lshape
 from ngepc.linalg.assembly import Placed, SparseSum, from_entries
-from ngepc.linalg.direct import SHIPPED, require_direct_solver, symmetric_inverse
+from ngepc.linalg.direct import SHIPPED, require_solver, symmetric_inverse
 
 SIZE, FIRST = 12, 5
 
@@ -105,4 +105,4 @@ def test_a_run_does_not_depend_on_the_direct_solver(tichonov):
 @pytest.mark.parametrize("value", ["mumpss", "", 3, None])
 def test_unknown_solvers_are_named(value):
     with pytest.raises(ValueError, match=r"inverse=.*one of sparsecholesky, umfpack"):
-        require_direct_solver("inverse", value)
+        require_solver("inverse", value)

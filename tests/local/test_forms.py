@@ -38,7 +38,7 @@ def test_condensed_saddle_forms_are_the_tangent(shape, kinematics, order):
     here = random_state(discrete)
     forms, direct = SaddleForms(discrete, "umfpack"), Factors(discrete, CHOLESKY)
     forms.update(here)
-    direct.update(discrete.law.moduli(here.at, here.yielding))
+    direct.linearise(here)
     forces = np.random.default_rng(1).normal(size=here.u.shape)
     assert relative(direct.solve(forces), forms.solve(forces)) < 1e-12
 
@@ -68,7 +68,7 @@ def test_tangent_is_the_derivative_of_the_internal_forces(shape, kinematics, ord
     assert (ahead.at.yields == behind.at.yields).all()
     change = (ahead.internal_forces - behind.internal_forces) / (2 * t)
     volume, e = discrete.points.strain(d)
-    moduli = discrete.law.moduli(here.at, here.yielding)
+    moduli = here.moduli
     assert relative(discrete.points.forces(moduli.bulk * volume, moduli(e)), change) < 1e-6
     slope = (ahead.energy - behind.energy) / (2 * t)
     assert np.vdot(here.internal_forces - discrete.load, d) == pytest.approx(slope, rel=1e-6)
@@ -79,7 +79,7 @@ def test_matrix_is_the_product_with_moduli(shape, kinematics, order):
     """Stiffness.fill: K u = B' C B u at free components, for any symmetric moduli."""
     discrete = DiscreteProblem(pressed_body(shape, kinematics, order))
     here = random_state(discrete)
-    moduli = discrete.law.moduli(here.at, here.yielding)
+    moduli = here.moduli
     volume, e = discrete.points.strain(here.u)
     forces = discrete.points.forces(moduli.bulk * volume, moduli(e))
     for solver in DIRECT:

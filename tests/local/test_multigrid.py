@@ -1,12 +1,27 @@
 """Multigrid of PETSc and of PyAMG against the direct solver, on every kinematics and order."""
 
 import os
+from dataclasses import replace
 
 import pytest
+from bodies import STEEL, pressed_body
 
-from ngepc import NewtonOptions, PETSc, Problem, PyAMG, lshape_problem, semismooth_newton
-from ngepc.geometries import lshape
+from ngepc import (
+    Contact,
+    Coulomb,
+    NewtonOptions,
+    PETSc,
+    PrimalOptions,
+    Problem,
+    PyAMG,
+    Roller,
+    lshape_problem,
+    primal_newton,
+    semismooth_newton,
+)
+from ngepc.geometries import block, lshape
 from ngepc.local import petsc, pyamg
+from ngepc.studies.contact_problems import roller
 from ngepc.studies.large import indented_block, solve_large
 
 needed = pytest.mark.skipif(
@@ -20,23 +35,36 @@ both = pytest.mark.parametrize(
 
 def lshape_with(kinematics):
     paper = lshape_problem(lshape.paper_mesh(417))
+    load, gap = paper.tractions, 0.1
+    data = (paper.mesh, paper.material, "clamped", load, "contact", gap)
+    return Problem(*data, kinematics=kinematics)
+
+
+def on_springs():
+    """A block on rollers and springs, pushed aside under a press."""
     return Problem(
-        paper.mesh,
-        paper.material,
-        "clamped",
-        paper.tractions,
-        contact="contact",
-        gap=0.1,
-        kinematics=kinematics,
+        *(block.structured_mesh(8, 8), STEEL, None, {"right": (-3.0, 0.5)}, "contact", -1e-3),
+        prescribed={"clamped": Roller()},
+        springs={"left": (50.0, 20.0)},
+        friction=1.0,
     )
 
 
 CASES = {
     "solid": lambda: indented_block(2),
     "solid, order 2": lambda: indented_block(1, order=2),
+    "hexahedra": lambda: pressed_body("hexahedra", order=2),
     "little hardening": lambda: indented_block(1, hardening=1.0),
     "two-dimensional": lambda: lshape_with("two-dimensional"),
     "plane strain": lambda: lshape_with("plane strain"),
+    "axisymmetric": lambda: pressed_body("quadrilaterals", "axisymmetric", 2),
+    "Coulomb": lambda: replace(indented_block(1), friction=Coulomb(0.4)),
+    "Coulomb, order 2": lambda: replace(pressed_body("prisms", order=2), friction=Coulomb(0.4)),
+    "Tresca, flat": lambda: replace(lshape_with("plane strain"), friction=0.05),
+    "rollers, springs": on_springs,
+    "floating": lambda: roller(2.0, 2),
+    "floating, Coulomb": lambda: replace(roller(2.0, 1), friction=Coulomb(0.3)),
+    "tied": lambda: replace(roller(2.0, 1), contact=Contact("flat", "arc", tied=True)),
 }
 
 
@@ -51,6 +79,18 @@ def test_the_solution_is_that_of_the_direct_solver(case, solver):
     assert large.contact_force == pytest.approx(direct.contact_force, rel=1e-7)
     assert large.iterations <= direct.iterations + 2
     assert sum(large.history.column("linear_iterations")) > 0
+    assert large.friction_force == pytest.approx(direct.friction_force, rel=1e-6, abs=1e-9)
+
+
+@both
+@pytest.mark.parametrize("case", [name for name in CASES if not name.startswith(("s", "l"))])
+def test_the_primal_method_takes_the_same_steps(case, solver):
+    problem = CASES[case]()
+    direct = primal_newton(problem)
+    large = primal_newton(problem, options=PrimalOptions(inverse=solver()))
+    assert large.status.label == direct.status.label == "converged"
+    assert large.primal_energy == pytest.approx(direct.primal_energy, rel=1e-10)
+    assert large.iterations == direct.iterations
 
 
 @needed
