@@ -48,7 +48,10 @@ class InexactTarget:
 
     def __init__(self, discrete: DiscreteProblem, forcing: float, tolerance: float) -> None:
         self._forcing, self._tolerance, self._before = forcing, tolerance, 0.0
-        self._compliance = Compliance(discrete.contact.grip(discrete.row_stiffness)[1])
+        self._compliance = Compliance(
+            discrete.contact.grip(discrete.row_stiffness)[1],
+            discrete.floating.compliance(discrete.stiffness_diagonal),
+        )
         self._meet = self._sets if discrete.contact.friction is None else self._rub
 
     def accuracy(self, residual: float) -> float:
