@@ -17,23 +17,17 @@ import numpy as np
 from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.secants import SmallAnswer
 
-SOFT = 0.1
-"""c times the compliance of a row: small enough for full steps to converge."""
+SOFT = (0.3, 0.03)
+"""c times the compliance of a row, one after the other: what cycles with one does not with both."""
 
 STEPS = 30
-"""Newton steps before sweeps over the rows come to help."""
-
-SWEEPS = 30
-"""Sweeps over the rows each time."""
+"""Newton steps with each c."""
 
 SHORTEST = 1e-3
 """The shortest step length."""
 
-ROUNDS = 3
-"""How often sweeps help before it is given up."""
-
-EXACT = 1e-13
-"""Part of the largest force that a Newton step may still change."""
+EXACT, SETTLED = 1e-13, 1e-10
+"""Parts of the largest force that a step may change: for sure, and where rounding ends progress."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +72,19 @@ class FrictionCone:
         return x[:m], x[m:].reshape(m, self.d)
 
     def __call__(self, W: Compliance, gaps: np.ndarray, forces: np.ndarray) -> SmallAnswer:
-        """The change of the forces that meets the law, a ``SmallProblem`` of ``secants``."""
+        """The change of the forces that meets the law, a ``SmallProblem`` of ``secants``.
+
+        Where Newton's method does not converge it is the best one seen, and not exact.
+        """
         n, t = self._split(W.diagonal)
-        c = SOFT / np.concatenate([n, np.repeat(t.mean(axis=1), self.d)])
-        change = np.zeros_like(forces)
-        for _ in range(ROUNDS):
-            found, exact = self._newton(W, gaps, forces, change, c)
+        compliance = np.concatenate([n, np.repeat(t.mean(axis=1), self.d)])
+        best = np.inf, np.zeros_like(forces)
+        for soft in SOFT:
+            left, change, exact = self._newton(W, gaps, forces, soft / compliance)
             if exact:
-                break
-            found = change = self._swept(W, gaps, forces, found)
-        return SmallAnswer(found, exact)
+                return SmallAnswer(change, True)
+            best = min(best, (left / soft, change), key=lambda found: found[0])
+        return SmallAnswer(self.projected(forces + best[1]) - forces, False)
 
     def _rows(self, rows: np.ndarray) -> np.ndarray:
         """Numbers of the forces of some rows, n first."""
@@ -95,27 +92,36 @@ class FrictionCone:
         return np.concatenate([rows, tangents.ravel()])
 
     def _newton(
-        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
-    ) -> tuple[np.ndarray, bool]:
-        """Newton steps from a change, and whether they have converged.
+        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, c: np.ndarray
+    ) -> tuple[float, np.ndarray, bool]:
+        """The smallest residual of Newton's method, the change there, and whether it converged.
 
         A step that does not lower the residual is shortened; when that does not help it is taken
         all the same, which breaks cycles.
         """
+        change = np.zeros_like(forces)
+        best = np.inf, change, False  # without the start: a change of nothing would teach nothing
+        left, scale = self._residual(W, gaps, forces, change, c), np.abs(forces).max(initial=0.0)
         for _ in range(STEPS):
             step = self._step(W, gaps, forces, change, c)
             if step is None:
-                return change, False
-            size, length = self._residual(W, gaps, forces, change, c), 1.0
-            while length > SHORTEST and not (
-                self._residual(W, gaps, forces, change + length * step, c) < size
-            ):
+                break
+            before, length = left, 1.0
+            left = self._residual(W, gaps, forces, change + step, c)
+            while length > SHORTEST and not left < before:
                 length /= 2
-            change = change + (length if length > SHORTEST else 1.0) * step
+                left = self._residual(W, gaps, forces, change + length * step, c)
+            if not left < before:
+                length, left = 1.0, self._residual(W, gaps, forces, change + step, c)
+            change = change + length * step
             x = forces + change
-            if np.abs(step).max(initial=0.0) <= EXACT * np.abs(x).max(initial=0.0):
-                return np.where(x == 0, -forces, change + (self.projected(x) - x)), True
-        return change, False
+            part = np.abs(step).max(initial=0.0) / max(
+                scale, np.abs(x).max(initial=0.0), np.finfo(float).tiny
+            )
+            if part <= EXACT or (part <= SETTLED and left > before / 2):
+                return left, np.where(x == 0, -forces, change + (self.projected(x) - x)), True
+            best = min(best, (left, change, False), key=lambda found: found[0])
+        return best
 
     def _residual(
         self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
@@ -171,28 +177,3 @@ class FrictionCone:
         r[k:] = np.where(slips[:, None], t - b[:, None] * e, slack[k:].reshape(k, d)).ravel()
         J_t = np.where(slips[:, None, None], sliding, J_t)
         return np.concatenate([J[:k], J_t.reshape(k * d, len(J))]), r
-
-    def _swept(
-        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray
-    ) -> np.ndarray:
-        """Gauss-Seidel sweeps over the rows that press or penetrate, the others open."""
-        n = self._split(forces + change)[0]
-        rows = np.flatnonzero((n > 0) | (self._split(gaps + W @ change)[0] <= 0) | self.tied)
-        chosen, k = self._rows(rows), len(rows)
-        change = np.where(np.isin(np.arange(len(forces)), chosen), change, -forces)
-        dense, g, x = W.block(chosen), (gaps + W @ change)[chosen], (forces + change)[chosen]
-        law = self._of(rows)
-        for _ in range(SWEEPS):
-            for i in range(k):
-                normal, tangents = i, slice(k + self.d * i, k + self.d * (i + 1))
-                moved = -g[normal] / dense[normal, normal]
-                moved = moved if law.tied[i] else max(moved, -x[normal])
-                x[normal] += moved
-                g += moved * dense[normal]
-                y = x[tangents] - g[tangents] / np.diag(dense)[tangents].max()
-                size, b = np.linalg.norm(y), min(law.cap[i], law.coefficient[i] * x[normal])
-                moved = (y if size <= b else b / size * y) - x[tangents]
-                x[tangents] += moved
-                g += moved @ dense[tangents]
-        change[chosen] = x - forces[chosen]
-        return change
