@@ -13,6 +13,9 @@ from ngepc.linalg.secants import solve_by_secants
 ROUNDING = 3e-14
 """Gaps of closed rows below this part of the displacements are zero."""
 
+EXAMINED = 600
+"""Most forces of rows among which other equilibria are looked for, each costs a solve."""
+
 BESIDE = 1e-3
 """Where the slope of friction is taken beside a kink, as a part of the step length."""
 
@@ -65,6 +68,45 @@ def with_contact(
     if found is None:
         return None
     return change, found + conditions.grip_forces(change, row_stiffness)
+
+
+def rival(
+    conditions: ContactConditions,
+    solve: Callable[[np.ndarray], np.ndarray],
+    gaps: np.ndarray,
+    forces: np.ndarray,
+    row_stiffness: np.ndarray,
+) -> tuple[bool, str]:
+    """Whether Coulomb's law has other forces at a solution than these, and a sentence about it.
+
+    All rows that press and those closest to it are examined, ``EXAMINED`` forces at most, each with
+    one solve; parameters as for ``with_contact``, ``gaps`` those of the solution.
+    """
+    cone = conditions.friction
+    if cone is None or not (np.isinf(cone.cap) & (cone.coefficient > 0)).any():
+        return False, ""
+    n = conditions.normal(forces)
+    pressing = n - conditions.normal(row_stiffness * gaps)
+    order = np.argsort(np.where(cone.tied, -np.inf, -pressing), kind="stable")
+    rows, left = np.split(order, [EXAMINED // (cone.d + 1)])
+    if (n[left] > 0).any() or cone.tied[left].any():
+        return (
+            False,
+            f"Friction on {len(n)} rows: whether there are other equilibria was not examined.",
+        )
+    chosen = cone.numbers(rows)
+    unit = np.eye(len(forces))[chosen]
+    S = np.array([conditions.displacement(solve(conditions.forces(e)))[chosen] for e in unit])
+    other = cone.of(rows).rival(S, gaps[chosen], forces[chosen])
+    if other is None:
+        return False, ""
+    if not np.isfinite(other).all():
+        return True, "The Jacobian has a negative determinant, so that there are at least two more."
+    found = other[: len(rows)][~cone.tied[rows]].sum()
+    return (
+        True,
+        f"One of them has the contact force {found:.6g} instead of {n[~cone.tied].sum():.6g}.",
+    )
 
 
 class ContactWork:

@@ -128,7 +128,7 @@ class Evolution(Ending):
     memory
         p_0 and alpha_0 after the last of them.
     status, message
-        CONVERGED if all steps were done; otherwise what stopped the run, and when.
+        CONVERGED if all steps were done, or NOT_UNIQUE; otherwise what stopped the run, and when.
     """
 
     problem: Problem

@@ -170,7 +170,9 @@ class _Run:
             while self.pending:
                 time, level = self.pending.pop()
                 status, message = self._solve(time, level)
-                if status is Status.CONVERGED:
+                if status.is_success:
+                    if status is not Status.CONVERGED:
+                        self._end(status, f"In the step to time {time:g}: {message}")
                     continue
                 if status in UNCUT or level >= self.cuts:
                     self.pending.append((time, level))
@@ -206,14 +208,14 @@ class _Run:
 
     def _solve(self, time: float, level: int) -> tuple[Status, str]:
         problem, result = self._solved(time, self._u_0)
-        while result.status is Status.CONVERGED and self.error is not None:
+        while result.status.is_success and self.error is not None:
             bound = error_bound(result)
             if bound.relative <= self.error:
                 break
             if message := self._refine(bound, time):
                 return Status.MESH_LIMIT, message
             problem, result = self._solved(time, result.displacement)
-        if result.status is not Status.CONVERGED:
+        if not result.status.is_success:
             return result.status, result.message
         memory = self.evolution.memory
         increment = memory.functions.function(memory.increment(result.plastic_increment))
@@ -229,7 +231,7 @@ class _Run:
             self.file.save(self.evolution.steps, self.pending)
         if self.monitor is not None:
             self.monitor(step)
-        return result.status, ""
+        return result.status, "" if result.status is Status.CONVERGED else result.message
 
     def _solved(self, time: float, start: GridFunction | None) -> tuple[Problem, object]:
         """A step on the mesh as it is: the problem and what the solver returned."""

@@ -33,6 +33,14 @@ class Compliance:
         self._signs = np.ones(columns.shape[1])
         self.restart()
 
+    @classmethod
+    def of(cls, S: np.ndarray) -> Compliance:
+        """W = S, known from the start; a force that moves nothing has the largest diagonal."""
+        S = S + np.diag(np.where(S.diagonal() > 0, 0.0, S.diagonal().max(initial=0.0)))
+        W, (sizes, vectors) = cls(np.zeros(len(S))), np.linalg.eigh((S + S.T) / 2)
+        W._columns, W._signs = vectors * np.sqrt(np.abs(sizes)), np.sign(sizes)
+        return W
+
     def __matmul__(self, forces: np.ndarray) -> np.ndarray:
         return self._diagonal * forces + self._columns @ (self._signs * (forces @ self._columns))
 

@@ -11,6 +11,7 @@ A bound F alone is Tresca's, a coefficient mu alone Coulomb's law.  No force act
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -28,6 +29,9 @@ SHORTEST = 1e-3
 
 EXACT, SETTLED = 1e-13, 1e-10
 """Parts of the largest force that a step may change: for sure, and where rounding ends progress."""
+
+DIFFERENT = 1e-6
+"""Part of the largest force by which two solutions differ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +67,7 @@ class FrictionCone:
         n = np.where(self.tied, n, np.maximum(n, 0.0))
         return np.concatenate([n, (kept[:, None] * t).ravel()])
 
-    def _of(self, rows: np.ndarray) -> FrictionCone:
+    def of(self, rows: np.ndarray) -> FrictionCone:
         """The law of some rows."""
         return FrictionCone(self.cap[rows], self.coefficient[rows], self.tied[rows], self.d)
 
@@ -78,28 +82,27 @@ class FrictionCone:
         """
         n, t = self._split(W.diagonal)
         compliance = np.concatenate([n, np.repeat(t.mean(axis=1), self.d)])
-        best = np.inf, np.zeros_like(forces)
-        for soft in SOFT:
-            left, change, exact = self._newton(W, gaps, forces, soft / compliance)
+        best, zero = (np.inf, np.zeros_like(forces)), np.zeros_like(forces)
+        for start, soft in product((lambda: zero, lambda: _stuck(W, gaps)), SOFT):
+            left, change, exact = self._newton(W, gaps, forces, start(), soft / compliance)
             if exact:
                 return SmallAnswer(change, True)
             best = min(best, (left / soft, change), key=lambda found: found[0])
         return SmallAnswer(self.projected(forces + best[1]) - forces, False)
 
-    def _rows(self, rows: np.ndarray) -> np.ndarray:
+    def numbers(self, rows: np.ndarray) -> np.ndarray:
         """Numbers of the forces of some rows, n first."""
         tangents = len(self.cap) + self.d * rows[:, None] + np.arange(self.d)
         return np.concatenate([rows, tangents.ravel()])
 
     def _newton(
-        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, c: np.ndarray
+        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
     ) -> tuple[float, np.ndarray, bool]:
         """The smallest residual of Newton's method, the change there, and whether it converged.
 
         A step that does not lower the residual is shortened; when that does not help it is taken
         all the same, which breaks cycles.
         """
-        change = np.zeros_like(forces)
         best = np.inf, change, False  # without the start: a change of nothing would teach nothing
         left, scale = self._residual(W, gaps, forces, change, c), np.abs(forces).max(initial=0.0)
         for _ in range(STEPS):
@@ -123,6 +126,47 @@ class FrictionCone:
             best = min(best, (left, change, False), key=lambda found: found[0])
         return best
 
+    def rival(self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray) -> np.ndarray | None:
+        """Other forces than a solution's that meet the law with the compliance S.
+
+        They are looked for from several starts: no contact, all rows closed and sticking, all
+        slips reversed, all tangential forces at their bound.
+
+        Returns
+        -------
+        ndarray or None
+            The forces, NaN if they exist but were not found; None if nothing tells of others.
+        """
+        W, (n, t) = Compliance.of(S), self._split(forces)
+        stuck = forces + _stuck(W, gaps)
+        bounds = np.tile(self.bound(stuck[: len(n)])[:, None], self.d)
+        tangents = -t, bounds, -bounds
+        starts = [np.concatenate([np.maximum(n, stuck[: len(n)]), y.ravel()]) for y in tangents]
+        for start in map(self.projected, (np.zeros_like(forces), stuck, *starts)):
+            found = self(W, gaps + S @ (start - forces), start)
+            other = start + found.change
+            apart = np.abs(other - forces).max(initial=0.0)
+            if found.exact and apart > DIFFERENT * np.abs([other, forces]).max(initial=0.0):
+                return other
+        return np.full_like(forces, np.nan) if self._turned(S, gaps, forces) else None
+
+    def _turned(self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray) -> bool:
+        """Whether the Jacobian at a solution has a negative determinant.
+
+        The signs of all solutions add up to 1, as without friction (degree of x - P(x - c g)): a
+        negative one has others beside it.  Rows at the bound that do not slip count as sticking.
+        """
+        rows = np.flatnonzero((self._split(forces)[0] > 0) | self.tied)
+        chosen, wider = self.numbers(rows), (1 + DIFFERENT) * self.coefficient
+        law = FrictionCone(self.cap, wider, self.tied, self.d).of(rows)
+        k = 1 / np.where(S.diagonal() > 0, S.diagonal(), 1.0)[chosen]
+        for tangents in k[len(rows) :].reshape(-1, self.d):
+            tangents[:] = tangents.mean()
+        J, _ = law.linearised(
+            k[:, None] * S[np.ix_(chosen, chosen)], k * gaps[chosen], forces[chosen]
+        )
+        return bool(np.linalg.slogdet(J)[0] < 0)
+
     def _residual(
         self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
     ) -> float:
@@ -136,10 +180,10 @@ class FrictionCone:
         """One semismooth Newton step; None if its matrix is singular."""
         n, _ = self._split(forces + change - c * (gaps + W @ change))
         closed = np.flatnonzero((n > 0) | self.tied)
-        chosen, following = self._rows(closed), -forces
+        chosen, following = self.numbers(closed), -forces
         following[chosen] = change[chosen]
         force, slack = forces + following, c * (gaps + W @ following)
-        law = self._of(closed)
+        law = self.of(closed)
         J, r = law.linearised(c[chosen, None] * W.block(chosen), slack[chosen], force[chosen])
         try:
             following[chosen] -= np.linalg.solve(J, r)
@@ -177,3 +221,8 @@ class FrictionCone:
         r[k:] = np.where(slips[:, None], t - b[:, None] * e, slack[k:].reshape(k, d)).ravel()
         J_t = np.where(slips[:, None, None], sliding, J_t)
         return np.concatenate([J[:k], J_t.reshape(k * d, len(J))]), r
+
+
+def _stuck(W: Compliance, gaps: np.ndarray) -> np.ndarray:
+    """The change of the forces that closes all rows and lets none slip."""
+    return -np.linalg.lstsq(W.block(np.arange(len(gaps))), gaps, rcond=None)[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ngepc.discretisation.contact_step import rival
 from ngepc.linalg.linesearch import nearly_flat
 from ngepc.local.factors import Tangent
 from ngepc.local.result import ExactResult
@@ -75,6 +76,15 @@ class PrimalDualStep:
         if t == 1.0 and here.residual_norm > QUADRATIC * state.residual_norm:
             state = state.on_sphere()
         return state, t, trials
+
+    def rival(self, state: State) -> tuple[bool, str]:
+        """Whether friction allows other equilibria beside a solution, see ``NewtonStep``."""
+        discrete = state.discrete
+        if discrete.contact.friction is None:
+            return False, ""
+        self.tangent.update(discrete.law.moduli(state.at, state.on_sphere().yielding))
+        work = discrete.contact, self.tangent.solve, state.gaps, state.contact
+        return rival(*work, discrete.row_stiffness)
 
     def numbers(self, state: State) -> dict[str, float]:
         """Solves of the step, and what yields and slips."""

@@ -131,7 +131,8 @@ class Line:
         terms = NOISE * np.abs(self.target.change) + 2 * EPSILON * size
         pressing = processes.total(float(np.abs(self.target.contact[contact.own]).sum()))
         summed = processes.dot(np.abs(self.here.internal_forces), terms)
-        return summed + pressing * ROUNDING * processes.most(size)
+        answers = np.abs(self.target.contact) / self.here.discrete.row_stiffness
+        return summed + pressing * ROUNDING * max(processes.most(size), processes.most(answers))
 
     def state(self, t: float) -> State:
         """The state at u + t du, with w and lambda moved along."""

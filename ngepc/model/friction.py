@@ -14,8 +14,8 @@ from ngepc.checks.arguments import (
 class Coulomb:
     """Coulomb's law: the tangential traction is at most the coefficient times the pressure.
 
-    For large coefficients, beyond about 1, there may be several solutions, or none that a load
-    step reaches from the last one.
+    For large coefficients there may be several solutions, which the status NOT_UNIQUE says, or none
+    that a load step reaches from the last one.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ import numpy as np
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.discretisation.balance import EPSILON
-from ngepc.discretisation.contact_step import ContactWork, with_contact
+from ngepc.discretisation.contact_step import ROUNDING, ContactWork, rival, with_contact
 from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError, require_solver
 from ngepc.linalg.linesearch import nearly_flat
@@ -84,6 +84,14 @@ class PrimalStep:
             contact = here.contact + length * (contact - here.contact)
         return PrimalState(self.reduced, here.u + length * change, contact), length, trials
 
+    def rival(self, state: PrimalState) -> tuple[bool, str]:
+        """Whether friction allows other equilibria beside a solution, see ``NewtonStep``."""
+        if self.contact.friction is None:
+            return False, ""
+        self.reduced.factorise(state.u)
+        work = self.contact, self.reduced.solve, state.gaps, state.contact
+        return rival(*work, self.reduced.row_stiffness)
+
     def numbers(self, state: PrimalState) -> dict[str, float]:
         """What yields."""
         return {"plastic_active": self.reduced.plastic_measure(state.u)}
@@ -117,4 +125,6 @@ class PrimalStep:
             return float(np.vdot(forces, change)) + work.slope(t)
 
         terms = SLOPE_ROUNDING * np.abs(change) + 2 * EPSILON * np.abs(here.u)
-        return slope, float(np.vdot(np.abs(here.internal_forces), terms))
+        answers = np.abs(following) / self.reduced.row_stiffness
+        held = ROUNDING * np.abs(following).sum() * answers.max(initial=0.0)
+        return slope, float(np.vdot(np.abs(here.internal_forces), terms) + held)

@@ -45,6 +45,10 @@ class NewtonStep(Protocol):
         """Fields of ``IterationRecord`` that this method alone knows."""
         ...
 
+    def rival(self, state: Any) -> tuple[bool, str]:
+        """Whether friction allows other equilibria beside a solution, and a sentence about it."""
+        ...
+
     def result(self, state: Any, status: Status, message: str, history: History) -> Any:
         """The result of a run that ends with a state."""
         ...
@@ -87,6 +91,9 @@ def newton_iteration(
             if monitor is not None:
                 monitor(replace(record, snapshot=_snapshot(state, step, history)))
             status, message = end_of(state, before, history, tolerance, max_iterations)
+            if status is Status.CONVERGED:
+                several, message = step.rival(state)
+                status = Status.NOT_UNIQUE if several else status
             if status is None:
                 before, following = state.residual_norm, step(state)
                 if following is None:

@@ -13,6 +13,7 @@ class Status(Enum):
 
     CONVERGED = "The residual, computed afresh at the end, meets the tolerance."
     BOUNDED = "Newton's method was ended where its part of the guaranteed error bound is small."
+    NOT_UNIQUE = "The residual meets the tolerance, but friction allows other equilibria, too."
     ITERATION_LIMIT = "The iteration limit was reached before the residual met the tolerance."
     LINESEARCH_FAILED = "No step length along the Newton direction lowers the energy enough."
     STAGNATED = "The energy no longer changes beyond rounding, the tolerance is out of reach."
@@ -33,7 +34,7 @@ class Status(Enum):
     @property
     def is_success(self) -> bool:
         """Whether what was asked for was reached."""
-        return self in (Status.CONVERGED, Status.BOUNDED)
+        return self in (Status.CONVERGED, Status.BOUNDED, Status.NOT_UNIQUE)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,9 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from netgen.geom2d import SplineGeometry
+from netgen.meshing import Element1D, Element2D, FaceDescriptor, MeshPoint, Pnt
+from netgen.meshing import Mesh as RawMesh
 from ngsolve import CF, IfPos, Mesh, x, y
 
-from ngepc import Coulomb, Material, Problem, Status, evolve, primal_newton, semismooth_newton
+from ngepc import (
+    Coulomb,
+    Material,
+    Point,
+    Problem,
+    Status,
+    evolve,
+    primal_newton,
+    semismooth_newton,
+)
 from ngepc.geometries import block
 
 MU, PRESSURE = 100.0, 4.0
@@ -111,6 +122,58 @@ def test_loaded_wedge(coefficient, slides):
     assert result.displacement(mesh(0.5, 0.5)) == pytest.approx((a / 2, b / 2), abs=1e-13)
 
 
+def klarbring(angle):
+    """One triangle that two vertices hold; the third, at (1, 0), may touch the plane y = 0.
+
+    Returns the stiffness of that vertex and the problem for a coefficient and a load.
+    """
+    B = np.array([np.cos(np.radians(angle)), -np.sin(np.radians(angle))])
+    raw = RawMesh(dim=2)
+    p = [raw.Add(MeshPoint(Pnt(*place, 0))) for place in ((0, 0), B, (1, 0))]
+    raw.Add(FaceDescriptor(surfnr=1, domin=1, bc=1))
+    raw.Add(Element2D(1, p))
+    for i, name in enumerate(["clamped", "free", "contact"]):
+        raw.Add(Element1D([p[i], p[(i + 1) % 3]], index=i + 1))
+        raw.SetBCName(i, name)
+    lame_lambda, mu, (a, b), area = 4.0, 1.0, (1.0, -B[0] / B[1]), -B[1] / 2
+    metal = Material.kinematic(lame_lambda=4.0, lame_mu=mu, yield_stress=1e6, hardening=1.0)
+    K = mu * (a * a + b * b) * np.eye(2) + (lame_lambda + mu) * np.outer((a, b), (a, b))
+    mesh = Mesh(raw)
+
+    def problem(mu, load):
+        at, law = {Point((1, 0)): tuple(load)}, Coulomb(mu)
+        return Problem(mesh, metal, "clamped", at, "contact", 0, friction=law)
+
+    return area * K, problem
+
+
+def equilibria(K, mu, load):
+    """Contact forces of all that Coulomb's law allows at the vertex: open, stuck, slipping."""
+    found = [0.0] if np.linalg.solve(K, load)[1] < 0 else []
+    found += [load[1]] if load[1] > 0 and abs(load[0]) < mu * load[1] else []
+    for sign in (1, -1):
+        slip, n = np.linalg.solve([[K[0, 0], sign * mu], [K[1, 0], 1]], load)
+        found += [n] if n > 0 and sign * slip > 0 else []
+    return found
+
+
+@pytest.mark.parametrize("solver", [semismooth_newton, primal_newton])
+@pytest.mark.parametrize("angle", [60, 150])
+@pytest.mark.parametrize("part", [0.9, 1.1, 1.5])
+def test_several_equilibria_are_said(angle, part, solver):
+    """Klarbring's example: one equilibrium below mu = K_tt/|K_nt|, for some loads three above."""
+    K, problem = klarbring(angle)
+    critical, seen = K[0, 0] / abs(K[0, 1]), set()
+    for pushed in (0.5, 0.95, (1 + part) / 2, 2 * part):
+        for load in (np.array([sign * pushed * critical, 1]) * 1e-3 for sign in (1, -1)):
+            forces = equilibria(K, part * critical, load)
+            result = solver(problem(part * critical, load))
+            assert min(abs(result.contact_force - force) for force in forces) < 1e-14
+            assert result.status is (Status.NOT_UNIQUE if len(forces) > 1 else Status.CONVERGED)
+            seen.add(len(forces))
+    assert seen == ({1} if part < 1 else {1, 3})
+
+
 def pressed(cells, friction, gap=-0.02):
     """A block on its base, pressed down by 0.02: it bulges against the friction of the press."""
     material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=15.0, hardening=100.0)
@@ -140,7 +203,7 @@ def test_plastic_block(cells, friction):
 
 
 def test_a_steep_bound_on_a_fine_mesh():
-    """Where Newton's method on the small problem cycles its best iterate still teaches something."""
+    """Where the small problem is not solved, its best iterate still teaches the next one."""
     smooth, result = solved(pressed((64, 32), None)), solved(pressed((64, 32), 40.0))
     assert result.iterations <= smooth.iterations + 1
     products = (sum(r.history.column("back_substitutions")) for r in (result, smooth))
