@@ -47,7 +47,6 @@ def _edge_rows() -> np.ndarray:
 
 GRADIENTS = [slice(3 * v + 1, 3 * v + 3) for v in range(3)]
 EDGE_ROWS = _edge_rows()
-EDGE_PAIRS = np.einsum("ki,lj->klij", EDGE_ROWS, EDGE_ROWS).reshape(9, 81)
 
 
 OF_TRIANGLES = ("jacobian", "det", "area", "unknowns", "to_plane", "_across", "_along")

@@ -1,13 +1,20 @@
-"""Conjugate gradients for Airy functions: vertices by a direct solver, edges by their diagonal."""
+"""Conjugate gradients for Airy functions: vertices by a direct solver, edges by polynomials."""
 
 from __future__ import annotations
 
 import numpy as np
 from ngsolve import H1, BitArray
+from scipy.sparse import csr_matrix, diags
 
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.triangles import PAIRS, Triangles
 from ngepc.discretisation.blocks import lower_pattern, pattern_matrix
+
+EDGE_STEPS = 4
+"""Degree of the polynomial that stands for the inverse on the edges, plus one."""
+
+LEAST = 0.15
+"""Where the eigenvalues begin for which it is small, relative to their upper bound."""
 
 MODES_UP_TO = 4000
 """Triangles up to which resultants between supports are unknowns.
@@ -54,11 +61,12 @@ class TwoLevels:
     def update(self, K: np.ndarray, chosen: np.ndarray | slice) -> None:
         """Take the matrices (12, 12) of some triangles; unknowns of other ones are held."""
         space, part, count = self.space, self.space.of(chosen), self._count
-        self._part, self._K, self._cross = part, K, np.ascontiguousarray(K[:, 9:, :9])
+        self._part, self._K = part, K
+        self._corners, self._edges = part.unknowns[:, :9], part.unknowns[:, 9:] - count
+        self._cross = np.ascontiguousarray(K[:, 9:, :9])
         times = np.bincount(part.unknowns.ravel(), minlength=len(space.held.free))
         self.free = space.held.free & (times == self._times)
-        diagonal = part.gathered(np.einsum("tkk->tk", K))[count:]
-        self._edge = self.free[count:] / np.where(diagonal > 0, diagonal, 1.0)
+        self._take_edges(K[:, 9:, 9:])
         self.matrix.AsVector().FV().NumPy()[:] = self._entries(chosen).ravel()
         there = self.free[:count].reshape(-1, 3).any(axis=1)
         self._inverse = self.matrix.Inverse(BitArray(there.tolist()), inverse="sparsecholesky")
@@ -102,18 +110,40 @@ class TwoLevels:
             x += np.linalg.solve(self._gram, self._modes @ r) @ self._modes
         return x
 
+    def _take_edges(self, K: np.ndarray) -> None:
+        """The matrix of the edges, its diagonal scaled to one, and a bound of its eigenvalues."""
+        free, edges = self.free[self._count :], self._edges
+        row, column = np.repeat(edges, 3, axis=1).ravel(), np.tile(edges, 3).ravel()
+        A = csr_matrix((K.ravel(), (row, column)), shape=(len(free), len(free)))
+        diagonal = A.diagonal()
+        self._scale = free / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        self._edge_matrix = diags(self._scale) @ A @ diags(self._scale)
+        self._largest = abs(self._edge_matrix).sum(axis=1).max()
+
+    def _of_edges(self, r: np.ndarray) -> np.ndarray:
+        """What nearly answers forces on edges: Chebyshev's polynomial, positive for all of them."""
+        middle, half = self._largest * (1 + LEAST) / 2, self._largest * (1 - LEAST) / 2
+        r = self._scale * r
+        x = step = r / middle
+        rho = half / middle
+        for _ in range(EDGE_STEPS - 1):
+            left, before = r - self._edge_matrix @ x, rho
+            rho = 1 / (2 * middle / half - before)
+            step = rho * before * step + 2 * rho / half * left
+            x = x + step
+        return self._scale * x
+
     def _relaxed(self, r: np.ndarray) -> np.ndarray:
         """Free unknowns that answer forces: edges, vertices, and edges that follow them."""
-        count, unknowns = self._count, self._part.unknowns
-        corners, edges = unknowns[:, :9], unknowns[:, 9:] - count
-        edge = self._edge * r[count:]
+        count, corners, edges = self._count, self._corners, self._edges
+        edge = self._of_edges(r[count:])
         forces = np.matmul(edge[edges][:, None], self._cross).ravel()
         vertex = r[:count] - np.bincount(corners.ravel(), forces, minlength=count)
         self._right.FV().NumPy()[:] = np.where(self.free[:count], vertex, 0.0)
         self._left.data = self._inverse * self._right
         vertex = self._left.FV().NumPy().copy()
         forces = np.matmul(self._cross, vertex[corners][:, :, None]).ravel()
-        edge -= self._edge * np.bincount(edges.ravel(), forces, minlength=len(edge))
+        edge -= self._of_edges(np.bincount(edges.ravel(), forces, minlength=len(edge)))
         return np.concatenate([vertex, edge])
 
     def solve(self, right: np.ndarray, bound: float, gain: float, most: int) -> tuple:

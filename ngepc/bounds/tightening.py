@@ -17,7 +17,7 @@ SHORTEST = 1e-3
 PORTION = 1000
 """Triangles whose matrices are made at once: they stay in the processor's cache."""
 
-LOCALLY = 1 / 3
+LOCALLY = 0.5
 """Share of the gain at which Newton steps stop: where little yields they cost little."""
 
 RINGS = 9
@@ -36,14 +36,14 @@ class Effort:
         None is done where the bound exceeds what the tangent promised by less than this part.
     gain
         Conjugate gradients stop at a step that gains less than this part of the bound, in Newton
-        steps less than a third of it.
+        steps less than half of it.
     steps
         Most of these steps, for each tangent.
     """
 
     newton: int = 2
     trust: float = 0.03
-    gain: float = 0.03
+    gain: float = 0.05
     steps: int = 12
 
 
