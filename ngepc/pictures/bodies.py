@@ -9,7 +9,6 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -151,10 +150,16 @@ def decorate(
     axes.margins(0.03)
 
 
-def label_bar(bar: Colorbar, label: str) -> None:
-    """The label of a colour bar, and powers of ten where numbers are small or large."""
-    bar.set_label(label)
-    if bar.orientation == "vertical":
+def add_bar(
+    patch: ScalarMappable, panels: list[Axes], limits: ColourRange, label: str, own: bool = True
+) -> None:
+    """A colour bar beside the axes, below them where a figure of its ``own`` is wide and low."""
+    figure, place = panels[0].figure, {"shrink": 0.85, "fraction": 0.05}
+    if own and figure.get_figwidth() > 3 * figure.get_figheight():
+        figure.set_figheight(figure.get_figheight() + 0.9)
+        place = {"shrink": 0.5, "location": "bottom", "fraction": 0.5}
+    bar = figure.colorbar(patch, ax=panels, extend=limits.extend, label=label, aspect=30, **place)
+    bar.outline.set_linewidth(0.4)
+    if bar.orientation == "vertical":  # powers of ten where numbers are small or large
         bar.formatter.set_powerlimits((-2, 4))
         bar.ax.yaxis.get_offset_text().set_fontsize(8)
-    bar.outline.set_linewidth(0.4)

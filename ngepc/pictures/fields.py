@@ -18,12 +18,12 @@ from ngsolve import CoefficientFunction
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_attributes, require_flag
 from ngepc.pictures.bodies import (
+    add_bar,
     body_axes,
     check_drawing,
     decorate,
     draw_body,
     draw_classes,
-    label_bar,
 )
 from ngepc.pictures.drawable import UnitNames, drawable, fields_of, require_sources, unit_names
 from ngepc.pictures.sampling import body_corners, colour_range, pressure_on_boundary, sample_corners
@@ -87,13 +87,10 @@ def plot_field(
     what = drawable(source, field, units)
     corners = body_corners(fields_of(source), what.coefficient)
     limits = colour_range(corners, vmin=vmin, vmax=vmax, symmetric=what.signed)
-    axes = axes if axes is not None else body_axes(corners, scale)[0]
+    own, axes = axes is None, body_axes(corners, scale)[0] if axes is None else axes
     patch = draw_body(axes, source, corners, limits, colormap or what.colormap, scale, mesh_lines)
     decorate(axes, source, scale, units, title)
-    bar = axes.figure.colorbar(
-        patch, ax=axes, extend=limits.extend, shrink=0.85, aspect=25, fraction=0.05
-    )
-    label_bar(bar, label or what.label)
+    add_bar(patch, [axes], limits, label or what.label, own)
     return axes.figure
 
 
@@ -187,14 +184,8 @@ def plot_comparison(
             ends = np.array([getattr(panel, f"get_{axis}lim")() for panel in panels])
             for panel in panels:
                 panel.set(**{f"{axis}lim": (ends.min(), ends.max())})
-    figure = panels[0].figure
-    place = {"shrink": 0.85}
-    if figure.get_figwidth() > 3 * figure.get_figheight():
-        figure.set_figheight(figure.get_figheight() + 0.9)
-        place = {"shrink": 0.4, "location": "bottom"}
-    bar = figure.colorbar(patch, ax=panels, extend=limits.extend, aspect=30, **place)
-    label_bar(bar, first.label)
-    return figure
+    add_bar(patch, panels, limits, first.label)
+    return panels[0].figure
 
 
 @styled
