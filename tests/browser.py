@@ -72,21 +72,23 @@ class Browser:
         )
         os.close(to_browser)
         os.close(from_browser)
-        self._session = None
-        target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
+        self._session, self._target = None, None
+        self._new_tab()
+        return self
+
+    def _new_tab(self) -> None:
+        """A tab in place of the last one: a page that is busy when it is left may hang its tab."""
+        old, self._session = self._target, None
+        self._target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        if old is not None:
+            self.call("Target.closeTarget", targetId=old)
+        attached = self.call("Target.attachToTarget", targetId=self._target, flatten=True)
         self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
         width, height = self.size
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
-        return self
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
 
     def __exit__(self, *_: object) -> None:
         os.close(self._out)
@@ -97,8 +99,8 @@ class Browser:
 
     def open(self, path: Path, fragment: str = "") -> Seen:
         """Load a file and wait until it has loaded and been drawn."""
+        self._new_tab()
         self.seen = Seen()
-        self.call("Page.navigate", url="about:blank")
         self.call("Page.navigate", url=path.resolve().as_uri() + fragment)
         self.wait_for("document.readyState === 'complete' && location.protocol === 'file:'")
         self.settle()

@@ -7,6 +7,7 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
@@ -405,3 +406,25 @@ def test_all_figures_have_one_style_which_users_can_take(tmp_path):
     assert plt.rcParams["axes.prop_cycle"] != RC["axes.prop_cycle"]
     for ending, begin in (("pdf", b"%PDF"), ("svg", b"<?xml")):
         assert save_figure(figures[1], tmp_path / f"new/a.{ending}").read_bytes().startswith(begin)
+
+
+def beyond(figure):
+    """Titles and labels that do not fit into a figure."""
+    FigureCanvasAgg(figure).draw()
+    frame = figure.bbox.padded(1)
+    texts = [t for a in figure.axes for t in (a.title, a.xaxis.label, a.yaxis.label)]
+    boxes = {t.get_text(): t.get_window_extent() for t in texts if t.get_text()}
+    return [t for t, b in boxes.items() if not (frame.contains(*b.min) and frame.contains(*b.max))]
+
+
+def test_words_stay_inside_wide_low_pictures_and_those_of_monitors():
+    flat = zero_fields(block.structured_mesh(16, 1, size=(16.0, 1.0)))
+    panels = dict.fromkeys("abc", zero_fields(block.structured_mesh(4, 2, size=(2.0, 1.0))))
+    drawn = [
+        plot_field(flat, CF(x)),
+        plot_comparison(panels, "accumulated_plastic_strain"),
+        plot_progress(lshape_dual()),
+    ]
+    assert [beyond(figure) for figure in drawn] == [[], [], []]
+    narrow = plot_field(flat, CF(x), title="words " * 99)
+    assert beyond(narrow), "the measure can fail"
