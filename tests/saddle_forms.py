@@ -34,6 +34,7 @@ from ngsolve import (
 from ngsolve.fem import CacheCF
 from ngsolve.la import BaseMatrix
 
+from ngepc.discretisation.blocks import Blocks
 from ngepc.discretisation.law import ROUNDING
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
@@ -41,6 +42,16 @@ from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.loading import require_linear
 from ngepc.model.problem import as_scalar
 from ngepc.model.rules import plastic_order
+
+
+class SymbolicForms:
+    """``NewtonOptions(inverse=SymbolicForms())``: tangents by these forms."""
+
+    forcing = None
+
+    def tangent(self, discrete: DiscreteProblem, blocks: Blocks) -> SaddleForms:
+        assert discrete.added is None, "springs, rollers and floating parts are not in the forms"
+        return SaddleForms(discrete, "sparsecholesky")
 
 
 class SaddleForms:
@@ -57,10 +68,15 @@ class SaddleForms:
     ----------
     form
         The bilinear form on u x p x q; ``form.mat`` is condensed.
+    back_substitutions, linear_iterations
+        As for ``Factors``.
     """
+
+    linear_iterations = 0
 
     def __init__(self, discrete: DiscreteProblem, inverse: str) -> None:
         self.discrete, self._name, self._inverse = discrete, inverse, None
+        self.back_substitutions = 0
         problem, V = discrete.problem, discrete.supports.space
         require_linear(problem, "these forms need")
         local = L2(problem.mesh, order=plastic_order(problem.mesh, problem.order))
@@ -98,7 +114,7 @@ class SaddleForms:
         """B c dp + (I - B) dq = dq + B (c dp - dq)."""
         problem, kinematics = self.discrete.problem, self.discrete.problem.kinematics
         two_mu, beta = 2 * as_scalar(problem.material.lame_mu), as_scalar(problem.beta)
-        e = kinematics.strain(self.displacement) - problem.p_0
+        e = kinematics.strain(self.displacement) - problem.p_0 - problem.eps_0
         s = kinematics.coordinates(two_mu * e - problem.alpha_0[1])
         size = IfPos(Norm(s) - beta, Norm(s), beta)  # max(|s|, beta) > 0
         d, ds = s / size, cp - q
@@ -110,8 +126,9 @@ class SaddleForms:
         d = CacheCF(d.Compile())
         return q + across * ds - extra * InnerProduct(d, ds) * d
 
-    def update(self, here: State) -> None:
+    def linearise(self, here: State) -> None:
         """Assemble and factorise the tangent at a state."""
+        self.back_substitutions = 0
         self.displacement.vec.FV().NumPy()[:] = here.u.T.ravel()
         self.dual.vec.data = self._functions.function(-here.yielding).vec
         matrix = self.form.Assemble().mat
@@ -127,6 +144,7 @@ class SaddleForms:
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
         """Displacements, zero where held, that answer nodal forces; both (nodes, N)."""
+        self.back_substitutions += 1
         right, left = self.form.mat.CreateColVector(), self.form.mat.CreateRowVector()
         right[:] = 0.0
         count = forces.size

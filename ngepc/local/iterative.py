@@ -48,9 +48,15 @@ class Engine(Protocol):
 
 
 class Iterative(Protocol):
-    """What ``NewtonOptions(inverse=...)`` takes beside the name of a direct solver."""
+    """What ``NewtonOptions(inverse=...)`` takes beside the name of a direct solver.
 
-    forcing: float
+    Attributes
+    ----------
+    forcing
+        Largest relative residual of its linear systems; None where they are solved exactly.
+    """
+
+    forcing: float | None
 
     def tangent(self, frame: Frame, blocks: Blocks) -> IterativeTangent:
         """The tangent of a discrete problem, whose entries ``blocks`` knows."""

@@ -9,6 +9,7 @@ from ngepc.local.iterative import Iterative
 from ngepc.local.newton import primal_dual_newton
 from ngepc.local.result import ExactResult
 from ngepc.local.start import starting_state
+from ngepc.local.step import ExactTarget
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Monitor
@@ -33,11 +34,12 @@ def solve_exactly(
     """
     discrete = DiscreteProblem(problem)
     state = starting_state(discrete, start)
+    target = ExactTarget(discrete)
     if isinstance(inverse, str):
-        return primal_dual_newton(
-            discrete, state, Factors(discrete, inverse), tolerance, max_iterations, monitor
-        )
-    blocks = StiffnessBlocks(discrete.points, discrete.free, discrete.added)
-    tangent = inverse.tangent(discrete, blocks)
-    target = InexactTarget(discrete, inverse.forcing, tolerance)
+        tangent = Factors(discrete, inverse)
+    else:
+        blocks = StiffnessBlocks(discrete.points, discrete.free, discrete.added)
+        tangent = inverse.tangent(discrete, blocks)
+        if inverse.forcing is not None:
+            target = InexactTarget(discrete, inverse.forcing, tolerance)
     return primal_dual_newton(discrete, state, tangent, tolerance, max_iterations, monitor, target)

@@ -108,7 +108,7 @@ class ReducedEnergy:
         self._plastic = self.mapping.plastic.Compile()
         self._name, self._inverse = inverse, None
         self._added = self.supports.stiffness
-        matrix = self._assembled()
+        matrix = self.assemble()
         self.stiffness_diagonal = nodal(
             csr_matrix(tuple(map(np.asarray, matrix.CSR()))).diagonal(), problem
         )
@@ -154,7 +154,7 @@ class ReducedEnergy:
         stress = nodal(self._forces.Assemble().vec.FV().NumPy(), self.problem)
         return stress + self.supports.pull(u)
 
-    def _assembled(self) -> BaseMatrix:
+    def assemble(self) -> BaseMatrix:
         """The tangent at the displacement looked at last, with the springs."""
         matrix, springs = self._tangent.Assemble().mat, self._added
         if springs is not None:
@@ -169,7 +169,7 @@ class ReducedEnergy:
     def factorise(self, u: np.ndarray) -> None:
         """Assemble and factorise the tangent at ``u`` for ``solve``."""
         self.set(u)
-        matrix = self._assembled()
+        matrix = self.assemble()
         if self._iterative is not None:
             self._iterative.update(matrix)
         elif self._inverse is None:

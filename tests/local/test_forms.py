@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from bodies import CASES, pressed_body
-from saddle_forms import SaddleForms
+from saddle_forms import SaddleForms, SymbolicForms
 
+from ngepc import NewtonOptions, Status, semismooth_newton
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem
 
@@ -37,7 +38,7 @@ def test_condensed_saddle_forms_are_the_tangent(shape, kinematics, order):
     discrete = DiscreteProblem(pressed_body(shape, kinematics, order))
     here = random_state(discrete)
     forms, direct = SaddleForms(discrete, "umfpack"), Factors(discrete, CHOLESKY)
-    forms.update(here)
+    forms.linearise(here)
     direct.linearise(here)
     forces = np.random.default_rng(1).normal(size=here.u.shape)
     assert relative(direct.solve(forces), forms.solve(forces)) < 1e-12
@@ -50,12 +51,27 @@ def test_newton_steps_with_the_forms_solve_a_problem(shape):
     forms, here = SaddleForms(discrete, "umfpack"), discrete.state(discrete.supports.values)
     load = 0.6 * discrete.load
     for _ in range(12):
-        forms.update(here)
+        forms.linearise(here)
         missing = np.where(discrete.supports.free, load - here.internal_forces, 0.0)
         here = discrete.state(here.u + forms.solve(missing))
     missing = np.where(discrete.supports.free, load - here.internal_forces, 0.0)
     assert here.at.yields.any()
     assert np.abs(missing).max() < 1e-11 * np.abs(load).max()
+
+
+@every_case
+def test_newton_takes_the_same_decisions_with_forms(shape, kinematics, order):
+    """What touches, what yields and how long the steps are, iterate by iterate."""
+    problem, numbers = pressed_body(shape, kinematics, order), []
+    for inverse in (CHOLESKY, SymbolicForms()):
+        result = semismooth_newton(problem, options=NewtonOptions(inverse=inverse))
+        assert result.status is Status.CONVERGED
+        names = ("contact_active", "plastic_active", "step_length", "energy")
+        numbers.append(np.array([result.history.column(name) for name in names]))
+    direct, forms = numbers
+    assert (direct[:2, -1] > 0).all()
+    assert forms.shape == direct.shape
+    assert forms == pytest.approx(direct, rel=1e-9, abs=1e-12)
 
 
 @every_case

@@ -5,10 +5,10 @@ import json
 
 import pytest
 
-from ngepc import primal_newton
+from ngepc import primal_newton, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.geometries import block, quarter_cube
-from ngepc.studies.step42 import WHOLE, compare_methods, relative, step42_problem
+from ngepc.studies.step42 import WHOLE, compare_methods, relative, solve_refined, step42_problem
 
 
 def test_quarter_stands_for_the_whole_body():
@@ -19,6 +19,17 @@ def test_quarter_stands_for_the_whole_body():
     assert whole.contact_force == pytest.approx(37.3058, abs=5e-5)
     assert 4 * quarter.contact_force == pytest.approx(whole.contact_force, rel=1e-10)
     assert 4 * quarter.primal_energy == pytest.approx(whole.primal_energy, rel=1e-10)
+
+
+def test_multigrid_on_halved_cells_is_the_direct_solver():
+    """From the mesh of step-42 itself, nested."""
+    found = solve_refined(8)
+    mesh = quarter_cube.mesh(8, 16, grading=0.0, simplices=False)
+    direct = semismooth_newton(step42_problem(mesh))
+    assert found["nodes"] == mesh.nv
+    assert found["default"]["status"] == "converged"
+    assert found["default"]["contact_force"] == pytest.approx(4 * direct.contact_force, rel=1e-8)
+    assert found["default"]["energy"] == pytest.approx(4 * direct.primal_energy, rel=1e-10)
 
 
 @pytest.fixture(scope="module")
