@@ -121,15 +121,7 @@ BENCHMARKS = {
 
 @dataclass(eq=False)
 class Benchmarks(Work):
-    """The study.
-
-    Parameters
-    ----------
-    rows
-        Names of problems; None for all.
-    figures
-        Whether to draw a picture of each.
-    """
+    """The problems of ``BENCHMARKS``, or those that ``rows`` names."""
 
     rows: Sequence[str] | None = None
     figures: bool = False

@@ -129,15 +129,7 @@ def on_adaptive_meshes(name: str, label: str) -> dict:
 
 @dataclass(eq=False)
 class Bounds(Work):
-    """The study.
-
-    Parameters
-    ----------
-    levels
-        Meshes of each family.
-    figures
-        Whether pictures are wanted, too.
-    """
+    """Both examples on ``levels`` meshes of their families, and on meshes that follow the bound."""
 
     levels: int = 3
     figures: bool = False

@@ -152,15 +152,7 @@ def growth(cells: Sequence[dict]) -> float:
 
 @dataclass(eq=False)
 class Cost(Work):
-    """The study; nothing is kept, every run measures anew.
-
-    Parameters
-    ----------
-    levels
-        Meshes, 1 to 7; order 2 takes two less.
-    modes
-        From MODES; None for all.
-    """
+    """Some of MODES on ``levels`` meshes, order 2 on two less; every run measures anew."""
 
     levels: int = 3
     modes: Sequence[str] | None = None

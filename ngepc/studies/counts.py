@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -37,17 +37,6 @@ ALWAYS_ONE_STEP = 1e2
 class CountTable(Work):
     """A table of the paper with our counts; its rows and further ones of other methods.
 
-    Parameters
-    ----------
-    levels, nodes
-        How many meshes of the family, or their node counts.
-    rows
-        Labels of rows; None for all of the paper's and 'default'.
-    tolerance
-        On the residual norm.
-    figures
-        Whether to write pictures and an HTML page, too.
-
     Attributes
     ----------
     body
@@ -62,7 +51,6 @@ class CountTable(Work):
     rows: Sequence[str] | None = None
     tolerance: float = 1e-10
     figures: bool = False
-    nodes: Sequence[int] | None = field(default=None, kw_only=True)
 
     body: ClassVar[str]
     paper: ClassVar[Mapping[str, Sequence[int]]]
@@ -72,7 +60,7 @@ class CountTable(Work):
 
     def __post_init__(self) -> None:
         self.family = FAMILIES[self.body]
-        self.nodes = self.nodes or first_of(self.family, self.levels)
+        self.nodes = first_of(self.family, self.levels)
         self.rows = chosen([*self.paper, *OWN_ROWS], self.rows or [*self.paper, "default"])
         self.options = NewtonOptions(tolerance=self.tolerance, max_iterations=2000)
         self._results: dict[Cell, Result] = {}

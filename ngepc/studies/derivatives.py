@@ -134,13 +134,7 @@ def envelope_error(problem: Problem) -> float | None:
 
 @dataclass(eq=False)
 class Derivatives(Work):
-    """The study: ``count`` random problems, every fifth a history of four steps.
-
-    Parameters
-    ----------
-    count
-        How many problems.
-    """
+    """``count`` random problems, every fifth a history of four steps."""
 
     count: int = 200
 

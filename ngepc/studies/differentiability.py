@@ -30,15 +30,7 @@ TABLES = {
 
 @dataclass(eq=False)
 class Differentiability(Work):
-    """The study; it takes seconds, so nothing is kept.
-
-    Parameters
-    ----------
-    levels
-        Radii of the discs.
-    nodes, gamma
-        Finest mesh of the counts and the gamma at which they are taken.
-    """
+    """Discs of ``levels`` radii; counts on meshes of up to ``nodes`` nodes, which take seconds."""
 
     levels: int = 7
     nodes: int = 1601

@@ -36,15 +36,7 @@ NOTE = (
 
 @dataclass(eq=False)
 class Duality(Work):
-    """The study: the paths of both examples, on small meshes by default.
-
-    Parameters
-    ----------
-    lshape_nodes, wrench_nodes
-        Members of the mesh families.
-    gamma_end
-        Last gamma of the paths, which rise by factors of ten.
-    """
+    """The paths of both examples to ``gamma_end`` by factors of ten, on small meshes by default."""
 
     lshape_nodes: int = 833
     wrench_nodes: int = 873

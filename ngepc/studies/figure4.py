@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -107,21 +107,10 @@ def quotient(j: int) -> Callable[[dict], str]:
 
 @dataclass(eq=False)
 class Figure4(Work):
-    """The study: Example (a) from the 417-node solution, Example (b) from v = 0.
-
-    Parameters
-    ----------
-    levels
-        Number of meshes of each example, the coarsest of the paper's tables first.
-    gamma
-        Regularisation.
-    nodes
-        Example -> node counts of the meshes, instead of ``levels``.
-    """
+    """Example (a) from the 417-node solution, Example (b) from v = 0, on ``levels`` meshes."""
 
     levels: int = 3
     gamma: float = 1e4
-    nodes: dict[str, Sequence[int]] | None = field(default=None, kw_only=True)
 
     name, title = "figure4", "Figure 4: convergence quotients"
     settings = ("gamma",)
@@ -134,13 +123,9 @@ class Figure4(Work):
         ("rounding of v*", "{rounding:.1e}"),
     )
 
-    def __post_init__(self) -> None:
-        if self.nodes is None:
-            self.nodes = {name: first_of(f, self.levels) for name, f in FAMILIES.items()}
-
     def cells(self) -> list[Cell]:
         """All meshes of both examples."""
-        return [Cell(name, n) for name, family in self.nodes.items() for n in family]
+        return [Cell(name, n) for name, f in FAMILIES.items() for n in first_of(f, self.levels)]
 
     def solve(self, cell: Cell) -> dict:
         """The quotients of one run."""

@@ -79,20 +79,7 @@ def field_numbers(result: DualResult, threshold: float) -> dict[str, float]:
 
 @dataclass(eq=False)
 class Figures(Work):
-    """The study; paths are kept gamma by gamma.
-
-    Parameters
-    ----------
-    only
-        Numbers of the figures, from 2, 3, 5, 6; None for all.
-    lshape_nodes, wrench_nodes
-        Members of the mesh families.
-
-    Raises
-    ------
-    ValueError
-        For other numbers.
-    """
+    """The figures in ``only``, from 2, 3, 5 and 6; paths are kept gamma by gamma."""
 
     only: Sequence[int] | None = None
     lshape_nodes: int = 3201

@@ -154,15 +154,7 @@ def assembly_times(refinements: int = 2, repeats: int = 3) -> dict[str, float]:
 
 @dataclass(eq=False)
 class Large(Work):
-    """The study: all meshes in a row for each hardening, each started from the one before.
-
-    Parameters
-    ----------
-    levels
-        Meshes: 281, 1745, 12,193, 90,945 nodes.
-    solver
-        'pyamg' or 'petsc'.
-    """
+    """``levels`` meshes in a row for each hardening, each started from the one before."""
 
     levels: int = 3
     solver: str = "pyamg"

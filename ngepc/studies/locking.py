@@ -107,13 +107,7 @@ NOTE = (
 
 @dataclass(eq=False)
 class Locking(Work):
-    """The study.
-
-    Parameters
-    ----------
-    levels
-        Meshes of each problem, 1 to 4.
-    """
+    """All kinds of elements on ``levels`` meshes, 1 to 4, of each problem."""
 
     levels: int = 3
 

@@ -90,13 +90,7 @@ def _steps(method: str) -> Entry:
 
 @dataclass(eq=False)
 class NewtonCounts(Work):
-    """The study.
-
-    Parameters
-    ----------
-    levels
-        Meshes of each family, 1 to 6 (blocks: at most 3).
-    """
+    """``levels`` meshes of each family, 1 to 6, and blocks, at most 3."""
 
     levels: int = 3
 

@@ -67,15 +67,7 @@ def child(levels: str, path: str) -> None:
 
 @dataclass(eq=False)
 class Processes(Work):
-    """The study: all meshes in a row, each started from the one before, for each count.
-
-    Parameters
-    ----------
-    levels
-        Meshes: 281, 1745, 12,193, 90,945, 702,081 nodes.
-    counts
-        Numbers of processes.
-    """
+    """``levels`` meshes in a row, 5 for 702,081 nodes, for each number of ``counts``."""
 
     levels: int = 3
     counts: Sequence[int] = (1, 2, 4, 8)

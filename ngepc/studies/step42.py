@@ -149,13 +149,7 @@ def _mesh(record: dict) -> str:
 
 @dataclass(eq=False)
 class Step42(Work):
-    """The study.
-
-    Parameters
-    ----------
-    levels
-        Meshes of each shape, 1 to 5 (hexahedra: at most 4).
-    """
+    """``levels`` meshes of each shape, 1 to 5 (hexahedra: at most 4), and that of step-42."""
 
     levels: int = 3
 

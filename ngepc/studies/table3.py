@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from ngepc.path.options import PathOptions
 from ngepc.path.solver import follow_path
@@ -25,19 +25,10 @@ def last_changes(record: dict) -> str:
 
 @dataclass(eq=False)
 class Table3(Work):
-    """The study; paths are kept gamma by gamma.
-
-    Parameters
-    ----------
-    levels, nodes
-        How many meshes of the wrench's family, or their node counts.
-    inner_scale
-        Factor c on the inner tolerances.
-    """
+    """Paths on ``levels`` meshes, kept gamma by gamma; ``inner_scale`` is c."""
 
     levels: int = 3
     inner_scale: float = PathOptions().inner_scale
-    nodes: Sequence[int] | None = field(default=None, kw_only=True)
 
     name = "table3"
     columns = (
@@ -56,12 +47,12 @@ class Table3(Work):
     )  # fmt: skip
 
     def __post_init__(self) -> None:
-        self.nodes = self.nodes or first_of(FAMILIES["wrench"], self.levels)
         self.options = PathOptions(inner_scale=self.inner_scale)
 
     def cells(self) -> list[Cell]:
         """The meshes."""
-        return [Cell(f"c{self.inner_scale:g}", n) for n in self.nodes]
+        meshes = first_of(FAMILIES["wrench"], self.levels)
+        return [Cell(f"c{self.inner_scale:g}", n) for n in meshes]
 
     def solve(self, cell: Cell) -> dict:
         """A path, and the direct solve at its end: Algorithm 7.1 from v = 0, as precise."""

@@ -41,6 +41,8 @@ def silent(line: str) -> None:
 class Work(ABC):
     """A study at work: ``run`` gives the records of all cells, ``write`` the files.
 
+    The options of a study are fields; ``ngepc.cli.study.STUDIES`` says what they mean.
+
     Parameters
     ----------
     folder

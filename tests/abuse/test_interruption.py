@@ -318,7 +318,7 @@ def test_stopped_cell_is_not_stored(tmp_path, monkeypatch):
 
     monkeypatch.setattr("ngepc.studies.examples.semismooth_newton", stopped)
     with pytest.raises(KeyboardInterrupt):
-        Table1(tmp_path, nodes=(833,), rows=("1e0",)).run()
+        Table1(tmp_path, levels=1, rows=("1e0",)).run()
     assert list((tmp_path / "cells").glob("*.npz")) == []
 
 
@@ -417,7 +417,7 @@ def small_path(store, **changes):
 WORKS = {
     "path": small_path,
     "history": bar_history,
-    "table": lambda store: Table1(store.parent.parent, nodes=(833,), rows=("1e0",)).run(),
+    "table": lambda store: Table1(store.parent.parent, levels=1, rows=("1e0",)).run(),
 }
 
 

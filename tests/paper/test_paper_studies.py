@@ -33,14 +33,15 @@ def test_table2_resumes_and_writes_both_counts(tmp_path):
         Table2(tmp_path, 1, ("1e1",), tolerance=1e-8).run()
 
 
-def test_table3_compares_path_and_direct_solve(tmp_path):
-    study = Table3(tmp_path, nodes=(245,))
+def test_table3_compares_path_and_direct_solve(tmp_path, monkeypatch):
+    monkeypatch.setattr("ngepc.studies.table3.FAMILIES", {"wrench": (245,)})
+    study = Table3(tmp_path, levels=1)
     table = study.run()
     record = table[0]
     assert record["status"] == record["direct_status"] == "converged"
     assert record["changes"][-1] < record["outer_bound"] <= record["changes"][-2]
     assert record["direct_path_value"] == pytest.approx(record["path_values"][-1], rel=0.02)
-    assert Table3(tmp_path, nodes=(245,)).run() == table
+    assert Table3(tmp_path, levels=1).run() == table
     study.write(table)
     assert "directly" in (tmp_path / "table3.md").read_text()
 
@@ -85,14 +86,15 @@ def test_quotients_below_rounding_are_marked():
 
 def test_figure4_study(tmp_path, monkeypatch):
     monkeypatch.setattr("ngepc.studies.figure4.coarse_start", lambda *_: None)
-    nodes = {"lshape": (113,), "wrench": (123,)}
-    study = Figure4(tmp_path, gamma=1e3, nodes=nodes)
+    small = {"lshape": (113,), "wrench": (123,)}
+    monkeypatch.setattr("ngepc.studies.figure4.FAMILIES", small)
+    study = Figure4(tmp_path, levels=1, gamma=1e3)
     table = study.run()
     names = [path.name for path in study.write(table)]
     assert names == ["figure4.csv", "figure4.md", "figure4.json", "figure4.png"]
     assert [r["example"] for r in table] == ["lshape", "wrench"]
     with pytest.raises(ValueError, match="levels"):
-        Figure4(tmp_path, 7)
+        Figure4(tmp_path, 7).run()
 
 
 def test_duality_study_has_a_record_for_each_gamma(tmp_path):
