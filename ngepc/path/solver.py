@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.dual.algorithm import algorithm_7_1
 from ngepc.dual.blocks import LinearBlocks
@@ -18,9 +20,9 @@ from ngepc.dual.system import NewtonSystem
 from ngepc.model.problem import Problem
 from ngepc.path.options import InnerRule, PathOptions
 from ngepc.path.result import PathResult
-from ngepc.path.state import PathState, PathStep, PathStore
+from ngepc.path.state import PathStep, PathStore
 from ngepc.path.widths import contact_mesh_width, mesh_width
-from ngepc.results.outcome import Monitor, Status
+from ngepc.results.outcome import History, Monitor, Status
 
 logger = logging.getLogger(__name__)
 
@@ -83,54 +85,61 @@ def follow_path(
     for name, watcher in watchers.items():
         require_function(name, watcher, "what it is shown", optional=True)
     store = PathStore(checkpoint, problem, options, spaces, start)
-    walk = _Walk(problem, options, spaces)
-    state = store.load(walk.blocks)
-    if state is None:
-        state = PathState([], carried_over(start, walk.functional), [])
-    return _followed(walk, store, state, newton_monitor, (observer, monitor))
+    saved, walk = store.load(), _Walk(problem, options, spaces, start)
+    if saved is not None:
+        walk.resume(*saved)
+    return _followed(walk, store, newton_monitor, (observer, monitor))
 
 
 def _followed(
     walk: _Walk,
     store: PathStore,
-    state: PathState,
     newton_monitor: Monitor | None,
     watchers: tuple[Callable[[DualResult], None] | None, PathMonitor | None],
 ) -> PathResult:
-    """The path from ``state`` to its end; ``watchers`` are shown each result, each record."""
+    """The path to its end; ``watchers`` are shown each result, each record."""
     observer, monitor = watchers
-    status, result = walk.verdict(state.steps), walk.restored(state)
     try:
-        while status is None:
-            result = walk.solve(state, newton_monitor)
-            state = state.after(result, walk.gamma)
-            status = walk.verdict(state.steps)
-            if result.status is Status.CONVERGED:
-                store.save(state)
-            logger.info("gamma %.4g: %s", walk.gamma, state.steps[-1])
+        while (status := walk.status()) is None:
+            last = walk.solve(newton_monitor)
+            if last.status is Status.CONVERGED:
+                store.save(walk.steps, last)
+            logger.info("gamma %.4g: %s", walk.gamma, walk.steps[-1])
             if observer is not None:
-                observer(result)
+                observer(last)
             if monitor is not None:
-                monitor(state.steps[-1])
+                monitor(walk.steps[-1])
     except (StopIteration, KeyboardInterrupt):
-        if result is None:
+        if walk.last is None:
             raise  # there is no state yet
         status = Status.STOPPED
-    message = _describe(status, state.steps, result.message, walk.options)
-    return PathResult(status, message, tuple(state.steps), result)
+    message = _describe(status, walk.steps, walk.last.message, walk.options)
+    return PathResult(status, message, tuple(walk.steps), walk.last)
 
 
 class _Walk:
-    """The matrices of a path, and one gamma at a time."""
+    """The matrices of a path, what it has reached, and one gamma at a time."""
 
-    def __init__(self, problem: Problem, options: PathOptions, spaces: DualSpaces) -> None:
+    def __init__(
+        self, problem: Problem, options: PathOptions, spaces: DualSpaces, start: DualResult | None
+    ) -> None:
         self.options = options
         self.blocks = LinearBlocks(problem, spaces, options.newton.inverse)
         self._system: NewtonSystem | None = None
         length = spaces.units.length
         self.h = mesh_width(problem.mesh) / length
         self.h_contact = contact_mesh_width(problem) / length
+        self.steps: list[PathStep] = []
+        self.last: DualResult | None = None
         self.move_to(options.gamma_start)
+        self._v = carried_over(start, self.functional)
+
+    def resume(self, steps: list[PathStep], v: np.ndarray, history: History) -> None:
+        """Go on from the steps, the dual variable and the last history of a checkpoint."""
+        self.steps = steps
+        self.move_to(steps[-1].gamma)
+        self._v.FV().NumPy()[:] = v
+        self.last = DualResult.at(self.functional, self._v, steps[-1].status, history)
 
     def move_to(self, gamma: float) -> None:
         """Make J*_gamma for this gamma the functional in use."""
@@ -147,27 +156,28 @@ class _Walk:
         bounds = [min(o.inner_scale * max(h, loose), most) * unit for h in widths]
         return InnerRule(o.newton.tolerance * unit, *bounds)
 
-    def solve(self, state: PathState, monitor: Monitor | None) -> DualResult:
+    def solve(self, monitor: Monitor | None) -> DualResult:
         """The next problem (D_gamma_k), inexactly, from the last v."""
-        self.move_to(self.options.gamma(len(state.steps)))
-        v = self.blocks.H_vector()
-        v.data = state.v
+        self.move_to(self.options.gamma(len(self.steps)))
         if self._system is None:
             self._system = NewtonSystem(self.functional, self.options.newton.inverse)
         self._system.use(self.functional)
-        rule, newton = self.inner_rule(self._reductions(state.steps) > 0), self.options.newton
+        rule, newton = self.inner_rule(self._reductions(self.steps) > 0), self.options.newton
         search, limit = newton.linesearch, newton.max_iterations
-        return algorithm_7_1(self._system, v, rule, search, limit, monitor)
+        self.last = algorithm_7_1(self._system, self._v, rule, search, limit, monitor)
+        self._v = self.last.v
+        self.steps = [*self.steps, PathStep.after(self.steps, self.last)]
+        return self.last
 
-    def verdict(self, steps: list[PathStep]) -> Status | None:
-        """How the path has ended after these steps, None if it goes on."""
-        if not steps:
+    def status(self) -> Status | None:
+        """How the path has ended, None if it goes on."""
+        if not self.steps:
             return None
-        if steps[-1].status is not Status.CONVERGED:
-            return steps[-1].status
-        if self._has_ended(steps):
+        if self.steps[-1].status is not Status.CONVERGED:
+            return self.steps[-1].status
+        if self._has_ended(self.steps):
             return Status.CONVERGED
-        limit = len(steps) >= self.options.max_outer_iterations
+        limit = len(self.steps) >= self.options.max_outer_iterations
         return Status.ITERATION_LIMIT if limit else None
 
     def _has_ended(self, steps: list[PathStep]) -> bool:
@@ -193,13 +203,6 @@ class _Walk:
         if tolerance is None:
             return True
         return step.residual_norm < tolerance * self.blocks.residual_unit
-
-    def restored(self, state: PathState) -> DualResult | None:
-        """The result that a checkpoint stands for, None at the start of a path."""
-        if not state.steps:
-            return None
-        self.move_to(state.steps[-1].gamma)
-        return state.result(self.functional)
 
 
 def _describe(

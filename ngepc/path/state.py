@@ -11,8 +11,6 @@ from ngsolve.la import BaseVector
 
 from ngepc._version import __version__
 from ngepc.checks.kinds import require_path
-from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import Iterate
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import DualSpaces
@@ -57,45 +55,21 @@ class PathStep:
     halvings: int
     status: Status
 
-
-@dataclass(frozen=True, eq=False)
-class PathState:
-    """The records so far, the dual variable reached, and the last Newton history.
-
-    Parameters
-    ----------
-    steps
-        Records of the values of gamma done.
-    v
-        The dual variable reached.
-    history
-        Records of the last inner iteration.
-    """
-
-    steps: list[PathStep]
-    v: BaseVector
-    history: list[IterationRecord]
-
-    def after(self, result: DualResult, gamma: float) -> PathState:
-        """The state after one more gamma."""
+    @classmethod
+    def after(cls, before: list[PathStep], result: DualResult) -> PathStep:
+        """The record of a result that comes after these steps."""
         last = Iterate.at(result.functional, result.v).record()
-        step = PathStep(
-            gamma=gamma,
+        return cls(
+            gamma=result.regularisation.gamma,
             iterations=result.iterations,
             path_value=last.energy,
-            change=relative_change(self.steps, last.energy),
+            change=relative_change(before, last.energy),
             residual_norm=last.residual_norm,
             contact_residual_norm=last.contact_residual_norm,
             plastic_residual_norm=last.plastic_residual_norm,
             halvings=result.history.halvings,
             status=result.status,
         )
-        return PathState([*self.steps, step], result.v, result.history.records)
-
-    def result(self, functional: DualFunctional) -> DualResult:
-        """The last result as ``semismooth_newton`` gives it."""
-        status, history = self.steps[-1].status, History(list(self.history))
-        return DualResult.at(functional, self.v, status, history)
 
 
 def relative_change(steps: list[PathStep], value: float) -> float | None:
@@ -145,8 +119,8 @@ class PathStore:
             **kept,
         }
 
-    def load(self, blocks: LinearBlocks) -> PathState | None:
-        """The state on disk, None if there is none.
+    def load(self) -> tuple[list[PathStep], np.ndarray, History] | None:
+        """The steps on disk, the dual variable and the history of the last; None without a file.
 
         Raises
         ------
@@ -161,22 +135,20 @@ class PathStore:
                 PathStep(**{**s, "status": Status[s["status"]]}) for s in saved.record["steps"]
             ]
             history = [IterationRecord(**record) for record in saved.record["history"]]
-            v = blocks.H_vector()
-            v.FV().NumPy()[:] = saved.arrays["v"]
+            return steps, saved.arrays["v"], History(history)
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(
                 f"checkpoint {self._path} is damaged ({error}): move it away"
             ) from error
-        return PathState(steps, v, history)
 
-    def save(self, state: PathState) -> None:
-        """Write the state, whole or not at all."""
+    def save(self, steps: list[PathStep], last: DualResult) -> None:
+        """Write the steps and the last result, whole or not at all."""
         if self._path is not None:
             record = {
-                "steps": [{**asdict(s), "status": s.status.name} for s in state.steps],
-                "history": [record.as_row() for record in state.history],
+                "steps": [{**asdict(s), "status": s.status.name} for s in steps],
+                "history": last.history.as_rows(),
             }
-            checkpoint.save(self._path, self._fingerprint, record, arrays_of(state.v))
+            checkpoint.save(self._path, self._fingerprint, record, arrays_of(last.v))
 
 
 def arrays_of(v: BaseVector) -> dict[str, np.ndarray]:
