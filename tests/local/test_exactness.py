@@ -6,11 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 from bodies import CASES, pressed_body
+from campaigns.robustness import Case, extreme_problem
 from ngsolve import Norm, x
 
 from ngepc import (
     NewtonOptions,
     Problem,
+    Status,
     lshape_problem,
     primal_newton,
     semismooth_newton,
@@ -135,3 +137,15 @@ def test_a_start_whose_gap_has_changed(change, carried):
     other = semismooth_newton(replace(problem, gap=problem.gap + change), start=start)
     cold = semismooth_newton(replace(problem, gap=problem.gap + change))
     assert other.raise_for_status().contact_force == pytest.approx(cold.contact_force, rel=1e-8)
+
+
+@pytest.mark.parametrize("hardening", [1e-5, 2e-6])
+def test_nearly_incompressible_bodies_that_hardly_harden(hardening):
+    """Blocks on the diagonal are too badly conditioned there: numbers are eliminated one by one."""
+    problem = extreme_problem(Case(poisson=0.4999, hardening=hardening))
+    result, primal = semismooth_newton(problem), primal_newton(problem)
+    assert result.status is Status.STAGNATED
+    assert result.residual_norm < 2e-6
+    assert result.primal_energy == pytest.approx(primal.primal_energy, rel=1e-10)
+    reach = NewtonOptions(tolerance=1.2 * result.state.rounding)
+    assert semismooth_newton(problem, options=reach).status is Status.CONVERGED
