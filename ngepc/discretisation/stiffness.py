@@ -15,6 +15,7 @@ from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.blocks import StiffnessBlocks, pattern_matrix
 from ngepc.discretisation.points import Moduli, Points
+from ngepc.linalg.assembly import from_entries
 
 
 class Stiffness:
@@ -58,7 +59,7 @@ class Stiffness:
         values, upper = self.entries.ravel(), np.repeat(rows != columns, N * N)
         r, c = np.concatenate([r, c[upper]]), np.concatenate([c, r[upper]])
         size, values = N * len(self._blocks.free), np.concatenate([values, values[upper]])
-        return SparseMatrixd.CreateFromCOO(r, c, values, size, size)
+        return from_entries(r, c, values, size, size)
 
     def diagonal_places(self, nodes: np.ndarray) -> np.ndarray:
         """Where in ``entries`` the diagonal blocks of these nodes are."""

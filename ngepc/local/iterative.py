@@ -122,8 +122,6 @@ class IterativeTangent:
     ----------
     back_substitutions, linear_iterations
         Solves with the present tangent and the iterations in them.
-    hierarchies
-        Preconditioners made.
     """
 
     def __init__(
@@ -138,7 +136,7 @@ class IterativeTangent:
         self._dot = frame.contact.processes.dot
         self._blocks, self._pattern = blocks, FullPattern(blocks)
         self._engine = engine(self._pattern, frame)
-        self._stale, self.hierarchies, self._lower, self._dearest = True, 0, np.zeros(0), 0
+        self._stale, self._lower, self._dearest = True, np.zeros(0), 0
         self.back_substitutions = self.linear_iterations = 0
 
     def update(self, state: object) -> None:
@@ -165,7 +163,7 @@ class IterativeTangent:
         if len(nodes):
             self._pin(lower, nodes, projections)
         self._engine.build(self._pattern.values(lower))
-        self._stale, self.hierarchies = False, self.hierarchies + 1
+        self._stale = False
 
     def _pin(self, values: np.ndarray, nodes: np.ndarray, projections: np.ndarray) -> None:
         """Project out of the blocks what is pinned, and put the size of the diagonal there."""
