@@ -72,7 +72,7 @@ class SaddleForms:
         As for ``Factors``.
     """
 
-    linear_iterations = 0
+    linear_iterations, examined = 0, 600
 
     def __init__(self, discrete: DiscreteProblem, inverse: str) -> None:
         self.discrete, self._name, self._inverse = discrete, inverse, None

@@ -13,8 +13,9 @@ from ngepc.linalg.secants import solve_by_secants
 ROUNDING = 3e-14
 """Gaps of closed rows below this part of the displacements are zero."""
 
-EXAMINED = 600
-"""Most forces of rows among which other equilibria are looked for, each costs a solve."""
+EXAMINED, FEW = 600, 60
+"""Most forces of rows among which other equilibria are looked for: a solve with factors for each,
+or one by iterations."""
 
 BESIDE = 1e-3
 """Where the slope of friction is taken beside a kink, as a part of the step length."""
@@ -76,11 +77,12 @@ def rival(
     gaps: np.ndarray,
     forces: np.ndarray,
     row_stiffness: np.ndarray,
+    most: int,
 ) -> tuple[bool, str]:
     """Whether Coulomb's law has other forces at a solution than these, and a sentence about it.
 
-    All rows that press and those closest to it are examined, ``EXAMINED`` forces at most, each with
-    one solve; parameters as for ``with_contact``, ``gaps`` those of the solution.
+    All rows that press and those closest to it are examined, ``most`` forces at most, each with
+    one solve; other parameters as for ``with_contact``, ``gaps`` those of the solution.
     """
     cone = conditions.friction
     if cone is None or not (np.isinf(cone.cap) & (cone.coefficient > 0)).any():
@@ -88,14 +90,14 @@ def rival(
     n = conditions.normal(forces)
     pressing = n - conditions.normal(row_stiffness * gaps)
     order = np.argsort(np.where(cone.tied, -np.inf, -pressing), kind="stable")
-    rows, left = np.split(order, [EXAMINED // (cone.d + 1)])
+    rows, left = np.split(order, [most // (cone.d + 1)])
     if (n[left] > 0).any() or cone.tied[left].any():
         return (
             False,
             f"Friction on {len(n)} rows: whether there are other equilibria was not examined.",
         )
     chosen = cone.numbers(rows)
-    unit = np.eye(len(forces))[chosen]
+    unit = (np.arange(len(forces)) == chosen[:, None]).astype(float)
     S = np.array([conditions.displacement(solve(conditions.forces(e)))[chosen] for e in unit])
     other = cone.of(rows).rival(S, gaps[chosen], forces[chosen])
     if other is None:

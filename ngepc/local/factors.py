@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ngepc.discretisation.contact_step import EXAMINED
 from ngepc.discretisation.points import Moduli
 from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError
 from ngepc.local.system import DiscreteProblem, State
@@ -29,6 +30,7 @@ class Tangent(Protocol):
 
     back_substitutions: int
     linear_iterations: int
+    examined: int
 
     def linearise(self, here: State) -> None:
         """Take the tangent at a state."""
@@ -55,11 +57,13 @@ class Factors:
         Solves since the last factorisation.
     linear_iterations
         Iterations of an iterative solver in them: none.
+    examined
+        Most solves that tell whether friction allows other equilibria.
     moduli
         Those of the tangent that is factorised; None before the first one.
     """
 
-    linear_iterations = 0
+    linear_iterations, examined = 0, EXAMINED
     moduli: Moduli | None = None
 
     def __init__(self, discrete: DiscreteProblem, name: str) -> None:

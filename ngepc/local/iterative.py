@@ -15,6 +15,7 @@ from scipy.sparse import bsr_matrix, csr_matrix, diags
 
 from ngepc.discretisation.balance import Frame
 from ngepc.discretisation.blocks import Blocks
+from ngepc.discretisation.contact_step import FEW
 from ngepc.local.closed import Closed
 from ngepc.local.factors import TangentError
 from ngepc.local.system import State
@@ -122,7 +123,11 @@ class IterativeTangent:
     ----------
     back_substitutions, linear_iterations
         Solves with the present tangent and the iterations in them.
+    examined
+        Most solves that tell whether friction allows other equilibria.
     """
+
+    examined = FEW
 
     def __init__(
         self,

@@ -84,7 +84,7 @@ class PrimalDualStep:
             return False, ""
         self.tangent.update(discrete.law.moduli(state.at, state.on_sphere().yielding))
         work = discrete.contact, self.tangent.solve, state.gaps, state.contact
-        return rival(*work, discrete.row_stiffness)
+        return rival(*work, discrete.row_stiffness, self.tangent.examined)
 
     def numbers(self, state: State) -> dict[str, float]:
         """Solves of the step, and what yields and slips."""

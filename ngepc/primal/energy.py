@@ -21,6 +21,7 @@ from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.blocks import hold
 from ngepc.discretisation.conditions import ContactConditions
+from ngepc.discretisation.contact_step import EXAMINED, FEW
 from ngepc.discretisation.floating import Floating
 from ngepc.discretisation.loads import Supports, applied_forces, nodal
 from ngepc.model.problem import Problem, as_scalar
@@ -86,6 +87,8 @@ class ReducedEnergy:
         Diagonal of the tangent at u = 0, shape (nodes, N): the size of forces per length.
     row_stiffness
         ``ContactConditions.stiffness`` of it.
+    examined
+        Most solves that tell whether friction allows other equilibria.
     yield_forces
         Norm of nodal forces of size beta/h, those of stresses at the yield bound.
     """
@@ -120,9 +123,10 @@ class ReducedEnergy:
         for more in (part for part in steering if part is not None):
             self._added = more if self._added is None else self._added + more
         self.yield_forces = self._yield_forces()
-        self._iterative = None
+        self._iterative, self.examined = None, EXAMINED
         if not isinstance(inverse, str):
             self._iterative = inverse.tangent(self, ComponentBlocks(matrix, self.free))
+            self.examined = FEW
 
     def _integral(self, density: CoefficientFunction):
         return self.problem.kinematics.weight * density * dx(intrules=self.rules)

@@ -90,7 +90,7 @@ class PrimalStep:
             return False, ""
         self.reduced.factorise(state.u)
         work = self.contact, self.reduced.solve, state.gaps, state.contact
-        return rival(*work, self.reduced.row_stiffness)
+        return rival(*work, self.reduced.row_stiffness, self.reduced.examined)
 
     def numbers(self, state: PrimalState) -> dict[str, float]:
         """What yields."""
