@@ -151,6 +151,10 @@ class _Run:
             if self.error is not None:
                 check_covered(step)
                 check_carried(step)
+                if step.order != 1:
+                    raise ValueError(
+                        f"order={step.order}: error=... needs 1, one value of the history a cell"
+                    )
                 require_frictionless(step, "error=...")
         self.evolution = Evolution(self.problem, [], memory)
         self.pending = [(time, 0) for time in reversed(self.schedule.times)]
