@@ -46,7 +46,7 @@ class Faces:
     piola
         Stress coordinates from the components of a reference stress, shape (nt, 6, 6).
     closed
-        Unit normals where delta is held along them, zero elsewhere, shape (3 nf, 3).
+        Unit normals where delta is held along them, zero elsewhere, (3 nf, 3); None for none.
     inverse, loaded
         The inverses of the compliances A in single precision, and columns of A for unit body
         forces, shapes (nt, 30, 30) and (nt, 30, 6).
@@ -56,14 +56,14 @@ class Faces:
         self.cells = c = boundary.cells
         self.slot = (3 * c.facet_of[:, :, None] + c.place).reshape(-1, 12)
         self.free = np.repeat(boundary.given | ~c.outer[:, None], 3, axis=0)
-        self.closed = np.zeros(self.free.shape)
+        self._given, self.closed = self.free.astype(float), None
         images = np.einsum("tij,cjk,tlk->tcil", c.jacobian, COMPONENTS, c.jacobian, optimize=True)
         flat = images.reshape(-1, 9) @ COORDINATES.reshape(6, 9).T
         self.piola = flat.reshape(-1, 6, 6) / c.det[:, None, None]
         self.inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
         self._jacobian = c.jacobian.astype(SINGLE)
         self.loaded = np.empty((len(c.nodes), FREE, 6))
-        self._blocks = np.empty((len(c.nodes), 4, 9, 9))
+        self._blocks = np.empty((len(c.nodes), 4, 9, 9), dtype=SINGLE)
         numbers = np.arange(4 * len(c.nodes))
         self._sides = np.full((len(c.facets), 2), -1)
         self._sides[c.facet_of.ravel(), np.where(c.sign.ravel() > 0, 0, 1)] = numbers
@@ -97,12 +97,12 @@ class Faces:
 
     def _fill_blocks(self, part: slice) -> None:
         """The blocks of S of each face, its vertices in the order of the face."""
-        J, place = self.cells.jacobian[part], self.cells.place[part]
-        n = np.arange(len(J))
-        half = np.matmul(self.inverse[part], OWN.T)
+        J, place = self._jacobian[part], self.cells.place[part]
+        n, own = np.arange(len(J)), OWN.astype(SINGLE)
+        half = np.matmul(self.inverse[part], own.T)
         for k in range(4):
             face = slice(9 * k, 9 * k + 9)
-            block = np.matmul(OWN[face], half[:, :, face]).reshape(-1, 9, 3, 3)
+            block = np.matmul(own[face], half[:, :, face]).reshape(-1, 9, 3, 3)
             block = np.matmul(block, J[:, None].transpose(0, 1, 3, 2)).reshape(-1, 9, 9)
             block = block.transpose(0, 2, 1).reshape(-1, 9, 3, 3)
             block = np.matmul(block, J[:, None].transpose(0, 1, 3, 2)).reshape(-1, 9, 9)
@@ -120,15 +120,19 @@ class Faces:
         D[held[:, :, None] | held[:, None, :]] = 0.0
         D[:, np.arange(9), np.arange(9)] += held
         self._face_inverse = np.linalg.inv(D)
+        self._face_inverse[:, np.arange(9), np.arange(9)] -= held
 
     def smooth(self, r: np.ndarray) -> np.ndarray:
         """The blocks of the faces solved for r, both (3 nf, 3)."""
-        return self.kept(np.matmul(self._face_inverse, r.reshape(-1, 9, 1)).reshape(-1, 3))
+        s = np.matmul(self._face_inverse, r.astype(SINGLE).reshape(-1, 9, 1)).reshape(-1, 3)
+        return s if self.closed is None else self.kept(s)
 
     def kept(self, r: np.ndarray) -> np.ndarray:
         """Displacements or moments (3 nf, 3) without the components that are held."""
-        r = np.where(self.free, r, 0.0)
-        return r - self.closed * np.einsum("si,si->s", self.closed, r)[:, None]
+        r = r * self._given
+        if self.closed is not None:
+            r -= self.closed * np.einsum("si,si->s", self.closed, r)[:, None]
+        return r
 
     def work(self, delta: np.ndarray) -> np.ndarray:
         """B' delta of each tetrahedron, in single precision, shape (nt, 30)."""
@@ -159,8 +163,8 @@ class Faces:
 
     def spread(self, u: np.ndarray) -> np.ndarray:
         """Nodal displacements (nodes, 3) on the faces."""
-        return self.kept(u[self.cells.facets.ravel()])
+        return np.take(u, self.cells.facets.ravel(), axis=0)
 
     def at_nodes(self, r: np.ndarray) -> np.ndarray:
         """The transpose of ``spread``."""
-        return self.cells.at_nodes(self.kept(r), self.cells.facets)
+        return self.cells.at_nodes(r, self.cells.facets)
