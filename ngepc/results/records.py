@@ -60,15 +60,16 @@ FIELDS = {
 """Field of a solve -> what it is."""
 
 
-def provenance(seed: int | None = None) -> dict[str, Any]:
-    """Versions and the command that a result came from, and the seed where chance took part."""
+def provenance() -> dict[str, Any]:
+    """Versions and the command that a result came from."""
+    program = Path(sys.argv[0])
+    name = f"python -m {program.parent.name}" if program.stem == "__main__" else program.stem
     return {
         "version": __version__,
         "ngsolve": version("ngsolve"),
         "numpy": np.__version__,
         "python": platform.python_version(),
-        "command": " ".join(["ngepc", *sys.argv[1:]]),
-        **({} if seed is None else {"seed": seed}),
+        "command": " ".join([name, *sys.argv[1:]]),
     }
 
 
