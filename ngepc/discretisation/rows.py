@@ -92,14 +92,6 @@ class ContactRows:
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
         )
 
-    def open_gap(self, u: np.ndarray) -> np.ndarray:
-        """gaps - N u for nodal displacements ``u`` (nodes, N); negative where penetrated."""
-        return self.gaps - self.normal @ u.ravel()
-
-    def displacement(self, u: np.ndarray) -> np.ndarray:
-        """N u."""
-        return self.normal @ u.ravel()
-
     def forces(self, multipliers: np.ndarray) -> np.ndarray:
         """N' lambda, the nodal forces that the body exerts on the obstacle, (nodes, N)."""
         return (self.normal.T @ multipliers).reshape(-1, self.normals.shape[1])

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from netgen.occ import Circle, Compound, Glue, MoveTo, OCCGeometry, Rectangle, WorkPlane
+from netgen.occ import Circle, Compound, Glue, MoveTo, OCCGeometry, Rectangle
 from ngsolve import Mesh, x
 
 from ngepc.dual.newton import semismooth_newton
@@ -18,7 +18,7 @@ from ngepc.model.friction import Coulomb
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.results.exact import DiscreteSolution
-from ngepc.studies.solid_problems import Quantity, Solved, half_plane, metal
+from ngepc.studies.solid_problems import Quantity, Solved, half_plane, metal, polygon, zero_of
 from ngepc.studies.step42 import step42_problem
 
 ELASTIC = 1e9
@@ -47,7 +47,7 @@ def roller(fine: float, order: int) -> Problem:
         for edge in shape.edges:
             c = edge.center
             sides = {"symmetry": c.x, "bottom": c.y + 200, "load": c.y - 50}
-            edge.name = next((n for n, d in sides.items() if abs(d) < 1e-9), "free")
+            edge.name = zero_of(sides, "free")
     for edge in parts[0][0].edges:
         if 0.1 < edge.center.x < 9 and edge.center.y < 1.5:
             edge.name = "arc"
@@ -116,16 +116,6 @@ def hertz(kinematics: str) -> Solved:
     ]
 
 
-def hertz_cylinder() -> Solved:
-    """Hertz, a rigid cylinder on an elastic block in plane strain."""
-    return hertz("plane strain")
-
-
-def hertz_sphere() -> Solved:
-    """Hertz, a rigid sphere on an elastic block."""
-    return hertz("axisymmetric")
-
-
 MU = 0.3
 
 
@@ -135,10 +125,7 @@ def rounded_blocks(fine: float) -> Mesh:
     for side, h, name in ((-1, 1.3 * fine, "lower"), (1, fine, "upper")):
         corners = [(-W, 0), (-tip, 0), (tip, 0), (W, 0), (W, side * H), (-W, side * H)]
         corners = corners if side == 1 else corners[::-1]
-        path = WorkPlane().MoveTo(*corners[0])
-        for corner in corners[1:]:
-            path = path.LineTo(*corner)
-        face = path.Close().Face()
+        face = polygon(corners)
         face.faces.name = face.edges.name = name
         for edge in face.edges:
             if abs(edge.center.y) < 1e-9 and abs(edge.center.x) < tip:
@@ -152,6 +139,9 @@ def rounded_blocks(fine: float) -> Mesh:
         side = 1 if number in above else -1
         point[1] += side * point[0] ** 2 / (2 * radius) * (1 - abs(point[1]) / H)
     return mesh
+
+
+MU = 0.3
 
 
 def mindlin(fine: float = 0.05) -> Solved:
@@ -208,9 +198,9 @@ def rings(fine: float, inner: float, middle: float, outer: float, interference: 
         face.faces.maxh = fine * (1 + 0.3 * number)
         for edge in face.edges:
             c = edge.center
-            r, flat = math.hypot(c.x, c.y), {"left": c.x, "bottom": c.y}
-            side = f"{name} inside" if abs(r - a) < abs(r - b) else f"{name} outside"
-            edge.name = next((n for n, d in flat.items() if abs(d) < 1e-9), side)
+            inside = math.hypot(c.x, c.y) < (a + b) / 2
+            side = f"{name} {'inside' if inside else 'outside'}"
+            edge.name = zero_of({"left": c.x, "bottom": c.y}, side)
         faces.append(face)
     return Mesh(OCCGeometry(Compound(faces), dim=2).GenerateMesh(maxh=outer))
 

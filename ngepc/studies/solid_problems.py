@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from netgen.occ import OCCGeometry, WorkPlane
+from netgen.occ import Face, OCCGeometry, WorkPlane
 from ngsolve import Mesh
 from ngsolve import x as X
-from ngsolve import y as Y_COORDINATE
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc.dual.newton import semismooth_newton
-from ngepc.evolution.load_path import Schedule
-from ngepc.evolution.result import Evolution
-from ngepc.evolution.solver import evolve
-from ngepc.geometries import block
+from ngepc.evolution.material_point import material_point
 from ngepc.model.material import Material, lame_parameters
-from ngepc.model.places import Point
 from ngepc.model.problem import Problem
-
-MIDDLE = (0.5, 0.5, 0.5)
+from ngepc.results.result import Result
 
 NEARLY_PERFECT = 1e-5
 """Hardening over shear modulus where the problem asks for none."""
@@ -52,8 +46,21 @@ class Quantity(NamedTuple):
         return abs(self.difference) <= self.tolerance
 
 
-Solved = tuple[object, list[Quantity]]
-"""A result, or a history, and the numbers compared."""
+Line = tuple[np.ndarray, np.ndarray]
+
+
+class Curves(NamedTuple):
+    """What says more than a field: x and y of our curves and of points, by name."""
+
+    x: str
+    y: str
+    lines: dict[str, Line]
+    points: dict[str, Line]
+    result: Result | None = None
+
+
+Solved = tuple["Result | Curves", list[Quantity]]
+"""A result, or curves, and the numbers compared."""
 
 
 def metal(
@@ -73,20 +80,7 @@ def metal(
     )
 
 
-def history(
-    problem: Problem, corners: Sequence, changes: Callable[[Sequence], dict], steps: Sequence[int]
-) -> Evolution:
-    """Equal steps, so many for each leg, through the corners of a path, the first at time 0."""
-    times = np.concatenate([leg + np.arange(1, n + 1) / n for leg, n in enumerate(steps)])
-    knots = np.arange(len(corners))
-
-    def at(time: float) -> dict:
-        return changes([float(np.interp(time, knots, c)) for c in np.transpose(corners)])
-
-    return evolve(problem, Schedule(times.tolist(), at)).raise_for_status()
-
-
-NL1_CORNERS = ((0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1), (0, 0))
+NL1_CORNERS = ((1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1), (0, 0))
 NL1_STRESS = {
     62.5e3: (5.000, 5.862, 5.482, 6.362, 6.640, 7.322, 4.230, 5.673),
     0.0: (5, 5, 5, 5, 5, 5, 3.917, 5),
@@ -95,80 +89,69 @@ NL1_STRESS = {
 
 
 def nl1() -> Solved:
-    """NAFEMS NL1: a cube whose faces are all moved, strains in multiples of 0.25e-4."""
-    mesh, found = block.structured_mesh(1, 1, 1), []
-    faces = "|".join(sorted(set(mesh.GetBoundaries())))
-
-    def moved(strains: Sequence[float]) -> dict:
-        ex, ey = (0.25e-4 * e for e in strains)
-        return {"prescribed": {faces: (ex * X, ey * Y_COORDINATE, 0)}}
-
-    def stresses(run: Evolution) -> np.ndarray:
-        ends = run.steps[len(run.steps) // 8 - 1 :: len(run.steps) // 8]
-        return np.array([float(step.fields.von_mises(mesh(*MIDDLE))) for step in ends])
-
+    """NAFEMS NL1: a point whose strains are all given, in multiples of 0.25e-4."""
+    strain: dict[str, object] = dict.fromkeys(("zz", "xy", "xz", "yz"), 0.0)
+    strain |= {n: 0.25e-4 * c for n, c in zip(("xx", "yy"), np.transpose(NL1_CORNERS), strict=True)}
+    found, curves, points = [], {}, {}
     for modulus, published in NL1_STRESS.items():
-        problem = Problem(mesh, metal(250e3, 0.25, 5.0, isotropic=modulus), None, **moved((0, 0)))
-        coarse, fine = (history(problem, NL1_CORNERS, moved, [n] * 8) for n in (10, 20))
-        limit = 2 * stresses(fine) - stresses(coarse)  # implicit Euler is of first order
+        metal_h = metal(250e3, 0.25, 5.0, isotropic=modulus)
+        runs = [material_point(metal_h, strain=strain, steps=n) for n in (50, 100)]
+        coarse, fine = (run.von_mises[run.corners] for run in runs)
+        limit = 2 * fine - coarse  # implicit Euler is of first order
         found += [
             Quantity(f"H = {modulus:g}, leg {leg}", p, "P", 0.01, float(ours))
             for leg, (p, ours) in enumerate(zip(published, limit, strict=True), 1)
         ]
-    return fine, found
+        curves[f"H = {modulus:g}"] = legs(runs[1].von_mises, 100)
+        points[f"published, H = {modulus:g}"] = np.arange(1, 9), np.array(published)
+    return Curves("leg", "von Mises stress", curves, points), found
 
 
-def pulled_cube(material: Material, corners: Sequence, steps: Sequence[int]) -> Evolution:
-    """A cube under (sigma_xx, tau_xy), held at three of its corners."""
-    mesh = block.structured_mesh(1, 1, 1)
-
-    def pulled(stress: Sequence[float]) -> dict:
-        s, t = stress
-        loads = {"right": (s, t, 0), "left": (-s, -t, 0), "back": (t, 0, 0), "front": (-t, 0, 0)}
-        return {"traction": loads}
-
-    held = {
-        Point((0, 0, 0)): (0, 0, 0),
-        Point((1, 0, 0)): (None, 0, 0),
-        Point((0, 1, 0)): (None, None, 0),
-    }
-    problem = Problem(mesh, material, None, prescribed=held)
-    return history(problem, corners, pulled, steps)
+def legs(values: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Values at the end of increments, over the number of the leg, from zero."""
+    return np.arange(len(values) + 1) / steps, np.concatenate([[0.0], values])
 
 
-def at_middle(fields: object) -> tuple[float, float, float]:
-    """Eps_xx, eps_xy and the cumulated plastic strain in the middle of the cube."""
-    here = fields.problem.mesh(*MIDDLE)
-    strain = np.reshape(fields.strain(here), (3, 3))
-    return strain[0, 0], strain[0, 1], float(fields.accumulated_plastic_strain(here))
-
-
-NAMES = ("eps_xx", "eps_xy", "p")
 TANGENT = 195000 * 1930 / (195000 - 1930)
-A, B = (151.2, 93.1), (257.2, 33.1)
 AT_A, AT_B = (0.0148297, 0.0136014, 0.0205473), (0.035265, 0.020471, 0.042329)
+
+
+def pulled(material: Material, published: Sequence[Sequence[float]]) -> Solved:
+    """A point under (sigma_xx, tau_xy) to A and on to B: strains and cumulated plastic strain."""
+    xx, xy = np.transpose([(151.2, 93.1), (257.2, 33.1)][: len(published)])
+    run, found, steps = material_point(material, stress={"xx": xx, "xy": xy}, steps=50), [], 50
+    told = {
+        "eps_xx": run.strain[:, 0, 0],
+        "eps_xy": run.strain[:, 0, 1],
+        "p": run.accumulated_plastic_strain,
+    }
+    for corner, (end, values) in enumerate(zip(run.corners, published, strict=True)):
+        tolerance = (1e-3, 1e-2)[corner]
+        found += [
+            Quantity(f"{name} at {'AB'[corner]}", p, "P", tolerance, float(ours[end]))
+            for (name, ours), p in zip(told.items(), values, strict=True)
+        ]
+    ends = np.arange(1, len(published) + 1).repeat(3)
+    points = {"published": (ends, np.ravel(published))}
+    return Curves("leg", "strain", {n: legs(v, steps) for n, v in told.items()}, points), found
 
 
 def ssnp15() -> Solved:
     """Code_Aster SSNP15: tension and shear to A and on to B, isotropic hardening."""
-    path = pulled_cube(metal(195000, 0.3, 181, isotropic=TANGENT), [(0, 0), A, B], (1, 50))
-    told = path.values(at_middle)
-    at_a = zip(NAMES, AT_A, told[0], strict=True)
-    at_b = zip(NAMES, AT_B, told[-1], strict=True)
-    found = [Quantity(f"{name} at A", p, "P", 0.001, ours) for name, p, ours in at_a]
-    return path, found + [Quantity(f"{name} at B", p, "P", 0.01, ours) for name, p, ours in at_b]
+    return pulled(metal(195000, 0.3, 181, isotropic=TANGENT), (AT_A, AT_B))
 
 
 def ssnp14() -> Solved:
     """Code_Aster SSNP14: the same with kinematic hardening, to A."""
-    path = pulled_cube(metal(195000, 0.3, 181, kinematic=TANGENT), [(0, 0), A], (1,))
-    told = zip(NAMES, AT_A, path.values(at_middle)[-1], strict=True)
-    return path, [Quantity(f"{name} at A", p, "P", 0.001, ours) for name, p, ours in told]
+    return pulled(metal(195000, 0.3, 181, kinematic=TANGENT), (AT_A,))
 
 
 def tube() -> Mesh:
     """A slice of a thick cylinder, 100 <= r <= 200, as 80 rectangles."""
     return MakeStructured2DMesh(nx=80, ny=1, mapping=lambda s, t: (100 + 100 * s, 2 * t))
+
+
+HILL_PRESSURES = (0.13, 0.15, 0.17, 0.18, 0.185)
 
 
 def hill() -> Solved:
@@ -188,27 +171,43 @@ def hill() -> Solved:
             float(limit.equilibrium.reactions["left"][0] / area),
         )
     ]
-    for pressure in (0.15, 0.17, 0.185):
+    radii = []
+    for pressure in HILL_PRESSURES:
         loaded = Problem(mesh, material, None, pressure={"left": pressure}, prescribed=flat, **body)
         state = semismooth_newton(loaded).raise_for_status().state
-        c = float(state.discrete.points.at(X)[state.at.yields].max())
-        closed = k * (2 * math.log(c / 100) + 1 - (c / 200) ** 2)
-        found.append(Quantity(f"p at plastic radius {c:.1f}", closed, "C", 0.005, pressure))
-    return limit, found
+        radii.append(float(state.discrete.points.at(X)[state.at.yields].max()))
+    c = np.linspace(100, 200, 101)
+    closed, at = (k * (2 * np.log(r / 100) + 1 - (r / 200) ** 2) for r in (c, np.array(radii)))
+    found += [
+        Quantity(f"p at plastic radius {r:.1f}", float(p), "C", 0.005, pressure)
+        for r, p, pressure in zip(radii, at, HILL_PRESSURES, strict=True)
+    ]
+    curves = {"Hill": (c, closed), "limit": (c, np.full_like(c, 2 * k * math.log(2)))}
+    points = {"computed": (np.array(radii), np.array(HILL_PRESSURES))}
+    return Curves("plastic radius", "pressure inside", curves, points, limit), found
+
+
+def polygon(corners: Sequence[tuple[float, float]]) -> Face:
+    """The face within straight edges."""
+    path = WorkPlane().MoveTo(*corners[0])
+    for corner in corners[1:]:
+        path = path.LineTo(*corner)
+    return path.Close().Face()
+
+
+def zero_of(places: dict[str, float], otherwise: str) -> str:
+    """The first name whose value is zero, or another one."""
+    return next((name for name, distance in places.items() if abs(distance) < 1e-9), otherwise)
 
 
 def half_plane(width: float, depth: float, tip: float, fine: float, coarse: float) -> Mesh:
     """The right half of a block below y = 0, fine where 0 < x < tip, the boundary ``top``."""
     corners = [(0, 0), (0, -depth), (width, -depth), (width, 0), (tip, 0)]
-    path = WorkPlane().MoveTo(*corners[0])
-    for corner in corners[1:]:
-        path = path.LineTo(*corner)
-    face = path.Close().Face()
+    face = polygon(corners)
     for edge in face.edges:
         c = edge.center
         places = {"symmetry": c.x, "bottom": c.y + depth, "right": c.x - width}
-        top = "top" if c.x < tip else "free"
-        edge.name = next((n for n, d in places.items() if abs(d) < 1e-9), top)
+        edge.name = zero_of(places, "top" if c.x < tip else "free")
         if edge.name == "top":
             edge.maxh = fine
     return Mesh(OCCGeometry(face, dim=2).GenerateMesh(maxh=coarse, grading=0.12))

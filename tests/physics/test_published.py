@@ -5,7 +5,7 @@ import pytest
 from ngepc.studies.benchmarks import BENCHMARKS, Benchmarks
 from ngepc.studies.solid_problems import Quantity
 
-QUICK = sorted(set(BENCHMARKS) - {"NAFEMS NL1", "SSNP15", "sphere on a flat", "SSNV506"})
+QUICK = sorted(set(BENCHMARKS) - {"sphere on a flat", "SSNV506"})
 
 
 @pytest.mark.parametrize("name", QUICK)
