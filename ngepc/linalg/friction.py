@@ -145,9 +145,9 @@ class FrictionCone:
         for start in map(self.projected, (np.zeros_like(forces), stuck, *starts)):
             found = self(W, gaps + S @ (start - forces), start)
             other = start + found.change
-            apart = np.abs(other - forces).max(initial=0.0)
-            if found.exact and apart > DIFFERENT * np.abs([other, forces]).max(initial=0.0):
-                return other
+            apart, size = other - forces, np.maximum(np.abs(other), np.abs(forces))
+            if found.exact and apart @ S @ apart > DIFFERENT**2 * (S.diagonal() @ size**2):
+                return other  # forces on held tangents do no work: they are no other equilibrium
         return np.full_like(forces, np.nan) if self._turned(S, gaps, forces) else None
 
     def _turned(self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray) -> bool:

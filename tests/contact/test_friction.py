@@ -210,6 +210,14 @@ def test_a_steep_bound_on_a_fine_mesh():
     assert next(products) <= 2 * next(products)
 
 
+def test_a_held_tangent_is_no_other_equilibrium():
+    """Any friction will do where a support holds the vertex along the press: it moves nothing."""
+    problem = replace(pressed((8, 4), Coulomb(0.3)), prescribed={"left": (0, None)})
+    result = solved(problem)
+    assert len(result.rows) == 9
+    assert min(np.abs(result.nodal_slip)) == 0.0
+
+
 def test_zero_bound_and_zero_coefficient_are_no_friction():
     smooth, *rough = (solved(pressed((8, 4), law)) for law in (None, 0.0, Coulomb(0.0)))
     for result in rough:
