@@ -33,6 +33,9 @@ EXACT, SETTLED = 1e-13, 1e-10
 DIFFERENT = 1e-6
 """Part of the largest force by which two solutions differ."""
 
+SINGULAR = 1e10
+"""Condition of a Jacobian whose determinant has no sign."""
+
 
 @dataclass(frozen=True, eq=False)
 class FrictionCone:
@@ -154,7 +157,8 @@ class FrictionCone:
         """Whether the Jacobian at a solution has a negative determinant.
 
         The signs of all solutions add up to 1, as without friction (degree of x - P(x - c g)): a
-        negative one has others beside it.  Rows at the bound that do not slip count as sticking.
+        negative one has others beside it.  Rows at the bound that do not slip count as sticking;
+        supports across rows make it singular, and tell nothing.
         """
         rows = np.flatnonzero((self._split(forces)[0] > 0) | self.tied)
         chosen, wider = self.numbers(rows), (1 + DIFFERENT) * self.coefficient
@@ -165,7 +169,8 @@ class FrictionCone:
         J, _ = law.linearised(
             k[:, None] * S[np.ix_(chosen, chosen)], k * gaps[chosen], forces[chosen]
         )
-        return bool(np.linalg.slogdet(J)[0] < 0)
+        regular = len(J) and np.linalg.cond(J) < SINGULAR
+        return bool(regular and np.linalg.slogdet(J)[0] < 0)
 
     def _residual(
         self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
