@@ -65,11 +65,13 @@ class Curve:
             )
         if self.noise is None:
             return
-        if not is_number(self.noise):
-            require_numbers("noise", self.noise)
-        if np.ndim(self.noise) and len(self.noise) != count:
+        if is_number(self.noise):
+            require_number("noise", self.noise, 0, strict=True)
+            return
+        require_numbers("noise", self.noise)
+        if len(self.noise) != count:
             raise ValueError(f"noise={self.noise!r}: one number or {count} are needed")
-        if not (np.asarray(self.noise, dtype=float) > 0).all():
+        if min(self.noise) <= 0:
             raise ValueError(f"noise={self.noise!r}: positive numbers are needed")
 
     @property
