@@ -108,11 +108,12 @@ def spring_matrix(problem: Problem, V: FESpace, place: Place, k: Coefficient) ->
         density = constants[0] * (problem.normal * u) * (problem.normal * v)
     form = BilinearForm(V)
     form += problem.kinematics.weight * density * region_measure(problem, place)
-    by_component = csr_matrix(tuple(map(np.asarray, form.Assemble().mat.CSR()))).tocoo()
+    entries, shape = tuple(map(np.asarray, form.Assemble().mat.CSR())), (V.ndof, V.ndof)
+    by_component = csr_matrix(entries, shape=shape).tocoo()
     node = np.arange(V.ndof).reshape(N, -1).T.ravel().argsort()
     data, i, j = by_component.data, node[by_component.row], node[by_component.col]
     kept = data != 0
-    return csr_matrix((data[kept], (i[kept], j[kept])), shape=(V.ndof, V.ndof))
+    return csr_matrix((data[kept], (i[kept], j[kept])), shape=shape)
 
 
 class Supports:
@@ -152,11 +153,12 @@ class Supports:
         }
         self.stiffness = sum(self.springs.values()) if self.springs else None
 
-    def pull(self, u: np.ndarray) -> np.ndarray:
-        """The forces on the springs at nodal displacements, both (nodes, N)."""
+    def pull(self, u: np.ndarray, place: Place | None = None) -> np.ndarray:
+        """The forces on the springs, of one place or of all, at displacements, both (nodes, N)."""
         if self.stiffness is None:
             return np.zeros_like(u)
-        return (self.stiffness @ u.ravel()).reshape(u.shape)
+        matrix = self.stiffness if place is None else self.springs[place]
+        return self.problem.processes.summed((matrix @ u.ravel()).reshape(u.shape))
 
     def function(self, u: np.ndarray, name: str = "displacement") -> GridFunction:
         """The displacement with these nodal values."""

@@ -74,11 +74,9 @@ class DiscreteProblem:
         """Diagonal of the elastic stiffness, shape (nodes, N): the size of forces per length."""
         diagonal = self.points.diagonal(self.law.bulk, self.law.two_mu)
         springs = self.supports.stiffness
-        return (
-            diagonal
-            if springs is None
-            else diagonal + springs.diagonal().reshape(-1, self.problem.N)
-        )
+        if springs is None:
+            return diagonal
+        return diagonal + self.problem.processes.summed(springs.diagonal().reshape(diagonal.shape))
 
     @cached_property
     def row_stiffness(self) -> np.ndarray:

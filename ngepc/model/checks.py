@@ -54,7 +54,7 @@ def check_data(problem: Given) -> None:
 
 def check_shared(problem: Given) -> None:
     """What several processes cannot do."""
-    mappings = [problem.traction, problem.pressure, problem.prescribed]
+    mappings = [problem.traction, problem.pressure, problem.prescribed, problem.springs]
     acting = {}
     for given in (g for g in mappings if isinstance(g, Mapping)):
         acting |= given
@@ -62,7 +62,6 @@ def check_shared(problem: Given) -> None:
         "order=2": problem.order == 2,
         "friction": problem.friction is not None,
         "contact of two bodies": bool(problem.contact_pairs),
-        "springs": problem.springs is not None,
         "points and edges": not all(isinstance(place, str) for place in acting),
         "rollers": any(isinstance(value, Roller) for value in acting.values()),
     }

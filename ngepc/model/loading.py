@@ -68,7 +68,7 @@ def check_springs(problem: Given) -> None:
         for one in k if several else [k]:
             require_coefficient(argument, one)
             require_finite_at(argument, one, problem.mesh, place)
-            least = values_at(one, problem.mesh, place)[1].min()
+            least = values_at(one, problem.mesh, place)[1].min(initial=0.0)
             if least < 0:
                 raise ValueError(f"{argument} falls to {least:g}: values >= 0 are needed")
 

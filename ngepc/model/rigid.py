@@ -47,7 +47,7 @@ def oblique(problem: Given) -> tuple[np.ndarray, np.ndarray]:
             parts = [(None, k)]
         for axis, one in parts:
             stiff = values_at(one, mesh, place)
-            if stiff[1].max() > 0:
+            if stiff[1].max(initial=0.0) > 0:
                 found.append(directed(mesh, place, axis))
     vertices, directions = (np.concatenate(part) for part in zip(*found, strict=True))
     return vertices, directions

@@ -22,6 +22,7 @@ from ngepc.model.rigid import (
     directed,
     free_motions,
     mechanisms,
+    oblique,
     part_vertices,
     rigid_rows,
 )
@@ -181,10 +182,10 @@ def check_rigid_body(problem: Given, held: np.ndarray) -> None:
     if problem.kinematics.hoop:
         held = held | np.array([True, False])
     x, processes = vertex_coordinates(problem.mesh), problem.processes
-    v, i = np.nonzero(held)
-    rows = np.linalg.qr(
-        rigid_rows(x[v] / processes.most(np.abs(x)), np.eye(problem.N)[i]), mode="r"
-    )
+    (v, i), (also, directions) = np.nonzero(held), oblique(problem)
+    scaled = x[np.append(v, also)] / processes.most(np.abs(x))
+    rows = rigid_rows(scaled, np.vstack([np.eye(problem.N)[i], directions]))
+    rows = np.linalg.qr(rows, mode="r")
     free = len(mechanisms(np.vstack(processes.all(rows)), 1))
     if free:
         raise ValueError(

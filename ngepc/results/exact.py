@@ -76,9 +76,8 @@ class DiscreteSolution(Result):
         state, frame = self.state, self.state.frame
         others = {p: -f.T for p, f in frame.contact.roller_forces(state.contact).items()}
         contact = -state.contact_forces.T - sum(others.values(), np.zeros(frame.load.T.shape))
-        for place, matrix in frame.supports.springs.items():
-            pull = (matrix @ state.u.ravel()).reshape(state.u.shape).T
-            others[place] = others.get(place, 0.0) - pull
+        for place in frame.supports.springs:
+            others[place] = others.get(place, 0.0) - frame.supports.pull(state.u, place).T
         return Equilibrium(
             self.problem, frame.load.T, contact, state.missing.T, frame.free.T, others
         )

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(
     reason="petsc4py or mpi4py is missing",
 )
 
-BODIES = ("block", "fine block", "lshape")
+BODIES = ("block", "fine block", "springs", "lshape")
 
 
 def output_of(count, *program, folder=None):
