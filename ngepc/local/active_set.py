@@ -111,7 +111,7 @@ class InexactTarget:
         if found is None:
             raise TangentError(contact.unsolvable)
         change, forces = found
-        left = here.open_gap - rows.displacement(change)
+        left = here.open_gap - rows.normal @ change.ravel()
         active = (contact.normal(forces) > 0) | (left < 0) | rows.tied
         moved = Closed(discrete, active).moved(left[active])
         return Target(change + moved.reshape(change.shape), forces)
