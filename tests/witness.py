@@ -78,7 +78,7 @@ def feasible_bound(primal, other):
     u, p = GridFunction(other.displacement.space), other.plastic_increment
     u.vec.data = other.displacement.vec
     values = u.vec.FV().NumPy().reshape(problem.N, -1)
-    overlap = np.maximum(-contact.open_gap(values.T), 0.0)
+    overlap = np.maximum(-(contact.gaps - contact.normal @ values.T.ravel()), 0.0)
     for depth, vertex, normal in zip(overlap, contact.vertices, contact.normals, strict=True):
         values[:, vertex] -= depth * normal
     du, dp = primal.displacement - u, primal.plastic_increment - p

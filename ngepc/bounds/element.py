@@ -26,9 +26,6 @@ LENGTHS = np.array([np.hypot(*t) for t in _OUT])
 NORMALS = np.array([(t[1], -t[0]) for t in _OUT]) / LENGTHS[:, None]
 """Lengths and outer normals of the reference edges."""
 
-MIDPOINTS = np.array([[0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])
-"""Barycentric coordinates of the edge midpoints of a sub-triangle: a rule of degree two."""
-
 
 def _traction(triangle: int, node: int, n: np.ndarray) -> np.ndarray:
     """Rows (2, 27) of sigma n at a node of a sub-triangle."""

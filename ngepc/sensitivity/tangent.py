@@ -240,8 +240,8 @@ def chosen_rows(found: TangentResult) -> LinearContact:
     contact, rows, data = found.rows, found.biactive.rows, found.data
     conditions, start = found.state.discrete.contact, found.state.discrete.rows.slip
     closed, slips, sides = contact.closed.copy(), contact.slips.copy(), contact.sides
-    normal, change = conditions.normal(found.contact), found.state.discrete.rows.displacement
-    apart = data.get("gaps", 0.0) - change(found.u)
+    normal = conditions.normal(found.contact)
+    apart = data.get("gaps", 0.0) - found.state.discrete.rows.normal @ found.u.ravel()
     least = -NEUTRAL * np.abs(normal).max(initial=0.0)
     moves = NEUTRAL * np.abs(found.u).max()
     closed[rows] = np.where(closed[rows], normal[rows] >= least, apart[rows] < -moves)
