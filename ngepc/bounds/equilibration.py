@@ -28,7 +28,7 @@ PASSES = 2
 
 
 class Patches:
-    """The cells around each vertex and the Laplacians of their corners.
+    """The tetrahedra around each vertex and the Laplacians of their corners; in 2D ``Fans``.
 
     Parameters
     ----------
@@ -54,8 +54,7 @@ class Patches:
         connected = self._sum @ diags(np.repeat(~c.outer, N).astype(float)) @ self._jump
         connected.eliminate_zeros()
         if connected_components(connected)[0] > len(np.unique(c.nodes)):
-            parts = "edges" if N == 2 else "faces"
-            raise ValueError(f"mesh: bounds need parts that hang together by {parts}")
+            raise ValueError("mesh: bounds need parts that hang together by faces")
         self._free = np.repeat(~boundary.given, N, axis=0).astype(float)
         self._laplacians: list[SuperLU] = []
         for k in range(N):

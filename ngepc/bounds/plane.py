@@ -36,7 +36,7 @@ class PlaneSetting(Setting):
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray, effort: Effort | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """An admissible stress for which the bound is small, its mean on each triangle, and P."""
+        """An admissible stress for which the bound is small, again at the midpoints, and P."""
         moments, forces = self.loads(state, P)
         stress = self.balanced(state, tangent, self.carried_forces() - forces)
         z = self.admissible(stress, moments)

@@ -152,19 +152,11 @@ def calibrate(
         If the load path cannot be solved with some constants.
     """
     require_instance("problem", problem, Problem, "a Problem")
-    curves = [curves] if isinstance(curves, Curve) else curves
-    require_sequence("curves", curves, "Curve objects")
-    if not len(curves):
-        raise ValueError(f"curves={curves!r}: at least one Curve is needed")
-    for number, curve in enumerate(curves):
-        require_instance(f"curves[{number}]", curve, Curve, "Curve(...)")
     require_number("tolerance", tolerance, 0, strict=True)
     if not 0 < require_number("confidence", confidence) < 1:
         raise ValueError(f"confidence={confidence!r}: a number in (0, 1) is needed")
     limit, names = require_integer("max_evaluations", max_evaluations, 1), checked_start(start)
-    count = sum(len(curve.measured) for curve in curves)
-    if count < len(names):
-        raise ValueError(f"{count} measurements: at least {len(names)} are needed")
+    curves = checked_curves(curves, len(names))
 
     @lru_cache(maxsize=1)  # the Jacobian is asked for where the residuals were found
     def solved(*logarithms: float) -> list[Prediction]:
@@ -206,6 +198,20 @@ def require_numbers(name: str, values: object) -> None:
     require_sequence(name, values, "numbers")
     for i, value in enumerate(values):
         require_number(f"{name}[{i}]", value)
+
+
+def checked_curves(curves: Curve | Sequence[Curve], unknowns: int) -> Sequence[Curve]:
+    """At least one curve, and as many measurements as there are unknown constants."""
+    curves = [curves] if isinstance(curves, Curve) else curves
+    require_sequence("curves", curves, "Curve objects")
+    if not len(curves):
+        raise ValueError(f"curves={curves!r}: at least one Curve is needed")
+    for number, curve in enumerate(curves):
+        require_instance(f"curves[{number}]", curve, Curve, "Curve(...)")
+    count = sum(len(curve.measured) for curve in curves)
+    if count < unknowns:
+        raise ValueError(f"{count} measurements: at least {unknowns} are needed")
+    return curves
 
 
 def checked_start(start: Mapping[str, float]) -> tuple[str, ...]:
