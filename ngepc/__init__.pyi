@@ -16,6 +16,9 @@ from ngepc.bounds.goals import contact_force_bracket as contact_force_bracket
 from ngepc.bounds.goals import displacement_bracket as displacement_bracket
 from ngepc.dual.newton import NewtonOptions as NewtonOptions
 from ngepc.dual.newton import semismooth_newton as semismooth_newton
+from ngepc.dual.path import follow_path as follow_path
+from ngepc.dual.path_options import PathOptions as PathOptions
+from ngepc.dual.path_steps import PathResult as PathResult
 from ngepc.dual.result import DualResult as DualResult
 from ngepc.dual.spaces import Coupled as Coupled
 from ngepc.dual.spaces import DualSpaces as DualSpaces
@@ -52,9 +55,6 @@ from ngepc.model.places import Edge as Edge
 from ngepc.model.places import Point as Point
 from ngepc.model.places import Roller as Roller
 from ngepc.model.problem import Problem as Problem
-from ngepc.path.options import PathOptions as PathOptions
-from ngepc.path.result import PathResult as PathResult
-from ngepc.path.solver import follow_path as follow_path
 from ngepc.pictures.curves import plot_history as plot_history
 from ngepc.pictures.export import export_vtu as export_vtu
 from ngepc.pictures.fields import plot_field as plot_field

@@ -36,8 +36,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Follow the path, report, write."""
-    from ngepc.path.options import PathOptions
-    from ngepc.path.solver import follow_path
+    from ngepc.dual.path import follow_path
+    from ngepc.dual.path_options import PathOptions
     from ngepc.results import records
     from ngepc.studies.examples import example
 

@@ -1,1 +1,1 @@
-"""The paper's method: Algorithm 7.1 for the regularised dual problem, part by part of (D_gamma)."""
+"""The paper's method: Algorithm 7.1 for (D_gamma), part by part, and Algorithm 7.2 along gamma."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from ngepc.path.options import PathOptions
-from ngepc.path.solver import follow_path
+from ngepc.dual.path import follow_path
+from ngepc.dual.path_options import PathOptions
 from ngepc.studies.examples import example
 from ngepc.studies.work import Cell, Work
 from ngepc.theory.duality import duality_report

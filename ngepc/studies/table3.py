@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ngepc.path.options import PathOptions
-from ngepc.path.solver import follow_path
-from ngepc.path.widths import mesh_width
+from ngepc.dual.path import follow_path
+from ngepc.dual.path_options import PathOptions
+from ngepc.dual.widths import mesh_width
 from ngepc.studies.examples import FAMILIES, example
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
 from ngepc.studies.work import Cell, Table, Work, ending, first_of, steps

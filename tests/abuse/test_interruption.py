@@ -21,10 +21,10 @@ import pytest
 from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.cli.arguments import teller
+from ngepc.dual.path import follow_path
+from ngepc.dual.path_options import PathOptions
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
-from ngepc.path.options import PathOptions
-from ngepc.path.solver import follow_path
 from ngepc.results import checkpoint, files
 from ngepc.results.records import write_text
 from ngepc.studies.counts import Table1
@@ -479,7 +479,7 @@ def test_foreign_and_older_checkpoints_are_refused_and_kept(work):
 def test_checkpoint_of_an_earlier_version_is_refused(tmp_path, monkeypatch):
     store = tmp_path / "path.npz"
     small_path(store)
-    monkeypatch.setattr("ngepc.path.state.__version__", "99.0")
+    monkeypatch.setattr("ngepc.dual.path_steps.__version__", "99.0")
     with pytest.raises(ValueError, match="version differ"):
         small_path(store)
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from ngsolve import BND, CF, IfPos, x
 
 from ngepc.dual.newton import NewtonOptions
+from ngepc.dual.path import follow_path
+from ngepc.dual.path_options import PathOptions
 from ngepc.geometries import block
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
-from ngepc.path.options import PathOptions
-from ngepc.path.solver import follow_path
 from ngepc.primal.solver import primal_newton
 from ngepc.studies.examples import solved_by
 from ngepc.studies.work import Cell, Work, chosen, pivoted, steps

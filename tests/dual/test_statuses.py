@@ -19,12 +19,12 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
+from ngepc.dual.path import follow_path
+from ngepc.dual.path_options import PathOptions
 from ngepc.dual.runlog import ADVICE
 from ngepc.dual.system import NewtonSystem
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
-from ngepc.path.options import PathOptions
-from ngepc.path.solver import follow_path
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.primal.step import PrimalStep
 

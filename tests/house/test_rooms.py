@@ -13,7 +13,6 @@ FLOORS = (
     ("results",),
     ("local", "primal"),
     ("dual",),
-    ("path",),
     ("bounds",),
     ("evolution",),
     ("sensitivity",),

@@ -25,8 +25,8 @@ from ngepc.__main__ import main
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.newton import prepared
 from ngepc.dual.system import NewtonSystem
+from ngepc.dual.widths import contact_mesh_width, mesh_width
 from ngepc.geometries import lshape, wrench
-from ngepc.path.widths import contact_mesh_width, mesh_width
 
 
 @pytest.fixture(scope="module")
@@ -196,7 +196,7 @@ def test_checkpoint_of_another_version_is_refused(problem, tmp_path, monkeypatch
     file = tmp_path / "path.npz"
     limited = PathOptions(max_outer_iterations=1)
     follow_path(problem, limited, checkpoint=file)
-    monkeypatch.setattr("ngepc.path.state.__version__", "0.0.1")
+    monkeypatch.setattr("ngepc.dual.path_steps.__version__", "0.0.1")
     with pytest.raises(ValueError, match="version"):
         follow_path(problem, limited, checkpoint=file)
 

@@ -14,14 +14,13 @@ from ngepc.dual.algorithm import algorithm_7_1
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.carried import carried_over
 from ngepc.dual.functional import DualFunctional
+from ngepc.dual.path_options import InnerRule, PathOptions
+from ngepc.dual.path_steps import PathResult, PathStep, PathStore
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import Coupled, DualSpaces
 from ngepc.dual.system import NewtonSystem
+from ngepc.dual.widths import contact_mesh_width, mesh_width
 from ngepc.model.problem import Problem
-from ngepc.path.options import InnerRule, PathOptions
-from ngepc.path.result import PathResult
-from ngepc.path.state import PathStep, PathStore
-from ngepc.path.widths import contact_mesh_width, mesh_width
 from ngepc.results.outcome import History, Monitor, Status
 
 logger = logging.getLogger(__name__)
