@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from lambda_newton import MultiplierEquation, compare_algorithms, newton_in_lambda
 
 from ngepc import (
     Armijo,
@@ -17,11 +18,6 @@ from ngepc import (
 from ngepc.dual.newton import prepared
 from ngepc.dual.spaces import FullProduct
 from ngepc.geometries import lshape, wrench
-from ngepc.theory.lambda_newton import (
-    MultiplierEquation,
-    compare_algorithms,
-    newton_in_lambda,
-)
 
 FULL_STEPS = NewtonOptions(linesearch=None, quadrature_points=49, max_iterations=60)
 GLOBALISED = NewtonOptions(linesearch=Armijo(), quadrature_points=49, max_iterations=60)
@@ -150,11 +146,6 @@ def test_only_the_line_search_converges():
     assert damped.history.halvings > 0
     assert all(b <= a for a, b in pairwise(damped.history.energies[:-2]))
     assert any(b > a for a, b in pairwise(full.history.energies))
-
-
-def test_a_line_search_is_refused():
-    with pytest.raises(ValueError, match=r"linesearch=Armijo.*linesearch=None is needed"):
-        compare_algorithms(lshape_225(), Coupled(1.0), options=GLOBALISED)
 
 
 def test_iteration_limit_ends_both():
