@@ -11,7 +11,7 @@ stress s of the paper's (3.8) exceeds the yield bound,  |s| w = beta s  linearis
 
 p and q live at the integration points, so that NGSolve condenses them element by element
 (``condense=True``).  ``Stiffness`` assembles the same matrix of u directly, in 9 ms where this
-takes 0.26 s (Example (a), 6273 nodes); this is what it is compared with, and what one shows.
+takes 0.26 s (Example (a), 6273 nodes); this is what it is compared with.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ from ngsolve import (
 from ngsolve.fem import CacheCF
 from ngsolve.la import BaseMatrix
 
-from ngepc.discretisation.blocks import Blocks
 from ngepc.discretisation.law import ROUNDING
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
@@ -42,16 +41,6 @@ from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.loading import require_linear
 from ngepc.model.problem import as_scalar
 from ngepc.model.rules import plastic_order
-
-
-class SymbolicForms:
-    """``NewtonOptions(inverse=SymbolicForms())``: tangents by these forms."""
-
-    forcing = None
-
-    def tangent(self, discrete: DiscreteProblem, blocks: Blocks) -> SaddleForms:
-        assert discrete.added is None, "springs, rollers and floating parts are not in the forms"
-        return SaddleForms(discrete, "sparsecholesky")
 
 
 class SaddleForms:
@@ -77,6 +66,7 @@ class SaddleForms:
     def __init__(self, discrete: DiscreteProblem, inverse: str) -> None:
         self.discrete, self._name, self._inverse = discrete, inverse, None
         self.back_substitutions = 0
+        assert discrete.added is None, "springs, rollers and floating parts are not in the forms"
         problem, V = discrete.problem, discrete.supports.space
         require_linear(problem, "these forms need")
         local = L2(problem.mesh, order=plastic_order(problem.mesh, problem.order))

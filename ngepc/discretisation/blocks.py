@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from ngsolve import CF, H1, BaseMatrix, BilinearForm, dx
+from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Trace, VectorH1, dx
 from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.elements import Elements, chunks
+from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.points import Moduli, Points
 
 
@@ -81,6 +82,15 @@ class StiffnessBlocks:
 
     def values(self, moduli: Moduli) -> np.ndarray:
         """The blocks for these moduli at the points, shape (blocks, N, N)."""
+        values = self.summed(moduli)
+        if self._added is not None:
+            places, blocks = self._added
+            values[places] += blocks
+        hold(values, self)
+        return values
+
+    def summed(self, moduli: Moduli) -> np.ndarray:
+        """The blocks without what is added and held."""
         values = np.zeros((len(self.rows), self.N**2))
         for block, places in zip(self.points.blocks, self._places, strict=True):
             k = block.nodes.shape[1]
@@ -91,12 +101,63 @@ class StiffnessBlocks:
                 K[turned] = K[turned].swapaxes(1, 2)
                 found = [np.bincount(which, c, len(touched)) for c in K.reshape(-1, self.N**2).T]
                 values[touched] += np.column_stack(found)
-        values = values.reshape(-1, self.N, self.N)
-        if self._added is not None:
-            places, blocks = self._added
-            values[places] += blocks
+        return values.reshape(-1, self.N, self.N)
+
+
+class SymbolicBlocks(StiffnessBlocks):
+    """The same matrix, assembled by a symbolic form of NGSolve: slower, the formula to be seen."""
+
+    def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
+        super().__init__(points, free, added)
+        self._functions, kinematics = PointFunctions(points), points.kinematics
+        shapes = [(len(points),)] * 3 + [(len(points), kinematics.d)]
+        self._moduli = [self._functions.function(np.zeros(shape)) for shape in shapes]
+        bulk, across, extra, direction = self._moduli
+        u, v = VectorH1(points.mesh, order=points.order).TnT()
+        e, d = (kinematics.coordinates(kinematics.strain(w)) for w in (u, v))
+        volume = Trace(kinematics.strain(u)) * Trace(kinematics.strain(v))
+        along = InnerProduct(direction, e) * InnerProduct(direction, d)
+        power = bulk * volume + across * InnerProduct(e, d) + extra * along
+        self._form = BilinearForm(kinematics.weight * power * dx(intrules=points.rules))
+
+    def summed(self, moduli: Moduli) -> np.ndarray:
+        """The blocks without what is added and held."""
+        for function, values in zip(self._moduli, vars(moduli).values(), strict=True):
+            function.vec.data = self._functions.function(values).vec
+        matrix = self._form.Assemble().mat
+        return ComponentBlocks(matrix, self.free).entries(matrix)
+
+
+class ComponentBlocks:
+    """``Blocks`` of matrices of NGSolve that go component by component.
+
+    Parameters
+    ----------
+    matrix
+        One of them.
+    free
+        Boolean, shape (nodes, N): components that no support holds.
+    """
+
+    def __init__(self, matrix: BaseMatrix, free: np.ndarray) -> None:
+        self.free, (nodes, self.N) = free, free.shape
+        pattern = csr_matrix(tuple(map(np.asarray, matrix.CSR())))[:nodes, :nodes].tocoo()
+        self._lower = pattern.row >= pattern.col
+        self.rows, self.columns = (a[self._lower] for a in (pattern.row, pattern.col))
+
+    def values(self, matrix: BaseMatrix) -> np.ndarray:
+        """The blocks of a matrix, shape (blocks, N, N)."""
+        values = self.entries(matrix)
         hold(values, self)
         return values
+
+    def entries(self, matrix: BaseMatrix) -> np.ndarray:
+        """The same as they are, also where held."""
+        whole, N = csr_matrix(tuple(map(np.asarray, matrix.CSR()))), self.N
+        cuts = np.arange(N + 1) * len(self.free)
+        parts = [slice(*cuts[c : c + 2]) for c in range(N)]
+        entries = [whole[i, j].data[self._lower] for i in parts for j in parts]
+        return np.stack(entries, axis=1).reshape(-1, N, N)
 
 
 def hold(values: np.ndarray, blocks: Blocks) -> None:

@@ -38,10 +38,10 @@ class Stiffness:
         if self.entries.shape[0] != len(self._blocks.rows):
             raise RuntimeError("the block matrix has another pattern than the scalar one")
 
-    def another(self) -> Stiffness:
-        """One more matrix on the same pattern."""
+    def another(self, blocks: StiffnessBlocks | None = None) -> Stiffness:
+        """One more matrix on the same pattern, assembled by other blocks if there are some."""
         other = copy(self)
-        other.matrix = self.matrix.CreateMatrix()
+        other.matrix, other._blocks = self.matrix.CreateMatrix(), blocks or self._blocks
         return other
 
     @property

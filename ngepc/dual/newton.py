@@ -40,8 +40,8 @@ class NewtonOptions:
     linesearch
         (D_gamma) ``Armijo()``, or None for full steps.
     inverse
-        NGSolve's name of a direct solver that does LDL^T, or, for large bodies without gamma,
-        ``PETSc()`` or ``PyAMG()``.
+        NGSolve's name of a direct solver that does LDL^T, or, without gamma, ``PETSc()`` or
+        ``PyAMG()`` for large bodies, ``SymbolicForms()`` for tangents by NGSolve's form.
 
     Raises
     ------

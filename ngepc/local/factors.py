@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ngepc.discretisation.blocks import StiffnessBlocks
 from ngepc.discretisation.contact_step import EXAMINED
 from ngepc.discretisation.points import Moduli
 from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError
@@ -50,6 +51,8 @@ class Factors:
         The discrete problem.
     name
         NGSolve's name of a direct solver.
+    blocks
+        What assembles the tangents; None for the fast way.
 
     Attributes
     ----------
@@ -66,10 +69,12 @@ class Factors:
     linear_iterations, examined = 0, EXAMINED
     moduli: Moduli | None = None
 
-    def __init__(self, discrete: DiscreteProblem, name: str) -> None:
+    def __init__(
+        self, discrete: DiscreteProblem, name: str, blocks: StiffnessBlocks | None = None
+    ) -> None:
         require_whole(f"inverse={name!r} and all that needs factors", discrete.problem.mesh)
         self._free = discrete.supports.free
-        self._stiffness = discrete.stiffness.another()
+        self._stiffness = discrete.stiffness.another(blocks)
         self._name, self._inverse, self.back_substitutions = name, None, 0
         self._in_blocks = name in FROM_LOWER_TRIANGLE
         self._right, self._left = (self._stiffness.matrix.CreateColVector() for _ in range(2))

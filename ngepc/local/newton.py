@@ -82,7 +82,7 @@ class PrimalDualStep:
         discrete = state.discrete
         if discrete.contact.friction is None:
             return False, ""
-        self.tangent.update(discrete.law.moduli(state.at, state.on_sphere().yielding))
+        self.tangent.linearise(state.on_sphere())
         work = discrete.contact, self.tangent.solve, state.gaps, state.contact
         return rival(*work, discrete.row_stiffness, self.tangent.examined)
 

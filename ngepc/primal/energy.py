@@ -19,7 +19,7 @@ from ngsolve import (
 )
 from scipy.sparse import csr_matrix, diags
 
-from ngepc.discretisation.blocks import hold
+from ngepc.discretisation.blocks import ComponentBlocks
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.contact_step import EXAMINED, FEW
 from ngepc.discretisation.floating import Floating
@@ -31,34 +31,6 @@ from ngepc.primal.return_mapping import ReturnMapping
 
 ANSWER = 1e-8
 """Relative residual of linear systems that are solved by iterations."""
-
-
-class ComponentBlocks:
-    """``Blocks`` of matrices of NGSolve that go component by component.
-
-    Parameters
-    ----------
-    matrix
-        One of them.
-    free
-        Boolean, shape (nodes, N): components that no support holds.
-    """
-
-    def __init__(self, matrix: BaseMatrix, free: np.ndarray) -> None:
-        self.free, (nodes, self.N) = free, free.shape
-        pattern = csr_matrix(tuple(map(np.asarray, matrix.CSR())))[:nodes, :nodes].tocoo()
-        self._lower = pattern.row >= pattern.col
-        self.rows, self.columns = (a[self._lower] for a in (pattern.row, pattern.col))
-
-    def values(self, matrix: BaseMatrix) -> np.ndarray:
-        """The blocks of a matrix, shape (blocks, N, N)."""
-        whole, N = csr_matrix(tuple(map(np.asarray, matrix.CSR()))), self.N
-        cuts = np.arange(N + 1) * len(self.free)
-        parts = [slice(*cuts[c : c + 2]) for c in range(N)]
-        entries = [whole[i, j].data[self._lower] for i in parts for j in parts]
-        values = np.stack(entries, axis=1).reshape(-1, N, N)
-        hold(values, self)
-        return values
 
 
 class ReducedEnergy:

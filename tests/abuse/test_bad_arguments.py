@@ -50,6 +50,7 @@ from ngepc import (
     Status,
     SurfaceGradient,
     Swift,
+    SymbolicForms,
     Tabulated,
     Units,
     Voce,
@@ -234,6 +235,7 @@ USES = {
     "Refinement": Use(Refinement),
     "solve_to": Use(solve_to, {"problem": FREE, "relative_error": 0.5}),
     "PyAMG": Use(PyAMG, {}, {"patience": {"zero"}}),
+    "SymbolicForms": Use(SymbolicForms),
     "misfit": Use(misfit, {"observed": PRIMAL.displacement}, {"observed": COEFFICIENTS}),
     # load histories
     "Schedule": Use(

@@ -1,11 +1,25 @@
 """The tangent: NGSolve's forms against the direct assembly, and both against differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bodies import CASES, pressed_body
-from saddle_forms import SaddleForms, SymbolicForms
+from saddle_forms import SaddleForms
 
-from ngepc import NewtonOptions, Status, semismooth_newton
+from ngepc import (
+    Coulomb,
+    Material,
+    NewtonOptions,
+    PrimalOptions,
+    PyAMG,
+    Roller,
+    Status,
+    SymbolicForms,
+    Voce,
+    primal_newton,
+    semismooth_newton,
+)
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem
 
@@ -72,6 +86,35 @@ def test_newton_takes_the_same_decisions_with_forms(shape, kinematics, order):
     assert (direct[:2, -1] > 0).all()
     assert forms.shape == direct.shape
     assert forms == pytest.approx(direct, rel=1e-9, abs=1e-12)
+
+
+SOFT = Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=Voce(1.25, 1.0, 10.0))
+
+MORE = {
+    "springs": {"springs": {"left": 2.0}},
+    "a law": {"material": SOFT, "initial_strain": 1e-4},
+    "friction": {"friction": Coulomb(0.3)},
+    "a roller": {"prescribed": {"left": Roller((1.0, 0.2))}},
+}
+
+
+@pytest.mark.parametrize("given", MORE.values(), ids=MORE)
+@pytest.mark.parametrize("solver", ["umfpack", PyAMG()])
+def test_forms_know_all_that_the_fast_assembly_knows(given, solver):
+    """With direct and iterative solvers: the same steps, forces and word on other equilibria."""
+    problem = replace(pressed_body("triangles"), **given)
+    options = [
+        NewtonOptions(inverse=inverse) for inverse in (solver, SymbolicForms(inverse=solver))
+    ]
+    direct, forms = (semismooth_newton(problem, options=chosen) for chosen in options)
+    assert (forms.status, forms.message) == (direct.status, direct.message)
+    assert forms.history.energies == pytest.approx(direct.history.energies, rel=1e-9)
+    assert forms.state.contact == pytest.approx(direct.state.contact, rel=1e-8, abs=1e-10)
+
+
+def test_the_primal_method_says_that_it_has_forms_of_its_own():
+    with pytest.raises(ValueError, match="forms of its own"):
+        primal_newton(pressed_body("triangles"), options=PrimalOptions(inverse=SymbolicForms()))
 
 
 @every_case
