@@ -8,18 +8,11 @@ differ little are averaged at their nodes; faces that meet at an angle have a ro
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import BND, H1, ElementId, FESpace, GridFunction, IntegrationRule
-from scipy.sparse import csr_matrix
+from ngsolve import BND, H1, ElementId, FESpace, GridFunction
+from scipy.sparse import csr_matrix, eye
 
-from ngepc.checks.arguments import ELEMENT_TYPES
 from ngepc.discretisation.loads import Supports
-from ngepc.discretisation.rows import (
-    SAME_FACE,
-    ContactRows,
-    interleaved,
-    surface_measure,
-    tangent_frames,
-)
+from ngepc.discretisation.rows import ContactRows, Faces, facet_rules, rows_along, surface_measure
 from ngepc.discretisation.spaces import nodes_at
 from ngepc.model.places import Place, Roller, values_at
 from ngepc.model.problem import Problem, as_scalar
@@ -44,7 +37,15 @@ def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows
                 d = d / np.linalg.norm(d)
                 if held.takes(d, values[node], place):
                     found.append((node, d))
-        result[place] = _as_rows(supports.free.shape, found, values)
+        nodes = np.array([node for node, _ in found], dtype=int)
+        result[place] = rows_along(
+            np.array([d for _, d in found]).reshape(-1, problem.N),
+            csr_matrix(eye(scalar.ndof))[nodes],
+            vertices=np.zeros(len(found), dtype=int),
+            gaps=values[nodes],
+            weights=np.zeros(len(found)),  # no part of the contact area
+            tied=True,
+        )
     return result
 
 
@@ -78,20 +79,13 @@ def _directions(
     """Node -> directions, of any length: the given one, or the normals of the faces there."""
     if roller.direction is not None:
         return {int(n): [np.array(roller.direction)] for n in nodes_at(scalar, place)}
-    region, nodes = problem.mesh.Boundaries(place), {}
-    rules = {shape: IntegrationRule(shape, 1) for shape in ELEMENT_TYPES[problem.N - 1]}
-    points = problem.mesh.MapToAllElements(rules, region)
+    region, faces = problem.mesh.Boundaries(place), Faces()
+    points = problem.mesh.MapToAllElements(facet_rules(problem, 1), region)
     normals = surface_measure(problem, points)[:, None] * np.asarray(problem.normal(points))
     for facet, n in zip(region.Elements(), normals, strict=True):
         for node in scalar.GetDofNrs(ElementId(BND, facet.nr)):
-            here = nodes.setdefault(node, [])
-            for k, face in enumerate(here):
-                if face @ n > SAME_FACE * np.linalg.norm(face) * np.linalg.norm(n):
-                    here[k] = face + n
-                    break
-            else:
-                here.append(n)
-    return nodes
+            faces.taking(node, place, n)
+    return {node: [n for _, n in here] for node, here in faces.at.items()}
 
 
 def _nodal_values(problem: Problem, scalar: FESpace, place: Place, roller: Roller) -> np.ndarray:
@@ -103,29 +97,3 @@ def _nodal_values(problem: Problem, scalar: FESpace, place: Place, roller: Rolle
         vertices, given = values_at(roller.value, problem.mesh, place)
         values.vec.FV().NumPy()[vertices] = given[:, 0]
     return values.vec.FV().NumPy().copy()
-
-
-def _as_rows(
-    shape: tuple[int, int], found: list[tuple[int, np.ndarray]], values: np.ndarray
-) -> ContactRows:
-    """The rows of nodes and unit vectors; they carry no part of the contact area."""
-    count, N = len(found), shape[1]
-    nodes = np.array([node for node, _ in found], dtype=int)
-    normals = np.array([d for _, d in found]).reshape(-1, N)
-    tangents = tangent_frames(normals)
-
-    def rows(directions: np.ndarray) -> csr_matrix:
-        i = np.repeat(np.arange(count), N)
-        j = (N * nodes[:, None] + np.arange(N)).ravel()
-        return csr_matrix((directions.ravel(), (i, j)), shape=(count, shape[0] * N))
-
-    return ContactRows(
-        normal=rows(normals),
-        tangential=interleaved([rows(tangents[:, k]) for k in range(N - 1)], shape[0] * N),
-        gaps=values[nodes],
-        weights=np.zeros(count),
-        vertices=np.zeros(count, dtype=int),
-        normals=normals,
-        tangents=tangents,
-        tied=np.ones(count, dtype=bool),
-    )

@@ -12,14 +12,17 @@ every dimension, which those of the nodal values of quadratic triangles are not.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
-from ngsolve import BND, ET, H1, ElementId, IntegrationRule, specialcf
-from scipy.sparse import csr_matrix, vstack
+from ngsolve import BND, H1, ElementId, FESpace, IntegrationRule, specialcf
+from scipy.sparse import csr_matrix, diags, vstack
+from scipy.sparse.linalg import norm
 
+from ngepc.checks.arguments import ELEMENT_TYPES
 from ngepc.discretisation.loads import Supports
+from ngepc.model.places import values_at
 from ngepc.model.problem import Problem
 
 SAME_FACE = 0.7
@@ -30,18 +33,6 @@ SAME_FACE_ACROSS = 0.985
 
 HELD = 1e-8
 """A row with a smaller free part is held by the support: no contact can happen there."""
-
-_HATS = {
-    ET.SEGM: lambda x: (x[0], 1 - x[0]),
-    ET.TRIG: lambda x: (x[0], x[1], 1 - x[0] - x[1]),
-    ET.QUAD: lambda x: (
-        (1 - x[0]) * (1 - x[1]),
-        x[0] * (1 - x[1]),
-        x[0] * x[1],
-        (1 - x[0]) * x[1],
-    ),
-}
-
 
 _ARRAYS = ("gaps", "weights", "vertices", "normals", "tangents", "tied")
 
@@ -92,6 +83,11 @@ class ContactRows:
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
         )
 
+    def movable(self, free: np.ndarray) -> ContactRows:
+        """The rows that supports do not hold, given the free components (nodes, N)."""
+        part = self.normal @ diags(free.ravel().astype(float))
+        return self.chosen(np.flatnonzero(norm(part, axis=1) > HELD))
+
     def forces(self, multipliers: np.ndarray) -> np.ndarray:
         """N' lambda, the nodal forces that the body exerts on the obstacle, (nodes, N)."""
         return (self.normal.T @ multipliers).reshape(-1, self.normals.shape[1])
@@ -105,82 +101,44 @@ class ContactRows:
         return (self.tangential.T @ multipliers.ravel()).reshape(-1, self.normals.shape[1])
 
 
-def joined(parts: list[ContactRows]) -> ContactRows:
-    """The rows of several parts, one after the other."""
-    return ContactRows(
-        normal=vstack([part.normal for part in parts], format="csr"),
-        tangential=vstack([part.tangential for part in parts], format="csr"),
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS},
-    )
+def rows_along(
+    normals: np.ndarray,
+    means: csr_matrix,
+    normal: csr_matrix | None = None,
+    *,
+    vertices: np.ndarray,
+    gaps: np.ndarray,
+    weights: np.ndarray,
+    free: np.ndarray | None = None,
+    tied: bool = False,
+) -> ContactRows:
+    """Rows n . (M u) for unit vectors n (m, N) and means M (m, nodes) of each component.
 
-
-@dataclass
-class _Face:
-    """What the facets of one face at a vertex add up to."""
-
-    name: str
-    normal: np.ndarray
-    weight: float = 0.0
-    gap: float = 0.0
-    means: dict[int, np.ndarray] = field(default_factory=dict)
-
-    def takes(self, name: str, normal: np.ndarray) -> bool:
-        least = SAME_FACE if name == self.name else SAME_FACE_ACROSS
-        return self.normal @ normal > least * np.linalg.norm(self.normal) * np.linalg.norm(normal)
-
-
-@dataclass(frozen=True)
-class _Corner:
-    """One corner of one contact facet: integrals with the hat function of the vertex."""
-
-    name: str
-    vertex: int
-    normal: np.ndarray
-    weight: float
-    gap: float
-    gap_there: float
-    nodes: np.ndarray
-    means: np.ndarray
-
-
-def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
-    """The discrete contact condition of a problem; no rows without a contact boundary."""
-    faces: dict[int, list[_Face]] = {}
-    for corner in _shared(_corners(problem), problem):
-        here = faces.setdefault(corner.vertex, [])
-        face = next((f for f in here if f.takes(corner.name, corner.normal)), None)
-        if face is None:
-            face = _Face(corner.name, np.zeros(problem.N))
-            here.append(face)
-        face.normal = face.normal + corner.normal
-        face.weight += corner.weight
-        face.gap += corner.gap if problem.order == 2 else corner.gap_there * corner.weight
-        for node, mean in zip(corner.nodes.tolist(), corner.means, strict=True):
-            face.means[node] = face.means.get(node, 0.0) + mean
-    found = [(vertex, face) for vertex, here in sorted(faces.items()) for face in here]
-    return _assembled(problem, supports, found)
-
-
-def _assembled(problem: Problem, supports: Supports, found: list[tuple[int, _Face]]) -> ContactRows:
-    N, free = problem.N, supports.free
-    normals = np.array([f.normal / np.linalg.norm(f.normal) for _, f in found]).reshape(-1, N)
+    ``normal`` takes the place of n . M where n varies, ``free`` (m, N) keeps components out of the
+    tangential rows.
+    """
     tangents = tangent_frames(normals)
-    normal = _sparse(found, normals, problem.order, free.size)
-    part = normal.multiply(free.ravel()[None, :]).tocsr()
-    keep = np.flatnonzero(np.sqrt(part.multiply(part).sum(axis=1)).A1 > HELD)
-    found, normals, tangents = [found[i] for i in keep], normals[keep], tangents[keep]
-    stacked = [_sparse(found, tangents[:, k], problem.order, free.size) for k in range(N - 1)]
-    tangential = interleaved(stacked, free.size)
+    slips = tangents if free is None else np.where(free[:, None], tangents, 0.0)
+    m, d, N = tangents.shape
     return ContactRows(
-        normal=normal[keep],
-        tangential=tangential,
-        gaps=np.array([f.gap / f.weight for _, f in found]),
-        weights=np.array([f.weight for _, f in found]),
-        vertices=np.array([vertex for vertex, _ in found], dtype=int),
+        normal=directed(means, normals) if normal is None else normal,
+        tangential=directed(means[np.repeat(np.arange(m), d)], slips.reshape(-1, N)),
+        gaps=gaps,
+        weights=weights,
+        vertices=vertices,
         normals=normals,
         tangents=tangents,
-        tied=np.zeros(len(found), dtype=bool),
+        tied=np.full(m, tied),
     )
+
+
+def directed(means: csr_matrix, directions: np.ndarray) -> csr_matrix:
+    """Means (m, nodes) of scalars as those of d . u for directions d (m, N), shape (m, nodes N)."""
+    M, N = means.tocoo(), directions.shape[1]
+    columns = N * M.col[:, None].astype(np.int64) + np.arange(N)
+    values = M.data[:, None] * directions[M.row]
+    where = np.repeat(M.row, N), columns.ravel()
+    return csr_matrix((values.ravel(), where), shape=(M.shape[0], N * M.shape[1]))
 
 
 def tangent_frames(normals: np.ndarray) -> np.ndarray:
@@ -193,28 +151,77 @@ def tangent_frames(normals: np.ndarray) -> np.ndarray:
     return np.stack([first, np.cross(normals, first)], axis=1)
 
 
-def _sparse(found: list, directions: np.ndarray, order: int, size: int) -> csr_matrix:
-    """Rows d . u at the vertex, or int phi d . u / int phi, for one direction d of each row."""
-    N = directions.shape[1]
-    rows, columns, values = [], [], []
-    for i, (vertex, face) in enumerate(found):
-        means = {vertex: face.weight} if order == 1 else face.means
-        for node, mean in means.items():
-            rows += [i] * N
-            columns += range(N * node, N * node + N)
-            values += (mean / face.weight * directions[i]).tolist()
-    return csr_matrix((values, (rows, columns)), shape=(len(found), size))
-
-
-def interleaved(matrices: list[csr_matrix], size: int) -> csr_matrix:
-    """Row i of each matrix, then row i + 1 of each."""
-    m, k = matrices[0].shape[0], len(matrices)
-    parts = [M.tocoo() for M in matrices]
-    rows = np.concatenate([k * part.row + number for number, part in enumerate(parts)])
-    columns = np.concatenate([part.col for part in parts])
-    return csr_matrix(
-        (np.concatenate([part.data for part in parts]), (rows, columns)), shape=(m * k, size)
+def joined(parts: list[ContactRows]) -> ContactRows:
+    """The rows of several parts, one after the other."""
+    return ContactRows(
+        normal=vstack([part.normal for part in parts], format="csr"),
+        tangential=vstack([part.tangential for part in parts], format="csr"),
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS},
     )
+
+
+class Faces:
+    """The faces that meet at nodes: facets whose normals differ little are one.
+
+    Attributes
+    ----------
+    at
+        Node -> boundary and sum of the normals of each face there.
+    """
+
+    def __init__(self) -> None:
+        self.at: dict[int, list[tuple[str, np.ndarray]]] = {}
+
+    def taking(self, node: int, name: str, normal: np.ndarray) -> int:
+        """The number of the face at a node that takes a facet; its normal is as long as large."""
+        here = self.at.setdefault(node, [])
+        for k, (first, total) in enumerate(here):
+            least = SAME_FACE if name == first else SAME_FACE_ACROSS
+            if total @ normal > least * np.linalg.norm(total) * np.linalg.norm(normal):
+                here[k] = first, total + normal
+                return k
+        here.append((name, normal))
+        return len(here) - 1
+
+
+@dataclass(frozen=True)
+class _Corner:
+    """One corner of one contact facet: integrals with the hat function of the vertex.
+
+    ``means`` are those of the shape functions of the ``nodes``, for order two alone.
+    """
+
+    name: str
+    vertex: int
+    normal: np.ndarray
+    weight: float
+    gap: float
+    nodes: np.ndarray
+    means: np.ndarray
+
+
+def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
+    """The discrete contact condition of a problem; no rows without a contact boundary."""
+    N, nodes = problem.N, supports.space.ndof // problem.N
+    corners = list(_shared(_corners(problem), problem))
+    faces = Faces()
+    places = [(c.vertex, faces.taking(c.vertex, c.name, c.normal)) for c in corners]
+    found, row = np.unique(np.reshape(places, (-1, 2)).astype(int), axis=0, return_inverse=True)
+    m, count, vertices = len(found), np.arange(len(corners)), found[:, 0]
+    sums = csr_matrix((np.ones(len(corners)), (row.ravel(), count)), shape=(m, len(corners)))
+    normals = sums @ np.array([c.normal for c in corners]).reshape(-1, N)
+    weights, gaps = (sums @ [getattr(c, name) for c in corners] for name in ("weight", "gap"))
+    means = csr_matrix((np.ones(m), (np.arange(m), vertices)), shape=(m, nodes))
+    if problem.order == 2 and m:
+        columns, each = (
+            np.concatenate([getattr(c, a) for c in corners]) for a in ("nodes", "means")
+        )
+        corner = np.repeat(count, [len(c.nodes) for c in corners])
+        of_corners = csr_matrix((each, (corner, columns)), shape=(len(corners), nodes))
+        means = diags(1 / weights) @ sums @ of_corners
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    rows = rows_along(normals, means, vertices=vertices, gaps=gaps / weights, weights=weights)
+    return rows.movable(supports.free)
 
 
 def _shared(corners: Iterable[_Corner], problem: Problem) -> Iterable[_Corner]:
@@ -236,41 +243,37 @@ def _shared(corners: Iterable[_Corner], problem: Problem) -> Iterable[_Corner]:
 
 def _corners(problem: Problem) -> Iterator[_Corner]:
     """The corners of all contact facets."""
-    mesh, scalar = problem.mesh, H1(problem.mesh, order=problem.order)
+    mesh, order = problem.mesh, problem.order
+    linear, scalar = H1(mesh, order=1), H1(mesh, order=order)
+    rules = facet_rules(problem, 2 if order == 1 else 6)
     for name in problem.contact_names:
         region, psi = mesh.Boundaries(name), problem.gaps[name]
-        facets = list(region.Elements())
-        if not facets:
+        points = mesh.MapToAllElements(rules, region)
+        if not len(points):
             continue
-        inside, corners = (
-            mesh.MapToAllElements({shape: rules[shape] for shape in _HATS}, region)
-            for rules in (_rules(problem.order), _CORNERS)
-        )
-        normals = np.asarray(problem.normal(inside)).reshape(len(inside), -1)
-        gaps, gaps_there = (np.ravel(psi(points)) for points in (inside, corners))
-        area = surface_measure(problem, inside)
-        first = first_corner = 0
-        for facet in facets:
+        normals = np.asarray(problem.normal(points)).reshape(len(points), -1)
+        gaps, area = np.ravel(psi(points)), surface_measure(problem, points)
+        gaps_there = iter(values_at(psi, mesh, name)[1][:, 0])
+        first = 0
+        for facet in region.Elements():
             number = ElementId(BND, facet.nr)
-            element, nodes = scalar.GetFE(number), np.array(scalar.GetDofNrs(number))
-            rule = _rules(problem.order)[element.type]
+            rule = rules[linear.GetFE(number).type]
             here = slice(first, first + len(rule))
             first = here.stop
-            weights = area[here] * np.array(rule.weights)
-            shapes = np.array([np.array(element.CalcShape(*point)) for point in rule.points])
-            hats = np.array([_HATS[element.type](point) for point in rule.points]).T * weights
-            for k, (vertex, hat) in enumerate(zip(facet.vertices, hats, strict=True)):
+            hats = _shapes(linear, number, rule).T * (area[here] * np.array(rule.weights))
+            shapes, nodes = _shapes(scalar, number, rule), np.array(scalar.GetDofNrs(number))
+            for vertex, hat, gap_there in zip(facet.vertices, hats, gaps_there, strict=False):
+                weight = float(hat.sum())
+                gap = float(hat @ gaps[here]) if order == 2 else float(gap_there) * weight
                 yield _Corner(
-                    name,
-                    vertex.nr,
-                    hat @ normals[here],
-                    float(hat.sum()),
-                    float(hat @ gaps[here]),
-                    float(gaps_there[first_corner + k]),
-                    nodes,
-                    hat @ shapes,
+                    name, vertex.nr, hat @ normals[here], weight, gap, nodes, hat @ shapes
                 )
-            first_corner += len(facet.vertices)
+
+
+def _shapes(space: FESpace, number: ElementId, rule: IntegrationRule) -> np.ndarray:
+    """The shape functions of a facet at the points of a rule, shape (points, k)."""
+    element = space.GetFE(number)
+    return np.array([np.array(element.CalcShape(*point)) for point in rule.points])
 
 
 def surface_measure(problem: Problem, points: np.ndarray) -> np.ndarray:
@@ -281,16 +284,6 @@ def surface_measure(problem: Problem, points: np.ndarray) -> np.ndarray:
     return area * np.ravel(problem.kinematics.weight(points))
 
 
-def _rules(order: int) -> dict[ET, IntegrationRule]:
-    """Points on facets, for order two accurate enough for gaps that vary."""
-    return {shape: IntegrationRule(shape, 2 if order == 1 else 6) for shape in _HATS}
-
-
-_CORNERS = {
-    shape: IntegrationRule(points=points, weights=[0.0] * len(points))
-    for shape, points in {
-        ET.SEGM: [(1.0,), (0.0,)],
-        ET.TRIG: [(1.0, 0.0), (0.0, 1.0), (0.0, 0.0)],
-        ET.QUAD: [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)],
-    }.items()
-}
+def facet_rules(problem: Problem, order: int) -> dict:
+    """Shape of a facet -> rule of this order."""
+    return {shape: IntegrationRule(shape, order) for shape in ELEMENT_TYPES[problem.N - 1]}
