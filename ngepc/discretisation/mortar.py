@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix, diags
 
 from ngepc.checks.arguments import boundary_names
 from ngepc.discretisation.loads import Supports
-from ngepc.discretisation.rows import ContactRows, directed, joined, rows_along
+from ngepc.discretisation.rows import ContactRows, joined, means_along, rows_along
 from ngepc.discretisation.segments import Overlap, Surface, overlap
 from ngepc.model.contact import Contact
 from ngepc.model.problem import Problem
@@ -62,7 +62,7 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
         return joined(parts)
     normals = averages @ at.normals
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    along = averages @ directed(jumps, at.normals)
+    along = averages @ means_along(jumps, at.normals)
     rows = rows_along(normals, averages @ jumps, along, gaps=averages @ at.gaps, **given)
     return rows.movable(supports.free)
 

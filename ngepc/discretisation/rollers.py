@@ -12,7 +12,13 @@ from ngsolve import BND, H1, ElementId, FESpace, GridFunction
 from scipy.sparse import csr_matrix, eye
 
 from ngepc.discretisation.loads import Supports
-from ngepc.discretisation.rows import ContactRows, Faces, facet_rules, rows_along, surface_measure
+from ngepc.discretisation.rows import (
+    ContactRows,
+    MeetingFaces,
+    facet_rules,
+    rows_along,
+    surface_measure,
+)
 from ngepc.discretisation.spaces import nodes_at
 from ngepc.model.places import Place, Roller, values_at
 from ngepc.model.problem import Problem, as_scalar
@@ -79,7 +85,7 @@ def _directions(
     """Node -> directions, of any length: the given one, or the normals of the faces there."""
     if roller.direction is not None:
         return {int(n): [np.array(roller.direction)] for n in nodes_at(scalar, place)}
-    region, faces = problem.mesh.Boundaries(place), Faces()
+    region, faces = problem.mesh.Boundaries(place), MeetingFaces()
     points = problem.mesh.MapToAllElements(facet_rules(problem, 1), region)
     normals = surface_measure(problem, points)[:, None] * np.asarray(problem.normal(points))
     for facet, n in zip(region.Elements(), normals, strict=True):

@@ -121,8 +121,8 @@ def rows_along(
     slips = tangents if free is None else np.where(free[:, None], tangents, 0.0)
     m, d, N = tangents.shape
     return ContactRows(
-        normal=directed(means, normals) if normal is None else normal,
-        tangential=directed(means[np.repeat(np.arange(m), d)], slips.reshape(-1, N)),
+        normal=means_along(means, normals) if normal is None else normal,
+        tangential=means_along(means[np.repeat(np.arange(m), d)], slips.reshape(-1, N)),
         gaps=gaps,
         weights=weights,
         vertices=vertices,
@@ -132,7 +132,7 @@ def rows_along(
     )
 
 
-def directed(means: csr_matrix, directions: np.ndarray) -> csr_matrix:
+def means_along(means: csr_matrix, directions: np.ndarray) -> csr_matrix:
     """Means (m, nodes) of scalars as those of d . u for directions d (m, N), shape (m, nodes N)."""
     M, N = means.tocoo(), directions.shape[1]
     columns = N * M.col[:, None].astype(np.int64) + np.arange(N)
@@ -160,7 +160,7 @@ def joined(parts: list[ContactRows]) -> ContactRows:
     )
 
 
-class Faces:
+class MeetingFaces:
     """The faces that meet at nodes: facets whose normals differ little are one.
 
     Attributes
@@ -204,7 +204,7 @@ def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
     N, nodes = problem.N, supports.space.ndof // problem.N
     corners = list(_shared(_corners(problem), problem))
-    faces = Faces()
+    faces = MeetingFaces()
     places = [(c.vertex, faces.taking(c.vertex, c.name, c.normal)) for c in corners]
     found, row = np.unique(np.reshape(places, (-1, 2)).astype(int), axis=0, return_inverse=True)
     m, count, vertices = len(found), np.arange(len(corners)), found[:, 0]
