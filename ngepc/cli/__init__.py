@@ -1,5 +1,4 @@
 """The command line: ``ngepc solve``, ``path``, ``study``, ``report``, ``notebooks``.
 
-One module for each command, with ``configure(parser)`` and ``run(arguments)``; they import NGSolve
-only inside ``run``, so that help and usage errors answer at once.
+``commands`` has the options of all in tables, a module for each command has ``run(arguments)``.
 """

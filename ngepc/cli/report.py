@@ -2,31 +2,19 @@
 
 import argparse
 
-from ngepc.cli.arguments import location, name_written
-
-EXAMPLES = """examples:
-  ngepc solve lshape --save run.npz && ngepc report run.npz
-"""
+from ngepc.cli.output import name_written
+from ngepc.pictures.report import solution_sections, write_report
+from ngepc.studies.examples import THRESHOLDS
+from ngepc.studies.runs import load_run
 
 NUMBERS = ("status", "iterations", "residual_norm", "dual_energy", "primal_energy",
            "contact_force", "displacement_l2", "plastic_strain_l2", "wall_time_s")  # fmt: skip
 PROVENANCE = ("command", "version", "ngsolve", "numpy", "python")
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    text = "file of ngepc solve --save"
-    parser.add_argument("run_file", metavar="RUN", type=location, help=text)
-    parser.add_argument("--out", type=location, help="the HTML file; default beside RUN")
-
-
 def run(args: argparse.Namespace) -> int:
     """Write the report and name it."""
-    from ngepc.pictures.report import solution_sections, write_report
-    from ngepc.studies.examples import THRESHOLDS, example
-    from ngepc.studies.runs import load_run
-
-    record, result = load_run(args.run_file, example)
+    record, result = load_run(args.run_file)
     numbers = [{"what": key.replace("_", " "), "value": record[key]} for key in NUMBERS]
     path = write_report(
         args.out or args.run_file.with_suffix(".html"),

@@ -161,6 +161,10 @@ class Benchmarks(Work):
             "complaints": [q.name for q in quantities if not (q.holds or benchmark.remark)],
         }
 
+    def succeeded(self, records: Sequence[dict]) -> bool:
+        """Whether no record has a complaint."""
+        return not any(record["complaints"] for record in records)
+
     def line(self, record: dict) -> str:
         """The largest difference, as a part of its tolerance."""
         worst = max(abs(q.difference) / q.tolerance for q in quantities_of(record))

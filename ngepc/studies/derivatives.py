@@ -183,6 +183,13 @@ class Derivatives(Work):
             "envelope": envelope_error(problem) if steps == 1 else None,
         }
 
+    def succeeded(self, records: Sequence[dict]) -> bool:
+        """Whether derivatives agree with differences, Taylor's formula, the envelope theorem."""
+        return all(
+            r["largest error"] < 1e-6 and (r["Taylor"] or 2) > 1.95 and (r["envelope"] or 0) < 1e-10
+            for r in records
+        )
+
     def line(self, record: dict) -> str:
         """One line about a problem."""
         return ", ".join(f"{key} {value}" for key, value in record.items())

@@ -52,6 +52,10 @@ class Differentiability(Work):
             return difference_quotients(self.levels)
         return counts_without_tichonov([example("lshape", cell.nodes)], self.gamma)
 
+    def succeeded(self, records: Sequence[dict]) -> bool:
+        """Runs that do not converge are part of what is shown."""
+        return bool(records)
+
     def row(self, record: dict) -> list[str]:
         """Three digits."""
         return [f"{v:.3g}" if isinstance(v, float) else str(v) for v in record.values()]

@@ -34,8 +34,10 @@ def example(name: str, nodes: int | None = None, maxh: float | None = None) -> P
     Raises
     ------
     ValueError
-        If the family has no mesh with so many nodes, or no mesh has this width.
+        If the family has no mesh with so many nodes, no mesh has this width, or both are given.
     """
+    if nodes and maxh:
+        raise ValueError(f"nodes={nodes} and maxh={maxh:g}: leave one of them out")
     body = BODIES[name]
     mesh = body.mesh(maxh) if maxh else body.paper_mesh(nodes or FAMILIES[name][0])
     return PROBLEMS[name](mesh)

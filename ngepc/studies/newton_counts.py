@@ -130,6 +130,10 @@ class NewtonCounts(Work):
         h = float(ratio) if ratio else None
         return {"problem": name, "hardening": h, "nodes": problem.mesh.nv, **found}
 
+    def succeeded(self, records: Sequence[dict]) -> bool:
+        """Runs that do not converge are part of what is shown."""
+        return bool(records)
+
     def notes(self, records: Sequence[dict]) -> list[str]:
         """How it was measured, and totals of nested iteration."""
         return [NOTE, *_agreement(records), *_totals(records)]

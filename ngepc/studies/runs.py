@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +10,10 @@ from ngsolve import GridFunction
 from ngepc.discretisation.spaces import displacement_space
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.starts import restore
-from ngepc.model.problem import Problem
 from ngepc.primal.solver import primal_newton
 from ngepc.results import checkpoint
 from ngepc.results.result import Result
+from ngepc.studies.examples import example
 
 FINGERPRINT = {"kind": "run of ngepc solve", "version": 3}
 
@@ -22,19 +21,19 @@ FINGERPRINT = {"kind": "run of ngepc solve", "version": 3}
 def save_run(path: Path, place: dict, gamma: float | None, record: dict, result: Result) -> None:
     """Write a run atomically.
 
-    ``place`` makes the problem again: keywords of the ``build`` of ``load_run``; ``gamma`` is None
-    but for the paper's method; ``record`` has the ``records.FIELDS``.
+    ``place`` has the keywords of ``example``; ``gamma`` is None but for the paper's method;
+    ``record`` has the ``records.FIELDS``.
     """
     vector = result.displacement.vec if gamma is None else result.v
     kept = {"place": place, "gamma": gamma, "record": record, "history": result.history.as_rows()}
     checkpoint.save(path, FINGERPRINT, kept, {"state": np.array(vector.FV().NumPy())})
 
 
-def load_run(path: Path, build: Callable[..., Problem]) -> tuple[dict, Result]:
+def load_run(path: Path) -> tuple[dict, Result]:
     """The record and the result of a saved run, fields included.
 
     The primal method is started where it ended; the default method, which needs a dozen steps,
-    solves again.  ``build`` makes the problem from the keywords ``place`` of ``save_run``.
+    solves again.
 
     Raises
     ------
@@ -45,7 +44,7 @@ def load_run(path: Path, build: Callable[..., Problem]) -> tuple[dict, Result]:
         raise ValueError(f"{path}: no such run; make one by ngepc solve ... --save {path}")
     stored = checkpoint.load(path, FINGERPRINT)
     kept, state = stored.record, stored.arrays["state"]
-    problem, record = build(**kept["place"]), kept["record"]
+    problem, record = example(**kept["place"]), kept["record"]
     if record["method"] == "default":
         return record, semismooth_newton(problem)
     if record["method"] == "primal":

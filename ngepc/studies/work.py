@@ -41,7 +41,7 @@ def silent(line: str) -> None:
 class Work(ABC):
     """A study at work: ``run`` gives the records of all cells, ``write`` the files.
 
-    The options of a study are fields; ``ngepc.cli.study.STUDIES`` says what they mean.
+    The options of a study are fields; ``ngepc.cli.commands.STUDIES`` says what they mean.
 
     Parameters
     ----------
@@ -109,6 +109,16 @@ class Work(ABC):
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """Write pictures of the records; returns their paths."""
         return []
+
+    def succeeded(self, records: Sequence[dict]) -> bool:
+        """Whether every status in the records, also in nested ones, is 'converged'."""
+        nested = [inner for r in records for inner in r.values() if isinstance(inner, dict)]
+        return all(
+            value == "converged"
+            for record in (*records, *nested)
+            for key, value in record.items()
+            if key.endswith("status")
+        )
 
     def run(self) -> list[dict]:
         """Do the work; returns the records of all cells."""

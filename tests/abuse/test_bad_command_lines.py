@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from ngepc.__main__ import COMMANDS, main, parser
-from ngepc.cli.study import STUDIES
+from ngepc.__main__ import main
+from ngepc.cli.commands import COMMANDS, STUDIES, parser
 
 NUMBERS = ["junk", "", "-1", "0", "nan", "inf", "-inf", "1e400", "1,5", "0x10", "1e-400"]
 COUNTS = [*NUMBERS, "1.5", "two", "1e3"]
@@ -128,6 +128,7 @@ WORK = {
         ["path", "lshape", "--gamma-end", "100", "--residual-tolerance", "1"],
         "give one of them",
     ),
+    "a mesh twice": (["solve", "lshape", "--nodes", "833", "--maxh", "0.1"], "nodes=833 and maxh"),
     "levels of table 1": (["study", "table1", "--levels", "7"], "levels=7"),
     "rows of table 1": (["study", "table1", "--rows", "junk"], "1e0"),
     "rows of table 2": (["study", "table2", "--rows", "1e0"], "rows"),

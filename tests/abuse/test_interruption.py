@@ -20,7 +20,7 @@ import pytest
 
 from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
 from ngepc.__main__ import main
-from ngepc.cli.arguments import teller
+from ngepc.cli.output import teller
 from ngepc.dual.path import follow_path
 from ngepc.dual.path_options import PathOptions
 from ngepc.evolution.solver import evolve
@@ -281,7 +281,7 @@ def test_ctrl_c_that_gets_lost_ends_the_study_at_its_next_line(tmp_path, monkeyp
             signal.raise_signal(signal.SIGINT)
         tell(line)
 
-    monkeypatch.setattr("ngepc.cli.arguments.teller", lambda quiet: swallowing)
+    monkeypatch.setattr("ngepc.cli.output.teller", lambda quiet: swallowing)
     before = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

@@ -1,28 +1,28 @@
 """The registry: every study exists, takes the options it lists, and keeps its own defaults."""
 
-import importlib
 import inspect
 
 import pytest
 
-from ngepc.cli.study import STUDIES, all_converged
+from ngepc.cli.commands import STUDIES, keyword
+from ngepc.cli.study import study_class
+from ngepc.studies.locking import Locking
 from ngepc.studies.work import Table, Work
 
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_takes_its_options(name, tmp_path):
-    study = STUDIES[name]
-    module, _, kind = study.work.partition(":")
-    work = getattr(importlib.import_module(f"ngepc.studies.{module}"), kind)
+    work, options = study_class(STUDIES[name]), set(map(keyword, STUDIES[name].options))
     assert issubclass(work, Work)
     assert work.name == name
     parameters = inspect.signature(work).parameters
-    assert set(study.options) <= set(parameters)
-    assert all(parameters[o].default is not inspect.Parameter.empty for o in study.options)
+    assert options <= set(parameters)
+    assert all(parameters[o].default is not inspect.Parameter.empty for o in options)
     assert inspect.getdoc(work)
 
 
-def test_success_looks_at_every_status():
+def test_success_looks_at_every_status(tmp_path):
+    all_converged = Locking(tmp_path).succeeded
     assert all_converged([{"status": "converged", "direct_status": "converged"}])
     assert not all_converged([{"status": "converged", "direct_status": "stagnated"}])
     assert not all_converged([{"primal": {"status": "converged"}, "dual": {"status": "stopped"}}])

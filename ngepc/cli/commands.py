@@ -1,0 +1,198 @@
+"""Every command and every study with its options: tables, from which the parser is made.
+
+What they do stands in ``ngepc.cli.NAME.run`` and ``ngepc.studies``.  Nothing here imports NGSolve,
+so that help and usage errors answer at once.
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+from ngepc._version import __version__
+from ngepc.cli.arguments import count, counts, location, positive, words
+
+OPTIONS = {
+    "problem": (("lshape", "wrench"), "Example (a) or (b) of the paper"),
+    "--nodes N": (count, "mesh of the paper's family; default the first of its tables"),
+    "--maxh H": (positive, "CSG mesh of this width instead"),
+    "--json FILE": (location, "the result, - for standard output: ngepc.results.records.FIELDS"),
+    "--method": (("default", "primal"), "default: default", "default"),
+    "--gamma G": (positive, "of the paper's method"),
+    "--start START": (
+        str,
+        "zero, coarse (the solution on a coarse mesh) or file of --save",
+        "zero",
+    ),
+    "--error PART": (positive, "bisect the mesh until the energy error is at most this part"),
+    "--tolerance X": (positive, "default 1e-10"),
+    "--max-iterations N": (count, "default 300"),
+    "--save FILE": (location, "keep the run in a .npz file"),
+    "--figures DIR": (location, "write PNG figures there"),
+    "--gamma-start G": (positive, "first gamma, default 10"),
+    "--growth X": (positive, "theta > 1, default 7"),
+    "--gamma-end G": (positive, "go up to this gamma, whatever the path value does"),
+    "--inner-tolerance X": (positive, "tau_in, default 10"),
+    "--inner-scale C": (positive, "on the inner tolerances, default 0.1, 1 in the paper"),
+    "--outer-tolerance X": (positive, "tau_out, default 0.7"),
+    "--residual-tolerance X": (positive, "follow the path until the residual is below"),
+    "--max-outer-iterations N": (count, "values of gamma, default 30"),
+    "--checkpoint FILE": (location, "kept after each gamma; the same command goes on from it"),
+    "run_file": (location, "file of ngepc solve --save"),
+    "--out FILE": (location, "the HTML file; default beside the run"),
+    "folder": (location, "where to; it is made if missing"),
+    "--solutions": (None, "solutions of the exercises, too"),
+    "--force": (None, "replace files that are there already"),
+    "--out DIR": (location, "default out", Path("out")),
+    "--levels N": (count, "meshes from the coarsest, default 3; radii of the norm gap, default 7"),
+    "--rows A,B": (words, "names of rows, such as 1e0,default,default*,primal or NAFEMS R94"),
+    "--figures": (None, "pictures, too, and an HTML page of the tables"),
+    "--only N,M": (counts, "numbers of the figures, default 2,3,5,6"),
+    "--lshape-nodes N": (count, "mesh of Example (a)"),
+    "--wrench-nodes N": (count, "mesh of Example (b)"),
+    "--modes A,B": (words, "of default,order 2,primal,1e4"),
+    "--solver": (("pyamg", "petsc"), "default pyamg"),
+    "--counts N,M": (counts, "numbers of processes, default 1,2,4,8"),
+    "--count N": (count, "problems, default 200"),
+}
+"""Usage -> what reads the value (or the words to choose from, None for a switch), help, default."""
+
+BODY = ("problem", "--nodes N", "--maxh H", "--json FILE")
+NEWTON = ("--tolerance X", "--max-iterations N")
+PATH = ("--gamma-start G", "--growth X", "--gamma-end G", "--inner-tolerance X", "--inner-scale C",
+        "--outer-tolerance X", "--residual-tolerance X", "--max-outer-iterations N")  # fmt: skip
+"""Fields of NewtonOptions and PathOptions."""
+
+
+EXAMPLES = """
+ngepc solve lshape                               the default method on 833 nodes
+ngepc solve wrench --nodes 6353 --figures out    with pictures
+ngepc solve lshape --gamma 1e4 --start coarse    the paper's method, as in Table 1
+ngepc solve lshape --error 1e-2                  refine until the error is guaranteed
+ngepc solve lshape --save run.npz                keep it for the next one
+ngepc report run.npz                             pictures, numbers, a view to turn and zoom
+ngepc path wrench --nodes 1641                        as in Table 3
+ngepc path lshape --gamma-end 1e6 --checkpoint p.npz  Ctrl-C, and on with the same command
+ngepc study table1 --levels 2 --figures --out out/demo
+ngepc study cost --modes default                 Ctrl-C, and on with the same command
+ngepc notebooks mine --solutions                 lectures and exercises; then: jupyter lab mine
+eval "$(register-python-argcomplete ngepc)"      the Tab key completes, in this shell
+"""
+"""A line of them belongs to the command that it names."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command or study: a line of help, the usage of its options, and who does the work.
+
+    That is MODULE:CLASS of ``ngepc.studies`` for studies and ``ngepc.cli.NAME.run`` for the others.
+    """
+
+    help: str
+    options: Sequence[str] = ("--levels N",)
+    work: str = ""
+
+
+COMMANDS = {
+    "solve": Command("solve one problem on one mesh",
+                     (*BODY, "--method", "--gamma G", "--start START", "--error PART", *NEWTON,
+                      "--save FILE", "--figures DIR")),
+    "path": Command("follow the path in gamma on one mesh", (*BODY, "--checkpoint FILE", *PATH)),
+    "study": Command("remake a table or figure of the paper, count, compare, measure", ()),
+    "report": Command("write one HTML file about a saved run", ("run_file", "--out FILE")),
+    "notebooks": Command("copy the notebooks to a folder", ("folder", "--solutions", "--force")),
+}  # fmt: skip
+
+COUNTS = ("--levels N", "--rows A,B", "--tolerance X", "--figures")
+NODES = ("--lshape-nodes N", "--wrench-nodes N")
+
+STUDIES = {
+    "table1": Command("Newton steps over meshes and gamma, Example (a)", COUNTS, "counts:Table1"),
+    "table2": Command("Newton steps over meshes and gamma, Example (b)", COUNTS, "counts:Table2"),
+    "table3": Command("path-following for Example (b), and direct solves beside it",
+                      ("--levels N", "--inner-scale C"), "table3:Table3"),
+    "figures": Command("Figures 2, 3, 5 and 6 at the end of paths in gamma",
+                       ("--only N,M", *NODES), "figures:Figures"),
+    "figure4": Command("convergence quotients of the last Newton steps",
+                       ("--levels N", "--gamma G"), "figure4:Figure4"),
+    "duality": Command("the duality gap and its parts along paths in gamma",
+                       ("--gamma-end G", *NODES), "duality:Duality"),
+    "differentiability": Command("the norm gap of Definition 6.1, counts without Tichonov's term",
+                                 ("--levels N", "--nodes N", "--gamma G"),
+                                 "differentiability:Differentiability"),
+    "step42": Command("the body of step-42 by two methods", work="step42:Step42"),
+    "counts": Command("Newton steps of the default method: meshes, nested, hardening, 3D",
+                      work="newton_counts:NewtonCounts"),
+    "cost": Command("what a solve costs in elastic solves: counts, ratios, scaling, memory",
+                    ("--levels N", "--modes A,B"), "cost:Cost"),
+    "locking": Command("volume locking: three tests, orders 1 and 2", work="locking:Locking"),
+    "bounds": Command("guaranteed bounds beside the error",
+                      ("--levels N", "--figures"), "bounds:Bounds"),
+    "benchmarks": Command("published problems: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",
+                          ("--rows A,B", "--figures"), "benchmarks:Benchmarks"),
+    "large": Command("large bodies: Newton steps, iterations of multigrid, time and memory",
+                     ("--levels N", "--solver"), "large:Large"),
+    "processes": Command("a large body shared by processes: time and memory of each",
+                         ("--levels N", "--counts N,M"), "processes:Processes"),
+    "derivatives": Command("gradients of random problems beside differences, Taylor slopes",
+                           ("--count N",), "derivatives:Derivatives"),
+}  # fmt: skip
+"""Name -> study."""
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """A parser that says what is wrong in one line, without the usage in front."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with status 2."""
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The argument parser with all commands and studies."""
+    common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
+    common.add_argument("--verbose", action="store_true", help="log every Newton step")
+    common.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    page = {"formatter_class": argparse.RawDescriptionHelpFormatter, "parents": [common]}
+    text = "Elasto-plastic contact by semismooth Newton methods."
+    top = OneLineParser(prog="ngepc", description=text, epilog=examples_of("ngepc"), **page)
+    top.add_argument("--version", action="version", version=f"ngepc {__version__}")
+    subs = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, command in COMMANDS.items():
+        sub = subs.add_parser(name, help=command.help, epilog=examples_of(f"ngepc {name}"), **page)
+        declare(sub, command.options)
+        if name == "study":
+            studies = sub.add_subparsers(dest="study", required=True, metavar="STUDY")
+    for name, study in STUDIES.items():
+        sub = studies.add_parser(name, help=study.help, description=study.help, parents=[common])
+        declare(sub, (*study.options, "--out DIR"))
+    return top
+
+
+def examples_of(command: str) -> str:
+    """The lines of ``EXAMPLES`` with a command, below a heading."""
+    lines = [f"  {line}" for line in EXAMPLES.splitlines() if command in line]
+    return "\n".join(["examples:", *lines])
+
+
+def declare(parser: argparse.ArgumentParser, options: Sequence[str]) -> None:
+    """Add options by their usage in ``OPTIONS``, such as '--nodes N'."""
+    for usage in options:
+        kind, text, default = (*OPTIONS[usage], None)[:3]
+        name, _, value = usage.partition(" ")
+        how: dict = {"type": kind, "metavar": value or None}
+        if kind is None or isinstance(kind, tuple):
+            how = {"action": "store_true"} if kind is None else {"choices": kind}
+        parser.add_argument(name, help=text, default=default, **how)
+
+
+def keyword(usage: str) -> str:
+    """What Python calls an option: max_iterations for '--max-iterations N'."""
+    return usage.split()[0].lstrip("-").replace("-", "_")
+
+
+def given(args: argparse.Namespace, options: Sequence[str]) -> dict[str, object]:
+    """The values of these options where there are any."""
+    values = {name: getattr(args, name) for name in map(keyword, options)}
+    return {name: value for name, value in values.items() if value is not None}
