@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from itertools import count
+from zlib import crc32
 
 import numpy as np
 
@@ -32,8 +32,6 @@ where neighbouring processes sweep at the same time, so that the bounds hold for
 
 ALONE = "-mg_levels_ksp_chebyshev_eigenvalues 0.1,1.02 -mg_coarse_pc_type cholesky "
 SHARED = "-mg_levels_ksp_chebyshev_eigenvalues 0.2,2.0 -mg_coarse_pc_type redundant "
-
-_numbers = count()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,10 +102,9 @@ class PETScEngine:
             self._pinned = self._total(pattern)
         else:
             self._entries, self._pinned = self._wrapped()
-        self._pc, self._prefix = None, f"ngepc{next(_numbers)}_"
-        self._levels = "-pc_type" not in options.split()
+        self._pc, self._levels = None, "-pc_type" not in options.split()
         usual = MULTIGRID + (SHARED if self._shared else ALONE)
-        self._set(usual + options if self._levels else options)
+        self._prefix = self._set(usual + options if self._levels else options)
         self._graph = pattern.graph(~frame.free.any(axis=1))[own][:, own]
         self._modes = self._orthonormal(low_energy_modes(frame))
         self._pair = tuple(petsc.Vec().createSeq(self._size, bsize=self._N) for _ in range(2))
@@ -146,13 +143,14 @@ class PETScEngine:
             self._entries[:] = values
         self._pinned.assemble()
 
-    def _set(self, options: str) -> None:
-        """PETSc's data base with these options under the preconditioner's own prefix."""
-        base = petsc.Options(self._prefix)
-        words = options.split()
+    def _set(self, options: str) -> str:
+        """The prefix of these options in PETSc's data base, which has room for 512 in all."""
+        words, prefix = options.split(), f"ngepc{crc32(options.encode()):x}_"
+        base = petsc.Options(prefix)
         for word, following in zip(words, [*words[1:], "-"], strict=True):
             if is_name(word):
                 base[word.lstrip("-")] = None if is_name(following) else following
+        return prefix
 
     def take(self, values: np.ndarray) -> None:
         """The matrix for multiplication."""

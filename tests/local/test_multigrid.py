@@ -105,6 +105,17 @@ def test_options_are_those_of_petsc():
     assert counts["-pc_type cholesky"] < counts[""] < 2 * counts["-pc_type hypre"]
 
 
+@needed
+def test_solves_one_after_the_other_leave_nothing_in_the_options_of_petsc():
+    """PETSc has room for 512 options: a history of many steps must not fill it."""
+    problem, sizes = indented_block(0), []
+    for _ in range(3):
+        semismooth_newton(problem, options=NewtonOptions(inverse=PETSc()))
+        sizes.append(len(petsc.petsc.Options().getAll()))
+    assert sizes[0] > 0
+    assert len(set(sizes)) == 1
+
+
 @both
 @pytest.mark.parametrize("hardening", [1.0, 1e-3])
 def test_counts_do_not_grow_with_the_mesh_or_without_hardening(solver, hardening):
