@@ -118,7 +118,7 @@ class SymbolicBlocks(StiffnessBlocks):
         volume = Trace(kinematics.strain(u)) * Trace(kinematics.strain(v))
         along = InnerProduct(direction, e) * InnerProduct(direction, d)
         power = bulk * volume + across * InnerProduct(e, d) + extra * along
-        self._form = BilinearForm(kinematics.weight * power * dx(intrules=points.rules))
+        self._form = BilinearForm((kinematics.weight * power).Compile() * dx(intrules=points.rules))
 
     def summed(self, moduli: Moduli) -> np.ndarray:
         """The blocks without what is added and held."""

@@ -35,10 +35,6 @@ class Engine(Protocol):
         """Make the preconditioner from these values."""
         ...
 
-    def linearise(self, here: State) -> None:
-        """Take the tangent of the primal-dual method at a state."""
-        self.update(here.moduli)
-
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """The matrix times a vector, into a new one."""
         ...

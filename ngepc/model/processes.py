@@ -51,10 +51,6 @@ class Alone:
         """Nodal values as the process has them that answers for the node."""
         return values
 
-    def traded(self, parts: dict[int, T]) -> dict[int, T]:
-        """What the neighbours give for what they are given."""
-        return {}
-
     def together(self, work: Callable[[], T]) -> T:
         """Do a work that may fail: what one process raises, all raise."""
         return work()
