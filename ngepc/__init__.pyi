@@ -41,9 +41,9 @@ from ngepc.local.result import ExactResult as ExactResult
 from ngepc.model import obstacles as obstacles
 from ngepc.model import parts as parts
 from ngepc.model.contact import Contact as Contact
+from ngepc.model.contact import Coulomb as Coulomb
 from ngepc.model.examples import lshape_problem as lshape_problem
 from ngepc.model.examples import wrench_problem as wrench_problem
-from ngepc.model.friction import Coulomb as Coulomb
 from ngepc.model.hardening import HardeningLaw as HardeningLaw
 from ngepc.model.hardening import Swift as Swift
 from ngepc.model.hardening import Tabulated as Tabulated

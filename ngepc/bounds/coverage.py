@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from ngsolve import BND, ET, VOL, CoefficientFunction, IntegrationRule
 
-from ngepc.model.friction import Coulomb
+from ngepc.model.contact import Coulomb
 from ngepc.model.loading import require_linear, require_plain
 from ngepc.model.problem import Problem
 from ngepc.model.rules import has_straight_simplices

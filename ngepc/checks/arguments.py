@@ -1,4 +1,7 @@
-"""Checks of what users pass in: each failure names the argument, its value and what is legal."""
+"""Checks of numbers, vectors, coefficients and names of boundaries.
+
+Each failure, a TypeError or a ValueError, names the argument, its value and what is legal.
+"""
 
 import math
 import numbers
@@ -34,15 +37,7 @@ def require_number(
     strict: bool = False,
     most: float = math.inf,
 ) -> float:
-    """``value`` as a float when it is finite, >= ``least`` (> if ``strict``) and <= ``most``.
-
-    Raises
-    ------
-    TypeError
-        If ``value`` is no real number.
-    ValueError
-        If it is NaN, infinite or out of range.
-    """
+    """``value`` as a float when it is finite, >= ``least`` (> if ``strict``) and <= ``most``."""
     if not is_number(value):
         raise TypeError(f"{name}={value!r}: a real number is needed")
     try:
@@ -107,15 +102,7 @@ def require_coefficient(
 
 
 def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
-    """The names in ``value`` ('a', 'a|b' or a sequence), each an existing boundary of ``mesh``.
-
-    Raises
-    ------
-    TypeError
-        If ``value`` is neither a string nor a sequence of strings.
-    ValueError
-        If a name is empty or unknown; the message lists the boundaries that exist.
-    """
+    """The names in ``value`` ('a', 'a|b' or a sequence), each an existing boundary of ``mesh``."""
     parts = value.split("|") if isinstance(value, str) else value
     if (
         not isinstance(parts, Sequence)
@@ -149,14 +136,9 @@ def sample(
     *,
     corners: bool = False,
 ) -> np.ndarray:
-    """Values of a coefficient at interior points of all elements (or of boundary elements).
+    """Values of a coefficient, shape (points, components); a number is its own single sample.
 
-    With ``corners`` the points are the vertices of the elements instead.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (points, components); a number is its own single sample.
+    The points are inside all elements (or boundary elements), with ``corners`` their vertices.
     """
     if not isinstance(value, CoefficientFunction):
         return np.array([[float(value)]])
@@ -181,11 +163,10 @@ def require_finite(
     boundaries: Sequence[str] | None = None,
     *,
     corners: bool = False,
+    least: float = -math.inf,
+    strict: bool = False,
 ) -> np.ndarray:
-    """Sample ``value`` and refuse NaN and infinite values; returns the samples.
-
-    With ``corners`` it is sampled at the vertices of the elements too.
-    """
+    """The samples of ``value``, with ``corners`` at vertices too: finite, >= ``least`` or > it."""
     where = "the body" if boundaries is None else "|".join(boundaries)
     try:
         samples = sample(value, mesh, boundaries)
@@ -198,4 +179,26 @@ def require_finite(
             f"{name} is NaN or infinite at {np.count_nonzero(~np.isfinite(samples).all(1))} "
             f"of {len(samples)} sampled points of {where}: finite values are needed"
         )
+    require_least(name, float(samples.min(initial=math.inf)), least, strict=strict)
     return samples
+
+
+def require_least(name: str, found: float, least: float, *, strict: bool = False) -> None:
+    """Accept a smallest value that is >= ``least``, or > if ``strict``."""
+    if found < least or (strict and found == least):
+        sign = ">" if strict else ">="
+        raise ValueError(f"{name} falls to {found:g}: values {sign} {least:g} are needed")
+
+
+def require_field(
+    name: str,
+    value: object,
+    mesh: Mesh,
+    boundaries: Sequence[str] | None = None,
+    *,
+    shapes: Iterable[tuple[int, ...]] = ((),),
+    **bounds: float,
+) -> np.ndarray:
+    """``require_coefficient`` and ``require_finite``; returns the samples."""
+    require_coefficient(name, value, shapes)
+    return require_finite(name, value, mesh, boundaries, **bounds)

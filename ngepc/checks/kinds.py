@@ -1,6 +1,7 @@
 """Checks of arguments that are no numbers: objects, functions, texts, names of files.
 
-Each failure names the argument, its value and what is needed.
+Each failure is a TypeError, or a ValueError where the kind is right, and names the argument, its
+value and what is needed.
 """
 
 from __future__ import annotations
@@ -13,37 +14,19 @@ from ngsolve import Mesh
 
 
 def require_instance(name: str, value: object, kind: type | tuple[type, ...], needed: str) -> None:
-    """Accept an instance of ``kind``.
-
-    Raises
-    ------
-    TypeError
-        If it is none; ``needed`` says what is.
-    """
+    """Accept an instance of ``kind``; ``needed`` says what that is."""
     if not isinstance(value, kind):
         raise TypeError(f"{name}={value!r}: {needed} is needed")
 
 
 def require_attributes(name: str, value: object, attributes: Iterable[str], needed: str) -> None:
-    """Accept any object, but no class, that has the ``attributes`` of a protocol.
-
-    Raises
-    ------
-    TypeError
-        If one is missing; ``needed`` says what is needed.
-    """
+    """Accept any object, but no class, that has the ``attributes`` of a protocol."""
     if isinstance(value, type) or not all(hasattr(value, a) for a in attributes):
         raise TypeError(f"{name}={value!r}: {needed} is needed")
 
 
 def require_mesh(name: str, value: object, dimensions: tuple[int, ...] = (2, 3)) -> None:
-    """Accept an NGSolve mesh of one of the dimensions.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none.
-    """
+    """Accept an NGSolve mesh of one of the dimensions."""
     require_instance(name, value, Mesh, "an ngsolve.Mesh")
     if value.dim not in dimensions:
         legal = " or ".join(map(str, dimensions))
@@ -51,48 +34,24 @@ def require_mesh(name: str, value: object, dimensions: tuple[int, ...] = (2, 3))
 
 
 def require_function(name: str, value: object, of: str, *, optional: bool = False) -> None:
-    """Accept a function, or None if it is ``optional``.
-
-    Raises
-    ------
-    TypeError
-        If it cannot be called; ``of`` says what it is a function of.
-    """
+    """Accept a function ``of`` what is said, or None if it is ``optional``."""
     if not callable(value) and not (optional and value is None):
         raise TypeError(f"{name}={value!r}: a function of {of} is needed")
 
 
 def require_text(name: str, value: object, *, optional: bool = False) -> None:
-    """Accept a string, also an empty one, or None if it is ``optional``.
-
-    Raises
-    ------
-    TypeError
-        If it is neither.
-    """
+    """Accept a string, also an empty one, or None if it is ``optional``."""
     if not isinstance(value, str) and not (optional and value is None):
         raise TypeError(f"{name}={value!r}: a text is needed")
 
 
 def require_flag(name: str, value: object) -> None:
-    """Accept True and False.
-
-    Raises
-    ------
-    TypeError
-        If it is neither.
-    """
+    """Accept True and False."""
     require_instance(name, value, bool, "True or False")
 
 
 def require_path(name: str, value: object, suffix: str = "") -> Path:
-    """``value``, the name of a file as a text or path, as a Path that ends in ``suffix``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is neither, empty, or ends in something else.
-    """
+    """``value``, the name of a file as a text or path, as a Path that ends in ``suffix``."""
     if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
         raise TypeError(f"{name}={value!r}: the name of a file is needed")
     if not os.fspath(value):
@@ -104,26 +63,14 @@ def require_path(name: str, value: object, suffix: str = "") -> Path:
 
 
 def require_sequence(name: str, value: object, of: str) -> None:
-    """Accept anything that has a length and is iterated by position, but no text and no mapping.
-
-    Raises
-    ------
-    TypeError
-        If it is none; ``of`` says what it is a sequence of.
-    """
+    """Accept anything that has a length and is iterated by position, but no text and no mapping."""
     listed = hasattr(value, "__len__") and hasattr(value, "__getitem__")
     if not listed or isinstance(value, str | bytes | Mapping | type):
         raise TypeError(f"{name}={value!r}: a sequence of {of} is needed")
 
 
 def require_mapping(name: str, value: object, needed: str) -> None:
-    """Accept a mapping with at least one entry.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none, or empty.
-    """
+    """Accept a mapping with at least one entry."""
     require_instance(name, value, Mapping, f"a mapping of {needed}")
     if not value:
         raise ValueError(f"{name}={value!r}: at least one entry is needed")

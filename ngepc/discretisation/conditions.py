@@ -22,7 +22,7 @@ from ngepc.discretisation.rows import ContactRows, contact_rows, joined
 from ngepc.linalg.complementarity import exchange
 from ngepc.linalg.friction import FrictionCone
 from ngepc.linalg.secants import SmallProblem
-from ngepc.model.friction import Coulomb
+from ngepc.model.contact import Coulomb
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem, as_scalar
 

@@ -16,16 +16,18 @@ from ngepc.checks.arguments import (
     Coefficient,
     boundary_names,
     require_coefficient,
+    require_field,
     require_finite,
     sample,
 )
+from ngepc.checks.kinds import require_instance, require_mesh
+from ngepc.model.contact import Coulomb
 from ngepc.model.elements import element_nodes, vertices_of
-from ngepc.model.friction import Coulomb
 from ngepc.model.given import Given
 from ngepc.model.hardening import check_law
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.loading import check_loads, check_springs, require_vector_load
-from ngepc.model.material import Material, split_hardening
+from ngepc.model.material import LEGAL, Material, split_hardening
 from ngepc.model.places import Place, Roller, places
 from ngepc.model.processes import require_whole
 from ngepc.model.rules import plastic_points
@@ -54,27 +56,22 @@ def check_data(problem: Given) -> None:
 
 def check_shared(problem: Given) -> None:
     """What several processes cannot do."""
-    mappings = [problem.traction, problem.pressure, problem.prescribed, problem.springs]
-    acting = {}
-    for given in (g for g in mappings if isinstance(g, Mapping)):
-        acting |= given
-    given = {
+    given = [problem.traction, problem.pressure, problem.prescribed, problem.springs]
+    acting = [item for g in given if isinstance(g, Mapping) for item in g.items()]
+    there = {
         "order=2": problem.order == 2,
         "friction": problem.friction is not None,
         "contact of two bodies": bool(problem.contact_pairs),
-        "points and edges": not all(isinstance(place, str) for place in acting),
-        "rollers": any(isinstance(value, Roller) for value in acting.values()),
+        "points and edges": not all(isinstance(place, str) for place, _ in acting),
+        "rollers": any(isinstance(value, Roller) for _, value in acting),
     }
-    for what in (name for name, there in given.items() if there):
+    for what in (name for name, is_there in there.items() if is_there):
         require_whole(what, problem.mesh)
 
 
 def check_mesh(mesh: Mesh) -> None:
     """A mesh in two or three dimensions with elements of positive size, all oriented alike."""
-    if not isinstance(mesh, Mesh):
-        raise TypeError(f"mesh={mesh!r}: an ngsolve.Mesh is needed")
-    if mesh.dim not in (2, 3):
-        raise ValueError(f"mesh has dimension {mesh.dim}: 2 or 3 is needed")
+    require_mesh("mesh", mesh)
     if mesh.comm.size > 1:
         raise ValueError(
             f"mesh is distributed by NGSolve over {mesh.comm.size} processes: ngepc.distribute is "
@@ -100,10 +97,8 @@ def check_mesh(mesh: Mesh) -> None:
 
 def check_axis(problem: Given) -> None:
     """An axisymmetric body lies at radii x >= 0."""
-    if not problem.kinematics.hoop:
-        return
     radii = np.asarray(problem.mesh.ngmesh.Coordinates())[:, 0]
-    if radii.min() < -1e-12 * np.abs(radii).max():
+    if problem.kinematics.hoop and radii.min() < -1e-12 * np.abs(radii).max():
         raise ValueError(
             f'kinematics="axisymmetric": the mesh reaches to x = {radii.min():g}, radii x >= 0 are '
             "needed"
@@ -112,17 +107,10 @@ def check_axis(problem: Given) -> None:
 
 def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> None:
     """Elliptic elasticity, positive yield stress and hardening everywhere on the mesh."""
-    if not isinstance(material, Material):
-        raise TypeError(f"material={material!r}: a Material is needed")
+    require_instance("material", material, Material, "a Material")
+    for name, bounds in LEGAL.items():
+        require_finite(name, getattr(material, name), mesh, **bounds)
     N = kinematics.size
-    for name in ("lame_lambda", "hardening", "hardening_modulus", "hardening_stiffness"):
-        values = require_finite(name, getattr(material, name), mesh)
-        if name != "lame_lambda" and values.min() < 0:
-            raise ValueError(f"{name} falls to {values.min():g}: values >= 0 are needed")
-    for name in ("lame_mu", "yield_stress"):
-        values = require_finite(name, getattr(material, name), mesh)
-        if values.min() <= 0:
-            raise ValueError(f"{name} falls to {values.min():g}: values > 0 are needed")
     name = f"{N} lame_lambda + 2 lame_mu"
     bulk = require_finite(name, N * material.lame_lambda + 2 * material.lame_mu, mesh).min()
     if bulk <= 0:
@@ -143,15 +131,14 @@ def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> No
 
 def check_boundaries(problem: Given) -> None:
     """Existing names; nothing both clamped and something else."""
-    mesh, clamped, contact = problem.mesh, problem.clamped_names, problem.contact_names
-    named = {"contact": list(contact)}
+    named = {"contact": list(problem.contact_names)}
     for argument in ("traction", "pressure", "prescribed", "springs"):
         given = getattr(problem, argument)
-        if given is not None and not isinstance(given, Mapping):
-            raise TypeError(f"{argument}={given!r}: a mapping of boundary name -> value is needed")
-        named[argument] = _keys(argument, given, mesh)
+        if given is not None:
+            require_instance(argument, given, Mapping, "a mapping of boundary name -> value")
+        named[argument] = _keys(argument, given, problem.mesh)
     for name, others in named.items():
-        twice = sorted(set(clamped) & set(others))
+        twice = sorted(set(problem.clamped_names) & set(others))
         if twice:
             raise ValueError(
                 f"{name} and clamped overlap in {', '.join(twice)}: "
@@ -160,6 +147,7 @@ def check_boundaries(problem: Given) -> None:
 
 
 def _keys(argument: str, given: Mapping | None, mesh: Mesh) -> list[Place]:
+    """The single places of a mapping, each once."""
     legal = boundary_names if argument == "pressure" else places
     keys = [place for key in (given or {}) for place in legal(argument, key, mesh)]
     twice = sorted({str(place) for place in keys if keys.count(place) > 1})
@@ -185,24 +173,21 @@ def check_pairs(problem: Given) -> None:
 
 def check_gap(problem: Given) -> None:
     """A finite gap on the contact boundary, and none without one."""
-    if not problem.contact_names:
-        if problem.gap is not None:
-            raise ValueError(
-                f"gap={problem.gap!r}: name the contact boundary too, or leave gap out"
-            )
+    names, given = problem.contact_names, problem.gap
+    if not names:
+        if given is not None:
+            raise ValueError(f"gap={given!r}: name the contact boundary too, or leave gap out")
         return
-    if problem.gap is None:
+    if given is None:
         raise ValueError(f"contact={problem.contact!r} needs a gap: a number or coefficient")
-    names = problem.contact_names
-    if isinstance(problem.gap, Mapping) and set(problem.gap) != set(names):
+    several = isinstance(given, Mapping)
+    if several and set(given) != set(names):
         raise ValueError(
-            f"gap names {sorted(map(str, problem.gap))}: the contact boundaries are {sorted(names)}"
+            f"gap names {sorted(map(str, given))}: the contact boundaries are {sorted(names)}"
         )
-    gaps = problem.gap if isinstance(problem.gap, Mapping) else dict.fromkeys(names, problem.gap)
-    for name, gap in gaps.items():
-        argument = f"gap[{name!r}]" if isinstance(problem.gap, Mapping) else "gap"
-        require_coefficient(argument, gap)
-        require_finite(argument, gap, problem.mesh, [name], corners=True)
+    for name in names:
+        argument, gap = (f"gap[{name!r}]", given[name]) if several else ("gap", given)
+        require_field(argument, gap, problem.mesh, [name], corners=True)
 
 
 def check_friction(problem: Given) -> None:
@@ -218,13 +203,10 @@ def check_friction(problem: Given) -> None:
         raise ValueError(
             f"friction={problem.friction!r}: name the contact boundary too, or leave friction out"
         )
-    coulomb = isinstance(problem.friction, Coulomb)
-    name = "friction.coefficient" if coulomb else "friction"
-    value = problem.friction.coefficient if coulomb else problem.friction
-    require_coefficient(name, value)
-    least = require_finite(name, value, problem.mesh, problem.touching_names).min()
-    if least < 0:
-        raise ValueError(f"{name} falls to {least:g}: values >= 0 are needed")
+    name, value = "friction", problem.friction
+    if isinstance(value, Coulomb):
+        name, value = "friction.coefficient", value.coefficient
+    require_field(name, value, problem.mesh, problem.touching_names, least=0)
     if problem.initial_displacement is not None:
         require_vector_load("initial_displacement", problem.initial_displacement, problem.N)
         require_finite("initial_displacement", problem.u_0, problem.mesh, problem.touching_names)
@@ -236,48 +218,40 @@ def check_history(problem: Given) -> None:
     A polynomial with alpha_1 >= 0 at the integration points, which histories carry, may fall below
     zero between them, but not its means on the elements.
     """
-    N, mesh = problem.kinematics.size, problem.mesh
+    N, hardening = problem.kinematics.size, problem.initial_hardening
     if problem.initial_plastic_strain is not None:
-        require_coefficient("initial_plastic_strain", problem.initial_plastic_strain, [(N, N)])
-        p = require_finite("initial_plastic_strain", problem.initial_plastic_strain, mesh)
-        _check_symmetric("initial_plastic_strain", p.reshape(-1, N, N))
-        trace, size = np.abs(np.trace(p.reshape(-1, N, N), axis1=1, axis2=2)).max(), np.abs(p).max()
+        p = _symmetric("initial_plastic_strain", problem.initial_plastic_strain, problem)
+        trace, size = np.abs(np.trace(p, axis1=1, axis2=2)).max(), np.abs(p).max()
         if trace > 1e-10 * max(size, 1e-300):
             raise ValueError(
                 f"initial_plastic_strain has trace up to {trace:g}: plastic strains are trace-free"
             )
     if problem.initial_strain is not None:
         require_coefficient("initial_strain", problem.initial_strain, [(), (N, N)])
-        require_finite("initial_strain", problem.initial_strain, mesh)
-        _check_symmetric("initial_strain", sample(problem.eps_0, mesh).reshape(-1, N, N))
-    if isinstance(problem.initial_hardening, tuple) and len(problem.initial_hardening) != 2:
+        _symmetric("initial_strain", problem.eps_0, problem)
+    if isinstance(hardening, tuple) and len(hardening) != 2:
         raise ValueError(
-            f"initial_hardening={problem.initial_hardening!r}: a scalar, an {N} x {N} "
+            f"initial_hardening={hardening!r}: a scalar, an {N} x {N} "
             "coefficient or the pair of both is needed"
         )
-    scalar, back_stress = split_hardening(problem.initial_hardening)
-    if scalar is not None:
-        require_coefficient("initial_hardening", scalar)
-        least = _least("initial_hardening", scalar, problem)
-        if least < 0:
-            raise ValueError(f"initial_hardening falls to {least:g}: alpha_1 >= 0 is needed")
+    scalar, back_stress = split_hardening(hardening)
+    for name, value, needed in (
+        ("initial_hardening", scalar, "alpha_1 >= 0 is"),
+        ("initial_accumulated", problem.initial_accumulated, "values >= 0 are"),
+    ):
+        if value is not None:
+            require_field(name, value, problem.mesh)
+            if (least := _least(value, problem)) < 0:
+                raise ValueError(f"{name} falls to {least:g}: {needed} needed")
     if back_stress is not None:
-        require_coefficient("initial_hardening", back_stress, [(N, N)])
-        samples = require_finite("initial_hardening", back_stress, mesh)
-        _check_symmetric("initial_hardening", samples.reshape(-1, N, N))
-    if problem.initial_accumulated is not None:
-        require_coefficient("initial_accumulated", problem.initial_accumulated)
-        least = _least("initial_accumulated", problem.initial_accumulated, problem)
-        if least < 0:
-            raise ValueError(f"initial_accumulated falls to {least:g}: values >= 0 are needed")
+        _symmetric("initial_hardening", back_stress, problem)
 
 
-def _least(name: str, value: Coefficient, problem: Given) -> float:
+def _least(value: Coefficient, problem: Given) -> float:
     """The least value at the integration points, where histories live; below rounding it is 0.
 
     Between them the polynomials that earlier steps leave may fall below what they interpolate.
     """
-    require_finite(name, value, problem.mesh)
     if not isinstance(value, CoefficientFunction):
         return float(value)
     mesh = problem.mesh
@@ -286,6 +260,10 @@ def _least(name: str, value: Coefficient, problem: Given) -> float:
     return 0.0 if values.min() >= -1e-14 * np.abs(values).max() else float(values.min())
 
 
-def _check_symmetric(name: str, A: np.ndarray) -> None:
+def _symmetric(name: str, value: CoefficientFunction, problem: Given) -> np.ndarray:
+    """The samples of a symmetric tensor, shape (points, size, size)."""
+    N = problem.kinematics.size
+    A = require_field(name, value, problem.mesh, shapes=[(N, N)]).reshape(-1, N, N)
     if np.abs(A - A.transpose(0, 2, 1)).max() > 1e-10 * np.abs(A).max():
         raise ValueError(f"{name} is not symmetric")
+    return A

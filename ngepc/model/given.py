@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from ngsolve import CF, CoefficientFunction, Id, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number
-from ngepc.model.contact import Contact
-from ngepc.model.friction import Coulomb
+from ngepc.model.contact import Contact, Coulomb
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.normals import outward_normal
@@ -64,11 +63,11 @@ class Given:
     @property
     def contact_names(self) -> tuple[str, ...]:
         """Names of Gamma_c, where rigid obstacles are; empty without."""
+        pairs = self.contact_pairs
         names = [part for part in self._contact_parts if not isinstance(part, Contact)]
-        if self.contact is None or (self.contact_pairs and not names):
+        if self.contact is None or (pairs and not names):
             return ()
-        given = names if self.contact_pairs else self.contact
-        return boundary_names("contact", given, self.mesh)
+        return boundary_names("contact", names if pairs else self.contact, self.mesh)
 
     @property
     def contact_pairs(self) -> tuple[Contact, ...]:
@@ -78,12 +77,8 @@ class Given:
     @property
     def touching_names(self) -> tuple[str, ...]:
         """Names of all boundaries where contact conditions stand: Gamma_c and the first ones."""
-        firsts = [
-            name
-            for pair in self.contact_pairs
-            for name in boundary_names("contact", pair.first, self.mesh)
-        ]
-        return tuple(dict.fromkeys((*self.contact_names, *firsts)))
+        firsts = [boundary_names("contact", p.first, self.mesh) for p in self.contact_pairs]
+        return tuple(dict.fromkeys(sum(firsts, self.contact_names)))
 
     @property
     def _contact_parts(self) -> tuple:
@@ -136,9 +131,8 @@ class Given:
     @property
     def gaps(self) -> dict[str, CoefficientFunction]:
         """Single contact boundary name -> psi as a scalar coefficient."""
-        if isinstance(self.gap, Mapping):
-            return {name: as_scalar(self.gap[name]) for name in self.contact_names}
-        return {name: as_scalar(self.gap) for name in self.contact_names}
+        several = isinstance(self.gap, Mapping)
+        return {n: as_scalar(self.gap[n] if several else self.gap) for n in self.contact_names}
 
     @property
     def psi(self) -> CoefficientFunction:
@@ -191,10 +185,8 @@ class Given:
     def beta(self) -> Coefficient:
         """The yield bound, a number whenever the data are numbers."""
         scalar, _ = split_hardening(self.initial_hardening)
-        accumulated = self.initial_accumulated
-        return self.material.yield_bound(
-            0.0 if scalar is None else scalar, 0.0 if accumulated is None else accumulated
-        )
+        given = scalar, self.initial_accumulated
+        return self.material.yield_bound(*(0.0 if value is None else value for value in given))
 
 
 def as_scalar(value: Coefficient) -> CoefficientFunction:

@@ -23,6 +23,7 @@ from ngepc.checks.arguments import (
     require_number,
     sample,
 )
+from ngepc.checks.kinds import require_sequence
 
 Value = float | np.ndarray | CoefficientFunction
 """A number, values at points, or a coefficient: laws take each and give the same kind."""
@@ -149,22 +150,18 @@ class Tabulated(HardeningLaw):
     stress_there: Sequence[Coefficient]
 
     def __post_init__(self) -> None:
-        for name in ("plastic_strain", "stress_there"):
-            given = getattr(self, name)
-            if isinstance(given, str | bytes) or not isinstance(given, Sequence | np.ndarray):
-                raise TypeError(f"{name}={given!r}: a sequence of numbers is needed")
-        given = self.plastic_strain
+        given, there = self.plastic_strain, self.stress_there
+        require_sequence("plastic_strain", given, "numbers")
+        require_sequence("stress_there", there, "numbers")
         x = tuple(require_number("plastic_strain", value) for value in given)
         if not x or x[0] != 0 or not all(a < b for a, b in pairwise(x)):
             raise ValueError(f"plastic_strain={given!r}: increasing numbers from 0 on are needed")
-        if len(self.stress_there) != len(x):
-            raise ValueError(
-                f"stress_there={self.stress_there!r}: {len(x)} values are needed, one for each x"
-            )
-        for value in self.stress_there:
+        if len(there) != len(x):
+            raise ValueError(f"stress_there={there!r}: {len(x)} values are needed, one for each x")
+        for value in there:
             _require_datum("stress_there", value, strict=True)
         object.__setattr__(self, "plastic_strain", x)
-        object.__setattr__(self, "stress_there", tuple(self.stress_there))
+        object.__setattr__(self, "stress_there", tuple(there))
 
     def energy(self, x: Value) -> Value:
         """See ``HardeningLaw``."""
@@ -189,25 +186,13 @@ class Tabulated(HardeningLaw):
 
 
 def require_data(law: HardeningLaw, *positive: str) -> None:
-    """Numbers or scalar coefficients >= 0 as the fields of a law, those named > 0.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Naming the field and its value.
-    """
+    """Accept numbers or scalar coefficients >= 0 as the fields of a law, those named > 0."""
     for field in fields(law):
         _require_datum(field.name, getattr(law, field.name), strict=field.name in positive)
 
 
 def check_law(law: HardeningLaw, mesh: Mesh) -> None:
-    """A flow stress that is finite, positive, and never falls.
-
-    Raises
-    ------
-    ValueError
-        Naming the law and what is wrong with it.
-    """
+    """Accept a flow stress that is finite, positive, and never falls."""
     for value in law.data:
         require_finite("law", value, mesh)
     there = law.at(lambda value: sample(value, mesh))

@@ -5,10 +5,15 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngepc.checks.arguments import require_coefficient, require_finite
+from ngepc.checks.arguments import (
+    require_coefficient,
+    require_field,
+    require_finite,
+    require_least,
+)
 from ngepc.model.elements import vertices_of
 from ngepc.model.given import Given, as_vector
-from ngepc.model.places import Place, require_finite_at, values_at
+from ngepc.model.places import require_finite_at, values_at
 
 
 def check_loads(problem: Given) -> None:
@@ -22,8 +27,7 @@ def check_loads(problem: Given) -> None:
         else:
             require_finite_at(argument, as_vector(g), mesh, place)
     for name, p in problem.single("pressure").items():
-        require_coefficient(f"pressure[{name!r}]", p)
-        require_finite(f"pressure[{name!r}]", p, mesh, [name])
+        require_field(f"pressure[{name!r}]", p, mesh, [name])
     if problem.body_force is not None:
         require_vector_load("body_force", problem.body_force, N)
         require_finite("body_force", problem.f, mesh)
@@ -43,19 +47,14 @@ def check_loads(problem: Given) -> None:
                 "load would do nothing"
             )
     for place, roller in problem.rollers.items():
-        argument = f"prescribed[{place!r}]"
-        require_direction(argument, roller.direction, place, N)
+        argument, direction = f"prescribed[{place!r}]", roller.direction
+        if direction is None and not isinstance(place, str):
+            raise ValueError(
+                f"{argument}=Roller(): a direction is needed, only boundaries have normals"
+            )
+        if direction is not None and len(direction) != N:
+            raise ValueError(f"{argument}: direction={direction!r}: {N} numbers are needed")
         require_finite_at(argument, roller.value, mesh, place)
-
-
-def require_direction(argument: str, direction: tuple | None, place: Place, N: int) -> None:
-    """N numbers, or None on a boundary, which has a normal."""
-    if direction is None and not isinstance(place, str):
-        raise ValueError(
-            f"{argument}=Roller(): a direction is needed, only boundaries have normals"
-        )
-    if direction is not None and len(direction) != N:
-        raise ValueError(f"{argument}: direction={direction!r}: {N} numbers are needed")
 
 
 def check_springs(problem: Given) -> None:
@@ -68,9 +67,8 @@ def check_springs(problem: Given) -> None:
         for one in k if several else [k]:
             require_coefficient(argument, one)
             require_finite_at(argument, one, problem.mesh, place)
-            least = values_at(one, problem.mesh, place)[1].min(initial=0.0)
-            if least < 0:
-                raise ValueError(f"{argument} falls to {least:g}: values >= 0 are needed")
+            found = values_at(one, problem.mesh, place)[1].min(initial=0.0)
+            require_least(argument, found, 0)
 
 
 def require_vector_load(argument: str, value: object, N: int) -> None:
@@ -87,13 +85,7 @@ def require_vector_load(argument: str, value: object, N: int) -> None:
 
 
 def require_plain(problem: Given, advice: str) -> None:
-    """Refuse springs, points, edges, rollers and contact that meets a clamped boundary, by name.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument, its value and the ``advice``.
-    """
+    """Refuse springs, points, edges, rollers and contact that meets a clamped boundary, by name."""
     mesh, clamped, contact = problem.mesh, problem.clamped_names, problem.contact_names
     for place, value in (problem.spring_constants | problem.rollers).items():
         argument = "prescribed" if place in problem.rollers else "springs"
@@ -109,13 +101,7 @@ def require_plain(problem: Given, advice: str) -> None:
 
 
 def require_linear(problem: Given, what: str) -> None:
-    """Refuse a law of hardening and an initial strain, by name, where nothing is known of them.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument and its value; ``what`` needs problems without.
-    """
+    """Refuse a law of hardening and an initial strain, by name: ``what`` needs problems without."""
     if problem.material.law is not None:
         raise ValueError(
             f"material.law={problem.material.law!r}: {what} linear hardening, without a law"

@@ -16,7 +16,7 @@ integral of a convex function of |p|.
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from ngsolve import CoefficientFunction
 
@@ -26,6 +26,16 @@ from ngepc.model.hardening import HardeningLaw
 
 PEEQ = math.sqrt(2 / 3)
 """|p|_F times it is the equivalent plastic strain of engineers: the axial one of a bar."""
+
+LEGAL = {
+    "lame_lambda": {},
+    "lame_mu": {"least": 0, "strict": True},
+    "yield_stress": {"least": 0, "strict": True},
+    "hardening": {"least": 0},
+    "hardening_modulus": {"least": 0},
+    "hardening_stiffness": {"least": 0},
+}
+"""Data of a material and their ranges, for ``require_number`` and ``require_finite``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,21 +73,12 @@ class Material:
     def __post_init__(self) -> None:
         if self.law is not None:
             require_instance("law", self.law, HardeningLaw, "a HardeningLaw such as Voce(...)")
-        legal = {
-            "lame_mu": (0, True),
-            "yield_stress": (0, True),
-            "hardening": (0, False),
-            "hardening_modulus": (0, False),
-            "hardening_stiffness": (0, False),
-        }
-        for field in fields(self)[:-1]:
-            value = getattr(self, field.name)
+        for name, bounds in LEGAL.items():
+            value = getattr(self, name)
             if is_number(value):
-                least, strict = legal.get(field.name, (-math.inf, False))
-                number = require_number(field.name, value, least, strict=strict)
-                object.__setattr__(self, field.name, number)
+                object.__setattr__(self, name, require_number(name, value, **bounds))
             else:
-                require_coefficient(field.name, value)
+                require_coefficient(name, value)
 
     @classmethod
     def kinematic(

@@ -31,7 +31,9 @@ from ngepc.checks.arguments import (
     require_number,
     require_vector,
 )
+from ngepc.checks.kinds import require_instance
 from ngepc.model.elements import vertex_coordinates
+from ngepc.model.given import as_vector
 from ngepc.model.normals import outward_normal
 
 COORDINATES = (x, y, z)
@@ -43,9 +45,9 @@ Field = CoefficientFunction
 class Obstacle(ABC):
     """A rigid body; ``gap`` turns it and a motion into a gap for a Problem."""
 
-    @abstractmethod
     def dimensions(self) -> tuple[int, ...]:
-        """Space dimensions N in which the obstacle makes sense."""
+        """Space dimensions N in which it makes sense: as many as its vectors have components."""
+        return tuple({len(v) for v in vars(self).values() if isinstance(v, tuple)})
 
     @abstractmethod
     def along(self, X: Field, n: Field, far: float) -> Field:
@@ -75,8 +77,7 @@ class Obstacle(ABC):
         TypeError, ValueError
             For a mesh of the wrong dimension or data out of their ranges.
         """
-        if not isinstance(mesh, Mesh):
-            raise TypeError(f"mesh={mesh!r}: an ngsolve.Mesh is needed")
+        require_instance("mesh", mesh, Mesh, "an ngsolve.Mesh")
         N = mesh.dim
         if N not in self.dimensions():
             legal = " or ".join(map(str, self.dimensions()))
@@ -86,13 +87,18 @@ class Obstacle(ABC):
         far = require_number("far", far, 0, strict=True)
         X = CF(COORDINATES[:N])
         if motion is not None:
-            X = X - _motion(motion, mesh)
+            X = X - _motion(motion, N)
         self._check_data(X, mesh)
         return self.along(X, outward_normal(mesh), far)
 
-    def _check_data(self, X: CoefficientFunction, mesh: Mesh) -> None:
+    def _check_data(self, X: Field, mesh: Mesh) -> None:
         """Raise ValueError where the data of the obstacle at ``X`` make no gap."""
         require_finite("motion", X, mesh, sorted(set(mesh.GetBoundaries())))
+
+    def _keep(self, **legal: object) -> None:
+        """Replace fields by what checks have made of them."""
+        for name, value in legal.items():
+            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True)
@@ -103,12 +109,8 @@ class Plane(Obstacle):
     normal: Sequence[float]
 
     def __post_init__(self) -> None:
-        _keep(self, "point", require_vector("point", self.point, (2, 3)))
-        _keep(self, "normal", _unit("normal", self.normal, (len(self.point),)))
-
-    def dimensions(self) -> tuple[int, ...]:
-        """As many as the point has coordinates."""
-        return (len(self.point),)
+        self._keep(point=require_vector("point", self.point, (2, 3)))
+        self._keep(normal=_unit("normal", self.normal, len(self.point)))
 
     def along(self, X: Field, n: Field, far: float) -> Field:
         """T = (X - point) . m / (-n . m) for the plane's normal m, where n . m < 0."""
@@ -124,17 +126,12 @@ class Sphere(Obstacle):
     radius: float
 
     def __post_init__(self) -> None:
-        _keep(self, "centre", require_vector("centre", self.centre, (2, 3)))
-        _keep(self, "radius", require_number("radius", self.radius, 0, strict=True))
+        self._keep(centre=require_vector("centre", self.centre, (2, 3)))
+        self._keep(radius=require_number("radius", self.radius, 0, strict=True))
 
-    def dimensions(self) -> tuple[int, ...]:
-        """As many as the centre has coordinates."""
-        return (len(self.centre),)
-
-    def quadratic(self, X: CoefficientFunction, n: CoefficientFunction) -> tuple:
+    def quadratic(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
         """(a, b, c) of |X + t n - centre|^2 - radius^2 = a t^2 + 2 b t + c."""
-        d = X - CF(self.centre)
-        return CF(1.0), InnerProduct(d, n), InnerProduct(d, d) - self.radius**2
+        return _square(X - CF(self.centre), n, self.radius)
 
     def along(self, X: Field, n: Field, far: float) -> Field:
         """The smaller root, unless both are behind the surface of the body."""
@@ -146,27 +143,22 @@ Disc = Sphere
 
 @dataclass(frozen=True)
 class Cylinder(Obstacle):
-    """An infinite round cylinder around the line through ``point`` along ``axis``."""
+    """An infinite round cylinder around the line through ``point`` along ``axis``, in 3D."""
 
     point: Sequence[float]
     axis: Sequence[float]
     radius: float
 
     def __post_init__(self) -> None:
-        _keep(self, "point", require_vector("point", self.point, (3,)))
-        _keep(self, "axis", _unit("axis", self.axis, (3,)))
-        _keep(self, "radius", require_number("radius", self.radius, 0, strict=True))
+        self._keep(point=require_vector("point", self.point, (3,)))
+        self._keep(axis=_unit("axis", self.axis, 3))
+        self._keep(radius=require_number("radius", self.radius, 0, strict=True))
 
-    def dimensions(self) -> tuple[int, ...]:
-        """Three only; in a plane take a ``Sphere``."""
-        return (3,)
-
-    def quadratic(self, X: CoefficientFunction, n: CoefficientFunction) -> tuple:
+    def quadratic(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
         """(a, b, c) as for ``Sphere``, of the components across the axis."""
         axis = CF(self.axis)
-        d = X - CF(self.point)
-        d, m = (v - InnerProduct(v, axis) * axis for v in (d, n))
-        return InnerProduct(m, m), InnerProduct(d, m), InnerProduct(d, d) - self.radius**2
+        d, m = (v - InnerProduct(v, axis) * axis for v in (X - CF(self.point), n))
+        return _square(d, m, self.radius)
 
     def along(self, X: Field, n: Field, far: float) -> Field:
         """The smaller root, unless both are behind the surface of the body."""
@@ -180,8 +172,7 @@ class Cavity(Obstacle):
     inside: Sphere | Cylinder
 
     def __post_init__(self) -> None:
-        if not isinstance(self.inside, Sphere | Cylinder):
-            raise TypeError(f"inside={self.inside!r}: a Sphere, Disc or Cylinder is needed")
+        require_instance("inside", self.inside, (Sphere, Cylinder), "a Sphere, Disc or Cylinder")
 
     def dimensions(self) -> tuple[int, ...]:
         """Those of the hollow."""
@@ -190,8 +181,7 @@ class Cavity(Obstacle):
     def along(self, X: Field, n: Field, far: float) -> Field:
         """The larger root, unless n points from the wall into the hollow."""
         a, b, c = self.inside.quadratic(X, n)
-        discriminant = b * b - a * c
-        t = _quotient(-b + sqrt(IfPos(discriminant, discriminant, 0.0)), a, far)
+        t = _quotient(_root(b * b - a * c) - b, a, far)
         return IfPos(IfPos(c, IfPos(b, -1.0, 1.0), -1.0), far, t)
 
 
@@ -214,12 +204,11 @@ class SignedDistance(Obstacle):
     gradient: CoefficientFunction | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.distance, CoefficientFunction):
-            raise TypeError(f"distance={self.distance!r}: a CoefficientFunction is needed")
+        require_instance("distance", self.distance, CoefficientFunction, "a CoefficientFunction")
         require_coefficient("distance", self.distance)
         if self.gradient is not None:
-            if not isinstance(self.gradient, CoefficientFunction):
-                raise TypeError(f"gradient={self.gradient!r}: a CoefficientFunction is needed")
+            kind = CoefficientFunction, "a CoefficientFunction"
+            require_instance("gradient", self.gradient, *kind)
             require_coefficient("gradient", self.gradient, [(2,), (3,)])
         elif "GridFunction" in str(self.distance):
             raise ValueError("distance contains a GridFunction: its gradient is needed too")
@@ -233,7 +222,7 @@ class SignedDistance(Obstacle):
         phi, gradient = self._level(X)
         return _quotient(phi, -InnerProduct(gradient, n), far)
 
-    def _level(self, X: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction]:
+    def _level(self, X: Field) -> tuple[Field, Field]:
         """Phi and grad phi at ``X``."""
         own = COORDINATES[: X.dim]
         if self.gradient is not None:
@@ -242,7 +231,7 @@ class SignedDistance(Obstacle):
         gradient = CF(tuple(self.distance.Diff(c).Replace(moved) for c in own))
         return self.distance.Replace(moved), gradient
 
-    def _check_data(self, X: CoefficientFunction, mesh: Mesh) -> None:
+    def _check_data(self, X: Field, mesh: Mesh) -> None:
         super()._check_data(X, mesh)
         phi, gradient = self._level(X)
         everywhere = sorted(set(mesh.GetBoundaries()))
@@ -254,43 +243,44 @@ class SignedDistance(Obstacle):
             )
 
 
-def _quotient(
-    numerator: CoefficientFunction, facing: CoefficientFunction, far: float
-) -> CoefficientFunction:
+def _square(d: Field, n: Field, radius: float) -> tuple[Field, Field, Field]:
+    """(a, b, c) of |d + t n|^2 - radius^2 = a t^2 + 2 b t + c."""
+    return InnerProduct(n, n), InnerProduct(d, n), InnerProduct(d, d) - radius**2
+
+
+def _root(discriminant: Field) -> Field:
+    """The square root, 0 where there is none."""
+    return sqrt(IfPos(discriminant, discriminant, 0.0))
+
+
+def _quotient(numerator: Field, facing: Field, far: float) -> Field:
     """Numerator / facing where facing > 0, kept within [-far, far]; otherwise ``far``."""
-    safe = IfPos(facing - 1e-12, facing, 1.0)
-    t = numerator / safe
+    t = numerator / IfPos(facing - 1e-12, facing, 1.0)
     capped = IfPos(t - far, far, IfPos(-far - t, -far, t))
     return IfPos(facing - 1e-12, capped, far)
 
 
-def _entry(
-    a: CoefficientFunction, b: CoefficientFunction, c: CoefficientFunction, far: float
-) -> CoefficientFunction:
+def _entry(a: Field, b: Field, c: Field, far: float) -> Field:
     """Smaller root of a t^2 + 2 b t + c when the roots are real and the larger one is >= 0."""
     discriminant = b * b - a * c
-    root = sqrt(IfPos(discriminant, discriminant, 0.0))
+    root = _root(discriminant)
     hit = IfPos(discriminant, IfPos(root - b, 1.0, -1.0), -1.0)
     return IfPos(hit, _quotient(-b - root, a, far), far)
 
 
-def _motion(motion: Sequence[Coefficient], mesh: Mesh) -> CoefficientFunction:
-    if not isinstance(motion, tuple | list | np.ndarray):
-        raise TypeError(f"motion={motion!r}: a sequence of {mesh.dim} components is needed")
-    if len(motion) != mesh.dim:
-        raise ValueError(f"motion={motion!r}: {mesh.dim} components are needed")
+def _motion(motion: Sequence[Coefficient], N: int) -> CoefficientFunction:
+    """The translation as a vector."""
+    require_instance("motion", motion, (tuple, list, np.ndarray), f"a sequence of {N} components")
+    if len(motion) != N:
+        raise ValueError(f"motion={motion!r}: {N} components are needed")
     for i, component in enumerate(motion):
         require_coefficient(f"motion[{i}]", component)
-    return CF(tuple(c if isinstance(c, CoefficientFunction) else float(c) for c in motion))
+    return as_vector(motion)
 
 
-def _unit(name: str, value: object, lengths: Sequence[int]) -> tuple[float, ...]:
-    vector = np.array(require_vector(name, value, lengths))
-    length = np.linalg.norm(vector)
-    if length == 0:
+def _unit(name: str, value: object, N: int) -> tuple[float, ...]:
+    """The vector divided by its length."""
+    vector = np.array(require_vector(name, value, (N,)))
+    if not vector.any():
         raise ValueError(f"{name}={value!r}: a vector other than zero is needed")
-    return tuple((vector / length).tolist())
-
-
-def _keep(obstacle: Obstacle, name: str, value: object) -> None:
-    object.__setattr__(obstacle, name, value)
+    return tuple((vector / np.linalg.norm(vector)).tolist())

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import Mesh
+from ngsolve import Mesh, Region
 
 from ngepc.checks.arguments import (
     Coefficient,
@@ -52,13 +52,7 @@ class Point:
         return f"Point({self.where!r})"
 
     def vertices(self, mesh: Mesh) -> np.ndarray:
-        """The vertex with these coordinates, or all of this name.
-
-        Raises
-        ------
-        ValueError
-            If there is none, naming the nearest vertex, or the names that the mesh has.
-        """
+        """The vertex with these coordinates, or all of this name; a ValueError if there is none."""
         if isinstance(self.where, str):
             plane = mesh.dim == 2
             known = mesh.GetBBoundaries() if plane else mesh.GetBBBoundaries()
@@ -101,13 +95,7 @@ class Edge:
         return f"Edge({self.name!r})"
 
     def vertices(self, mesh: Mesh) -> np.ndarray:
-        """The vertices on these edges.
-
-        Raises
-        ------
-        ValueError
-            If the mesh is plane or has no such edges.
-        """
+        """The vertices on these edges; a ValueError if the mesh is plane or has none."""
         if mesh.dim != 3:
             raise ValueError(f"{self!r}: edges are needed, which are boundaries by name in 2D")
         _require_known(self, self.name, "edge", mesh.GetBBoundaries())
@@ -148,13 +136,7 @@ class Roller:
 
 
 def places(argument: str, key: object, mesh: Mesh) -> tuple[Place, ...]:
-    """The single places of a key: 'a|b' are two boundaries.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none, or not on the mesh, naming the ``argument``.
-    """
+    """The single places of a key: 'a|b' are two boundaries."""
     if not isinstance(key, Point | Edge):
         return boundary_names(argument, key, mesh)
     try:
@@ -194,11 +176,13 @@ def require_finite_at(argument: str, value: Coefficient, mesh: Mesh, place: Plac
         raise ValueError(f"{argument} is NaN or infinite at {place!r}: finite values are needed")
 
 
-def _corners(region) -> np.ndarray:
+def _corners(region: Region) -> np.ndarray:
+    """The vertices of its elements."""
     return np.unique([vertex.nr for element in region.Elements() for vertex in element.vertices])
 
 
 def _require_known(place: Point | Edge, name: str, kind: str, known: Sequence[str]) -> None:
+    """Accept a name that the mesh has."""
     if name not in known:
         raise ValueError(
             f"{place!r}: there is no such {kind}; this mesh has "

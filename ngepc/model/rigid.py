@@ -1,8 +1,8 @@
 """Rigid motions that the supports of a body leave free.
 
-On a conforming P1 mesh eps(u) = 0 leaves one rigid motion for each part of the mesh whose
-elements hang together by facets.  The parts are coupled at the vertices they share, so that two
-blocks joined along an edge are found to hinge.
+On a conforming P1 mesh eps(u) = 0 leaves rigid motions of each part of the mesh whose elements hang
+together by facets.  The parts are coupled at the vertices they share, so that two blocks joined
+along an edge are found to hinge.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from ngsolve import Mesh
+from scipy.linalg import block_diag
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -18,6 +19,7 @@ from ngepc.model.elements import element_vertices, vertex_coordinates
 from ngepc.model.given import Given
 from ngepc.model.normals import outward_normal
 from ngepc.model.places import Place, values_at, vertices_at
+from ngepc.model.processes import processes_of
 
 
 def check_conforming(keys: np.ndarray, owners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -68,35 +70,42 @@ def free_motions(
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Free rigid motions at the vertices, (vertices, N, k), and the vertices of a part that moves.
 
-    ``pairs`` are those of ``part_vertices``; parts with common vertices are looked at together.
+    ``held`` says which components of the vertices are, ``pairs`` are those of ``part_vertices``;
+    parts with common vertices are looked at together.  A mesh that processes share is one part.
     """
     if problem.kinematics.hoop:  # u_r / r is a strain: only the motion along the axis is free
         held = held | np.array([True, False])
-    vertices, axes = np.nonzero(held)
-    also, directions = oblique(problem)
-    vertices = np.concatenate([vertices, also])
-    directions = np.vstack([np.eye(problem.N)[axes], directions])
-    x = vertex_coordinates(problem.mesh)
-    scaled = x / np.ptp(x[pairs[:, 1]], axis=0).max()
-    parts = pairs[-1, 0] + 1
+    x, processes = vertex_coordinates(problem.mesh), problem.processes
+    (vertices, axes), (also, directions) = np.nonzero(held), oblique(problem)
+    vertices, directions = (
+        np.append(vertices, also),
+        np.vstack([np.eye(problem.N)[axes], directions]),
+    )
+    scaled = x / processes.most(np.ptp(x[pairs[:, 1]], axis=0))
+    rows = rigid_rows(scaled[vertices], directions)
     by_vertex = pairs[np.argsort(pairs[:, 1], kind="stable")]
     again = np.flatnonzero(by_vertex[1:, 1] == by_vertex[:-1, 1])
     joints = np.column_stack([by_vertex[again, 0], by_vertex[again + 1]])
-    group = connected(parts, joints[:, 0], joints[:, 1])
-    for number in np.unique(group):
+    group = connected(pairs[-1, 0] + 1, joints[:, 0], joints[:, 1])
+    for number in range(group.max() + 1):
         members = np.flatnonzero(group == number)
-        equations = [
-            _held_rows(pairs, vertices, directions, scaled, members, part) for part in members
-        ]
-        equations += _joint_rows(joints[np.isin(joints[:, 0], members)], scaled, members)
-        free = mechanisms(np.vstack(equations), len(members))
+        of_members = [pairs[pairs[:, 0] == part, 1] for part in members]
+        each = [np.linalg.qr(rows[np.isin(vertices, v)], mode="r") for v in of_members]
+        own = joints[np.isin(joints[:, 0], members)]
+        equations = np.vstack([block_diag(*each), *_joint_rows(own, scaled, members)])
+        free = mechanisms(np.vstack(processes.all(equations)), len(members))
         if len(free):
             motions = np.zeros((*x.shape, len(free)))
-            for part, coefficients in zip(members, free.transpose(1, 2, 0), strict=True):
-                v = pairs[pairs[:, 0] == part, 1]
-                motions[v] = _at(scaled[v]) @ coefficients
-            moving = np.linalg.norm(free[-1], axis=1).argmax()
-            yield motions, pairs[pairs[:, 0] == members[moving], 1]
+            for v, coefficients in zip(of_members, free.transpose(1, 2, 0), strict=True):
+                motions[v] = rigid_motions(scaled[v]) @ coefficients
+            yield motions, of_members[np.linalg.norm(free[-1], axis=1).argmax()]
+
+
+def _joint_rows(joints: np.ndarray, x: np.ndarray, members: np.ndarray) -> Iterator[np.ndarray]:
+    """Equations for the equal displacements of parts a, b at a common vertex v."""
+    for (a, b, _), at_vertex in zip(joints, rigid_motions(x[joints[:, 2]]), strict=True):
+        sign = 1.0 * (members == a) - (members == b)
+        yield (sign[:, None] * at_vertex[:, None]).reshape(len(at_vertex), -1)
 
 
 def mechanisms(equations: np.ndarray, parts: int) -> np.ndarray:
@@ -107,48 +116,20 @@ def mechanisms(equations: np.ndarray, parts: int) -> np.ndarray:
     return motion[size <= 1e-8].reshape(-1, parts, columns // parts)
 
 
-def _at(x: np.ndarray) -> np.ndarray:
-    """All rigid motions at points (n, N): (n, N, N(N+1)/2)."""
-    axes = np.eye(x.shape[1])
-    return np.stack([rigid_rows(x, np.tile(axis, (len(x), 1))) for axis in axes], axis=1)
-
-
-def _held_rows(
-    pairs: np.ndarray,
-    vertices: np.ndarray,
-    directions: np.ndarray,
-    x: np.ndarray,
-    members: np.ndarray,
-    part: int,
-) -> np.ndarray:
-    """Equations for the held directions of one part, reduced to as many as it has motions."""
-    here = np.isin(vertices, pairs[pairs[:, 0] == part, 1])
-    R = np.linalg.qr(rigid_rows(x[vertices[here]], directions[here]), mode="r")
-    return _placed(R, members, part)
-
-
-def _joint_rows(joints: np.ndarray, x: np.ndarray, members: np.ndarray) -> list[np.ndarray]:
-    """Equations for the equal displacements of parts a, b at a common vertex v."""
-    N = x.shape[1]
-    equations = []
-    for a, b, v in joints:
-        rows = rigid_rows(np.repeat(x[v][None], N, axis=0), np.eye(N))
-        equations.append(_placed(rows, members, a) - _placed(rows, members, b))
-    return equations
-
-
-def _placed(rows: np.ndarray, members: np.ndarray, part: int) -> np.ndarray:
-    """Rows for one part among the columns of all ``members``."""
-    wide = np.zeros((len(rows), len(members), rows.shape[1]))
-    wide[:, np.searchsorted(members, part)] = rows
-    return wide.reshape(len(rows), len(members) * rows.shape[1])
+def rigid_motions(x: np.ndarray) -> np.ndarray:
+    """All rigid motions at points (n, N): (n, N, N(N+1)/2), translations first."""
+    n, N = x.shape
+    planes = [(a, b) for a in range(N) for b in range(a + 1, N)]
+    motions = np.zeros((n, N, N + len(planes)))
+    motions[:, :, :N] = np.eye(N)
+    for k, (a, b) in enumerate(planes, start=N):
+        motions[:, a, k], motions[:, b, k] = x[:, b], -x[:, a]
+    return motions
 
 
 def rigid_rows(x: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Rigid motions at points ``x`` (n, N) along directions ``d`` (n, N): (n, N(N+1)/2)."""
-    N = x.shape[1]
-    pairs = [(a, b) for a in range(N) for b in range(a + 1, N)]
-    return np.column_stack([d, *(x[:, b] * d[:, a] - x[:, a] * d[:, b] for a, b in pairs)])
+    return np.einsum("nj,njk->nk", d, rigid_motions(x))
 
 
 def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -156,6 +137,8 @@ def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
     ``a`` and ``b`` are the pairs of elements that share a facet, as ``element_facets`` counts.
     """
+    if processes_of(mesh).size > 1:  # one part: distribute() sees to that
+        return np.column_stack([np.zeros(mesh.nv, dtype=int), np.arange(mesh.nv)])
     elements, count = element_vertices(mesh), mesh.nv
     label = connected(sum(len(nodes) for nodes in elements), a, b)
     _, part = np.unique(label, return_inverse=True)

@@ -21,10 +21,7 @@ from ngepc.model.rigid import (
     check_conforming,
     directed,
     free_motions,
-    mechanisms,
-    oblique,
     part_vertices,
-    rigid_rows,
 )
 
 FREE_NORMAL = 0.1
@@ -36,21 +33,18 @@ HELD_NORMAL = 1e-8
 
 def check_support(problem: Given) -> None:
     """A conforming mesh, boundary values that agree, a free normal on contact, no rigid motion."""
-    held, a, b = problem.processes.together(partial(_held, problem))
-    if problem.processes.size > 1:
-        check_rigid_body(problem, held)
-    else:
-        check_rigid_motions(problem, held, part_vertices(problem.mesh, a, b))
+    held, pairs = problem.processes.together(partial(_held, problem))
+    check_rigid_motions(problem, held, pairs)
 
 
-def _held(problem: Given) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The held components and the neighbours among the elements of this process."""
+def _held(problem: Given) -> tuple[np.ndarray, np.ndarray]:
+    """The held components and the parts of this process."""
     keys, owners = element_facets(problem.mesh)
     a, b = check_conforming(keys, owners)
     check_outer(problem, keys)
     held = held_values(problem)
     check_free_normal(problem, held)
-    return ~np.isnan(held), a, b
+    return ~np.isnan(held), part_vertices(problem.mesh, a, b)
 
 
 def check_outer(problem: Given, keys: np.ndarray) -> None:
@@ -68,13 +62,7 @@ def check_outer(problem: Given, keys: np.ndarray) -> None:
 
 
 def held_values(problem: Given) -> np.ndarray:
-    """The given displacements at the vertices, shape (vertices, N), NaN where free.
-
-    Raises
-    ------
-    ValueError
-        If two supports give different values to a common vertex.
-    """
+    """The given displacements at the vertices, shape (vertices, N), NaN where free."""
     mesh, N = problem.mesh, problem.N
     given = [("clamped", name, i, 0.0) for name in problem.clamped_names for i in range(N)]
     given += [
@@ -175,23 +163,6 @@ def check_rigid_motions(problem: Given, held: np.ndarray, pairs: np.ndarray) -> 
                 f"{centre.round(6).tolist()}: "
                 "every connected part must be held, if need be by springs"
             )
-
-
-def check_rigid_body(problem: Given, held: np.ndarray) -> None:
-    """The same on a mesh that processes share: it is one part, ``distribute`` sees to that."""
-    if problem.kinematics.hoop:
-        held = held | np.array([True, False])
-    x, processes = vertex_coordinates(problem.mesh), problem.processes
-    (v, i), (also, directions) = np.nonzero(held), oblique(problem)
-    scaled = x[np.append(v, also)] / processes.most(np.abs(x))
-    rows = rigid_rows(scaled, np.vstack([np.eye(problem.N)[i], directions]))
-    rows = np.linalg.qr(rows, mode="r")
-    free = len(mechanisms(np.vstack(processes.all(rows)), 1))
-    if free:
-        raise ValueError(
-            f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave {free} rigid "
-            "motion(s) of the body: it must be held"
-        )
 
 
 def floating_motions(problem: Given) -> list[tuple[np.ndarray, np.ndarray]]:

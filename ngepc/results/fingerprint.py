@@ -9,7 +9,7 @@ import numpy as np
 from ngsolve import Mesh
 
 from ngepc.checks.arguments import sample
-from ngepc.model.friction import Coulomb
+from ngepc.model.contact import Coulomb
 from ngepc.model.places import Place, values_at
 from ngepc.model.problem import Problem, as_vector
 

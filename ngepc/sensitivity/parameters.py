@@ -14,7 +14,7 @@ from ngepc.discretisation.conditions import ContactConditions, at_rows
 from ngepc.discretisation.loads import Supports, forces_of
 from ngepc.discretisation.rows import contact_rows
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.friction import Coulomb
+from ngepc.model.contact import Coulomb
 from ngepc.model.places import Roller, places
 from ngepc.model.problem import as_scalar, as_vector
 from ngepc.sensitivity.radial import Data

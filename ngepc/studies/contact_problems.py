@@ -13,8 +13,7 @@ from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import quarter_cube
-from ngepc.model.contact import Contact
-from ngepc.model.friction import Coulomb
+from ngepc.model.contact import Contact, Coulomb
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.results.exact import DiscreteSolution

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ngepc.model.friction import Coulomb
+from ngepc.model.contact import Coulomb
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.contact import LinearContact, RowSides
 from ngepc.sensitivity.forms import as_functional

@@ -19,8 +19,7 @@ from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block
 from ngepc.local.system import State
-from ngepc.model.contact import Contact
-from ngepc.model.friction import Coulomb
+from ngepc.model.contact import Contact, Coulomb
 from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
