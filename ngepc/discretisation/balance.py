@@ -40,16 +40,8 @@ class Frame(Protocol):
 class Balance:
     """Forces and gaps of an iterate; the iterates of both exact methods inherit it.
 
-    Attributes
-    ----------
-    frame
-        The discrete problem.
-    u
-        Nodal displacements, shape (nodes, N).
-    contact
-        Forces of the contact conditions: normal forces >= 0, with friction then tangential ones.
-    internal_forces
-        Nodal forces of the stress, shape (nodes, N).
+    It needs nodal displacements u and nodal forces of the stress, both (nodes, N), and forces of
+    the contact conditions: normal forces >= 0, with friction then tangential ones.
     """
 
     frame: Frame

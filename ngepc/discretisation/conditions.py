@@ -85,6 +85,11 @@ class ContactConditions:
         return len(self._closed_at)
 
     @property
+    def N(self) -> int:
+        """Components of a displacement."""
+        return self.rows.normals.shape[1]
+
+    @property
     def small_problem(self) -> SmallProblem:
         """What solves the conditions with a known compliance."""
         if self.friction is None:
@@ -115,7 +120,7 @@ class ContactConditions:
 
     def forces(self, x: np.ndarray) -> np.ndarray:
         """R' x, the nodal forces of the body on the obstacle, shape (nodes, N)."""
-        return (self._transposed @ x).reshape(-1, self.rows.normals.shape[1])
+        return (self._transposed @ x).reshape(-1, self.N)
 
     def grip(self, row_stiffness: np.ndarray) -> tuple[csr_matrix | None, np.ndarray]:
         """Springs that hold rollers in the tangent, and a guess of the compliance of all rows.
@@ -151,11 +156,8 @@ class ContactConditions:
 
     def roller_forces(self, x: np.ndarray) -> dict[Place, np.ndarray]:
         """Nodal forces of the body on each roller, shape (nodes, N)."""
-        numbers, result = np.arange(len(self)), {}
-        for place, rows in self.rollers.items():
-            inside = (numbers >= rows.start) & (numbers < rows.stop)
-            result[place] = self.forces(np.where(inside, x, 0.0))
-        return result
+        normal, rows = self.normal(x), self.rows.normal
+        return {p: (rows[on].T @ normal[on]).reshape(-1, self.N) for p, on in self.rollers.items()}
 
     def sum_of(self, forces: np.ndarray) -> np.ndarray:
         """The sum over all rows of forces, shape (m, ...)."""

@@ -31,12 +31,12 @@ def with_contact(
     row_stiffness: np.ndarray,
     slack: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Newton's step with the conditions of contact and friction met at its end.
+    """Newton's step and the forces at its end, where they meet the conditions; None if none do.
 
     Parameters
     ----------
     conditions
-        The conditions.
+        Those of contact and friction.
     solve
         Nodal forces (nodes, N) -> displacements, by the tangent of the step.
     u, forces
@@ -49,11 +49,6 @@ def with_contact(
         ``ContactConditions.stiffness``.
     slack
         What the gaps may miss (length), at least their rounding.
-
-    Returns
-    -------
-    tuple or None
-        The step and the forces at its end; None if no solution was found.
     """
 
     def product(more: np.ndarray) -> np.ndarray:
@@ -92,10 +87,8 @@ def rival(
     order = np.argsort(np.where(cone.tied, -np.inf, -pressing), kind="stable")
     rows, left = np.split(order, [most // (cone.d + 1)])
     if (n[left] > 0).any() or cone.tied[left].any():
-        return (
-            False,
-            f"Friction on {len(n)} rows: whether there are other equilibria was not examined.",
-        )
+        why = f"Friction on {len(n)} rows: whether there are other equilibria was not examined."
+        return False, why
     chosen = cone.numbers(rows)
     unit = (np.arange(len(forces)) == chosen[:, None]).astype(float)
     S = np.array([conditions.displacement(solve(conditions.forces(e)))[chosen] for e in unit])
@@ -105,10 +98,8 @@ def rival(
     if not np.isfinite(other).all():
         return True, "The Jacobian has a negative determinant, so that there are at least two more."
     found = other[: len(rows)][~cone.tied[rows]].sum()
-    return (
-        True,
-        f"One of them has the contact force {found:.6g} instead of {n[~cone.tied].sum():.6g}.",
-    )
+    ours = n[~cone.tied].sum()
+    return True, f"One of them has the contact force {found:.6g} instead of {ours:.6g}."
 
 
 class ContactWork:

@@ -78,13 +78,6 @@ class Return:
 class Law:
     """Material and history of a problem at the integration points.
 
-    Parameters
-    ----------
-    problem
-        Data of the time step.
-    points
-        The integration points.
-
     Attributes
     ----------
     bulk, two_mu, hardening, beta
@@ -204,14 +197,8 @@ class Law:
     def complementary_density(self, pressure: np.ndarray, stress: np.ndarray) -> np.ndarray:
         """The conjugate of ``energy_density`` at a stress, inf where none can be (points,).
 
-        As a function of all the strain, the initial one included.
-
-        Parameters
-        ----------
-        pressure
-            The factor of tr eps in sigma : eps, shape (points,).
-        stress
-            dev sigma in coordinates, shape (points, d).
+        As a function of all the strain, the initial one included.  ``pressure`` is the factor of
+        tr eps in sigma : eps (points,), ``stress`` dev sigma in coordinates (points, d).
         """
         size = np.linalg.norm(stress - self.back, axis=1)
         g = self.gained_at(size, self.hardening)

@@ -24,16 +24,12 @@ from scipy.sparse import csr_matrix
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.spaces import displacement_space, prescribed_displacement
+from ngepc.model.elements import vertex_coordinates
 from ngepc.model.places import Edge, Place, Point, values_at
 from ngepc.model.problem import Problem, as_scalar
 
 BONUS_ORDER = 3
 """Order by which the rules of loads exceed that of the displacements."""
-
-
-def external_work(problem: Problem, v: CoefficientFunction | ProxyFunction) -> list:
-    """The integrals of int_Gn g . v + int f . v, with points for loads that vary."""
-    return work_of(problem, v, problem.loads, problem.f)
 
 
 def work_of(
@@ -42,7 +38,7 @@ def work_of(
     loads: Mapping[Place, CoefficientFunction],
     f: CoefficientFunction | None,
 ) -> list:
-    """The integrals of other loads on the body of a problem; forces at points have none."""
+    """The integrals of int_Gn g . v + int f . v, but for forces at points; data may vary."""
     weight = problem.kinematics.weight
     work = [
         weight * InnerProduct(g, v) * region_measure(problem, place)
@@ -77,7 +73,7 @@ def forces_of(
     loads: Mapping[Place, CoefficientFunction],
     f: CoefficientFunction | None,
 ) -> np.ndarray:
-    """Nodal forces of other loads on the body of a problem, shape (nodes, N)."""
+    """Nodal forces of any loads on the body of a problem, shape (nodes, N)."""
     load = LinearForm(V)
     for term in work_of(problem, V.TestFunction(), loads, f):
         load += term
@@ -169,7 +165,7 @@ class Supports:
 
 def _on_axis(problem: Problem, V: FESpace) -> list[int]:
     """Nodes on the axis of revolution, where the radial displacement vanishes."""
-    radii = np.asarray(problem.mesh.ngmesh.Coordinates())[: problem.mesh.nv, 0]
+    radii = vertex_coordinates(problem.mesh)[:, 0]
     there = np.abs(radii) <= 1e-12 * np.abs(radii).max()
     component = V.components[0]
     nodes = set(np.flatnonzero(there).tolist())

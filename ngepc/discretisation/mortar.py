@@ -73,8 +73,7 @@ def _averages(
     """Means over the points with the function psi of each vertex, the vertices, and int psi."""
     weights, (points, N) = at.weights, at.lam.shape
     if problem.kinematics.hoop:
-        radii = np.einsum("pk,pk->p", at.lam, one.corners[at.first, :, 0])
-        weights = 2 * np.pi * radii * weights
+        weights = 2 * np.pi * weights * (at.lam * one.corners[at.first, :, 0]).sum(axis=1)
     share = weights[:, None] * biorthogonal(one, at)
     vertices, row = np.unique(one.vertices[at.first], return_inverse=True)
     where = row.ravel(), np.repeat(np.arange(points), N)

@@ -29,16 +29,11 @@ class PointFunctions:
         count = numbers.shape[1]
         values = np.empty((*numbers.shape, count))
         shape = GridFunction(self._scalar)
-        dofs = self._dofs(numbers)
         for k in range(count):
             shape.vec[:] = 0.0
-            shape.vec.FV().NumPy()[dofs[:, k]] = 1.0
+            shape.vec.FV().NumPy()[numbers[:, k]] = 1.0  # they follow each other as the points do
             values[:, :, k] = self.points.at(shape)[numbers]
         return np.linalg.inv(values)
-
-    def _dofs(self, numbers: np.ndarray) -> np.ndarray:
-        """Degrees of freedom of the elements: they follow each other as the points do."""
-        return numbers
 
     def function(self, values: np.ndarray, name: str = "gfu") -> GridFunction:
         """The function with these values at the points, shape (points,) or (points, d)."""
@@ -46,7 +41,7 @@ class PointFunctions:
         space = self._scalar if values.ndim == 1 else VectorValued(self._scalar, columns.shape[1])
         coefficients = np.empty_like(columns)
         for block, inverse in zip(self.points.blocks, self._inverses, strict=True):
-            coefficients[self._dofs(block.points)] = inverse @ columns[block.points]
+            coefficients[block.points] = inverse @ columns[block.points]
         result = GridFunction(space, name=name)
         result.vec.FV().NumPy()[:] = coefficients.T.ravel()
         return result
@@ -56,7 +51,7 @@ class PointFunctions:
         columns = slope.reshape(components, -1).T
         values = np.empty_like(columns)
         for block, inverse in zip(self.points.blocks, self._inverses, strict=True):
-            values[block.points] = inverse.swapaxes(1, 2) @ columns[self._dofs(block.points)]
+            values[block.points] = inverse.swapaxes(1, 2) @ columns[block.points]
         return values
 
 

@@ -17,7 +17,6 @@ from ngsolve import (
     VOL,
     CoefficientFunction,
     ElementId,
-    IntegrationRule,
     Mesh,
     specialcf,
     x,
@@ -82,6 +81,7 @@ class Points:
         return values[:, 0].copy() if not value.dims else values
 
     def _blocks(self, inverses: np.ndarray, radii: np.ndarray | None) -> Iterator[Elements]:
+        """The elements of each shape, from the inverse Jacobians at the points."""
         sizes = np.zeros(self.mesh.ne, dtype=int)
         groups = []
         for numbers, vertices in zip(
@@ -97,7 +97,8 @@ class Points:
             points = firsts[numbers][:, None] + np.arange(len(rule))
             weights[points] = np.array(rule.weights)
             nodes = vertices if self.order == 1 else self._nodes(numbers)
-            slopes, values = _reference(element, rule)
+            slopes = np.array([np.array(element.CalcDShape(*point)) for point in rule.points])
+            values = np.array([np.array(element.CalcShape(*point)) for point in rule.points])
             gradients = np.empty((*points.shape, nodes.shape[1], self.kinematics.N))
             for part in chunks(len(points)):
                 here = inverses[points[part]]
@@ -107,11 +108,13 @@ class Points:
         self.weights *= weights
 
     def _with_mean_volume(self, block: Elements) -> Elements:
+        """The same elements with the mean of tr eps over each."""
         weights, volume = self.weights[block.points], block.rows()[0]
         mean = np.einsum("ep,epk->ek", weights, volume) / weights.sum(axis=1)[:, None]
         return replace(block, mean=mean)
 
     def _nodes(self, numbers: np.ndarray) -> np.ndarray:
+        """Nodes of elements, shape (elements, k)."""
         return np.array([self.scalar.GetDofNrs(_id(number)) for number in numbers.tolist()])
 
     def strain(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -202,13 +205,6 @@ class Moduli:
         """The deviatoric stress of the deviatoric strain ``e``, both in coordinates."""
         along = self.extra * np.einsum("pd,pd->p", self.direction, e)
         return self.across[:, None] * e + along[:, None] * self.direction
-
-
-def _reference(element, rule: IntegrationRule) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients (p, k, N) and values (p, k) of the shape functions at the points of a rule."""
-    slopes = [np.array(element.CalcDShape(*point)) for point in rule.points]
-    values = [np.array(element.CalcShape(*point)) for point in rule.points]
-    return np.array(slopes), np.array(values)
 
 
 def _id(number: int) -> ElementId:

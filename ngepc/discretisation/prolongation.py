@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import BND, H1, VERTEX, FESpace, GridFunction, Mesh, NodeId
 from ngsolve.la import BaseVector
+from scipy.spatial import cKDTree
 
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
@@ -22,21 +23,9 @@ def vertex_dofs(space: FESpace, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def at_points(mesh: Mesh, vertex_values: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Values at ``points`` of the continuous P1 function with the given vertex values.
+    """The P1 function with the vertex values (vertices, k) at points (n, N), shape (n, k).
 
-    Parameters
-    ----------
-    mesh
-        Mesh of the function.
-    vertex_values
-        Shape (vertices, k).
-    points
-        Shape (points, N).  Points outside the mesh take the value of the nearest vertex.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (points, k).
+    Points outside the mesh take the value of the nearest vertex.
     """
     component = GridFunction(H1(mesh, order=1))
     places = mesh(*points.T)
@@ -46,19 +35,15 @@ def at_points(mesh: Mesh, vertex_values: np.ndarray, points: np.ndarray) -> np.n
         component.vec.FV().NumPy()[:] = values
         result[inside, k] = np.ravel(component(places[inside]))
     if not inside.all():
-        x = np.asarray(mesh.ngmesh.Coordinates())[:, : mesh.dim]
-        for i in np.flatnonzero(~inside):
-            result[i] = vertex_values[((x - points[i]) ** 2).sum(axis=1).argmin()]
+        _, nearest = cKDTree(vertex_coordinates(mesh)).query(points[~inside])
+        result[~inside] = vertex_values[nearest]
     return result
 
 
 def at_vertices(own: Mesh, values: np.ndarray, mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
     """A P1 function of one mesh at chosen vertices of another: (chosen, k) from (own.nv, k).
 
-    Raises
-    ------
-    ValueError
-        If processes share ``mesh`` and it was not refined from ``own``.
+    Where processes share ``mesh`` it has to be refined from ``own``, otherwise a ValueError.
     """
     if own is getattr(mesh, "coarse", None):
         fine = np.concatenate([values, values[mesh.parents].mean(axis=1)])
@@ -68,22 +53,10 @@ def at_vertices(own: Mesh, values: np.ndarray, mesh: Mesh, chosen: np.ndarray) -
 
 
 def nodal_values(start: object, problem: Problem) -> np.ndarray:
-    """The displacement ``start`` at the nodes of a problem, shape (nodes, N).
+    """A displacement, or the ``displacement`` of a result, at a problem's nodes, shape (nodes, N).
 
     On the same mesh and for the same order it is itself, otherwise it is evaluated at the vertices
-    and varies linearly between them.
-
-    Parameters
-    ----------
-    start
-        A displacement, or anything with such a ``displacement``, on this or another mesh.
-    problem
-        The problem whose mesh and order receive the values.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``start`` is no displacement in N dimensions.
+    and varies linearly between them.  A TypeError or ValueError if it has not N components.
     """
     source = start if isinstance(start, GridFunction) else getattr(start, "displacement", start)
     N, mesh = problem.N, problem.mesh
@@ -107,20 +80,9 @@ def nodal_values(start: object, problem: Problem) -> np.ndarray:
 def prolongate(source: FESpace, values: BaseVector, target: FESpace) -> np.ndarray:
     """Degrees of freedom in ``target`` that take the values of a P1 function in ``source``.
 
-    Functions that live on a boundary part only are extended by zero to the other vertices; the
-    prolongation to a refined mesh is exact.
-
-    Parameters
-    ----------
-    source, values
-        The space on the old mesh and the coefficients there, one component after another.
-    target
-        The same kind of space on the new mesh.
-
-    Returns
-    -------
-    numpy.ndarray
-        Coefficients in ``target``, zero where its degrees of freedom are not free.
+    Both are spaces of the same kind, coefficients go one component after another, and are zero
+    where not free.  Functions that live on a boundary part only are extended by zero to the other
+    vertices; the prolongation to a refined mesh is exact.
     """
     old, new = source.mesh, target.mesh
     components = GridFunction(source).dim
@@ -129,7 +91,6 @@ def prolongate(source: FESpace, values: BaseVector, target: FESpace) -> np.ndarr
     new_vertices, new_dofs = vertex_dofs(first_of(target), new)
     known = np.zeros((old.nv, components))
     known[old_vertices] = values.FV().NumPy().reshape(components, -1)[:, old_dofs].T
-    points = np.asarray(new.ngmesh.Coordinates())[new_vertices, : new.dim]
     result = np.zeros((components, target.ndof // components))
-    result[:, new_dofs] = at_points(old, known, points).T
+    result[:, new_dofs] = at_points(old, known, vertex_coordinates(new)[new_vertices]).T
     return result.ravel() * np.array(target.FreeDofs(), dtype=float)

@@ -11,6 +11,7 @@ from ngsolve import ET, VOL, IntegrationRule, Mesh
 
 from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient, is_number
 from ngepc.model.elements import element_numbers, element_vertices
+from ngepc.model.rules import SHAPE_OF
 
 SMOOTH_ORDER = 9
 SMOOTH_VARIATION = 0.1
@@ -21,33 +22,19 @@ IDLE, SMOOTH, KINKED = -1, 0, 1
 
 HIGHEST_ORDER = 60
 
-_SHAPES = {
-    **{(2, 3): ET.TRIG, (2, 4): ET.QUAD},
-    **{(3, 4): ET.TET, (3, 5): ET.PYRAMID, (3, 6): ET.PRISM, (3, 8): ET.HEX},
-}
-
 
 def order_with_points(shape: ET, points: int) -> int:
-    """The lowest order whose rule on ``shape`` has at least ``points`` points.
-
-    Raises
-    ------
-    ValueError
-        If no rule up to order 60 has so many.
-    """
+    """The lowest order whose rule has at least ``points`` points; a ValueError if none up to 60."""
     for order in range(HIGHEST_ORDER + 1):
-        if len(IntegrationRule(shape, order)) >= points:
+        most = len(IntegrationRule(shape, order))
+        if most >= points:
             return order
-    most = len(IntegrationRule(shape, HIGHEST_ORDER))
     raise ValueError(f"quadrature_points={points}: at most {most} are available per {shape.name}")
 
 
 def fine_rules(dim: int, points: int) -> dict[ET, IntegrationRule]:
     """Rules with at least ``points`` points on each element shape of the dimension."""
-    return {
-        s: IntegrationRule(s, min(order_with_points(s, points), HIGHEST_ORDER))
-        for s in ELEMENT_TYPES[dim]
-    }
+    return {s: IntegrationRule(s, order_with_points(s, points)) for s in ELEMENT_TYPES[dim]}
 
 
 def boundary_rules(dim: int, points: int) -> dict[ET, IntegrationRule]:
@@ -70,19 +57,8 @@ def classify(
     |q| is convex, so that vertex values bound it from above; along the mean direction q is
     affine, so that they bound it from below.
 
-    Parameters
-    ----------
-    q
-        Vertex values, shape (d, vertices).
-    nodes
-        Vertices of the elements, shape (elements, corners).
-    low, high
-        Smallest and largest threshold in each element, or in all.
-
-    Returns
-    -------
-    numpy.ndarray
-        IDLE, SMOOTH or KINKED for each element.
+    Of vertex values q (d, vertices), vertices of the elements (elements, corners) and the smallest
+    and largest threshold in each element, or in all: IDLE, SMOOTH or KINKED for each element.
     """
     kind = np.full(len(nodes), IDLE)
     low, high = (np.broadcast_to(bound, kind.shape) for bound in (low, high))
@@ -108,6 +84,6 @@ def threshold_bounds(
     values = np.asarray(threshold(mesh.MapToAllElements(rules, VOL))).ravel()
     count = np.empty(mesh.ne, int)
     for nodes, numbers in zip(element_vertices(mesh), element_numbers(mesh), strict=True):
-        count[numbers] = len(rules[_SHAPES[mesh.dim, nodes.shape[1]]])
+        count[numbers] = len(rules[SHAPE_OF[mesh.dim, nodes.shape[1]]])
     first = np.cumsum(count) - count
     return np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)

@@ -7,6 +7,7 @@ of the first: segments by projection along its interpolated normals, triangles i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from ngsolve import BND, ET, H1, ElementId, IntegrationRule
@@ -73,11 +74,8 @@ class Surface:
         sums = np.zeros((mesh.nv, N))
         for k in range(N):
             np.add.at(sums, vertices[:, k], normals)
-        unit = [
-            a / np.maximum(np.linalg.norm(a, axis=-1), 1e-300)[..., None] for a in (normals, sums)
-        ]
         numbers = np.array([facet.nr for facet in facets])
-        return cls(numbers, vertices, corners, unit[0], unit[1][vertices])
+        return cls(numbers, vertices, corners, _unit(normals), _unit(sums)[vertices])
 
     @property
     def centres(self) -> np.ndarray:
@@ -96,15 +94,14 @@ class Surface:
         if k == N:
             return nodes[facets], lam
         element = space.GetFE(ElementId(BND, int(self.numbers[0])))
-        values, pairs = [lam], [(a, b) for a in range(N) for b in range(a)]
         found = np.empty((len(lam), k - N))
-        for a, b in pairs:
+        for a, b in combinations(range(N), 2):
             middle = np.zeros(N)
             middle[[a, b]] = 0.5
             at_middle = np.array(element.CalcShape(*middle[:-1]))[N:]
             which = int(np.abs(at_middle).argmax())
             found[:, which] = 4 * at_middle[which] * lam[:, a] * lam[:, b]
-        return nodes[facets], np.hstack([*values, found])
+        return nodes[facets], np.hstack([lam, found])
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,11 +137,8 @@ def overlap(one: Surface, two: Surface) -> Overlap:
     N = one.corners.shape[-1]
     first, lam, other, share = (_segments if N == 2 else _triangles)(one, two, i, j)
     i, j = i[first], j[first]
-    normals = np.einsum("pk,pkc->pc", lam, one.nodal[i])
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    here = np.einsum("pk,pkc->pc", lam, one.corners[i])
-    there = np.einsum("pk,pkc->pc", other, two.corners[j])
-    gaps = np.einsum("pc,pc->p", normals, there - here)
+    normals = _unit(_between(one.nodal[i], lam))
+    gaps = ((_between(two.corners[j], other) - _between(one.corners[i], lam)) * normals).sum(axis=1)
     near = gaps > -(one.radii[i] + two.radii[j])
     parts = i, j, lam, other, share, normals, gaps
     return Overlap(*(part[near] for part in parts))
@@ -152,7 +146,12 @@ def overlap(one: Surface, two: Surface) -> Overlap:
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
     """The vectors divided by their lengths."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None]
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+
+
+def _between(corners: np.ndarray, lam: np.ndarray) -> np.ndarray:
+    """Points (n, N) at barycentric coordinates (n, N) between corners (n, N, N)."""
+    return np.einsum("pk,pkc->pc", lam, corners)
 
 
 def _areas(corners: np.ndarray) -> np.ndarray:
@@ -175,6 +174,7 @@ def _candidates(one: Surface, two: Surface) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The cross product of vectors in the plane."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
@@ -246,9 +246,7 @@ def _triangles(one: Surface, two: Surface, i: np.ndarray, j: np.ndarray) -> tupl
 
 def _intersection(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the intersections of pairs of triangles, (pairs, 15, 2), and which are some."""
-    inside = [
-        (_barycentric_many(T, points) >= -THIN).all(axis=-1) for T, points in ((A, B), (B, A))
-    ]
+    inside = [(_barycentric(T[:, None], x) >= -THIN).all(axis=-1) for T, x in ((A, B), (B, A))]
     a, b = (np.roll(T, -1, axis=1) - T for T in (A, B))
     across = _cross(a[:, :, None], b[:, None])
     offset = B[:, None] - A[:, :, None]
@@ -262,15 +260,9 @@ def _intersection(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return polygon, np.concatenate([*inside, crosses.reshape(len(A), 9)], axis=1)
 
 
-def _barycentric_many(T: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Barycentric coordinates (pairs, k, 3) of k points in each triangle."""
-    k = points.shape[1]
-    return _barycentric(np.repeat(T, k, axis=0), points.reshape(-1, 2)).reshape(len(T), k, 3)
-
-
 def _barycentric(T: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Barycentric coordinates (n, 3) of one point in each triangle (n, 3, 2)."""
-    u, v, x = T[:, 1] - T[:, 0], T[:, 2] - T[:, 0], points - T[:, 0]
+    """Barycentric coordinates (..., 3) of points (..., 2) in triangles (..., 3, 2)."""
+    u, v, x = T[..., 1, :] - T[..., 0, :], T[..., 2, :] - T[..., 0, :], points - T[..., 0, :]
     area = _cross(u, v)
     second, third = _cross(x, v) / area, _cross(u, x) / area
-    return np.stack([1 - second - third, second, third], axis=1)
+    return np.stack([1 - second - third, second, third], axis=-1)

@@ -20,29 +20,33 @@ from ngsolve import (
     VectorValued,
 )
 
+from ngepc.checks.arguments import Coefficient
 from ngepc.model.places import Edge, Place, Point, values_at
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.rules import plastic_order
 
-AXES = "xyz"
-
 
 def displacement_space(problem: Problem) -> FESpace:
     """V_h: continuous vectors of the problem's order; held components are not free."""
-    fixed = {axis: list(problem.clamped_names) for axis in AXES[: problem.N]}
-    points = []
-    for place, components in problem.held_components.items():
-        for number, component in enumerate(components):
-            if component is not None and isinstance(place, str):
-                fixed[AXES[number]].append(place)
-            elif component is not None:
-                points.append((place, number))
-    conditions = {f"dirichlet{axis}": "|".join(names) for axis, names in fixed.items() if names}
+    fixed = {axis: list(problem.clamped_names) for axis in range(problem.N)}
+    elsewhere = []
+    for place, axis, _ in _prescribed(problem):
+        if isinstance(place, str):
+            fixed[axis].append(place)
+        else:
+            elsewhere.append((place, axis))
+    conditions = {f"dirichlet{'xyz'[a]}": "|".join(names) for a, names in fixed.items() if names}
     V = VectorH1(problem.mesh, order=problem.order, **conditions)
-    for place, axis in points:
+    for place, axis in elsewhere:
         for dof in nodes_at(V.components[axis], place).tolist():
             V.FreeDofs().Clear(V.Range(axis).start + dof)
     return V
+
+
+def _prescribed(problem: Problem) -> list[tuple[Place, int, Coefficient]]:
+    """Place, number and value of each prescribed component."""
+    given = problem.held_components.items()
+    return [(p, axis, c) for p, each in given for axis, c in enumerate(each) if c is not None]
 
 
 def nodes_at(scalar: FESpace, place: Place) -> np.ndarray:
@@ -61,19 +65,16 @@ def prescribed_displacement(problem: Problem, V: FESpace) -> GridFunction:
     """
     lift, one = GridFunction(V), GridFunction(V)
     to, source = lift.vec.FV().NumPy(), one.vec.FV().NumPy()
-    for place, components in problem.held_components.items():
-        for axis, component in enumerate(components):
-            if component is None:
-                continue
-            first = V.Range(axis).start
-            if isinstance(place, str):
-                region = problem.mesh.Boundaries(place)
-                one.components[axis].Set(as_scalar(component), definedon=region)
-                dofs = first + nodes_at(V.components[axis], place)
-                to[dofs] = source[dofs]
-            else:
-                vertices, values = values_at(component, problem.mesh, place)
-                to[first + vertices] = values[:, 0]
+    for place, axis, component in _prescribed(problem):
+        first = V.Range(axis).start
+        if isinstance(place, str):
+            region = problem.mesh.Boundaries(place)
+            one.components[axis].Set(as_scalar(component), definedon=region)
+            dofs = first + nodes_at(V.components[axis], place)
+            to[dofs] = source[dofs]
+        else:
+            vertices, values = values_at(component, problem.mesh, place)
+            to[first + vertices] = values[:, 0]
     return lift
 
 

@@ -22,7 +22,7 @@ from ngsolve import (
 from ngsolve.la import BaseVector
 
 from ngepc.checks.arguments import Coefficient
-from ngepc.discretisation.loads import external_work
+from ngepc.discretisation.loads import work_of
 from ngepc.discretisation.spaces import displacement_space, plastic_space, prescribed_displacement
 from ngepc.dual.parts import dual_parts
 from ngepc.dual.spaces import DualSpaces
@@ -62,7 +62,7 @@ def elastic_terms(
 def load_terms(problem: Problem, v: CoefficientFunction, r: CoefficientFunction) -> list:
     """The integrals of -l(v, r) in (2.15) and (2.16): loads, back stress, initial strain."""
     m, kinematics = problem.material, problem.kinematics
-    terms = external_work(problem, v)
+    terms = work_of(problem, v, problem.loads, problem.f)
     if problem.initial_hardening is not None:
         terms.append(-kinematics.coordinates(problem.alpha_0[1]) * r * dx)
     if problem.initial_plastic_strain is not None:

@@ -19,7 +19,7 @@ from ngsolve import ET, IntegrationRule, Mesh
 from ngepc.checks.arguments import ELEMENT_TYPES
 from ngepc.model.elements import element_vertices
 
-_SHAPE_OF = {
+SHAPE_OF = {
     (2, 3): ET.TRIG,
     (2, 4): ET.QUAD,
     (3, 4): ET.TET,
@@ -27,11 +27,12 @@ _SHAPE_OF = {
     (3, 6): ET.PRISM,
     (3, 8): ET.HEX,
 }
+"""Shape of an element by (dimension, number of vertices)."""
 
 
 def shapes_of(mesh: Mesh) -> set[ET]:
     """The shapes of the elements of a mesh."""
-    return {_SHAPE_OF[mesh.dim, vertices.shape[1]] for vertices in element_vertices(mesh)}
+    return {SHAPE_OF[mesh.dim, vertices.shape[1]] for vertices in element_vertices(mesh)}
 
 
 def has_straight_simplices(mesh: Mesh) -> bool:
