@@ -96,7 +96,7 @@ from ngepc.pictures import (
 )
 from ngepc.pictures.export import export_series
 from ngepc.pictures.monitors import ProgressLine
-from ngepc.pictures.views import View, ViewOptions
+from ngepc.pictures.views import View, ViewOptions, viewer_installed
 
 PROBLEM = lshape_problem(MESH)
 STEEL = {"lame_lambda": 1000.0, "lame_mu": 800.0, "yield_stress": 5.0, "hardening": 100.0}
@@ -309,6 +309,8 @@ def in_an_empty_folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", USES)
 def test_nonsense_is_refused_by_name(name, tmp_path):
     """Any argument, any kind; nothing is written before; what is legal is accepted."""
+    if name == "show" and not viewer_installed():
+        pytest.skip("the offline viewer is not installed")
     use = USES[name]
     assert use.complaints() == []
     assert list(tmp_path.iterdir()) == []
