@@ -13,6 +13,8 @@ import pytest
 from netgen.meshing import SetMessageImportance
 from ngsolve import SetNumThreads
 
+from ngepc.pictures.stills import renderer
+
 HERE = Path(__file__).parent
 
 SLOW = (
@@ -58,6 +60,14 @@ SLOW = (
 def one_thread():
     SetNumThreads(1)
     SetMessageImportance(0)
+
+
+@pytest.fixture
+def draws_solids():
+    try:
+        renderer()
+    except ImportError as error:
+        pytest.skip(str(error))
 
 
 def pytest_collection_modifyitems(items):

@@ -33,8 +33,8 @@ def main(out: Path, coarse: bool = False) -> str:
     assert abs(graded_result.reaction + graded_result.contact_resultant)[2] < 1e-9 * force
 
     bodies = {"step-42, hexahedra": whole, "a quarter, graded tetrahedra": graded_result}
-    figure = plot_comparison(bodies, vmin=0, vmax=0.1)
-    figure.axes[1].view_init(elev=25, azim=-135)  # onto the planes of symmetry
+    onto_the_planes_of_symmetry = (-135, 25)
+    figure = plot_comparison(bodies, vmin=0, vmax=0.1, view=onto_the_planes_of_symmetry)
     save(figure, out, "indentation")
     return f"indentation: {line} (primal)"
 

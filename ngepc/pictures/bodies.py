@@ -11,8 +11,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.tri import Triangulation
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from ngepc.checks.arguments import require_vector
 from ngepc.checks.kinds import require_instance, require_text
 from ngepc.pictures.drawable import UnitNames, fields_of, method_label
 from ngepc.pictures.sampling import (
@@ -22,16 +22,21 @@ from ngepc.pictures.sampling import (
     element_borders,
     obstacle_lines,
 )
+from ngepc.pictures.stills import Angles, camera, solid_image
 from ngepc.pictures.style import DEFORMED, GUIDE, OBSTACLE, OUTLINE, Picture
 
-LIGHT = np.array([0.42, -0.25, 0.87])
-"""Where bodies in space are lit from."""
+SOLID = (3.8, 3.4)
+"""Inches that a picture of a solid takes."""
 
 
-def check_drawing(axes: object, *, colormap: object = None, **texts: object) -> None:
-    """Refuse axes that are none, texts that are none, and colour maps that nobody knows."""
+def check_drawing(
+    axes: object = None, *, colormap: object = None, view: object = None, **texts: object
+) -> None:
+    """Refuse what are no axes, texts, pairs of angles, and colour maps that nobody knows."""
     if axes is not None:
         require_instance("axes", axes, Axes, "matplotlib Axes or None")
+    if view is not None:
+        require_vector("view", view, (2,))
     for name, text in texts.items():
         require_text(name, text, optional=True)
     if colormap is not None and not isinstance(colormap, Colormap):
@@ -45,18 +50,18 @@ def check_drawing(axes: object, *, colormap: object = None, **texts: object) -> 
 
 def body_axes(corners: Corners, scale: float, count: int = 1, bar: bool = True) -> list[Axes]:
     """Axes of a new figure for bodies of this size, at most three in a row."""
-    three = corners.points.shape[2] == 3
-    both = np.concatenate([corners.points, corners.deformed(scale)]).reshape(-1, 2 + three)
-    width, height = np.ptp(both, axis=0)[:2]
-    unit = 3.0 / max(width, height) if three else min(6.0 / width, 4.0 / height)
-    width, height = max(3.5, unit * width + 0.8), max(3.4 if three else 2.2, unit * height + 0.8)
+    width, height = SOLID
+    if corners.points.shape[2] == 2:
+        both = np.concatenate([corners.points, corners.deformed(scale)]).reshape(-1, 2)
+        width, height = np.ptp(both, axis=0)
+        unit = min(6.0 / width, 4.0 / height)
+        width, height = max(3.5, unit * width + 0.8), max(2.2, unit * height + 0.8)
     rows = math.ceil(count / 3)
     columns = math.ceil(count / rows)
     shrink = min(1.0, 3.6 / width) if columns > 2 else 1.0
     size = (shrink * width * columns + 0.9 * bar, shrink * height * rows)
     figure = Picture(figsize=size, layout="compressed")
-    projection = "3d" if three else None
-    return [figure.add_subplot(rows, columns, k + 1, projection=projection) for k in range(count)]
+    return [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
 
 
 def draw_classes(
@@ -67,13 +72,14 @@ def draw_classes(
     colours: tuple[str, ...],
     scale: float,
     mesh_lines: bool = False,
+    view: Angles | None = None,
 ) -> Axes:
     """Each triangle in the colour of its class; returns the axes, new ones for None."""
     values = np.repeat(classes[:, None], 3, axis=1)
     corners = Corners(sampled.points, sampled.displacement, values)
     axes = axes if axes is not None else body_axes(corners, scale, bar=False)[0]
     limits = ColourRange(0.0, len(colours) - 1.0)
-    draw_body(axes, source, corners, limits, ListedColormap(colours), scale, mesh_lines)
+    draw_body(axes, source, corners, limits, ListedColormap(colours), scale, mesh_lines, view)
     return axes
 
 
@@ -84,12 +90,17 @@ def draw_body(
     limits: ColourRange,
     colormap: str | ListedColormap,
     scale: float,
-    mesh_lines: bool,
+    mesh_lines: bool = False,
+    view: Angles | None = None,
 ) -> ScalarMappable:
     """Draw the triangles with their values; returns what a colour bar needs."""
     points, colours = corners.deformed(scale), Normalize(limits.least, limits.most)
+    lines = element_borders(fields_of(source)).deformed(scale) if mesh_lines else None
     if points.shape[2] == 3:
-        return _draw_solid(axes, points, corners, ScalarMappable(colours, colormap), mesh_lines)
+        patch = ScalarMappable(colours, colormap)
+        axes.imshow(solid_image(points, corners.values, patch, lines, view))
+        _draw_directions(axes, view)
+        return patch
     x, y = points.reshape(-1, 2).T
     triangles = Triangulation(x, y, np.arange(len(x)).reshape(-1, 3))
     options = {"cmap": colormap, "norm": colours, "rasterized": True}
@@ -98,30 +109,24 @@ def draw_body(
         patch = axes.tripcolor(triangles, **options)
     else:
         patch = axes.tripcolor(triangles, corners.values.ravel(), shading="gouraud", **options)
-    if mesh_lines:
-        fields = fields_of(source)
-        thin = {"linewidths": 0.3, "alpha": min(1.0, 1500 / fields.problem.mesh.ne)}
-        lines = element_borders(fields).deformed(scale)
+    if lines is not None:
+        thin = {"linewidths": 0.3, "alpha": min(1.0, 1500 / fields_of(source).problem.mesh.ne)}
         axes.add_collection(LineCollection(lines, colors=GUIDE, zorder=2, **thin))
     return patch
 
 
-def _draw_solid(
-    axes: Axes, points: np.ndarray, corners: Corners, scale: ScalarMappable, mesh_lines: bool
-) -> ScalarMappable:
-    """Triangles in space, lit from above and the side; returns the scale of their colours."""
-    normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    colours = scale.to_rgba(corners.values.mean(axis=1))
-    colours[:, :3] *= (0.8 + 0.2 * np.abs(normals @ LIGHT))[:, None]
-    edges = GUIDE if mesh_lines else colours
-    solid = Poly3DCollection(points, facecolors=colours, edgecolors=edges, linewidths=0.3)
-    axes.add_collection3d(solid)
-    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low)
+def _draw_directions(axes: Axes, view: Angles | None) -> None:
+    """Arrows along x, y and z, left of the image of a solid, which needs no other axes."""
+    height, width = axes.images[0].get_size()
+    size = 0.08 * max(height, width)
+    start = np.array([-1.2 * size, height - size])
+    axes.set(xlim=(-2.6 * size, width), ylim=(height, 0))
     axes.set_axis_off()
-    return scale
+    for letter, along in zip("xyz", camera(view)[:2].T * (size, -size), strict=True):
+        if np.linalg.norm(along) > 0.2 * size:
+            arrow = {"arrowstyle": "<|-", "color": GUIDE, "shrinkB": 0, "linewidth": 0.8}
+            at = {"ha": "center", "va": "center", "color": GUIDE, "fontsize": 8}
+            axes.annotate(letter, start, start + 1.25 * along, arrowprops=arrow, **at)
 
 
 def decorate(

@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, depth_first_order
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import (
@@ -109,10 +111,8 @@ def plot_progress(
         require_instance(f"runs[{number}]", history, History, "a History")
     figure = Picture(figsize=(9.6, 3.0))
     grid = figure.add_gridspec(1, 3, width_ratios=(1.2, 1.0, 1.0))
-    three = result.problem.N == 3
-    body = figure.add_subplot(grid[0], projection="3d" if three else None)
+    body, left, right = map(figure.add_subplot, grid)
     plot_active_sets(result, deformation_scale=deformation_scale, axes=body)
-    left, right = figure.add_subplot(grid[1]), figure.add_subplot(grid[2])
     draw_runs(left, right, histories, tolerance)
     return figure
 
@@ -207,36 +207,31 @@ def pressure_curves(source: object) -> list[tuple[np.ndarray, np.ndarray]]:
             "ngepc.pictures.views"
         )
     corners = boundary_corners(fields, problem.touching_names, source.contact_pressure)
-    return [_along(corners.points, corners.values, chain) for chain in chains(corners.points)]
-
-
-def chains(segments: np.ndarray) -> list[list[tuple[int, bool]]]:
-    """Connected curves of ``segments`` (n, 2, 2): lists of (segment, whether it is reversed)."""
-    size = np.ptp(segments.reshape(-1, 2), axis=0).max() or 1.0
-    points = np.round(segments.reshape(-1, 2) / size, 9)
-    known, ends = np.unique(points, axis=0, return_inverse=True)
-    ends = ends.reshape(-1, 2)
-    left = set(range(len(ends)))
-    found = []
-    while left:
-        degree = np.bincount(ends[sorted(left)].ravel(), minlength=len(known))
-        tips = np.flatnonzero(degree == 1)
-        at = int(tips[0]) if len(tips) else int(np.flatnonzero(degree)[0])
-        chain = []
-        while (following := next((k for k in sorted(left) if at in ends[k]), None)) is not None:
-            left.remove(following)
-            backwards = bool(ends[following, 0] != at)
-            chain.append((following, backwards))
-            at = int(ends[following, 0 if backwards else 1])
-        found.append(chain)
+    lengths, found = corners.measures, []
+    for chain, backwards in chains(corners.points):
+        marks = np.r_[0.0, np.cumsum(lengths[chain])]
+        values = np.where(backwards[:, None], corners.values[chain, ::-1], corners.values[chain])
+        found.append((np.repeat(marks, 2)[1:-1], values.ravel()))
     return found
 
 
-def _along(
-    points: np.ndarray, values: np.ndarray, chain: list[tuple[int, bool]]
-) -> tuple[np.ndarray, np.ndarray]:
-    lengths = [np.linalg.norm(points[k, 1] - points[k, 0]) for k, _ in chain]
-    marks = np.r_[0.0, np.cumsum(lengths)]
-    position = np.column_stack([marks[:-1], marks[1:]]).ravel()
-    ordered = [values[k, ::-1] if backwards else values[k] for k, backwards in chain]
-    return position, np.concatenate(ordered)
+def chains(segments: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Connected curves of ``segments`` (n, 2, 2): which in order, and whether they are reversed."""
+    size = np.ptp(segments.reshape(-1, 2), axis=0).max() or 1.0
+    known, ends = np.unique(
+        np.round(segments.reshape(-1, 2) / size, 9), axis=0, return_inverse=True
+    )
+    ends, place, found = ends.reshape(-1, 2), np.empty(len(known), dtype=int), []
+    graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(known), len(known)))
+    curves, degree = connected_components(graph)[1], np.bincount(ends.ravel())
+    for curve in range(curves.max() + 1):
+        nodes = np.flatnonzero(curves == curve)
+        start = nodes[np.argmin(degree[nodes])]  # a tip, or the first point of a closed curve
+        walk = depth_first_order(graph, start, directed=False, return_predecessors=False)
+        place[walk] = np.arange(len(walk))
+        own = np.flatnonzero(curves[ends[:, 0]] == curve)
+        first, second = place[ends[own]].T
+        closes = np.abs(second - first) > 1
+        order = np.argsort(np.where(closes, len(walk), np.minimum(first, second)))
+        found.append((own[order], ((first > second) != closes)[order]))
+    return found

@@ -27,6 +27,7 @@ from ngepc.pictures.bodies import (
 )
 from ngepc.pictures.drawable import UnitNames, drawable, fields_of, require_sources, unit_names
 from ngepc.pictures.sampling import body_corners, colour_range, pressure_on_boundary, sample_corners
+from ngepc.pictures.stills import Angles
 from ngepc.pictures.style import CONTACT, ELASTIC, PLASTIC, styled
 
 SET_COLOURS = (ELASTIC, PLASTIC, CONTACT)
@@ -45,6 +46,7 @@ def plot_field(
     colormap: str | None = None,
     mesh_lines: bool = False,
     units: UnitNames | None = None,
+    view: Angles | None = None,
     axes: Axes | None = None,
 ) -> Figure:
     """A scalar field on the deformed body; in 3D on its surface.
@@ -67,8 +69,10 @@ def plot_field(
     label, title, colormap, mesh_lines, units
         Text at the colour bar, title (by default how the problem was solved), matplotlib colour
         map, whether to draw the mesh, units.
+    view
+        Where solids are seen from: degrees around the z axis and above the xy plane.
     axes
-        Axes to draw into (3D axes for 3D bodies); by default a new figure.
+        Axes to draw into; by default those of a new figure.
 
     Returns
     -------
@@ -80,15 +84,18 @@ def plot_field(
     TypeError, ValueError
         For an unknown field or colour map, a negative scale, vmin >= vmax, or an argument of the
         wrong kind.
+    ImportError
+        If the body is a solid and pyvista or libEGL is missing.
     """
     scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
-    check_drawing(axes, label=label, title=title, colormap=colormap)
+    check_drawing(axes, label=label, title=title, colormap=colormap, view=view)
     require_flag("mesh_lines", mesh_lines)
     what = drawable(source, field, units)
     corners = body_corners(fields_of(source), what.coefficient)
     limits = colour_range(corners, vmin=vmin, vmax=vmax, symmetric=what.signed)
     own, axes = axes is None, body_axes(corners, scale)[0] if axes is None else axes
-    patch = draw_body(axes, source, corners, limits, colormap or what.colormap, scale, mesh_lines)
+    colormap = colormap or what.colormap
+    patch = draw_body(axes, source, corners, limits, colormap, scale, mesh_lines, view)
     decorate(axes, source, scale, units, title)
     add_bar(patch, [axes], limits, label or what.label, own)
     return axes.figure
@@ -102,6 +109,7 @@ def plot_plastic_zone(
     deformation_scale: float = 1.0,
     title: str | None = None,
     units: UnitNames | None = None,
+    view: Angles | None = None,
     axes: Axes | None = None,
 ) -> Figure:
     """The part of the body where |p|_F exceeds ``threshold`` >= 0, dark, as in Figures 2 and 6.
@@ -110,11 +118,11 @@ def plot_plastic_zone(
     """
     scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
     require_number("threshold", threshold, 0.0)
-    check_drawing(axes, title=title)
+    check_drawing(axes, title=title, view=view)
     what = drawable(source, "equivalent_plastic_strain")
     sampled = body_corners(fields_of(source), what.coefficient)
     classes = (sampled.values.mean(axis=1) > threshold).astype(float)
-    axes = draw_classes(axes, source, sampled, classes, (ELASTIC, PLASTIC), scale)
+    axes = draw_classes(axes, source, sampled, classes, (ELASTIC, PLASTIC), scale, view=view)
     words = rf"plastic zone (dark): $|p|_F > {threshold:g}$"
     decorate(axes, source, scale, units, title, words)
     return axes.figure
@@ -127,6 +135,7 @@ def plot_active_sets(
     deformation_scale: float = 0.0,
     title: str | None = None,
     units: UnitNames | None = None,
+    view: Angles | None = None,
     axes: Axes | None = None,
 ) -> Figure:
     """The active sets: dark where the body yields in this step, orange where it is in contact.
@@ -135,7 +144,7 @@ def plot_active_sets(
     the deformation, where it stays while iterates come and go.
     """
     scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
-    check_drawing(axes, title=title)
+    check_drawing(axes, title=title, view=view)
     require_attributes("result", result, ("fields", "yield_excess"), "a result of a solver")
     fields = fields_of(result)
     cuts = max(1, round(math.sqrt(16_000 / fields.problem.mesh.ne)))
@@ -146,7 +155,7 @@ def plot_active_sets(
     pushed = touching.values.mean(axis=1) > 0.0
     if fields.problem.N == 3:
         classes[pushed] = 2.0
-    axes = draw_classes(axes, result, sampled, classes, SET_COLOURS, scale)
+    axes = draw_classes(axes, result, sampled, classes, SET_COLOURS, scale, view=view)
     words = "yields (dark)" + ", in contact (orange)" * bool(fields.problem.touching_names)
     decorate(axes, result, scale, units, title, words)
     if fields.problem.N == 2:
@@ -164,12 +173,14 @@ def plot_comparison(
     vmin: float | None = None,
     vmax: float | None = None,
     units: UnitNames | None = None,
+    view: Angles | None = None,
 ) -> Figure:
     """The same field of several results (title -> result) side by side on one colour scale.
 
     The other arguments are those of ``plot_field``.
     """
     require_sources(sources)
+    check_drawing(view=view)
     scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
     what = {title: drawable(source, field, units) for title, source in sources.items()}
     corners = {t: body_corners(fields_of(s), what[t].coefficient) for t, s in sources.items()}
@@ -177,7 +188,7 @@ def plot_comparison(
     limits = colour_range(*corners.values(), vmin=vmin, vmax=vmax, symmetric=first.signed)
     panels = body_axes(sample, scale, len(sources))
     for panel, (title, sampled) in zip(panels, corners.items(), strict=True):
-        patch = draw_body(panel, sources[title], sampled, limits, first.colormap, scale, False)
+        patch = draw_body(panel, sources[title], sampled, limits, first.colormap, scale, view=view)
         decorate(panel, sources[title], scale, units, title)
     if sample.points.shape[2] == 2:
         for axis in "xy":

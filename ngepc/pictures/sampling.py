@@ -31,7 +31,7 @@ from ngepc.model.normals import outward_normal
 from ngepc.model.processes import require_whole
 from ngepc.results.fields import Fields
 
-CURVED_CUTS, FLAT_TRIANGLES, MOST_TRIANGLES = 4, 8_000, 200_000
+CURVED_CUTS, MOST_TRIANGLES = 4, 200_000
 NO_OBSTACLE = 5.0
 """A gap of more than this many times the size of the body stands for no obstacle."""
 
@@ -88,17 +88,12 @@ def _border(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
     return points, np.stack([first, np.roll(first, -1)], axis=1)
 
 
-def cuts_for(fields: Fields) -> int:
-    """Into how many parts edges are cut so that the body looks as curved as it is.
-
-    In 3D into more: there every triangle has one colour.
-    """
+def cuts_for(fields: Fields, quadrilaterals: bool = False) -> int:
+    """Into how many parts edges are cut so that bodies and fields look as curved as they are."""
     mesh = fields.problem.mesh
     elements = mesh.GetNE(VOL if mesh.dim == 2 else BND)
-    flat = max(mesh.GetCurveOrder(), fields.displacement.space.globalorder) <= 1
-    least = 1 if flat else CURVED_CUTS
-    if mesh.dim == 3:
-        least = max(least, math.ceil(math.sqrt(FLAT_TRIANGLES / elements)))
+    curved = max(mesh.GetCurveOrder(), fields.displacement.space.globalorder) > 1
+    least = CURVED_CUTS if curved or quadrilaterals or mesh.dim == 3 else 1
     return max(1, min(least, int(math.sqrt(MOST_TRIANGLES / elements))))
 
 
@@ -136,8 +131,8 @@ def boundary_corners(
 
 
 def element_borders(fields: Fields) -> Corners:
-    """The borders of the elements of a 2D body in segments, for the lines of the mesh."""
-    return sample_corners(fields, fields.problem.mesh.Materials(".*"), CF(0.0), cut=_border)
+    """The borders of what is visible of the elements in segments, for the lines of the mesh."""
+    return sample_corners(fields, visible(fields.problem.mesh, CF(0.0))[0], CF(0.0), cut=_border)
 
 
 def sample_corners(
@@ -148,8 +143,8 @@ def sample_corners(
     cut: object = _pieces,
 ) -> Corners:
     """Position, displacement and a scalar at the corners of the pieces of ``region``."""
-    mesh, cuts = fields.problem.mesh, cuts or cuts_for(fields)
-    types = np.array([element.type for element in region.Elements()])
+    mesh, types = fields.problem.mesh, np.array([e.type for e in region.Elements()])
+    cuts = cuts or cuts_for(fields, ET.QUAD in types)
     legal = (ET.TRIG, ET.QUAD) if set(types) <= {ET.TRIG, ET.QUAD} else (ET.SEGM,)
     parts = {shape: cut(shape, cuts) for shape in legal}
     rules = {shape: IntegrationRule(p.tolist(), [0.0] * len(p)) for shape, (p, _) in parts.items()}

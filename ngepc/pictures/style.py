@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_flag, require_function
+from ngepc.checks.kinds import require_function
 
 RC = rc_params_from_file(Path(__file__).with_name("ngepc.mplstyle"), use_default_template=False)
 COLOURS = tuple(entry["color"] for entry in RC["axes.prop_cycle"])
@@ -76,9 +76,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
 
 @styled
-def beside(
-    *panels: Callable[[Axes], object], width: float = 4.6, height: float = 4.0, three: bool = False
-) -> Picture:
+def beside(*panels: Callable[[Axes], object], width: float = 4.6, height: float = 4.0) -> Picture:
     """Pictures side by side, as in the paper's Figures 2, 5 and 6.
 
     Parameters
@@ -88,8 +86,6 @@ def beside(
         ``beside(lambda a: plot_field(r, axes=a), lambda a: plot_plastic_zone(r, 0.1, axes=a))``.
     width, height
         Inches of one panel.
-    three
-        Whether the axes are for 3D bodies.
     """
     if not panels:
         raise ValueError("panels=(): at least one panel is needed")
@@ -97,9 +93,7 @@ def beside(
         require_function(f"panels[{number}]", panel, "axes")
     require_number("width", width, 0, strict=True)
     require_number("height", height, 0, strict=True)
-    require_flag("three", three)
     figure = Picture(figsize=(width * len(panels), height), layout="compressed")
-    projection = "3d" if three else None
-    for number, draw in enumerate(panels, 1):
-        draw(figure.add_subplot(1, len(panels), number, projection=projection))
+    for axes, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+        draw(axes)
     return figure

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from ngepc.model.elements import vertex_coordinates
 from ngepc.pictures.fields import plot_field
+from ngepc.pictures.stills import renderer
 from ngepc.pictures.style import save_figure, styled
 from ngepc.results.result import Result
 from ngepc.studies import contact_problems, solid_problems
@@ -136,6 +137,8 @@ class Benchmarks(Work):
 
     def __post_init__(self) -> None:
         self.rows = chosen(BENCHMARKS, self.rows)
+        if self.figures and "step-42" in self.rows:
+            renderer()
 
     def cells(self) -> list[Cell]:
         """One for each problem."""
@@ -226,7 +229,8 @@ def picture(result: Curves | Result, benchmark: Benchmark, title: str) -> Figure
         axes.legend()
         return figure
     if benchmark.view is None:
-        return plot_field(result, benchmark.field, title=title)
+        planes = (-135, 25)  # onto the planes of symmetry of a quarter
+        return plot_field(result, benchmark.field, title=title, view=planes)
     half, top = benchmark.view
     least = -top if benchmark.field.startswith("stress") else 0.0
     figure = plot_field(result, benchmark.field, vmin=least, vmax=top, title=title)

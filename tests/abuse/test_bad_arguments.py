@@ -267,10 +267,8 @@ USES = {
     "plot_counts": Use(plot_counts, {"counts": {"a": {10: 3}}}),
     "plot_contact_pressure": Use(plot_contact_pressure, {"sources": DUAL}),
     "beside": Use(
-        lambda width=4.0, height=4.0, three=False: beside(
-            lambda axes: None, width=width, height=height, three=three
-        ),
-        may={"width": POSITIVE, "height": POSITIVE, "three": {"True"}},
+        lambda width=4.0, height=4.0: beside(lambda axes: None, width=width, height=height),
+        may={"width": POSITIVE, "height": POSITIVE},
     ),
     "UnitNames": Use(UnitNames),
     "ViewOptions": Use(ViewOptions, may=DRAWN | RANGE),

@@ -92,7 +92,9 @@ FIGURES = {
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_figures_are_drawn_without_pyplot(name, tmp_path):
+def test_figures_are_drawn_without_pyplot(name, tmp_path, request):
+    if "3D" in name:
+        request.getfixturevalue("draws_solids")
     before, figure = plt.get_fignums(), FIGURES[name]()
     pixels = picture(figure, tmp_path / "figure.png")
     ink = (pixels < 0.95).any(axis=2)
@@ -247,12 +249,12 @@ def test_chains_put_shuffled_segments_in_order():
     rng = np.random.default_rng(3)
     mixed = segments[rng.permutation(12)]
     mixed[::2] = mixed[::2, ::-1]
-    (closed,) = chains(mixed)
-    assert sorted(k for k, _ in closed) == list(range(12))
-    walked = np.array([mixed[k, ::-1] if back else mixed[k] for k, back in closed])
+    ((closed, backwards),) = chains(mixed)
+    assert sorted(closed) == list(range(12))
+    walked = np.where(backwards[:, None, None], mixed[closed, ::-1], mixed[closed])
     np.testing.assert_allclose(walked[:-1, 1], walked[1:, 0], atol=1e-14)
     apart = np.concatenate([segments[:5], segments[:5] + 3.0])
-    assert sorted(len(chain) for chain in chains(apart)) == [5, 5]
+    assert sorted(len(chain) for chain, _ in chains(apart)) == [5, 5]
 
 
 def test_one_small_element_does_not_swallow_the_scale():

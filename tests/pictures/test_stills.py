@@ -1,0 +1,99 @@
+"""Still pictures of solids: what is in front hides what is behind, in the colours of the scale."""
+
+import sys
+
+import numpy as np
+import pytest
+from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize, rgb_to_hsv
+from solved import block_primal
+
+from ngepc.pictures import plot_comparison, plot_field, stills
+from ngepc.pictures.stills import solid_image
+
+pytestmark = pytest.mark.usefixtures("draws_solids")
+SIZE = (3.0, 2.0, 1.0)
+CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 0), (1, 1), (0, 1)]).reshape(2, 3, 2)
+
+
+def box():
+    """The surface of a box in triangles, and the number of the face of each: x-, x+, y-, ..."""
+    faces = [
+        np.insert(CORNERS.astype(float), axis, end, axis=2) for axis in range(3) for end in (0, 1)
+    ]
+    return np.concatenate(faces) * SIZE, np.repeat(np.arange(6.0), 6).reshape(12, 3)
+
+
+def seen(around, above):
+    scale = ScalarMappable(Normalize(0, 5), colormaps["tab10"].resampled(6))
+    return solid_image(*box(), scale, view=(around, above)), scale
+
+
+def opaque(image):
+    return image[..., 3] > 128
+
+
+@pytest.mark.parametrize(
+    ("around", "above", "face"),
+    [(180, 0, 0), (0, 0, 1), (-90, 0, 2), (90, 0, 3), (30, -90, 4), (30, 90, 5)],
+)
+def test_the_face_in_front_is_seen_in_its_colour(around, above, face):
+    image, scale = seen(around, above)
+    rows, columns = np.nonzero(opaque(image))
+    middle = image[int(np.median(rows)), int(np.median(columns)), :3] / 255
+    hues = [rgb_to_hsv(scale.to_rgba(k)[:3]) for k in range(6)]
+    near = [np.abs(np.exp(2j * np.pi * rgb_to_hsv(middle)[0]) - np.exp(2j * np.pi * h[0]))
+            + abs(rgb_to_hsv(middle)[1] - h[1]) for h in hues]  # fmt: skip
+    assert int(np.argmin(near)) == face
+
+
+def test_areas_are_those_of_parallel_projections():
+    """Box a x b x c: bc, ac and ab from the axes, and (bc + ac + ab) / sqrt(3) from a diagonal."""
+    diagonal = np.degrees(np.arctan(1 / np.sqrt(2)))
+    views = [(0, 0), (90, 0), (0, 90), (45, diagonal)]
+    areas = np.array([opaque(seen(*view)[0]).sum() for view in views])
+    exact = np.array([2.0, 3.0, 6.0, 11 / np.sqrt(3)])
+    np.testing.assert_allclose(areas / areas[2], exact / 6, rtol=0.03)
+
+
+def test_a_field_is_interpolated_inside_triangles():
+    points, _ = box()
+    scale = ScalarMappable(Normalize(0, SIZE[0]), "gray")
+    image = solid_image(points, points[..., 0], scale, view=(-90, 0)).astype(float)
+    width = np.flatnonzero(opaque(image)[image.shape[0] // 2])
+    row = image[image.shape[0] // 2, width[20] : width[-20], 0]
+    straight = np.linspace(row[0], row[-1], len(row))
+    assert row[-1] - row[0] > 100
+    assert np.abs(row - straight).max() < 0.05 * (row[-1] - row[0])
+
+
+def test_pictures_take_views_and_lines_and_leave_the_environment(monkeypatch):
+    monkeypatch.delenv("VTK_DEFAULT_OPENGL_WINDOW", raising=False)
+    result = block_primal()
+    above, aside = (plot_field(result, "displacement_z", view=v).axes[0] for v in ((0, 90), None))
+    assert above.images[0].get_size() != aside.images[0].get_size()
+    assert len(plot_comparison({"a": result, "b": result}, view=(20, 10)).axes) == 3
+    lines, plain = (
+        plot_field(result, mesh_lines=drawn).axes[0].images[0] for drawn in (True, False)
+    )
+    changed = (lines.get_array() != plain.get_array()).any(axis=2).mean()
+    assert 0.001 < changed < 0.5
+    assert "VTK_DEFAULT_OPENGL_WINDOW" not in stills.os.environ
+
+
+def test_what_is_missing_is_named_with_the_line_that_installs_it(monkeypatch):
+    with monkeypatch.context() as bare:
+        bare.setitem(sys.modules, "pyvista", None)
+        with pytest.raises(ImportError, match=r'pip install "ngepc\[stills\]"'):
+            plot_field(block_primal())
+    monkeypatch.setattr(stills, "LIBRARY", "libthatisnothere.so.1")
+    monkeypatch.setattr(stills, "NO_SCREEN", {"NGEPC_TRIES": "no screen"})
+    with pytest.raises(ImportError, match="apt install libegl1"):
+        plot_field(block_primal())
+
+
+@pytest.mark.parametrize("view", ["above", (1.0,), (0, 90, 0), (0, float("nan")), 5])
+def test_views_are_pairs_of_angles(view):
+    with pytest.raises((TypeError, ValueError), match="view"):
+        plot_field(block_primal(), view=view)
