@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 from matplotlib.figure import Figure
@@ -16,26 +16,15 @@ from ngepc.pictures.style import save_figure, styled
 from ngepc.results.result import Result
 from ngepc.studies import contact_problems, solid_problems
 from ngepc.studies.solid_problems import Curves, Quantity, Solved
-from ngepc.studies.work import Cell, Table, Work, chosen
+from ngepc.studies.work import Cell, Work, chosen
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """A problem, where its numbers are from, and what is to be said about ours.
+    """A problem that ``solve`` solves, the source of its numbers, what is to be said about ours.
 
-    Parameters
-    ----------
-    solve
-        Gives a result and the quantities compared.
-    source
-        Of the reference values.
-    field
-        What its picture shows.
-    remark
-        Why ours differ, or what was assumed; empty for nothing.
-    view
-        Half width of the picture about the origin (length) and the top of its colours; None for
-        the whole body and all values.
+    The picture shows a field, by default of the whole body: ``view`` is its half width about the
+    origin (length) and the top of its colours.
     """
 
     solve: Callable[[], Solved]
@@ -126,6 +115,11 @@ BENCHMARKS = {
 """Name -> problem, in the order of the table."""
 
 
+def difference(row: dict) -> str:
+    """That of a quantity from its reference, and whether it is beyond the tolerance."""
+    return f"{100 * row['q'].difference:+.2f} %{'' if row['q'].holds else ' (beyond)'}"
+
+
 @dataclass(eq=False)
 class Benchmarks(Work):
     """The problems of ``BENCHMARKS``, or those that ``rows`` names."""
@@ -134,6 +128,18 @@ class Benchmarks(Work):
     figures: bool = False
 
     name, title = "benchmarks", "Published problems"
+    columns = (
+        ("problem", "{problem} ({source})"),
+        ("quantity", "{q.name}"),
+        ("reference", "{q.reference:.6g}"),
+        ("type", "{q.kind}"),
+        ("ours", "{q.ours:.6g}"),
+        ("difference", difference),
+        ("tolerance", lambda r: f"{100 * r['q'].tolerance:.3g} %"),
+        ("elements", "{elements}"),
+        ("unknowns", "{unknowns}"),
+        ("seconds", "{cpu_s:.1f}"),
+    )
 
     def __post_init__(self) -> None:
         self.rows = chosen(BENCHMARKS, self.rows)
@@ -168,66 +174,30 @@ class Benchmarks(Work):
         """Whether no record has a complaint."""
         return not any(record["complaints"] for record in records)
 
-    def line(self, record: dict) -> str:
-        """The largest difference, as a part of its tolerance."""
-        worst = max(abs(q.difference) / q.tolerance for q in quantities_of(record))
-        return f"{record['problem']}: {worst:.2f} of the tolerance, {record['cpu_s']:.1f} s"
-
-    def table(self, records: Sequence[dict]) -> Table:
-        """A row for each quantity."""
-        rows = [row for record in records for row in rows_of(record)]
-        return replace(super().table(records), head=HEAD, rows=rows)
+    def told(self, records: Sequence[dict]) -> list[dict]:
+        """A record for each quantity."""
+        return [row for record in records for row in rows_of(record)]
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What the types are, then the remarks."""
         remarks = {r["problem"]: BENCHMARKS[r["problem"]].remark for r in records}
         said = [f"- {problem}: {remark}" for problem, remark in remarks.items() if remark]
-        return [
-            "P published, C closed form, O own computation; seconds of one processor.",
-            "",
-            *said,
-        ]
+        what = "P published, C closed form, O own computation; seconds of one processor."
+        return [what, "", *said]
 
 
-HEAD = (
-    *("problem", "quantity", "reference", "type", "ours", "difference", "tolerance"),
-    *("elements", "unknowns", "seconds"),
-)
-
-
-def rows_of(record: dict) -> list[list[object]]:
-    """The rows of a problem; what belongs to the whole of it stands in the first one."""
-    about = f"{record['problem']} ({record['source']})"
-    costs = (record["elements"], record["unknowns"], f"{record['cpu_s']:.1f}")
-    return [
-        [
-            about if number == 0 else "",
-            *(q.name, f"{q.reference:.6g}", q.kind, f"{q.ours:.6g}"),
-            f"{100 * q.difference:+.2f} %{'' if q.holds else ' (beyond)'}",
-            f"{100 * q.tolerance:.3g} %",
-            *(costs if number == 0 else ("", "", "")),
-        ]
-        for number, q in enumerate(quantities_of(record))
-    ]
-
-
-def quantities_of(record: dict) -> list[Quantity]:
-    """The quantities of a record."""
-    return [Quantity(**q) for q in record["quantities"]]
+def rows_of(record: dict) -> list[dict]:
+    """A row for each quantity; what belongs to the whole problem stands in the first one."""
+    rows: list[dict] = [{"q": Quantity(**q)} for q in record["quantities"]]
+    rows[0] |= record
+    return rows
 
 
 @styled
 def picture(result: Curves | Result, benchmark: Benchmark, title: str) -> Figure:
     """A field on the body, or curves with the values that they should meet."""
     if isinstance(result, Curves):
-        figure = Figure(figsize=(4.8, 3.4))
-        axes = figure.add_subplot(title=title, xlabel=result.x, ylabel=result.y)
-        for name, (x, y) in result.lines.items():
-            axes.plot(x, y, label=name)
-        for (name, (x, y)), marker in zip(result.points.items(), "ox", strict=False):
-            axes.plot(x, y, f"k{marker}", markersize=4, label=name)
-        axes.legend()
-        return figure
+        return drawn_curves(result, title)
     if benchmark.view is None:
         planes = (-135, 25)  # onto the planes of symmetry of a quarter
         return plot_field(result, benchmark.field, title=title, view=planes)
@@ -238,4 +208,16 @@ def picture(result: Curves | Result, benchmark: Benchmark, title: str) -> Figure
     places = vertex_coordinates(result.problem.mesh)
     for limit, x in zip((axes.set_xlim, axes.set_ylim), places.T, strict=True):
         limit(max(x.min() - half / 20, -half), min(x.max() + half / 20, half))
+    return figure
+
+
+def drawn_curves(curves: Curves, title: str) -> Figure:
+    """Lines, and points on them."""
+    figure = Figure(figsize=(4.8, 3.4))
+    axes = figure.add_subplot(title=title, xlabel=curves.x, ylabel=curves.y)
+    for name, (x, y) in curves.lines.items():
+        axes.plot(x, y, label=name)
+    for (name, (x, y)), marker in zip(curves.points.items(), "ox", strict=False):
+        axes.plot(x, y, f"k{marker}", markersize=4, label=name)
+    axes.legend()
     return figure

@@ -36,7 +36,6 @@ from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.starts import coarse_start
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord
-from ngepc.results.result import Result
 from ngepc.studies.examples import example, solved_by
 from ngepc.studies.work import Cell, Work, chosen, first_of, steps
 
@@ -77,13 +76,7 @@ def elastic_solve(problem: Problem) -> float:
 
 
 class StepClock:
-    """A monitor that times each Newton step and solves the elastic problem between them.
-
-    Parameters
-    ----------
-    problem
-        Its mesh and elastic data.
-    """
+    """A monitor that times each Newton step and solves the elastic problem between them."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
@@ -104,7 +97,7 @@ class StepClock:
 
 
 def measure(mode: str, nodes: int) -> dict:
-    """One solve in this process: the record of a cell."""
+    """One solve in this process: what it and its clock tell."""
     SetNumThreads(1)
     problem, options, start = example("lshape", nodes), NewtonOptions(), None
     if mode == ORDER_2:
@@ -113,11 +106,6 @@ def measure(mode: str, nodes: int) -> dict:
         start = coarse_start("lshape", float(mode), options)
     clock = StepClock(problem)
     result = solved_by(mode, problem, start, options, clock)
-    return numbers(result, clock)
-
-
-def numbers(result: Result, clock: StepClock) -> dict:
-    """What a run and its clock tell."""
     setup, *ratios = clock.ratios
     return {
         "status": result.status.label,
@@ -188,18 +176,14 @@ class Cost(Work):
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """How it was measured, growth, and the part of the primal method's time."""
-        grown = [
-            f"Time per step grows like nodes^{growth(cells):.2f} ({mode})."
-            for mode in dict.fromkeys(r["mode"] for r in records)
-            if len(cells := [r for r in records if r["mode"] == mode]) > 1
-        ]
-        return [NOTE, *grown, *_beside_primal(records)]
-
-
-def _beside_primal(table: Sequence[dict]) -> list[str]:
-    seconds = {(c["mode"], c["nodes"]): c["solve_seconds"] for c in table}
-    return [
-        f"Whole solve on {nodes} nodes: {seconds['default', nodes] / primal:.2f} of the primal one."
-        for (mode, nodes), primal in seconds.items()
-        if mode == "primal" and ("default", nodes) in seconds
-    ]
+        found = [NOTE]
+        for mode in self.modes:
+            cells = [r for r in records if r["mode"] == mode]
+            if len(cells) > 1:
+                found.append(f"Time per step grows like nodes^{growth(cells):.2f} ({mode}).")
+        seconds = {(r["mode"], r["nodes"]): r["solve_seconds"] for r in records}
+        for (mode, nodes), primal in seconds.items():
+            if mode == "primal" and ("default", nodes) in seconds:
+                part = seconds["default", nodes] / primal
+                found.append(f"Whole solve on {nodes} nodes: {part:.2f} of the primal one.")
+        return found

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -22,11 +22,10 @@ from ngepc.pictures.fields import plot_comparison
 from ngepc.pictures.report import solution_sections, standard_figures, write_report
 from ngepc.pictures.style import save_figure
 from ngepc.results import records as texts
-from ngepc.results.outcome import History
 from ngepc.results.result import Result
 from ngepc.studies.examples import BODIES, FAMILIES, THRESHOLDS, TITLES, example, solved_by
 from ngepc.studies.paper import TABLE_1, TABLE_2
-from ngepc.studies.work import Cell, Table, Work, chosen, ending, first_of, pivoted
+from ngepc.studies.work import Cell, Work, chosen, ending, first_of, pivoted
 
 OWN_ROWS = ("default", "default*", "primal", "primal*")
 ALWAYS_ONE_STEP = 1e2
@@ -37,14 +36,8 @@ ALWAYS_ONE_STEP = 1e2
 class CountTable(Work):
     """A table of the paper with our counts; its rows and further ones of other methods.
 
-    Attributes
-    ----------
-    body
-        'lshape' or 'wrench'.
-    paper
-        Row label -> the paper's counts on the meshes of the family.
-    about
-        What is counted, for the notes below the table.
+    ``paper`` has its counts on the meshes of the family of ``body`` by rows, ``about`` says from
+    where the runs start.
     """
 
     levels: int = 3
@@ -56,11 +49,20 @@ class CountTable(Work):
     paper: ClassVar[Mapping[str, Sequence[int]]]
     about: ClassVar[str]
 
+    note = (
+        "Newton steps for {study.example}, ours (the paper's in parentheses). {study.about} Rows "
+        "'default' are the default method and 'primal' the primal one, cold or with * nested. "
+        "Tolerance {study.tolerance:g}, {study.options.quadrature_points} quadrature points per "
+        "triangle for the paper's rows."
+    )
     settings, internal = ("tolerance",), ("history",)
 
     def __post_init__(self) -> None:
-        self.family = FAMILIES[self.body]
-        self.nodes = first_of(self.family, self.levels)
+        self.family = (BODIES[self.body].COARSE_NODES, *FAMILIES[self.body])
+        self.nodes = first_of(FAMILIES[self.body], self.levels)
+        self.example, self.title = TITLES[self.body], f"Table {self.name[-1]}"
+        heads = [f"{n} nodes" for n in self.nodes]
+        self.columns = [("gamma", "{row}"), *((head, f"{{{head}}}") for head in heads)]
         self.rows = chosen([*self.paper, *OWN_ROWS], self.rows or [*self.paper, "default"])
         self.options = NewtonOptions(tolerance=self.tolerance, max_iterations=2000)
         self._results: dict[Cell, Result] = {}
@@ -68,10 +70,6 @@ class CountTable(Work):
     def cells(self) -> list[Cell]:
         """All rows on one mesh after the other."""
         return [Cell(row, nodes) for nodes in self.nodes for row in self.rows]
-
-    def line(self, record: dict) -> str:
-        """The count beside the paper's."""
-        return f"{record['row']:>8} nodes {record['nodes']:>5}: {entry(record)} steps"
 
     def result(self, cell: Cell) -> Result:
         """A cell with all its fields: the paper's method from its dual variable, others again."""
@@ -83,53 +81,35 @@ class CountTable(Work):
 
     def start_of(self, cell: Cell) -> Cell | None:
         """The cell whose solution a cell starts from, None for zero."""
-        coarse = BODIES[self.body].COARSE_NODES
-        if not cell.row.endswith("*") or cell.nodes == coarse:
-            return None
         place = self.family.index(cell.nodes)
-        return Cell(cell.row, self.family[place - 1] if place else coarse)
+        nested = cell.row.endswith("*") and place > 0
+        return Cell(cell.row, self.family[place - 1]) if nested else None
 
     def paper_value(self, cell: Cell) -> int | None:
         """The paper's count for a cell, None where it has none."""
-        if cell.nodes not in self.family or cell.row not in self.paper:
-            return None
-        return self.paper[cell.row][self.family.index(cell.nodes)]
+        counts = self.paper.get(cell.row, ())
+        return dict(zip(self.family[1:], counts, strict=False)).get(cell.nodes)
 
-    def table(self, records: Sequence[dict]) -> Table:
+    def told(self, records: Sequence[dict]) -> list[dict]:
         """Rows over meshes."""
-        found = pivoted(records, lambda r: r["row"], "nodes", entry)
-        return replace(
-            super().table(records),
-            title=f"Table {self.name[-1]}",
-            head=["gamma", *(f"{n} nodes" for n in self.nodes)],
-            rows=[[row, *(found.get(row, {}).get(n, "") for n in self.nodes)] for row in self.rows],
-        )
-
-    def notes(self, records: Sequence[dict]) -> list[str]:
-        """What is counted."""
-        return [
-            f"Newton steps for {TITLES[self.body]}, ours (the paper's in parentheses). "
-            f"{self.about} Rows 'default' are the default method and 'primal' the primal one, "
-            f"cold or with * nested. Tolerance {self.tolerance:g}, "
-            f"{self.options.quadrature_points} quadrature points per triangle for the paper's "
-            "rows."
-        ]
+        return pivoted(records, ("row",), "{nodes} nodes", entry)
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
-        """Pictures and a page, if they were asked for."""
+        """Pictures and a page about the finest mesh, if they were asked for."""
         if not self.figures:
             return []
-        cell = last_cell(self)
-        beside, histories = regularised_beside(self, cell), self._histories(cell.row)
+        row = "default" if "default" in self.rows else max(self.rows, key=gamma_of)
+        cell, bounds = Cell(row, self.nodes[-1]), THRESHOLDS[self.body]
+        histories = {f"{n} nodes": self.result(Cell(row, n)).history for n in self.nodes}
+        beside = regularised_beside(self, cell)
         curves = {
             f"{self.name}_steps": counts_figure(self, records),
             f"{self.name}_residuals": plot_history(histories, tolerance=self.tolerance),
         }
-        fields = standard_figures(self.result(cell), THRESHOLDS[self.body]) | beside
+        fields = standard_figures(self.result(cell), bounds) | beside
         figures = {f"{self.body}_{name}": figure for name, figure in fields.items()} | curves
         drawn = [save_figure(f, self.folder / f"{name}.png") for name, f in figures.items()]
-        pictures = [*beside.values(), *curves.values()]
-        return [*drawn, write_page(self, records, pictures, self.folder / f"{self.body}.html")]
+        return [*drawn, write_page(self, cell, records, [*beside.values(), *curves.values()])]
 
     def solve(self, cell: Cell) -> dict:
         """Solve, and keep the dual variable of the paper's method."""
@@ -146,9 +126,6 @@ class CountTable(Work):
         }
         own = math.isinf(gamma_of(cell.row))
         return record if own else record | {"v": result.v.FV().NumPy().copy()}
-
-    def _histories(self, row: str) -> dict[str, History]:
-        return {f"{n} nodes": self.result(Cell(row, n)).history for n in self.nodes}
 
     def _solved(self, cell: Cell) -> Result:
         start = self.start_of(cell)
@@ -172,14 +149,13 @@ class Table1(CountTable):
 
     def start_of(self, cell: Cell) -> Cell | None:
         """For the paper's rows the 417-node solution, which takes steps of ten in gamma."""
-        coarse, gamma = BODIES[self.body].COARSE_NODES, gamma_of(cell.row)
-        if math.isinf(gamma):
+        (coarse, first, *_), gamma = self.family, gamma_of(cell.row)
+        if math.isinf(gamma) or (cell.row.endswith("*") and cell.nodes > first):
             return super().start_of(cell)
-        if cell.nodes == coarse:
-            decade = round(math.log10(gamma))
-            return Cell(f"1e{decade - 1}", coarse) if decade > 3 else None
-        nested = cell.row.endswith("*") and cell.nodes > self.family[0]
-        return super().start_of(cell) if nested else Cell(cell.row.rstrip("*"), coarse)
+        if cell.nodes > coarse:
+            return Cell(cell.row.rstrip("*"), coarse)
+        decade = round(math.log10(gamma))
+        return Cell(f"1e{decade - 1}", coarse) if decade > 3 else None
 
 
 class Table2(CountTable):
@@ -209,12 +185,6 @@ def label_of(row: str) -> str:
     method = row.rstrip("*")
     name = f"{method} method" if math.isinf(gamma_of(row)) else f"gamma = {method}"
     return f"{name}, nested" if row.endswith("*") else name
-
-
-def last_cell(study: CountTable) -> Cell:
-    """The default method, or else the largest gamma, on the finest mesh."""
-    row = "default" if "default" in study.rows else max(study.rows, key=gamma_of)
-    return Cell(row, study.nodes[-1])
 
 
 def counts_figure(study: CountTable, table: Sequence[dict]) -> Figure:
@@ -248,30 +218,28 @@ def regularised_beside(study: CountTable, cell: Cell) -> dict[str, Figure]:
 
 
 def write_page(
-    study: CountTable, table: Sequence[dict], pictures: Sequence[Figure], path: Path
+    study: CountTable, cell: Cell, table: Sequence[dict], pictures: Sequence[Figure]
 ) -> Path:
-    """Write an HTML page of the counts, pictures and the last solution; returns its path."""
-    cell = last_cell(study)
-    result = study.result(cell)
-    written = study.table(table)
+    """Write an HTML page of the counts, pictures and the solution of a cell; returns its path."""
+    result, written = study.result(cell), study.table(table)
     counts = [dict(zip(written.head, row, strict=True)) for row in written.rows]
     about = (
         "Ours, and in parentheses the paper's. Rows named `default` are the default method, "
         "which solves the problem itself instead of a regularised one."
     )
-    title = f"The solution: {label_of(cell.row)}, {cell.nodes} nodes"
-    body, *more = solution_sections(result, title, THRESHOLDS[study.body])
+    what = f"{label_of(cell.row)}, {cell.nodes} nodes"
+    (head, body), *more = solution_sections(result, f"The solution: {what}", THRESHOLDS[study.body])
     if math.isinf(gamma_of(cell.row)):
         part = f"{100 * error_bound(result).relative:.3g} percent"
         said = f"Energy error at most {part} of what the body stores and dissipates, guaranteed."
-        study.progress(f"{label_of(cell.row)}, {cell.nodes} nodes. {said}")
-        body = (body[0], [said, *body[1]])
+        study.progress(f"{what}. {said}")
+        body = [said, *body]
     return write_report(
-        path,
+        study.folder / f"{study.body}.html",
         f"Mesh independence: {study.name} of Hintermüller and Rösel",
         ("The problem", [result.problem]),
         ("Newton steps", [about, counts, *pictures]),
-        body,
+        (head, body),
         *more,
         footer=", ".join(f"{key} {value}" for key, value in texts.provenance().items()),
     )

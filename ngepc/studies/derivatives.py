@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from ngepc.studies.random_problems import (
     random_problem,
     sizes,
 )
-from ngepc.studies.work import Cell, Table, Work
+from ngepc.studies.work import Cell, Work
 
 STEP = 3e-5
 """The step of differences, relative to the size of the parameters."""
@@ -34,24 +35,16 @@ LENGTHS = 1e-3 * 0.5 ** np.arange(4)
 """Lengths of the changes whose Taylor remainders are compared."""
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """A derivative beside its difference, which is ``smooth`` if no row or point changes side.
+class Comparison(NamedTuple):
+    """A derivative against its difference, relative to the largest one of the functional.
 
-    Both are for a change of order one; ``size`` is the largest derivative of the functional.
+    It is ``smooth`` if no row or point changes side in between.
     """
 
     functional: str
     parameter: str
-    exact: float
-    difference: float
-    size: float
+    error: float
     smooth: bool
-
-    @property
-    def error(self) -> float:
-        """Relative to the largest derivative of the functional, if it has one that is not 0."""
-        return abs(self.exact - self.difference) / (self.size or 1.0)
 
 
 def compared(
@@ -77,8 +70,9 @@ def compared(
             values = [functional.slope(state).value for state in states]
             difference = float(np.dot(list(STENCIL.values()), values)) / STEP
             slopes = gradients[key]
-            size = max(abs(slopes[n] * a) for n, a in amounts.items())
-            found.append(Comparison(key, name, slopes[name] * amount, difference, size, smooth))
+            size = max(abs(slopes[n] * a) for n, a in amounts.items()) or 1.0
+            error = abs(slopes[name] * amount - difference) / size
+            found.append(Comparison(key, name, error, smooth))
     return found
 
 
@@ -145,8 +139,8 @@ class Derivatives(Work):
         ("numbers", "{compared}"),
         ("across a kink", "{kinks}"),
         ("largest error", "{error:.1e}"),
-        ("Taylor slope", lambda r: f"{min(r['slopes']):.3f}" if r["slopes"] else ""),
-        ("envelope", lambda r: f"{max(r['errors']):.1e}" if r["errors"] else ""),
+        ("Taylor slope", "{slope:.3f}"),
+        ("envelope", "{envelope:.1e}"),
     )
     note = (
         "Gradients of contact force, energy, a displacement, a reaction and integrals of u, p and "
@@ -190,28 +184,24 @@ class Derivatives(Work):
             for r in records
         )
 
-    def line(self, record: dict) -> str:
-        """One line about a problem."""
-        return ", ".join(f"{key} {value}" for key, value in record.items())
-
-    def table(self, records: Sequence[dict]) -> Table:
-        """Counts over groups of problems."""
+    def told(self, records: Sequence[dict]) -> list[dict]:
+        """Groups of problems."""
         groups = {"all": list(records)}
         for key in ("kinematics", "order", "friction", "bodies", "steps"):
             for record in records:
                 groups.setdefault(f"{key} {record[key]}", []).append(record)
-        rows = [self.row(group_record(label, group)) for label, group in groups.items()]
-        return replace(super().table([]), rows=rows, cells=records)
+        return [of_group(label, group) for label, group in groups.items()]
 
 
-def group_record(label: str, group: Sequence[dict]) -> dict:
-    """The numbers of a group of problems."""
+def of_group(label: str, group: Sequence[dict]) -> dict:
+    """The numbers of a group of problems; None for what no problem of it has."""
+    slopes = [r["Taylor"] for r in group if r["Taylor"] is not None]
     return {
         "group": label,
         "problems": len(group),
         "compared": sum(r["compared"] for r in group),
         "kinks": sum(r["across a kink"] for r in group),
         "error": max(r["largest error"] for r in group),
-        "slopes": [r["Taylor"] for r in group if r["Taylor"] is not None],
-        "errors": [r["envelope"] for r in group if r["envelope"] is not None],
+        "slope": min(slopes, default=None),
+        "envelope": max((r["envelope"] for r in group if r["envelope"] is not None), default=None),
     }

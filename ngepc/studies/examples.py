@@ -24,17 +24,8 @@ FAMILIES = {name: body.PAPER_NODES for name, body in BODIES.items()}
 def example(name: str, nodes: int | None = None, maxh: float | None = None) -> Problem:
     """An example on a member of its mesh family, by default the first of the paper's table.
 
-    Parameters
-    ----------
-    name
-        'lshape' or 'wrench'.
-    nodes, maxh
-        Nodes of the mesh of the family, or the width of a CSG mesh (length) instead.
-
-    Raises
-    ------
-    ValueError
-        If the family has no mesh with so many nodes, no mesh has this width, or both are given.
+    Its name is 'lshape' or 'wrench'; ``maxh``, the width of a CSG mesh (length), is in place of the
+    nodes.  ValueError if there is no such mesh, or both are given.
     """
     if nodes and maxh:
         raise ValueError(f"nodes={nodes} and maxh={maxh:g}: leave one of them out")
@@ -52,11 +43,8 @@ def solved_by(
 ) -> Result:
     """The result of the method called 'default' or 'primal', or of the paper's own at a gamma."""
     if method == "primal":
-        chosen = None
-        if options is not None:
-            chosen = PrimalOptions(
-                tolerance=options.tolerance, max_iterations=options.max_iterations
-            )
+        same = ("tolerance", "max_iterations") if options is not None else ()
+        chosen = PrimalOptions(**{name: getattr(options, name) for name in same})
         return primal_newton(problem, start, chosen, monitor=monitor)
     gamma = None if method == "default" else float(method)
     return semismooth_newton(problem, gamma, start, options, monitor)

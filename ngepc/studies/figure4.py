@@ -13,12 +13,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.result import DualResult
@@ -43,10 +43,7 @@ def convergence_quotients(
 ) -> dict:
     """Run Algorithm 7.1 and compare its last iterates with a more precise solution.
 
-    Parameters
-    ----------
-    problem, gamma, start, options
-        As in ``semismooth_newton``.
+    Arguments as of ``semismooth_newton``.
 
     Returns
     -------
@@ -113,6 +110,12 @@ class Figure4(Work):
     gamma: float = 1e4
 
     name, title = "figure4", "Figure 4: convergence quotients"
+    note = (
+        "Quotients of the H norms of v^j - v* at gamma = {study.gamma:g}. v* is the solution for "
+        "the tolerance 1e-14, or the last iterate before the residual stops falling (its residual "
+        "is in the table). In parentheses: the distance is below ten times the rounding of v*, the "
+        "quotient says nothing."
+    )
     settings = ("gamma",)
     columns = (
         ("example", lambda r: TITLES[r["example"]]),
@@ -134,32 +137,17 @@ class Figure4(Work):
         problem = example(name, cell.nodes)
         return {"example": name, **convergence_quotients(problem, self.gamma, start, options)}
 
-    def notes(self, records: Sequence[dict]) -> list[str]:
-        """What v* is."""
-        return [
-            f"Quotients of the H norms of v^j - v* at gamma = {self.gamma:g}. v* is the solution "
-            "for the tolerance 1e-14, or the last iterate before the residual stops falling (its "
-            "residual is in the table). In parentheses: the distance is below ten times the "
-            "rounding of v*, the quotient says nothing."
-        ]
-
     def draw(self, records: Sequence[dict]) -> list[Path]:
-        """The quotients."""
-        return [save_figure(draw_quotients(records), self.folder / "figure4.png")]
+        """The quotients of both examples beside each other, one curve for each mesh."""
+        groups = {r["example"]: [s for s in records if s["example"] == r["example"]]
+                  for r in records}  # fmt: skip
+        panels = [partial(draw_quotients, name, group) for name, group in groups.items()]
+        return [save_figure(beside(*panels, width=4.2, height=3.2), self.folder / "figure4.png")]
 
 
-def draw_quotients(table: Sequence[dict]) -> Figure:
-    """The quotients of both examples beside each other, one curve for each mesh."""
-    names = dict.fromkeys(record["example"] for record in table)
-
-    def panel(name: str) -> Callable[[Axes], None]:
-        return lambda axes: _curves(axes, TITLES[name], [r for r in table if r["example"] == name])
-
-    return beside(*(panel(name) for name in names), width=4.2, height=3.2)
-
-
-def _curves(axes: Axes, title: str, table: Sequence[dict]) -> None:
-    for index, record in enumerate(table):
+def draw_quotients(name: str, records: Sequence[dict], axes: Axes) -> None:
+    """Curves of the quotients of an example, without those that say nothing."""
+    for index, record in enumerate(records):
         quotients = np.where(record["meaningful"], record["quotients"], np.nan)
         j = np.arange(LAST - len(quotients), LAST)
         axes.plot(j, quotients, label=f"{record['nodes']} nodes", **line_style(index, LAST))
@@ -169,6 +157,6 @@ def _curves(axes: Axes, title: str, table: Sequence[dict]) -> None:
         xticks=range(1, LAST),
         xlabel=r"$j$, Newton step $\omega - 5 + j$",
         ylabel=r"convergence quotient $Q_j$",
-        title=title,
+        title=TITLES[name],
     )
     axes.legend()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 from ngsolve import CoefficientFunction, IfPos, Mesh, x, y
@@ -18,10 +18,9 @@ from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
-from ngepc.studies.work import Cell, Table, Work, ending, first_of, pivoted
+from ngepc.studies.work import Cell, Work, ending, first_of, pivoted
 
 POISSON = 0.4999
-ELASTIC = {"yield_stress": 1e6, "hardening": 1.0}
 MEAN = ", mean volume"
 KINDS = ("P1", "P2", f"P2{MEAN}", "Q1", f"Q1{MEAN}", "Q2", f"Q2{MEAN}")
 """Triangles and quadrilaterals of order 1 and 2; mean volume averages tr eps over each element."""
@@ -112,6 +111,11 @@ class Locking(Work):
     levels: int = 3
 
     name, title, note = "locking", "Volume locking", NOTE
+    columns = (
+        ("problem, what is shown", "{problem}"),
+        ("cells", "{cells}"),
+        *((kind, f"{{{kind}}}") for kind in KINDS),
+    )
 
     def cells(self) -> list[Cell]:
         """All kinds of elements on all meshes of all problems."""
@@ -135,18 +139,8 @@ class Locking(Work):
             "value": number(result),
         }
 
-    def line(self, record: dict) -> str:
-        """The number that is shown."""
-        return "{problem}, {cells} cells, {elements}: {value:.4g}".format(**record)
-
-    def table(self, records: Sequence[dict]) -> Table:
+    def told(self, records: Sequence[dict]) -> list[dict]:
         """One row for each problem and mesh, one column for each kind of element."""
-        found = pivoted(
-            records,
-            lambda r: (r["problem"], r["cells"]),
-            "elements",
-            lambda r: f"{r['value']:.3f}{ending(r)}",
+        return pivoted(
+            records, ("problem", "cells"), "{elements}", lambda r: f"{r['value']:.3f}{ending(r)}"
         )
-        rows = [[*place, *(values[kind] for kind in KINDS)] for place, values in found.items()]
-        head = ["problem, what is shown", "cells", *KINDS]
-        return replace(super().table(records), head=head, rows=rows)

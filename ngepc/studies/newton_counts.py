@@ -15,7 +15,7 @@ from ngepc.model.problem import Problem
 from ngepc.results.result import Result
 from ngepc.studies.examples import BODIES, FAMILIES, TITLES, example, solved_by
 from ngepc.studies.large import LAME_MU, indented_block, pressed
-from ngepc.studies.work import Cell, Entry, Work, first_of, steps
+from ngepc.studies.work import Cell, Work, first_of, steps
 
 RATIOS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 HARDENED_NODES = (833, 3201)
@@ -38,17 +38,16 @@ NOTE = (
 )
 
 
-def hardened(ratio: float, nodes: int) -> Problem:
-    """Example (a) with the kinematic hardening ``ratio`` mu."""
-    problem = example("lshape", nodes)
-    mu = problem.material.lame_mu
-    return replace(problem, material=replace(problem.material, hardening=ratio * mu))
-
-
-def pressed_block(elements: str, nodes: int, ratio: float) -> Problem:
-    """A sphere of radius 1 pressed 0.03 into the unit cube, which is fixed below."""
-    size = BLOCKS[elements][nodes]
-    if elements == "tetrahedra":
+def problem_of(body: str, nodes: int, ratio: float | None = None) -> Problem:
+    """An example, with the kinematic hardening ``ratio`` mu if given, or a block of BLOCKS."""
+    if body in FAMILIES:
+        problem = example(body, nodes)
+        if ratio is None:
+            return problem
+        hardening = ratio * problem.material.lame_mu
+        return replace(problem, material=replace(problem.material, hardening=hardening))
+    size = BLOCKS[body][nodes]
+    if body == "tetrahedra":
         return indented_block(size, ratio * LAME_MU)
     return pressed(block.structured_mesh(size, size, size), ratio * LAME_MU)
 
@@ -75,19 +74,6 @@ def timed(solve: Callable[[], Result]) -> dict:
     }
 
 
-def problem_of(body: str, ratio: str, nodes: int) -> Problem:
-    """The problem of a row: an example, or one with hardening ``ratio``, or a block."""
-    if not ratio:
-        return example(body, nodes)
-    if body == "lshape":
-        return hardened(float(ratio), nodes)
-    return pressed_block(body, nodes, float(ratio))
-
-
-def _steps(method: str) -> Entry:
-    return lambda record: steps(record[method]) if method in record else ""
-
-
 @dataclass(eq=False)
 class NewtonCounts(Work):
     """``levels`` meshes of each family, 1 to 6, and blocks, at most 3."""
@@ -99,11 +85,11 @@ class NewtonCounts(Work):
         ("problem", "{problem}"),
         ("h / mu", "{hardening:g}"),
         ("nodes", "{nodes}"),
-        ("steps", _steps("default")),
+        ("steps", lambda r: steps(r["default"])),
         ("CPU s", "{default[cpu_s]:.2f}"),
-        ("nested: steps", _steps("nested")),
+        ("nested: steps", lambda r: steps(r["nested"]) if "nested" in r else ""),
         ("CPU s", "{nested[cpu_s]:.2f}"),
-        ("primal: steps", _steps("primal")),
+        ("primal: steps", lambda r: steps(r["primal"])),
         ("CPU s", "{primal[cpu_s]:.2f}"),
         ("GetFEM: steps", "{getfem[0]}"),
         ("CPU s", "{getfem[1]}"),
@@ -119,15 +105,15 @@ class NewtonCounts(Work):
     def solve(self, cell: Cell) -> dict:
         """By all methods that the table shows for it."""
         body, _, ratio = cell.row.partition(", ")
-        problem = problem_of(body, ratio, cell.nodes)
+        h = float(ratio) if ratio else None
+        problem = problem_of(body, cell.nodes, h)
         found = {m: timed(lambda m=m: solved_by(m, problem)) for m in ("default", "primal")}
-        if not ratio:
+        if h is None:
             family = (BODIES[body].COARSE_NODES, *FAMILIES[body])
             nested(body, family[family.index(cell.nodes) - 1])
             found["nested"] = timed(lambda: nested(body, cell.nodes))
             found["getfem"] = GETFEM.get(cell.nodes) if body == "lshape" else None
         name = TITLES.get(body, f"block, {body}")
-        h = float(ratio) if ratio else None
         return {"problem": name, "hardening": h, "nodes": problem.mesh.nv, **found}
 
     def succeeded(self, records: Sequence[dict]) -> bool:
@@ -135,23 +121,15 @@ class NewtonCounts(Work):
         return bool(records)
 
     def notes(self, records: Sequence[dict]) -> list[str]:
-        """How it was measured, and totals of nested iteration."""
-        return [NOTE, *_agreement(records), *_totals(records)]
-
-
-def _agreement(records: Sequence[dict]) -> list[str]:
-    good = [r for r in records if {r[m]["status"] for m in ("default", "primal")} == {"converged"}]
-    apart = [abs(r["default"]["energy"] / r["primal"]["energy"] - 1) for r in good]
-    return [f"Energies of the two methods differ by at most {max(apart):.1e}, relative, where both "
-            "converge."] if apart else []  # fmt: skip
-
-
-def _totals(records: Sequence[dict]) -> list[str]:
-    """Nested steps over the family of each example."""
-    found = []
-    for name, title in TITLES.items():
-        runs = [r["nested"] for r in records if r["problem"] == title and "nested" in r]
-        total = sum(run["iterations"] for run in runs)
-        found.append(f"{title}: {total} nested steps on {len(runs)} meshes, the first one "
-                     f"started from {BODIES[name].COARSE_NODES} nodes.")  # fmt: skip
-    return found
+        """How it was measured, how far energies differ, totals of nested iteration."""
+        both = [(r["default"], r["primal"]) for r in records]
+        good = [(a, b) for a, b in both if a["status"] == b["status"] == "converged"]
+        apart = max(abs(a["energy"] / b["energy"] - 1) for a, b in good)
+        found = [f"Energies of the two methods differ by at most {apart:.1e}, relative, where both "
+                 "converge."]  # fmt: skip
+        for name, title in TITLES.items():
+            runs = [r["nested"] for r in records if r["problem"] == title and "nested" in r]
+            total = sum(run["iterations"] for run in runs)
+            found.append(f"{title}: {total} nested steps on {len(runs)} meshes, the first one "
+                         f"started from {BODIES[name].COARSE_NODES} nodes.")  # fmt: skip
+        return [NOTE, *found]

@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from netgen.occ import Box, Compound, MoveTo, OCCGeometry, X, Y, Z
-from ngsolve import CF, Grad, InnerProduct, Mesh, Sym, ds, dx, x
+from ngsolve import CF, Grad, InnerProduct, Sym, ds, dx, x
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block
+from ngepc.geometries.published import stacked_blocks
 from ngepc.local.system import State
 from ngepc.model.contact import Contact, Coulomb
 from ngepc.model.kinematics import KINEMATICS
@@ -28,8 +28,6 @@ from ngepc.sensitivity.functionals import DisplacementAt, Functional, Reaction
 from ngepc.sensitivity.parameters import MATERIAL
 from ngepc.sensitivity.states import Solution, states_of
 
-SIDES = {True: ("bottom", "top", "right"), False: ("clamped", "contact", "right")}
-
 
 def random_problem(seed: int) -> Problem:
     """A small problem that yields; kinematics, order and contact follow ``seed``."""
@@ -38,13 +36,13 @@ def random_problem(seed: int) -> Problem:
     N, two = kinematics.N, (seed // 24) % 2 == 1
     quads = seed % 4 != 3 and seed % 3 == 0 and not two
     if two:
-        mesh = two_blocks(N, float(random.uniform(0.3, 0.4)))
+        mesh = stacked_blocks(N, float(random.uniform(0.3, 0.4)))
     elif quads:
         mesh = MakeStructured2DMesh(quads=True, nx=4, ny=4)
     else:
         size = (1.0, 0.7) if N == 2 else (1.0, 1.0, 1.0)
         mesh = block.mesh(float(random.uniform(0.2, 0.35)) if N == 2 else 0.5, size)
-    bottom, top, right = SIDES[quads]
+    bottom, top = ("bottom", "top") if quads else ("clamped", "contact")
     load, along = random.uniform(2, 5), [random.uniform(-1, 1), *(N - 2) * [0.0], 1.0]
     move = random.uniform(-1e-3, 1e-3, N) * [0.0 if kinematics.hoop else 1.0, *(N - 1) * [1.0]]
     p = np.zeros((kinematics.size, kinematics.size))
@@ -56,7 +54,7 @@ def random_problem(seed: int) -> Problem:
         mesh,
         material,
         None,
-        {right: tuple((load * np.array(along)).tolist())},
+        {"right": tuple((load * np.array(along)).tolist())},
         contact=Contact("above", "below") if two else top,
         gap=None if two else gap,
         friction=(None, bound, mu)[(seed // 8) % 3],
@@ -66,23 +64,6 @@ def random_problem(seed: int) -> Problem:
         kinematics=kinematics,
         order=1 + (seed // 4) % 2,
     )
-
-
-def two_blocks(N: int, maxh: float) -> Mesh:
-    """A block on top of a wider one, meshes that do not match."""
-    if N == 2:
-        lower, upper = MoveTo(0, 0).Rectangle(1, 0.7), MoveTo(0.2, 0.7).Rectangle(0.6, 0.4)
-        bodies = [body.Face() for body in (lower, upper)]
-    else:
-        bodies = [Box((0, 0, 0), (1, 1, 0.7)), Box((0.2, 0.2, 0.7), (0.8, 0.8, 1.1))]
-    for body, size, below, above in zip(
-        bodies, (maxh, 0.7 * maxh), ("clamped", "above"), ("below", "top"), strict=True
-    ):
-        sides = body.edges if N == 2 else body.faces
-        (body.faces if N == 2 else body.solids).maxh = size * (1 if N == 2 else 1.5)
-        sides.name, sides.Max(X).name = "side", "right" if below == "clamped" else "side"
-        sides.Min((Y, Z)[N - 2]).name, sides.Max((Y, Z)[N - 2]).name = below, above
-    return Mesh(OCCGeometry(Compound(bodies), dim=N).GenerateMesh(maxh=1))
 
 
 def random_material(random: np.random.Generator) -> Material:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from netgen.occ import Face, OCCGeometry, WorkPlane
-from ngsolve import Mesh
 from ngsolve import x as X
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.material_point import material_point
+from ngepc.geometries.published import half_block
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
 from ngepc.results.result import Result
@@ -102,127 +101,94 @@ def nl1() -> Solved:
             Quantity(f"H = {modulus:g}, leg {leg}", p, "P", 0.01, float(ours))
             for leg, (p, ours) in enumerate(zip(published, limit, strict=True), 1)
         ]
-        curves[f"H = {modulus:g}"] = legs(runs[1].von_mises, 100)
+        curves[f"H = {modulus:g}"] = over_legs(runs[1].von_mises, 100)
         points[f"published, H = {modulus:g}"] = np.arange(1, 9), np.array(published)
     return Curves("leg", "von Mises stress", curves, points), found
 
 
-def legs(values: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def over_legs(values: np.ndarray, steps: int) -> Line:
     """Values at the end of increments, over the number of the leg, from zero."""
     return np.arange(len(values) + 1) / steps, np.concatenate([[0.0], values])
 
 
 TANGENT = 195000 * 1930 / (195000 - 1930)
-AT_A, AT_B = (0.0148297, 0.0136014, 0.0205473), (0.035265, 0.020471, 0.042329)
+STRESS = {"A": (151.2, 93.1), "B": (257.2, 33.1)}
+STRAIN = {"A": (0.0148297, 0.0136014, 0.0205473), "B": (0.035265, 0.020471, 0.042329)}
+TOLERANCE = {"A": 1e-3, "B": 1e-2}
+"""At two corners: sigma_xx and tau_xy; strains xx, xy and cumulated plastic strain."""
 
 
-def pulled(material: Material, published: Sequence[Sequence[float]]) -> Solved:
+def pulled(material: Material, corners: str) -> Solved:
     """A point under (sigma_xx, tau_xy) to A and on to B: strains and cumulated plastic strain."""
-    xx, xy = np.transpose([(151.2, 93.1), (257.2, 33.1)][: len(published)])
-    run, found, steps = material_point(material, stress={"xx": xx, "xy": xy}, steps=50), [], 50
+    xx, xy = np.transpose([STRESS[corner] for corner in corners])
+    run, steps = material_point(material, stress={"xx": xx, "xy": xy}, steps=50), 50
     told = {
         "eps_xx": run.strain[:, 0, 0],
         "eps_xy": run.strain[:, 0, 1],
         "p": run.accumulated_plastic_strain,
     }
-    for corner, (end, values) in enumerate(zip(run.corners, published, strict=True)):
-        tolerance = (1e-3, 1e-2)[corner]
-        found += [
-            Quantity(f"{name} at {'AB'[corner]}", p, "P", tolerance, float(ours[end]))
-            for (name, ours), p in zip(told.items(), values, strict=True)
-        ]
-    ends = np.arange(1, len(published) + 1).repeat(3)
-    points = {"published": (ends, np.ravel(published))}
-    return Curves("leg", "strain", {n: legs(v, steps) for n, v in told.items()}, points), found
+    found = [
+        Quantity(f"{name} at {corner}", value, "P", TOLERANCE[corner], float(ours[end]))
+        for corner, end in zip(corners, run.corners, strict=True)
+        for (name, ours), value in zip(told.items(), STRAIN[corner], strict=True)
+    ]
+    ends = np.arange(1, len(corners) + 1).repeat(3)
+    points = {"published": (ends, np.ravel([STRAIN[corner] for corner in corners]))}
+    curves = {name: over_legs(values, steps) for name, values in told.items()}
+    return Curves("leg", "strain", curves, points), found
 
 
 def ssnp15() -> Solved:
     """Code_Aster SSNP15: tension and shear to A and on to B, isotropic hardening."""
-    return pulled(metal(195000, 0.3, 181, isotropic=TANGENT), (AT_A, AT_B))
+    return pulled(metal(195000, 0.3, 181, isotropic=TANGENT), "AB")
 
 
 def ssnp14() -> Solved:
     """Code_Aster SSNP14: the same with kinematic hardening, to A."""
-    return pulled(metal(195000, 0.3, 181, kinematic=TANGENT), (AT_A,))
-
-
-def tube() -> Mesh:
-    """A slice of a thick cylinder, 100 <= r <= 200, as 80 rectangles."""
-    return MakeStructured2DMesh(nx=80, ny=1, mapping=lambda s, t: (100 + 100 * s, 2 * t))
+    return pulled(metal(195000, 0.3, 181, kinematic=TANGENT), "A")
 
 
 HILL_PRESSURES = (0.13, 0.15, 0.17, 0.18, 0.185)
 
 
 def hill() -> Solved:
-    """Hill's thick cylinder in plane strain: the limit pressure, and one before it."""
-    mesh, material, k = tube(), metal(210.0, 0.3, 0.24), 0.24 / math.sqrt(3)
-    flat = {"bottom|top": (None, 0)}
-    body = {"kinematics": "axisymmetric", "order": 2}
-    blown = Problem(mesh, material, None, prescribed=flat | {"left": (2.0, None)}, **body)
+    """Hill's thick cylinder in plane strain: the limit pressure, and those before it.
+
+    A slice of 100 <= r <= 200 and height 2, as 80 rectangles.
+    """
+    mesh = MakeStructured2DMesh(nx=80, ny=1, mapping=lambda s, t: (100 + 100 * s, 2 * t))
+    k, flat = 0.24 / math.sqrt(3), {"bottom|top": (None, 0)}
+    body = {"kinematics": "axisymmetric", "order": 2, "prescribed": flat}
+    free = Problem(mesh, metal(210.0, 0.3, 0.24), None, **body)
+    blown = replace(free, prescribed=flat | {"left": (2.0, None)})
     limit = semismooth_newton(blown).raise_for_status()
-    area = 2 * math.pi * 100 * 2
-    found = [
-        Quantity(
-            "limit pressure",
-            2 * k * math.log(2),
-            "C",
-            0.005,
-            float(limit.equilibrium.reactions["left"][0] / area),
-        )
-    ]
+    found = limit.equilibrium.reactions["left"][0] / (2 * math.pi * 100 * 2)
+    quantities = [Quantity("limit pressure", 2 * k * math.log(2), "C", 0.005, float(found))]
     radii = []
     for pressure in HILL_PRESSURES:
-        loaded = Problem(mesh, material, None, pressure={"left": pressure}, prescribed=flat, **body)
+        loaded = replace(free, pressure={"left": pressure})
         state = semismooth_newton(loaded).raise_for_status().state
         radii.append(float(state.discrete.points.at(X)[state.at.yields].max()))
     c = np.linspace(100, 200, 101)
     closed, at = (k * (2 * np.log(r / 100) + 1 - (r / 200) ** 2) for r in (c, np.array(radii)))
-    found += [
+    quantities += [
         Quantity(f"p at plastic radius {r:.1f}", float(p), "C", 0.005, pressure)
         for r, p, pressure in zip(radii, at, HILL_PRESSURES, strict=True)
     ]
     curves = {"Hill": (c, closed), "limit": (c, np.full_like(c, 2 * k * math.log(2)))}
     points = {"computed": (np.array(radii), np.array(HILL_PRESSURES))}
-    return Curves("plastic radius", "pressure inside", curves, points, limit), found
-
-
-def polygon(corners: Sequence[tuple[float, float]]) -> Face:
-    """The face within straight edges."""
-    path = WorkPlane().MoveTo(*corners[0])
-    for corner in corners[1:]:
-        path = path.LineTo(*corner)
-    return path.Close().Face()
-
-
-def zero_of(places: dict[str, float], otherwise: str) -> str:
-    """The first name whose value is zero, or another one."""
-    return next((name for name, distance in places.items() if abs(distance) < 1e-9), otherwise)
-
-
-def half_plane(width: float, depth: float, tip: float, fine: float, coarse: float) -> Mesh:
-    """The right half of a block below y = 0, fine where 0 < x < tip, the boundary ``top``."""
-    corners = [(0, 0), (0, -depth), (width, -depth), (width, 0), (tip, 0)]
-    face = polygon(corners)
-    for edge in face.edges:
-        c = edge.center
-        places = {"symmetry": c.x, "bottom": c.y + depth, "right": c.x - width}
-        edge.name = zero_of(places, "top" if c.x < tip else "free")
-        if edge.name == "top":
-            edge.maxh = fine
-    return Mesh(OCCGeometry(face, dim=2).GenerateMesh(maxh=coarse, grading=0.12))
+    return Curves("plastic radius", "pressure inside", curves, points, limit), quantities
 
 
 def prandtl() -> Solved:
     """Prandtl's rough flat punch of half width 1 on a half-plane, moved until all flows."""
-    mesh, shear = half_plane(6, 4, 1.0, 0.03, 0.25), 1.0
     problem = Problem(
-        mesh,
-        metal(1e3 * shear, 0.3, math.sqrt(3) * shear),
+        half_block(6, 4, 1.0, 0.03, 0.25),
+        metal(1e3, 0.3, math.sqrt(3)),  # yields at the shear stress k = 1
         None,
-        prescribed={"top": (0, -0.1), "symmetry": (0, None), "bottom|right": (0, 0)},
+        prescribed={"contact": (0, -0.1), "symmetry": (0, None), "bottom|right": (0, 0)},
         order=2,
     )
     result = semismooth_newton(problem).raise_for_status()
-    mean = -float(result.equilibrium.reactions["top"][1])
-    return result, [Quantity("mean pressure / k", 2 + math.pi, "C", 0.02, mean / shear)]
+    mean = -float(result.equilibrium.reactions["contact"][1])
+    return result, [Quantity("mean pressure / k", 2 + math.pi, "C", 0.02, mean)]

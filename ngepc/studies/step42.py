@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import H1, GridFunction, Mesh
+from ngsolve import Mesh
 
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.geometries import quarter_cube
@@ -74,6 +74,11 @@ def step42_problem(mesh: Mesh, prescribed: dict | None = None) -> Problem:
     return Problem(mesh, material, contact="contact", gap=gap, prescribed=supports)
 
 
+def equal_cells(n: int) -> Mesh:
+    """2n x 2n x 2n equal hexahedra on the whole body, the quarter of them that is solved on."""
+    return quarter_cube.mesh(n, 2 * n, grading=0.0, simplices=False)
+
+
 def compare_methods(problem: Problem) -> dict:
     """Both methods on one mesh of the quarter: method -> status, steps, numbers of the whole body.
 
@@ -91,40 +96,34 @@ def compare_methods(problem: Problem) -> dict:
 
 def _numbers(result: Result) -> dict:
     """Status, steps, and the numbers of the whole body: forces and energies times four."""
-    mesh = result.problem.mesh
-    pressure = GridFunction(H1(mesh, order=1))
-    pressure.Set(result.contact_pressure, definedon=mesh.Boundaries("contact"))
-    nodal = pressure.vec.FV().NumPy()
+    forces = result.nodal_contact_forces
     return {
         "status": result.status.label,
         "iterations": result.iterations,
         "contact_force": 4 * result.contact_force,
         "energy": -4 * result.dual_energy,
-        "peak_pressure": float(nodal.max()),
-        "touching": int(np.count_nonzero(nodal > 1e-6 * nodal.max())),
+        "peak_pressure": float((forces / result.rows.weights).max()),
+        "touching": int(np.count_nonzero(forces > 1e-6 * forces.max())),
     }
 
 
 def solve_refined(cells: int) -> dict:
     """The default method with multigrid on equal cells, nested from the mesh of step-42."""
-    clock, result, n = time.process_time(), None, 4
+    clock, result = time.process_time(), None
     options = NewtonOptions(inverse=PyAMG(), tolerance=TOLERANCE)
-    while n <= cells:
-        mesh = quarter_cube.mesh(n, 2 * n, grading=0.0, simplices=False)
-        result = semismooth_newton(step42_problem(mesh), start=result, options=options)
-        n *= 2
-    pressed = result.nodal_contact_forces
+    for n in (n for n in (4, *HALVED) if n <= cells):
+        result = semismooth_newton(step42_problem(equal_cells(n)), start=result, options=options)
     found = {
         "status": result.status.label,
         "iterations": result.iterations,
         "contact_force": 4 * result.contact_force,
         "energy": 4 * result.primal_energy,
         "linear_iterations": result.history.column("linear_iterations")[1:],
-        "touching": int(np.count_nonzero(pressed)),
+        "touching": int(np.count_nonzero(result.nodal_contact_forces)),
         "cpu_s": time.process_time() - clock,
     }
-    memory = {"memory_mb": peak_memory()}
-    return {"mesh": REFINED, "cells": cells, "nodes": mesh.nv, "default": found} | memory
+    about = {"mesh": REFINED, "cells": cells, "nodes": result.problem.mesh.nv}
+    return {**about, "default": found, "memory_mb": peak_memory()}
 
 
 def relative(record: dict, quantity: str) -> float:
@@ -185,10 +184,8 @@ class Step42(Work):
         if shape == REFINED:
             found = solve_refined(n)
             return found | {"change": self._change(found, Cell(REFINED if n > 8 else OWN, n // 2))}
-        if shape == OWN:
-            mesh = quarter_cube.mesh(n, 2 * n, grading=0.0, simplices=False)
-        else:
-            mesh = quarter_cube.mesh(n, simplices=shape == "tetrahedra")
+        graded = quarter_cube.mesh(n, simplices=shape == "tetrahedra")
+        mesh = equal_cells(n) if shape == OWN else graded
         found = compare_methods(step42_problem(mesh))
         found = {"mesh": shape, "cells": n, "nodes": mesh.nv, **found}
         coarser = [Cell(shape, m) for m in CELLS.get(shape, ()) if m < n]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
@@ -41,21 +41,15 @@ def silent(line: str) -> None:
 class Work(ABC):
     """A study at work: ``run`` gives the records of all cells, ``write`` the files.
 
-    The options of a study are fields; ``ngepc.cli.commands.STUDIES`` says what they mean.
-
-    Parameters
-    ----------
-    folder
-        Where results go; each cell is solved once and kept in ``folder``/cells.
-    progress
-        Called with a line of text after each cell.
+    Each cell is solved once and kept in ``folder``/cells; ``progress`` gets a line of text after
+    it.  Options of a study are further fields, ``ngepc.cli.commands.STUDIES`` lists them.
 
     Attributes
     ----------
     name
         File name of the results without ending.
     title, columns, note
-        Of the table: (head, entry) for each column, and what is said below it.
+        Of the table: (head, entry) for each column; {study.gamma:g} in the note is an option.
     settings
         Options that change what a cell gives; kept cells with other values are refused.
     internal
@@ -88,20 +82,25 @@ class Work(ABC):
         return [str(shown(entry, record)) for _, entry in self.columns]
 
     def line(self, record: dict) -> str:
-        """What progress says about a record."""
-        return "  ".join(filter(None, self.row(record)))
+        """What progress says about a record: the first of its numbers and texts."""
+        plain = [(key, value) for key, value in _flat(record).items() if value not in ("", None)]
+        return ", ".join(f"{key} {_short(value)}" for key, value in plain[:8])
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What is said below the table."""
-        return [self.note]
+        return [self.note.format(study=self)]
+
+    def told(self, records: Sequence[dict]) -> Sequence[dict]:
+        """What the rows of the table show: the records, groups or parts of them."""
+        return records
 
     def table(self, records: Sequence[dict]) -> Table:
-        """The table of the records that ``run`` has returned, a row for each."""
+        """The table of the records that ``run`` has returned."""
         return Table(
             name=self.name,
             title=self.title,
             head=[head for head, _ in self.columns],
-            rows=[self.row(record) for record in records],
+            rows=[self.row(record) for record in self.told(records)],
             notes=self.notes(records),
             cells=[{k: r[k] for k in r if k not in self.internal} for r in records],
         )
@@ -135,10 +134,7 @@ class Work(ABC):
     def kept(self, cell: Cell) -> list[dict]:
         """The stored records of a cell, or those that ``solve`` gives, which are then stored.
 
-        Raises
-        ------
-        KeyboardInterrupt
-            If the solve was stopped: half a cell is not stored.
+        KeyboardInterrupt if the solve was stopped: half a cell is not stored.
         """
         about = {name: getattr(self, name) for name in self.settings}
         about |= {"study": self.name, "ngepc": records.provenance()["version"]}
@@ -173,14 +169,14 @@ def shown(entry: Entry, record: dict) -> object:
         return ""
 
 
-def pivoted(
-    records: Sequence[dict], row: Callable[[dict], Hashable], column: str, entry: Entry
-) -> dict[Hashable, dict[Hashable, object]]:
-    """Entries of records by what ``row`` says of them, then by their value of ``column``."""
-    found: dict[Hashable, dict[Hashable, object]] = {}
+def pivoted(records: Sequence[dict], keys: Sequence[str], column: str, entry: Entry) -> list[dict]:
+    """A record for each combination of ``keys``; entries stand under their ``column``."""
+    found: dict[tuple, dict] = {}
     for record in records:
-        found.setdefault(row(record), {})[record[column]] = shown(entry, record)
-    return found
+        about = {key: record[key] for key in keys}
+        row = found.setdefault(tuple(about.values()), about)
+        row[shown(column, record)] = shown(entry, record)
+    return list(found.values())
 
 
 def first_of(family: Sequence[int], levels: int) -> tuple[int, ...]:
@@ -212,16 +208,9 @@ def steps(record: Mapping, prefix: str = "") -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table to be written.
+    """A table to be written into files with this name: Markdown, JSON and CSV.
 
-    Parameters
-    ----------
-    name
-        File name without ending.
-    title, head, rows, notes
-        Of the Markdown table.
-    cells
-        One record for each cell; values that are no numbers or text stay out of the CSV.
+    ``cells`` has one record for each cell, as in the JSON; the CSV has those values that are short.
     """
 
     name: str
@@ -245,17 +234,16 @@ class Table:
         return list(paths.values())
 
     def _markdown(self, made_with: Sequence[str]) -> str:
-        def line(entries: Sequence[object]) -> str:
-            return "| " + " | ".join(str(e).replace("|", "\\|") for e in entries) + " |"
-
-        rows = [line(self.head), "|" + " --- |" * len(self.head), *map(line, self.rows)]
-        return "\n".join([f"# {self.title}", "", *rows, "", *self.notes, "", *made_with, ""])
+        rows = [self.head, ["---"] * len(self.head), *self.rows]
+        lines = [" | ".join(str(e).replace("|", "\\|") for e in row) for row in rows]
+        lines = [f"| {line} |" for line in lines]
+        return "\n".join([f"# {self.title}", "", *lines, "", *self.notes, "", *made_with, ""])
 
 
 def _csv(rows: Sequence[dict]) -> str:
     stream = io.StringIO()
     names = list(dict.fromkeys(name for row in rows for name in row))
-    writer = csv.DictWriter(stream, fieldnames=names, lineterminator="\n", restval="")
+    writer = csv.DictWriter(stream, names, lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return stream.getvalue()
@@ -265,12 +253,12 @@ def _flat(cell: dict) -> dict:
     """Lists as text, one level of nested records as 'name_key', deeper ones left out."""
     flat = {}
     for key, value in cell.items():
-        if isinstance(value, list | tuple) and not any(isinstance(i, dict) for i in value):
-            flat[key] = " ".join(map(_short, value))
-        elif isinstance(value, dict):
+        if isinstance(value, dict):
             flat |= {f"{key}_{name}": item for name, item in value.items()}
         elif not isinstance(value, list | tuple):
             flat[key] = value
+        elif not any(isinstance(item, dict) for item in value):
+            flat[key] = " ".join(map(_short, value))
     return flat
 
 

@@ -140,7 +140,6 @@ WORK = {
     "levels of locking": (["study", "locking", "--levels", "5"], "levels=5"),
     "levels of cost": (["study", "cost", "--levels", "99"], "levels=99"),
     "methods of cost": (["study", "cost", "--modes", "all"], "rows="),
-    "a figure that is none": (["study", "figures", "--only", "1"], "only=(1,)"),
     "nodes of a figure": (["study", "figures", "--lshape-nodes", "5"], "nodes=5"),
     "nodes of the gap": (["study", "duality", "--wrench-nodes", "5"], "nodes=5"),
     "end of the gap": (["study", "duality", "--gamma-end", "1"], "gamma_end=1.0"),

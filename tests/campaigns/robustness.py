@@ -5,7 +5,7 @@ an obstacle above.  Every cell of the table is a run from a cold start that ends
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ngsolve import BND, CF, IfPos, x
 
@@ -126,6 +126,7 @@ class Robustness(Work):
     limit: int = 200
 
     name, title, settings = "robustness", "Robustness", ("limit",)
+    columns = (("", "{row}"), *((method, f"{{{method}}}") for method in METHODS))
 
     def __post_init__(self):
         self.rows = chosen(CASES, self.rows)
@@ -155,11 +156,9 @@ class Robustness(Work):
         """The count."""
         return f"{record['row']}, {record['method']}: {steps(record)}"
 
-    def table(self, records):
+    def told(self, records):
         """Cases over methods."""
-        found = pivoted(records, lambda r: r["row"], "method", steps)
-        rows = [[row, *(counts[method] for method in METHODS)] for row, counts in found.items()]
-        return replace(super().table(records), head=["", *METHODS], rows=rows)
+        return pivoted(records, ("row",), "{method}", steps)
 
     def notes(self, records):
         """What the problem is."""

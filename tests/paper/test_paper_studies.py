@@ -8,11 +8,9 @@ from ngepc import lshape_problem, semismooth_newton, wrench_problem
 from ngepc.__main__ import main
 from ngepc.geometries import lshape, wrench
 from ngepc.studies.counts import Table2
-from ngepc.studies.duality import Duality
 from ngepc.studies.figure4 import Figure4, convergence_quotients
-from ngepc.studies.figures import PATHS, Figures
 from ngepc.studies.paper import GAMMA_END
-from ngepc.studies.table3 import Table3
+from ngepc.studies.paths import PATHS, Duality, Figures, Table3
 
 
 def test_table2_resumes_and_writes_both_counts(tmp_path):
@@ -34,7 +32,7 @@ def test_table2_resumes_and_writes_both_counts(tmp_path):
 
 
 def test_table3_compares_path_and_direct_solve(tmp_path, monkeypatch):
-    monkeypatch.setattr("ngepc.studies.table3.FAMILIES", {"wrench": (245,)})
+    monkeypatch.setattr("ngepc.studies.paths.FAMILIES", {"wrench": (245,)})
     study = Table3(tmp_path, levels=1)
     table = study.run()
     record = table[0]
@@ -54,14 +52,13 @@ def test_figures_command_draws_and_reports_them(tmp_path):
     cells = json.loads((tmp_path / "figures.json").read_text())["cells"]
     assert [cell["figure"] for cell in cells] == [2, 3, 5, 6]
     assert all(0 < cell["zone_area"] < cell["body_area"] for cell in cells)
-    assert main([*command, "--only", "4", "--out", str(tmp_path)]) == 2
 
 
 def test_paths_of_the_figures_end_where_the_captions_say():
     assert PATHS["wrench"].gamma_end == pytest.approx(GAMMA_END, rel=1e-3)
     assert PATHS["lshape"].gamma_end == pytest.approx(1.2e9, rel=0.02)
-    with pytest.raises(ValueError, match="only"):
-        Figures("out", only=(1,))
+    with pytest.raises(ValueError, match="nodes=5"):
+        Figures("out", lshape_nodes=5)
 
 
 def test_quotients_fall_superlinearly():

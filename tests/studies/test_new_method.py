@@ -9,14 +9,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 from ngepc import semismooth_newton
 from ngepc.__main__ import main
 from ngepc.studies.locking import KINDS, Locking, cantilever, deflection, solve_with
-from ngepc.studies.newton_counts import (
-    BLOCKS,
-    NewtonCounts,
-    hardened,
-    nested,
-    pressed_block,
-    timed,
-)
+from ngepc.studies.newton_counts import BLOCKS, NewtonCounts, nested, problem_of, timed
 from ngepc.studies.work import Cell
 
 
@@ -34,11 +27,11 @@ def test_counts_of_one_mesh(tmp_path):
 def test_blocks_have_the_nodes_they_are_called_by():
     for elements, sizes in BLOCKS.items():
         smallest = min(sizes)
-        assert pressed_block(elements, smallest, 0.1).mesh.nv == smallest
+        assert problem_of(elements, smallest, 0.1).mesh.nv == smallest
 
 
 def test_hardening_is_the_ratio_to_mu():
-    material = hardened(1e-3, 833).material
+    material = problem_of("lshape", 833, 1e-3).material
     assert material.hardening == pytest.approx(1e-3 * material.lame_mu)
 
 

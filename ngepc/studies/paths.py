@@ -1,0 +1,294 @@
+"""Studies along paths in gamma: Table 3, Figures 2, 3, 5 and 6, and the duality gap.
+
+The figures show the end of Algorithm 7.2 at the gamma in their captions: for Example (b) 10 * 7^7 =
+8.24e6, the end of Table 3 on the finest mesh; for Example (a) 5^13 = 1.22e9 from gamma_0 = 1 by
+factors of 5, which the caption (1.2e9) allows and the text leaves open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from ngsolve import Integrate
+
+from ngepc.dual.path import PathResult, follow_path
+from ngepc.dual.path_options import PathOptions
+from ngepc.dual.result import DualResult
+from ngepc.dual.widths import mesh_width
+from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
+from ngepc.pictures.sampling import body_corners
+from ngepc.pictures.style import beside, save_figure
+from ngepc.studies.examples import FAMILIES, THRESHOLDS, example
+from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
+from ngepc.studies.work import Cell, Work, ending, first_of, steps
+from ngepc.theory.duality import duality_report
+
+
+def followed(
+    study: Work, body: str, nodes: int, options: PathOptions, **more: object
+) -> PathResult:
+    """The path of an example on a mesh, a line of progress for each gamma."""
+    return follow_path(
+        example(body, nodes),
+        options,
+        lambda s: study.progress(f"  {body} gamma {s.gamma:9.4g}: {s.iterations} steps"),
+        **more,
+    ).or_interrupted()
+
+
+PATH = ("outer_iterations", "total_inner_iterations", "inner_iterations", "gamma_end",
+        "path_values", "residual_norms")  # fmt: skip
+"""What is recorded of a path."""
+
+NOTE_3 = (
+    "Outer (total inner) iterations of Algorithm 7.2 for Example (b) from v = 0, gamma_0 = "
+    "{study.options.gamma_start:g}, theta = {study.options.growth:g}, tau_out = "
+    "{study.options.outer_tolerance:g}, tau_in = {study.options.inner_tolerance:g}; inner "
+    "tolerances times c = {study.inner_scale:g}, at least one Newton step for each gamma, h the "
+    "smallest altitude of a triangle (docs/reading.md says why). The path ends when the quotient "
+    "in the sixth column falls below 1.\n\n"
+    "Directly: Newton steps of Algorithm 7.1 from v = 0 at gamma_end to the same precision; the "
+    "paper reports more than double the iterations of the path for the finest mesh, the column "
+    "beside it is what we count."
+)
+
+
+@dataclass(eq=False)
+class Table3(Work):
+    """Paths on ``levels`` meshes, kept gamma by gamma; ``inner_scale`` is c."""
+
+    levels: int = 3
+    inner_scale: float = PathOptions().inner_scale
+
+    name, title, note = "table3", "Table 3", NOTE_3
+    columns = (
+        ("nodes", "{nodes}"),
+        ("iterations",
+         lambda r: f"{r['outer_iterations']}({r['total_inner_iterations']}){ending(r)}"),
+        ("paper", "{paper}"),
+        ("gamma_end", "{gamma_end:.3g}"),
+        ("inner", lambda r: " ".join(map(str, r["inner_iterations"]))),
+        ("last two changes / (tau_out h)",
+         lambda r: ", ".join(f"{c / r['outer_bound']:.3f}" for c in r["changes"][-2:] if c)),
+        ("directly at gamma_end", lambda r: steps(r, "direct_")),
+        ("directly / path",
+         lambda r: f"{r['direct_iterations'] / r['total_inner_iterations']:.2f}"),
+        ("residual", lambda r: f"{r['residual_norms'][-1]:.1e}"),
+        ("V", lambda r: f"{r['path_values'][-1]:.6f}"),
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        self.options, c = PathOptions(inner_scale=self.inner_scale), self.inner_scale
+        if c != PathOptions().inner_scale:
+            self.name, self.title = f"table3_c{c:g}", f"Table 3 with c = {c:g}"
+
+    def cells(self) -> list[Cell]:
+        """The meshes."""
+        meshes = first_of(FAMILIES["wrench"], self.levels)
+        return [Cell(f"c{self.inner_scale:g}", n) for n in meshes]
+
+    def solve(self, cell: Cell) -> dict:
+        """A path, and the direct solve at its end: Algorithm 7.1 from v = 0, as precise."""
+        store = self.folder / "cells" / f"{self.name}-{cell.name}.path.npz"
+        path = followed(self, "wrench", cell.nodes, self.options, checkpoint=store)
+        there = replace(self.options, gamma_start=path.gamma_end, gamma_end=path.gamma_end)
+        direct = follow_path(path.last.problem, there).or_interrupted()
+        column, h = FAMILIES["wrench"].index(cell.nodes), mesh_width(path.last.problem.mesh)
+        return {
+            "nodes": cell.nodes,
+            "h": h,
+            "inner_scale": self.inner_scale,
+            "paper": f"{TABLE_3_OUTER[column]}({TABLE_3_INNER[column]})",
+            "status": path.status.label,
+            **{name: getattr(path, name) for name in PATH},
+            "changes": [step.change for step in path.steps],
+            "outer_bound": self.options.outer_tolerance * h,
+            "direct_iterations": direct.total_inner_iterations,
+            "direct_status": direct.status.label,
+            "direct_path_value": direct.path_values[-1],
+            "direct_residual_norm": direct.residual_norms[-1],
+            "direct_halvings": direct.steps[-1].halvings,
+        }
+
+
+@dataclass(eq=False)
+class BothPaths(Work):
+    """A study of a path for each example, on one mesh each."""
+
+    lshape_nodes: int
+    wrench_nodes: int
+
+    def __post_init__(self) -> None:
+        for cell in self.cells():
+            example(cell.row, cell.nodes)
+
+    def cells(self) -> list[Cell]:
+        """A path for each example."""
+        return [Cell("lshape", self.lshape_nodes), Cell("wrench", self.wrench_nodes)]
+
+
+PATHS = {
+    "lshape": PathOptions(gamma_start=1.0, growth=5.0, gamma_end=5.0**13),
+    "wrench": PathOptions(gamma_end=10.0 * 7.0**7),
+}
+"""How gamma of the captions is reached."""
+
+CAPTIONS = {
+    2: "Example (a): |p_gamma|_F, plastic zone |p_gamma|_F > 0.1 (paper: gamma = 1.2e9)",
+    3: "Example (a): yield function (3.9) (paper: beside Figure 2)",
+    5: "Example (b): initial configuration, |p_gamma|_F (paper: gamma = 8.24e6)",
+    6: "Example (b): yield function, plastic zone |p_gamma|_F > 1e-2 (paper: gamma = 8.24e6)",
+}
+"""Figure number -> what it shows, all in the deformed configuration."""
+
+NUMBERS = {"lshape": (2, 3), "wrench": (5, 6)}
+PANELS = {2: ("strain", "zone"), 3: ("excess",), 5: ("mesh", "strain"), 6: ("excess", "zone")}
+"""Example -> figures; figure -> what it shows from left to right."""
+
+HIGHEST_STRAIN = {"lshape": 0.2, "wrench": 0.04}
+"""Upper end of the colour scales; the strains at the re-entrant corners grow with refinement."""
+
+
+def drawn(number: int, body: str, result: DualResult) -> Figure:
+    """Figure 2, 3, 5 or 6 from a result for its example."""
+    bound = result.problem.beta
+    draws = {
+        "zone": lambda a: plot_plastic_zone(result, THRESHOLDS[body], axes=a),
+        "strain": lambda a: plot_field(result, vmin=0.0, vmax=HIGHEST_STRAIN[body], axes=a),
+        "excess": lambda a: plot_field(result, "yield_function", vmin=-bound, vmax=0.0, axes=a),
+        "mesh": lambda a: plot_mesh(result, axes=a),
+    }
+    height = 4.0 if body == "lshape" else 2.6
+    figure = beside(*(draws[name] for name in PANELS[number]), height=height)
+    if number == 5:
+        before, after = figure.axes[:2]
+        before.set(xlim=after.get_xlim(), ylim=after.get_ylim())
+    return figure
+
+
+def field_numbers(result: DualResult, threshold: float) -> dict[str, float]:
+    """What can be read from the figures: extremes, the area of the zone, energies."""
+    mesh = result.problem.mesh
+    strain = body_corners(result.fields, result.fields.equivalent_plastic_strain).values
+    excess = body_corners(result.fields, result.yield_function).values
+    return {
+        "plastic_strain_max": float(strain.max()),
+        "zone_area": Integrate(result.fields.plastic_zone(threshold), mesh),
+        "body_area": Integrate(1.0, mesh),
+        "yield_function_max": float(excess.max()),
+        "dual_energy": result.dual_energy,
+        "primal_energy": result.primal_energy,
+        "contact_force": result.contact_force,
+    }
+
+
+@dataclass(eq=False)
+class Figures(BothPaths):
+    """Figures 2, 3, 5 and 6; paths are kept gamma by gamma."""
+
+    lshape_nodes: int = 3201
+    wrench_nodes: int = 6353
+
+    name, title, keeps = "figures", "Figures 2, 3, 5 and 6", False
+    columns = (
+        ("figure", "[{figure}]({file})"),
+        ("shows", "{shows}"),
+        ("nodes", "{nodes}"),
+        ("gamma", lambda r: f"{r['gamma']:.3g}{ending(r)}"),
+        ("Newton steps", lambda r: sum(r["inner_iterations"])),
+        ("max |p|_F", "{plastic_strain_max:.4g}"),
+        ("zone / body", lambda r: f"{r['zone_area'] / r['body_area']:.4f}"),
+    )
+    note = (
+        "Deformed configurations, displacement not scaled; lengths and stresses in the units of "
+        "the examples. max |p|_F of Example (a) grows without bound under refinement (re-entrant "
+        "corner)."
+    )
+
+    def solve(self, cell: Cell) -> list[dict]:
+        """Follow the path of an example, which keeps itself, and draw figureN.png at its end."""
+        folder = self.folder / "cells"
+        folder.mkdir(parents=True, exist_ok=True)
+        store, options = folder / f"figures-{cell.name}.npz", PATHS[cell.row]
+        path = followed(self, cell.row, cell.nodes, options, checkpoint=store)
+        numbers = {
+            "example": cell.row,
+            "nodes": cell.nodes,
+            "gamma": path.gamma_end,
+            "status": path.status.label,
+            "residual_norm": path.residual_norms[-1],
+            "inner_iterations": path.inner_iterations,
+            **field_numbers(path.last, THRESHOLDS[cell.row]),
+        }
+        found = []
+        for number in NUMBERS[cell.row]:
+            file = f"figure{number}.png"
+            save_figure(drawn(number, cell.row, path.last), self.folder / file)
+            found.append({"figure": number, "file": file, "shows": CAPTIONS[number], **numbers})
+        return found
+
+    def draw(self, records: Sequence[dict]) -> list[Path]:
+        """The pictures that ``solve`` has drawn."""
+        return [self.folder / record["file"] for record in records]
+
+
+TERMS = {
+    "gap": "J + J*",
+    "contact_term": "(z, u.n - psi)",
+    "plastic_term": "int beta|p| + (q, p)",
+    "contact_penalty": "M1",
+    "plastic_penalty": "M2",
+    "tichonov": "T",
+    "penetration": "[u.n - psi]+",
+    "complementarity": "int |z (u.n - psi)|",
+    "tension": "[z]+",
+    "stress_deviation": "(3.8)",
+    "yield_deviation": "(3.9)",
+}
+"""Field of DualityReport -> head."""
+
+DUALITY_NOTE = (
+    "The five columns after J + J* add up to it. M1, M2, T vanish with 1/gamma (Theorem 4.2); "
+    "what is left of the gap on a fixed mesh comes from z = 0 at the ends of Gamma_c and "
+    "q = 0 on the boundary. Brackets [.]+: L2 norms of what violates (2.13) and (2.11). "
+    "(3.8): L2 norm of q - (h p - dev sigma), whose element means are zero to rounding; (3.9): "
+    "of |q| - beta minus the yield function of the stress."
+)
+
+
+@dataclass(eq=False)
+class Duality(BothPaths):
+    """The paths of both examples to ``gamma_end`` by factors of ten, on small meshes by default."""
+
+    lshape_nodes: int = 833
+    wrench_nodes: int = 873
+    gamma_end: float = 1e6
+
+    name, title, note = "duality", "Duality", DUALITY_NOTE
+    settings = ("gamma_end",)
+    columns = (
+        ("example", "{example}"),
+        ("nodes", "{nodes}"),
+        ("gamma", "{gamma:.3g}"),
+        *((head, f"{{{part}:.3g}}") for part, head in TERMS.items()),
+    )
+
+    def solve(self, cell: Cell) -> list[dict]:
+        """Follow the path of an example: a record for each gamma."""
+        reports: list[dict] = []
+        options = PathOptions(growth=10.0, gamma_end=self.gamma_end, inner_scale=1e-8)
+
+        def note(result: DualResult) -> None:
+            reports.append(asdict(duality_report(result)))
+
+        path = followed(self, cell.row, cell.nodes, options, observer=note)
+        about = {"example": cell.row, "nodes": cell.nodes}
+        return [
+            about
+            | {"gamma": s.gamma, "iterations": s.iterations, "status": s.status.label}
+            | report
+            for s, report in zip(path.steps, reports, strict=False)
+        ]
