@@ -7,32 +7,62 @@ tractions are given the function and its gradient vanish, so that tractions stay
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.conjugate import TO_PLANE
-from ngepc.bounds.element import AIRY_MAP, CORNERS, NORMALS, midpoint_rows
+from ngepc.bounds.element import AIRY_MAP, CORNERS, NORMALS, rows_at
 from ngepc.bounds.held import Held
+from ngepc.bounds.parts import RULE
 from ngepc.bounds.simplices import sliced
 from ngepc.bounds.triangles import PAIRS, Triangles
-
-AIRY_POINTS = midpoint_rows(AIRY_MAP)
-"""Stresses times det J at the nine midpoints from the unknowns of a triangle, (27, 12)."""
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
-def _stiffness_map() -> np.ndarray:
-    """Stiffness of a triangle from the six compliances at the nine points, (6, 9, 144)."""
-    result = np.empty((6, 9, 12, 12))
-    for q, rows in enumerate(AIRY_POINTS.reshape(9, 3, 12)):
-        for c, (i, j) in enumerate(VOIGT):
-            product = np.outer(rows[i], rows[j])
-            result[c, q] = product if i == j else product + product.T
-    return result.reshape(6, 9, 144)
+@dataclass(frozen=True, eq=False)
+class Rule:
+    """The points of a triangle at which stresses are known, and those of Airy functions there.
+
+    Parameters
+    ----------
+    shares
+        Barycentric coordinates of the points of each of the three parts, shape (q, 3).
+    weights
+        Of all points; they add up to one, shape (3 q,).
+    rows
+        Stresses times det J from the n unknowns of a triangle, shape (9 q, n).
+    nodal
+        Values at the nodes of a part from those at its points, shape (q, q).
+    """
+
+    shares: np.ndarray
+    weights: np.ndarray
+    rows: np.ndarray
+    nodal: np.ndarray
+
+    @cached_property
+    def stiffness(self) -> np.ndarray:
+        """Stiffness of a triangle from the six compliances at the points, (6, 3 q, n^2)."""
+        points, n = len(self.weights), self.rows.shape[1]
+        result = np.empty((6, points, n, n))
+        for q, rows in enumerate(self.rows.reshape(points, 3, n)):
+            for c, (i, j) in enumerate(VOIGT):
+                product = self.weights[q] * np.outer(rows[i], rows[j])
+                result[c, q] = product if i == j else product + product.T
+        return result.reshape(6, points, n * n)
+
+    @cached_property
+    def forces(self) -> np.ndarray:
+        """The transpose of ``rows`` with the weights, shape (9 q, n)."""
+        return np.repeat(self.weights, 3)[:, None] * self.rows
 
 
-STIFFNESS_MAP = _stiffness_map()
+CUBIC = Rule(RULE[3], np.full(9, 1 / 9), rows_at(RULE[3], AIRY_MAP), np.linalg.inv(RULE[3]))
+"""Affine stresses, known at the edge midpoints."""
 
 
 def _edge_rows() -> np.ndarray:
@@ -47,9 +77,6 @@ def _edge_rows() -> np.ndarray:
 
 GRADIENTS = [slice(3 * v + 1, 3 * v + 3) for v in range(3)]
 EDGE_ROWS = _edge_rows()
-
-
-OF_TRIANGLES = ("jacobian", "det", "area", "unknowns", "to_plane", "_across", "_along")
 
 
 class AirySpace:
@@ -70,7 +97,12 @@ class AirySpace:
         How many of the unknowns are those of vertices; which ones are held.
     to_plane
         In-plane stress coordinates of reference stresses, shape (nt, 3, 3).
+    rule
+        The points at which stresses are known.
     """
+
+    rule = CUBIC
+    of_triangles = ("jacobian", "det", "area", "unknowns", "to_plane", "_across", "_along")
 
     def __init__(self, boundary: Boundary) -> None:
         t = boundary.triangles
@@ -81,9 +113,14 @@ class AirySpace:
         corners = (3 * t.nodes[:, :, None] + np.arange(3)).reshape(-1, 9)
         self.unknowns = np.concatenate([corners, self.vertices + t.edge_of], axis=1)
 
+    @property
+    def weights(self) -> np.ndarray:
+        """Of the points, shape (points,)."""
+        return self.rule.weights
+
     def of(self, chosen: np.ndarray | slice) -> AirySpace:
         """The same unknowns, some of the triangles."""
-        return sliced(self, chosen, OF_TRIANGLES)
+        return sliced(self, chosen, self.of_triangles)
 
     def _edge_map(self, t: Triangles) -> None:
         """The edge unknowns of the reference triangle: across * unknown + along * EDGE_ROWS."""
@@ -95,39 +132,40 @@ class AirySpace:
         self._along = np.einsum("tki,tki->tk", directions, tangents) / square
 
     def gathered(self, local: np.ndarray) -> np.ndarray:
-        """Sums over the triangles of what each says about its unknowns (nt, 12)."""
+        """Sums over the triangles of what each says about its unknowns (nt, n)."""
         return np.bincount(self.unknowns.ravel(), local.ravel(), minlength=len(self.held.free))
 
     def reference(self, local: np.ndarray) -> np.ndarray:
-        """Unknowns of the reference triangle, shape (nt, 12)."""
+        """Unknowns of the reference triangle, shape (nt, n)."""
         result, J = local.copy(), self.jacobian
         for pair in GRADIENTS:
             turn(result[:, pair], J.swapaxes(1, 2))
-        result[:, 9:] *= self._across
-        result[:, 9:] += self._along * (result[:, :9] @ EDGE_ROWS.T)
+        result[:, 9:12] *= self._across
+        result[:, 9:12] += self._along * (result[:, :9] @ EDGE_ROWS.T)
         return result
 
     def _transposed(self, reference: np.ndarray) -> np.ndarray:
         """The transpose of ``reference``."""
         result = reference.copy()
-        result[:, :9] += (self._along * reference[:, 9:]) @ EDGE_ROWS
-        result[:, 9:] *= self._across
+        result[:, :9] += (self._along * reference[:, 9:12]) @ EDGE_ROWS
+        result[:, 9:12] *= self._across
         for pair in GRADIENTS:
             turn(result[:, pair], self.jacobian)
         return result
 
     def stiffness(self, H: np.ndarray) -> np.ndarray:
-        """Stiffness matrices (nt, 12, 12) from d2 phi*/dz2 at one point or nine (nt, ., 3, 3)."""
-        scale = np.sqrt(self.area / 9) / self.det
+        """Stiffness matrices (nt, n, n) from d2 phi*/dz2 at one point or all (nt, ., 3, 3)."""
+        scale = np.sqrt(self.area) / self.det
         M = (self.to_plane * scale[:, None, None]).transpose(1, 2, 0)
         six = congruent(H.transpose(2, 3, 1, 0), M).reshape(6 * H.shape[1], -1)
-        table = STIFFNESS_MAP if H.shape[1] == 9 else STIFFNESS_MAP.sum(axis=1)
-        K = (table.reshape(-1, 144).T @ six).reshape(12, 12, -1)
+        table, n = self.rule.stiffness, self.rule.rows.shape[1]
+        table = table if H.shape[1] == table.shape[1] else table.sum(axis=1)
+        K = (table.reshape(-1, n * n).T @ six).reshape(n, n, -1)
         self._in_unknowns(K)
-        return np.ascontiguousarray(K.reshape(144, -1).T).reshape(-1, 12, 12)
+        return np.ascontiguousarray(K.reshape(n * n, -1).T).reshape(-1, n, n)
 
     def _in_unknowns(self, K: np.ndarray) -> None:
-        """From unknowns of the reference triangle to those of the mesh, (12, 12, nt) in place."""
+        """From unknowns of the reference triangle to those of the mesh, (n, n, nt) in place."""
         along, across = self._along.T.copy(), self._across.T.copy()
         (a, b), (c, d) = self.jacobian.transpose(1, 2, 0).copy()
         rows = EDGE_ROWS.T[:, :, None]
@@ -135,8 +173,8 @@ class AirySpace:
             K[:9] += rows[:, k, None] * (along[k] * K[9 + k])
         for k in range(3):
             K[:, :9] += rows[:, k] * (along[k] * K[:, 9 + k])[:, None]
-        K[9:] *= across[:, None]
-        K[:, 9:] *= across
+        K[9:12] *= across[:, None]
+        K[:, 9:12] *= across
         for v in (1, 4, 7):
             x, y = K[v].copy(), K[v + 1]
             K[v], K[v + 1] = a * x + b * y, c * x + d * y
@@ -145,23 +183,29 @@ class AirySpace:
             K[:, v], K[:, v + 1] = a * x + b * y, c * x + d * y
 
     def stress(self, x: np.ndarray) -> np.ndarray:
-        """In-plane stress coordinates at the midpoints, shape (nt, 9, 3), of all unknowns x."""
+        """In-plane stress coordinates at the points, (nt, points, 3), of all unknowns x."""
         reference = self.reference(x[self.unknowns]) / self.det[:, None]
-        return self.in_plane(reference @ AIRY_POINTS.T)
+        return self.in_plane(reference @ self.rule.rows.T)
 
     def in_plane(self, reference: np.ndarray) -> np.ndarray:
-        """In-plane coordinates (nt, 9, 3) of stresses on the reference triangle (nt, 27)."""
-        return np.matmul(reference.reshape(-1, 9, 3), self.to_plane.transpose(0, 2, 1))
+        """In-plane coordinates (nt, points, 3) of stresses on the reference triangle (nt, .)."""
+        points = reference.reshape(len(reference), -1, 3)
+        return np.matmul(points, self.to_plane.transpose(0, 2, 1))
+
+    def at_nodes(self, z: np.ndarray) -> np.ndarray:
+        """Values (nt, points, c) at the points as those at the nodes of the parts."""
+        parts = z.reshape(len(z), 3, -1, z.shape[2])
+        return np.matmul(self.rule.nodal, parts).reshape(z.shape)
 
     def forces(self, strain: np.ndarray) -> np.ndarray:
-        """The transpose of ``stress`` with the weights of the points, shape (3 nv + ne,)."""
-        M = self.to_plane * (self.area / 9 / self.det)[:, None, None]
-        local = self._transposed(np.matmul(strain, M).reshape(-1, 27) @ AIRY_POINTS)
-        return self.gathered(local)
+        """The transpose of ``stress`` with the weights of the points, a force for each unknown."""
+        M = self.to_plane * (self.area / self.det)[:, None, None]
+        strain = np.matmul(strain, M).reshape(len(M), -1)
+        return self.gathered(self._transposed(strain @ self.rule.forces))
 
     def product(self, z: np.ndarray, strain: np.ndarray) -> float:
-        """The integral of stress times strain, both (nt, 9, 3)."""
-        return float(self.area @ np.einsum("tqc,tqc->t", z, strain)) / 9
+        """The integral of stress times strain, both (nt, points, 3)."""
+        return float(self.area @ (np.einsum("tqc,tqc->tq", z, strain) @ self.weights))
 
 
 def turn(pairs: np.ndarray, J: np.ndarray) -> None:

@@ -16,8 +16,8 @@ from itertools import combinations
 
 import numpy as np
 
-from ngepc.bounds.conjugate import RULE
 from ngepc.bounds.oscillation import rotating_loads
+from ngepc.bounds.parts import RULE
 from ngepc.bounds.simplices import FACETS
 from ngepc.model.kinematics import SOLID
 

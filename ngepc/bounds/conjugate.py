@@ -17,12 +17,23 @@ the one that is taken nearly minimises phi*.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ngepc.bounds.parts import (
+    NODES,
+    RULE,
+    SPLIT,
+    SPLIT_LEVELS,
+    WEIGHTS,
+    WORTH,
+    beyond,
+    coefficients,
+    excess_integrals,
+    smallest,
+    square_integrals,
+)
 from ngepc.bounds.simplices import sliced
 from ngepc.discretisation.law import Law
 
@@ -33,37 +44,6 @@ TO_PLANE = np.array([[0.5, 0.5, 0.0], [0.5**0.5, -(0.5**0.5), 0.0], [0.0, 0.0, 2
 
 ZETA_STEPS = 6
 """Newton steps for zeta where the stress yields."""
-
-
-def _split(pairs: Sequence[tuple[str, ...]]) -> np.ndarray:
-    """Barycentric coordinates of the parts whose corners are the means of two vertices each."""
-    count = int(max("".join(sum(pairs, ())))) + 1
-    unit = np.eye(count)
-    return np.array([[(unit[int(a)] + unit[int(b)]) / 2 for a, b in part] for part in pairs])
-
-
-SPLIT = {
-    3: _split([("00", "01", "02"), ("11", "12", "01"), ("22", "02", "12"), ("12", "02", "01")]),
-    4: _split(
-        [
-            *(("00", "01", "02", "03"), ("01", "11", "12", "13"), ("02", "12", "22", "23")),
-            *(("03", "13", "23", "33"), ("01", "02", "03", "13"), ("01", "02", "12", "13")),
-            *(("02", "03", "13", "23"), ("02", "12", "13", "23")),
-        ]
-    ),
-}
-"""The parts of equal volume of a triangle and a tetrahedron, by the number of vertices."""
-
-_INNER = (5 - math.sqrt(5)) / 20
-
-RULE = {3: (1 - np.eye(3)) / 2, 4: _INNER + (1 - 4 * _INNER) * np.eye(4)}
-"""Points of a rule of degree two with equal weights, by the number of vertices."""
-
-WORTH = {3: 0.007, 4: 0.02}
-"""Parts are split for the plastic term until that can gain this part of the bound.
-
-Half of it on each level: there are parts enough whose gain is nothing.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,23 +180,30 @@ class Conjugate:
         """Upper bounds of int phi* over each cell, plus ``rest``, shape (cells,).
 
         The plastic term is the integral of the squared distance of s from the ball |q| <= beta.
-        That is at most |s - q| for the affine q whose nodal values are the nearest points of the
-        ball; parts are split where that exceeds a rule of degree two most.
+        That is at most |s - q| for the q whose coefficients are the points of the ball that are
+        nearest to those of s: q lies in their convex hull.  Parts are split where that exceeds a
+        rule most.
 
         Parameters
         ----------
         nodal
-            Stress coordinates at the vertices of the k parts of each cell, shape (cells, k^2, c).
+            Stress coordinates at the nodes of the parts of each cell, shape (cells, nodes, c): the
+            vertices of three or four parts, or vertices and edge midpoints of three.
         volume
             Of the cells.
         rest
             What is added to the integrals before "small" means small beside them.
         """
-        at, count, k = self.completed(nodal), len(nodal), round(math.sqrt(nodal.shape[1]))
-        result = rest + self._smooth_integrals(at, volume, k)
-        cell, part = np.nonzero((at.over.reshape(count, k, k) > 0).any(axis=2))
-        s = (at.size[..., None] * at.direction).reshape(count, k, k, -1)[cell, part]
-        weight = volume[cell] / k
+        at, count, k = self.completed(nodal), len(nodal), NODES[nodal.shape[1]]
+        mean, deviator = (
+            coefficients(v.reshape(count, -1, k, v[0, 0].size)) for v in (at.mean, at.deviator)
+        )
+        part = volume[:, None] / mean.shape[1]
+        result = rest + self._smooth_integrals(mean, deviator, part)
+        s = deviator - self.back[:, None, None]
+        outside = np.einsum("tkid,tkid->tki", s, s) > self.beta[:, None, None] ** 2
+        cell, place = np.nonzero(outside.any(axis=2))
+        s, weight = s[cell, place], part[cell, 0]
         bound, likely = self._plastic(s, weight, cell)
         allowed = WORTH[k] * max(result.sum() + likely.sum(), 0.0)
         for level in range(SPLIT_LEVELS[k] + 1):
@@ -232,48 +219,22 @@ class Conjugate:
             bound, likely = self._plastic(s, weight, cell)
         return result
 
-    def _smooth_integrals(self, at: Completed, volume: np.ndarray, k: int) -> np.ndarray:
-        count, part = len(volume), volume[:, None] / k
-        mean = at.mean.reshape(count, k, k, 1)
-        deviator = at.deviator.reshape(count, k, k, self.d)
+    def _smooth_integrals(
+        self, mean: np.ndarray, deviator: np.ndarray, part: np.ndarray
+    ) -> np.ndarray:
         quadratic = square_integrals(mean, part) / self.bulk[:, None]
         quadratic += square_integrals(deviator, part) / self.two_mu[:, None]
-        history = np.einsum("tkid,td->tk", deviator, self.initial) / k
+        history = np.einsum("tkid,td->tk", deviator, self.initial) / mean.shape[2]
         return (quadratic / 2 + part * (history + self.constant[:, None])).sum(axis=1)
 
     def _plastic(
         self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The bound and the rule of degree two for affine s (parts, k, d) on parts of cells."""
+        """The bound and a rule for polynomials s (parts, k, d) on parts of cells."""
         two_h, k = 2 * self.hardening[cell], s.shape[1]
         bound = square_integrals(beyond(s, self.beta[cell]), volume) / two_h
+        if k == 6:
+            bound = np.minimum(bound, excess_integrals(s, self.beta[cell], volume) / two_h)
         inside = beyond(np.matmul(RULE[k], s), self.beta[cell])
-        likely = volume * np.einsum("tqd,tqd->t", inside, inside) / (k * two_h)
+        likely = volume * (np.einsum("tqd,tqd->tq", inside, inside) @ WEIGHTS[k]) / two_h
         return bound, np.minimum(likely, bound)
-
-
-SPLIT_LEVELS = {3: 3, 4: 2}
-"""How often a part is split at most, by its number of vertices."""
-
-
-def beyond(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
-    """S minus the nearest point of the ball of radius beta, for s (parts, points, d)."""
-    size = np.sqrt(np.einsum("tqd,tqd->tq", s, s))
-    share = np.maximum(size - beta[:, None], 0.0) / np.where(size > 0, size, 1.0)
-    return share[..., None] * s
-
-
-def square_integrals(nodal: np.ndarray, volume: np.ndarray) -> np.ndarray:
-    """int |v|^2 for affine v with nodal values (..., k, c) on simplices of these volumes (...)."""
-    total, k = nodal.sum(axis=-2), nodal.shape[-2]
-    squares = np.einsum("...nc,...nc->...", nodal, nodal)
-    return volume / (k * (k + 1)) * (squares + np.einsum("...c,...c->...", total, total))
-
-
-def smallest(gain: np.ndarray, allowed: float) -> np.ndarray:
-    """The parts with the smallest gains, which add up to no more than what is allowed."""
-    order = np.argsort(gain)
-    small = np.cumsum(gain[order]) <= allowed
-    result = np.zeros(len(gain), dtype=bool)
-    result[order[small]] = True
-    return result

@@ -109,13 +109,6 @@ AIRY_MAP = STRESS_MAP[:, :12] @ _airy_moments()
 """Stresses times det J from the twelve unknowns of an Airy function, shape (27, 12)."""
 
 
-def midpoint_rows(rows: np.ndarray) -> np.ndarray:
-    """From rows (27, k) of nodal values, those of the values at the midpoints."""
-    three = rows.reshape(3, 3, 3, -1)
-    return ((three.sum(axis=1, keepdims=True) - three) / 2).reshape(27, -1)
-
-
-def at_nodes(midpoints: np.ndarray) -> np.ndarray:
-    """Nodal values of affine functions given at the edge midpoints, shape (..., 9, c)."""
-    three = midpoints.reshape(*midpoints.shape[:-2], 3, 3, midpoints.shape[-1])
-    return (three.sum(axis=-2, keepdims=True) - 2 * three).reshape(midpoints.shape)
+def rows_at(shares: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """From rows (27, k) of nodal values, those at points of each part, barycentric (q, 3)."""
+    return np.matmul(shares, rows.reshape(3, 3, -1)).reshape(9 * len(shares), -1)

@@ -35,6 +35,8 @@ class Held:
     ----------
     free
         Boolean, shape (3 nv + ne,): the unknowns that are not held.
+    even
+        Boolean, shape (ne,): edges along which the function is free for given values at the ends.
     """
 
     def __init__(self, boundary: Boundary) -> None:
@@ -55,14 +57,17 @@ class Held:
             vertex[t.edges[edges].ravel(), 2 - c] = False
         first = int(vertex.sum(axis=1).argmin())
         vertex[first] &= ~vertex.all(axis=0)  # what no stress sees
-        self.free = np.concatenate([vertex.ravel(), ~(closed | across)])
+        self.free, self.even = (
+            np.concatenate([vertex.ravel(), ~(closed | across)]),
+            ~(closed | along),
+        )
 
     def modes(self) -> list[np.ndarray]:
         """Unknowns that move together where they are held; none for more than MOST_MODES."""
         found = [] if self._along.any() else [*self._values(), *self._derivatives()]
-        edges = np.zeros(len(self.triangles.edges))
+        rest = np.zeros(len(self.free) - 3 * len(self.triangles.points))
         few = found if len(found) <= MOST_MODES else []
-        return [np.concatenate([vertex.ravel(), edges]) for vertex in few]
+        return [np.concatenate([vertex.ravel(), rest]) for vertex in few]
 
     def _values(self) -> Iterator[np.ndarray]:
         """One for each part but the first: the value of the function."""

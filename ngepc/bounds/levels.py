@@ -36,7 +36,7 @@ class TwoLevels:
     Attributes
     ----------
     free
-        Boolean, shape (3 nv + ne,): unknowns that are not held.
+        Boolean: unknowns that are not held, those of the vertices first.
     """
 
     def __init__(self, space: AirySpace, triangles: Triangles) -> None:
@@ -59,7 +59,7 @@ class TwoLevels:
         self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
 
     def update(self, K: np.ndarray, chosen: np.ndarray | slice) -> None:
-        """Take the matrices (12, 12) of some triangles; unknowns of other ones are held."""
+        """Take the matrices (n, n) of some triangles; unknowns of other ones are held."""
         space, part, count = self.space, self.space.of(chosen), self._count
         self._part, self._K = part, K
         self._corners, self._edges = part.unknowns[:, :9], part.unknowns[:, 9:] - count
@@ -113,7 +113,8 @@ class TwoLevels:
     def _take_edges(self, K: np.ndarray) -> None:
         """The matrix of the edges, its diagonal scaled to one, and a bound of its eigenvalues."""
         free, edges = self.free[self._count :], self._edges
-        row, column = np.repeat(edges, 3, axis=1).ravel(), np.tile(edges, 3).ravel()
+        each = edges.shape[1]
+        row, column = np.repeat(edges, each, axis=1).ravel(), np.tile(edges, each).ravel()
         A = csr_matrix((K.ravel(), (row, column)), shape=(len(free), len(free)))
         diagonal = A.diagonal()
         self._scale = free / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))

@@ -6,16 +6,13 @@ import numpy as np
 
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import TO_PLANE
-from ngepc.bounds.element import STRESS_MAP, at_nodes, midpoint_rows
+from ngepc.bounds.element import STRESS_MAP, rows_at
 from ngepc.bounds.equilibration import corner_forces, mean_moments
 from ngepc.bounds.fans import Fans
 from ngepc.bounds.setting import Setting
 from ngepc.bounds.tightening import Dual, Effort, tightened
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
-
-START_MAP = midpoint_rows(STRESS_MAP)
-"""Stresses at the midpoints from edge moments and body forces, shape (27, 15)."""
 
 FROM_PLANE = np.linalg.inv(TO_PLANE)
 
@@ -29,28 +26,31 @@ class PlaneSetting(Setting):
         The discrete problem.
     """
 
+    airy, effort = AirySpace, Effort()
+
     def __init__(self, discrete: DiscreteProblem) -> None:
         super().__init__(discrete)
-        self.space, self.fans = AirySpace(self.boundary), Fans(self.boundary)
+        self.space, self.fans = self.airy(self.boundary), Fans(self.boundary)
+        self._start = rows_at(self.space.rule.shares, STRESS_MAP)
 
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray, effort: Effort | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """An admissible stress for which the bound is small, again at the midpoints, and P."""
+        """An admissible stress for which the bound is small, again at points, and its P."""
         moments, forces = self.loads(state, P)
         stress = self.balanced(state, tangent, self.carried_forces() - forces)
         z = self.admissible(stress, moments)
         dual = Dual(self.space, self.conjugate, self.strain(state))
         rest = self.phi(state).sum() + self.contact_gaps(state, P).sum()
-        z = tightened(dual, self.cells, z, self.centre(stress), float(rest), effort or Effort())
-        return at_nodes(z), z, P
+        z = tightened(dual, self.cells, z, self.centre(stress), float(rest), effort or self.effort)
+        return self.space.at_nodes(z), z, P
 
     def means(self, stress: np.ndarray) -> np.ndarray:
         """The means on the triangles, shape (nt, 3), of stresses at the points."""
         return stress
 
     def centre(self, stress: np.ndarray) -> np.ndarray:
-        """Stresses at the points as one or nine on each triangle, (nt, ., 3)."""
+        """Stresses at the points as one or all of each triangle, (nt, ., 3)."""
         return stress[:, None]
 
     def wished(self, stress: np.ndarray) -> np.ndarray:
@@ -58,7 +58,7 @@ class PlaneSetting(Setting):
         return mean_moments(self.cells, tensors(stress))
 
     def admissible(self, stress: np.ndarray, moments: np.ndarray) -> np.ndarray:
-        """The stress of Johnson and Mercier at the midpoints, shape (nt, 9, 3).
+        """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).
 
         Parameters
         ----------
@@ -73,7 +73,7 @@ class PlaneSetting(Setting):
         around = t.per_triangle(mu).reshape(-1, 6, 2)
         moments = np.matmul(around, t.inverse.transpose(0, 2, 1)).reshape(-1, 12)
         data = np.concatenate([moments, self.carried.inner], axis=1)
-        return self.space.in_plane(data @ START_MAP.T)
+        return self.space.in_plane(data @ self._start.T)
 
 
 def tensors(z: np.ndarray) -> np.ndarray:

@@ -10,10 +10,12 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import ET, IntegrationRule
 
-from ngepc.bounds.conjugate import RULE, SPLIT
 from ngepc.bounds.equilibration import moments_of
+from ngepc.bounds.parts import SIX, SPLIT
 from ngepc.bounds.plane import PlaneSetting, tensors
+from ngepc.bounds.quartic import QuarticSpace
 from ngepc.bounds.setting import LEVEL
+from ngepc.bounds.tightening import Effort
 from ngepc.bounds.triangles import PAIRS
 from ngepc.local.system import DiscreteProblem, State
 
@@ -24,14 +26,9 @@ AT_CORNERS = 2 * np.eye(3)[[1, 2, 0]] - 1 / 3
 """Values of affine functions at the vertices from those at the three points."""
 
 
-def _midpoints() -> np.ndarray:
-    """Barycentric coordinates of the edge midpoints of the sub-triangles, shape (9, 3)."""
-    unit = np.eye(3)
-    parts = [np.array([unit[i], unit[j], unit.mean(axis=0)]) for i, j in PAIRS]
-    return np.concatenate([RULE[3] @ part for part in parts])
-
-
-AT_MIDPOINTS = _midpoints()
+_UNIT = np.eye(3)
+AT_POINTS = np.concatenate([SIX @ [_UNIT[i], _UNIT[j], _UNIT.mean(axis=0)] for i, j in PAIRS])
+"""Values at the points of the sub-triangles from those at the vertices, shape (18, 3)."""
 
 _SIX = IntegrationRule(ET.TRIG, 6)
 RULE_POINTS = np.array([(x, y, 1 - x - y) for x, y, *_ in _SIX.points])
@@ -46,13 +43,15 @@ SPLIT_LEVELS = 3
 
 
 class QuadraticSetting(PlaneSetting):
-    """``PlaneSetting`` for order two.
+    """``PlaneSetting`` for order two, with quadratic stresses.
 
     Parameters
     ----------
     discrete
         The discrete problem.
     """
+
+    airy, effort = QuarticSpace, Effort(gain=0.01, steps=40)
 
     def __init__(self, discrete: DiscreteProblem) -> None:
         super().__init__(discrete)
@@ -69,8 +68,13 @@ class QuadraticSetting(PlaneSetting):
         return result
 
     def strain(self, state: State) -> np.ndarray:
-        """Strain coordinates at the edge midpoints of the sub-triangles, shape (nt, 9, 3)."""
-        return np.matmul(AT_MIDPOINTS, self.at_corners(self.point_strain(state)))
+        """Strain coordinates at the points of the sub-triangles, shape (nt, 18, 3)."""
+        return np.matmul(AT_POINTS, self.at_corners(self.point_strain(state)))
+
+    def gaps(self, state: State, z: np.ndarray) -> np.ndarray:
+        """int [phi(eps) - sigma : eps] over each triangle for stresses at the points."""
+        work = np.einsum("tqc,tqc->tq", z, self.strain(state)) @ self.space.weights
+        return self.phi(state) - self.cells.volume * work
 
     def phi(self, state: State) -> np.ndarray:
         """No less than int phi(eps(u)) over each triangle."""
@@ -129,8 +133,8 @@ class QuadraticSetting(PlaneSetting):
         return stress.reshape(len(self.cells.nodes), 3, -1).mean(axis=1)
 
     def centre(self, stress: np.ndarray) -> np.ndarray:
-        """Stresses at the points as those at the midpoints, shape (nt, 9, 3)."""
-        return np.matmul(AT_MIDPOINTS, self.at_corners(stress))
+        """Stresses at the points as those at the points of the sub-triangles, (nt, 18, 3)."""
+        return np.matmul(AT_POINTS, self.at_corners(stress))
 
     def wished(self, stress: np.ndarray) -> np.ndarray:
         """Moments (ne, 2, 2) of the mean tractions of both triangles."""

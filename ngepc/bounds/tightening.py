@@ -49,14 +49,14 @@ class Effort:
 
 @dataclass(frozen=True, eq=False)
 class Dual:
-    """int [phi*(sigma) - sigma : eps(u)] for stresses at the edge midpoints of sub-triangles.
+    """int [phi*(sigma) - sigma : eps(u)] for stresses at the points of ``space``.
 
     Parameters
     ----------
     space, conjugate
         The Airy functions, and phi*.
     strain
-        eps(u) in in-plane coordinates at one or nine points, shape (nt, ., 3).
+        eps(u) in in-plane coordinates at one point or all of them, shape (nt, ., 3).
     """
 
     space: AirySpace
@@ -68,17 +68,18 @@ class Dual:
         return Dual(self.space.of(chosen), self.conjugate.of(chosen), self.strain[chosen])
 
     def value(self, z: np.ndarray, at: Completed) -> float:
-        """The integral for stresses (nt, points, 3), by the mean over the points."""
+        """The integral for stresses (nt, points, 3), by the rule."""
         density = self.conjugate.value(at) - (z * self.strain).sum(axis=2)
-        return float(self.space.area @ density.mean(axis=1))
+        return float(self.space.area @ (density * self.space.weights).sum(axis=1))
 
     def gradient(self, at: Completed) -> np.ndarray:
         """Strains (nt, points, 3)."""
         return self.conjugate.gradient(at) - self.strain
 
     def stiffness(self, at: Completed) -> np.ndarray:
-        """The matrices of the Airy functions on each triangle, (nt, 12, 12)."""
-        K = np.empty((len(self.strain), 12, 12))
+        """The matrices of the Airy functions on each triangle, (nt, n, n)."""
+        n = self.space.unknowns.shape[1]
+        K = np.empty((len(self.strain), n, n))
         for first in range(0, len(K), PORTION):
             part = slice(first, first + PORTION)
             K[part] = self.space.of(part).stiffness(self.conjugate.of(part).compliance(at.of(part)))
@@ -93,16 +94,16 @@ def tightened(
     rest: float,
     effort: Effort,
 ) -> np.ndarray:
-    """In-plane stresses at the midpoints, shape (nt, 9, 3), with a smaller dual functional.
+    """In-plane stresses at the points, shape (nt, points, 3), with a smaller dual functional.
 
     Parameters
     ----------
     dual, triangles
         What is to be small, and where.
     z
-        The admissible stress to start from, shape (nt, 9, 3).
+        The admissible stress to start from, shape (nt, points, 3).
     centre
-        The stress of the discrete solution at one or nine points, shape (nt, ., 3).
+        The stress of the discrete solution at one point or all of them, shape (nt, ., 3).
     rest
         The bound less the value of ``dual``.
     """

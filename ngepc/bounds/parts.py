@@ -1,0 +1,147 @@
+"""Polynomials on triangles and tetrahedra: how they are split and integrated.
+
+An affine function has its values at the vertices as coefficients, a quadratic one on a triangle
+those of Bernstein's polynomials, vertices first: it lies in their convex hull.  Tables are by the
+number of coefficients.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from ngsolve import ET, IntegrationRule
+
+from ngepc.bounds.simplices import FACETS
+
+NODES = {9: 3, 16: 4, 18: 6}
+"""Nodes of each part by those of a cell."""
+
+
+def quadratics(shares: np.ndarray, others: np.ndarray | None = None) -> np.ndarray:
+    """Bernstein's polynomials of degree two at barycentric points (q, 3), shape (q, 6).
+
+    With other points their polar forms, which are symmetric and affine in either point.
+    """
+    others = shares if others is None else others
+    mixed = [shares[:, i] * others[:, j] + shares[:, j] * others[:, i] for i, j in FACETS[2]]
+    return np.concatenate([shares * others, np.stack(mixed, axis=1)], axis=1)
+
+
+def _split(pairs: Sequence[tuple[str, ...]]) -> np.ndarray:
+    """Barycentric coordinates of the parts whose corners are the means of two vertices each."""
+    count = int(max("".join(sum(pairs, ())))) + 1
+    unit = np.eye(count)
+    return np.array([[(unit[int(a)] + unit[int(b)]) / 2 for a, b in part] for part in pairs])
+
+
+SPLIT = {
+    3: _split([("00", "01", "02"), ("11", "12", "01"), ("22", "02", "12"), ("12", "02", "01")]),
+    4: _split(
+        [
+            *(("00", "01", "02", "03"), ("01", "11", "12", "13"), ("02", "12", "22", "23")),
+            *(("03", "13", "23", "33"), ("01", "02", "03", "13"), ("01", "02", "12", "13")),
+            *(("02", "03", "13", "23"), ("02", "12", "13", "23")),
+        ]
+    ),
+}
+"""Coefficients on the parts of equal volume of a triangle and a tetrahedron."""
+
+_PAIRS = np.array([(0, 0), (1, 1), (2, 2), *FACETS[2]]).T
+SPLIT[6] = np.array([quadratics(*part[_PAIRS]) for part in SPLIT[3]])
+
+_INNER = (5 - math.sqrt(5)) / 20
+
+_FOUR = IntegrationRule(ET.TRIG, 4)
+SIX = np.array([(x, y, 1 - x - y) for x, y, *_ in _FOUR.points])
+"""Points of a rule of degree four that fix quadratic functions, barycentric."""
+
+RULE = {
+    3: (1 - np.eye(3)) / 2,
+    4: _INNER + (1 - 4 * _INNER) * np.eye(4),
+    6: quadratics(SIX),
+}
+"""Values at the points of rules of degree two, and of degree four for quadratic functions."""
+
+WEIGHTS = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: 2 * np.array(_FOUR.weights)}
+"""Weights of the points, which add up to one."""
+
+_MIDDLES = np.concatenate([np.eye(3), RULE[3]])
+NARROW = 0.3
+"""Part of its mean below which |s|^2 shall not fall for a Taylor polynomial of |s|."""
+
+AT_NODES = quadratics(_MIDDLES)
+"""Values at vertices and edge midpoints from coefficients."""
+
+WORTH = {3: 0.007, 4: 0.02, 6: 0.007}
+"""Parts are split for the plastic term until that can gain this part of the bound.
+
+Half of it on each level: there are parts enough whose gain is nothing.
+"""
+
+SPLIT_LEVELS = {3: 3, 4: 2, 6: 2}
+"""How often a part is split at most."""
+
+
+def coefficients(nodal: np.ndarray) -> np.ndarray:
+    """Coefficients of functions from their values at the nodes (..., k, c)."""
+    return nodal if nodal.shape[-2] < 6 else np.matmul(np.linalg.inv(AT_NODES), nodal)
+
+
+def beyond(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
+    """S minus the nearest point of the ball of radius beta, for s (parts, points, d)."""
+    size = np.sqrt(np.einsum("tqd,tqd->tq", s, s))
+    share = np.maximum(size - beta[:, None], 0.0) / np.where(size > 0, size, 1.0)
+    return share[..., None] * s
+
+
+_SIXTEEN = IntegrationRule(ET.TRIG, 16)
+_POINTS = quadratics(np.array([(x, y, 1 - x - y) for x, y, *_ in _SIXTEEN.points]))
+_WEIGHTS = 2 * np.array(_SIXTEEN.weights)
+
+
+def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.ndarray:
+    """No less than int (|s| - beta)^2 for quadratic s, exact but for a fourth power of variations.
+
+    With r = |s|^2/c - 1 >= m > -1 Taylor's remainder gives
+
+        |s| >= c^(1/2) (1 + r/2 - r^2/8 + r^3/16 - 5/128 (1 + m)^(-7/2) r^4),
+
+    of degree 16.  Coefficients say how far |s| may fall; where that is much the result is infinite.
+
+    Parameters
+    ----------
+    s
+        Coefficients, shape (n, 6, d).
+    beta, volume
+        Shapes (n,).
+    """
+    values, mean = np.matmul(_POINTS, s), s.mean(axis=1, keepdims=True)
+    square = np.einsum("tqd,tqd->tq", values, values)
+    c = np.maximum(square @ _WEIGHTS, np.finfo(float).tiny)[:, None]
+    least = np.linalg.norm(mean[:, 0], axis=1) - np.linalg.norm(s - mean, axis=2).max(axis=1)
+    least = np.maximum(least, 0.0)[:, None] ** 2 / c
+    r, last = square / c - 1, 5 / 128 * np.maximum(least, NARROW) ** -3.5
+    size = np.sqrt(c) * (1 + r / 2 - r**2 / 8 + r**3 / 16 - last * r**4)
+    found = (square - 2 * beta[:, None] * size + beta[:, None] ** 2) @ _WEIGHTS
+    return np.where(least[:, 0] >= NARROW, volume * found, np.inf)
+
+
+def square_integrals(values: np.ndarray, volume: np.ndarray) -> np.ndarray:
+    """int |v|^2 for v with coefficients (..., k, c) on simplices of these volumes (...)."""
+    k = values.shape[-2]
+    if k == 6:
+        values = np.matmul(RULE[k], values)
+        return volume * (np.einsum("...qc,...qc->...q", values, values) @ WEIGHTS[k])
+    total, squares = values.sum(axis=-2), np.einsum("...nc,...nc->...", values, values)
+    return volume / (k * (k + 1)) * (squares + np.einsum("...c,...c->...", total, total))
+
+
+def smallest(gain: np.ndarray, allowed: float) -> np.ndarray:
+    """The parts with the smallest gains, which add up to no more than what is allowed."""
+    order = np.argsort(gain)
+    small = np.cumsum(gain[order]) <= allowed
+    result = np.zeros(len(gain), dtype=bool)
+    result[order[small]] = True
+    return result
