@@ -7,8 +7,8 @@ surface of the hole.  Nothing is clamped by its name alone: a Problem may hold o
 
 from collections.abc import Sequence
 
-from netgen.csg import CSGeometry, Cylinder, Plane, Pnt, Solid, Vec
-from netgen.geom2d import Circle, CSG2d, EdgeInfo, Solid2d
+from netgen.csg import Cylinder, Plane, Pnt, Solid, Vec
+from netgen.geom2d import Circle, Solid2d
 from ngsolve import Mesh
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
@@ -19,6 +19,8 @@ from ngepc.checks.arguments import (
     require_vector,
 )
 from ngepc.checks.kinds import require_flag
+
+from .outlines import meshed, polygon
 
 _NAMES = {"bottom": "clamped", "top": "contact"}
 _NAMES_3D = {"back": "left", "front": "right", "left": "front", "right": "back", **_NAMES}
@@ -41,7 +43,7 @@ def mesh(maxh: float = 0.25, size: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
     """
     size = _sides(size)
     require_mesh_width(maxh, max(size), len(size))
-    return _meshed(maxh, _brick(size))
+    return meshed(_brick(size), maxh)
 
 
 def with_hole(
@@ -67,7 +69,7 @@ def with_hole(
     half = min(size[0], size[-1]) / 2
     if radius >= half:
         raise ValueError(f"radius={radius!r}: a number < {half:g} is needed, half of the block")
-    return _meshed(maxh, _brick(size) - _hole(size, radius))
+    return meshed(_brick(size) - _hole(size, radius), maxh)
 
 
 def structured_mesh(
@@ -128,19 +130,11 @@ def _sides(size: Sequence[float]) -> tuple[float, ...]:
     return sides
 
 
-def _meshed(maxh: float, body: Solid | Solid2d) -> Mesh:
-    geometry = CSG2d() if isinstance(body, Solid2d) else CSGeometry()
-    geometry.Add(body.Mat("body") if isinstance(body, Solid2d) else body.mat("body"))
-    return Mesh(geometry.GenerateMesh(maxh=maxh))
-
-
 def _brick(size: Sequence[float]) -> Solid | Solid2d:
     if len(size) == 2:
         a, b = size
-        edges = zip(
-            ((0, 0), (a, 0), (a, b), (0, b)), ("clamped", "right", "contact", "left"), strict=True
-        )
-        return Solid2d([item for x, name in edges for item in (x, EdgeInfo(bc=name))])
+        corners = {"clamped": (0, 0), "right": (a, 0), "contact": (a, b), "left": (0, b)}
+        return polygon((at, name) for name, at in corners.items())
     low = Pnt(0, 0, 0), {"left": Vec(-1, 0, 0), "front": Vec(0, -1, 0), "clamped": Vec(0, 0, -1)}
     high = Pnt(*size), {"right": Vec(1, 0, 0), "back": Vec(0, 1, 0), "contact": Vec(0, 0, 1)}
     planes = [

@@ -4,12 +4,12 @@ Boundaries: ``clamped`` is the left edge, ``load`` the right one (length 16), th
 ``free``.
 """
 
-from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from ngsolve import Mesh
 
 from ngepc.checks.arguments import require_mesh_width
 
 from .bisection import refined_to, triangulated
+from .outlines import meshed, polygon
 
 _CORNERS = (
     ((0.0, 0.0), "free"),
@@ -38,7 +38,4 @@ def bisected_mesh(nodes: int = 289) -> Mesh:
 def mesh(maxh: float = 4.0) -> Mesh:
     """An unstructured mesh of the CSG geometry with mesh width at most ``maxh`` >= 0.06."""
     require_mesh_width(maxh, 60.0, 2)
-    outline = [item for x, name in _CORNERS for item in (x, EdgeInfo(bc=name))]
-    geometry = CSG2d()
-    geometry.Add(Solid2d(outline, mat="body"))
-    return Mesh(geometry.GenerateMesh(maxh=maxh))
+    return meshed(polygon(_CORNERS), maxh)

@@ -116,26 +116,24 @@ def _oriented(cells: np.ndarray, points: np.ndarray, N: int) -> np.ndarray:
 
 
 def _assembled(N: int, points: np.ndarray, body: list, sides: list) -> Mesh:
-    made = NetgenMesh(dim=N)
-    made.AddPoints(np.ascontiguousarray(points))
-    regions: dict[tuple[int, str], int] = {}
-
-    def add(dimension: int, name: str, cells: np.ndarray) -> None:
-        if (dimension, name) not in regions:
-            regions[dimension, name] = made.AddRegion(name, dimension)
-        data = np.ascontiguousarray(cells, dtype=np.int32)
-        made.AddElements(dim=dimension, index=regions[dimension, name], data=data, base=0)
-
-    for name, cells in body:
-        add(N, name, cells)
-    given = {tuple(sorted(side)) for _, cells in sides for side in cells.tolist()}
+    """The mesh of named cells and sides; outer sides without a name are ``free``."""
     outer = _outer([cells for _, cells in body], N)
-    for name, cells in sides:
-        turned = [outer.get(tuple(sorted(side)), side) for side in cells.tolist()]
-        add(N - 1, name, np.array(turned))
+    given = {tuple(sorted(side)) for _, cells in sides for side in cells.tolist()}
     rest = [side for key, side in outer.items() if key not in given]
+    named = [
+        (name, [outer.get(tuple(sorted(side)), side) for side in cells.tolist()])
+        for name, cells in sides
+    ]
     for corners in sorted({len(side) for side in rest}):
-        add(N - 1, "free", np.array([side for side in rest if len(side) == corners]))
+        named.append(("free", [side for side in rest if len(side) == corners]))
+    made, regions = NetgenMesh(dim=N), {}
+    made.AddPoints(np.ascontiguousarray(points))
+    for dimension, groups in ((N, body), (N - 1, named)):
+        for name, cells in groups:
+            if (dimension, name) not in regions:
+                regions[dimension, name] = made.AddRegion(name, dimension)
+            data, index = np.ascontiguousarray(cells, dtype=np.int32), regions[dimension, name]
+            made.AddElements(dim=dimension, index=index, data=data, base=0)
     made.Update()
     return Mesh(made)
 

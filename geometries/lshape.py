@@ -4,13 +4,13 @@ Boundaries: ``clamped`` is (1/2, 1) x {0}, ``contact`` is (0, 1) x {1}, ``load``
 (0, 1/2) x {1/2}, the rest is ``free``.
 """
 
-from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
+from netgen.geom2d import CSG2d
 from ngsolve import Mesh
 
 from ngepc.checks.arguments import require_mesh_width
 
 from .bisection import Point, refined_to, triangulated
-from .orientation import outward
+from .outlines import geometry_of, outward, polygon
 
 PAPER_NODES = (833, 1601, 3201, 6273, 12545, 24833)
 COARSE_NODES = 417
@@ -51,10 +51,7 @@ def paper_mesh(nodes: int = COARSE_NODES) -> Mesh:
 
 def geometry() -> CSG2d:
     """The body as a Netgen CSG geometry with named edges."""
-    outline = [item for x, name in _CORNERS for item in (x, EdgeInfo(bc=name))]
-    body = CSG2d()
-    body.Add(Solid2d(outline, mat="body"))
-    return body
+    return geometry_of(polygon(_CORNERS))
 
 
 def mesh(maxh: float = 0.05) -> Mesh:

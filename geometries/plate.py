@@ -6,10 +6,12 @@ The origin is the centre of the hole.  Boundaries: ``left``, ``right``, ``bottom
 
 from collections.abc import Sequence
 
-from netgen.geom2d import Circle, CSG2d, EdgeInfo, Solid2d
+from netgen.geom2d import Circle, Solid2d
 from ngsolve import Mesh
 
 from ngepc.checks.arguments import require_mesh_width, require_number, require_vector
+
+from .outlines import meshed, polygon
 
 
 def mesh(maxh: float = 0.1, size: Sequence[float] = (2.0, 2.0), radius: float = 0.25) -> Mesh:
@@ -61,10 +63,8 @@ def _rectangle(left: float, bottom: float, right: float, top: float) -> Solid2d:
         "top": (right, top),
         "left": (left, top),
     }
-    return Solid2d([item for name, at in corners.items() for item in (at, EdgeInfo(bc=name))])
+    return polygon((at, name) for name, at in corners.items())
 
 
 def _meshed(maxh: float, rectangle: Solid2d, radius: float) -> Mesh:
-    geometry = CSG2d()
-    geometry.Add((rectangle - Circle((0, 0), radius, bc="hole")).Mat("body"))
-    return Mesh(geometry.GenerateMesh(maxh=maxh))
+    return meshed(rectangle - Circle((0, 0), radius, bc="hole"), maxh)

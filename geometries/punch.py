@@ -6,10 +6,12 @@ Boundaries: ``contact`` is the patch |x| < patch/2 of the top y = 0, ``top`` the
 
 from collections.abc import Sequence
 
-from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
+from netgen.geom2d import EdgeInfo, Solid2d
 from ngsolve import Mesh
 
 from ngepc.checks.arguments import require_mesh_width, require_number, require_vector
+
+from .outlines import meshed
 
 
 def mesh(
@@ -46,6 +48,4 @@ def mesh(
     edges = [EdgeInfo(bc=name) for name in ("clamped", "right", "top", "contact", "top", "left")]
     edges[3] = EdgeInfo(bc="contact", maxh=fine)
     outline = [item for pair in zip(corners, edges, strict=True) for item in pair]
-    geometry = CSG2d()
-    geometry.Add(Solid2d(outline, mat="body"))
-    return Mesh(geometry.GenerateMesh(maxh=maxh))
+    return meshed(Solid2d(outline), maxh)

@@ -42,14 +42,11 @@ def mesh(
         require_integer(name, n, 1, 500)
     require_number("grading", grading, 0, most=20)
     netgen_mesh = structured_mesh(cells, cells, layers, simplices=simplices).ngmesh
-
-    def graded(t: float) -> float:
-        return math.sinh(grading * t) / math.sinh(grading) if grading > 0 else t
-
     for point in netgen_mesh.Points():
         x, y, z = point.p
-        for i, value in enumerate(((1 + graded(x)) / 2, (1 + graded(y)) / 2, 1 - graded(1 - z))):
-            point[i] = value
+        for i, t in enumerate((x, y, 1 - z)):
+            away = math.sinh(grading * t) / math.sinh(grading) if grading > 0 else t
+            point[i] = (1 + away) / 2 if i < 2 else 1 - away
     for number, name in enumerate(Mesh(netgen_mesh).GetBoundaries()):
         netgen_mesh.SetBCName(number, _NAMES.get(name, name))
     return Mesh(netgen_mesh)

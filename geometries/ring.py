@@ -6,11 +6,13 @@ y = 0 and ``bottom`` is z = 0.  The meshes know their geometry: ``mesh.Curve(k)`
 elements, without it the circles are polygons.
 """
 
-from netgen.csg import CSGeometry, Plane, Pnt, Sphere, Vec
-from netgen.geom2d import Circle, CSG2d, EdgeInfo, Solid2d
+from netgen.csg import Plane, Pnt, Sphere, Vec
+from netgen.geom2d import Circle, Solid2d
 from ngsolve import Mesh
 
 from ngepc.checks.arguments import require_mesh_width, require_number
+
+from .outlines import meshed, polygon
 
 
 def mesh(maxh: float = 0.25, inner: float = 1.0, outer: float = 2.0) -> Mesh:
@@ -36,8 +38,7 @@ def quarter_mesh(maxh: float = 0.2, inner: float = 1.0, outer: float = 2.0) -> M
     ring = _ring(inner, outer)
     a = 2 * outer
     corners = {"bottom": (0, 0), "beyond": (a, 0), "above": (a, a), "left": (0, a)}
-    outline = [item for name, at in corners.items() for item in (at, EdgeInfo(bc=name))]
-    return _meshed(maxh, outer, ring * Solid2d(outline))
+    return _meshed(maxh, outer, ring * polygon((at, name) for name, at in corners.items()))
 
 
 def shell_octant_mesh(maxh: float = 0.5, inner: float = 1.0, outer: float = 2.0) -> Mesh:
@@ -60,9 +61,7 @@ def shell_octant_mesh(maxh: float = 0.5, inner: float = 1.0, outer: float = 2.0)
     body = Sphere(Pnt(0, 0, 0), outer).bc("outer") - Sphere(Pnt(0, 0, 0), inner).bc("inner")
     for name, n in {"left": (-1, 0, 0), "front": (0, -1, 0), "bottom": (0, 0, -1)}.items():
         body = body * Plane(Pnt(0, 0, 0), Vec(*n)).bc(name)
-    geometry = CSGeometry()
-    geometry.Add(body.mat("body"))
-    return Mesh(geometry.GenerateMesh(maxh=maxh))
+    return meshed(body, maxh)
 
 
 def _ring(inner: float, outer: float) -> Solid2d:
@@ -77,6 +76,4 @@ def _check_radii(inner: float, outer: float) -> None:
 
 def _meshed(maxh: float, outer: float, body: Solid2d) -> Mesh:
     require_mesh_width(maxh, 2 * outer, 2)
-    geometry = CSG2d()
-    geometry.Add(body.Mat("body"))
-    return Mesh(geometry.GenerateMesh(maxh=maxh))
+    return meshed(body, maxh)

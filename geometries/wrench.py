@@ -9,13 +9,13 @@ Boundaries: ``clamped`` is (0, 1) x {2} and (0, 1) x {3}, ``contact`` is (0, 1) 
 is the top edge of the handle from (5, 2.6) to (8, 2), the rest is ``free``.
 """
 
-from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
+from netgen.geom2d import CSG2d
 from ngsolve import Mesh
 
 from ngepc.checks.arguments import require_mesh_width
 
 from .bisection import Point, Quadrilateral, refined_to, triangulated
-from .orientation import outward
+from .outlines import geometry_of, outward, polygon
 
 PAPER_NODES = (873, 1641, 3281, 6353, 12705, 24993)
 COARSE_NODES = 437
@@ -78,10 +78,7 @@ def paper_mesh(nodes: int = PAPER_NODES[0]) -> Mesh:
 
 def geometry() -> CSG2d:
     """The body as a Netgen CSG geometry with named edges."""
-    outline = [item for x, name in _OUTLINE for item in (x, EdgeInfo(bc=name))]
-    body = CSG2d()
-    body.Add(Solid2d(outline, mat="body"))
-    return body
+    return geometry_of(polygon(_OUTLINE))
 
 
 def mesh(maxh: float = 0.25) -> Mesh:

@@ -40,11 +40,6 @@ GRIP = 1e2
 class ContactConditions:
     """Rows, their law and their matrix.
 
-    Parameters
-    ----------
-    problem, supports
-        The problem and what holds the body.
-
     Attributes
     ----------
     rows

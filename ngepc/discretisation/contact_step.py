@@ -108,21 +108,8 @@ class ContactWork:
     Normal forces of rows that stay closed and tangential ones of rows that stick do no work; rows
     that slip dissipate their bound, taken at the end of the step, times the way.
 
-    Parameters
-    ----------
-    conditions
-        The conditions.
-    u, forces
-        Displacements and forces where the step starts.
-    change, following
-        The step and the forces at its end.
-    touching
-        Gaps and slips below it are rounding (length).
-
-    Attributes
-    ----------
-    held
-        Nodal forces of the rows that do no work, shape (nodes, N).
+    The step goes from u with ``forces`` by ``change`` to where they are ``following``; gaps, slips
+    below ``touching`` are rounding.  ``held`` are nodal forces of the rows that do no work.
     """
 
     def __init__(

@@ -19,34 +19,15 @@ CHUNK = 20_000
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """The elements of one shape.
-
-    Parameters
-    ----------
-    kinematics
-        How displacements become strains.
-    nodes
-        Node numbers, shape (elements, k).
-    points
-        Numbers of their points among all points, shape (elements, p).
-    shapes
-        Shape functions at the points, shape (p, k).
-    gradients
-        Of the shape functions at the points, shape (elements, p, k, N).
-    radii
-        Of the points of a body of revolution, shape (elements, p); None for others.
-    mean
-        Rows of the mean of tr eps over each element, shape (elements, k N); None where each point
-        has its own.
-    """
+    """The elements of one shape, k nodes and p points each."""
 
     kinematics: Kinematics
-    nodes: np.ndarray
-    points: np.ndarray
-    shapes: np.ndarray
-    gradients: np.ndarray
-    radii: np.ndarray | None
-    mean: np.ndarray | None = None
+    nodes: np.ndarray  # numbers, shape (elements, k)
+    points: np.ndarray  # numbers among all points, shape (elements, p)
+    shapes: np.ndarray  # shape functions at the points, shape (p, k)
+    gradients: np.ndarray  # of the shape functions at the points, shape (elements, p, k, N)
+    radii: np.ndarray | None  # of the points of a body of revolution, shape (elements, p)
+    mean: np.ndarray | None = None  # rows of the mean of tr eps over each, (elements, k N), or None
 
     def __len__(self) -> int:
         return len(self.nodes)

@@ -35,15 +35,7 @@ SMALL = 1e-6
 
 
 class Floating:
-    """The rigid motions that are left to contact.
-
-    Parameters
-    ----------
-    problem, contact
-        The problem and its contact conditions.
-    load
-        Nodal forces of the loads, shape (nodes, N).
-    """
+    """The rigid motions that are left to contact, for nodal forces of the loads (nodes, N)."""
 
     def __init__(self, problem: Problem, contact: ContactConditions, load: np.ndarray) -> None:
         self._contact, self._load = contact, load

@@ -43,26 +43,14 @@ EXACT = 4 * np.finfo(float).eps
 
 @dataclass(frozen=True, eq=False)
 class Return:
-    """The law at one strain.
+    """The law at one strain; all have shape (points,) but the trial stress."""
 
-    Parameters
-    ----------
-    trial, size
-        s (points, d) and |s| (points,).
-    yields
-        Boolean, shape (points,): |s| > beta.
-    gained
-        |p|, shape (points,).
-    radius, slope
-        r(|s|) and r'(|s|), shape (points,); beta and 0 where it does not yield.
-    """
-
-    trial: np.ndarray
-    size: np.ndarray
-    yields: np.ndarray
-    gained: np.ndarray
-    radius: np.ndarray
-    slope: np.ndarray
+    trial: np.ndarray  # s, shape (points, d)
+    size: np.ndarray  # |s|
+    yields: np.ndarray  # |s| > beta
+    gained: np.ndarray  # |p|
+    radius: np.ndarray  # r(|s|), beta where it does not yield
+    slope: np.ndarray  # r'(|s|), 0 where it does not yield
 
     @property
     def direction(self) -> np.ndarray:

@@ -115,11 +115,6 @@ def spring_matrix(problem: Problem, V: FESpace, place: Place, k: Coefficient) ->
 class Supports:
     """What holds the body.
 
-    Parameters
-    ----------
-    problem
-        Data of the time step.
-
     Attributes
     ----------
     space

@@ -29,19 +29,9 @@ COVERED = 1e-6
 
 
 def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactRows:
-    """The contact conditions between two boundaries.
+    """The contact conditions at the vertices of the first of two boundaries.
 
-    Parameters
-    ----------
-    problem, supports
-        The problem and what holds its bodies.
-    pair
-        The two boundaries; the rows stand at the vertices of the first.
-
-    Raises
-    ------
-    ValueError
-        If the two nowhere face each other.
+    A ValueError if they nowhere face each other.
     """
     one, two = (
         Surface.of(problem, boundary_names("contact", names, problem.mesh))

@@ -11,13 +11,7 @@ from ngepc.model.rules import plastic_order
 
 
 class PointFunctions:
-    """The discontinuous polynomials that are fixed by their values at the points of each element.
-
-    Parameters
-    ----------
-    points
-        The integration points.
-    """
+    """The discontinuous polynomials that values at the points of each element determine."""
 
     def __init__(self, points: Points) -> None:
         self.points = points

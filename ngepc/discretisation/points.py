@@ -186,20 +186,12 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Moduli:
-    """Stress per strain at the points: C = bulk I (x) I + across Id + extra d (x) d.
+    """Stress per strain at the points: C = bulk I (x) I + across Id + extra d (x) d."""
 
-    Parameters
-    ----------
-    bulk, across, extra
-        Moduli (stress), shape (points,).
-    direction
-        Unit vectors d in deviatoric coordinates, shape (points, d).
-    """
-
-    bulk: np.ndarray
+    bulk: np.ndarray  # (stress), shape (points,), as the next two
     across: np.ndarray
     extra: np.ndarray
-    direction: np.ndarray
+    direction: np.ndarray  # unit vectors d in deviatoric coordinates, shape (points, d)
 
     def __call__(self, e: np.ndarray) -> np.ndarray:
         """The deviatoric stress of the deviatoric strain ``e``, both in coordinates."""

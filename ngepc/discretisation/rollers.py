@@ -28,10 +28,7 @@ from ngepc.model.support import FREE_NORMAL, HELD_NORMAL
 def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows]:
     """The rows of each roller, but for directions that other supports hold already.
 
-    Raises
-    ------
-    ValueError
-        If two supports give a node different displacements along one direction.
+    A ValueError if two supports give a node different displacements along one direction.
     """
     scalar, taken = H1(problem.mesh, order=problem.order), {}
     result = {}

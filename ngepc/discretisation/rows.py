@@ -39,36 +39,16 @@ _ARRAYS = ("gaps", "weights", "vertices", "normals", "tangents", "tied")
 
 @dataclass(frozen=True, eq=False)
 class ContactRows:
-    """The contact condition N u <= gaps; u flattened node by node, N components each.
+    """The contact condition N u <= gaps; u flattened node by node, N components each."""
 
-    Parameters
-    ----------
-    normal
-        N, sparse, shape (m, nodes N).
-    tangential
-        Tangential displacements of the rows, sparse, shape (m (N - 1), nodes N).
-    gaps
-        Distance to the obstacle (length), shape (m,).
-    weights
-        Area that belongs to each row (length for N = 2, area for N = 3), shape (m,).
-    vertices
-        Vertex of each row, shape (m,).
-    normals
-        Unit outer normals, shape (m, N).
-    tangents
-        Orthonormal tangents, shape (m, N - 1, N).
-    tied
-        Boolean, shape (m,): rows of glued bodies, N u = gaps with forces of either sign.
-    """
-
-    normal: csr_matrix
-    tangential: csr_matrix
-    gaps: np.ndarray
-    weights: np.ndarray
-    vertices: np.ndarray
-    normals: np.ndarray
-    tangents: np.ndarray
-    tied: np.ndarray
+    normal: csr_matrix  # N, shape (m, nodes N)
+    tangential: csr_matrix  # tangential displacements of the rows, shape (m (N - 1), nodes N)
+    gaps: np.ndarray  # distance to the obstacle (length), shape (m,)
+    weights: np.ndarray  # area of each row (length for N = 2), shape (m,)
+    vertices: np.ndarray  # vertex of each row, shape (m,)
+    normals: np.ndarray  # unit outer ones, shape (m, N)
+    tangents: np.ndarray  # orthonormal ones, shape (m, N - 1, N)
+    tied: np.ndarray  # rows of glue and rollers: N u = gaps, forces of either sign, (m,)
 
     def __len__(self) -> int:
         return len(self.gaps)

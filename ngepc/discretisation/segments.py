@@ -28,37 +28,17 @@ PARALLEL = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The facets of some boundaries, straight, with N vertices each.
+    """The facets of some boundaries, straight, with N vertices each."""
 
-    Parameters
-    ----------
-    numbers
-        Numbers of the boundary elements, shape (facets,).
-    vertices
-        Vertex numbers, shape (facets, N).
-    corners
-        Coordinates, shape (facets, N, N).
-    normals
-        Unit outer normals of the facets, shape (facets, N).
-    nodal
-        Unit normals at the corners, averaged over the facets, shape (facets, N, N).
-    """
-
-    numbers: np.ndarray
-    vertices: np.ndarray
-    corners: np.ndarray
-    normals: np.ndarray
-    nodal: np.ndarray
+    numbers: np.ndarray  # of the boundary elements, shape (facets,)
+    vertices: np.ndarray  # numbers, shape (facets, N)
+    corners: np.ndarray  # coordinates, shape (facets, N, N)
+    normals: np.ndarray  # unit outer ones of the facets, shape (facets, N)
+    nodal: np.ndarray  # unit normals at the corners, averaged over the facets, (facets, N, N)
 
     @classmethod
     def of(cls, problem: Problem, names: tuple[str, ...]) -> Surface:
-        """The surface of these boundaries.
-
-        Raises
-        ------
-        ValueError
-            If a facet is no segment or triangle.
-        """
+        """The surface of these boundaries; a ValueError if a facet is no segment or triangle."""
         mesh, N = problem.mesh, problem.N
         region = mesh.Boundaries("|".join(names))
         facets = list(region.Elements())
@@ -106,29 +86,15 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """Points on the overlaps of the facets of two surfaces.
+    """Points on the overlaps of the facets of two surfaces."""
 
-    Parameters
-    ----------
-    first, second
-        Facets, shape (points,).
-    lam, other
-        Barycentric coordinates in both, shape (points, N).
-    weights
-        Length or area that belongs to each point, shape (points,).
-    normals
-        Unit normals of the first surface, shape (points, N).
-    gaps
-        Distance along the normal (length), shape (points,).
-    """
-
-    first: np.ndarray
+    first: np.ndarray  # facets, shape (points,)
     second: np.ndarray
-    lam: np.ndarray
+    lam: np.ndarray  # barycentric coordinates in both, shape (points, N)
     other: np.ndarray
-    weights: np.ndarray
-    normals: np.ndarray
-    gaps: np.ndarray
+    weights: np.ndarray  # length or area that belongs to each point, shape (points,)
+    normals: np.ndarray  # unit ones of the first surface, shape (points, N)
+    gaps: np.ndarray  # distance along the normal (length), shape (points,)
 
 
 def overlap(one: Surface, two: Surface) -> Overlap:

@@ -1,6 +1,6 @@
 """The two examples of section 7 as problems on any mesh of their bodies."""
 
-from ngsolve import CoefficientFunction, Mesh
+from ngsolve import Mesh
 
 from ngepc.checks.kinds import require_mesh
 from ngepc.model.material import Material
@@ -14,19 +14,10 @@ def lshape_problem(mesh: Mesh) -> Problem:
     Parameters
     ----------
     mesh
-        A mesh of ``ngepc.geometries.lshape``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``mesh`` is no mesh in two dimensions, or lacks the boundaries of the example.
+        A mesh of ``ngepc.geometries.lshape``; TypeError or ValueError for others.
     """
-    require_mesh("mesh", mesh, (2,))
-    n = outward_normal(mesh)
-    material = Material.kinematic(
-        lame_lambda=1.0e3, lame_mu=1.0e3, yield_stress=1.25, hardening=100.0
-    )
-    return _paper_problem(mesh, material, -10.0 * n, 0.1)
+    metal = {"lame_lambda": 1.0e3, "lame_mu": 1.0e3, "yield_stress": 1.25, "hardening": 100.0}
+    return _paper_problem(mesh, Material.kinematic(**metal), 10.0, 0.1)
 
 
 def wrench_problem(mesh: Mesh) -> Problem:
@@ -35,15 +26,8 @@ def wrench_problem(mesh: Mesh) -> Problem:
     Parameters
     ----------
     mesh
-        A mesh of ``ngepc.geometries.wrench``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If ``mesh`` is no mesh in two dimensions, or lacks the boundaries of the example.
+        A mesh of ``ngepc.geometries.wrench``; TypeError or ValueError for others.
     """
-    require_mesh("mesh", mesh, (2,))
-    n = outward_normal(mesh)
     material = Material.isotropic(
         lame_lambda=1.15e1,
         lame_mu=7.69,
@@ -51,20 +35,12 @@ def wrench_problem(mesh: Mesh) -> Problem:
         hardening_modulus=1.0e-3,
         hardening_stiffness=1.0e7,
     )
-    return _paper_problem(mesh, material, -6.0e-3 * n, 1.0)
+    return _paper_problem(mesh, material, 6.0e-3, 1.0)
 
 
-def _paper_problem(
-    mesh: Mesh, material: Material, pressure: CoefficientFunction, gap: float
-) -> Problem:
+def _paper_problem(mesh: Mesh, material: Material, pressure: float, gap: float) -> Problem:
     """A body of section 7, with the 2 x 2 tensors and the elements of order one of the paper."""
-    return Problem(
-        mesh,
-        material,
-        "clamped",
-        {"load": pressure},
-        contact="contact",
-        gap=gap,
-        kinematics="two-dimensional",
-        order=1,
-    )
+    require_mesh("mesh", mesh, (2,))
+    load = {"load": -pressure * outward_normal(mesh)}
+    flat = {"kinematics": "two-dimensional", "order": 1}
+    return Problem(mesh, material, "clamped", load, contact="contact", gap=gap, **flat)

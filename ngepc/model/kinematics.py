@@ -80,9 +80,9 @@ class Kinematics:
 
     def strain(self, u: CoefficientFunction) -> CoefficientFunction:
         """Linearised strain eps(u), ``size`` x ``size``, of a displacement or a proxy."""
-        if self.size == self.N:
-            return Sym(Grad(u))
         e = Sym(Grad(u))
+        if self.size == self.N:
+            return e
         hoop = self._hoop(u, e) if self.hoop else CF(0.0)
         zero = CF(0.0)
         return CF((e[0, 0], e[0, 1], zero, e[1, 0], e[1, 1], zero, zero, zero, hoop), dims=(3, 3))
@@ -128,13 +128,7 @@ KINEMATICS = {k.name: k for k in (PLANE_STRAIN, TWO_DIMENSIONAL, AXISYMMETRIC, S
 
 
 def kinematics_of(name: Kinematics | str | None, dimension: int) -> Kinematics:
-    """The kinematics with a name, or itself; None is plane strain in 2D and solid in 3D.
-
-    Raises
-    ------
-    TypeError, ValueError
-        For an unknown name, or one that does not fit meshes of this dimension.
-    """
+    """The kinematics with a name, or itself; None is plane strain in 2D and solid in 3D."""
     if name is None:
         return PLANE_STRAIN if dimension == 2 else SOLID
     legal = [k.name for k in KINEMATICS.values() if dimension == k.N]

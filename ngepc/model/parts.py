@@ -32,16 +32,9 @@ INSTALL = (
 class MeshPart(Mesh):
     """The part of a mesh that this process has.
 
-    Parameters
-    ----------
-    piece
-        The simplices of the part.
-    processes
-        Which processes have the other parts, and the common vertices.
-    coarse
-        The part that this one was refined from; None for none.
-    parents
-        For vertices beyond those of ``coarse`` the two that they lie between, shape (k, 2).
+    It is made of its simplices and of which ``processes`` have the others, and the common vertices.
+    If refined, ``coarse`` is the part before, and ``parents`` (k, 2) are the two vertices between
+    which those beyond lie.
     """
 
     def __init__(

@@ -33,29 +33,15 @@ _RINGS = {
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Some of the simplices of a mesh.
+    """Some of the simplices of a mesh."""
 
-    Parameters
-    ----------
-    points
-        Coordinates of the vertices, shape (vertices, N).
-    materials, boundaries
-        Names of all regions, also of those that have nothing here.
-    elements, facets
-        Simplices of the body and of its boundaries.
-    copies
-        Number of another process -> the vertices that it has as well.
-    interfaces
-        Names of boundaries inside the body.
-    """
-
-    points: np.ndarray
-    materials: tuple[str, ...]
+    points: np.ndarray  # coordinates of the vertices, shape (vertices, N)
+    materials: tuple[str, ...]  # names of all regions, also of those without anything here
     boundaries: tuple[str, ...]
-    elements: Numbered
-    facets: Numbered
-    copies: dict[int, np.ndarray]
-    interfaces: frozenset[str]
+    elements: Numbered  # simplices of the body
+    facets: Numbered  # and of its boundaries
+    copies: dict[int, np.ndarray]  # number of another process -> the vertices it has as well
+    interfaces: frozenset[str]  # names of boundaries inside the body
 
     def mesh(self) -> netgen.Mesh:
         """The piece as a mesh of Netgen."""

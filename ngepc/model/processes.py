@@ -183,13 +183,7 @@ def nodes_of(mesh: Mesh) -> int:
 
 
 def require_whole(what: str, mesh: Mesh) -> None:
-    """Accept a mesh of one process.
-
-    Raises
-    ------
-    ValueError
-        If several share it; ``what`` says what is not done then.
-    """
+    """Accept a mesh of one process; ``what`` says what is not done where several share it."""
     size = max(processes_of(mesh).size, mesh.comm.size)
     if size > 1:
         raise ValueError(f"{what}: not on a mesh that {size} processes share; one is needed")

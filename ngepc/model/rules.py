@@ -47,13 +47,7 @@ def plastic_order(mesh: Mesh, order: int) -> int:
 
 
 def plastic_points(mesh: Mesh, order: int) -> dict[ET, IntegrationRule]:
-    """The rule of each shape for displacements of this order, see the table above.
-
-    Raises
-    ------
-    ValueError
-        For displacements of order two on pyramids.
-    """
+    """The rule of each shape for displacements of this order, see the table above."""
     if order == 2 and ET.PYRAMID in shapes_of(mesh):
         raise ValueError("order=2: the mesh has pyramids, for which order=1 is needed")
     degree = plastic_order(mesh, order)
@@ -64,24 +58,12 @@ def plastic_rule(shape: ET, degree: int) -> IntegrationRule:
     """Points in number and position for polynomials of this degree on the shape."""
     if shape is ET.PYRAMID:
         return pyramid_rule()
-    if shape is ET.TRIG and degree == 1:
-        return inner_triangle_rule()
+    if shape is ET.TRIG and degree == 1:  # inside: on an edge may be an axis of revolution
+        return IntegrationRule([(1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3)], [1 / 6] * 3)
     if shape is ET.TET and degree == 2:
         return ten_point_rule()
-    exact = {
-        ET.TRIG: (1, 2, 4),
-        ET.TET: (1, 2, None),
-        ET.QUAD: (1, 3, 5),
-        ET.HEX: (1, 3, 5),
-        ET.PRISM: (1, 2, 4),
-    }
-    return IntegrationRule(shape, exact[shape][degree])
-
-
-def inner_triangle_rule() -> IntegrationRule:
-    """Three inner points of degree two: none on an edge, where an axis of revolution may be."""
-    points = [(1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3)]
-    return IntegrationRule(points, [1 / 6] * 3)
+    exact = (1, 3, 5) if shape in (ET.QUAD, ET.HEX) else (1, 2, 4)
+    return IntegrationRule(shape, exact[degree])
 
 
 def ten_point_rule() -> IntegrationRule:

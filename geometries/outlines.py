@@ -1,0 +1,42 @@
+"""Polygons with named edges, and the meshes that Netgen makes of CSG bodies."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from netgen.csg import CSGeometry, Solid
+from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
+from netgen.meshing import Mesh as NetgenMesh
+from ngsolve import Mesh
+
+
+def polygon(corners: Iterable[tuple[tuple[float, float], str]]) -> Solid2d:
+    """The polygon with these corners, counterclockwise, each with the name of the edge after it."""
+    return Solid2d([item for x, name in corners for item in (x, EdgeInfo(bc=name))])
+
+
+def geometry_of(body: Solid | Solid2d) -> CSGeometry | CSG2d:
+    """The geometry of one body, whose material is called ``body``."""
+    geometry = CSG2d() if isinstance(body, Solid2d) else CSGeometry()
+    geometry.Add(body.Mat("body") if isinstance(body, Solid2d) else body.mat("body"))
+    return geometry
+
+
+def meshed(body: Solid | Solid2d, maxh: float) -> Mesh:
+    """Triangles or tetrahedra of width at most ``maxh``; the mesh knows its geometry."""
+    return Mesh(geometry_of(body).GenerateMesh(maxh=maxh))
+
+
+def outward(netgen_mesh: NetgenMesh) -> NetgenMesh:
+    """Turn the boundary edges of a polygon's triangles so that the body lies to their left.
+
+    Netgen's CSG2d turns some the other way, and ``specialcf.normal`` follows them inward.  The mesh
+    is changed, and forgets its geometry, which for straight edges says nothing more.
+    """
+    triangles = netgen_mesh.Elements2D().NumPy()["nodes"][:, :3]
+    left_of = {(t[i], t[(i + 1) % 3]) for t in triangles.tolist() for i in range(3)}
+    ends = netgen_mesh.Elements1D().NumPy()["nodes"]
+    wrong = np.array([tuple(edge) not in left_of for edge in ends[:, :2].tolist()], dtype=bool)
+    ends[wrong, :2] = ends[wrong, 1::-1]
+    netgen_mesh.SetGeometry(None)
+    netgen_mesh.Update()
+    return netgen_mesh
