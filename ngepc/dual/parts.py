@@ -40,10 +40,7 @@ class ContactPart:
     def tichonov(self) -> BaseMatrix:
         """B_z.
 
-        Raises
-        ------
-        ValueError
-            If a piece of Gamma_c has no ends: its constants would be in the kernel of (R2).
+        ValueError if a piece of Gamma_c has no ends: its constants would be in the kernel of (R2).
         """
         tichonov = self._choice.tichonov
         if tichonov.fixed and closed_somewhere(self._problem, self.space):

@@ -177,10 +177,7 @@ class PathStore:
     def load(self) -> tuple[list[PathStep], np.ndarray, History] | None:
         """The steps on disk, the dual variable and the history of the last; None without a file.
 
-        Raises
-        ------
-        ValueError
-            If the file is damaged or belongs to other work.
+        ValueError if the file is damaged or belongs to other work.
         """
         saved = None if self._path is None else checkpoint.load(self._path, self._fingerprint)
         if saved is None:

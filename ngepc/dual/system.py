@@ -36,13 +36,7 @@ class NewtonSystem:
         return [Placed(A, self._blocks.first_of(name)) for name, A in by_part.items()]
 
     def use(self, functional: DualFunctional) -> None:
-        """Switch to another gamma.
-
-        Raises
-        ------
-        ValueError
-            If the functional is on other blocks.
-        """
+        """Switch to another gamma.  ValueError if the functional is on other blocks."""
         if functional.blocks is not self._blocks:
             raise ValueError("functional has blocks of its own: one on the same blocks is needed")
         self.functional = functional
@@ -55,10 +49,7 @@ class NewtonSystem:
     def factorise(self, terms: ActiveTerms | None) -> None:
         """Assemble and factorise the Newton matrix; None leaves the nonsmooth terms out.
 
-        Raises
-        ------
-        FactorisationError
-            If the direct solver gives up.
+        FactorisationError if the direct solver gives up.
         """
         self._sum.values[:] = self._constant
         if terms is not None:

@@ -60,10 +60,7 @@ class EvolutionFile:
     def load(self) -> tuple[list[Stored], list[tuple[float, int]]]:
         """The steps that an earlier run left, and what was pending; none if there is no file.
 
-        Raises
-        ------
-        ValueError
-            If the file is damaged or belongs to other work.
+        ValueError if the file is damaged or belongs to other work.
         """
         stored = self._processes.together(partial(load, self.path, self.fingerprint))
         count = -1 if stored is None else len(stored.record["steps"])
@@ -76,13 +73,7 @@ class EvolutionFile:
         return steps, [(float(time), int(level)) for time, level in pending]
 
     def step(self, problem: Problem, stored: Stored, functions: PointFunctions) -> EvolutionStep:
-        """A stored step.
-
-        Raises
-        ------
-        ValueError
-            If ``problem`` is not what the step was solved for.
-        """
+        """A stored step.  ValueError if ``problem`` is not what the step was solved for."""
         row, u, p = stored
         differs = problem_fingerprint(problem) != row.pop("fingerprint")
         if self._processes.any(np.array(differs)):

@@ -67,10 +67,7 @@ class ListedSteps:
 def as_schedule(steps: object) -> Schedule | ListedSteps:
     """``steps`` as a schedule: itself, or an iterable of (time, changes).
 
-    Raises
-    ------
-    TypeError, ValueError
-        If it is neither, or the times do not increase.
+    TypeError, ValueError if it is neither, or the times do not increase.
     """
     if isinstance(steps, Schedule):
         return steps

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -10,51 +9,21 @@ from ngsolve import GridFunction
 
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.points import Moduli
-from ngepc.discretisation.rows import ContactRows
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.problem import Problem
 from ngepc.results.exact import DiscreteSolution
-from ngepc.results.outcome import History, Status
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class ExactResult(DiscreteSolution):
-    """What ``semismooth_newton`` returns without gamma; the state is there whatever the status.
-
-    Parameters
-    ----------
-    state
-        The last iterate: u, q and the contact forces.
-    status
-        How the run ended.
-    ending
-        A sentence about it, empty for a run that converged.
-    history
-        Records of all iterates.
-    """
+    """What ``semismooth_newton`` returns without gamma, see ``DiscreteSolution``."""
 
     state: State
-    status: Status
-    ending: str
-    history: History
-
     method_label = "exact"
 
     @property
     def discrete(self) -> DiscreteProblem:
         """The discrete problem that was solved."""
         return self.state.discrete
-
-    @property
-    def problem(self) -> Problem:
-        """The problem that was solved."""
-        return self.discrete.problem
-
-    @property
-    def rows(self) -> ContactRows:
-        """The contact conditions N u <= gaps."""
-        return self.discrete.rows
 
     @property
     def largest_strain(self) -> float:
@@ -70,11 +39,6 @@ class ExactResult(DiscreteSolution):
         J + J* >= 0 bounds the energy error of any state, and is zero at the solution.
         """
         return dual_energy(self.state)
-
-    @cached_property
-    def displacement(self) -> GridFunction:
-        """u (length)."""
-        return self.discrete.supports.function(self.state.u)
 
     @cached_property
     def plastic_increment(self) -> GridFunction:

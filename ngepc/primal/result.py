@@ -1,4 +1,4 @@
-"""What the primal solver gives back: fields, forces, energies."""
+"""An iterate of the primal solver, and what it gives back: fields, forces, energies."""
 
 from __future__ import annotations
 
@@ -8,44 +8,47 @@ from functools import cached_property
 import numpy as np
 from ngsolve import GridFunction
 
+from ngepc.discretisation.balance import Balance
 from ngepc.discretisation.pointfunctions import interpolated
-from ngepc.discretisation.rows import ContactRows
-from ngepc.model.problem import Problem
-from ngepc.primal.state import PrimalState
+from ngepc.primal.energy import ReducedEnergy
 from ngepc.results.exact import DiscreteSolution
-from ngepc.results.outcome import History, Status
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
+class PrimalState(Balance):
+    """An iterate: displacements and contact forces, see ``Balance``, and the discrete energy."""
+
+    reduced: ReducedEnergy
+    u: np.ndarray
+    contact: np.ndarray
+
+    @property
+    def frame(self) -> ReducedEnergy:
+        """The discrete energy, see ``Balance``."""
+        return self.reduced
+
+    @cached_property
+    def energy(self) -> float:
+        """J, smallest over p, and friction (force times length)."""
+        return self.reduced.energy(self.u) + self.friction_work
+
+    @property
+    def flowing(self) -> float:
+        """The largest |p| where a law hardens no more."""
+        self.reduced.set(self.u)
+        return self.reduced.mapping.flowing()
+
+    @cached_property
+    def internal_forces(self) -> np.ndarray:
+        """Nodal forces of the stress, shape (nodes, N)."""
+        return self.reduced.internal_forces(self.u)
+
+
 class PrimalResult(DiscreteSolution):
-    """The last state of ``primal_newton``.
-
-    Parameters
-    ----------
-    state
-        The last iterate.
-    status, ending
-        How the run ended, and a sentence about it.
-    history
-        Records of the iterates, start included.
-    """
+    """The last state of ``primal_newton``, see ``DiscreteSolution``."""
 
     state: PrimalState
-    status: Status
-    ending: str
-    history: History
-
     method_label = "exact (primal)"
-
-    @property
-    def problem(self) -> Problem:
-        """The problem that was solved."""
-        return self.state.reduced.problem
-
-    @property
-    def rows(self) -> ContactRows:
-        """The contact conditions N u <= gaps."""
-        return self.state.reduced.contact.rows
 
     @cached_property
     def dual_energy(self) -> float:
@@ -60,11 +63,6 @@ class PrimalResult(DiscreteSolution):
         work = np.vdot(fixed - state.contact_forces, state.u)
         friction = -state.contact @ state.gaps + state.multipliers @ state.open_gap
         return -0.5 * (state.reduced.first_order_energy(state.u) + float(work)) - friction
-
-    @cached_property
-    def displacement(self) -> GridFunction:
-        """u (length)."""
-        return self.state.reduced.supports.function(self.state.u)
 
     @cached_property
     def plastic_increment(self) -> GridFunction:

@@ -11,18 +11,137 @@ Everything is assembled from symbolic forms of NGSolve: it is the independent wi
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 from ngsolve import GridFunction
 
+from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.discretisation.balance import EPSILON
+from ngepc.discretisation.contact_step import ROUNDING, ContactWork, rival, with_contact
 from ngepc.discretisation.prolongation import nodal_values
+from ngepc.linalg.compliance import Compliance
+from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError, require_solver
+from ngepc.linalg.linesearch import nearly_flat
 from ngepc.model.problem import Problem
 from ngepc.primal.energy import ReducedEnergy
-from ngepc.primal.result import PrimalResult
-from ngepc.primal.state import PrimalState
-from ngepc.primal.step import PrimalOptions, PrimalStep
+from ngepc.primal.result import PrimalResult, PrimalState
 from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import Monitor
+
+SLOPE_ROUNDING = 1e-14
+"""Rounding of a slope relative to the terms that it is summed from."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrimalOptions:
+    """How far ``primal_newton`` iterates.
+
+    Parameters
+    ----------
+    tolerance
+        Bound for ``residual_norm``: the Euclidean norm of the nodal forces out of balance and of
+        what contact leaves, relative to the larger of the norms of applied and internal forces,
+        or to the smaller of beta/h and 4e-6 |K| |u|, where strains cancel; in [1e-13, 1).
+    max_iterations
+        Newton steps before the run gives up, >= 1.
+    inverse
+        NGSolve's name of a direct solver, or, for large bodies, ``PETSc()`` or ``PyAMG()``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a value out of its range.
+    """
+
+    tolerance: float = 1e-10
+    max_iterations: int = 100
+    inverse: str | object = "sparsecholesky"
+
+    def __post_init__(self) -> None:
+        require_integer("max_iterations", self.max_iterations, 1)
+        if require_number("tolerance", self.tolerance, 1e-13) >= 1:
+            raise ValueError(f"tolerance={self.tolerance!r}: a number < 1 is needed")
+        require_solver("inverse", self.inverse)
+
+
+class PrimalStep:
+    """A step in u alone, see ``NewtonStep``.
+
+    Parameters
+    ----------
+    reduced
+        The discrete energy; what its contact rows answer is learned from step to step.
+    """
+
+    result = PrimalResult
+
+    def __init__(self, reduced: ReducedEnergy) -> None:
+        self.reduced, self.contact = reduced, reduced.contact
+        self.compliance = Compliance(
+            reduced.contact.grip(reduced.row_stiffness)[1],
+            reduced.floating.compliance(reduced.stiffness_diagonal),
+        )
+
+    def __call__(self, here: PrimalState) -> tuple[PrimalState, float, int] | None:
+        """The next state, the step length and its trials; None if no length lowers J."""
+        change, contact = self._target(here)
+        length, trials = 1.0, 0  # a step from an infeasible u makes it feasible
+        if here.penetration <= here.touching_distance:
+            found = nearly_flat(*self._slope(here, change, contact))
+            if found is None:
+                return None
+            length, trials = found
+        if length < 1:
+            contact = here.contact + length * (contact - here.contact)
+        return PrimalState(self.reduced, here.u + length * change, contact), length, trials
+
+    def rival(self, state: PrimalState) -> tuple[bool, str]:
+        """Whether friction allows other equilibria beside a solution, see ``NewtonStep``."""
+        if self.contact.friction is None:
+            return False, ""
+        self.reduced.factorise(state.u)
+        work = self.contact, self.reduced.solve, state.gaps, state.contact
+        return rival(*work, self.reduced.row_stiffness, self.reduced.examined)
+
+    def numbers(self, state: PrimalState) -> dict[str, float]:
+        """What yields."""
+        return {"plastic_active": self.reduced.plastic_measure(state.u)}
+
+    def _target(self, here: PrimalState) -> tuple[np.ndarray, np.ndarray]:
+        """The step to the solution of Newton's model with contact, and the contact forces there."""
+        reduced = self.reduced
+        try:
+            reduced.factorise(here.u)
+        except SOLVER_ERRORS as error:
+            raise FactorisationError(f"the factorisation failed: {error}") from error
+        free = reduced.solve(-here.imbalance)
+        if not np.isfinite(free).all():
+            raise FactorisationError("the tangent stiffness is singular")
+        work = self.contact, reduced.solve, here.u, here.contact, free, self.compliance
+        found = with_contact(*work, reduced.row_stiffness)
+        if found is None:
+            raise FactorisationError(self.contact.unsolvable)
+        return found
+
+    def _slope(
+        self, here: PrimalState, change: np.ndarray, following: np.ndarray
+    ) -> tuple[Callable[[float], float], float]:
+        """d/dt of J(u + t du) with the work of friction, and what rounding leaves of it."""
+        reduced, touching = self.reduced, here.touching_distance
+        work = ContactWork(self.contact, here.u, here.contact, change, following, touching)
+        rest = np.where(reduced.free, work.held - reduced.load, 0.0)
+
+        def slope(t: float) -> float:
+            forces = reduced.internal_forces(here.u + t * change) + rest
+            return float(np.vdot(forces, change)) + work.slope(t)
+
+        terms = SLOPE_ROUNDING * np.abs(change) + 2 * EPSILON * np.abs(here.u)
+        answers = np.abs(following) / self.reduced.row_stiffness
+        held = ROUNDING * np.abs(following).sum() * answers.max(initial=0.0)
+        return slope, float(np.vdot(np.abs(here.internal_forces), terms) + held)
 
 
 def primal_newton(

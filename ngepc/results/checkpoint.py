@@ -32,10 +32,7 @@ class Checkpoint:
 def save(path: Path, fingerprint: Mapping, record: Mapping, arrays: Mapping) -> None:
     """Write a checkpoint atomically: until it is complete the old file stays.
 
-    Raises
-    ------
-    OSError
-        If the folder is missing or full.
+    OSError if the folder is missing or full.
     """
     header = {"format": FORMAT, "fingerprint": dict(fingerprint), "record": record}
     text = json.dumps({**header, "contents": contents_digest(arrays)})
@@ -56,10 +53,7 @@ def contents_digest(arrays: Mapping) -> str:
 def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
     """Read a checkpoint of the work that ``fingerprint`` describes; None if there is no file.
 
-    Raises
-    ------
-    ValueError
-        If the file is damaged, or belongs to other work or to another version.
+    ValueError if the file is damaged, or belongs to other work or to another version.
     """
     if not path.exists():
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,9 +12,10 @@ from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, V
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.rows import ContactRows
 from ngepc.model.elements import vertex_coordinates
+from ngepc.model.problem import Problem
 from ngepc.model.rules import plastic_points
 from ngepc.results.equilibrium import Equilibrium
-from ngepc.results.outcome import Status
+from ngepc.results.outcome import History, Status
 from ngepc.results.result import Result
 
 FEW_FACETS = 4
@@ -26,25 +28,39 @@ SMALL_STRAIN = 0.1
 """Largest |eps(u)| at the points that small-strain kinematics is meant for."""
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class DiscreteSolution(Result):
-    """Fields, contact and message of a solution with contact rows.
+    """Fields, contact and message of a solution with contact rows, there whatever the status.
 
-    A result that inherits has these:
-
-    Attributes
+    Parameters
     ----------
-    ending
-        A sentence about how the run ended, empty for a run that converged.
     state
-        The last iterate with ``energy``, ``multipliers``, ``open_gap``, ``residual_norm`` and
-        ``rounding``.
-    rows
-        The contact conditions N u <= gaps.
+        The last iterate: displacements and forces of the rows, and what follows from them.
+    status, ending
+        How the run ended, and a sentence about it, empty for a run that converged.
+    history
+        Records of all iterates, start included.
     """
 
-    ending: str
     state: Any
-    rows: ContactRows
+    status: Status
+    ending: str
+    history: History
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that was solved."""
+        return self.state.frame.problem
+
+    @property
+    def rows(self) -> ContactRows:
+        """The contact conditions N u <= gaps."""
+        return self.state.frame.contact.rows
+
+    @cached_property
+    def displacement(self) -> GridFunction:
+        """u (length)."""
+        return self.state.frame.supports.function(self.state.u)
 
     @cached_property
     def largest_strain(self) -> float:

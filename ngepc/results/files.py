@@ -63,10 +63,7 @@ def replace_contents(path: Path, content: bytes) -> None:
 
     Devices and pipes are written directly.
 
-    Raises
-    ------
-    OSError
-        If the disk is full or the folder cannot be written; the old file is then as it was.
+    OSError if the disk is full or the folder cannot be written; the old file is then as it was.
     """
     if is_special(path):
         path.write_bytes(content)

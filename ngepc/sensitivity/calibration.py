@@ -12,7 +12,7 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from ngepc.checks.arguments import is_number, require_integer, require_number
 from ngepc.checks.kinds import require_instance, require_mapping, require_sequence
-from ngepc.evolution.load_path import Schedule
+from ngepc.evolution.load_path import Schedule, numbers_in
 from ngepc.evolution.solver import evolve
 from ngepc.local.system import State
 from ngepc.model.problem import Problem
@@ -57,22 +57,17 @@ class Curve:
     def __post_init__(self) -> None:
         require_instance("schedule", self.schedule, Schedule, "a Schedule")
         as_functional(self.functional)
-        require_numbers("measured", self.measured)
-        count, times = len(self.measured), len(self.schedule.times)
+        count, times = len(numbers_in("measured", self.measured)), len(self.schedule.times)
         if count != times:
             raise ValueError(
                 f"measured={self.measured!r}: one value for each of {times} times is needed"
             )
-        if self.noise is None:
-            return
-        if is_number(self.noise):
-            require_number("noise", self.noise, 0, strict=True)
-            return
-        require_numbers("noise", self.noise)
-        if len(self.noise) != count:
-            raise ValueError(f"noise={self.noise!r}: one number or {count} are needed")
-        if min(self.noise) <= 0:
-            raise ValueError(f"noise={self.noise!r}: positive numbers are needed")
+        given = 1.0 if self.noise is None else self.noise
+        noise = (given,) if is_number(given) else numbers_in("noise", given)
+        if not is_number(given) and len(noise) != count:
+            raise ValueError(f"noise={given!r}: one number or {count} are needed")
+        for value in noise:
+            require_number("noise", value, 0, strict=True)
 
     @property
     def weights(self) -> np.ndarray:
@@ -191,13 +186,6 @@ def calibrate(
         converged=bool(found.success),
         message=message,
     )
-
-
-def require_numbers(name: str, values: object) -> None:
-    """Accept a sequence of finite numbers."""
-    require_sequence(name, values, "numbers")
-    for i, value in enumerate(values):
-        require_number(f"{name}[{i}]", value)
 
 
 def checked_curves(curves: Curve | Sequence[Curve], unknowns: int) -> Sequence[Curve]:

@@ -25,21 +25,15 @@ from ngepc.sensitivity.radial import Data
 class RowSides:
     """Where the rows of a state are, and which side they take.
 
-    Parameters
-    ----------
-    state
-        The solution.
-
     Attributes
     ----------
-    bound, slip
-        b (force) and |slip| (length) of the rows, shape (m,).
-    trial
-        |t + k slip| with the stiffness k of the row (force), more than b where it slips, (m,).
+    bound, slip, trial
+        b (force), |slip| (length) and |t + k slip| with the stiffness k of the row (force), more
+        than b where it slips, shape (m,).
     along
         e, zero where nothing is known of it, shape (m, N - 1).
-    grows
-        Boolean, shape (m,): the bound is mu n.
+    grows, coefficient
+        Whether the bound is mu n, and mu there, shape (m,).
     closed, slips
         Boolean, shape (m,): the sides of the solution.
     """
@@ -50,18 +44,17 @@ class RowSides:
         m, d = len(rows), rows.normals.shape[1] - 1
         self.closed = (state.multipliers > 0) | rows.tied
         self.bound, self.rough = conditions.bound(state.contact), law is not None
-        self.along, self.trial = np.zeros((m, d)), np.zeros(m)
-        self.slip, self.grows = np.zeros(m), np.zeros(m, dtype=bool)
-        self.coefficient = np.zeros(m)
+        trial, self.coefficient = np.zeros((m, d)), np.zeros(m)
+        self.grows = np.zeros(m, dtype=bool)
         if law is not None:
             stiffness = state.discrete.row_stiffness[m:].reshape(m, d)[:, :1]
             trial = state.tangential_forces + stiffness * state.slip
             trial[rows.tied] = 0.0
-            self.trial = np.linalg.norm(trial, axis=1)
-            self.along = trial / np.where(self.trial > 0, self.trial, 1.0)[:, None]
-            self.slip = np.maximum((self.along * state.slip).sum(axis=1), 0.0)
             self.grows = law.coefficient * state.multipliers < law.cap
             self.coefficient = np.where(self.grows, law.coefficient, 0.0)
+        self.trial = np.linalg.norm(trial, axis=1)
+        self.along = trial / np.where(self.trial > 0, self.trial, 1.0)[:, None]
+        self.slip = np.maximum((self.along * state.slip).sum(axis=1), 0.0)
         self.slips = ~rows.tied & (self.trial > self.bound)
 
     def stacked(self, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -72,21 +65,13 @@ class RowSides:
 
 
 class LinearContact:
-    """The equations above for given sides.
-
-    Parameters
-    ----------
-    state
-        The solution.
-    closed, slips
-        Boolean, shape (m,); None for the sides of the solution.
+    """The equations above for given sides, by default those of the solution.
 
     Attributes
     ----------
-    rows
-        Q' R at the free components, sparse, shape (k, nodes N).
-    forces
-        E' R there: what balances y, unlike ``rows`` for Coulomb's law.
+    rows, forces
+        Q' R and E' R at the free components, sparse, shape (k, nodes N): the second balances y,
+        another one for Coulomb's law.
     soft
         D (length per force), shape (k,).
     symmetric
@@ -100,30 +85,27 @@ class LinearContact:
         self.conditions = state.discrete.contact
         self.closed = self.sides.closed if closed is None else closed
         self.slips = self.closed & (self.sides.slips if slips is None else slips)
-        self.free = diags(state.discrete.free.ravel().astype(float)).tocsr()
-        self.chosen, self.soft = self._movable(*self._chosen())
-        pressed = np.flatnonzero(self.closed)
-        follows = np.where(self.slips, self.sides.coefficient, 0.0)[:, None] * self.sides.along
-        self.given, self.symmetric = self.chosen, not follows.any()
-        if not self.symmetric:
-            m, d = follows.shape
-            at = m + d * pressed[:, None] + np.arange(d)
-            columns = np.broadcast_to(np.arange(len(pressed))[:, None], at.shape)
-            entries = follows[pressed].ravel(), (at.ravel(), columns.ravel())
-            self.given = self.chosen + csr_matrix(entries, shape=self.chosen.shape)
+        self._free = diags(state.discrete.free.ravel().astype(float)).tocsr()
+        chosen, soft = self._chosen()
+        kept = np.sqrt(self._on_free(chosen).power(2).sum(axis=1)).A1 > HELD  # not by supports
+        given, self.symmetric = self._given(chosen)
+        self.chosen, self.given, self.soft = chosen[:, kept], given[:, kept], soft[kept]
         self.rows = self._on_free(self.chosen)
         self.forces = self.rows if self.symmetric else self._on_free(self.given)
 
     def _on_free(self, columns: csr_matrix) -> csr_matrix:
-        result = (columns.T @ self.conditions.matrix @ self.free).tocsr()
+        result = (columns.T @ self.conditions.matrix @ self._free).tocsr()
         result.eliminate_zeros()
         return result
 
-    def _movable(self, chosen: csr_matrix, soft: np.ndarray) -> tuple[csr_matrix, np.ndarray]:
-        """Without what the supports hold."""
-        size = np.sqrt(self._on_free(chosen).power(2).sum(axis=1)).A1
-        kept = np.flatnonzero(size > HELD)
-        return chosen[:, kept], soft[kept]
+    def _given(self, chosen: csr_matrix) -> tuple[csr_matrix, bool]:
+        """E: Q, and the friction that follows the normal forces; whether there is none."""
+        follows = np.where(self.slips, self.sides.coefficient, 0.0)[:, None] * self.sides.along
+        pressed, (m, d) = follows[self.closed], follows.shape
+        column, axis = np.nonzero(pressed)
+        row = m + d * np.flatnonzero(self.closed)[column] + axis
+        more = csr_matrix((pressed[column, axis], (row, column)), shape=chosen.shape)
+        return chosen + more, not len(row)
 
     def _chosen(self) -> tuple[csr_matrix, np.ndarray]:
         """Q and D: normals of closed rows, tangents that stick, those across a slip."""
@@ -160,27 +142,20 @@ class LinearContact:
 
     def same_sides(self, other: LinearContact) -> bool:
         """Whether all rows take the same sides in both."""
-        same = (self.closed == other.closed) & (self.slips == other.slips)
-        return bool(same.all())
+        return bool(((self.closed == other.closed) & (self.slips == other.slips)).all())
 
     def slopes(self, zeta: np.ndarray, on_forces: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives with respect to the data of contact.
-
-        Parameters
-        ----------
-        zeta, on_forces
-            Those with respect to closed_at and to x where it is given, shape (n,).
-        """
-        found = {"gaps": self.conditions.normal(zeta)}
-        if self.sides.rough:
+        """Derivatives by the data of contact from those by closed_at and by given x, (n,)."""
+        sides, found = self.sides, {"gaps": self.conditions.normal(zeta)}
+        if sides.rough:
             origin = self.conditions.tangential(zeta)
-            on_bound = (self.conditions.tangential(on_forces) * self.sides.along).sum(axis=1)
+            on_bound = (self.conditions.tangential(on_forces) * sides.along).sum(axis=1)
             on_bound = np.where(self.slips, on_bound, 0.0)
             found |= {
                 "origin": origin,
                 "start": self.state.discrete.rows.friction_forces(origin),
-                "cap": np.where(self.sides.grows, 0.0, on_bound),
-                "coefficient": np.where(self.sides.grows, self.state.multipliers, 0.0) * on_bound,
+                "cap": np.where(sides.grows, 0.0, on_bound),
+                "coefficient": np.where(sides.grows, self.state.multipliers, 0.0) * on_bound,
             }
         return found
 

@@ -24,14 +24,7 @@ from ngepc.checks.kinds import require_attributes, require_instance, require_tex
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.local.system import State
-from ngepc.sensitivity.functionals import (
-    ContactForce,
-    Dissipation,
-    ElasticEnergy,
-    Functional,
-    PrimalEnergy,
-    Slope,
-)
+from ngepc.sensitivity.functionals import NAMES, Functional, Slope
 
 Form = Callable[..., SumOfIntegrals]
 """(u, plastic strain p_0 + p, stress) -> integrals of them; a fourth argument is the pressure."""
@@ -57,59 +50,48 @@ class FormFunctional:
     def slope(self, state: State) -> Slope:
         """Value and derivative at a state, by ``Variation`` of the form.
 
-        Raises
-        ------
-        TypeError
-            If the form does not return integrals.
+        TypeError if the form does not return integrals.
         """
-        discrete, kinematics = state.discrete, state.discrete.points.kinematics
-        law, d, functions = discrete.law, kinematics.d, PointFunctions(discrete.points)
-        parts = (
-            functions.function(law.initial + state.at.plastic_strain),
-            functions.function(law.stress(state.at)),
-            functions.function(law.bulk * state.volume),
-        )
-        rows, mesh = discrete.rows, discrete.problem.mesh
+        discrete, rows, mesh = state.discrete, state.discrete.rows, state.discrete.problem.mesh
+        points, law = discrete.points, discrete.law
+        functions, kinematics = PointFunctions(points), points.kinematics
+        stress = law.stress(state.at), law.bulk * state.volume
+        parts = [functions.function(v) for v in (law.initial + state.at.plastic_strain, *stress)]
         area = np.bincount(rows.vertices, rows.weights, mesh.nv)[rows.vertices]
         share = np.where(rows.tied, 0.0, 1 / area)
         pressure = np.bincount(rows.vertices, share * state.multipliers, mesh.nv)
         space = discrete.supports.space
-        for part in parts:
-            space = space * part.space
-        space = space * H1(mesh, order=1)
+        for part in (*(part.space for part in parts), H1(mesh, order=1)):
+            space = space * part
         (u, p, tau, mean, on_contact), _ = space.TnT()
-        stress = mean * Id(kinematics.size) + kinematics.tensor(tau)
-        given = (u, kinematics.tensor(p), stress, on_contact)
+        sigma = mean * Id(kinematics.size) + kinematics.tensor(tau)
+        given = (u, kinematics.tensor(p), sigma, on_contact)
         integrals = self.form(*given[: len(signature(self.form).parameters)])
         if not isinstance(integrals, SumOfIntegrals):
             raise TypeError(f"functional returned {integrals!r}: integrals are needed")
-        form = BilinearForm(space)
+        form, here = BilinearForm(space), GridFunction(space)
         form += Variation(integrals)
-        vectors = [state.u.T.ravel(), *(part.vec.FV().NumPy() for part in parts), pressure]
-        value, slope = _value_and_slope(form, np.concatenate(vectors))
-        cuts = np.cumsum([len(v) for v in vectors])[:-1]
-        of_u, of_p, of_tau, of_mean, of_pressure = np.split(slope, cuts)
+        values = [state.u.T.ravel(), *(part.vec.FV().NumPy() for part in parts), pressure]
+        for field, numbers in zip(here.components, values, strict=True):
+            field.vec.FV().NumPy()[:] = numbers
+        slope = GridFunction(space)
+        form.Apply(here.vec, slope.vec)
+        of_u, *of_points, of_pressure = (c.vec.FV().NumPy() for c in slope.components)
         contact = np.zeros_like(state.contact)
         contact[: len(rows)] = share * of_pressure[rows.vertices]
-        weights = discrete.points.weights
-        of_p, of_tau = (functions.transposed(v, d) / weights[:, None] for v in (of_p, of_tau))
+        d, weights = kinematics.d, points.weights[:, None]
+        of_p, of_tau, of_mean = (
+            functions.transposed(v, k) / weights for v, k in zip(of_points, (d, d, 1), strict=True)
+        )
         return Slope(
-            value,
-            u=nodal(of_u, discrete.problem),
+            float(form.Energy(here.vec)),
+            u=nodal(of_u, discrete.problem).copy(),
             p=of_p,
             stress=of_tau,
-            mean=functions.transposed(of_mean, 1)[:, 0] / weights,
+            mean=of_mean[:, 0],
             contact=contact,
             explicit={"initial": of_p},
         )
-
-
-def _value_and_slope(form: BilinearForm, coefficients: np.ndarray) -> tuple[float, np.ndarray]:
-    here = GridFunction(form.space).vec
-    here.FV().NumPy()[:] = coefficients
-    slope = here.CreateVector()
-    form.Apply(here, slope)
-    return float(form.Energy(here)), slope.FV().NumPy().copy()
 
 
 def misfit(observed: CoefficientFunction, boundary: str | None = None) -> FormFunctional:
@@ -120,22 +102,10 @@ def misfit(observed: CoefficientFunction, boundary: str | None = None) -> FormFu
     return FormFunctional(lambda u, p, stress: InnerProduct(u - observed, u - observed) * measure)
 
 
-NAMES = {
-    "contact_force": ContactForce(),
-    "primal_energy": PrimalEnergy(),
-    "elastic_energy": ElasticEnergy(),
-    "dissipation": Dissipation(),
-}
-"""Functionals that a name is enough for."""
-
-
 def as_functional(functional: object) -> Functional:
     """A functional from its name, a form, or itself.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none of them.
+    TypeError, ValueError if it is none of them.
     """
     if isinstance(functional, str):
         if functional not in NAMES:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Protocol
 
 import numpy as np
@@ -57,64 +58,60 @@ class Functional(Protocol):
         ...
 
 
-class ContactForce:
+def _contact_force(state: State) -> Slope:
     """The resultant of the normal contact forces, positive in compression (force)."""
-
-    def slope(self, state: State) -> Slope:
-        """Value and derivative at a state."""
-        contact, pressing = np.zeros_like(state.contact), ~state.discrete.rows.tied
-        contact[: len(pressing)] = pressing
-        return Slope(float(contact @ state.contact), contact=contact)
+    contact, pressing = np.zeros_like(state.contact), ~state.discrete.rows.tied
+    contact[: len(pressing)] = pressing
+    return Slope(float(contact @ state.contact), contact=contact)
 
 
-class PrimalEnergy:
-    """J(u, p) of (2.14), with the sum of b |slip| where there is friction (force times length)."""
+def _primal_energy(state: State) -> Slope:
+    """J(u, p) of (2.14), with the sum of b |slip| where there is friction (force times length).
 
-    def slope(self, state: State) -> Slope:
-        """Value and derivative: p is best for u, so that J depends on u and on the data."""
-        law, at = state.discrete.law, state.at
-        elastic = law.stress(at) / law.two_mu[:, None]
-        forces = state.internal_forces - state.discrete.load
-        sides, still = RowSides(state), np.zeros(len(state.multipliers))
-        slip, bound = (np.where(sides.slips, a, 0.0) for a in (sides.slip, sides.bound))
-        dragged = state.discrete.contact.forces(sides.stacked(still, bound))
-        explicit = {
-            "two_mu": 0.5 * ((elastic**2).sum(1) - (law.initial**2).sum(1)),
-            "bulk": 0.5 * state.volume**2,
-            "hardening": 0.5 * at.gained**2,
-            "beta": at.gained,
-            "back": at.plastic_strain,
-            "initial": -law.two_mu[:, None] * (elastic + law.initial),
-            "load": -state.u,
-            "start": -dragged,
-            "cap": np.where(sides.grows, 0.0, slip),
-            "coefficient": np.where(sides.grows, state.multipliers * slip, 0.0),
-        }
-        on_contact = sides.stacked(sides.coefficient * slip, still)
-        return Slope(state.energy, u=forces + dragged, contact=on_contact, explicit=explicit)
+    p is best for u, so that J depends on u and on the data.
+    """
+    law, at = state.discrete.law, state.at
+    elastic = law.stress(at) / law.two_mu[:, None]
+    forces = state.internal_forces - state.discrete.load
+    sides, still = RowSides(state), np.zeros(len(state.multipliers))
+    slip, bound = (np.where(sides.slips, a, 0.0) for a in (sides.slip, sides.bound))
+    dragged = state.discrete.contact.forces(sides.stacked(still, bound))
+    explicit = {
+        "two_mu": 0.5 * ((elastic**2).sum(1) - (law.initial**2).sum(1)),
+        "bulk": 0.5 * state.volume**2,
+        "hardening": 0.5 * at.gained**2,
+        "beta": at.gained,
+        "back": at.plastic_strain,
+        "initial": -law.two_mu[:, None] * (elastic + law.initial),
+        "load": -state.u,
+        "start": -dragged,
+        "cap": np.where(sides.grows, 0.0, slip),
+        "coefficient": np.where(sides.grows, state.multipliers * slip, 0.0),
+    }
+    on_contact = sides.stacked(sides.coefficient * slip, still)
+    return Slope(state.energy, u=forces + dragged, contact=on_contact, explicit=explicit)
 
 
-class ElasticEnergy:
+def _elastic_energy(state: State) -> Slope:
     """1/2 int sigma : (eps(u) - p_0 - p), what the body gives back (force times length)."""
-
-    def slope(self, state: State) -> Slope:
-        """Value and derivative at a state."""
-        law = state.discrete.law
-        elastic = law.stress(state.at) / law.two_mu[:, None]
-        sizes, volumes = (elastic**2).sum(axis=1), state.volume**2
-        energy = state.discrete.points.integral(0.5 * (law.bulk * volumes + law.two_mu * sizes))
-        explicit = {"bulk": -0.5 * volumes, "two_mu": -0.5 * sizes}
-        return Slope(energy, stress=elastic, mean=state.volume, explicit=explicit)
+    law = state.discrete.law
+    elastic = law.stress(state.at) / law.two_mu[:, None]
+    sizes, volumes = (elastic**2).sum(axis=1), state.volume**2
+    energy = state.discrete.points.integral(0.5 * (law.bulk * volumes + law.two_mu * sizes))
+    explicit = {"bulk": -0.5 * volumes, "two_mu": -0.5 * sizes}
+    return Slope(energy, stress=elastic, mean=state.volume, explicit=explicit)
 
 
-class Dissipation:
+def _dissipation(state: State) -> Slope:
     """Int beta |p|, what the plastic strain of the step costs (force times length)."""
+    beta, at = state.discrete.law.beta, state.at
+    value = state.discrete.points.integral(beta * at.gained)
+    return Slope(value, p=beta[:, None] * at.direction, explicit={"beta": at.gained})
 
-    def slope(self, state: State) -> Slope:
-        """Value and derivative at a state."""
-        beta, at = state.discrete.law.beta, state.at
-        value = state.discrete.points.integral(beta * at.gained)
-        return Slope(value, p=beta[:, None] * at.direction, explicit={"beta": at.gained})
+
+_SLOPES = (_contact_force, _primal_energy, _elastic_energy, _dissipation)
+NAMES = {slope.__name__[1:]: SimpleNamespace(slope=slope) for slope in _SLOPES}
+"""Functionals that a name is enough for."""
 
 
 @dataclass(frozen=True)
@@ -184,8 +181,7 @@ class Reaction:
         TypeError, ValueError
             If there is no such support or component.
         """
-        discrete = state.discrete
-        problem = discrete.problem
+        discrete, problem = state.discrete, state.discrete.problem
         component = require_integer("component", self.component, 0, problem.N - 1)
         (name,) = boundary_names("support", self.support, problem.mesh)
         region = problem.mesh.Boundaries(name)
@@ -197,11 +193,5 @@ class Reaction:
             raise ValueError(f"support={self.support!r}: it does not hold component {component}")
         missing = state.internal_forces + state.contact_forces - discrete.load
         volume, e = discrete.points.strain(motion)
-        rows = discrete.contact.displacement(motion)
-        return Slope(
-            float(np.vdot(motion, missing)),
-            stress=e,
-            mean=volume,
-            contact=rows,
-            explicit={"load": -motion},
-        )
+        rows, value = discrete.contact.displacement(motion), float(np.vdot(motion, missing))
+        return Slope(value, stress=e, mean=volume, contact=rows, explicit={"load": -motion})

@@ -105,35 +105,33 @@ def gradient(
     """
     wanted, functional = directions(parameters), as_functional(functional)
     steps = states_of(result)
-    last = require_integer("step", step, -len(steps), len(steps) - 1)
-    steps = steps[: range(len(steps))[last] + 1]
+    last = range(len(steps))[require_integer("step", step, -len(steps), len(steps) - 1)]
     derivatives, found = dict.fromkeys(wanted, 0.0), []
-    later: Data = {}
-    value = None
-    for number in reversed(range(len(steps))):
+    later, value = {}, 0.0
+    for number in range(last, -1, -1):
         state = steps[number]()
-        slope = functional.slope(state) if value is None else Slope(0.0)
-        value = slope.value if value is None else value
-        found.append(biactive_set(state))
-        constants = Constants(state)
-        slope = with_memory(state, constants, slope, later)
-        slopes = derivative_by_data(state, HeldSystem(state), slope)
+        found.insert(0, biactive_set(state))
+        constants, slope = Constants(state), Slope(0.0)
+        if number == last:
+            slope = functional.slope(state)
+            value = slope.value
+        slopes = derivative_by_data(state, with_memory(constants, slope, later))
         for name, direction in wanted.items():
             if number == 0 or not direction.inherited:
                 change = changed_data(constants, direction)
                 derivatives[name] += paired(state.discrete.points, slopes, change)
-                if "shape" in change and not later:
+                if "shape" in change and number == last:
                     moving = MovingBody(state, change["shape"])
                     derivatives[name] += moving.explicit(functional, change)
         later = inherited(constants, slopes, later)
-    return Gradient(derivatives, value, tuple(reversed(found)))
+    return Gradient(derivatives, value, tuple(found))
 
 
-def with_memory(state: State, constants: Constants, slope: Slope, later: Data) -> Slope:
+def with_memory(constants: Constants, slope: Slope, later: Data) -> Slope:
     """The slope of a step's functional plus what later steps depend on through its memory."""
     if not later:
         return slope
-    at = state.at
+    at = constants.state.at
     on_size = constants.growth * later["alpha_1"]
     p = later["initial"] + constants.k[:, None] * later["back"] + on_size[:, None] * at.direction
     explicit = {
@@ -153,26 +151,24 @@ def inherited(constants: Constants, slopes: Data, later: Data) -> Data:
     return kept | {"alpha_1": remembered}
 
 
-def derivative_by_data(state: State, system: HeldSystem, slope: Slope) -> Data:
+def derivative_by_data(state: State, slope: Slope) -> Data:
     """The derivative of a functional with respect to all discrete data, see ``Data``.
 
-    Raises
-    ------
-    TangentError
-        If the adjoint system is singular.
+    TangentError if the adjoint system is singular.
     """
-    discrete, law, contact = state.discrete, RadialDerivative(state), system.contact
+    discrete, law, system = state.discrete, RadialDerivative(state), HeldSystem(state)
+    contact = system.contact
     zero, points = np.zeros_like(state.deviator), discrete.points
     force = np.zeros_like(state.u) + slope.u
     if any(np.ndim(part) for part in (slope.p, slope.stress, slope.mean)):
         direct = law.reverse(zero + slope.p, zero + slope.stress, zero[:, 0] + slope.mean)
         force = force + points.forces(direct["volume"], direct["strain"])
     on_contact = np.zeros(len(discrete.contact)) + slope.contact
-    z, y, inner = system.solve_transposed(force, contact.given.T @ on_contact)
+    z, y = system.solve(force, contact.given.T @ on_contact, transposed=True)
     zeta = contact.chosen @ y
     volume, e = points.strain(z)
     data = law.reverse(zero + slope.p, slope.stress - e, slope.mean - volume)
-    support = force - inner - discrete.contact.forces(zeta)
+    support = force - system.internal(z) - discrete.contact.forces(zeta)
     data |= {"load": z, "values": np.where(discrete.supports.free, 0.0, support)}
     data |= contact.slopes(zeta, on_contact - discrete.contact.displacement(z))
     return summed(data, slope.explicit)

@@ -8,7 +8,7 @@ C = R without friction and with Tresca's; otherwise the transposed system is ano
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from ngepc.discretisation.stiffness import Stiffness
@@ -29,8 +29,8 @@ ACCURATE = 1e-13
 ACCEPTED = 1e-9
 """Relative residual above which the solution is refused."""
 
-INNER = 1e-11
-"""Relative residual of the forces of the rows, found by GMRES."""
+INNER = 1e-8
+"""Part of the residual that a correction by GMRES leaves."""
 
 MOST, ROUNDS = 200, 5
 """Most iterations before a restart, and most restarts."""
@@ -39,9 +39,12 @@ MOST, ROUNDS = 200, 5
 class HeldSystem:
     """The system at a state, factorised once; K is the derivative of the radial return there.
 
-    Rows that belong to one vertex enter the matrix as springs.  Where C = R and all rows do, each
-    correction gains the factor ``PENALTY``; otherwise the forces of the rows are found by GMRES
-    with one back-substitution per iteration.
+    Rows that belong to one vertex enter the matrix as springs c = 1 / (D + 1 / stiff), so that
+
+        u = (K + R' c R)^-1 (force + R' c shift),    y = c (R u - shift)
+
+    misses the solution by 1 / stiff only.  Where C = R and all rows are such, it is repeated with
+    what is left; otherwise it is the preconditioner of GMRES.
 
     Parameters
     ----------
@@ -61,18 +64,19 @@ class HeldSystem:
         self.discrete, self.free = discrete, discrete.supports.free
         self.contact = LinearContact(state) if contact is None else contact
         self.moduli = RadialDerivative(state).moduli
-        self.back_substitutions = 0
         stiffness = discrete.stiffness.another()
         stiffness.fill(self.moduli)
-        rows = self.contact.rows
-        self.stiff = rows.power(2) @ discrete.stiffness_diagonal.ravel()
-        self.spring = self._add_springs(stiffness)
+        rows, soft = self.contact.rows, self.contact.soft
+        self._stiff = rows.power(2) @ discrete.stiffness_diagonal.ravel()
+        self._spring = self._add_springs(stiffness)
+        held = self._spring > 0
+        self._by_springs = self.contact.symmetric and bool(held.all())
+        self._answer_of_rows = np.where(held, self._spring, 1 / (soft + 1 / self._stiff))
         try:
             self._inverse = stiffness.matrix.Inverse(inverse="sparsecholesky")
         except SOLVER_ERRORS as error:
             raise TangentError(f"the tangent could not be factorised: {error}") from error
         self._right, self._left = (stiffness.matrix.CreateColVector() for _ in range(2))
-        self.by_springs = self.contact.symmetric and bool((self.spring > 0).all())
 
     def _add_springs(self, stiffness: Stiffness) -> np.ndarray:
         """Add c r r' to the block of a row's vertex; c, shape (k,), 0 where it has several."""
@@ -91,95 +95,71 @@ class HeldSystem:
         spring[single] += self.contact.gripped[single]  # these springs are in the matrix already
         return spring
 
-    def back(self, forces: np.ndarray) -> np.ndarray:
-        """One back-substitution, flat."""
-        self.back_substitutions += 1
-        self._right.FV().NumPy()[:] = forces
-        self._left.data = self._inverse * self._right
-        return self._left.FV().NumPy().copy()
-
     def internal(self, u: np.ndarray) -> np.ndarray:
         """K u at all components, shape (nodes, N)."""
         volume, e = self.discrete.points.strain(u)
         forces = self.discrete.points.forces(self.moduli.bulk * volume, self.moduli(e))
         return forces + self.discrete.supports.pull(u)
 
-    def solve(self, force: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """u (nodes, N), zero where held, and y, shape (k,).
+    def solve(
+        self, force: np.ndarray, shift: np.ndarray, *, transposed: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """u (nodes, N), zero where held, and y, shape (k,); ``transposed`` exchanges C and R.
 
-        Raises
-        ------
-        TangentError
-            If corrections do not converge: the tangent is singular, or rows are dependent.
+        TangentError if corrections do not converge: the tangent is singular, or rows are dependent.
         """
-        side = _Side(self, self.contact.forces, self.contact.rows)
-        return self._refined(side, force, shift)[:2]
-
-    def solve_transposed(
-        self, force: np.ndarray, shift: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same for the transposed system, C and R exchanged, and K u at all components."""
-        return self._refined(_Side(self, self.contact.rows, self.contact.forces), force, shift)
-
-    def _refined(
-        self, side: _Side, force: np.ndarray, shift: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        pair = self.contact.forces, self.contact.rows
+        forces, rows = reversed(pair) if transposed else pair
         force = np.where(self.free, force, 0.0)
-        u, y, inner = np.zeros_like(force), np.zeros(len(shift)), np.zeros_like(force)
-        missing, apart, relative = force, shift, np.inf
-        scale = self._size(force, shift)
+        u, y, left = np.zeros_like(force), np.zeros(len(shift)), (force, shift)
+        scale, relative = self._size(*left), np.inf
         for _ in range(REFINEMENTS if scale > 0 else 0):
-            du, change = side.correction(missing.ravel(), apart)
-            u, y = u + du.reshape(u.shape), y + change
-            inner = self.internal(u)
-            pushed = (side.forces.T @ y).reshape(u.shape)
-            missing = np.where(self.free, force - inner - pushed, 0.0)
-            apart = shift + self.contact.soft * y - side.rows @ u.ravel()
-            before, relative = relative, self._size(missing, apart) / scale
+            du, dy = self._correction(forces, rows, *left)
+            u, y = u + du, y + dy
+            pushed, apart = self._product(forces, rows, u, y)
+            left = force - pushed, shift - apart
+            before, relative = relative, self._size(*left) / scale
             if relative <= ACCURATE or relative > 0.5 * before:
                 break
         if scale > 0 and not relative <= ACCEPTED:
             raise TangentError(f"the derivative system is singular: residual {relative:.2g} left")
-        return u, y, inner
+        return u, y
+
+    def _product(
+        self, forces: csr_matrix, rows: csr_matrix, u: np.ndarray, y: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The left sides of the equations."""
+        pushed = self.internal(u) + (forces.T @ y).reshape(u.shape)
+        return np.where(self.free, pushed, 0.0), rows @ u.ravel() - self.contact.soft * y
+
+    def _answer(self, force: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The solution up to what springs miss, by one back-substitution."""
+        rows = self.contact.rows
+        self._right.FV().NumPy()[:] = force.ravel() + rows.T @ (self._spring * shift)
+        self._left.data = self._inverse * self._right
+        u = self._left.FV().NumPy().copy()
+        return u.reshape(force.shape), self._answer_of_rows * (rows @ u - shift)
+
+    def _correction(
+        self, forces: csr_matrix, rows: csr_matrix, force: np.ndarray, shift: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The solution for what is left, up to rounding of large answers."""
+        if self._by_springs:
+            return self._answer(force, shift)
+        shape, count, stiff = force.shape, force.size, self._stiff
+
+        def answer(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            return self._answer(r[:count].reshape(shape), r[count:] / stiff)
+
+        def product(r: np.ndarray) -> np.ndarray:
+            pushed, apart = self._product(forces, rows, *answer(r))
+            return np.concatenate([pushed.ravel(), stiff * apart])
+
+        right = np.concatenate([force.ravel(), stiff * shift])
+        operator = LinearOperator((len(right), len(right)), matvec=product, dtype=float)
+        found, _ = gmres(operator, right, rtol=INNER, restart=MOST, maxiter=ROUNDS)
+        return answer(found)
 
     def _size(self, forces: np.ndarray, distances: np.ndarray) -> float:
         """Norm of forces and of distances of rows times their stiffness."""
-        return float(np.linalg.norm(forces) + np.linalg.norm(self.stiff * distances))
-
-
-class _Side:
-    """One of the two systems: A u + C~' y = force + c R' shift, C~ = C - c D R, A with springs."""
-
-    def __init__(self, system: HeldSystem, forces: csr_matrix, rows: csr_matrix) -> None:
-        self.system, self.forces, self.rows = system, forces, rows
-
-    def correction(self, force: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """u and y up to rounding of large answers."""
-        system, contact = self.system, self.system.contact
-        spring, soft = system.spring, contact.soft
-        if system.by_springs:
-            u = system.back(force + self.rows.T @ (spring * shift))
-            return u, spring * (self.rows @ u - shift)
-        kept, transposed = diags(spring * soft) @ contact.rows, self.rows is not contact.rows
-        left = self.forces if transposed else self.forces - kept
-        right = self.rows - kept if transposed else self.rows
-        if not transposed:
-            force = force + contact.rows.T @ (spring * shift)
-        u = system.back(force)
-        y = self._forces(left.T.tocsr(), right, right @ u - shift)
-        u = u - system.back(left.T @ y)
-        return u, y + spring * (contact.rows @ u) if transposed else y
-
-    def _forces(self, left: csr_matrix, right: csr_matrix, apart: np.ndarray) -> np.ndarray:
-        """y with (right A^-1 left + D) y = apart."""
-        system, soft = self.system, self.system.contact.soft
-        scale = np.where(system.spring > 0, system.spring, 1 / (soft + 1 / system.stiff))
-
-        def product(v: np.ndarray) -> np.ndarray:
-            y = scale * v.ravel()
-            return right @ system.back(left @ y) + soft * y
-
-        count = len(apart)
-        operator = LinearOperator((count, count), matvec=product, dtype=float)
-        found, _ = gmres(operator, apart, rtol=INNER, restart=min(count, MOST), maxiter=ROUNDS)
-        return scale * found
+        return float(np.linalg.norm(forces) + np.linalg.norm(self._stiff * distances))

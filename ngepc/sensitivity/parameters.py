@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from ngsolve import CF
@@ -11,12 +12,12 @@ from ngsolve import CF
 from ngepc.checks.arguments import Coefficient, is_number
 from ngepc.checks.kinds import require_instance, require_text
 from ngepc.discretisation.conditions import ContactConditions, at_rows
-from ngepc.discretisation.loads import Supports, forces_of
+from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.rows import contact_rows
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.contact import Coulomb
-from ngepc.model.places import Roller, places
-from ngepc.model.problem import as_scalar, as_vector
+from ngepc.model.given import Given
+from ngepc.model.places import Roller
 from ngepc.sensitivity.radial import Data
 from ngepc.sensitivity.shape import MovingBody, vertex_motion
 
@@ -51,6 +52,9 @@ class Direction:
         return self.datum.startswith("initial")
 
 
+BY_BOUNDARY = ("traction", "pressure", "gap", "prescribed")
+"""Data that a colon and the name of a boundary may follow."""
+
 Parameters = str | Sequence[str] | Mapping[str, Direction]
 """Names of data with their natural change, or name of the answer -> ``Direction``."""
 
@@ -58,10 +62,7 @@ Parameters = str | Sequence[str] | Mapping[str, Direction]
 def directions(parameters: Parameters) -> dict[str, Direction]:
     """Name -> direction.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If a parameter is neither a known name nor a Direction.
+    TypeError, ValueError if a parameter is neither a known name nor a Direction.
     """
     if isinstance(parameters, str):
         parameters = [parameters]
@@ -73,58 +74,52 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
         parameters = {name: Direction(name) for name in parameters}
     for name, direction in parameters.items():
         require_instance(f"parameters[{name!r}]", direction, Direction, "a Direction")
-        datum = direction.datum.partition(":")[0]
-        if datum not in (*MATERIAL, *_CHANGES, "shape"):
-            legal = ", ".join([*MATERIAL, *_CHANGES, "shape"])
-            raise ValueError(f"parameters={direction.datum!r}: one of {legal} is needed")
+        datum, _, boundary = direction.datum.partition(":")
+        legal = [*MATERIAL, *_CHANGES, "shape"]
+        if datum not in legal:
+            needed = ", ".join(legal)
+            raise ValueError(f"parameters={direction.datum!r}: one of {needed} is needed")
+        if boundary and datum not in BY_BOUNDARY:
+            raise ValueError(f"parameters={direction.datum!r}: only {datum!r} has a derivative")
     return dict(parameters)
 
 
 def changed_data(constants: Constants, direction: Direction) -> Data:
     """The change of the data of a discrete problem per unit of a direction.
 
-    Raises
-    ------
-    ValueError
-        If the problem has no such datum.
+    ValueError if the problem has no such datum.
     """
     datum, _, boundary = direction.datum.partition(":")
     if datum == "shape":
         motion = vertex_motion(constants.discrete.problem, direction.change)
         return MovingBody(constants.state, motion).data()
     if datum in MATERIAL:
-        return _material(constants, datum, direction.change)
+        value = getattr(constants.discrete.problem.material, datum)
+        change = _natural(value) if direction.change is None else direction.change
+        amount = constants.discrete.points.at(change)
+        return {key: slope * amount for key, slope in MATERIAL[datum](constants).items()}
     return _CHANGES[datum](constants.discrete, boundary, direction.change)
 
 
 class Constants:
-    """The material constants of a state at its points, by the letters of section 2."""
+    """The material constants of a state at its points, by the letters of section 2.
+
+    ``growth`` is k_1 H sigma_y, by which alpha_1 grows with |p|, ``memory`` d beta / d alpha_1,0.
+    """
 
     def __init__(self, state: State) -> None:
-        self.state, discrete = state, state.discrete
-        material, at = discrete.problem.material, discrete.points.at
-        self.discrete, self.size = discrete, discrete.points.kinematics.size
+        self.state, self.discrete = state, state.discrete
+        material, at = self.discrete.problem.material, self.discrete.points.at
+        self.size = self.discrete.points.kinematics.size
         self.sigma_y, self.k = at(material.yield_stress), at(material.hardening)
         self.H, self.k_1 = at(material.hardening_modulus), at(material.hardening_stiffness)
-        self.alpha_1 = at(discrete.problem.alpha_0[0])
-
-    @property
-    def growth(self) -> np.ndarray:
-        """k_1 H sigma_y, by which alpha_1 grows with |p|."""
-        return self.k_1 * self.H * self.sigma_y
-
-    @property
-    def memory(self) -> np.ndarray:
-        """d beta / d alpha_1,0."""
-        return self.sigma_y * self.H
+        self.alpha_1 = at(self.discrete.problem.alpha_0[0])
+        self.growth, self.memory = self.k_1 * self.H * self.sigma_y, self.sigma_y * self.H
 
 
-def _material(constants: Constants, name: str, change: Coefficient | None) -> Data:
-    value = getattr(constants.discrete.problem.material, name)
-    if change is None:
-        change = 1.0 if is_number(value) else value
-    amount = constants.discrete.points.at(change)
-    return {key: slope * amount for key, slope in MATERIAL[name](constants).items()}
+def _natural(value: Coefficient) -> Coefficient:
+    """The change of a constant that is taken if none is given: 1, or the coefficient itself."""
+    return 1.0 if is_number(value) else value
 
 
 MATERIAL: dict[str, Callable[[Constants], dict]] = {
@@ -153,52 +148,34 @@ def _of_boundary(name: str, given: Mapping | None, boundary: str) -> Mapping:
     """The part of a mapping of single boundaries that a parameter names, all of it by default."""
     if not given:
         raise ValueError(f"parameters={name!r}: the problem has none")
-    if not boundary:
-        return given
-    if boundary not in given:
-        raise ValueError(
-            f"parameters='{name}:{boundary}': one of {', '.join(sorted(map(str, given)))} is needed"
-        )
-    return {boundary: given[boundary]}
+    if boundary and boundary not in given:
+        legal = ", ".join(sorted(map(str, given)))
+        raise ValueError(f"parameters='{name}:{boundary}': one of {legal} is needed")
+    return {boundary: given[boundary]} if boundary else given
 
 
-def _traction(discrete: DiscreteProblem, boundary: str, change: Mapping | None) -> Data:
-    given = discrete.problem.single("traction") if change is None else _by_place(discrete, change)
-    loads = {p: as_vector(g) for p, g in _of_boundary("traction", given, boundary).items()}
-    return {"load": forces_of(discrete.problem, discrete.supports.space, loads, None)}
-
-
-def _pressure(discrete: DiscreteProblem, boundary: str, change: Mapping | None) -> Data:
+def _load(name: str, discrete: DiscreteProblem, boundary: str, change: object) -> Data:
+    """The forces of a load alone, in which they are linear."""
     problem = discrete.problem
-    given = problem.single("pressure") if change is None else _by_place(discrete, change)
-    chosen = _of_boundary("pressure", given, boundary)
-    loads = {name: -as_scalar(p) * problem.normal for name, p in chosen.items()}
-    return {"load": forces_of(problem, discrete.supports.space, loads, None)}
-
-
-def _by_place(discrete: DiscreteProblem, change: Mapping) -> dict:
-    mesh = discrete.problem.mesh
-    return {p: g for key, g in change.items() for p in places("parameters", key, mesh)}
-
-
-def _body_force(discrete: DiscreteProblem, boundary: str, change: object) -> Data:
-    f = discrete.problem.f if change is None else as_vector(change)
-    if f is None:
+    given = getattr(problem, name) if change is None else change
+    alone = Given(problem.mesh, problem.material, kinematics=problem.kinematics, **{name: given})
+    if name != "body_force":
+        alone = replace(alone, **{name: _of_boundary(name, alone.single(name), boundary)})
+    elif given is None:
         raise ValueError("parameters='body_force': the problem has none")
-    return {"load": forces_of(discrete.problem, discrete.supports.space, {}, f)}
+    return {"load": applied_forces(alone, discrete.supports.space)}
 
 
 def _gap(discrete: DiscreteProblem, boundary: str, change: object) -> Data:
     problem, gaps = discrete.problem, np.zeros(len(discrete.rows))
-    names, part = problem.contact_names, discrete.contact.on_obstacles
-    if change is None and not boundary:
-        _of_boundary("gap", dict.fromkeys(names), "")
-        gaps[part] = 1.0
-        return {"gaps": gaps}
+    part, still = discrete.contact.on_obstacles, dict.fromkeys(discrete.problem.contact_names, 0.0)
     if not isinstance(change, Mapping):
-        change = dict.fromkeys(names, 1.0 if change is None else change)
-    change = dict.fromkeys(names, 0.0) | dict(_of_boundary("gap", change, boundary))
-    gaps[part] = contact_rows(replace(problem, gap=change), discrete.supports).gaps
+        change = dict.fromkeys(still, 1.0 if change is None else change)
+    moved = still | dict(_of_boundary("gap", change, boundary))
+    if all(is_number(value) and value == 1 for value in moved.values()):
+        gaps[part] = 1.0
+    else:
+        gaps[part] = contact_rows(replace(problem, gap=moved), discrete.supports).gaps
     return {"gaps": gaps}
 
 
@@ -224,9 +201,7 @@ def _friction(discrete: DiscreteProblem, boundary: str, change: Coefficient | No
     if law is None:
         raise ValueError("parameters='friction': the problem has none")
     given = law.coefficient if isinstance(law, Coulomb) else law
-    if change is None:
-        change = 1.0 if is_number(given) else given
-    values = at_rows(discrete.problem, rows, change)
+    values = at_rows(discrete.problem, rows, _natural(given) if change is None else change)
     if isinstance(law, Coulomb):
         return {"coefficient": values}
     return {"cap": rows.weights * values}
@@ -242,9 +217,9 @@ def _initial_strain(discrete: DiscreteProblem, boundary: str, change: CF | None)
 
 
 _CHANGES: dict[str, Callable[[DiscreteProblem, str, object], Data]] = {
-    "traction": _traction,
-    "pressure": _pressure,
-    "body_force": _body_force,
+    "traction": partial(_load, "traction"),
+    "pressure": partial(_load, "pressure"),
+    "body_force": partial(_load, "body_force"),
     "gap": _gap,
     "prescribed": _prescribed,
     "friction": _friction,

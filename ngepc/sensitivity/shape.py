@@ -122,11 +122,8 @@ def moved_mesh(mesh: Mesh, motion: np.ndarray) -> Iterator[None]:
 def vertex_motion(problem: Problem, change: object) -> np.ndarray:
     """V at the vertices, shape (vertices, N).
 
-    Raises
-    ------
-    TypeError, ValueError
-        If V is missing or not a vector of N components, the mesh is curved, or the axis of a body
-        of revolution would move.
+    TypeError, ValueError if V is missing or not a vector of N components, the mesh is curved, or
+    the axis of a body of revolution would move.
     """
     mesh = problem.mesh
     if change is None:

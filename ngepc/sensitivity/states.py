@@ -31,12 +31,8 @@ Solution = ExactResult | Evolution
 def states_of(result: Solution) -> list[Callable[[], State]]:
     """For each time step what gives its solution: states of a history are rebuilt when needed.
 
-    Raises
-    ------
-    TypeError, ValueError
-        For results of other solvers.
-    SolverError
-        If the run did not converge: what is no solution has no derivative.
+    TypeError, ValueError for results of other solvers. SolverError if the run did not converge:
+    what is no solution has no derivative.
     """
     if not isinstance(result, Solution):
         raise TypeError(

@@ -13,11 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import reduce
 
 import numpy as np
 from ngsolve import GridFunction
-from scipy.optimize import brentq
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_mapping
@@ -46,20 +44,16 @@ class TangentResult:
 
     Parameters
     ----------
-    state
-        The solution; ``state.at.yields`` has the sides that biactive points take.
-    rows
-        Contact with the sides that the rows take.
+    state, rows
+        The solution with the sides that biactive points (``state.at.yields``) and rows take.
     data
         The change of the discrete data.
     u, contact
         The changes of nodal displacements (nodes, N) and of the forces of contact and friction.
     plastic_strain, stress, mean
         The changes of p, of the deviatoric stress (points, d) and of the mean stress (points,).
-    biactive
-        The rows and points that chose their side.
-    before
-        Those of the time steps before.
+    biactive, before
+        The rows and points that chose their side, and those of the time steps before.
     """
 
     state: State
@@ -149,54 +143,27 @@ def change_of(state: State, data: Data) -> TangentResult:
 
     Newton's method for the convex energy of the change, which is quadratic for given sides.
     """
-    biactive, contact, u = biactive_set(state), LinearContact(state), None
+    biactive, contact = biactive_set(state), LinearContact(state)
     for _ in range(EXCHANGES):
         found = change_with_sides(state, contact, data, biactive)
-        chosen, yields = chosen_rows(found), chosen_points(state, biactive, data, found.u)
-        settled = chosen.same_sides(contact)
-        if settled and (yields == state.at.yields).all():
+        chosen, yields = chosen_rows(found), chosen_points(found)
+        if chosen.same_sides(contact) and (yields == state.at.yields).all():
             return found
-        if u is None or not settled:
-            u, contact = found.u, chosen
-        else:
-            u = lowest(state, biactive, data, u, found.u - u)
-        yields = chosen_points(state, biactive, data, u)
-        state = with_yields(state, yields)
+        contact, state = chosen, replace(state, at=replace(state.at, yields=yields))
     raise TangentError(f"the sides of biactive rows and points did not settle: {biactive.message}")
 
 
-def lowest(
-    state: State, biactive: Biactive, data: Data, u: np.ndarray, du: np.ndarray
-) -> np.ndarray:
-    """Where the energy of the change is lowest between u and u + du."""
-    points = state.discrete.points
-    volume, e = points.strain(du)
-    work = float(np.sum(data.get("load", 0.0) * du))
-
-    def slope(t: float) -> float:
-        there = with_yields(state, chosen_points(state, biactive, data, u + t * du))
-        _, stress, mean = RadialDerivative(there).forward(u + t * du, data)
-        return points.integral((stress * e).sum(axis=1) + mean * volume) - work
-
-    return u + du * (1.0 if slope(1.0) <= 0 or slope(0.0) >= 0 else brentq(slope, 0.0, 1.0))
-
-
-def with_yields(state: State, yields: np.ndarray) -> State:
-    """The state with other points that count as yielding."""
-    return replace(state, at=replace(state.at, yields=yields))
-
-
 def left_behind(found: TangentResult, constants: Constants, memory: Data) -> Data:
-    """The change of p_0, dev alpha_2 and alpha_1 that a step leaves to the next one."""
+    """The change of p_0, dev alpha_2, alpha_1 and u_0 that a step leaves to the next one."""
     at, data, p = found.state.at, found.data, found.plastic_strain
-    size = np.einsum("pd,pd->p", at.direction, p)
-    back = constants.k[:, None] * p
-    back = back + np.reshape(data.get("kinematic", 0.0), (-1, 1)) * at.plastic_strain
-    scalar = constants.growth * size + data.get("isotropic", 0.0) * at.gained
+    back = np.reshape(data.get("kinematic", 0.0), (-1, 1)) * at.plastic_strain
+    scalar = data.get("isotropic", 0.0) * at.gained
     return {
         "initial": data.get("initial", 0.0) + p,
-        "back": data.get("back", 0.0) + back,
-        "alpha_1": memory.get("alpha_1", 0.0) + scalar,
+        "back": data.get("back", 0.0) + constants.k[:, None] * p + back,
+        "alpha_1": memory.get("alpha_1", 0.0)
+        + constants.growth * np.einsum("pd,pd->p", at.direction, p)
+        + scalar,
         "start": found.u,
     }
 
@@ -204,14 +171,13 @@ def left_behind(found: TangentResult, constants: Constants, memory: Data) -> Dat
 def total_change(constants: Constants, rates: Mapping, first: bool) -> dict[str, np.ndarray]:
     """The change of the discrete data with the rates of several parameters, in one time step."""
     pairs = {n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()}
-    legal = directions({name: direction for name, (_, direction) in pairs.items()})
-    changes = []
-    for name, direction in legal.items():
+    total: Data = {}
+    for name, direction in directions({n: d for n, (_, d) in pairs.items()}).items():
         rate = require_number(f"parameters[{name!r}]", pairs[name][0])
         if first or not direction.inherited:
             change = changed_data(constants, direction)
-            changes.append({key: rate * value for key, value in change.items()})
-    return reduce(summed, changes, {})
+            total = summed(total, {key: rate * value for key, value in change.items()})
+    return total
 
 
 def change_with_sides(
@@ -232,10 +198,8 @@ def change_with_sides(
 def chosen_rows(found: TangentResult) -> LinearContact:
     """The sides that the change asks for: biactive rows may change theirs.
 
-    Raises
-    ------
-    TangentError
-        If a row that comes into contact would slip from where it is: no derivative is known then.
+    TangentError if a row that comes into contact would slip from where it is: no derivative is
+    known then.
     """
     contact, rows, data = found.rows, found.biactive.rows, found.data
     conditions, start = found.state.discrete.contact, found.state.discrete.rows.slip
@@ -248,11 +212,10 @@ def chosen_rows(found: TangentResult) -> LinearContact:
     slips[rows] = sides.slips[rows]
     if sides.rough:
         kinks = found.biactive.kinks
-        growth = contact.growth(data) + sides.coefficient * normal
         tangential = conditions.tangential(found.contact)
-        over = (tangential * sides.along).sum(axis=1) - growth
-        way = start(found.u - (np.zeros_like(found.u) + data.get("start", 0.0)))
-        way = (way * sides.along).sum(axis=1)
+        over = (tangential * sides.along).sum(axis=1)
+        over -= contact.growth(data) + sides.coefficient * normal
+        way = (start(found.u - data.get("start", 0.0)) * sides.along).sum(axis=1)
         slips[kinks] = np.where(slips[kinks], way[kinks] >= -moves, over[kinks] > -least)
         stuck = rows[closed[rows] & ~slips[rows]]
         limit = sides.coefficient[stuck] * normal[stuck]
@@ -261,12 +224,12 @@ def chosen_rows(found: TangentResult) -> LinearContact:
     return LinearContact(found.state, closed, slips)
 
 
-def chosen_points(state: State, biactive: Biactive, data: Data, u: np.ndarray) -> np.ndarray:
-    """Yielding points that a change u asks for: biactive ones may change side."""
-    yields, radial = state.at.yields.copy(), RadialDerivative(state)
-    _, e = radial.strain(u, data)
-    over = radial.overshoot(e, data)
+def chosen_points(found: TangentResult) -> np.ndarray:
+    """The yielding points that the change asks for: biactive ones may change side."""
+    yields, radial = found.state.at.yields.copy(), RadialDerivative(found.state)
+    _, e = radial.strain(found.u, found.data)
+    over = radial.overshoot(e, found.data)
     neutral = np.abs(over) <= NEUTRAL * np.abs(radial.two_mu * e).max()
-    chosen = np.where(neutral, yields, over > 0)
-    yields[biactive.points] = chosen[biactive.points]
+    points = found.biactive.points
+    yields[points] = np.where(neutral, yields, over > 0)[points]
     return yields

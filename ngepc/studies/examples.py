@@ -8,8 +8,7 @@ from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.geometries import lshape, wrench
 from ngepc.model.examples import lshape_problem, wrench_problem
 from ngepc.model.problem import Problem
-from ngepc.primal.solver import primal_newton
-from ngepc.primal.step import PrimalOptions
+from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.result import Result
 
 BODIES = {"lshape": lshape, "wrench": wrench}

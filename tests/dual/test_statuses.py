@@ -25,8 +25,7 @@ from ngepc.dual.runlog import ADVICE
 from ngepc.dual.system import NewtonSystem
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
-from ngepc.primal.solver import PrimalOptions, primal_newton
-from ngepc.primal.step import PrimalStep
+from ngepc.primal.solver import PrimalOptions, PrimalStep, primal_newton
 
 NAN = math.nan
 

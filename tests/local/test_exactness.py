@@ -20,7 +20,7 @@ from ngepc import (
 )
 from ngepc.geometries import block, lshape, wrench
 from ngepc.model.material import Material
-from ngepc.primal.step import PrimalOptions
+from ngepc.primal.solver import PrimalOptions
 from ngepc.studies.step42 import WHOLE, step42_problem
 
 every_case = pytest.mark.parametrize(("shape", "kinematics", "order"), CASES)
