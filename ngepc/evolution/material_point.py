@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -11,11 +12,12 @@ from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.law import Law, Return
 from ngepc.evolution.load_path import numbers_in
+from ngepc.evolution.memory import Memory
 from ngepc.geometries import block
 from ngepc.linalg.linesearch import nearly_flat
 from ngepc.model.given import Given
 from ngepc.model.kinematics import SOLID
-from ngepc.model.material import PEEQ, Material
+from ngepc.model.material import Material
 from ngepc.results.outcome import Status
 
 COMPONENTS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
@@ -56,7 +58,9 @@ class PointHistory:
     @property
     def von_mises(self) -> np.ndarray:
         """(3/2)^(1/2) |dev sigma|_F, shape (increments,)."""
-        deviator = self.stress - np.trace(self.stress, axis1=1, axis2=2)[:, None, None] / 3 * _ONE
+        deviator = self.stress - np.trace(self.stress, axis1=1, axis2=2)[
+            :, None, None
+        ] / 3 * np.eye(3)
         return np.sqrt(1.5) * np.linalg.norm(deviator, axis=(1, 2))
 
 
@@ -91,31 +95,26 @@ def material_point(
     lengths = {len(v) for v in (*strains.values(), *stresses.values()) if len(v) > 1} or {1}
     if len(lengths) > 1:
         raise ValueError(f"strain={strain!r}, stress={stress!r}: as many corners each are needed")
-    count = max(lengths)
-    held = np.array([name in strains for name in COMPONENTS])
+    count, held = max(lengths), np.array([name in strains for name in COMPONENTS])
     path = np.zeros((count + 1, 6))
     for i, name in enumerate(COMPONENTS):
         path[1:, i] = (strains | stresses).get(name, (0.0,))
     path *= np.where([i != j for i, j in COMPONENTS.values()], np.sqrt(2.0), 1.0)
     times = np.arange(1, count * steps + 1) / steps
     targets = np.array([np.interp(times, range(count + 1), column) for column in path.T]).T
-    return _driven(_Point(material), targets, held, steps)
-
-
-def _driven(point: _Point, targets: np.ndarray, held: np.ndarray, steps: int) -> PointHistory:
-    rows, status, e = [], Status.CONVERGED, np.zeros(6)
+    point, e, rows = _Point(material), np.zeros(6), []
     for target in targets:
-        found = point.solved(e, target, held)
-        if found is None:
-            status = Status.LIMIT_LOAD
+        e = point.solved(e, target, held)
+        if e is None:
             break
-        e = found
         rows.append((e, *point.accept(e)))
-    strain, stress, plastic = (
-        np.array([_tensor(r[k]) for r in rows]).reshape(-1, 3, 3) for k in range(3)
+    tensors = [np.array([np.tensordot(r[k], _BASIS, 1) for r in rows]) for k in range(3)]
+    return PointHistory(
+        *(tensor.reshape(-1, 3, 3) for tensor in tensors),
+        accumulated_plastic_strain=np.array([r[3] for r in rows]),
+        corners=np.arange(steps - 1, len(rows), steps),
+        status=Status.LIMIT_LOAD if e is None else Status.CONVERGED,
     )
-    peeq, corners = np.array([r[3] for r in rows]), np.arange(steps - 1, len(rows), steps)
-    return PointHistory(strain, stress, plastic, peeq, corners, status)
 
 
 class _Point:
@@ -126,7 +125,9 @@ class _Point:
     def __init__(self, material: Material) -> None:
         mesh = block.structured_mesh(1, 1, 1)
         self._middle = mesh(0.5, 0.5, 0.5)
-        self.material, self.hardening_variable = material, 0.0
+        tensor, number = np.zeros((1, SOLID.d)), np.zeros(1)
+        self.material = material
+        self.memory = Memory(SimpleNamespace(points=self), tensor, tensor, number, number)
         self.law = Law(Given(mesh, material, kinematics=SOLID), self)
         self._deviators = np.array([[(E * B).sum() for B in _BASIS] for E in SOLID.basis])
 
@@ -178,14 +179,15 @@ class _Point:
     def accept(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Stress, plastic strain and PEEQ at the end of an increment, where the next one starts."""
         law, (at, stress) = self.law, self._state(e)
-        m, p = self.material, at.plastic_strain
-        gained = float(at.gained[0])
-        factor = m.hardening_stiffness * m.hardening_modulus * m.yield_stress
-        self.hardening_variable += self.at(factor)[0] * gained
-        law.initial, law.back = law.initial + p, law.back + self.at(m.hardening)[0] * p
-        law.accumulated = law.accumulated + PEEQ * gained
-        law.beta = self.at(m.yield_bound(self.hardening_variable, float(law.accumulated[0])))
-        return stress, self._deviators.T @ law.initial[0], float(law.accumulated[0])
+        now = self.memory = self.memory.after(self.material, at.plastic_strain)
+        law.initial, law.back, law.accumulated = (
+            now.plastic_strain,
+            now.back_stress,
+            now.accumulated,
+        )
+        alpha_1, peeq = float(now.hardening_variable[0]), float(now.accumulated[0])
+        law.beta = self.at(self.material.yield_bound(alpha_1, peeq))
+        return stress, self._deviators.T @ now.plastic_strain[0], peeq
 
 
 def _corners(name: str, given: Path | None) -> dict[str, tuple[float, ...]]:
@@ -201,11 +203,6 @@ def _corners(name: str, given: Path | None) -> dict[str, tuple[float, ...]]:
     return found
 
 
-def _tensor(v: np.ndarray) -> np.ndarray:
-    return np.tensordot(v, _BASIS, 1)
-
-
-_ONE = np.eye(3)
 _TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 _BASIS = np.zeros((6, 3, 3))
 for _k, (_i, _j) in enumerate(COMPONENTS.values()):

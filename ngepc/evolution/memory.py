@@ -11,9 +11,8 @@ from ngsolve import CoefficientFunction
 from ngepc.checks.arguments import is_number
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.points import Points
-from ngepc.model.material import PEEQ
+from ngepc.model.material import PEEQ, Material
 from ngepc.model.problem import Problem
-from ngepc.results.fields import Fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,17 +53,15 @@ class Memory:
             points.at(problem.accumulated_0),
         )
 
-    def after(self, fields: Fields) -> Memory:
+    def after(self, material: Material, p: np.ndarray) -> Memory:
         """p_0 + p, alpha_2 + k p, alpha_1 + k_1 H sigma_y |p| and PEEQ after a step."""
-        points, material = self.functions.points, fields.problem.material
-        p = self.increment(fields.plastic_increment)
-        size = np.sqrt((p * p).sum(axis=1))
+        at, size = self.functions.points.at, np.linalg.norm(p, axis=1)
         factor = material.hardening_stiffness * material.hardening_modulus * material.yield_stress
         return replace(
             self,
             plastic_strain=self.plastic_strain + p,
-            back_stress=self.back_stress + points.at(material.hardening)[:, None] * p,
-            hardening_variable=self.hardening_variable + points.at(factor) * size,
+            back_stress=self.back_stress + at(material.hardening)[:, None] * p,
+            hardening_variable=self.hardening_variable + at(factor) * size,
             accumulated=self.accumulated + PEEQ * size,
         )
 
@@ -80,13 +77,11 @@ class Memory:
     def problem(self, base: Problem, changes: Mapping[str, object]) -> Problem:
         """``base`` with the changes of a step and this memory as its initial state."""
         material, tensor = base.material, base.kinematics.tensor
-        kinematic = not _is_zero(material.hardening)
-        isotropic = not _is_zero(material.isotropic_hardening)
         function = self.functions.function
-        scalar, back_stress = self.hardening_variable, tensor(function(self.back_stress))
-        hardening: object = back_stress
-        if isotropic:
-            hardening = (function(scalar), back_stress) if kinematic else function(scalar)
+        hardening = back_stress = tensor(function(self.back_stress))
+        if not _is_zero(material.isotropic_hardening):
+            scalar = function(self.hardening_variable)
+            hardening = scalar if _is_zero(material.hardening) else (scalar, back_stress)
         return replace(
             base,
             **changes,

@@ -261,5 +261,6 @@ class _Run:
         return ""
 
     def _append(self, step: EvolutionStep) -> None:
-        self.evolution.memory = self.evolution.memory.after(step.fields)
+        memory, p = self.evolution.memory, step.fields.plastic_increment
+        self.evolution.memory = memory.after(step.problem.material, memory.increment(p))
         self.evolution.steps.append(step)

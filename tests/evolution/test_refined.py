@@ -69,7 +69,8 @@ def test_memory_is_carried_to_children_exactly():
     problem = pulled()
     random = np.random.default_rng(0)
     memory = Memory.initial(problem)
-    memory = memory.after(semismooth_newton(problem).fields)
+    p = memory.increment(semismooth_newton(problem).plastic_increment)
+    memory = memory.after(problem.material, p)
     finer = bisected(problem.mesh, random.random(problem.mesh.ne) < 0.4)
     carried = memory.on(on_mesh(problem, finer), parents(problem.mesh, finer))
     before, after = memory.functions, carried.functions
