@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from ngsolve.la import BaseVector
 
-from ngepc._version import __version__
 from ngepc.checks.kinds import require_path
 from ngepc.dual.iterates import Iterate
 from ngepc.dual.result import DualResult
@@ -17,7 +16,7 @@ from ngepc.dual.spaces import DualSpaces
 from ngepc.model.problem import Problem
 from ngepc.results import checkpoint
 from ngepc.results.files import check_writable
-from ngepc.results.fingerprint import mesh_fingerprint, problem_fingerprint
+from ngepc.results.fingerprint import work_fingerprint
 from ngepc.results.outcome import Ending, History, IterationRecord, Status
 
 LIMITS = ("max_outer_iterations", "max_iterations")
@@ -164,15 +163,9 @@ class PathStore:
         check_writable(self._path)
         kept = {k: v for k, v in asdict(options).items() if k not in LIMITS}
         kept["newton"] = {k: v for k, v in kept["newton"].items() if k not in LIMITS}
-        self._fingerprint = {
-            "kind": "path",
-            "version": __version__,
-            "mesh": mesh_fingerprint(problem.mesh),
-            "problem": problem_fingerprint(problem),
-            "spaces": repr(spaces),
-            "start": None if start is None else checkpoint.contents_digest(arrays_of(start.v)),
-            **kept,
-        }
+        digest = None if start is None else checkpoint.contents_digest(arrays_of(start.v))
+        told = {"spaces": repr(spaces), "start": digest}
+        self._fingerprint = work_fingerprint("path", problem, **told, **kept)
 
     def load(self) -> tuple[list[PathStep], np.ndarray, History] | None:
         """The steps on disk, the dual variable and the history of the last; None without a file.

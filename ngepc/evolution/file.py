@@ -10,16 +10,15 @@ from pathlib import Path
 import numpy as np
 from ngsolve import GridFunction
 
-from ngepc._version import __version__
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.spaces import displacement_space
-from ngepc.evolution.load_path import ListedSteps, Schedule
+from ngepc.evolution.load_path import Schedule
 from ngepc.evolution.result import EvolutionStep, StepRecord
 from ngepc.model.problem import Problem
 from ngepc.results.checkpoint import load, save
 from ngepc.results.fields import Fields
 from ngepc.results.files import check_writable
-from ngepc.results.fingerprint import mesh_fingerprint, problem_fingerprint
+from ngepc.results.fingerprint import problem_fingerprint, work_fingerprint
 
 Stored = tuple[dict, np.ndarray, np.ndarray]
 """The row of a step, its displacement and its plastic increment."""
@@ -37,25 +36,18 @@ class EvolutionFile:
         The work that it belongs to.
     """
 
-    def __init__(
-        self, path: Path, problem: Problem, schedule: Schedule | ListedSteps, solver: object
-    ) -> None:
+    def __init__(self, path: Path, problem: Problem, schedule: Schedule, solver: object) -> None:
         self._processes = problem.processes
         if self._processes.size > 1:
             path = path.with_name(f"{path.stem}_{self._processes.rank:04d}{path.suffix}")
         self._processes.together(partial(check_writable, path))
         self.path = path
         self._rows: list[dict] = []
-        self.fingerprint = {
-            "kind": "evolution",
-            "version": __version__,
-            "mesh": mesh_fingerprint(problem.mesh),
-            "problem": problem_fingerprint(problem),
-            "times": list(schedule.times),
-            "solver": getattr(solver, "__qualname__", type(solver).__qualname__),
-        }
+        times, name = list(schedule.times), type(solver).__qualname__
+        told = {"times": times, "solver": getattr(solver, "__qualname__", name)}
         if self._processes.size > 1:
-            self.fingerprint["processes"] = self._processes.size
+            told["processes"] = self._processes.size
+        self.fingerprint = work_fingerprint("evolution", problem, **told)
 
     def load(self) -> tuple[list[Stored], list[tuple[float, int]]]:
         """The steps that an earlier run left, and what was pending; none if there is no file.

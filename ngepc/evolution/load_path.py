@@ -51,20 +51,7 @@ class Schedule:
         object.__setattr__(self, "times", increasing_times(self.times, self.begin))
 
 
-@dataclass(frozen=True)
-class ListedSteps:
-    """Steps given one by one as (time, changes); they cannot be cut."""
-
-    times: tuple[float, ...]
-    listed: tuple[Changes, ...]
-    begin: float = -math.inf
-
-    def changes(self, time: float) -> Changes:
-        """The changes listed for ``time``."""
-        return self.listed[self.times.index(time)]
-
-
-def as_schedule(steps: object) -> Schedule | ListedSteps:
+def as_schedule(steps: object) -> Schedule:
     """``steps`` as a schedule: itself, or an iterable of (time, changes).
 
     TypeError, ValueError if it is neither, or the times do not increase.
@@ -80,7 +67,8 @@ def as_schedule(steps: object) -> Schedule | ListedSteps:
     if not pairs:
         raise ValueError(f"steps={steps!r}: at least one step is needed")
     times = increasing_times([time for time, _ in pairs], -math.inf)
-    return ListedSteps(times, tuple(changes for _, changes in pairs))
+    listed = dict(zip(times, (changes for _, changes in pairs), strict=True))
+    return Schedule(times, listed.__getitem__, begin=math.nextafter(times[0], -math.inf))
 
 
 def increasing_times(times: Sequence[float], begin: float) -> tuple[float, ...]:

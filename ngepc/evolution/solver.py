@@ -24,7 +24,7 @@ from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.prolongation import nodal_values
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.file import EvolutionFile
-from ngepc.evolution.load_path import ListedSteps, Schedule, as_schedule, check_changes
+from ngepc.evolution.load_path import Schedule, as_schedule, check_changes
 from ngepc.evolution.memory import Memory
 from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
 from ngepc.model.problem import Problem
@@ -118,7 +118,7 @@ def evolve(
     require_function("monitor", monitor, "a step", optional=True)
     path = None if checkpoint is None else require_path("checkpoint", checkpoint)
     schedule, cuts = as_schedule(steps), require_integer("cuts", cuts, 0, 30)
-    cuts = cuts if isinstance(schedule, Schedule) else 0
+    cuts = cuts if isinstance(steps, Schedule) else 0  # what holds in between is not known
     if error is not None:
         require_number("error", error, 0, strict=True)
         if path is not None:
@@ -135,7 +135,7 @@ def evolve(
 @dataclass(eq=False)
 class _Run:
     problem: Problem
-    schedule: Schedule | ListedSteps
+    schedule: Schedule
     solver: StepSolver
     cuts: int
     monitor: Callable[[EvolutionStep], None] | None

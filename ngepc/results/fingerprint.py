@@ -8,10 +8,22 @@ from collections.abc import Sequence
 import numpy as np
 from ngsolve import Mesh
 
+from ngepc._version import __version__
 from ngepc.checks.arguments import sample
 from ngepc.model.contact import Coulomb
-from ngepc.model.places import Place, values_at
-from ngepc.model.problem import Problem, as_vector
+from ngepc.model.places import values_at
+from ngepc.model.problem import Problem
+
+
+def work_fingerprint(kind: str, problem: Problem, **more: object) -> dict:
+    """What stored work belongs to: the version, the mesh, the data, and ``more``."""
+    return {
+        "kind": kind,
+        "version": __version__,
+        "mesh": mesh_fingerprint(problem.mesh),
+        "problem": problem_fingerprint(problem),
+        **more,
+    }
 
 
 def mesh_fingerprint(mesh: Mesh) -> str:
@@ -26,8 +38,7 @@ def mesh_fingerprint(mesh: Mesh) -> str:
 def problem_fingerprint(problem: Problem) -> str:
     """A digest of all data of a problem but its mesh, sampled on the mesh."""
     mesh, material, digest = problem.mesh, problem.material, hashlib.sha256()
-    names = (problem.clamped_names, problem.contact_names)
-    names += problem.contact_pairs
+    names = (problem.clamped_names, problem.contact_names, *problem.contact_pairs)
     digest.update(repr((*names, problem.kinematics.name, problem.order)).encode())
     body = [material.lame_lambda, material.lame_mu, material.effective_hardening]
     body += [material.hardening, problem.beta, problem.p_0, *problem.alpha_0]
@@ -47,25 +58,14 @@ def problem_fingerprint(problem: Problem) -> str:
         digest.update(b"Coulomb" if isinstance(law, Coulomb) else b"Tresca")
         digest.update(sample(value, mesh, list(problem.touching_names)).tobytes())
     if problem.initial_displacement is not None:
-        digest.update(sample(as_vector(problem.initial_displacement), mesh).tobytes())
-    for place, components in sorted(problem.held_components.items(), key=str):
-        digest.update(str(place).encode())
-        _digest_at(digest, problem, place, components)
-    for place, roller in sorted(problem.rollers.items(), key=str):
-        digest.update(repr((place, roller.direction)).encode())
-        _digest_at(digest, problem, place, [roller.value])
-    for place, k in sorted(problem.spring_constants.items(), key=str):
-        digest.update(f"springs {place}".encode())
-        _digest_at(digest, problem, place, k if isinstance(k, tuple | list | np.ndarray) else [k])
-    for place in problem.concentrated:
-        if place in problem.loads:
-            _digest_at(digest, problem, place, [problem.loads[place]])
+        digest.update(sample(problem.u_0, mesh).tobytes())
+    placed = [("held", p, values) for p, values in problem.held_components.items()]
+    placed += [(f"roller {r.direction}", p, [r.value]) for p, r in problem.rollers.items()]
+    for p, k in problem.spring_constants.items():
+        placed.append(("spring", p, k if isinstance(k, Sequence | np.ndarray) else [k]))
+    placed += [("load", p, [problem.loads[p]]) for p in problem.concentrated if p in problem.loads]
+    for kind, place, values in sorted(placed, key=lambda entry: (entry[0], str(entry[1]))):
+        digest.update(f"{kind} {place}".encode())
+        for value in values:
+            digest.update(b"free" if value is None else values_at(value, mesh, place)[1].tobytes())
     return digest.hexdigest()
-
-
-def _digest_at(digest: object, problem: Problem, place: Place, values: Sequence) -> None:
-    """Take in coefficients, None for a free component, at the vertices of a place."""
-    for value in values:
-        digest.update(str(value is None).encode())
-        if value is not None:
-            digest.update(values_at(value, problem.mesh, place)[1].tobytes())
