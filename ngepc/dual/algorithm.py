@@ -9,8 +9,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.dual.iterates import DualLine, Iterate
 from ngepc.dual.result import DualResult
-from ngepc.dual.runlog import RunLog
-from ngepc.dual.stopping import End, ResidualBelow, final_check
+from ngepc.dual.stopping import End, ResidualBelow, RunLog, final_check
 from ngepc.dual.system import NewtonSystem
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.linesearch import ROUNDING, FullSteps, LineSearch, Step

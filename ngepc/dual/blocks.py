@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 from ngsolve import (
+    CF,
     BilinearForm,
     BitArray,
-    CoefficientFunction,
     FESpace,
     GridFunction,
     InnerProduct,
@@ -40,11 +40,11 @@ EPSILON = float(np.finfo(float).eps)
 def elastic_terms(
     problem: Problem,
     h: Coefficient,
-    u: CoefficientFunction,
-    p: CoefficientFunction,
-    v: CoefficientFunction,
-    r: CoefficientFunction,
-) -> list[CoefficientFunction]:
+    u: CF,
+    p: CF,
+    v: CF,
+    r: CF,
+) -> list[CF]:
     """The integrand of <D (u, p), (v, r)>, C (eps(u) - p) : (eps(v) - r) + h p . r, in parts.
 
     Each part has one trial and one test function: that is several times cheaper to assemble.
@@ -59,7 +59,7 @@ def elastic_terms(
     ]
 
 
-def load_terms(problem: Problem, v: CoefficientFunction, r: CoefficientFunction) -> list:
+def load_terms(problem: Problem, v: CF, r: CF) -> list:
     """The integrals of -l(v, r) in (2.15) and (2.16): loads, back stress, initial strain."""
     m, kinematics = problem.material, problem.kinematics
     terms = work_of(problem, v, problem.loads, problem.f)

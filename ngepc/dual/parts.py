@@ -7,7 +7,7 @@ nonsmooth term M.  The functional is the sum over the parts.
 
 from __future__ import annotations
 
-from ngsolve import BND, BilinearForm, CoefficientFunction, FESpace, ds, dx
+from ngsolve import BND, CF, BilinearForm, FESpace, ds, dx
 from ngsolve.la import BaseMatrix
 
 from ngepc.discretisation.spaces import contact_space, plastic_dual_space
@@ -27,13 +27,11 @@ class ContactPart:
         self._on_contact = ds("|".join(problem.contact_names))
         self.space = contact_space(problem, ends_fixed=choice.tichonov.fixed)
 
-    def coupling(
-        self, u: CoefficientFunction, p: CoefficientFunction, w: CoefficientFunction
-    ) -> CoefficientFunction:
+    def coupling(self, u: CF, p: CF, w: CF) -> CF:
         """(tau_n u, w) on Gamma_c."""
         return (u * outward_normal(self._problem.mesh)) * w * self._on_contact
 
-    def offset(self, w: CoefficientFunction) -> CoefficientFunction | None:
+    def offset(self, w: CF) -> CF | None:
         """(psi, w) on Gamma_c."""
         return self._problem.psi * w * self._on_contact
 
@@ -63,13 +61,11 @@ class PlasticPart:
         self._problem, self._choice = problem, choice
         self.space = plastic_dual_space(problem, boundary_fixed=choice.tichonov.fixed)
 
-    def coupling(
-        self, u: CoefficientFunction, p: CoefficientFunction, w: CoefficientFunction
-    ) -> CoefficientFunction:
+    def coupling(self, u: CF, p: CF, w: CF) -> CF:
         """(p, w) in Omega."""
         return p * w * dx
 
-    def offset(self, w: CoefficientFunction) -> CoefficientFunction | None:
+    def offset(self, w: CF) -> CF | None:
         """Zero."""
         return None
 

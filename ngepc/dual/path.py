@@ -87,33 +87,20 @@ def follow_path(
     saved, walk = store.load(), _Walk(problem, options, spaces, start)
     if saved is not None:
         walk.resume(*saved)
-    return _followed(walk, store, newton_monitor, (observer, monitor))
-
-
-def _followed(
-    walk: _Walk,
-    store: PathStore,
-    newton_monitor: Monitor | None,
-    watchers: tuple[Callable[[DualResult], None] | None, PathMonitor | None],
-) -> PathResult:
-    """The path to its end; ``watchers`` are shown each result, each record."""
-    observer, monitor = watchers
+    shown = (observer, lambda: walk.last), (monitor, lambda: walk.steps[-1])
     try:
         while (status := walk.status()) is None:
-            last = walk.solve(newton_monitor)
-            if last.status is Status.CONVERGED:
-                store.save(walk.steps, last)
+            walk.solve(newton_monitor)
+            store.save(walk.steps, walk.last)
             logger.info("gamma %.4g: %s", walk.gamma, walk.steps[-1])
-            if observer is not None:
-                observer(last)
-            if monitor is not None:
-                monitor(walk.steps[-1])
+            for watcher, what in shown:
+                if watcher is not None:
+                    watcher(what())
     except (StopIteration, KeyboardInterrupt):
         if walk.last is None:
             raise  # there is no state yet
         status = Status.STOPPED
-    message = _describe(status, walk.steps, walk.last.message, walk.options)
-    return PathResult(status, message, tuple(walk.steps), walk.last)
+    return PathResult(status, walk.message(status), tuple(walk.steps), walk.last)
 
 
 class _Walk:
@@ -155,18 +142,18 @@ class _Walk:
         bounds = [min(o.inner_scale * max(h, loose), most) * unit for h in widths]
         return InnerRule(o.newton.tolerance * unit, *bounds)
 
-    def solve(self, monitor: Monitor | None) -> DualResult:
+    def solve(self, monitor: Monitor | None) -> None:
         """The next problem (D_gamma_k), inexactly, from the last v."""
+        newton = self.options.newton
         self.move_to(self.options.gamma(len(self.steps)))
         if self._system is None:
-            self._system = NewtonSystem(self.functional, self.options.newton.inverse)
+            self._system = NewtonSystem(self.functional, newton.inverse)
         self._system.use(self.functional)
-        rule, newton = self.inner_rule(self._reductions(self.steps) > 0), self.options.newton
-        search, limit = newton.linesearch, newton.max_iterations
-        self.last = algorithm_7_1(self._system, self._v, rule, search, limit, monitor)
+        rule, work = self.inner_rule(self._reductions(self.steps) > 0), (self._system, self._v)
+        limits = newton.linesearch, newton.max_iterations
+        self.last = algorithm_7_1(*work, rule, *limits, monitor)
         self._v = self.last.v
         self.steps = [*self.steps, PathStep.after(self.steps, self.last)]
-        return self.last
 
     def status(self) -> Status | None:
         """How the path has ended, None if it goes on."""
@@ -174,50 +161,44 @@ class _Walk:
             return None
         if self.steps[-1].status is not Status.CONVERGED:
             return self.steps[-1].status
-        if self._has_ended(self.steps):
+        if self._has_ended(self.steps[-1]):
             return Status.CONVERGED
         limit = len(self.steps) >= self.options.max_outer_iterations
         return Status.ITERATION_LIMIT if limit else None
 
-    def _has_ended(self, steps: list[PathStep]) -> bool:
-        if self.options.gamma_end is not None:
-            return steps[-1].gamma >= self.options.gamma_end
-        return self._settled(steps[-1], self._reductions(steps[:-1])) and self._sharp(steps[-1])
+    def _has_ended(self, last: PathStep) -> bool:
+        o, tolerance = self.options, self.options.residual_tolerance
+        if o.gamma_end is not None:
+            return last.gamma >= o.gamma_end
+        sharp = tolerance is None or last.residual_norm < tolerance * self.blocks.residual_unit
+        return sharp and self._settled(last, self._reductions(self.steps[:-1]))
 
     def _reductions(self, steps: list[PathStep]) -> int:
         """How often the safeguard has reduced tau_out in a path that has not ended."""
         number = 0
-        for step in steps:
-            number += self._settled(step, number)
-        return number if self.options.residual_tolerance is not None else 0
+        if self.options.residual_tolerance is not None:
+            for step in steps:
+                number += self._settled(step, number)
+        return number
 
     def _settled(self, step: PathStep, reductions: int) -> bool:
         """The condition of step (iv) of Algorithm 7.2."""
         tau = self.options.outer_tolerance * self.options.reduction**reductions
         return step.change is not None and step.change < tau * self.h
 
-    def _sharp(self, step: PathStep) -> bool:
-        """The residual check of the safeguard."""
-        tolerance = self.options.residual_tolerance
-        if tolerance is None:
-            return True
-        return step.residual_norm < tolerance * self.blocks.residual_unit
-
-
-def _describe(
-    status: Status, steps: list[PathStep], inner_message: str, options: PathOptions
-) -> str:
-    """What was seen, and what to try, for a path that did not converge."""
-    if status is Status.CONVERGED:
-        return ""
-    if not steps:
-        return inner_message
-    last = steps[-1]
-    where = f"At gamma = {last.gamma:.3g}, value {len(steps)} of the path"
-    if last.status is not Status.CONVERGED:
-        return f"{where}: {inner_message} A smaller growth than {options.growth:g} may help."
-    change = "nothing to compare" if last.change is None else f"{last.change:.3g} of V_gamma"
-    seen = f"{where}, the last change is {change}, the residual {last.residual_norm:.3g}."
-    if status is Status.ITERATION_LIMIT:
-        return f"{seen} Raise max_outer_iterations or outer_tolerance."
-    return seen
+    def message(self, status: Status) -> str:
+        """What was seen, and what to try, for a path that did not converge."""
+        if status is Status.CONVERGED:
+            return ""
+        if not self.steps:
+            return self.last.message
+        last, inner = self.steps[-1], self.last.message
+        where = f"At gamma = {last.gamma:.3g}, value {len(self.steps)} of the path"
+        if last.status is not Status.CONVERGED:
+            growth = self.options.growth
+            return f"{where}: {inner} A smaller growth than {growth:g} may help."
+        change = "nothing to compare" if last.change is None else f"{last.change:.3g} of V_gamma"
+        seen = f"{where}, the last change is {change}, the residual {last.residual_norm:.3g}."
+        if status is Status.ITERATION_LIMIT:
+            return f"{seen} Raise max_outer_iterations or outer_tolerance."
+        return seen

@@ -62,16 +62,15 @@ class PathOptions:
         for name in ("gamma_start", "inner_tolerance", "inner_scale", "outer_tolerance"):
             require_number(name, getattr(self, name), 0, strict=True)
         require_number("growth", self.growth, 1, strict=True)
-        require_number("reduction", self.reduction, 0, strict=True)
-        if self.reduction >= 1:
+        if require_number("reduction", self.reduction, 0, strict=True) >= 1:
             raise ValueError(f"reduction={self.reduction!r}: a number in (0, 1) is needed")
         require_integer("max_outer_iterations", self.max_outer_iterations, 1)
+        if self.residual_tolerance is not None:
+            require_number("residual_tolerance", self.residual_tolerance, 0, strict=True)
         if self.gamma_end is not None:
             require_number("gamma_end", self.gamma_end, self.gamma_start)
             if self.residual_tolerance is not None:
                 raise ValueError("gamma_end and residual_tolerance: give one of them, not both")
-        if self.residual_tolerance is not None:
-            require_number("residual_tolerance", self.residual_tolerance, 0, strict=True)
         require_instance("newton", self.newton, NewtonOptions, "NewtonOptions(...)")
 
     def gamma(self, k: int) -> float:

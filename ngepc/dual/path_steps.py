@@ -187,8 +187,8 @@ class PathStore:
             ) from error
 
     def save(self, steps: list[PathStep], last: DualResult) -> None:
-        """Write the steps and the last result, whole or not at all."""
-        if self._path is not None:
+        """Write the steps and the last result, whole or not at all, if it has converged."""
+        if self._path is not None and last.status is Status.CONVERGED:
             record = {
                 "steps": [{**asdict(s), "status": s.status.name} for s in steps],
                 "history": last.history.as_rows(),

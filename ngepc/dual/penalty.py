@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 from ngsolve import (
+    CF,
     BilinearForm,
     BitArray,
-    CoefficientFunction,
     FESpace,
     GridFunction,
     Id,
@@ -56,7 +56,7 @@ class RadialLaw:
         1 where s > 0.
     """
 
-    def __init__(self, q: CoefficientFunction, threshold: CoefficientFunction | float) -> None:
+    def __init__(self, q: CF, threshold: CF | float) -> None:
         norm = Norm(q)
         size, excess = norm + TINY, norm - threshold
         self.inside = IfPos(excess, 1.0, 0.0)
@@ -82,10 +82,10 @@ class AssembledTerm:
     def __init__(
         self,
         function: GridFunction,
-        energy: CoefficientFunction,
-        active: CoefficientFunction,
-        gradient: CoefficientFunction,
-        hessian: CoefficientFunction,
+        energy: CF,
+        active: CF,
+        gradient: CF,
+        hessian: CF,
     ) -> None:
         self.function, self.energy, self.active = function, energy, active
         self.gradient = LinearForm(gradient)

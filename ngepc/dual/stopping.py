@@ -1,4 +1,4 @@
-"""When the loop of Algorithm 7.1 has done enough, and whether an iterate that seems so is.
+"""When the loop of Algorithm 7.1 ends, whether an iterate that seems right is, and what is said.
 
 The residual of the iteration is updated with each step, by factors of the condensed (7.1) whose
 errors it cannot see.  Here y is solved for again and corrected with D itself, and what rounding
@@ -8,15 +8,39 @@ meet the rule: any other way of computing it in the same precision then finds th
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 
 from ngepc.dual.functional import ResidualNorms
 from ngepc.dual.iterates import Iterate
+from ngepc.dual.result import DualResult
 from ngepc.dual.system import NewtonSystem
-from ngepc.results.outcome import IterationRecord, Status
+from ngepc.linalg.linesearch import ROUNDING
+from ngepc.results.outcome import History, IterationRecord, Monitor, Status
+
+logger = logging.getLogger(__name__)
 
 CORRECTIONS = 3
 """Most steps with the last factors."""
+
+WINDOW = 5
+"""Steps that are looked at for damping."""
+
+ADVICE = {
+    Status.ITERATION_LIMIT: (
+        "Start from the solution for a smaller gamma or a smaller load step, raise max_iterations, "
+        "or leave gamma out."
+    ),
+    Status.LINESEARCH_FAILED: "Start from the solution for a smaller gamma or a smaller load step.",
+    Status.STAGNATED: "Energies only change by rounding: ask for a tolerance above this residual.",
+    Status.NONFINITE: (
+        "Check loads and coefficients for NaN and for values that changed during the run, or "
+        "start from the solution for a smaller gamma."
+    ),
+}
+
+TRUE_RESIDUAL = (Status.ITERATION_LIMIT, Status.LINESEARCH_FAILED, Status.STAGNATED)
+"""Statuses whose message quotes the residual computed afresh."""
 
 
 @dataclass(frozen=True)
@@ -86,3 +110,66 @@ def plus(record: IterationRecord, norms: ResidualNorms, part: float = 1.0) -> It
     more["residual_norm"] = norms.total
     sums = {name: part * getattr(record, name) + norm for name, norm in more.items()}
     return replace(record, **sums)
+
+
+class RunLog:
+    """What a run has shown: its ``history``, and how many of the last steps ``drowned`` in a row.
+
+    These have changed the energy by rounding only.
+    """
+
+    def __init__(self, rule: ResidualBelow, monitor: Monitor | None) -> None:
+        self.rule, self._monitor = rule, monitor
+        self.history, self.drowned = History(), 0
+
+    def note(self, here: Iterate) -> IterationRecord:
+        """Record an iterate, log it and show it to the monitor."""
+        record, records = here.record(), self.history.records
+        if records:
+            unmoved = abs(record.energy - records[-1].energy) <= ROUNDING * here.magnitude
+            self.drowned = self.drowned + 1 if unmoved else 0
+        self.history.append(record)
+        logger.info(
+            "it:%4d residual:%.3e energy:%.12e step:%.4g",
+            *(record.iteration, record.residual_norm, record.energy, record.step_length),
+        )
+        if self._monitor is not None:
+            self._monitor(replace(record, snapshot=lambda: self._snapshot(here)))
+        return record
+
+    def _snapshot(self, here: Iterate) -> DualResult:
+        """The result of a run that had stopped at an iterate."""
+        seen = History(self.history.records[: here.number + 1])
+        return DualResult(here.functional, here.y, here.v, Status.STOPPED, "", seen)
+
+    def result(self, here: Iterate, status: Status, cause: str = "") -> DualResult:
+        """The result of a run that ends at an iterate."""
+        last = self.history.records[-1] if self.history.records else None
+        if status in TRUE_RESIDUAL:
+            here = here.afresh()
+            last = here.record()
+        message = self._message(status, cause, last)
+        return DualResult(here.functional, here.y, here.v, status, message, self.history)
+
+    def _message(self, status: Status, cause: str, last: IterationRecord | None) -> str:
+        """What was seen and what to try, empty for a run that converged."""
+        if status is Status.CONVERGED or last is None:
+            return cause
+        seen = (
+            f"After {last.iteration} steps the residual is {last.residual_norm:.3g} (contact "
+            f"{last.contact_residual_norm:.3g}, plastic {last.plastic_residual_norm:.3g}), "
+            f"{self.rule}; last step length {last.step_length:.3g}."
+        )
+        damped = "" if status is Status.STOPPED else self._damped()
+        return " ".join(filter(None, (cause, seen, damped, ADVICE.get(status))))
+
+    def _damped(self) -> str:
+        """The shortest of the last steps, if it was damped."""
+        steps = self.history.records[1:][-WINDOW:]
+        shortest = min(steps, key=lambda record: record.step_length, default=None)
+        if shortest is None or shortest.step_length >= 1:
+            return f"None of the last {len(steps)} steps was damped." if steps else ""
+        return (
+            f"Step {shortest.iteration} was damped to {shortest.step_length:.3g}, the shortest of "
+            f"the last {len(steps)}."
+        )

@@ -21,7 +21,7 @@ from ngepc import (
 )
 from ngepc.dual.path import follow_path
 from ngepc.dual.path_options import PathOptions
-from ngepc.dual.runlog import ADVICE
+from ngepc.dual.stopping import ADVICE
 from ngepc.dual.system import NewtonSystem
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
