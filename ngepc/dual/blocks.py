@@ -37,14 +37,7 @@ REFINEMENTS = 1
 EPSILON = float(np.finfo(float).eps)
 
 
-def elastic_terms(
-    problem: Problem,
-    h: Coefficient,
-    u: CF,
-    p: CF,
-    v: CF,
-    r: CF,
-) -> list[CF]:
+def elastic_terms(problem: Problem, h: Coefficient, u: CF, p: CF, v: CF, r: CF) -> list[CF]:
     """The integrand of <D (u, p), (v, r)>, C (eps(u) - p) : (eps(v) - r) + h p . r, in parts.
 
     Each part has one trial and one test function: that is several times cheaper to assemble.

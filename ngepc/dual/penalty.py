@@ -80,12 +80,7 @@ class AssembledTerm:
     """
 
     def __init__(
-        self,
-        function: GridFunction,
-        energy: CF,
-        active: CF,
-        gradient: CF,
-        hessian: CF,
+        self, function: GridFunction, energy: CF, active: CF, gradient: CF, hessian: CF
     ) -> None:
         self.function, self.energy, self.active = function, energy, active
         self.gradient = LinearForm(gradient)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, VectorH1, sqrt
 
-from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.rows import ContactRows
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
@@ -126,11 +125,7 @@ class DiscreteSolution(Result):
     @property
     def contact_force(self) -> float:
         """Resultant of the normal contact pressure, positive in compression (force)."""
-        return float(self._conditions.sum_of(self.pressing))
-
-    @property
-    def _conditions(self) -> ContactConditions:
-        return self.state.frame.contact
+        return float(self.state.frame.contact.sum_of(self.pressing))
 
     @property
     def pressing(self) -> np.ndarray:
@@ -156,7 +151,7 @@ class DiscreteSolution(Result):
     @property
     def friction_force(self) -> tuple[float, ...]:
         """Resultant of the friction on the body, N components (force)."""
-        return tuple(self._conditions.sum_of(self._friction_on_body).tolist())
+        return tuple(self.state.frame.contact.sum_of(self._friction_on_body).tolist())
 
     @cached_property
     def sliding(self) -> GridFunction:
@@ -197,7 +192,7 @@ class DiscreteSolution(Result):
     @property
     def contact_area(self) -> float:
         """Area that belongs to the rows with a contact force."""
-        return self._conditions.area(self.pressing > 0)
+        return self.state.frame.contact.area(self.pressing > 0)
 
     @cached_property
     def contact_facets(self) -> int:
@@ -222,24 +217,17 @@ class DiscreteSolution(Result):
         return " ".join(filter(None, (self.ending, *seen)))
 
 
-def nearest(result: DiscreteSolution) -> tuple[float, tuple[float, ...]]:
-    """The smallest gap that a row of this process leaves, infinite without rows, and its place."""
-    gap, mesh = np.where(result.rows.tied, np.inf, result.open_gap), result.problem.mesh
-    if not len(gap):
-        return np.inf, ()
-    row = int(gap.argmin())
-    return float(gap[row]), tuple(vertex_coordinates(mesh)[result.rows.vertices[row]].tolist())
-
-
 def observations(result: DiscreteSolution) -> list[str]:
     """Sentences about a solution that a user must not overlook."""
-    found, processes = [], result.problem.processes
+    found, processes, rows = [], result.problem.processes, result.rows
     touching = int(result.state.frame.contact.sum_of(result.pressing > 0))
-    left = min(processes.all(nearest(result)))
-    if np.isfinite(left[0]) and not touching:
+    places = vertex_coordinates(result.problem.mesh)[rows.vertices].tolist()
+    gaps = np.where(rows.tied, np.inf, result.open_gap).tolist()
+    gap, place = min(processes.all(min(zip(gaps, places, strict=True), default=(np.inf, []))))
+    if np.isfinite(gap) and not touching:
         found.append(
-            f"Nothing touches the obstacle: the smallest gap left is {left[0]:.3g}"
-            f" at {tuple(float(f'{c:.4g}') for c in left[1])}."
+            f"Nothing touches the obstacle: the smallest gap left is {gap:.3g}"
+            f" at {tuple(float(f'{c:.4g}') for c in place)}."
         )
     elif touching and result.contact_facets < FEW_FACETS:
         found.append(

@@ -3,16 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ngsolve import (
-    CoefficientFunction,
-    GridFunction,
-    Id,
-    IfPos,
-    InnerProduct,
-    Norm,
-    Trace,
-    sqrt,
-)
+from ngsolve import CoefficientFunction, GridFunction, Id, IfPos, InnerProduct, Norm, Trace, sqrt
 
 from ngepc.checks.arguments import require_coefficient
 from ngepc.checks.kinds import require_instance

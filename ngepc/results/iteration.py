@@ -39,19 +39,15 @@ class NewtonStep(Protocol):
 
     def __call__(self, here: Any) -> tuple[Any, float, int] | None:
         """The next state, the step length and its trials; None if no length lowers the energy."""
-        ...
 
     def numbers(self, state: Any) -> dict[str, float]:
         """Fields of ``IterationRecord`` that this method alone knows."""
-        ...
 
     def rival(self, state: Any) -> tuple[bool, str]:
         """Whether friction allows other equilibria beside a solution, and a sentence about it."""
-        ...
 
     def result(self, state: Any, status: Status, message: str, history: History) -> Any:
         """The result of a run that ends with a state."""
-        ...
 
 
 def newton_iteration(
@@ -61,25 +57,10 @@ def newton_iteration(
     max_iterations: int,
     monitor: Monitor | None = None,
 ) -> Any:
-    """Newton steps from a state until the residual is small or something stops them.
+    """Newton steps from a state until its residual is within the tolerance or something stops them.
 
-    Parameters
-    ----------
-    state
-        Where to start.
-    step
-        The method.
-    tolerance
-        Bound for ``Balance.residual_norm``.
-    max_iterations
-        Most Newton steps.
-    monitor
-        Called with the record of each iterate; raising StopIteration stops.
-
-    Returns
-    -------
-    result of the method
-        With the last state, whatever its status says.
+    The monitor gets the record of each iterate and may raise StopIteration.  What is returned is
+    the method's ``result`` with the last state, whatever its status says.
     """
     history, before, length, trials = History(), None, 1.0, 0
     status, message = None, ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 import numpy as np
-from ngsolve import CoefficientFunction, IfPos
+from ngsolve import CoefficientFunction
 
 from ngepc.model.processes import nodes_of
 from ngepc.results.equilibrium import Equilibrium
@@ -57,10 +57,6 @@ class Result(Quantities, Ending):
     def fields(self) -> Fields:
         """The quantities of u and p alone, without the solver's other variables."""
         return Fields(self.problem, self.displacement, self.plastic_increment)
-
-    def contact_zone(self, threshold: float = 0.0) -> CoefficientFunction:
-        """1 on Gamma_c where the contact pressure exceeds ``threshold`` (stress), 0 elsewhere."""
-        return IfPos(self.contact_pressure - threshold, 1.0, 0.0)
 
     @property
     def applied_force(self) -> np.ndarray:

@@ -218,19 +218,14 @@ def test_recovered_fields_are_those_of_the_formulas(results, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_contact_zone_is_where_the_pressure_is(results, method):
-    """The obstacle leaves the left part of the top alone and pushes the rest in."""
+def test_pressure_is_where_the_obstacle_pushes(results, method):
+    """It leaves the left part of the top alone and pushes the rest in."""
     problem = Problem(
         block.structured_mesh(8, 8, simplices=True), STEEL, contact="contact", gap=0.001 - 0.004 * x
     )
-    result = solved(method, problem)
-    mesh = problem.mesh
-    zone, pressure = result.contact_zone(1e-3), result.contact_pressure
-    for at in (0.07, 0.31, 0.52, 0.83):
-        point = mesh(at, 1.0)
-        assert zone(point) == float(pressure(point) > 1e-3)
-    assert zone(mesh(0.07, 1.0)) == 0.0
-    assert zone(mesh(0.83, 1.0)) == 1.0
+    pressure, mesh = solved(method, problem).contact_pressure, problem.mesh
+    assert pressure(mesh(0.07, 1.0)) < 1e-3
+    assert pressure(mesh(0.83, 1.0)) > 1e-3
 
 
 def test_a_run_that_is_stopped_raises_on_request():
