@@ -12,14 +12,13 @@ from ngepc.bounds.bound import error_bound
 from ngepc.cli import output
 from ngepc.cli.commands import NEWTON, given
 from ngepc.dual.newton import NewtonOptions
-from ngepc.dual.starts import coarse_problem, coarse_start
 from ngepc.model.problem import Problem
 from ngepc.pictures.monitors import ProgressLine
 from ngepc.pictures.report import standard_figures
 from ngepc.pictures.style import save_figure
 from ngepc.results import records
 from ngepc.results.result import Result
-from ngepc.studies.examples import THRESHOLDS, example, solved_by
+from ngepc.studies.examples import BODIES, THRESHOLDS, coarse_start, example, solved_by
 from ngepc.studies.runs import load_run, save_run
 
 
@@ -104,7 +103,8 @@ def start_of(args: argparse.Namespace, method: str | float, options: object) -> 
         return load_run(Path(args.start))[1]
     if args.gamma is not None:
         return coarse_start(args.problem, args.gamma, options)
-    return solved_by(method, coarse_problem(args.problem), options=options).or_interrupted()
+    coarse = example(args.problem, BODIES[args.problem].COARSE_NODES)
+    return solved_by(method, coarse, options=options).or_interrupted()
 
 
 def write_files(args: argparse.Namespace, record: dict, result: Result) -> list[Path]:

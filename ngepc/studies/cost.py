@@ -33,10 +33,9 @@ from ngsolve import (  # fmt: skip
 )
 
 from ngepc.dual.newton import NewtonOptions
-from ngepc.dual.starts import coarse_start
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord
-from ngepc.studies.examples import example, solved_by
+from ngepc.studies.examples import coarse_start, example, solved_by
 from ngepc.studies.work import Cell, Work, chosen, first_of, steps
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)

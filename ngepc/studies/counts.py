@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 
 from ngepc.bounds.bound import error_bound
 from ngepc.dual.newton import NewtonOptions
-from ngepc.dual.starts import restore
 from ngepc.pictures.curves import plot_counts, plot_history
 from ngepc.pictures.fields import plot_comparison
 from ngepc.pictures.report import solution_sections, standard_figures, write_report
@@ -25,6 +24,7 @@ from ngepc.results import records as texts
 from ngepc.results.result import Result
 from ngepc.studies.examples import BODIES, FAMILIES, THRESHOLDS, TITLES, example, solved_by
 from ngepc.studies.paper import TABLE_1, TABLE_2
+from ngepc.studies.runs import restore
 from ngepc.studies.work import Cell, Work, chosen, ending, first_of, pivoted
 
 OWN_ROWS = ("default", "default*", "primal", "primal*")

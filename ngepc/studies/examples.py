@@ -47,3 +47,12 @@ def solved_by(
         return primal_newton(problem, start, chosen, monitor=monitor)
     gamma = None if method == "default" else float(method)
     return semismooth_newton(problem, gamma, start, options, monitor)
+
+
+def coarse_start(name: str, gamma: float, options: NewtonOptions) -> Result:
+    """The solution for gamma on the coarse mesh of an example, reached in factors of ten."""
+    problem, result = example(name, BODIES[name].COARSE_NODES), None
+    gammas = [g for g in (1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9) if g < gamma]
+    for value in (*gammas, gamma):
+        result = semismooth_newton(problem, value, result, options).or_interrupted()
+    return result

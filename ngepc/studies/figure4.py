@@ -22,11 +22,10 @@ from matplotlib.axes import Axes
 
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.result import DualResult
-from ngepc.dual.starts import coarse_start
 from ngepc.model.problem import Problem
 from ngepc.pictures.style import beside, line_style, save_figure
 from ngepc.results.outcome import IterationRecord
-from ngepc.studies.examples import FAMILIES, TITLES, example
+from ngepc.studies.examples import FAMILIES, TITLES, coarse_start, example
 from ngepc.studies.work import Cell, Work, first_of
 
 LAST = 6

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from ngsolve import GridFunction
 
 from ngepc.discretisation.spaces import displacement_space
-from ngepc.dual.newton import NewtonOptions, semismooth_newton
-from ngepc.dual.starts import restore
+from ngepc.dual.newton import NewtonOptions, prepared, semismooth_newton
+from ngepc.dual.result import DualResult
+from ngepc.dual.spaces import Coupled
+from ngepc.model.problem import Problem
 from ngepc.primal.solver import primal_newton
 from ngepc.results import checkpoint
+from ngepc.results.outcome import History, IterationRecord, Status
 from ngepc.results.result import Result
 from ngepc.studies.examples import example
 
@@ -53,3 +57,25 @@ def load_run(path: Path) -> tuple[dict, Result]:
         return record, primal_newton(problem, u)
     run = record["status"], kept["history"]
     return record, restore(problem, kept["gamma"], state, NewtonOptions(), *run)
+
+
+def restore(
+    problem: Problem,
+    gamma: float,
+    v: np.ndarray,
+    options: NewtonOptions,
+    status: str,
+    rows: Iterable[dict],
+) -> DualResult:
+    """The result of an earlier run, the primal variable solved for afresh.
+
+    ``v`` has the coefficients of (z, q), ``status`` is its label, ``rows`` are those of the
+    history.  ValueError if ``v`` does not fit the spaces.
+    """
+    functional = prepared(problem, Coupled(gamma), options)
+    dual = functional.blocks.H_vector()
+    if v.shape != (len(dual),):
+        raise ValueError(f"v has shape {v.shape}: {len(dual)} coefficients are needed")
+    dual.FV().NumPy()[:] = v
+    history = History([IterationRecord(**row) for row in rows])
+    return DualResult.at(functional, dual, Status[status.upper()], history)

@@ -20,8 +20,8 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.discretisation.prolongation import prolongate
-from ngepc.dual.starts import coarse_start
 from ngepc.geometries import lshape
+from ngepc.studies.examples import coarse_start
 
 
 @pytest.fixture(scope="module")
