@@ -98,12 +98,9 @@ class LinearBlocks:
 
     Parameters
     ----------
-    problem
-        The data: order one, no friction, no body of revolution.
-    choice
-        Product and units, which stay along a path.
-    inverse
-        NGSolve's name of the direct solver for D and B.
+    problem, choice, inverse
+        The data, product and units, and NGSolve's name of the direct solver for D and B;
+        ValueError for a problem that the paper's method is not for.
 
     Attributes
     ----------
@@ -113,19 +110,14 @@ class LinearBlocks:
         The spaces of y = (u, p), of v, and of (y, v).
     saddle
         Condensed form of [[-D, Lambda*], [Lambda, 0]].
-    D
-        D: Y -> Y* as a matrix, neither condensed nor factorised.
-    Lambda, load, psi
-        Lambda: Y -> H as a matrix; -l and [psi, 0] as functionals.
-    B, B_inverse
-        Name -> block of B, and its inverse (the Poisson solves).
+    D, Lambda, B
+        D: Y -> Y*, neither condensed nor factorised, Lambda: Y -> H, and name -> block of B.
+    load, psi
+        -l and [psi, 0] as functionals.
+    B_inverse
+        Name -> the inverse of a block of B (the Poisson solves).
     residual_unit
         The unit of ||Psi_gamma||_{H*}, length^(N/2 + 1) of the reference units.
-
-    Raises
-    ------
-    ValueError
-        If the problem is none that the paper's method is for.
     """
 
     def __init__(self, problem: Problem, choice: DualSpaces, inverse: str) -> None:

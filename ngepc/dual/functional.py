@@ -70,19 +70,8 @@ class ActiveTerms:
 class DualFunctional:
     """J*_gamma of (D_gamma) on the discrete spaces.
 
-    Parameters
-    ----------
-    blocks
-        The linear part with its spaces; it can be shared along a path in gamma.
-    regularisation
-        gamma, with the product and the units of the blocks.
-    quadrature_points
-        Points for the nonsmooth terms on elements that a kink crosses.
-
-    Raises
-    ------
-    ValueError
-        If the blocks were assembled for another product or other units.
+    The blocks can be shared along a path in gamma; ValueError if they were assembled for another
+    product or other units.  ``quadrature_points`` are those of elements that a kink crosses.
     """
 
     def __init__(

@@ -23,18 +23,10 @@ START = Step(length=1.0, energy=math.nan, halvings=0)
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """(y, v) with the active sets, the residual and the energy J*_gamma(v) there.
+    """(y, v) with D y = Lambda* v - l, the active sets, the residual and the energy J*_gamma(v).
 
-    Parameters
-    ----------
-    functional
-        J*_gamma.
-    y, v
-        Primal and dual variables, D y = Lambda* v - l.
-    terms
-        M^1 and M^2 at v: the active sets.
-    number, step
-        How many Newton steps led here, and the last of them.
+    ``terms`` are M^1 and M^2 at v, ``number`` and ``step`` how many Newton steps led here, and the
+    last of them.
     """
 
     functional: DualFunctional
@@ -99,19 +91,9 @@ class Iterate:
 
 
 class DualLine:
-    """J*_gamma along v + alpha dv, with y + alpha dy.
+    """J*_gamma along v + alpha dv, with y + alpha dy and the solution (dy, dv) of (7.1).
 
-    Parameters
-    ----------
-    here
-        The iterate at alpha = 0.
-    dy, dv
-        The solution of (7.1).
-
-    Attributes
-    ----------
-    slope
-        d/d alpha at alpha = 0.
+    ``slope`` is d/d alpha at alpha = 0.
     """
 
     def __init__(self, here: Iterate, dy: BaseVector, dv: BaseVector) -> None:

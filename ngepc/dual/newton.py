@@ -64,13 +64,6 @@ class NewtonOptions:
             raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
 
 
-def checked_options(options: NewtonOptions | None) -> NewtonOptions:
-    """The options, the defaults for None; TypeError for anything else."""
-    options = NewtonOptions() if options is None else options
-    require_instance("options", options, NewtonOptions, "NewtonOptions(...)")
-    return options
-
-
 @overload
 def semismooth_newton(
     problem: Problem,
@@ -137,7 +130,8 @@ def semismooth_newton(
         If an argument is not legal.
     """
     require_instance("problem", problem, Problem, "a Problem")
-    options = checked_options(options)
+    options = NewtonOptions() if options is None else options
+    require_instance("options", options, NewtonOptions, "NewtonOptions(...)")
     require_function("monitor", monitor, "a record", optional=True)
     if gamma is not None and regularisation is not None:
         raise ValueError(f"gamma={gamma!r}: give either gamma or regularisation")
@@ -148,9 +142,8 @@ def semismooth_newton(
         raise ValueError(f"inverse={options.inverse!r}: a direct solver is needed with gamma")
     regularisation = Coupled(gamma) if regularisation is None else regularisation
     require_instance("regularisation", regularisation, Coupled, "Coupled(...)")
-    require_instance(
-        "start", start, (DualResult, type(None)), "a result of semismooth_newton or None"
-    )
+    kinds = (DualResult, type(None))
+    require_instance("start", start, kinds, "a result of semismooth_newton or None")
     functional = prepared(problem, regularisation, options)
     rule = ResidualBelow(options.tolerance * functional.blocks.residual_unit)
     system, v = NewtonSystem(functional, options.inverse), carried_over(start, functional)

@@ -58,14 +58,13 @@ class PathStep:
     def after(cls, before: list[PathStep], result: DualResult) -> PathStep:
         """The record of a result that comes after these steps."""
         last = Iterate.at(result.functional, result.v).record()
+        norms = ("residual_norm", "contact_residual_norm", "plastic_residual_norm")
         return cls(
             gamma=result.regularisation.gamma,
             iterations=result.iterations,
             path_value=last.energy,
             change=relative_change(before, last.energy),
-            residual_norm=last.residual_norm,
-            contact_residual_norm=last.contact_residual_norm,
-            plastic_residual_norm=last.plastic_residual_norm,
+            **{name: getattr(last, name) for name in norms},
             halvings=result.history.halvings,
             status=result.status,
         )
@@ -137,14 +136,9 @@ class PathResult(Ending):
 
 
 class PathStore:
-    """The checkpoint of a path, or none.
+    """The checkpoint of a path, None for none; it belongs to all of the work but its limits.
 
-    Parameters
-    ----------
-    path
-        File name, None to keep nothing.
-    problem, options, spaces, start
-        The work that it belongs to; limits in the options do not.
+    OSError, before any work, where it cannot be written.
     """
 
     def __init__(

@@ -41,19 +41,10 @@ TINY = 1e-290
 
 
 class RadialLaw:
-    """([s]^+)^2 / 2 with s = |q| - t, and its derivatives (6.1); NaN where the data are NaN.
+    """([s]^+)^2 / 2 with s = |q| - t, t > 0, and its derivatives (6.1); NaN where the data are NaN.
 
-    Parameters
-    ----------
-    q, threshold
-        q and t > 0.
-
-    Attributes
-    ----------
-    density, gradient, curvature
-        s^2 / 2, rho q and rho Id + (1 - rho) d d^T where s > 0, with rho = s / |q|, d = q / |q|.
-    inside
-        1 where s > 0.
+    ``density``, ``gradient`` and ``curvature`` are s^2 / 2, rho q and rho Id + (1 - rho) d d^T
+    where s > 0, with rho = s / |q|, d = q / |q|; ``inside`` is 1 there.
     """
 
     def __init__(self, q: CF, threshold: CF | float) -> None:
@@ -69,14 +60,8 @@ class RadialLaw:
 class AssembledTerm:
     """A nonsmooth term M by forms around the function at which they are assembled.
 
-    Parameters
-    ----------
-    function
-        The grid function in the forms.
-    energy, active
-        M and the measure of its active set as integrals.
-    gradient, hessian
-        Integrals of M' and of its Newton derivative.
+    ``energy`` and ``active`` are M and the measure of its active set as integrals, ``gradient`` and
+    ``hessian`` those of M' and of its Newton derivative.
     """
 
     def __init__(
@@ -129,10 +114,7 @@ class AssembledState:
     @cached_property
     def gradient(self) -> BaseVector:
         """M'(v) as a functional."""
-        assembled = self._forms().gradient.Assemble().vec
-        gradient = assembled.CreateVector()
-        gradient.data = assembled
-        return gradient
+        return (1.0 * self._forms().gradient.Assemble().vec).Evaluate()
 
     def hessian(self) -> BaseMatrix:
         """The Newton derivative of M' at v; the next one overwrites it."""
@@ -173,13 +155,10 @@ class PlasticPenalty(AssembledTerm):
         self._elements = list(zip(element_vertices(mesh), element_numbers(mesh), strict=True))
         self._low, self._high = threshold_bounds(mesh, beta, fine)
         self._of_kind = {SMOOTH: BitArray(mesh.ne), KINKED: BitArray(mesh.ne)}
-        measures, low = (
-            [
-                dx(definedonelements=self._of_kind[SMOOTH], intrules=smooth),
-                dx(definedonelements=self._of_kind[KINKED], intrules=rules),
-            ]
-            for rules in (fine, smooth)
-        )
+        few = dx(definedonelements=self._of_kind[SMOOTH], intrules=smooth)
+        crossed = self._of_kind[KINKED]
+        measures = [few, dx(definedonelements=crossed, intrules=fine)]
+        low = [few, dx(definedonelements=crossed, intrules=smooth)]
         q, (dq, r) = GridFunction(R), R.TnT()
         law = RadialLaw(q, beta)
         density, slope, curvature = (

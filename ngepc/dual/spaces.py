@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from ngsolve import CoefficientFunction, InnerProduct, grad
+from ngsolve import CF, InnerProduct, grad
 from ngsolve.comp import ProxyFunction
 
 from ngepc.checks.arguments import require_number
@@ -33,11 +33,11 @@ class SurfaceGradient:
 
     fixed: ClassVar[bool] = True
 
-    def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CoefficientFunction:
+    def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CF:
         """The integrand of <B_z z, w> on Gamma_c, with the reference length."""
         return length * grad(z).Trace() * grad(w).Trace()
 
-    def plastic(self, q: ProxyFunction, r: ProxyFunction, length: float) -> CoefficientFunction:
+    def plastic(self, q: ProxyFunction, r: ProxyFunction, length: float) -> CF:
         """The integrand of <B_q q, r> in Omega."""
         return InnerProduct(grad(q), grad(r))
 
@@ -51,11 +51,11 @@ class FullProduct(SurfaceGradient):
 
     fixed = False
 
-    def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CoefficientFunction:
+    def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CF:
         """Gradients and values."""
         return super().contact(z, w, length) + z * w / length
 
-    def plastic(self, q: ProxyFunction, r: ProxyFunction, length: float) -> CoefficientFunction:
+    def plastic(self, q: ProxyFunction, r: ProxyFunction, length: float) -> CF:
         """Gradients and values."""
         return super().plastic(q, r, length) + InnerProduct(q, r) / length**2
 

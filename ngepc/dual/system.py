@@ -16,12 +16,8 @@ from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, Factorisatio
 class NewtonSystem:
     """(7.1) in one fixed sparsity pattern: constant part, B / gamma_T, Newton derivatives.
 
-    Parameters
-    ----------
-    functional
-        The first functional to be used; ``use`` changes to another one on its blocks.
-    inverse
-        NGSolve's name of the direct solver.
+    ``use`` changes to another functional on the same blocks; ``inverse`` is NGSolve's name of the
+    direct solver.
     """
 
     def __init__(self, functional: DualFunctional, inverse: str) -> None:
