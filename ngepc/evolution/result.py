@@ -94,12 +94,12 @@ class StepRecord:
 
 def _forces(result: object) -> dict:
     """What the result tells of forces, as lists."""
-    resultants = ("contact_resultant", "reaction", "applied_force")
-    told: dict = {name: getattr(result, name, None) for name in resultants}
-    told = {name: None if f is None else np.asarray(f).tolist() for name, f in told.items()}
-    equilibrium = getattr(result, "equilibrium", None)
-    each = None if equilibrium is None else equilibrium.reactions.items()
-    return told | {"reactions": each and {str(place): f.tolist() for place, f in each}}
+    told: dict = {}
+    for name in ("contact_resultant", "reaction", "applied_force"):
+        force = getattr(result, name, None)
+        told[name] = None if force is None else np.asarray(force).tolist()
+    each = getattr(getattr(result, "equilibrium", None), "reactions", None)
+    return told | {"reactions": each and {str(place): f.tolist() for place, f in each.items()}}
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,10 +33,8 @@ class Equilibrium:
     ----------
     problem
         The problem that was solved.
-    applied
-        Forces of tractions and body force.
-    contact
-        Forces of the obstacles, with friction if there is any.
+    applied, contact
+        Forces of tractions and body force, and of the obstacles with their friction.
     missing
         Internal minus applied minus contact forces: reactions at the held components, what the
         solver has left at the free ones.
@@ -114,10 +112,9 @@ class Equilibrium:
             If ``about`` is no point.
         """
         mesh, processes = self.problem.mesh, self.problem.processes
-        N = mesh.dim
-        forces = forces.T[: mesh.nv][processes.own]
+        N, own = mesh.dim, processes.own
         about = np.array(require_vector("about", (0.0,) * N if about is None else about, (N,)))
-        arms = vertex_coordinates(mesh)[processes.own] - about
+        forces, arms = forces.T[: mesh.nv][own], vertex_coordinates(mesh)[own] - about
         pairs = [(0, 1)] if N == 2 else [(1, 2), (2, 0), (0, 1)]
         moments = [arms[:, a] @ forces[:, b] - arms[:, b] @ forces[:, a] for a, b in pairs]
         return processes.total(np.array(moments))
@@ -125,12 +122,12 @@ class Equilibrium:
     def _held(self) -> dict[Place, np.ndarray]:
         """Place of each support -> the components it holds, boolean (N, nodes)."""
         problem, held = self.problem, {}
-        components = {name: (0.0,) * problem.N for name in problem.clamped_names}
+        fixed = dict.fromkeys(problem.clamped_names, (0.0,) * problem.N) | problem.held_components
         V = displacement_space(problem)
-        for place, values in (components | problem.held_components).items():
-            held[place] = np.zeros(self.free.shape, dtype=bool)
+        for place, values in fixed.items():
+            mask = np.zeros(self.free.shape, dtype=bool)
             for axis, value in enumerate(values):
                 if value is not None:
-                    held[place][axis, nodes_at(V.components[axis], place)] = True
-            held[place] = problem.processes.summed(held[place].T.astype(float)).T > 0
+                    mask[axis, nodes_at(V.components[axis], place)] = True
+            held[place] = problem.processes.summed(mask.T.astype(float)).T > 0
         return held
