@@ -5,8 +5,6 @@ Nodal arrays have shape (nodes, N): one row for each degree of freedom of a disp
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from ngsolve import (
     BND,
@@ -32,21 +30,19 @@ BONUS_ORDER = 3
 """Order by which the rules of loads exceed that of the displacements."""
 
 
-def work_of(
-    problem: Problem,
-    v: CoefficientFunction | ProxyFunction,
-    loads: Mapping[Place, CoefficientFunction],
-    f: CoefficientFunction | None,
-) -> list:
-    """The integrals of int_Gn g . v + int f . v, but for forces at points; data may vary."""
+def work_of(problem: Problem, v: CoefficientFunction | ProxyFunction) -> list:
+    """The integrals of int_Gn g . v + int f . v, with points for loads that vary.
+
+    Forces at points have none.
+    """
     weight = problem.kinematics.weight
     work = [
         weight * InnerProduct(g, v) * region_measure(problem, place)
-        for place, g in loads.items()
+        for place, g in problem.loads.items()
         if not isinstance(place, Point)
     ]
-    if f is not None:
-        work.append(weight * InnerProduct(f, v) * dx(bonus_intorder=BONUS_ORDER))
+    if problem.f is not None:
+        work.append(weight * InnerProduct(problem.f, v) * dx(bonus_intorder=BONUS_ORDER))
     return work
 
 
@@ -64,21 +60,11 @@ def nodal(vector: np.ndarray, problem: Problem) -> np.ndarray:
 
 def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
     """Nodal forces of all loads, shape (nodes, N)."""
-    return forces_of(problem, V, problem.loads, problem.f)
-
-
-def forces_of(
-    problem: Problem,
-    V: FESpace,
-    loads: Mapping[Place, CoefficientFunction],
-    f: CoefficientFunction | None,
-) -> np.ndarray:
-    """Nodal forces of any loads on the body of a problem, shape (nodes, N)."""
     load = LinearForm(V)
-    for term in work_of(problem, V.TestFunction(), loads, f):
+    for term in work_of(problem, V.TestFunction()):
         load += term
     forces = nodal(load.Assemble().vec.FV().NumPy(), problem).copy()
-    for place, g in loads.items():
+    for place, g in problem.loads.items():
         if isinstance(place, Point):
             vertices, values = values_at(g, problem.mesh, place)
             forces[vertices] += values

@@ -55,7 +55,7 @@ def elastic_terms(problem: Problem, h: Coefficient, u: CF, p: CF, v: CF, r: CF) 
 def load_terms(problem: Problem, v: CF, r: CF) -> list:
     """The integrals of -l(v, r) in (2.15) and (2.16): loads, back stress, initial strain."""
     m, kinematics = problem.material, problem.kinematics
-    terms = work_of(problem, v, problem.loads, problem.f)
+    terms = work_of(problem, v)
     if problem.initial_hardening is not None:
         terms.append(-kinematics.coordinates(problem.alpha_0[1]) * r * dx)
     if problem.initial_plastic_strain is not None:
