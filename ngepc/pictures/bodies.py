@@ -103,12 +103,8 @@ def draw_body(
         return patch
     x, y = points.reshape(-1, 2).T
     triangles = Triangulation(x, y, np.arange(len(x)).reshape(-1, 3))
-    options = {"cmap": colormap, "norm": colours, "rasterized": True}
-    if corners.constant:
-        options |= {"facecolors": corners.values[:, 0], "edgecolors": "none", "antialiased": False}
-        patch = axes.tripcolor(triangles, **options)
-    else:
-        patch = axes.tripcolor(triangles, corners.values.ravel(), shading="gouraud", **options)
+    options = {"cmap": colormap, "norm": colours, "rasterized": True, "shading": "gouraud"}
+    patch = axes.tripcolor(triangles, corners.values.ravel(), **options)
     if lines is not None:
         thin = {"linewidths": 0.3, "alpha": min(1.0, 1500 / fields_of(source).problem.mesh.ne)}
         axes.add_collection(LineCollection(lines, colors=GUIDE, zorder=2, **thin))

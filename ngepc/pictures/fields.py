@@ -51,7 +51,7 @@ def plot_field(
 ) -> Figure:
     """A scalar field on the deformed body; in 3D on its surface.
 
-    Piecewise constant fields are drawn flat, others interpolated.  Thin lines show the body
+    Fields are interpolated in each element on its own.  Thin lines show the body
     before the deformation, a black one the obstacle at distance psi.
 
     Parameters

@@ -63,12 +63,6 @@ class Corners:
         gram = np.einsum("tik,tjk->tij", edges, edges)
         return np.sqrt(np.maximum(np.linalg.det(gram), 0.0)) / max(1, edges.shape[1])
 
-    @property
-    def constant(self) -> bool:
-        """Whether the field is constant on each element."""
-        spread = np.ptp(self.values, axis=1).max()
-        return bool(spread <= 1e-9 * max(np.abs(self.values).max(), 1e-300))
-
 
 def _pieces(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Points of a reference element whose edges are cut into n parts, and its pieces by number."""

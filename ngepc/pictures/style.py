@@ -13,10 +13,11 @@ from typing import ParamSpec, TypeVar
 
 from matplotlib import rc_context, rc_params_from_file
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_function
+from ngepc.checks.kinds import require_function, require_instance
 
 RC = rc_params_from_file(Path(__file__).with_name("ngepc.mplstyle"), use_default_template=False)
 COLOURS = tuple(entry["color"] for entry in RC["axes.prop_cycle"])
@@ -52,9 +53,17 @@ class Picture(Figure):
         with rc_context(RC):
             return super().add_subplot(*arguments, **options)
 
+    def like(self, drawn: Figure) -> Picture:
+        """The picture itself, its axes where a drawn one has them: a layout takes half the time."""
+        require_instance("drawn", drawn, Figure, "a Figure")
+        self.set_layout_engine("none")
+        for own, place in zip(self.axes, drawn.axes, strict=True):
+            own.set_position(place.get_position())
+        return self
+
     def _repr_png_(self) -> bytes:
         stream = io.BytesIO()
-        self.savefig(stream, format="png", dpi=110)
+        FigureCanvasAgg(self).print_png(stream)
         return stream.getvalue()
 
 
