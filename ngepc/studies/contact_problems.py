@@ -6,19 +6,18 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from ngsolve import x
+from ngsolve import CF, Mesh, x
 
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule
 from ngepc.evolution.solver import evolve
-from ngepc.geometries import quarter_cube
 from ngepc.geometries.published import half_block, roller_on_block, rounded_blocks, shrunk_rings
 from ngepc.model.contact import Contact, Coulomb
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.results.exact import DiscreteSolution
 from ngepc.studies.solid_problems import Quantity, Solved, metal
-from ngepc.studies.step42 import step42_problem
+from ngepc.studies.step42 import equal_cells, step42_problem
 
 ELASTIC = 1e9
 """A yield stress that nothing reaches."""
@@ -65,20 +64,26 @@ def r94() -> Solved:
     ]
 
 
-def hertz(kinematics: str) -> Solved:
-    """A rigid parabola of radius 10 pressed 0.01 into a block; what is found is put into Hertz."""
-    E, nu, R = 1e3, 0.3, 10.0
-    plane, stiffness = kinematics == "plane strain", E / (1 - nu**2)
-    problem = Problem(
-        half_block(20, 20, 1.2, 0.02, 2.0),
-        metal(E, nu, ELASTIC),
+def indented(body: Mesh, material: Material, gap: CF, kinematics: str) -> Problem:
+    """Half a block under a rigid obstacle, order two."""
+    return Problem(
+        body,
+        material,
         "bottom",
         contact="contact",
-        gap=x * x / (2 * R) - (0.06 if plane else 0.05),
+        gap=gap,
         prescribed={"symmetry": (0, None)},
         kinematics=kinematics,
         order=2,
     )
+
+
+def hertz(kinematics: str) -> Solved:
+    """A rigid parabola of radius 10 pressed 0.01 into a block; what is found is put into Hertz."""
+    E, nu, R = 1e3, 0.3, 10.0
+    plane, stiffness = kinematics == "plane strain", E / (1 - nu**2)
+    gap, body = x * x / (2 * R) - (0.06 if plane else 0.05), half_block(20, 20, 1.2, 0.02, 2.0)
+    problem = indented(body, metal(E, nu, ELASTIC), gap, kinematics)
     result = semismooth_newton(problem).raise_for_status()
     peak, width = fitted(result)
     P = result.contact_force
@@ -161,18 +166,8 @@ def pressed_sphere(
     radius: float, depths: list[float], contact: float, width: float, material: Material
 ) -> dict[float, DiscreteSolution]:
     """A rigid sphere pressed into a block, axisymmetric: depth -> what it comes to, in a row."""
-    first = x * x / (2 * radius)
-    problem = Problem(
-        half_block(width, width, contact, contact / 24, width / 8),
-        material,
-        "bottom",
-        contact="contact",
-        gap=first,
-        kinematics="axisymmetric",
-        order=2,
-        prescribed={"symmetry": (0, None)},
-    )
-    results = []
+    body, first = half_block(width, width, contact, contact / 24, width / 8), x * x / (2 * radius)
+    problem, results = indented(body, material, first, "axisymmetric"), []
 
     def solver(step: Problem, start: object) -> DiscreteSolution:
         results.append(semismooth_newton(step, start=start))
@@ -221,6 +216,5 @@ def ssnv506() -> Solved:
 
 def step42() -> Solved:
     """Step-42 of deal.II on its own mesh of equal hexahedra, a quarter of it."""
-    problem = step42_problem(quarter_cube.mesh(4, 8, grading=0.0, simplices=False))
-    result = semismooth_newton(problem).raise_for_status()
+    result = semismooth_newton(step42_problem(equal_cells(4))).raise_for_status()
     return result, [Quantity("contact force", 37.3058, "P", 1e-5, 4 * result.contact_force)]

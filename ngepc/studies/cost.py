@@ -61,16 +61,12 @@ def elastic_solve(problem: Problem) -> float:
     u, v = V.TnT()
     energy = m.lame_lambda * div(u) * div(v)
     energy += 2 * m.lame_mu * InnerProduct(Sym(Grad(u)), Sym(Grad(v)))
-    stiffness = BilinearForm(V, symmetric=True)
-    stiffness += energy * dx
     load = LinearForm(V)
     for name, g in problem.tractions.items():
         load += g * v * ds(name)
-    stiffness.Assemble()
-    load.Assemble()
-    inverse = stiffness.mat.Inverse(V.FreeDofs(), inverse="sparsecholesky")
-    solution = load.vec.CreateVector()
-    solution.data = inverse * load.vec
+    stiffness = BilinearForm(energy * dx, symmetric=True).Assemble().mat
+    inverse = stiffness.Inverse(V.FreeDofs(), inverse="sparsecholesky")
+    (inverse * load.Assemble().vec).Evaluate()
     return time.process_time() - begin
 
 
@@ -160,12 +156,12 @@ class Cost(Work):
     )
 
     def __post_init__(self) -> None:
-        self.modes, _ = chosen(MODES, self.modes), first_of(NODES, self.levels)
+        self.modes, self.nodes = chosen(MODES, self.modes), first_of(NODES, self.levels)
 
     def cells(self) -> list[Cell]:
         """The meshes of each method."""
-        levels = {m: max(1, self.levels - 2) if m == ORDER_2 else self.levels for m in self.modes}
-        return [Cell(mode, n) for mode in self.modes for n in NODES[: levels[mode]]]
+        fewer = self.nodes[: max(1, self.levels - 2)]
+        return [Cell(m, n) for m in self.modes for n in (fewer if m == ORDER_2 else self.nodes)]
 
     def solve(self, cell: Cell) -> dict:
         """A measurement in a new process."""

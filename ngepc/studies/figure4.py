@@ -24,7 +24,6 @@ from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import Problem
 from ngepc.pictures.style import beside, line_style, save_figure
-from ngepc.results.outcome import IterationRecord
 from ngepc.studies.examples import FAMILIES, TITLES, coarse_start, example
 from ngepc.studies.work import Cell, Work, first_of
 
@@ -54,12 +53,10 @@ def convergence_quotients(
     """
     options = NewtonOptions() if options is None else options
     duals: list[np.ndarray] = []
-
-    def keep(record: IterationRecord) -> None:
-        duals.append(record.snapshot().v.FV().NumPy().copy())
-
     precise = replace(options, tolerance=REFERENCE_TOLERANCE)
-    result = semismooth_newton(problem, gamma, start, precise, keep)
+    result = semismooth_newton(
+        problem, gamma, start, precise, lambda r: duals.append(np.array(r.snapshot().v))
+    )
     residuals = result.history.residual_norms
     reached = [k for k, residual in enumerate(residuals) if residual < options.tolerance]
     omega = reached[0] if reached else len(residuals) - 1

@@ -7,6 +7,7 @@ Tresca's and with Coulomb's, two bodies, moved supports, initial plastic strain,
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -100,18 +101,18 @@ def functionals(problem: Problem) -> dict[str, Functional]:
 
 def sizes(problem: Problem) -> dict[str, float]:
     """The parameters of a problem with the size of a change of order one."""
-    constants = {name: getattr(problem.material, name) for name in MATERIAL}
+    found = {name: float(getattr(problem.material, name)) for name in MATERIAL}
+    found = {name: value for name, value in found.items() if value}
     factors = ("traction", "body_force", "prescribed", "initial_plastic_strain")
-    found = {name: float(value) for name, value in constants.items() if value}
-    rough = {} if problem.friction is None else {"friction": 0.3}
-    gap = {} if problem.gap is None else {"gap": 1e-2}
-    return found | dict.fromkeys(factors, 1.0) | gap | rough
+    found |= dict.fromkeys(factors, 1.0)
+    found |= {} if problem.gap is None else {"gap": 1e-2}
+    return found | ({} if problem.friction is None else {"friction": 0.3})
 
 
 def moved(problem: Problem, rates: Mapping[str, float]) -> Problem:
     """The problem with its data moved by these rates."""
-    rate = {name: rates.get(name, 0.0) for name in sizes(problem)}
-    constants = {name: getattr(problem.material, name) for name in MATERIAL if name in rate}
+    rate = defaultdict(float, rates)
+    constants = {n: getattr(problem.material, n) + r for n, r in rates.items() if n in MATERIAL}
     friction = problem.friction
     if isinstance(friction, Coulomb):
         friction = Coulomb(friction.coefficient + rate["friction"])
@@ -119,7 +120,7 @@ def moved(problem: Problem, rates: Mapping[str, float]) -> Problem:
         friction += rate["friction"]
     return replace(
         problem,
-        material=replace(problem.material, **{n: c + rate[n] for n, c in constants.items()}),
+        material=replace(problem.material, **constants),
         traction={n: (1 + rate["traction"]) * g for n, g in problem.tractions.items()},
         body_force=(1 + rate["body_force"]) * problem.f,
         gap=None if problem.gap is None else problem.gap + rate["gap"],

@@ -113,13 +113,9 @@ def solve_refined(cells: int) -> dict:
     options = NewtonOptions(inverse=PyAMG(), tolerance=TOLERANCE)
     for n in (n for n in (4, *HALVED) if n <= cells):
         result = semismooth_newton(step42_problem(equal_cells(n)), start=result, options=options)
-    found = {
-        "status": result.status.label,
-        "iterations": result.iterations,
-        "contact_force": 4 * result.contact_force,
+    found = _numbers(result) | {
         "energy": 4 * result.primal_energy,
         "linear_iterations": result.history.column("linear_iterations")[1:],
-        "touching": int(np.count_nonzero(result.nodal_contact_forces)),
         "cpu_s": time.process_time() - clock,
     }
     about = {"mesh": REFINED, "cells": cells, "nodes": result.problem.mesh.nv}
@@ -169,11 +165,9 @@ class Step42(Work):
         ("MB", "{memory_mb:.0f}"),
     )
 
-    def __post_init__(self) -> None:
-        first_of(CELLS["tetrahedra"], self.levels)
-
     def cells(self) -> list[Cell]:
         """Tetrahedra, hexahedra, and the mesh of step-42 itself."""
+        first_of(CELLS["tetrahedra"], self.levels)
         meshes = [Cell(shape, n) for shape, cells in CELLS.items() for n in cells[: self.levels]]
         refined = HALVED[: max(0, self.levels - 2)]
         return [*meshes, Cell(OWN, 4), *(Cell(REFINED, n) for n in refined)]

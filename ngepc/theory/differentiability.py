@@ -16,14 +16,13 @@ Two families of directions on shrinking discs, both of fixed height:
 - log: min(1, log(|x|/R) / log(r/R)), null sequence in H1 as well, though only as fast as
   log(1/r)^(-1/2).
 
-Without the Tichonov term H is L2, there is no gap, and Newton counts grow with the mesh:
-``counts_without_tichonov``.
+Without the Tichonov term H is L2, there is no gap, and Newton counts grow with the mesh, as
+``ngepc study differentiability`` shows.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 from ngsolve import (
@@ -43,17 +42,11 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc.checks.arguments import require_integer
 from ngepc.discretisation.quadrature import fine_rules
-from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.penalty import RadialLaw
-from ngepc.dual.spaces import Coupled
-from ngepc.model.problem import Problem
 
 CELLS = 8
 POINTS = 100
 LARGEST_RADIUS = 0.25
-WITHOUT = 1e12
-"""gamma_T of a Tichonov term that no longer acts: what is left is the Moreau-Yosida
-regularisation alone, whose max functions map L2 to L2."""
 
 
 def graded_mesh(levels: int) -> Mesh:
@@ -113,27 +106,18 @@ def logarithmic(distance: np.ndarray, radius: float) -> np.ndarray:
 FAMILIES = {"plateau": plateau, "log": logarithmic}
 
 
-def difference_quotients(levels: int = 7, mesh: Mesh | None = None) -> list[dict]:
+def difference_quotients(levels: int = 7) -> list[dict]:
     """The quotients of Definition 6.1 along both families of shrinking directions.
 
     q = (0.9, 0) is constant and h = 0.5 (0.8, 0.6) times the shape, so that |q + h| > 1 where the
     shape exceeds about a quarter.
 
-    Parameters
-    ----------
-    levels
-        The radii are 1/8, 1/16, ..., 2^(-2-levels), >= 1.
-    mesh
-        A mesh of the unit square that resolves the smallest radius; None for ``graded_mesh``.
-
-    Returns
-    -------
-    list of dict
-        ``family``, ``radius``, the norms ``h_L2``, ``h_L6``, ``h_H1`` of h, and the quotients
-        ``L2_L2``, ``L6_L2``, ``H1_dual``.
+    The radii are 1/8, 1/16, ..., 2^(-2-levels), 1 <= levels <= 12.  A record has ``family`` and
+    ``radius``, the norms ``h_L2``, ``h_L6``, ``h_H1`` of h, and the quotients ``L2_L2``, ``L6_L2``,
+    ``H1_dual``.
     """
     require_integer("levels", levels, 1, 12)
-    mesh = graded_mesh(levels + 3) if mesh is None else mesh
+    mesh = graded_mesh(levels + 3)
     gap, q = NormGap(mesh), CoefficientFunction((0.9, 0.0))
     points = np.asarray(mesh.ngmesh.Coordinates())[:, :2]
     distance = np.hypot(points[:, 0] - 0.5, points[:, 1] - 0.5)
@@ -144,38 +128,4 @@ def difference_quotients(levels: int = 7, mesh: Mesh | None = None) -> list[dict
             h, values = GridFunction(gap.space), 0.5 * shape(distance, radius)
             h.vec.FV().NumPy()[:] = np.concatenate([0.8 * values, 0.6 * values])
             rows.append({"family": family, "radius": radius, **gap.quotients(q, h)})
-    return rows
-
-
-def counts_without_tichonov(
-    problems: Iterable[Problem], gamma: float = 1e3, options: NewtonOptions | None = None
-) -> list[dict]:
-    """Newton steps from v = 0 with and without the Tichonov term on a family of meshes.
-
-    Parameters
-    ----------
-    problems
-        The same body on finer and finer meshes.
-    gamma
-        The gamma of ``Coupled`` and of the penalties.
-    options
-        As for ``semismooth_newton``.
-
-    Returns
-    -------
-    list of dict
-        ``nodes``; ``iterations``, ``halvings`` and ``status`` with the term, and the same names
-        with ``_without`` for none.
-    """
-    kinds = {"": Coupled(gamma), "_without": Coupled(gamma, gamma_tichonov=WITHOUT)}
-    rows = []
-    for problem in problems:
-        row: dict = {"nodes": problem.mesh.nv}
-        for suffix, kind in kinds.items():
-            result = semismooth_newton(problem, options=options, regularisation=kind)
-            result.or_interrupted()
-            row[f"iterations{suffix}"] = result.iterations
-            row[f"halvings{suffix}"] = result.history.halvings
-            row[f"status{suffix}"] = result.status.label
-        rows.append(row)
     return rows

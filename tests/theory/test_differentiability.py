@@ -9,14 +9,8 @@ from ngsolve import CF, GridFunction, Integrate
 
 from ngepc import Coupled, NewtonOptions, lshape_problem, semismooth_newton
 from ngepc.geometries import lshape
-from ngepc.theory.differentiability import (
-    FAMILIES,
-    WITHOUT,
-    NormGap,
-    counts_without_tichonov,
-    difference_quotients,
-    graded_mesh,
-)
+from ngepc.studies.differentiability import WITHOUT, with_and_without
+from ngepc.theory.differentiability import FAMILIES, NormGap, difference_quotients, graded_mesh
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +88,7 @@ def test_graded_mesh_covers_the_square():
 @pytest.fixture(scope="module")
 def counts():
     problems = [lshape_problem(lshape.paper_mesh(n)) for n in (113, 225, 417)]
-    return counts_without_tichonov(problems, 1e4, NewtonOptions(quadrature_points=49))
+    return [with_and_without(p, 1e4, NewtonOptions(quadrature_points=49)) for p in problems]
 
 
 def test_counts_grow_without_the_tichonov_term(counts):
