@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,6 +36,30 @@ DIFFERENT = 1e-6
 
 SINGULAR = 1e10
 """Condition of a Jacobian whose determinant has no sign."""
+
+
+class Slipping(NamedTuple):
+    """What rows do by a trial force y = x - c g.
+
+    Attributes
+    ----------
+    slips
+        Boolean, shape (m,).
+    direction
+        e = y_t / |y_t|, shape (m, d).
+    bound
+        b(y_n), shape (m,).
+    size
+        |y_t|, 1 where it is zero, shape (m,).
+    grows
+        Derivative of the bound, shape (m,).
+    """
+
+    slips: np.ndarray
+    direction: np.ndarray
+    bound: np.ndarray
+    size: np.ndarray
+    grows: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,6 +221,15 @@ class FrictionCone:
             return None
         return following - change if np.isfinite(following).all() else None
 
+    def slipping(self, y: np.ndarray) -> Slipping:
+        """Which rows slip by a trial y = x - c g, and where to."""
+        n, t = self._split(y)
+        b, size = self.bound(n), np.linalg.norm(t, axis=1)
+        slips = (size > b) | (b <= 0)
+        size = np.where(size > 0, size, 1.0)
+        grows = np.where(self.coefficient * n < self.cap, self.coefficient, 0.0)
+        return Slipping(slips, t / size[:, None], b, size, grows)
+
     def linearised(
         self, J: np.ndarray, slack: np.ndarray, x: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -210,22 +244,21 @@ class FrictionCone:
         x
             The forces.
         """
-        k, d = len(self.cap), self.d
-        n, y = self._split(x - slack)
-        b, size = self.bound(n), np.linalg.norm(y, axis=1)
-        slips = (size > b) | (b <= 0)
-        size = np.where(size > 0, size, 1.0)
-        e = y / size[:, None]
-        grows = np.where(self.coefficient * n < self.cap, self.coefficient, 0.0)
-        identity = np.eye(len(J))
+        k, d, identity = len(self.cap), self.d, np.eye(len(J))
+        slips, e, b, size, grows = self.slipping(x - slack)
         db = grows[:, None] * (identity[:k] - J[:k])
-        across = (b / size)[:, None, None] * (np.eye(d) - e[:, :, None] * e[:, None, :])
+        across = (b / size)[:, None, None] * orthogonal(e)
         I_t, J_t = (A[k:].reshape(k, d, len(J)) for A in (identity, J))
         sliding = I_t - e[:, :, None] * db[:, None, :] - across @ (I_t - J_t)
         t, r = self._split(x)[1], slack.copy()
         r[k:] = np.where(slips[:, None], t - b[:, None] * e, slack[k:].reshape(k, d)).ravel()
         J_t = np.where(slips[:, None, None], sliding, J_t)
         return np.concatenate([J[:k], J_t.reshape(k * d, len(J))]), r
+
+
+def orthogonal(e: np.ndarray) -> np.ndarray:
+    """I - e e' for unit vectors, (m, d) -> (m, d, d)."""
+    return np.eye(e.shape[1]) - e[:, :, None] * e[:, None, :]
 
 
 def _stuck(W: Compliance, gaps: np.ndarray) -> np.ndarray:

@@ -2,19 +2,23 @@
 
 Contact is found by active sets: the closed rows are kept by a projection, and the set is corrected
 by the signs of forces and gaps, each time from the last displacement (Hintermueller, Ito, Kunisch,
-SIAM J. Optim. 13, 2002).  A few solves do for all rows together, whatever their number.  With
-friction the forces of the rows are found by secants, one solve for each.
+SIAM J. Optim. 13, 2002).  A few solves do for all rows together, whatever their number.  Friction
+is part of it: rows that stick are kept along their tangents, too, and those that slip push with a
+force that is linearised.  Where that cycles the forces of the rows are found by secants.
 """
 
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from ngepc.discretisation.contact_step import with_contact
+from ngepc.discretisation.rows import HELD
 from ngepc.linalg.compliance import Compliance
-from ngepc.local.closed import Closed
+from ngepc.linalg.friction import SHORTEST, SOFT
+from ngepc.local.closed import Closed, Rubbing
 from ngepc.local.factors import TangentError
 from ngepc.local.iterative import IterativeTangent
 from ngepc.local.step import Target
@@ -22,6 +26,9 @@ from ngepc.local.system import DiscreteProblem, State
 
 SETS = 30
 """Most active sets of one Newton step."""
+
+PATIENCE = 10
+"""Active sets with each c."""
 
 FINEST = 1e-9
 """Smallest relative residual of a linear system."""
@@ -31,6 +38,18 @@ ANSWER = 3e-5
 
 SLACK = 0.3
 """What secants may leave of the conditions, as a part of what the linear systems leave."""
+
+
+class Meeting(NamedTuple):
+    """A change of u, forces of the rows in balance with it, and the gaps that it leaves."""
+
+    change: np.ndarray
+    forces: np.ndarray
+    gaps: np.ndarray
+
+    def towards(self, other: Meeting, t: float) -> Meeting:
+        """A part of the way to another one."""
+        return Meeting(*(a + t * (b - a) for a, b in zip(self, other, strict=True)))
 
 
 class InexactTarget:
@@ -52,7 +71,10 @@ class InexactTarget:
             discrete.contact.grip(discrete.row_stiffness)[1],
             discrete.floating.compliance(discrete.stiffness_diagonal),
         )
-        self._meet = self._sets if discrete.contact.friction is None else self._rub
+        self._contact = discrete.contact
+        free, tangential = discrete.free.ravel(), discrete.rows.tangential
+        moved = np.asarray(abs(tangential[:, np.flatnonzero(free)]).sum(axis=1)).ravel()
+        self._movable = (moved > HELD).reshape(len(discrete.rows), -1)
 
     def accuracy(self, residual: float) -> float:
         """The relative residual for a step from here (Eisenstat and Walker 1996, choice 2)."""
@@ -69,44 +91,99 @@ class InexactTarget:
             If a linear system or the contact with friction is not solved.
         """
         tangent.linearise(here)
-        return self._meet(here, tangent, self.accuracy(here.residual_norm))
+        accuracy, rough = self.accuracy(here.residual_norm), self._contact.friction is not None
+        try:
+            at, settled = self._sets(here, tangent, accuracy)
+        except TangentError:
+            if not rough:
+                raise
+            at, settled = None, False
+        if rough and not settled:
+            return self._secants(here, tangent, accuracy, at)
+        change = self._contact.processes.spread(at.change.reshape(here.u.shape))
+        nothing = np.zeros_like(at.forces)
+        return Target(change, at.forces - self._contact.defect(at.forces, nothing))
 
-    def _sets(self, here: State, tangent: IterativeTangent, accuracy: float) -> Target:
-        """Contact by active sets."""
-        discrete, rows = here.discrete, here.discrete.rows
-        processes = discrete.points.processes
-        forces, gap = (discrete.load - here.internal_forces).ravel(), here.open_gap
-        change, active, scale = np.zeros(forces.size), here.multipliers > 0, 0.0
+    def _sets(
+        self, here: State, tangent: IterativeTangent, accuracy: float
+    ) -> tuple[Meeting, bool]:
+        """Contact and friction by active sets: the best found, and whether it is the solution."""
+        contact, processes = self._contact, self._contact.processes
+        scale = accuracy * here.residual_norm * here.force_scale
+        at = Meeting(np.zeros(here.u.size), here.contact, here.gaps)
+        active, touching = here.multipliers > 0, here.touching_distance
         if not processes.any(active):
-            active = gap < 0
-        active |= rows.tied
-        for _ in range(SETS):
-            closed = processes.together(partial(Closed, discrete, active))
-            fixed = closed.moved(gap[active])
-            right = closed.project(forces - tangent.multiply(fixed))
-            scale = scale or accuracy * processes.norm(right)
-            start = closed.project(change - fixed)
-            change = fixed + tangent.minimise(closed, right, start, scale)
-            multipliers = np.zeros(len(rows))
-            multipliers[active] = closed.forces(forces - tangent.multiply(change))
-            left = gap - rows.normal @ change
-            correct = np.where(active, multipliers > 0, left < -here.touching_distance) | rows.tied
-            if not processes.any(correct != active):
-                break
-            active = correct
-        multipliers = np.where(rows.tied, multipliers, np.maximum(multipliers, 0.0))
-        return Target(processes.spread(change.reshape(here.u.shape)), multipliers)
+            active = here.open_gap < 0
+        active |= contact.rows.tied
+        for number in range(SETS):
+            c = SOFT[number // PATIENCE % len(SOFT)] * here.discrete.row_stiffness
+            found = self._solved(here, tangent, at, active, c, scale)
+            at, length = self._shortened(at, found, c) if number else (found, 1.0)
+            pressing = contact.normal(at.forces - c * at.gaps)
+            closes = pressing > np.where(active, 0.0, contact.normal(c) * touching)
+            closes |= contact.rows.tied
+            settled = length == 1 and self._defect(at, c) <= scale
+            if settled and not processes.any(closes != active):
+                return at, True
+            active = closes
+        return at, False
 
-    def _rub(self, here: State, tangent: IterativeTangent, accuracy: float) -> Target:
+    def _solved(
+        self,
+        here: State,
+        tangent: IterativeTangent,
+        at: Meeting,
+        active: np.ndarray,
+        c: np.ndarray,
+        scale: float,
+    ) -> Meeting:
+        """Newton's model with these closed rows, friction linearised at what was found last."""
+        discrete, rubbing = here.discrete, self._rubbing(active, at.forces - c * at.gaps, c)
+        closed = self._contact.processes.together(partial(Closed, discrete, active, rubbing))
+        multiply = closed.stiffened(tangent.multiply)
+        fixed = closed.moved(here.gaps[closed.numbers])
+        loads = (discrete.load - here.internal_forces).ravel() - closed.slipping(here.gaps)
+        right, start = closed.project(loads - multiply(fixed)), closed.project(at.change - fixed)
+        change = fixed + tangent.minimise(closed, right, start, scale)
+        gaps = here.gaps - self._contact.matrix @ change
+        return Meeting(change, closed.forces(loads - multiply(change), gaps), gaps)
+
+    def _shortened(self, at: Meeting, found: Meeting, c: np.ndarray) -> tuple[Meeting, float]:
+        """The step that lowers the defect, and its length; all of it where none does.
+
+        All on the way is in balance, so that no length costs a solve.
+        """
+        before, length = self._defect(at, c), 1.0
+        while length > SHORTEST:
+            nearer = found if length == 1 else at.towards(found, length)
+            if self._defect(nearer, c) < before:
+                return nearer, length
+            length /= 2
+        return found, 1.0
+
+    def _defect(self, at: Meeting, c: np.ndarray) -> float:
+        defect = self._contact.defect(at.forces, c * at.gaps)[self._contact.own]
+        return float(np.sqrt(self._contact.processes.total(float(defect @ defect))))
+
+    def _rubbing(self, active: np.ndarray, y: np.ndarray, c: np.ndarray) -> Rubbing | None:
+        """What closed rows do by the trial forces y = x - c g; None without friction."""
+        if self._contact.friction is None:
+            return None
+        tangents = self._contact.tangential(c)[:, 0]
+        return Rubbing.by(self._contact.friction, active, self._movable, y, tangents)
+
+    def _secants(
+        self, here: State, tangent: IterativeTangent, accuracy: float, at: Meeting | None
+    ) -> Target:
         """Contact with friction by secants; what they leave of the gaps is made up for at last."""
         discrete, contact, rows = here.discrete, here.discrete.contact, here.discrete.rows
         solve = partial(tangent.solve, accuracy=min(ANSWER, accuracy))
-        change = solve(-here.imbalance)
+        if at is None:
+            at = Meeting(solve(-here.imbalance), here.contact, here.gaps)
         slack = SLACK * accuracy * here.residual_norm * here.force_scale
         found = with_contact(
-            *(contact, solve, here.u, here.contact, change, self._compliance),
-            discrete.row_stiffness,
-            slack / discrete.row_stiffness.max(),
+            *(contact, solve, here.u, at.forces, at.change.reshape(here.u.shape)),
+            *(self._compliance, discrete.row_stiffness, slack / discrete.row_stiffness.max()),
         )
         if found is None:
             raise TangentError(contact.unsolvable)

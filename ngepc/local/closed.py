@@ -1,16 +1,69 @@
-"""What supports and closed contact rows leave free, and the projection onto it."""
+"""What supports, closed and sticking contact rows leave free, and the projection onto it.
+
+Rows that slip with Coulomb's law push obliquely: their tangential force is a part of the normal
+one.  Forces are then projected along what the rows push, displacements onto what they leave free.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import bsr_matrix, csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
 from ngepc.discretisation.balance import Frame
+from ngepc.linalg.friction import FrictionCone, orthogonal
 from ngepc.local.factors import TangentError
 
 PARALLEL = 1e-8
 """Normals at a node that are closer count as one."""
+
+
+Linear = Callable[[np.ndarray], np.ndarray]
+
+STIFFEST = 100.0
+"""Forces turn towards a slip at most so many times as fast as c would have it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rubbing:
+    """What closed rows do along their tangents: stick, or slip with t = bound + slant n + k slip.
+
+    Attributes
+    ----------
+    sticks
+        Boolean, shape (m, d): tangents that are held.
+    bound, slant
+        Tangential forces that are given, and those per normal force, shape (m, d).
+    stiffness
+        k: forces that turn towards the slip, sparse, shape (m d, m d).
+    """
+
+    sticks: np.ndarray
+    bound: np.ndarray
+    slant: np.ndarray
+    stiffness: csr_matrix
+
+    @classmethod
+    def by(
+        cls, cone: FrictionCone, active: np.ndarray, movable: np.ndarray, y: np.ndarray, c: float
+    ) -> Rubbing:
+        """The linearised law of the closed rows at a trial y = x - c g, c for the tangents (m,)."""
+        slips, e, b, size, grows = cone.slipping(y)
+        turns = (active & slips)[:, None, None] * orthogonal(e)
+        stiff = b * c / np.maximum(size - b, np.maximum(b / STIFFEST, np.finfo(float).tiny))
+        blocks = stiff[:, None, None] * turns
+        rows, moves = len(b), (active & slips)[:, None] * e
+        k = bsr_matrix((blocks, np.arange(rows), np.arange(rows + 1))).tocsr()
+        sticks = (active & ~slips)[:, None] & movable
+        return cls(sticks, np.where(grows > 0, 0.0, b)[:, None] * moves, grows[:, None] * moves, k)
+
+    def forces(self, n: np.ndarray, slip: np.ndarray) -> np.ndarray:
+        """Tangential forces of the rows that slip (m, d)."""
+        turned = (self.stiffness @ slip.ravel()).reshape(slip.shape)
+        return self.bound + self.slant * n[:, None] + turned
 
 
 class Closed:
@@ -22,6 +75,15 @@ class Closed:
         What has the supports and the contact rows.
     active
         Boolean, shape (m,): closed rows.
+    rubbing
+        What they do along their tangents; None without friction.
+
+    Attributes
+    ----------
+    numbers
+        The held rows among all forces, the tangents last.
+    slanted
+        Whether rows push obliquely, so that the projection is no orthogonal one.
 
     Raises
     ------
@@ -29,25 +91,55 @@ class Closed:
         If the closed rows are dependent.
     """
 
-    def __init__(self, frame: Frame, active: np.ndarray) -> None:
-        self.free = frame.free.ravel().astype(float)
-        self.rows = frame.contact.rows.normal[np.flatnonzero(active)].multiply(self.free).tocsr()
-        self._transposed = self.rows.T.tocsr()
+    def __init__(self, frame: Frame, active: np.ndarray, rubbing: Rubbing | None = None) -> None:
+        self.free, rows = frame.free.ravel().astype(float), frame.contact.rows
+        self.numbers, self._rubbing = np.flatnonzero(active), rubbing
+        held = pushed = rows.normal[self.numbers]
+        self.slanted, self._springs, self._tangential = False, None, rows.tangential
+        if rubbing is not None:
+            T, m, sticking = rows.tangential, len(rows), np.flatnonzero(rubbing.sticks)
+            slant = bsr_matrix((rubbing.slant[:, None], np.arange(m), np.arange(m + 1))).tocsr()
+            pushed = vstack([held + slant[self.numbers] @ T, T[sticking]])
+            held, self.numbers = vstack([held, T[sticking]]), np.append(self.numbers, m + sticking)
+            self.slanted = bool(rubbing.slant.any())
+            self._springs = (T.T @ rubbing.stiffness @ T).tocsr()
+        self.rows = held.multiply(self.free).tocsr()
+        self._pushed = pushed.multiply(self.free).T.tocsr()
         if self.rows.shape[0]:
             try:
-                self._gram = splu((self.rows @ self._transposed).tocsc())
+                self._gram = splu((self.rows @ self._pushed).tocsc())
             except RuntimeError as error:
                 raise TangentError("contact rows of one node are dependent") from error
 
     def moved(self, amounts: np.ndarray) -> np.ndarray:
-        """The smallest displacement that moves the closed rows by these amounts."""
+        """A displacement of nodes at the held rows that moves these by some amounts."""
         if not self.rows.shape[0]:
             return np.zeros(len(self.free))
-        return self._transposed @ self._gram.solve(amounts)
+        return self._pushed @ self._gram.solve(amounts)
 
-    def forces(self, imbalance: np.ndarray) -> np.ndarray:
-        """The forces of the closed rows that balance nodal forces best."""
-        return self._gram.solve(self.rows @ imbalance) if self.rows.shape[0] else np.zeros(0)
+    def stiffened(self, multiply: Linear) -> Linear:
+        """A stiffness with that of the tangents that slip."""
+        if self._springs is None:
+            return multiply
+        return lambda x: multiply(x) + self._springs @ x
+
+    def slipping(self, gaps: np.ndarray) -> np.ndarray:
+        """Nodal forces of the rows that slip, without their normal forces and further slip."""
+        if self._rubbing is None:
+            return np.zeros(len(self.free))
+        m, d = self._rubbing.slant.shape
+        given = self._rubbing.forces(np.zeros(m), -gaps[m:].reshape(m, d))
+        return self._tangential.T @ given.ravel()
+
+    def forces(self, imbalance: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+        """The forces of all rows with these gaps: those held balance nodal forces best."""
+        x = np.zeros(len(gaps))
+        if self.rows.shape[0]:
+            x[self.numbers] = self._gram.solve(self.rows @ imbalance)
+        if self._rubbing is not None:
+            m, d = self._rubbing.slant.shape
+            x[m:] += self._rubbing.forces(x[:m], -gaps[m:].reshape(m, d)).ravel()
+        return x
 
     def project(self, x: np.ndarray) -> np.ndarray:
         """The part of a displacement, or of nodal forces, that supports and rows leave free."""

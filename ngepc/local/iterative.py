@@ -16,12 +16,16 @@ from scipy.sparse import bsr_matrix, csr_matrix, diags
 from ngepc.discretisation.balance import Frame
 from ngepc.discretisation.blocks import Blocks
 from ngepc.discretisation.contact_step import FEW
-from ngepc.local.closed import Closed
+from ngepc.local.closed import Closed, Linear
 from ngepc.local.factors import TangentError
 from ngepc.local.system import State
 
 ACCURACY = 1e-12
 """Relative residual of ``solve``, for callers that take it for exact."""
+
+
+RESTART = 60
+"""Directions that minimal residuals keep."""
 
 
 class Engine(Protocol):
@@ -201,9 +205,10 @@ class IterativeTangent:
             If that takes more than ``most`` iterations or the preconditioner is not positive.
         """
         self.prepare(closed)
-        x, iterations = conjugate_gradients(
-            self._engine, self._dot, closed.project, right, start, tolerance, self._most
-        )
+        iterate = minimal_residuals if closed.slanted else conjugate_gradients
+        multiply = closed.stiffened(self.multiply)
+        work = multiply, self._engine.precondition, self._dot, closed.project
+        x, iterations = iterate(*work, right, start, tolerance, self._most)
         self.back_substitutions += 1
         self.linear_iterations += iterations
         self._dearest = max(self._dearest, iterations)
@@ -223,9 +228,10 @@ class IterativeTangent:
 
 
 def conjugate_gradients(
-    engine: Engine,
+    multiply: Linear,
+    precondition: Linear,
     dot: Callable[[np.ndarray, np.ndarray], float],
-    project: Callable[[np.ndarray], np.ndarray],
+    project: Linear,
     right: np.ndarray,
     start: np.ndarray,
     tolerance: float,
@@ -239,20 +245,59 @@ def conjugate_gradients(
         If ``most`` iterations do not do, or the matrix or the preconditioner is indefinite.
     """
     moved = dot(start, start) > 0
-    x, r = start, project(right - engine.multiply(start) if moved else right)
+    x, r = start, project(right - multiply(start) if moved else right)
     direction, before = np.zeros_like(r), 1.0
     for iteration in range(most):
         if np.sqrt(dot(r, r)) <= tolerance:
             return x, iteration
-        z = project(engine.precondition(r))
+        z = project(precondition(r))
         now = dot(r, z)
         direction = z + (now / before if iteration else 0.0) * direction
-        image = project(engine.multiply(direction))
+        image = project(multiply(direction))
         curvature = dot(direction, image)
         if not (now > 0 and curvature > 0):
             raise TangentError("the multigrid preconditioner is not positive definite")
         x, r, before = x + now / curvature * direction, r - now / curvature * image, now
     raise TangentError(f"conjugate gradients did not converge in {most} iterations")
+
+
+def minimal_residuals(
+    multiply: Linear,
+    precondition: Linear,
+    dot: Callable[[np.ndarray, np.ndarray], float],
+    project: Linear,
+    right: np.ndarray,
+    start: np.ndarray,
+    tolerance: float,
+    most: int,
+) -> tuple[np.ndarray, int]:
+    """The same where the projection is oblique: restarted GMRES (Saad and Schultz 1986).
+
+    Raises
+    ------
+    TangentError
+        If ``most`` iterations do not do.
+    """
+    x, iterations = start, 0
+    while iterations < most:
+        r = project(right - multiply(x))
+        size = np.sqrt(dot(r, r))
+        if size <= tolerance:
+            return x, iterations
+        basis, H, left = [r / size], np.zeros((RESTART + 1, RESTART)), size
+        while left > 0.9 * tolerance and len(basis) <= min(RESTART, most - iterations):
+            k, image = len(basis), project(multiply(project(precondition(basis[-1]))))
+            for j, known in enumerate(basis):
+                H[j, k - 1] = dot(known, image)
+                image = image - H[j, k - 1] * known
+            H[k, k - 1] = np.sqrt(dot(image, image))
+            goal = size * np.eye(k + 1)[0]
+            y = np.linalg.lstsq(H[: k + 1, :k], goal, rcond=None)[0]
+            left = np.linalg.norm(H[: k + 1, :k] @ y - goal)
+            basis.append(image / (H[k, k - 1] or 1.0))
+        iterations += len(y)
+        x = x + project(precondition(np.tensordot(y, basis[:-1], 1)))
+    raise TangentError(f"minimal residuals did not converge in {most} iterations")
 
 
 def low_energy_modes(frame: Frame) -> np.ndarray:

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, diags, vstack
 
 from ngepc.discretisation.blocks import StiffnessBlocks
 from ngepc.local.active_set import InexactTarget
-from ngepc.local.closed import Closed
+from ngepc.local.closed import Closed, Rubbing
 from ngepc.local.factors import Factors, TangentError
 from ngepc.local.iterative import FullPattern, IterativeTangent, conjugate_gradients
 from ngepc.local.newton import primal_dual_newton
@@ -107,6 +107,35 @@ def test_pins_are_projections_across_the_normals(discrete):
         assert np.abs(normal @ projection).max() < 1e-12
 
 
+def test_rows_that_slip_push_obliquely(discrete):
+    """Forces along what the rows push go, all displacements that keep them stay; GMRES solves."""
+    rows, rng = discrete.rows, np.random.default_rng(5)
+    m, active = len(rows), np.arange(len(rows)) % 3 > 0
+    sticks = np.repeat((np.arange(m) % 3 == 1)[:, None], 2, axis=1)
+    slant = 0.4 * rng.standard_normal((m, 2)) * (np.arange(m) % 3 == 2)[:, None]
+    stiffness = diags((slant != 0).ravel().astype(float)).tocsr()
+    rubbing = Rubbing(sticks, 0 * slant, slant, stiffness)
+    closed, x = Closed(discrete, active, rubbing), rng.standard_normal(discrete.free.size)
+    kept = closed.project(x)
+    assert closed.project(kept) == pytest.approx(kept, abs=1e-12)
+    held = vstack([rows.normal[active], rows.tangential[sticks.ravel()]])
+    assert np.abs(held @ kept).max() < 1e-12
+    n = np.where(active, rng.standard_normal(m), 0.0)
+    pushed = rows.normal.T @ n + rows.tangential.T @ (slant * n[:, None]).ravel()
+    assert np.abs(closed.project(pushed)).max() < 1e-12
+    gaps = rng.standard_normal(3 * m)
+    forces = closed.forces(pushed, gaps)
+    assert forces[:m] == pytest.approx(n, abs=1e-12)
+    assert forces[m:] == pytest.approx((slant * n[:, None]).ravel() - stiffness @ gaps[m:])
+    tangent = tangent_of(discrete)
+    tangent.update(elastic(discrete))
+    right = closed.project(rng.standard_normal(x.size))
+    u = tangent.minimise(closed, right, np.zeros_like(right), 1e-9)
+    assert np.abs(held @ u).max() < 1e-13
+    stiff = tangent.multiply(u) + rows.tangential.T @ (stiffness @ (rows.tangential @ u))
+    assert np.linalg.norm(closed.project(stiff - right)) < 2e-9
+
+
 def test_conjugate_gradients_minimise_over_what_is_free(discrete):
     tangent = tangent_of(discrete)
     tangent.update(elastic(discrete))
@@ -131,8 +160,9 @@ def test_an_indefinite_preconditioner_is_said(discrete):
     tangent.prepare(closed)
     tangent._engine._diagonal = -tangent._engine._diagonal
     right = closed.project(np.ones(discrete.supports.free.size))
+    work = tangent.multiply, tangent._engine.precondition, np.vdot, closed.project
     with pytest.raises(TangentError, match="not positive definite"):
-        conjugate_gradients(tangent._engine, np.vdot, closed.project, right, 0 * right, 1e-9, 100)
+        conjugate_gradients(*work, right, 0 * right, 1e-9, 100)
 
 
 def test_active_sets_find_the_solution_of_the_direct_method(discrete):

@@ -3,6 +3,7 @@
 import os
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from bodies import STEEL, pressed_body
 
@@ -58,6 +59,7 @@ CASES = {
     "two-dimensional": lambda: lshape_with("two-dimensional"),
     "plane strain": lambda: lshape_with("plane strain"),
     "axisymmetric": lambda: pressed_body("quadrilaterals", "axisymmetric", 2),
+    "Tresca, cycling sets": lambda: replace(indented_block(1), friction=5.0),
     "Coulomb": lambda: replace(indented_block(1), friction=Coulomb(0.4)),
     "Coulomb, order 2": lambda: replace(pressed_body("prisms", order=2), friction=Coulomb(0.4)),
     "Tresca, flat": lambda: replace(lshape_with("plane strain"), friction=0.05),
@@ -80,6 +82,20 @@ def test_the_solution_is_that_of_the_direct_solver(case, solver):
     assert large.iterations <= direct.iterations + 2
     assert sum(large.history.column("linear_iterations")) > 0
     assert large.friction_force == pytest.approx(direct.friction_force, rel=1e-6, abs=1e-9)
+
+
+@both
+@pytest.mark.parametrize("friction", [5.0, 50.0])
+def test_friction_costs_little_more_than_contact(friction, solver):
+    problem, options = indented_block(2), NewtonOptions(inverse=solver())
+    rough = replace(problem, friction=friction)
+    direct, large = semismooth_newton(rough), semismooth_newton(rough, options=options)
+    smooth = semismooth_newton(problem, options=options)
+    counts = [sum(r.history.column("linear_iterations")) for r in (large, smooth)]
+    assert counts[0] <= 3 * counts[1]
+    assert large.primal_energy == pytest.approx(direct.primal_energy, rel=1e-10)
+    size = direct.contact_force
+    assert np.abs(large.state.contact - direct.state.contact).max() < 1e-8 * size
 
 
 @both
