@@ -58,7 +58,7 @@ class Picture(Figure):
         require_instance("drawn", drawn, Figure, "a Figure")
         self.set_layout_engine("none")
         for own, place in zip(self.axes, drawn.axes, strict=True):
-            own.set_position(place.get_position())
+            own.set_position(place.get_position(original=True))
         return self
 
     def _repr_png_(self) -> bytes:
