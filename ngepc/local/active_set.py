@@ -30,6 +30,9 @@ SETS = 30
 PATIENCE = 10
 """Active sets with each c."""
 
+PART = 0.1
+"""What linear systems leave, as a part of what Newton's method or the tolerance does."""
+
 FINEST = 1e-9
 """Smallest relative residual of a linear system."""
 
@@ -77,10 +80,14 @@ class InexactTarget:
         self._movable = (moved > HELD).reshape(len(discrete.rows), -1)
 
     def accuracy(self, residual: float) -> float:
-        """The relative residual for a step from here (Eisenstat and Walker 1996, choice 2)."""
+        """The relative residual for a step from here (Eisenstat and Walker 1996, choice 2).
+
+        It is a small part of what Newton's method itself is about to leave, so that its steps do
+        not depend on how the linear systems are solved.
+        """
         before, self._before = self._before, residual
-        falling = 0.5 * (residual / before) ** 1.5 if before else 1.0
-        return min(self._forcing, max(falling, 0.3 * self._tolerance / residual, FINEST))
+        falling = PART * (residual / before) ** 2 if before else 1.0
+        return max(min(self._forcing, falling), PART * self._tolerance / residual, FINEST)
 
     def __call__(self, here: State, tangent: IterativeTangent) -> Target:
         """The change of u, and contact there.

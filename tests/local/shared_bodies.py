@@ -21,9 +21,6 @@ from ngepc.studies.large import pressed
 
 OPTIONS = NewtonOptions(inverse=PETSc(), tolerance=1e-9)
 
-EXACT = NewtonOptions(inverse=PETSc(forcing=1e-7), tolerance=1e-8)
-"""Inexact first steps may cost the body on springs a step more or less."""
-
 
 def shared(mesh, comm, refinements):
     part = parts.distribute(mesh if comm.rank == 0 else None, comm)
@@ -128,7 +125,7 @@ def found(comm, folder):
     """All that the tests look at."""
     results = {}
     for name, problem in bodies(comm):
-        result = semismooth_newton(problem, options=EXACT if name == "springs" else OPTIONS)
+        result = semismooth_newton(problem, options=OPTIONS)
         results[name] = numbers(result)
         if name == "fine block":
             results["softer"] = numbers(softer(result))
