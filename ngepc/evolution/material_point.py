@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+from scipy.optimize import root
 
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_instance
@@ -14,7 +15,6 @@ from ngepc.discretisation.law import Law, Return
 from ngepc.evolution.load_path import numbers_in
 from ngepc.evolution.memory import Memory
 from ngepc.geometries import block
-from ngepc.linalg.linesearch import nearly_flat
 from ngepc.model.given import Given
 from ngepc.model.kinematics import SOLID
 from ngepc.model.material import Material
@@ -25,11 +25,8 @@ COMPONENTS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 
 
 Path = Mapping[str, float | Sequence[float]]
 
-SINGULAR = 1e12
-"""Condition of a tangent that hardens no more."""
-
-STEPS = 100
-"""Most Newton steps of an increment."""
+EXACT, ACCEPTED = 1e-15, 1e-11
+"""Relative change of a strain that ends a search, and the stress that may then be missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,28 +145,17 @@ class _Point:
         """The strain with the given strains and stresses; None if there is none."""
         e, free = np.where(held, target, e), ~held
         scale = self.law.beta[0] + np.abs(target[free]).max(initial=0.0)
-        for _ in range(STEPS):
+
+        def missing(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            e[free] = part
             at, stress = self._state(e)
-            wrong = (stress - target)[free]
-            if np.abs(wrong).max(initial=0.0) <= 1e-12 * scale:
-                return e
-            step, K = np.zeros(6), self._tangent(at)[np.ix_(free, free)]
-            if not np.isfinite(wrong).all() or np.linalg.cond(K) > SINGULAR:
+            return (stress - target)[free] / scale, self._tangent(at)[np.ix_(free, free)] / scale
+
+        if free.any():
+            found = root(missing, e[free], jac=True, tol=EXACT)
+            if not np.abs(missing(found.x)[0]).max() <= ACCEPTED:
                 return None
-            step[free] = -np.linalg.solve(K, wrong)
-            e = e + self._length(e, step, target, free) * step
-        return None
-
-    def _length(
-        self, e: np.ndarray, step: np.ndarray, target: np.ndarray, free: np.ndarray
-    ) -> float:
-        """A step length where the convex energy falls no more."""
-
-        def slope(t: float) -> float:
-            return float((self._state(e + t * step)[1] - target)[free] @ step[free])
-
-        found = nearly_flat(slope, 1e-15 * np.abs(target).max() * np.abs(step).max())
-        return 1.0 if found is None else found[0]
+        return e
 
     def _tangent(self, at: Return) -> np.ndarray:
         moduli = self.law.moduli(at, self.law.yielding_part(at))
