@@ -36,33 +36,14 @@ ANSWER = 1e-8
 class ReducedEnergy:
     """min over p of J(u, p), (2.14), for nodal displacements u of shape (nodes, N).
 
-    Parameters
-    ----------
-    problem
-        Data of the time step.
-    inverse
-        As in ``PrimalOptions``.
+    A ``Frame`` of ``discretisation.balance``; ``inverse`` is as in ``PrimalOptions``.
 
     Attributes
     ----------
-    supports, contact
-        What holds the body, and the conditions of contact and friction.
-    displacement
-        The GridFunction that holds the displacement looked at last.
-    mapping
-        ``ReturnMapping`` at ``displacement``.
-    floating
-        The parts that contact alone holds.
-    load
-        Nodal forces of tractions and body force, shape (nodes, N).
-    stiffness_diagonal
-        Diagonal of the tangent at u = 0, shape (nodes, N): the size of forces per length.
-    row_stiffness
-        ``ContactConditions.stiffness`` of it.
+    displacement, mapping
+        The GridFunction that holds the displacement looked at last, and ``ReturnMapping`` there.
     examined
         Most solves that tell whether friction allows other equilibria.
-    yield_forces
-        Norm of nodal forces of size beta/h, those of stresses at the yield bound.
     """
 
     def __init__(self, problem: Problem, inverse: str | object = "sparsecholesky") -> None:

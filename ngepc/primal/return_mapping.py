@@ -32,13 +32,6 @@ class ReturnMapping:
 
     Every property is a coefficient that follows later changes of ``displacement``, with a law of
     hardening after ``update``.
-
-    Parameters
-    ----------
-    problem
-        Data of the time step.
-    displacement
-        u, vector-valued (length).
     """
 
     def __init__(self, problem: Problem, displacement: GridFunction) -> None:

@@ -68,13 +68,7 @@ class PrimalOptions:
 
 
 class PrimalStep:
-    """A step in u alone, see ``NewtonStep``.
-
-    Parameters
-    ----------
-    reduced
-        The discrete energy; what its contact rows answer is learned from step to step.
-    """
+    """A step in u alone, see ``NewtonStep``; what the rows answer is learned from step to step."""
 
     result = PrimalResult
 
