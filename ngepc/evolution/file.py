@@ -27,13 +27,8 @@ Stored = tuple[dict, np.ndarray, np.ndarray]
 class EvolutionFile:
     """The checkpoint file of one evolution; OSError if it cannot be written.
 
-    Parameters
-    ----------
-    path
-        The file.  Processes that share the mesh have one each, '<stem>_0000<suffix>', ..., with
-        what is on their parts.
-    problem, schedule, solver
-        The work that it belongs to.
+    Processes that share the mesh have one each, '<stem>_0000<suffix>', ..., with what is on their
+    parts.
     """
 
     def __init__(self, path: Path, problem: Problem, schedule: Schedule, solver: object) -> None:

@@ -19,18 +19,8 @@ from ngepc.model.problem import Problem
 class Memory:
     """The internal variables at the integration points at the end of a step.
 
-    Parameters
-    ----------
-    functions
-        The points, and the polynomials that take values there.
-    plastic_strain
-        Coordinates of p_0, shape (points, d) (1).
-    back_stress
-        Coordinates of dev alpha_2,0, shape (points, d) (stress).
-    hardening_variable
-        alpha_1,0 >= 0, shape (points,) (1).
-    accumulated
-        PEEQ, shape (points,) (1).
+    Coordinates of p_0 (1) and of dev alpha_2,0 (stress), shape (points, d), alpha_1,0 >= 0 (1) and
+    PEEQ (1), shape (points,); ``functions`` are the points, and the polynomials through them.
     """
 
     functions: PointFunctions

@@ -16,16 +16,11 @@ BIACTIVE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Biactive:
-    """The weakly active rows and points of a state.
+    """The weakly active rows and points of a state, by their numbers.
 
-    Parameters
-    ----------
-    rows
-        Contact rows with lambda = 0 and no gap, up to the tolerance, shape (k,).
-    kinks
-        Closed rows where friction is at its bound without slip, or the bound changes its law.
-    points
-        Integration points with |s| = beta up to the tolerance, shape (l,).
+    ``rows`` of contact have lambda = 0 and no gap, up to the tolerance; ``kinks`` are closed rows
+    where friction is at its bound without slip, or the bound changes its law; ``points`` are those
+    with |s| = beta up to the tolerance.
     """
 
     rows: np.ndarray

@@ -37,12 +37,9 @@ class FormFunctional:
     Plastic strain and stress are the polynomials through their values at the points; they have no
     values on boundaries.
 
-    Parameters
-    ----------
-    form
-        Called with the displacement u, the plastic strain p_0 + p and the stress, two tensors, and
-        the ``contact_pressure`` of results if it takes four arguments; returns integrals such as
-        ``InnerProduct(u, u) * ds("contact")``.
+    The form is called with the displacement u, the plastic strain p_0 + p and the stress, two
+    tensors, and the ``contact_pressure`` of results if it takes four arguments; it returns
+    integrals such as ``InnerProduct(u, u) * ds("contact")``.
     """
 
     form: Form

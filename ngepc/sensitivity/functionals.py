@@ -21,19 +21,10 @@ from ngepc.sensitivity.radial import Data
 class Slope:
     """The value and the derivative of a functional F(u, p, tau, mean, x; data) at a state.
 
-    Parameters
-    ----------
-    value
-        F.
-    u
-        With respect to nodal displacements, shape (nodes, N); 0 for none, as in the following.
-    p, stress, mean
-        With respect to the plastic strain gained and the deviatoric stress (points, d), and to
-        the mean stress (points,); densities: the weights of the points are left out.
-    contact
-        With respect to the forces of contact and friction, in the order of ``State.contact``.
-    explicit
-        With respect to the data themselves.
+    ``u`` is with respect to nodal displacements, shape (nodes, N); ``p``, ``stress`` and ``mean``
+    with respect to the plastic strain gained and the deviatoric stress (points, d), and to the
+    mean stress (points,), densities: the weights of the points are left out; ``contact`` with
+    respect to ``State.contact``, ``explicit`` to the data themselves.  0 stands for none.
     """
 
     value: float

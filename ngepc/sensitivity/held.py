@@ -46,17 +46,7 @@ class HeldSystem:
     misses the solution by 1 / stiff only.  Where C = R and all rows are such, it is repeated with
     what is left; otherwise it is the preconditioner of GMRES.
 
-    Parameters
-    ----------
-    state
-        The solution.
-    contact
-        Contact with its sides; None for those of the solution.
-
-    Raises
-    ------
-    TangentError
-        If the tangent cannot be factorised.
+    By default contact has the sides of the solution.  TangentError if there are no factors.
     """
 
     def __init__(self, state: State, contact: LinearContact | None = None) -> None:

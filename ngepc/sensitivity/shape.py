@@ -29,12 +29,7 @@ STEP = 1e-5
 class MovingBody:
     """A solution on a mesh whose vertices move with V; displacements and contact forces stay.
 
-    Parameters
-    ----------
-    state
-        The solution.
-    motion
-        V at the vertices, shape (vertices, N) (length per unit of the parameter).
+    ``motion`` is V at the vertices, shape (vertices, N) (length per unit of the parameter).
     """
 
     def __init__(self, state: State, motion: np.ndarray) -> None:
