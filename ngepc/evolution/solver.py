@@ -146,6 +146,7 @@ class _Run:
 
     def __post_init__(self) -> None:
         memory = Memory.initial(self.problem)
+        self.evolution = Evolution(self.problem, [], memory)
         for time in self.schedule.times:
             step = self._problem_at(time, memory)
             if self.error is not None:
@@ -156,7 +157,6 @@ class _Run:
                         f"order={step.order}: error=... needs 1, one value of the history a cell"
                     )
                 require_frictionless(step, "error=...")
-        self.evolution = Evolution(self.problem, [], memory)
         self.pending = [(time, 0) for time in reversed(self.schedule.times)]
 
     def resume(self, file: EvolutionFile) -> None:
@@ -164,7 +164,7 @@ class _Run:
         self.file, (steps, pending) = file, file.load()
         for stored in steps:
             memory = self.evolution.memory
-            problem = self._problem_at(stored[0]["time"], memory, self._u_0)
+            problem = self._problem_at(stored[0]["time"], memory)
             self._append(file.step(problem, stored, memory.functions))
         self.pending = pending if steps else self.pending
 
@@ -174,47 +174,43 @@ class _Run:
             while self.pending:
                 time, level = self.pending.pop()
                 status, message = self._solve(time, level)
+                where = f"In the step to time {time:g}: {message}"
                 if status.is_success:
                     if status is not Status.CONVERGED:
-                        self._end(status, f"In the step to time {time:g}: {message}")
-                    continue
-                if status in UNCUT or level >= self.cuts:
+                        self._end(status, where)
+                elif status in UNCUT or level >= self.cuts:
                     self.pending.append((time, level))
-                    self._end(status, f"In the step to time {time:g}: {message}")
-                    return
-                middle = 0.5 * (self._now + time)
-                log.info("step to time %g failed (%s): cut at %g", time, status.label, middle)
-                self.pending += [(time, level + 1), (middle, level + 1)]
+                    return self._end(status, where)
+                else:
+                    begin = self._last.record.time if self._last else self.schedule.begin
+                    middle = 0.5 * (begin + time)
+                    log.info("step to time %g failed (%s): cut at %g", time, status.label, middle)
+                    self.pending += [(time, level + 1), (middle, level + 1)]
         except (StopIteration, KeyboardInterrupt):
             self._end(Status.STOPPED, f"After {len(self.evolution.steps)} steps.")
 
     @property
-    def _now(self) -> float:
-        steps = self.evolution.steps
-        return steps[-1].record.time if steps else self.schedule.begin
+    def _last(self) -> EvolutionStep | None:
+        return self.evolution.steps[-1] if self.evolution.steps else None
 
     def _end(self, status: Status, message: str) -> None:
         self.evolution.status, self.evolution.message = status, message
 
-    def _problem_at(self, time: float, memory: Memory, u_0: GridFunction | None = None) -> Problem:
+    def _problem_at(self, time: float, memory: Memory) -> Problem:
         changes = dict(check_changes(self.schedule.changes(time), time))
         rough = changes.get("friction", self.problem.friction) is not None
-        if rough and u_0 is not None:
-            changes["initial_displacement"] = Supports(self.problem).function(
-                nodal_values(u_0, self.problem)
-            )
+        if rough and self._last is not None:
+            u_0 = nodal_values(self._last.fields.displacement, self.problem)
+            changes["initial_displacement"] = Supports(self.problem).function(u_0)
         return memory.problem(self.problem, changes)
 
-    @property
-    def _u_0(self) -> GridFunction | None:
-        steps = self.evolution.steps
-        return steps[-1].fields.displacement if steps else None
-
     def _solve(self, time: float, level: int) -> tuple[Status, str]:
-        problem, result = self._solved(time, self._u_0)
+        problem, result = self._solved(time, self._last and self._last.fields.displacement)
+        relative = None
         while result.status.is_success and self.error is not None:
             bound = error_bound(result)
-            if bound.relative <= self.error:
+            relative = bound.relative
+            if relative <= self.error:
                 break
             if message := self._refine(bound, time):
                 return Status.MESH_LIMIT, message
@@ -223,23 +219,19 @@ class _Run:
             return result.status, result.message
         memory = self.evolution.memory
         increment = memory.functions.function(memory.increment(result.plastic_increment))
-        step_fields = Fields(problem, result.displacement, increment)
-        points = memory.functions.points
-        told = {"time": time, "cuts": level, "error_bound": None}
-        if self.error is not None:
-            told["error_bound"] = bound.relative
-        record = StepRecord.of(result, step_fields, points, **told)
-        step = EvolutionStep(step_fields, record)
-        self._append(step)
+        fields = Fields(problem, result.displacement, increment)
+        known = {"time": time, "cuts": level, "error_bound": relative}
+        record = StepRecord.of(result, fields, memory.functions.points, **known)
+        self._append(EvolutionStep(fields, record))
         if self.file is not None:
             self.file.save(self.evolution.steps, self.pending)
         if self.monitor is not None:
-            self.monitor(step)
-        return result.status, "" if result.status is Status.CONVERGED else result.message
+            self.monitor(self._last)
+        return result.status, result.message
 
     def _solved(self, time: float, start: GridFunction | None) -> tuple[Problem, object]:
         """A step on the mesh as it is: the problem and what the solver returned."""
-        problem = self._problem_at(time, self.evolution.memory, self._u_0)
+        problem = self._problem_at(time, self.evolution.memory)
         result = self.solver(problem, start=start)
         needed = "function that returns a result with status, displacement and plastic_increment"
         if not hasattr(result, "status"):
