@@ -8,6 +8,7 @@ import numpy as np
 
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.linalg.compliance import Compliance
+from ngepc.linalg.friction import is_unique
 from ngepc.linalg.secants import solve_by_secants
 
 ROUNDING = 3e-14
@@ -16,6 +17,11 @@ ROUNDING = 3e-14
 EXAMINED, FEW = 600, 60
 """Most forces of rows among which other equilibria are looked for: a solve with factors for each,
 or one by iterations."""
+
+SPRINGS = 1e4
+"""Springs of rows beside their stiffness, which turn a compliance round (Woodbury's formula)."""
+
+Solve = Callable[[np.ndarray], np.ndarray]
 
 BESIDE = 1e-3
 """Where the slope of friction is taken beside a kink, as a part of the step length."""
@@ -73,14 +79,21 @@ def rival(
     forces: np.ndarray,
     row_stiffness: np.ndarray,
     most: int,
+    stiffened: Callable[[np.ndarray], Solve] | None = None,
 ) -> tuple[bool, str]:
     """Whether Coulomb's law has other forces at a solution than these, and a sentence about it.
 
-    All rows that press and those closest to it are examined, ``most`` forces at most, each with
-    one solve; other parameters as for ``with_contact``, ``gaps`` those of the solution.
+    With ``stiffened``, springs of the rows -> the solver with them, uniqueness is tested first
+    (``is_unique``), with the compliance S + 1/springs.  Where it is not proved all rows that press
+    and those closest to it are examined, ``most`` forces at most, each with one solve; other
+    parameters as for ``with_contact``, ``gaps`` those of the solution.
     """
     cone = conditions.friction
     if cone is None or not (np.isinf(cone.cap) & (cone.coefficient > 0)).any():
+        return False, ""
+    if stiffened is not None and _is_unique(
+        conditions, solve, gaps, forces, SPRINGS * row_stiffness, stiffened
+    ):
         return False, ""
     n = conditions.normal(forces)
     pressing = n - conditions.normal(row_stiffness * gaps)
@@ -100,6 +113,29 @@ def rival(
     found = other[: len(rows)][~cone.tied[rows]].sum()
     ours = n[~cone.tied].sum()
     return True, f"One of them has the contact force {found:.6g} instead of {ours:.6g}."
+
+
+def _is_unique(
+    conditions: ContactConditions,
+    solve: Solve,
+    gaps: np.ndarray,
+    forces: np.ndarray,
+    springs: np.ndarray,
+    stiffened: Callable[[np.ndarray], Solve],
+) -> bool:
+    """Whether ``is_unique`` holds at a solution."""
+    held = stiffened(springs)
+
+    def compliance(d: np.ndarray) -> np.ndarray:
+        return conditions.displacement(solve(conditions.forces(d))) + d / springs
+
+    def stiffness(g: np.ndarray) -> np.ndarray:
+        d = springs * g
+        return d - springs * conditions.displacement(held(conditions.forces(d)))
+
+    rounding = ROUNDING * np.abs(gaps).max(initial=0.0)
+    follows = conditions.friction.follows(forces, gaps, rounding)
+    return is_unique(follows, compliance, stiffness)
 
 
 class ContactWork:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
+from scipy.sparse import diags
 
 from ngepc.discretisation.blocks import StiffnessBlocks
 from ngepc.discretisation.contact_step import EXAMINED
@@ -32,6 +34,7 @@ class Tangent(Protocol):
     back_substitutions: int
     linear_iterations: int
     examined: int
+    stiffened: Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]] | None
 
     def linearise(self, here: State) -> None:
         """Take the tangent at a state."""
@@ -73,7 +76,7 @@ class Factors:
         self, discrete: DiscreteProblem, name: str, blocks: StiffnessBlocks | None = None
     ) -> None:
         require_whole(f"inverse={name!r} and all that needs factors", discrete.problem.mesh)
-        self._free = discrete.supports.free
+        self._discrete, self._free = discrete, discrete.supports.free
         self._stiffness = discrete.stiffness.another(blocks)
         self._name, self._inverse, self.back_substitutions = name, None, 0
         self._in_blocks = name in FROM_LOWER_TRIANGLE
@@ -94,6 +97,16 @@ class Factors:
         self._stiffness.fill(moduli)
         self.moduli, self.back_substitutions = moduli, 0
         self._factorise()
+
+    def stiffened(self, springs: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """``solve`` with springs of the contact rows, each of which belongs to one node."""
+        discrete, R = self._discrete, self._discrete.contact.matrix
+        more, added = (R.T @ diags(springs) @ R).tocsr(), discrete.added
+        more = more if added is None else added + more
+        blocks = StiffnessBlocks(discrete.points, discrete.free, more)
+        held = Factors(discrete, self._name, blocks)
+        held.update(self.moduli)
+        return held.solve
 
     def _factorise(self) -> None:
         try:

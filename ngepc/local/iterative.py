@@ -127,7 +127,7 @@ class IterativeTangent:
         Most solves that tell whether friction allows other equilibria.
     """
 
-    examined = FEW
+    examined, stiffened = FEW, None
 
     def __init__(
         self,

@@ -84,7 +84,9 @@ class PrimalDualStep:
             return False, ""
         self.tangent.linearise(state.on_sphere())
         work = discrete.contact, self.tangent.solve, state.gaps, state.contact
-        return rival(*work, discrete.row_stiffness, self.tangent.examined)
+        nodal = discrete.problem.order == 1 and not discrete.problem.contact_pairs
+        held = self.tangent.stiffened if nodal else None
+        return rival(*work, discrete.row_stiffness, self.tangent.examined, held)
 
     def numbers(self, state: State) -> dict[str, float]:
         """Solves of the step, and what yields and slips."""

@@ -8,6 +8,7 @@ from netgen.geom2d import SplineGeometry
 from netgen.meshing import Element1D, Element2D, FaceDescriptor, MeshPoint, Pnt
 from netgen.meshing import Mesh as RawMesh
 from ngsolve import CF, IfPos, Mesh, x, y
+from scipy.linalg import eigh
 
 from ngepc import (
     Coulomb,
@@ -21,6 +22,8 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import block
+from ngepc.linalg.compliance import Compliance
+from ngepc.linalg.friction import FrictionCone, is_unique
 
 MU, PRESSURE = 100.0, 4.0
 SPRINGY = Material.kinematic(lame_lambda=0.0, lame_mu=MU, yield_stress=1e6, hardening=1.0)
@@ -173,6 +176,38 @@ def test_several_equilibria_are_said(angle, part, solver):
             assert result.status is (Status.NOT_UNIQUE if len(forces) > 1 else Status.CONVERGED)
             seen.add(len(forces))
     assert seen == ({1} if part < 1 else {1, 3})
+
+
+def test_the_condition_for_one_solution_is_an_eigenvalue():
+    """d.E'Sd < d.Sd for all d, beside the dense pencil; no search finds what it excludes."""
+    rng, proved = np.random.default_rng(7), []
+    for m, d in [(4, 1), (6, 2), (30, 1), (25, 2)] * 5:
+        half = rng.standard_normal((m * (d + 1), m * (d + 1)))
+        S = half @ half.T / len(half) + np.eye(len(half))
+        mu = rng.uniform(0.1, 5.0)
+        cone = FrictionCone(np.full(m, np.inf), np.full(m, mu), np.zeros(m, dtype=bool), d)
+        gaps = rng.standard_normal(len(S)) - 1
+        found = cone(Compliance.of(S), gaps, np.zeros(len(S)))
+        if not found.exact:
+            continue
+        forces, left = found.change, gaps + S @ found.change
+        follows, E = cone.follows(forces, left, 1e-12), np.zeros_like(S)
+        for row in range(m):
+            E[m + d * row : m + d * row + d, row] = follows[row]
+        largest = eigh(E.T @ S + S @ E, 2 * S, eigvals_only=True)[-1]
+        unique = is_unique(follows, lambda x, S=S: S @ x, lambda g, S=S: np.linalg.solve(S, g))
+        assert unique == (largest < 1) or (0.9 < largest < 1 and not unique)
+        assert not unique or cone.rival(S, left, forces) is None
+        proved.append(unique)
+    assert set(proved) == {True, False}
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.3])
+@pytest.mark.parametrize("cells", [(16, 8), (32, 16), (3, 3, 3)])
+def test_small_coefficients_need_no_search(cells, mu, monkeypatch):
+    """The condition holds on every mesh, and other equilibria are not looked for."""
+    monkeypatch.setattr(FrictionCone, "rival", None)
+    assert solved(pressed(cells, Coulomb(mu))).message == ""
 
 
 def pressed(cells, friction, gap=-0.02):
