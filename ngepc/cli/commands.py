@@ -73,8 +73,8 @@ ngepc solve lshape --save run.npz                keep it for the next one
 ngepc report run.npz                             pictures, numbers, a view to turn and zoom
 ngepc path wrench --nodes 1641                        as in Table 3
 ngepc path lshape --gamma-end 1e6 --checkpoint p.npz  Ctrl-C, and on with the same command
-ngepc study table1 --levels 2 --figures --out out/demo
-ngepc study cost --modes default                 Ctrl-C, and on with the same command
+ngepc study table1 --levels 2 --out out/demo      Ctrl-C, and on with the same command
+ngepc study benchmarks --figures                 published problems, with pictures
 ngepc notebooks mine --solutions                 lectures and exercises; then: jupyter lab mine
 eval "$(register-python-argcomplete ngepc)"      the Tab key completes, in this shell
 """

@@ -36,11 +36,6 @@ from ngepc.model.problem import as_scalar
 
 POINTS = 400
 
-ON_CONTACT = (
-    *("tension", "penetration", "shear"),
-    *("normal_stress", "normal_stress_deviation", "complementarity"),
-)
-
 
 @dataclass(frozen=True, kw_only=True)
 class DualityReport:
@@ -80,13 +75,13 @@ class DualityReport:
     contact_penalty: float
     plastic_penalty: float
     tichonov: float
-    tension: float
+    tension: float = 0.0
     overshoot: float
-    penetration: float
-    complementarity: float
-    shear: float
-    normal_stress: float
-    normal_stress_deviation: float
+    penetration: float = 0.0
+    complementarity: float = 0.0
+    shear: float = 0.0
+    normal_stress: float = 0.0
+    normal_stress_deviation: float = 0.0
     deviatoric_stress: float
     stress_deviation: float
     mean_stress_deviation: float
@@ -140,22 +135,22 @@ def _energies(result: DualResult) -> dict[str, float]:
 def _contact(result: DualResult) -> dict[str, float]:
     problem, z = result.problem, result.normal_stress
     if not problem.contact_names:
-        return dict.fromkeys(ON_CONTACT, 0.0)
+        return {}
     rules = boundary_rules(problem.N, POINTS)
     measure, n = ds("|".join(problem.contact_names), intrules=rules), problem.normal
     overlap = result.displacement * n - problem.psi
     traction = BoundaryFromVolumeCF(result.stress) * n
     normal, product = InnerProduct(traction, n), z * overlap
-    fields = (
-        IfPos(z, z, 0),
-        IfPos(overlap, overlap, 0),
-        traction - normal * n,
-        normal,
-        z - normal,
-    )
-    sizes = [_size(field, measure, problem.mesh) for field in fields]
+    fields = {
+        "tension": IfPos(z, z, 0),
+        "penetration": IfPos(overlap, overlap, 0),
+        "shear": traction - normal * n,
+        "normal_stress": normal,
+        "normal_stress_deviation": z - normal,
+    }
+    sizes = {name: _size(field, measure, problem.mesh) for name, field in fields.items()}
     complementarity = Integrate(IfPos(product, product, -product) * measure, problem.mesh)
-    return dict(zip(ON_CONTACT, (*sizes, complementarity), strict=True))
+    return {**sizes, "complementarity": complementarity}
 
 
 def _plasticity(result: DualResult) -> dict[str, float]:

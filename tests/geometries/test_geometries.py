@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from ngsolve import CF, Integrate, ds
 
-from ngepc.geometries import block, cook, lshape, plate, punch, quarter_cube, ring, wrench
+from ngepc.geometries import (
+    block,
+    cook,
+    lshape,
+    plate,
+    published,
+    punch,
+    quarter_cube,
+    ring,
+    wrench,
+)
 from ngepc.model.elements import element_facets
 from ngepc.model.support import check_conforming
 
@@ -299,3 +309,38 @@ def test_mesh_width_is_a_bound(maxh, coarser):
     longest = max(np.linalg.norm(x[e.vertices[0].nr] - x[e.vertices[1].nr]) for e in mesh.edges)
     assert longest < 1.5 * maxh
     assert 2.5 < mesh.ne / lshape.mesh(coarser).ne < 6
+
+
+PUBLISHED = {
+    "half a block": (
+        lambda: published.half_block(4, 2, 1, 0.1, 1),
+        8,
+        {"contact": 1, "free": 3, "symmetry": 2},
+    ),
+    "roller": (
+        lambda: published.roller_on_block(2.0),
+        20000 + math.pi * 50**2 / 4,
+        {"load": 50, "bottom": 100, "symmetry": 250, "flat": 9},
+    ),
+    "rings": (
+        lambda: published.shrunk_rings(0.1, 1, 2, 3, 0.01),
+        math.pi / 4 * (2.005**2 - 1 + 9 - 1.995**2),
+        {"inner inside": math.pi / 2, "left": 2.01},
+    ),
+    "stacked": (
+        lambda: published.stacked_blocks(2, 0.3),
+        0.94,
+        {"above": 0.6, "below": 1, "top": 0.6},
+    ),
+    "stacked, 3D": (lambda: published.stacked_blocks(3, 0.5), 0.844, {"above": 0.36, "clamped": 1}),
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_bodies_of_published_problems(name):
+    build, size, sides = PUBLISHED[name]
+    mesh = build()
+    assert measure(mesh) == pytest.approx(size, rel=5e-3)
+    found = lengths(mesh)
+    for side, length in sides.items():
+        assert found[side] == pytest.approx(length, rel=5e-3), side
