@@ -276,15 +276,18 @@ class Duality(BothPaths):
         *((head, f"{{{part}:.3g}}") for part, head in TERMS.items()),
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.options = PathOptions(growth=10.0, gamma_end=self.gamma_end, inner_scale=1e-8)
+
     def solve(self, cell: Cell) -> list[dict]:
         """Follow the path of an example: a record for each gamma."""
         reports: list[dict] = []
-        options = PathOptions(growth=10.0, gamma_end=self.gamma_end, inner_scale=1e-8)
 
         def note(result: DualResult) -> None:
             reports.append(asdict(duality_report(result)))
 
-        path = followed(self, cell.row, cell.nodes, options, observer=note)
+        path = followed(self, cell.row, cell.nodes, self.options, observer=note)
         about = {"example": cell.row, "nodes": cell.nodes}
         return [
             about
