@@ -62,7 +62,7 @@ def balance_residual(result):
     if problem.f is not None:
         applied += problem.f * v * dx(bonus_intorder=3)
     inside, outside = (f.Assemble().vec.FV().NumPy() for f in (internal, applied))
-    push = result.rows.forces(result.nodal_contact_forces).T.ravel()
+    push = (result.rows.normal.T @ result.nodal_contact_forces).reshape(-1, problem.N).T.ravel()
     free = np.array(list(V.FreeDofs()), dtype=bool)
     balance = np.linalg.norm((inside - outside + push)[free])
     return float(balance / max(np.linalg.norm(inside), np.linalg.norm(outside), 1e-300))

@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix, diags
 
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.triangles import PAIRS, Triangles
-from ngepc.discretisation.blocks import lower_pattern, pattern_matrix
+from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
 
 EDGE_STEPS = 4
 """Degree of the polynomial that stands for the inverse on the edges, plus one."""

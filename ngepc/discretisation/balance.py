@@ -98,12 +98,8 @@ class Balance:
 
     @property
     def _processes(self) -> Alone:
+        """Those that share the body."""
         return self.frame.contact.processes
-
-    @cached_property
-    def contact_defect(self) -> np.ndarray:
-        """What the forces of contact lack, a force: min(lambda, k gap) without friction."""
-        return self.frame.contact.defect(self.contact, self.frame.row_stiffness * self.gaps)
 
     @cached_property
     def force_scale(self) -> float:
@@ -111,7 +107,7 @@ class Balance:
         sizes = [self._processes.norm(a) for a in (self.frame.load, self.internal_forces)]
         return max(
             *sizes,
-            self._contact_defect_size,
+            self.contact_defect,
             min(ROUNDING_SCALE * self.trial_forces, self.frame.yield_forces),
         )
 
@@ -130,14 +126,17 @@ class Balance:
     @property
     def contact_residual_norm(self) -> float:
         """The part of ``residual_norm`` that contact leaves."""
-        return self._relative(self._contact_defect_size)
+        return self._relative(self.contact_defect)
 
     @cached_property
-    def _contact_defect_size(self) -> float:
-        own = self.contact_defect[self.frame.contact.own]
+    def contact_defect(self) -> float:
+        """Norm of what the forces of contact lack, min(lambda, k gap) without friction."""
+        contact, pushed = self.frame.contact, self.frame.row_stiffness * self.gaps
+        own = contact.defect(self.contact, pushed)[contact.own]
         return math.sqrt(self._processes.total(float(own @ own)))
 
     def _relative(self, size: float) -> float:
+        """A force over ``force_scale``."""
         if size == 0 or self.force_scale == 0:  # an obstacle that pushes a body at rest
             return float(size > 0)
         return size / self.force_scale

@@ -198,7 +198,7 @@ class Law:
         return 0.5 * pressure**2 / self.bulk + shape + np.where(g < np.inf, flow, np.inf) + free
 
     def yielding_part(self, at: Return) -> np.ndarray:
-        """w = r s / max(r, |s|), shape (points, d)."""
+        """w = r s / max(r, |s|), -q = dev sigma - dev alpha_2 - h p of (3.8), shape (points, d)."""
         return (at.radius / np.maximum(at.size, at.radius))[:, None] * at.trial
 
     def linearised(self, at: Return, w: np.ndarray, ds: np.ndarray) -> np.ndarray:
@@ -230,7 +230,3 @@ class Law:
         kept = 1.0 if self.isotropic is None else 1 - SOFTEST
         extra = np.where(at.yields, kept * part * two_mu * (at.slope - along / size), 0.0)
         return Moduli(self.bulk, across, extra, direction)
-
-    def dual_variable(self, at: Return) -> np.ndarray:
-        """q = h p - dev sigma + dev alpha_2 = -w of (3.8), shape (points, d)."""
-        return -self.yielding_part(at)

@@ -96,7 +96,9 @@ class Points:
         for numbers, vertices, element, rule in groups:
             points = firsts[numbers][:, None] + np.arange(len(rule))
             weights[points] = np.array(rule.weights)
-            nodes = vertices if self.order == 1 else self._nodes(numbers)
+            nodes = vertices
+            if self.order == 2:
+                nodes = np.array([self.scalar.GetDofNrs(_id(number)) for number in numbers])
             slopes = np.array([np.array(element.CalcDShape(*point)) for point in rule.points])
             values = np.array([np.array(element.CalcShape(*point)) for point in rule.points])
             gradients = np.empty((*points.shape, nodes.shape[1], self.kinematics.N))
@@ -112,10 +114,6 @@ class Points:
         weights, volume = self.weights[block.points], block.rows()[0]
         mean = np.einsum("ep,epk->ek", weights, volume) / weights.sum(axis=1)[:, None]
         return replace(block, mean=mean)
-
-    def _nodes(self, numbers: np.ndarray) -> np.ndarray:
-        """Nodes of elements, shape (elements, k)."""
-        return np.array([self.scalar.GetDofNrs(_id(number)) for number in numbers.tolist()])
 
     def strain(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """tr eps(u) and the coordinates of dev eps(u), shapes (points,) and (points, d)."""
@@ -200,4 +198,5 @@ class Moduli:
 
 
 def _id(number: int) -> ElementId:
+    """An element of the body."""
     return ElementId(VOL, int(number))

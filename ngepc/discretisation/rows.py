@@ -68,10 +68,6 @@ class ContactRows:
         part = self.normal @ diags(free.ravel().astype(float))
         return self.chosen(np.flatnonzero(norm(part, axis=1) > HELD))
 
-    def forces(self, multipliers: np.ndarray) -> np.ndarray:
-        """N' lambda, the nodal forces that the body exerts on the obstacle, (nodes, N)."""
-        return (self.normal.T @ multipliers).reshape(-1, self.normals.shape[1])
-
     def slip(self, u: np.ndarray) -> np.ndarray:
         """Tangential displacements of the rows, shape (m, N - 1)."""
         return (self.tangential @ u.ravel()).reshape(len(self), -1)
@@ -187,21 +183,24 @@ def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     faces = MeetingFaces()
     places = [(c.vertex, faces.taking(c.vertex, c.name, c.normal)) for c in corners]
     found, row = np.unique(np.reshape(places, (-1, 2)).astype(int), axis=0, return_inverse=True)
-    m, count, vertices = len(found), np.arange(len(corners)), found[:, 0]
-    sums = csr_matrix((np.ones(len(corners)), (row.ravel(), count)), shape=(m, len(corners)))
+    m, vertices = len(found), found[:, 0]
+    where = row.ravel(), np.arange(len(corners))
+    sums = csr_matrix((np.ones(len(corners)), where), shape=(m, len(corners)))
     normals = sums @ np.array([c.normal for c in corners]).reshape(-1, N)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
     weights, gaps = (sums @ [getattr(c, name) for c in corners] for name in ("weight", "gap"))
     means = csr_matrix((np.ones(m), (np.arange(m), vertices)), shape=(m, nodes))
     if problem.order == 2 and m:
-        columns, each = (
-            np.concatenate([getattr(c, a) for c in corners]) for a in ("nodes", "means")
-        )
-        corner = np.repeat(count, [len(c.nodes) for c in corners])
-        of_corners = csr_matrix((each, (corner, columns)), shape=(len(corners), nodes))
-        means = diags(1 / weights) @ sums @ of_corners
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
+        means = diags(1 / weights) @ sums @ _integrals(corners, nodes)
     rows = rows_along(normals, means, vertices=vertices, gaps=gaps / weights, weights=weights)
     return rows.movable(supports.free)
+
+
+def _integrals(corners: list[_Corner], nodes: int) -> csr_matrix:
+    """Those of the shape functions with the hat function of each corner, (corners, nodes)."""
+    values, columns = (np.concatenate([getattr(c, a) for c in corners]) for a in ("means", "nodes"))
+    corner = np.repeat(np.arange(len(corners)), [len(c.nodes) for c in corners])
+    return csr_matrix((values, (corner, columns)), shape=(len(corners), nodes))
 
 
 def _shared(corners: Iterable[_Corner], problem: Problem) -> Iterable[_Corner]:

@@ -98,17 +98,12 @@ def outer_boundaries(mesh: Mesh) -> set[str]:
     }
 
 
-def other_boundaries(problem: Problem) -> str:
-    """All outer boundaries but Gamma_c, as 'a|b', for conditions at the ends of Gamma_c."""
-    return "|".join(sorted(outer_boundaries(problem.mesh) - set(problem.contact_names)))
-
-
 def contact_space(problem: Problem, *, ends_fixed: bool = True) -> FESpace | None:
     """Z_h: P1 on Gamma_c, by default zero at its ends; None without contact."""
     if not problem.contact_names:
         return None
     region = problem.mesh.Boundaries("|".join(problem.contact_names))
-    rest = other_boundaries(problem)
+    rest = "|".join(sorted(outer_boundaries(problem.mesh) - set(problem.contact_names)))
     conditions = {"dirichlet": rest} if ends_fixed and rest else {}
     return Compress(H1(problem.mesh, order=1, definedon=region, **conditions))
 

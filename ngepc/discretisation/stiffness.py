@@ -1,35 +1,123 @@
-"""The stiffness matrix of the displacements for NGSolve's direct solvers, filled in place.
+"""The stiffness matrix of the displacements as N x N blocks, one for each pair of nodes.
 
-Its entries are N x N blocks, one for each pair of nodes: the direct solver orders and eliminates
-nodes instead of single components, which takes a third of the time.
+They stand on one pattern and are filled in place.  A direct solver that orders and eliminates nodes
+instead of single components takes a third of the time.
 """
 
 from __future__ import annotations
 
 from copy import copy
+from typing import Protocol
 
 import numpy as np
-from ngsolve import H1
+from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Trace, VectorH1, dx
 from ngsolve.la import SparseMatrixd
 from scipy.sparse import csr_matrix
 
-from ngepc.discretisation.blocks import StiffnessBlocks, pattern_matrix
+from ngepc.discretisation.elements import Elements, chunks
+from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.linalg.assembly import from_entries
 
 
-class Stiffness:
-    """The matrix B' C B on one sparsity pattern, with rows of held components as the identity.
+class Blocks(Protocol):
+    """What has the entries of tangents: N x N blocks on and below the diagonal, held as identity.
+
+    Attributes
+    ----------
+    rows, columns
+        Nodes of the blocks, row by row, rows >= columns.
+    free
+        Boolean, shape (nodes, N): components that no support holds.
+    N
+        Components.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    free: np.ndarray
+    N: int
+
+    def values(self, tangent: object) -> np.ndarray:
+        """The blocks of a tangent, shape (blocks, N, N)."""
+        ...
+
+
+class StiffnessBlocks:
+    """The blocks of B' C B on and below the diagonal, held components as the identity.
 
     Parameters
     ----------
-    points, free, added
-        As for ``StiffnessBlocks``.
+    points
+        The points with their strain rows.
+    free
+        Boolean, shape (nodes, N): components that no support holds.
+    added
+        A symmetric matrix on displacements flattened node by node that is added, such as springs,
+        between nodes of one element; None for none.
+
+    Attributes
+    ----------
+    rows, columns
+        Nodes of the blocks, row by row, rows >= columns.
+    """
+
+    def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
+        self.points, self.free, self.N = points, free, points.kinematics.N
+        rows, columns = lower_pattern(pattern_matrix(points.scalar))
+        keys = rows * points.scalar.ndof + columns
+        self.rows, self.columns = rows.astype(np.int32), columns.astype(np.int32)
+        self._places = [[self._places_of(p, keys) for p in block.parts] for block in points.blocks]
+        self._added = None if added is None else self._placed(added, keys)
+
+    def _placed(self, matrix: csr_matrix, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of blocks on and below the diagonal, and their entries in a matrix."""
+        blocks = matrix.tobsr((self.N, self.N))
+        rows = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr))
+        lower = rows >= blocks.indices
+        wanted = rows[lower] * np.int64(self.points.scalar.ndof) + blocks.indices[lower]
+        return np.searchsorted(keys, wanted), blocks.data[lower]
+
+    def _places_of(self, part: Elements, keys: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Blocks that some elements touch, which of these each pair is, and where to transpose."""
+        a, b = np.tril_indices(part.nodes.shape[1])
+        i, j = part.nodes[:, a], part.nodes[:, b]
+        wanted = np.maximum(i, j) * np.int64(self.points.scalar.ndof) + np.minimum(i, j)
+        touched, which = np.unique(wanted, return_inverse=True)
+        touched = np.searchsorted(keys, touched)
+        return touched.astype(np.int32), which.astype(np.int32).ravel(), i < j
+
+    def values(self, moduli: Moduli) -> np.ndarray:
+        """The blocks for these moduli at the points, shape (blocks, N, N)."""
+        values = self.summed(moduli)
+        if self._added is not None:
+            places, blocks = self._added
+            values[places] += blocks
+        hold(values, self)
+        return values
+
+    def summed(self, moduli: Moduli) -> np.ndarray:
+        """The blocks without what is added and held."""
+        values = np.zeros((len(self.rows), self.N**2))
+        for block, places in zip(self.points.blocks, self._places, strict=True):
+            k = block.nodes.shape[1]
+            a, b = np.tril_indices(k)
+            for part, (touched, which, turned) in zip(chunks(len(block)), places, strict=True):
+                K = self.points.element_stiffness(block, part, moduli)
+                K = K.reshape(-1, k, self.N, k, self.N)[:, a, :, b, :].swapaxes(0, 1)
+                K[turned] = K[turned].swapaxes(1, 2)
+                found = [np.bincount(which, c, len(touched)) for c in K.reshape(-1, self.N**2).T]
+                values[touched] += np.column_stack(found)
+        return values.reshape(-1, self.N, self.N)
+
+
+class Stiffness:
+    """``StiffnessBlocks`` as a matrix for NGSolve's direct solvers, with N x N blocks.
 
     Attributes
     ----------
     matrix
-        The lower triangle as an NGSolve matrix of N x N blocks.
+        The lower triangle.
     """
 
     def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
@@ -68,3 +156,86 @@ class Stiffness:
     def fill(self, moduli: Moduli) -> None:
         """Assemble the entries for these moduli at the points."""
         self.entries[:] = self._blocks.values(moduli)
+
+
+class SymbolicBlocks(StiffnessBlocks):
+    """The same matrix, assembled by a symbolic form of NGSolve: slower, the formula to be seen."""
+
+    def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
+        super().__init__(points, free, added)
+        self._functions, kinematics = PointFunctions(points), points.kinematics
+        shapes = [(len(points),)] * 3 + [(len(points), kinematics.d)]
+        self._moduli = [self._functions.function(np.zeros(shape)) for shape in shapes]
+        bulk, across, extra, direction = self._moduli
+        u, v = VectorH1(points.mesh, order=points.order).TnT()
+        e, d = (kinematics.coordinates(kinematics.strain(w)) for w in (u, v))
+        volume = Trace(kinematics.strain(u)) * Trace(kinematics.strain(v))
+        along = InnerProduct(direction, e) * InnerProduct(direction, d)
+        power = bulk * volume + across * InnerProduct(e, d) + extra * along
+        self._form = BilinearForm((kinematics.weight * power).Compile() * dx(intrules=points.rules))
+
+    def summed(self, moduli: Moduli) -> np.ndarray:
+        """The blocks without what is added and held."""
+        for function, values in zip(self._moduli, vars(moduli).values(), strict=True):
+            function.vec.data = self._functions.function(values).vec
+        matrix = self._form.Assemble().mat
+        return ComponentBlocks(matrix, self.free).entries(matrix)
+
+
+class ComponentBlocks:
+    """``Blocks`` of matrices of NGSolve that go component by component.
+
+    Parameters
+    ----------
+    matrix
+        One of them.
+    free
+        Boolean, shape (nodes, N): components that no support holds.
+    """
+
+    def __init__(self, matrix: BaseMatrix, free: np.ndarray) -> None:
+        self.free, (nodes, self.N) = free, free.shape
+        pattern = csr_matrix(tuple(map(np.asarray, matrix.CSR())))[:nodes, :nodes].tocoo()
+        self._lower = pattern.row >= pattern.col
+        self.rows, self.columns = (a[self._lower] for a in (pattern.row, pattern.col))
+
+    def values(self, matrix: BaseMatrix) -> np.ndarray:
+        """The blocks of a matrix, shape (blocks, N, N)."""
+        values = self.entries(matrix)
+        hold(values, self)
+        return values
+
+    def entries(self, matrix: BaseMatrix) -> np.ndarray:
+        """The same as they are, also where held."""
+        whole, N = csr_matrix(tuple(map(np.asarray, matrix.CSR()))), self.N
+        cuts = np.arange(N + 1) * len(self.free)
+        parts = [slice(*cuts[c : c + 2]) for c in range(N)]
+        entries = [whole[i, j].data[self._lower] for i in parts for j in parts]
+        return np.stack(entries, axis=1).reshape(-1, N, N)
+
+
+def hold(values: np.ndarray, blocks: Blocks) -> None:
+    """Rows and columns of held components become those of the identity."""
+    free_rows, free_columns = blocks.free[blocks.rows], blocks.free[blocks.columns]
+    touched = np.flatnonzero(~(free_rows & free_columns).all(axis=1))
+    free_rows, free_columns = free_rows[touched], free_columns[touched]
+    held = values[touched]
+    held[~(free_rows[:, :, None] & free_columns[:, None, :])] = 0.0
+    same = (blocks.rows[touched] == blocks.columns[touched])[:, None, None]
+    held[same & ~free_rows[:, :, None] & np.eye(blocks.N, dtype=bool)] = 1.0
+    values[touched] = held
+
+
+def lower_pattern(matrix: BaseMatrix) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the entries on and below the diagonal, row by row."""
+    _, columns, starts = (np.asarray(a) for a in matrix.CSR())
+    rows = np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts.astype(np.int64)))
+    return rows, columns.astype(np.int64)
+
+
+def pattern_matrix(space: H1) -> BaseMatrix:
+    """A symmetric matrix with the pattern of the space, its lower triangle stored."""
+    u, v = space.TnT()
+    form = BilinearForm(space, symmetric=True, symmetric_storage=True)
+    form += CF(0) * u * v * dx
+    return form.Assemble().mat

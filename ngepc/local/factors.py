@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import diags
 
-from ngepc.discretisation.blocks import StiffnessBlocks
 from ngepc.discretisation.contact_step import EXAMINED
 from ngepc.discretisation.points import Moduli
+from ngepc.discretisation.stiffness import StiffnessBlocks
 from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.processes import require_whole

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ngepc.discretisation.blocks import Blocks, SymbolicBlocks
+from ngepc.discretisation.stiffness import Blocks, SymbolicBlocks
 from ngepc.linalg.direct import require_solver
 from ngepc.local.factors import Factors, Tangent
 from ngepc.local.iterative import Iterative

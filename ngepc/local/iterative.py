@@ -14,8 +14,8 @@ import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags
 
 from ngepc.discretisation.balance import Frame
-from ngepc.discretisation.blocks import Blocks
 from ngepc.discretisation.contact_step import FEW
+from ngepc.discretisation.stiffness import Blocks
 from ngepc.local.closed import Closed, Linear
 from ngepc.local.factors import TangentError
 from ngepc.local.system import State

@@ -11,7 +11,7 @@ import numpy as np
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_text
 from ngepc.discretisation.balance import Frame
-from ngepc.discretisation.blocks import Blocks
+from ngepc.discretisation.stiffness import Blocks
 from ngepc.local.hierarchy import interpolations, petsc
 from ngepc.local.iterative import FullPattern, IterativeTangent, low_energy_modes
 

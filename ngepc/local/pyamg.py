@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.discretisation.balance import Frame
-from ngepc.discretisation.blocks import Blocks
+from ngepc.discretisation.stiffness import Blocks
 from ngepc.linalg.aggregation import coarse_spaces
 from ngepc.local.iterative import FullPattern, IterativeTangent, low_energy_modes
 from ngepc.model.processes import require_whole

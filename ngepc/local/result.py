@@ -48,7 +48,7 @@ class ExactResult(DiscreteSolution):
     @cached_property
     def plastic_dual(self) -> GridFunction:
         """The dual variable q = h p - dev sigma + dev alpha_2 (3.8), d components (stress)."""
-        return self._functions.function(self.discrete.law.dual_variable(self.state.at), "q")
+        return self._functions.function(-self.discrete.law.yielding_part(self.state.at), "q")
 
     @cached_property
     def _functions(self) -> PointFunctions:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ngepc.discretisation.blocks import StiffnessBlocks
+from ngepc.discretisation.stiffness import StiffnessBlocks
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.factors import Factors
 from ngepc.local.iterative import Iterative

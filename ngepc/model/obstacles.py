@@ -118,8 +118,24 @@ class Plane(Obstacle):
         return _quotient(InnerProduct(X - CF(self.point), m), -InnerProduct(n, m), far)
 
 
+class Round(Obstacle):
+    """An obstacle whose surface is where a quadratic function vanishes along each ray."""
+
+    @abstractmethod
+    def quadratic(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
+        """(a, b, c) of the square of the distance at X + t n less radius^2, a t^2 + 2 b t + c."""
+
+    def along(self, X: Field, n: Field, far: float) -> Field:
+        """The smaller root, unless both are behind the surface of the body."""
+        a, b, c = self.quadratic(X, n)
+        discriminant = b * b - a * c
+        root = _root(discriminant)
+        hit = IfPos(discriminant, IfPos(root - b, 1.0, -1.0), -1.0)
+        return IfPos(hit, _quotient(-b - root, a, far), far)
+
+
 @dataclass(frozen=True)
-class Sphere(Obstacle):
+class Sphere(Round):
     """A ball, in two dimensions a disc, with ``centre`` and ``radius`` > 0."""
 
     centre: Sequence[float]
@@ -130,19 +146,15 @@ class Sphere(Obstacle):
         self._keep(radius=require_number("radius", self.radius, 0, strict=True))
 
     def quadratic(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
-        """(a, b, c) of |X + t n - centre|^2 - radius^2 = a t^2 + 2 b t + c."""
+        """That of the distance from the centre."""
         return _square(X - CF(self.centre), n, self.radius)
-
-    def along(self, X: Field, n: Field, far: float) -> Field:
-        """The smaller root, unless both are behind the surface of the body."""
-        return _entry(*self.quadratic(X, n), far)
 
 
 Disc = Sphere
 
 
 @dataclass(frozen=True)
-class Cylinder(Obstacle):
+class Cylinder(Round):
     """An infinite round cylinder around the line through ``point`` along ``axis``, in 3D."""
 
     point: Sequence[float]
@@ -155,24 +167,20 @@ class Cylinder(Obstacle):
         self._keep(radius=require_number("radius", self.radius, 0, strict=True))
 
     def quadratic(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
-        """(a, b, c) as for ``Sphere``, of the components across the axis."""
+        """That of the distance from the axis."""
         axis = CF(self.axis)
         d, m = (v - InnerProduct(v, axis) * axis for v in (X - CF(self.point), n))
         return _square(d, m, self.radius)
-
-    def along(self, X: Field, n: Field, far: float) -> Field:
-        """The smaller root, unless both are behind the surface of the body."""
-        return _entry(*self.quadratic(X, n), far)
 
 
 @dataclass(frozen=True)
 class Cavity(Obstacle):
     """Everything outside a Sphere (Disc) or Cylinder: a rigid ring or bore around the body."""
 
-    inside: Sphere | Cylinder
+    inside: Round
 
     def __post_init__(self) -> None:
-        require_instance("inside", self.inside, (Sphere, Cylinder), "a Sphere, Disc or Cylinder")
+        require_instance("inside", self.inside, Round, "a Sphere, Disc or Cylinder")
 
     def dimensions(self) -> tuple[int, ...]:
         """Those of the hollow."""
@@ -258,14 +266,6 @@ def _quotient(numerator: Field, facing: Field, far: float) -> Field:
     t = numerator / IfPos(facing - 1e-12, facing, 1.0)
     capped = IfPos(t - far, far, IfPos(-far - t, -far, t))
     return IfPos(facing - 1e-12, capped, far)
-
-
-def _entry(a: Field, b: Field, c: Field, far: float) -> Field:
-    """Smaller root of a t^2 + 2 b t + c when the roots are real and the larger one is >= 0."""
-    discriminant = b * b - a * c
-    root = _root(discriminant)
-    hit = IfPos(discriminant, IfPos(root - b, 1.0, -1.0), -1.0)
-    return IfPos(hit, _quotient(-b - root, a, far), far)
 
 
 def _motion(motion: Sequence[Coefficient], N: int) -> CoefficientFunction:

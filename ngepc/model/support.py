@@ -94,15 +94,11 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
 
     ``held`` has the values of ``held_values``.
     """
-    fixed, mesh = ~np.isnan(held), problem.mesh
+    mesh = problem.mesh
     rollers = {p: directed(mesh, p, r.direction) for p, r in problem.rollers.items()}
     for name in problem.contact_names:
         vertices, normal = values_at(outward_normal(mesh), mesh, name)
-        at = np.flatnonzero(fixed[vertices].any(axis=1))
-        if len(at):
-            gap = values_at(problem.gaps[name], mesh, name)[1][at, 0]
-            here = held[vertices[at]], normal[at], gap, vertices[at]
-            _check_normals(problem, name, *here, whole=len(at) == len(vertices))
+        _check_normals(problem, name, vertices, normal, held[vertices])
         for place, (nodes, directions) in rollers.items():
             for i in np.flatnonzero(np.isin(vertices, nodes)):
                 here = directions[nodes == vertices[i]]
@@ -114,23 +110,17 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
 
 
 def _check_normals(
-    problem: Given,
-    name: str,
-    held: np.ndarray,
-    normal: np.ndarray,
-    gap: np.ndarray,
-    vertices: np.ndarray,
-    whole: bool,
+    problem: Given, name: str, vertices: np.ndarray, normal: np.ndarray, held: np.ndarray
 ) -> None:
-    """At vertices with held components: a free part of the normal, or none and no penetration."""
-    fixed = ~np.isnan(held)
+    """At the vertices of a contact boundary a free part of the normal, or none in the gap."""
+    fixed, u = ~np.isnan(held), np.nan_to_num(held)
+    gap = values_at(problem.gaps[name], problem.mesh, name)[1][:, 0]
     free = np.linalg.norm(np.where(fixed, 0.0, normal), axis=1)
-    depth = np.einsum("ki,ki->k", np.where(fixed, held, 0.0), normal) - gap
-    size = max(np.abs(np.where(fixed, held, 0.0)).max(), np.abs(gap).max())
+    size = max(np.abs(a[fixed.any(axis=1)]).max(initial=0.0) for a in (u, gap))
     partly = (free > HELD_NORMAL) & (free < FREE_NORMAL)
-    if whole and (free < FREE_NORMAL).all():
+    if (free < FREE_NORMAL).all():
         partly[:] = True
-    pushed = (free <= HELD_NORMAL) & (depth > 1e-8 * size)
+    pushed = (free <= HELD_NORMAL) & (np.einsum("ki,ki->k", u, normal) - gap > 1e-8 * size)
     for bad, why in (
         (partly, "where they meet, the normal component must be free (None)"),
         (pushed, "the given displacement there must not exceed the gap, a larger gap is needed"),

@@ -19,11 +19,11 @@ from ngsolve import (
 )
 from scipy.sparse import csr_matrix, diags
 
-from ngepc.discretisation.blocks import ComponentBlocks
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.contact_step import EXAMINED, FEW
 from ngepc.discretisation.floating import Floating
 from ngepc.discretisation.loads import Supports, applied_forces, nodal
+from ngepc.discretisation.stiffness import ComponentBlocks
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
 from ngepc.model.rules import plastic_points

@@ -14,7 +14,7 @@ from multiprocessing import get_context
 
 from ngsolve import Mesh, sqrt, x, y
 
-from ngepc.discretisation.blocks import StiffnessBlocks, SymbolicBlocks
+from ngepc.discretisation.stiffness import StiffnessBlocks, SymbolicBlocks
 from ngepc.geometries import block
 from ngepc.local.iterative import Iterative
 from ngepc.local.petsc import PETSc

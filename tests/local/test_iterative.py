@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix, diags, vstack
 
-from ngepc.discretisation.blocks import StiffnessBlocks
+from ngepc.discretisation.stiffness import StiffnessBlocks
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.closed import Closed, Rubbing
 from ngepc.local.factors import Factors, TangentError
