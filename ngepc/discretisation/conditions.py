@@ -25,6 +25,7 @@ from ngepc.linalg.secants import SmallProblem
 from ngepc.model.contact import Coulomb
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.processes import Alone
 
 STEEPEST = 100.0
 """Friction with a given bound is at most so many times the normal force.
@@ -38,36 +39,26 @@ GRIP = 1e2
 
 
 class ContactConditions:
-    """Rows, their law and their matrix.
+    """Rows, their law and their matrix."""
 
-    Attributes
-    ----------
-    rows
-        The contact rows, last those of rollers.
-    on_obstacles
-        The rows of rigid obstacles.
-    rollers
-        Place of each roller -> its rows.
-    friction
-        The law of the tangential forces; None without friction.
-    processes
-        Those that share the body; rows at common vertices are on all that have the vertex.
-    own
-        What selects the forces of rows that this process answers for.
-    matrix
-        R, sparse, shape (n, nodes N), n = m without friction and m N with it.
-    """
+    rows: ContactRows  # of rigid obstacles, of pairs, of rollers
+    on_obstacles: slice  # the rows of rigid obstacles
+    rollers: dict[Place, slice]  # place of each roller -> its rows
+    friction: FrictionCone | None  # the law of the tangential forces
+    processes: Alone  # share the body; rows at common vertices are on all that have the vertex
+    own: slice | np.ndarray  # what selects the forces of rows that this process answers for
+    matrix: csr_matrix  # R, shape (n, nodes N), n = m without friction and m N with it
 
     def __init__(self, problem: Problem, supports: Supports) -> None:
         pairs = [mortar_rows(problem, supports, pair) for pair in problem.contact_pairs]
         rollers = roller_rows(problem, supports)
         parts = [contact_rows(problem, supports), *pairs, *rollers.values()]
-        self.rows: ContactRows = joined(parts)
+        self.rows = joined(parts)
         self.on_obstacles = slice(0, len(parts[0]))
         ends = np.cumsum([0, *map(len, parts)])[1 + len(pairs) :]
         self.rollers = {place: slice(*ends[k : k + 2].tolist()) for k, place in enumerate(rollers)}
         self.friction = friction_cone(problem, self.rows)
-        self.matrix: csr_matrix = self.rows.normal
+        self.matrix = self.rows.normal
         self._closed_at = self.rows.gaps
         self.processes = problem.processes
         self.own = self.processes.owned(self.rows.vertices)

@@ -21,6 +21,7 @@ import numpy as np
 from ngsolve import Trace
 
 from ngepc.discretisation.points import Moduli, Points
+from ngepc.model.hardening import HardeningLaw
 from ngepc.model.material import PEEQ
 from ngepc.model.problem import Problem, as_scalar
 
@@ -64,19 +65,18 @@ class Return:
 
 
 class Law:
-    """Material and history of a problem at the integration points.
+    """Material and history of a problem at the integration points, arrays of shape (points,)."""
 
-    Attributes
-    ----------
-    bulk, two_mu, hardening, beta
-        mu_1 + 2 mu_2/size, 2 mu_2, h and the yield bound (stress), shape (points,).
-    back, initial
-        dev alpha_2 (stress) and p_0 (1) in coordinates, shape (points, d).
-    swelling, distortion
-        tr eps_0 and dev eps_0 of the initial strain, to be taken off strains; 0 without.
-    isotropic, accumulated
-        The ``HardeningLaw`` at the points, None for none, and PEEQ where it starts (points,).
-    """
+    bulk: np.ndarray  # mu_1 + 2 mu_2/size (stress)
+    two_mu: np.ndarray  # 2 mu_2 (stress)
+    hardening: np.ndarray  # h (stress)
+    beta: np.ndarray  # the yield bound (stress)
+    back: np.ndarray  # dev alpha_2 (stress) in coordinates, shape (points, d)
+    initial: np.ndarray  # p_0 in coordinates, shape (points, d)
+    swelling: np.ndarray | float  # tr eps_0, to be taken off strains; 0 without
+    distortion: np.ndarray | float  # dev eps_0 in coordinates; 0 without
+    isotropic: HardeningLaw | None  # its data at the points
+    accumulated: np.ndarray  # PEEQ where the law starts
 
     def __init__(self, problem: Problem, points: Points) -> None:
         kinematics, material = points.kinematics, problem.material

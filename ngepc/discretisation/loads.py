@@ -99,21 +99,13 @@ def spring_matrix(problem: Problem, V: FESpace, place: Place, k: Coefficient) ->
 
 
 class Supports:
-    """What holds the body.
+    """What holds the body."""
 
-    Attributes
-    ----------
-    space
-        ``displacement_space(problem)``.
-    free
-        Boolean, shape (nodes, N): components that no support holds.
-    values
-        Prescribed displacements, zero elsewhere, shape (nodes, N).
-    springs
-        Place -> forces of its springs per displacement, u flattened node by node.
-    stiffness
-        The sum of ``springs``, sparse; None without springs.
-    """
+    space: FESpace  # ``displacement_space``
+    free: np.ndarray  # boolean, shape (nodes, N): components that no support holds
+    values: np.ndarray  # prescribed displacements, zero elsewhere, shape (nodes, N)
+    springs: dict[Place, csr_matrix]  # their forces per displacement, u flattened node by node
+    stiffness: csr_matrix | None  # the sum of ``springs``
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.space = problem, displacement_space(problem)

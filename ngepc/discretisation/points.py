@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from ngsolve import (
+    ET,
     H1,
     VOL,
     CoefficientFunction,
     ElementId,
+    IntegrationRule,
     Mesh,
     specialcf,
     x,
@@ -25,7 +27,7 @@ from ngsolve import (
 from ngepc.discretisation.elements import Elements, chunks
 from ngepc.model.elements import element_numbers, element_vertices
 from ngepc.model.kinematics import Kinematics
-from ngepc.model.processes import processes_of
+from ngepc.model.processes import Alone, processes_of
 from ngepc.model.rules import plastic_points
 
 
@@ -39,20 +41,13 @@ class Points:
     mean_volume
         Whether tr eps is averaged over each element, which frees quadrilaterals and hexahedra of
         order one from volume locking (docs/locking.md).
-
-    Attributes
-    ----------
-    rules
-        Shape -> rule, for ``dx(intrules=...)`` and ``mesh.MapToAllElements``.
-    scalar
-        The space of one displacement component; its degrees of freedom are the nodes.
-    weights
-        Volume that belongs to each point, shape (points,).
-    blocks
-        ``Elements`` of each shape.
-    processes
-        Those that share the mesh; each has the points of its own elements.
     """
+
+    rules: dict[ET, IntegrationRule]  # for ``dx(intrules=...)`` and ``mesh.MapToAllElements``
+    scalar: H1  # the space of one displacement component; its degrees of freedom are the nodes
+    weights: np.ndarray  # volume that belongs to each point, shape (points,)
+    blocks: list[Elements]  # one for each shape
+    processes: Alone  # share the mesh; each has the points of its own elements
 
     def __init__(
         self, mesh: Mesh, kinematics: Kinematics, order: int, *, mean_volume: bool = False

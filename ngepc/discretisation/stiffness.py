@@ -21,21 +21,11 @@ from ngepc.linalg.assembly import from_entries
 
 
 class Blocks(Protocol):
-    """What has the entries of tangents: N x N blocks on and below the diagonal, held as identity.
+    """Entries of tangents: N x N blocks on and below the diagonal, held components as identity."""
 
-    Attributes
-    ----------
-    rows, columns
-        Nodes of the blocks, row by row, rows >= columns.
-    free
-        Boolean, shape (nodes, N): components that no support holds.
-    N
-        Components.
-    """
-
-    rows: np.ndarray
+    rows: np.ndarray  # nodes of the blocks, row by row, rows >= columns
     columns: np.ndarray
-    free: np.ndarray
+    free: np.ndarray  # boolean, shape (nodes, N): components that no support holds
     N: int
 
     def values(self, tangent: object) -> np.ndarray:
@@ -48,18 +38,11 @@ class StiffnessBlocks:
 
     Parameters
     ----------
-    points
-        The points with their strain rows.
-    free
-        Boolean, shape (nodes, N): components that no support holds.
+    points, free
+        The points with their strain rows, and as for ``Blocks``.
     added
         A symmetric matrix on displacements flattened node by node that is added, such as springs,
         between nodes of one element; None for none.
-
-    Attributes
-    ----------
-    rows, columns
-        Nodes of the blocks, row by row, rows >= columns.
     """
 
     def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
@@ -112,13 +95,7 @@ class StiffnessBlocks:
 
 
 class Stiffness:
-    """``StiffnessBlocks`` as a matrix for NGSolve's direct solvers, with N x N blocks.
-
-    Attributes
-    ----------
-    matrix
-        The lower triangle.
-    """
+    """``StiffnessBlocks`` as a matrix for NGSolve's direct solvers: its lower half."""
 
     def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
         self._blocks = StiffnessBlocks(points, free, added)
@@ -183,15 +160,7 @@ class SymbolicBlocks(StiffnessBlocks):
 
 
 class ComponentBlocks:
-    """``Blocks`` of matrices of NGSolve that go component by component.
-
-    Parameters
-    ----------
-    matrix
-        One of them.
-    free
-        Boolean, shape (nodes, N): components that no support holds.
-    """
+    """``Blocks`` of matrices of NGSolve that go component by component, made for one of them."""
 
     def __init__(self, matrix: BaseMatrix, free: np.ndarray) -> None:
         self.free, (nodes, self.N) = free, free.shape

@@ -11,21 +11,14 @@ MOST_NODES = 20
 """Nodes of Netgen's largest element."""
 
 _FACETS = {
-    (2, 3): ((0, 1), (1, 2), (2, 0)),
-    (2, 4): ((0, 1), (1, 2), (2, 3), (3, 0)),
-    (3, 4): ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
-    (3, 5): ((0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
-    (3, 6): ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
-    (3, 8): (
-        (0, 1, 2, 3),
-        (4, 5, 6, 7),
-        (0, 1, 5, 4),
-        (1, 2, 6, 5),
-        (2, 3, 7, 6),
-        (3, 0, 4, 7),
-    ),
+    (2, 3): "01 12 20",
+    (2, 4): "01 12 23 30",
+    (3, 4): "012 013 023 123",
+    (3, 5): "0123 014 124 234 304",
+    (3, 6): "012 345 0143 1254 2035",
+    (3, 8): "0123 4567 0154 1265 2376 3047",
 }
-"""Facets of Netgen's elements by (dimension, number of vertices)."""
+"""Corners of the facets of Netgen's elements by (dimension, number of vertices)."""
 
 
 def element_nodes(mesh: Mesh) -> np.ndarray:
@@ -85,8 +78,9 @@ def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     keys, owners, start = [], [], 0
     for nodes in element_vertices(mesh):
         numbers = np.arange(start, start + len(nodes))
-        for facet in _FACETS[mesh.dim, nodes.shape[1]]:
-            keys.append(combine(np.sort(nodes[:, facet], axis=1)[:, : mesh.dim], mesh))
+        for facet in _FACETS[mesh.dim, nodes.shape[1]].split():
+            corners = np.sort(nodes[:, [int(corner) for corner in facet]], axis=1)
+            keys.append(combine(corners[:, : mesh.dim], mesh))
             owners.append(numbers)
         start += len(nodes)
     return np.concatenate(keys), np.concatenate(owners)

@@ -208,16 +208,19 @@ def check_law(law: HardeningLaw, mesh: Mesh) -> None:
 
 
 def _require_datum(name: str, value: object, *, strict: bool) -> None:
+    """Accept a scalar coefficient or a number >= 0."""
     require_coefficient(name, value)
     if is_number(value):
         require_number(name, value, 0, strict=strict)
 
 
 def _exp(x: Value) -> Value:
+    """The exponential of coefficients and arrays."""
     return exp(x) if isinstance(x, CoefficientFunction) else np.exp(x)
 
 
 def _positive(x: Value) -> Value:
+    """max(x, 0)."""
     return IfPos(x, x, 0.0) if isinstance(x, CoefficientFunction) else np.maximum(x, 0.0)
 
 

@@ -47,7 +47,7 @@ class Obstacle(ABC):
 
     def dimensions(self) -> tuple[int, ...]:
         """Space dimensions N in which it makes sense: as many as its vectors have components."""
-        return tuple({len(v) for v in vars(self).values() if isinstance(v, tuple)})
+        return tuple({len(v) for v in vars(self).values() if isinstance(v, tuple)}) or (2, 3)
 
     @abstractmethod
     def along(self, X: Field, n: Field, far: float) -> Field:

@@ -19,17 +19,11 @@ T = TypeVar("T")
 
 
 class Alone:
-    """One process has the whole body: nothing is exchanged.
+    """One process has the whole body: nothing is exchanged."""
 
-    Attributes
-    ----------
-    size, rank
-        How many processes there are, and the number of this one.
-    own
-        What selects the nodes that this process answers for.
-    """
-
-    size, rank, own = 1, 0, slice(None)
+    size: int = 1  # how many processes there are
+    rank: int = 0  # the number of this one
+    own: slice | np.ndarray = slice(None)  # what selects the nodes that it answers for
 
     def owned(self, nodes: np.ndarray) -> slice | np.ndarray:
         """What selects those of some nodes that this process answers for."""
@@ -76,24 +70,13 @@ ALONE = Alone()
 
 
 class Shared(Alone):
-    """One of several processes that have a part of the body each.
+    """One of several processes that have a part of the body each, this one so many ``nodes``.
 
-    Parameters
-    ----------
-    comm
-        The communicator of mpi4py.
-    copies
-        Number of another process -> the nodes that it has as well, in an order both agree upon.
-    nodes
-        Nodes of this process.
-
-    Attributes
-    ----------
-    numbers
-        The number of each node among all: those of a process follow each other.
-    count
-        Nodes of all processes.
+    The ``copies`` say which of them another process has as well, in an order both agree upon.
     """
+
+    numbers: np.ndarray  # of each node among all: those of a process follow each other
+    count: int  # nodes of all processes
 
     def __init__(self, comm: Any, copies: dict[int, np.ndarray], nodes: int) -> None:
         self.comm, self.copies = comm, copies

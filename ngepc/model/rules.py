@@ -13,6 +13,7 @@ polynomials are the same thing, for pictures and for the next time step.
 """
 
 import math
+from itertools import combinations
 
 from ngsolve import ET, IntegrationRule, Mesh
 
@@ -70,13 +71,10 @@ def ten_point_rule() -> IntegrationRule:
     """Ten inner points of degree three on the tetrahedron, for curved ones (P. Keast, 1986)."""
     a, b = 0.7784952948213300, 0.0738349017262234
     c, d = 0.4062443438840510, 0.0937556561159491
-    corners = [tuple(a if i == k else b for i in range(4)) for k in range(4)]
-    middles = [
-        tuple(c if i in pair else d for i in range(4))
-        for pair in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
-    ]
+    corners = [[a if i == k else b for i in range(3)] for k in range(4)]
+    middles = [[c if i in pair else d for i in range(3)] for pair in combinations(range(4), 2)]
     weights = [0.0476331348432089 / 6] * 4 + [0.1349112434378610 / 6] * 6
-    return IntegrationRule([point[:3] for point in corners + middles], weights)
+    return IntegrationRule([tuple(point) for point in corners + middles], weights)
 
 
 def pyramid_rule() -> IntegrationRule:
