@@ -179,22 +179,16 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
     room = max(0.25 * extent, 1.2 * scale * gaps.min())
     shown = (scale * gaps <= room) & (gaps < NO_OBSTACLE * extent)
     segments = offset(fields, names, scale * psi, 0.0)[shown]
-    return _lengthened(segments, border.deformed(scale).reshape(-1, 2), extent)
-
-
-def _lengthened(segments: np.ndarray, body: np.ndarray, extent: float) -> np.ndarray:
-    """Straight segments with one more at either end, up to where the body ends."""
     if not len(segments):
         return segments
     points = segments.reshape(-1, 2)
     centre = points.mean(axis=0)
-    _, _, (along, across) = np.linalg.svd(points - centre, full_matrices=True)
-    if np.abs((points - centre) @ across).max() > 1e-6 * extent:
+    _, size, (along, _) = np.linalg.svd(points - centre, full_matrices=False)
+    if size[1] > 1e-6 * extent:  # not straight
         return segments
-    own, reach = (points - centre) @ along, (body - centre) @ along
-    ends = [(own.min(), min(own.min(), reach.min())), (own.max(), max(own.max(), reach.max()))]
-    further = [[centre + a * along, centre + b * along] for a, b in ends if a != b]
-    return np.concatenate([segments, np.array(further).reshape(-1, 2, 2)])
+    reach = (np.vstack([points, border.deformed(scale).reshape(-1, 2)]) - centre) @ along
+    ends = centre + np.outer([reach.min(), reach.max()], along)
+    return np.concatenate([segments, ends[None]])
 
 
 @dataclass(frozen=True)

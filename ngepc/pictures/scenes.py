@@ -168,15 +168,11 @@ def _contact_lines(source: object, options: ViewOptions, peak: float) -> list[di
     pushed = offset(fields, problem.touching_names, height, scale)
     lines = {"obstacle": ("#000000", obstacle_lines(fields, scale))}
     lines["contact pressure"] = ("#0072B2", pushed)
+    in_space = {n: np.pad(s, ((0, 0), (0, 0), (0, 1))).ravel() for n, (_, s) in lines.items()}
     return [
-        {"type": "lines", "name": name, "color": colour, "position": _in_space(segments)}
-        for name, (colour, segments) in lines.items()
+        {"type": "lines", "name": n, "color": lines[n][0], "position": points.tolist()}
+        for n, points in in_space.items()
     ]
-
-
-def _in_space(segments: np.ndarray) -> list[float]:
-    """The coordinates of segments of the plane, in space."""
-    return np.pad(segments, ((0, 0), (0, 0), (0, 1))).ravel().tolist()
 
 
 def _peak(sources: Mapping[str, object]) -> float:
