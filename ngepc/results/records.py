@@ -19,9 +19,7 @@ import numpy as np
 from ngsolve import InnerProduct, Integrate
 
 from ngepc._version import __version__
-from ngepc.results.files import check_writable, replace_contents
-
-__all__ = ["check_writable", "l2_norm", "provenance", "solve_record", "to_json", "write_text"]
+from ngepc.results.files import replace_contents
 
 SCHEMA = 1
 """Grows when a field changes its meaning or goes; new fields leave it."""

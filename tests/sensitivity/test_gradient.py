@@ -117,6 +117,12 @@ def test_a_load_or_gap_is_the_sum_over_its_boundaries():
     parts = slopes["traction:left"] + slopes[f"traction:{right}"]
     assert parts == pytest.approx(slopes["traction"], rel=1e-12)
     assert slopes["gap:contact"] == pytest.approx(slopes["gap"], rel=1e-12)
+    pushes = {
+        "pressure": Direction("pressure", {"left": y}),
+        "traction": Direction("traction", {"left": (y, 0.0)}),
+    }
+    slopes = gradient(result, "contact_force", pushes)
+    assert slopes["pressure"] == pytest.approx(slopes["traction"], rel=1e-12)
 
 
 def test_reactions_balance_what_changes(lshape_result):
@@ -179,6 +185,7 @@ def test_the_answer_is_a_mapping_that_says_what_it_is_worth(lshape_result):
         ("initial_plastic_strain", "the problem has none"),
         ("prescribed", "the problem has none"),
         ("traction:left", "one of load is needed"),
+        ("hardening:left", "only 'hardening' has a derivative"),
     ],
 )
 def test_parameters_that_are_refused(lshape_result, parameters, text):
