@@ -61,8 +61,10 @@ class ContactConditions:
         self.matrix = self.rows.normal
         self._closed_at = self.rows.gaps
         self.processes = problem.processes
-        self.own = self.processes.owned(self.rows.vertices)
+        vertices, d = self.rows.vertices, problem.N - 1
+        self._own_rows = self.own = self.processes.owned(vertices)
         if self.friction is not None:
+            self.own = self.processes.owned(np.append(vertices, np.repeat(vertices, d)))
             self.matrix = vstack([self.rows.normal, self.rows.tangential], format="csr")
             origin = self.rows.slip(initial_displacements(problem, supports))
             self._closed_at = np.concatenate([self.rows.gaps, origin.ravel()])
@@ -147,7 +149,7 @@ class ContactConditions:
 
     def sum_of(self, forces: np.ndarray) -> np.ndarray:
         """The sum over all rows of forces, shape (m, ...)."""
-        return self.processes.total(forces[self.own].sum(axis=0))
+        return self.processes.total(forces[self._own_rows].sum(axis=0))
 
     def area(self, chosen: np.ndarray) -> float:
         """The area that belongs to some rows, boolean of shape (m,)."""
@@ -203,7 +205,7 @@ class ContactConditions:
     def friction_work(self, x: np.ndarray, gaps: np.ndarray, rounding: float) -> float:
         """The sum of b |slip| over the rows (force times length); less than rounding is no slip."""
         size = np.linalg.norm(self.tangential(gaps), axis=1)
-        return float(self.bound(x) @ np.where(size > rounding, size, 0.0))
+        return float(self.sum_of(self.bound(x) * np.where(size > rounding, size, 0.0)))
 
 
 def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone | None:
@@ -221,10 +223,12 @@ def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone | None:
 
 def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarray:
     """A coefficient at the vertices of the rows, shape (m,)."""
-    values = GridFunction(H1(problem.mesh, order=1))
-    region = problem.mesh.Boundaries("|".join(problem.touching_names))
+    space, processes = H1(problem.mesh, order=1), problem.processes
+    values, region = GridFunction(space), problem.mesh.Boundaries("|".join(problem.touching_names))
     values.Set(as_scalar(value), definedon=region)
-    return values.vec.FV().NumPy()[rows.vertices]
+    here = np.array(space.GetDofs(region), dtype=float)  # not on all processes with a vertex
+    sums = processes.summed(here * values.vec.FV().NumPy())
+    return (sums / np.maximum(processes.summed(here), 1))[rows.vertices]
 
 
 def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:
@@ -236,4 +240,4 @@ def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:
     if not (own and len(given.vec) == space.ndof):
         given = GridFunction(space)
         given.Set(problem.u_0)
-    return nodal(given.vec.FV().NumPy(), problem)
+    return problem.processes.spread(nodal(given.vec.FV().NumPy(), problem))

@@ -88,8 +88,8 @@ def rival(
     and those closest to it are examined, ``most`` forces at most, each with one solve; other
     parameters as for ``with_contact``, ``gaps`` those of the solution.
     """
-    cone = conditions.friction
-    if cone is None or not (np.isinf(cone.cap) & (cone.coefficient > 0)).any():
+    cone, processes = conditions.friction, conditions.processes
+    if cone is None or not processes.any(np.isinf(cone.cap) & (cone.coefficient > 0)):
         return False, ""
     if stiffened is not None and _is_unique(
         conditions, solve, gaps, forces, SPRINGS * row_stiffness, stiffened
@@ -99,8 +99,9 @@ def rival(
     pressing = n - conditions.normal(row_stiffness * gaps)
     order = np.argsort(np.where(cone.tied, -np.inf, -pressing), kind="stable")
     rows, left = np.split(order, [most // (cone.d + 1)])
-    if (n[left] > 0).any() or cone.tied[left].any():
-        why = f"Friction on {len(n)} rows: whether there are other equilibria was not examined."
+    if processes.size > 1 or (n[left] > 0).any() or cone.tied[left].any():
+        count = conditions.sum_of(np.ones(len(n), dtype=int))
+        why = f"Friction on {count} rows: whether there are other equilibria was not examined."
         return False, why
     chosen = cone.numbers(rows)
     unit = (np.arange(len(forces)) == chosen[:, None]).astype(float)
@@ -157,7 +158,7 @@ class ContactWork:
         following: np.ndarray,
         touching: float,
     ) -> None:
-        gaps = conditions.gaps(u)
+        gaps, self._sum = conditions.gaps(u), conditions.sum_of
         self._slip = -conditions.tangential(gaps)
         way = conditions.tangential(conditions.displacement(change))
         ends = np.linalg.norm(np.stack([self._slip, self._slip + way]), axis=2)
@@ -170,4 +171,4 @@ class ContactWork:
         """d/dt of the sum of bound times |slip|, just before t (just after 0)."""
         slip = self._slip + max(t * (1 - BESIDE), BESIDE) * self._way
         along, size = np.einsum("ij,ij->i", slip, self._way), np.linalg.norm(slip, axis=1)
-        return float(self._bound @ (along / np.where(size > 0, size, 1.0)))
+        return float(self._sum(self._bound * along / np.where(size > 0, size, 1.0)))

@@ -184,6 +184,8 @@ class InexactTarget:
     ) -> Target:
         """Contact with friction by secants; what they leave of the gaps is made up for at last."""
         discrete, contact, rows = here.discrete, here.discrete.contact, here.discrete.rows
+        if contact.processes.size > 1:
+            raise TangentError("friction on parts: no active set was found; try smaller load steps")
         solve = partial(tangent.solve, accuracy=min(ANSWER, accuracy))
         if at is None:
             at = Meeting(solve(-here.imbalance), here.contact, here.gaps)

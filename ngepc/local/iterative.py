@@ -138,7 +138,7 @@ class IterativeTangent:
         most: int,
     ) -> None:
         self._frame, self._patience, self._most = frame, patience, most
-        self._dot = frame.contact.processes.dot
+        self._processes = frame.contact.processes
         self._blocks, self._pattern = blocks, FullPattern(blocks)
         self._engine = engine(self._pattern, frame)
         self._stale, self._lower, self._dearest = True, np.zeros(0), 0
@@ -205,9 +205,10 @@ class IterativeTangent:
             If that takes more than ``most`` iterations or the preconditioner is not positive.
         """
         self.prepare(closed)
-        iterate = minimal_residuals if closed.slanted else conjugate_gradients
+        oblique = self._processes.any(np.array(closed.slanted))
+        iterate = minimal_residuals if oblique else conjugate_gradients
         multiply = closed.stiffened(self.multiply)
-        work = multiply, self._engine.precondition, self._dot, closed.project
+        work = multiply, self._engine.precondition, self._processes.dot, closed.project
         x, iterations = iterate(*work, right, start, tolerance, self._most)
         self.back_substitutions += 1
         self.linear_iterations += iterations
@@ -221,7 +222,7 @@ class IterativeTangent:
         """
         closed = Closed(self._frame, np.zeros(len(self._frame.contact.rows), dtype=bool))
         right = closed.project(forces.ravel())
-        size = float(np.sqrt(self._dot(right, right)))
+        size = self._processes.norm(right)
         return self.minimise(closed, right, np.zeros_like(right), accuracy * size).reshape(
             forces.shape
         )

@@ -60,7 +60,6 @@ def check_shared(problem: Given) -> None:
     acting = [item for g in given if isinstance(g, Mapping) for item in g.items()]
     there = {
         "order=2": problem.order == 2,
-        "friction": problem.friction is not None,
         "contact of two bodies": bool(problem.contact_pairs),
         "points and edges": not all(isinstance(place, str) for place, _ in acting),
         "rollers": any(isinstance(value, Roller) for _, value in acting),

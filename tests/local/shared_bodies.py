@@ -11,8 +11,18 @@ from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
+from ngsolve import x
 
-from ngepc import NewtonOptions, PETSc, PyAMG, evolve, lshape_problem, parts, semismooth_newton
+from ngepc import (
+    Coulomb,
+    NewtonOptions,
+    PETSc,
+    PyAMG,
+    evolve,
+    lshape_problem,
+    parts,
+    semismooth_newton,
+)
 from ngepc.geometries import block, lshape
 from ngepc.local.recovery import error_indicators
 from ngepc.pictures.export import export_vtu
@@ -36,13 +46,16 @@ def standing(mesh):
 
 
 def bodies(comm):
-    """A sphere on a block, clamped or on springs; the L-shape with traction and a ceiling.
+    """A sphere on a block, clamped, on springs or rough; the L-shape with traction and a ceiling.
 
     The fine block has several levels, which each tangent fills anew.
     """
     yield "block", pressed(shared(block.mesh(maxh=0.4), comm, 1), 100.0)
     yield "fine block", pressed(shared(block.mesh(maxh=0.4), comm, 2), 100.0)
     yield "springs", standing(shared(block.mesh(maxh=0.4), comm, 1))
+    rough = pressed(shared(block.mesh(maxh=0.4), comm, 1), 100.0)
+    yield "Tresca", replace(rough, friction=1.0 + x)
+    yield "Coulomb", replace(rough, friction=Coulomb(0.3))
     plane = lshape_problem(lshape.mesh(maxh=0.15))
     part = shared(plane.mesh, comm, 1)
     yield "lshape", replace(lshape_problem(part), kinematics="plane strain", body_force=(0.3, 0.2))
@@ -58,6 +71,7 @@ def numbers(result):
         "iterations": result.history.column("linear_iterations"),
         "plastic": result.history.records[-1].plastic_active,
         "contact force": result.contact_force,
+        "slipping": result.history.records[-1].friction_active,
         "contact area": result.contact_area,
         "facets": result.contact_facets,
         "message": result.message,
@@ -79,7 +93,6 @@ def refusals(problem):
         "gamma": lambda: semismooth_newton(problem, gamma=1.0),
         "primal": lambda: primal_newton(problem),
         "order": lambda: replace(problem, order=2),
-        "friction": lambda: replace(problem, friction=0.1),
         "loose": lambda: replace(problem, clamped=None),
         "name": lambda: replace(problem, clamped="nowhere"),
     }
