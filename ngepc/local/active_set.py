@@ -77,7 +77,7 @@ class InexactTarget:
         self._contact = discrete.contact
         free, tangential = discrete.free.ravel(), discrete.rows.tangential
         moved = np.asarray(abs(tangential[:, np.flatnonzero(free)]).sum(axis=1)).ravel()
-        self._movable = (moved > HELD).reshape(len(discrete.rows), -1)
+        self._movable = (moved > HELD).reshape(discrete.rows.tangents.shape[:2])
 
     def accuracy(self, residual: float) -> float:
         """The relative residual for a step from here (Eisenstat and Walker 1996, choice 2).

@@ -146,7 +146,8 @@ def check_rigid_motions(problem: Given, held: np.ndarray, pairs: np.ndarray) -> 
             touching |= vertices_of(problem.mesh, boundary_names("contact", names, problem.mesh))
     for motions, vertices in free_motions(problem, held, pairs):
         if touching.isdisjoint(vertices.tolist()):
-            centre = vertex_coordinates(problem.mesh)[vertices].mean(axis=0)
+            x, processes = vertex_coordinates(problem.mesh)[vertices], problem.processes
+            centre = processes.total(x.sum(axis=0)) / processes.total(len(x))
             raise ValueError(
                 f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave "
                 f"{motions.shape[2]} rigid motion(s) of the part around "

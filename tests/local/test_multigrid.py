@@ -64,6 +64,7 @@ CASES = {
     "Coulomb, order 2": lambda: replace(pressed_body("prisms", order=2), friction=Coulomb(0.4)),
     "Tresca, flat": lambda: replace(lshape_with("plane strain"), friction=0.05),
     "rollers, springs": on_springs,
+    "nothing to touch": lambda: replace(pressed_body("triangles"), contact=None, gap=None),
     "floating": lambda: roller(2.0, 2),
     "floating, Tresca": lambda: replace(roller(2.0, 1), friction=50.0),
     "tied": lambda: replace(roller(2.0, 1), contact=Contact("flat", "arc", tied=True)),
