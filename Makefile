@@ -1,8 +1,8 @@
 # make demo: the main job, Example (a) over a family of meshes.
 # make check: the quick tests, while one works.   make test: all tests.   make coverage: what they
 # run of the package, in out/coverage.   make lint: style.
-# make campaigns: random problems and extreme data by all methods, minutes, results/fuzz.* and
-# results/robustness.*.
+# make campaigns: random problems and extreme data by all methods, bounds of random problems,
+# minutes, results/fuzz.*, results/robustness.* and results/crossings.*.
 # make test-petsc: the tests of large bodies once more, with Debian's PETSc.
 # make docs: this project's site in out/docs.   make benchmark: what a Newton step costs,
 # make benchmark-pieces: its pieces.
@@ -45,6 +45,7 @@ coverage: $(VENV)/.test
 campaigns: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results fuzz --count 100 --seed 1
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results robustness
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results crossings
 
 test-petsc: $(PETSC_VENV)/.test
 	PETSC_DIR=$(PETSC_DIR) NGEPC_NEEDS_PETSC=1 $(PETSC_VENV)/bin/python -m pytest tests/local

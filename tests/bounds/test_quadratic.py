@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns.crossings import random_crossings
 from ngsolve import GridFunction
 
 from ngepc import lshape_problem, semismooth_newton
@@ -127,11 +126,3 @@ def test_adaptive_meshes_reach_the_rate_of_order_two(coarse):
     for record in solved.records:
         assert record.energy - LIMITS["lshape"] <= record.total
     assert records[-1].total <= 1.2 * (records[-1].energy - LIMITS["lshape"])
-
-
-@pytest.mark.parametrize("seed", [5, 6, 7])
-def test_energies_of_random_problems_do_not_cross(seed):
-    for crossing in random_crossings(seed, 3, 1, order=2):
-        assert crossing.margin > 0, crossing.draw
-        assert crossing.fine.least_energy <= crossing.bound.energy
-        assert crossing.bound.per_cell.min() >= -1e-9 * crossing.bound.total

@@ -1,12 +1,13 @@
 """Campaigns that try to contradict the solvers, longer than a test; cells are kept as in studies.
 
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
---rows "usual,gamma 1e+06"``.
+--rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``.
 """
 
 import argparse
 from pathlib import Path
 
+from campaigns.crossings import Crossings
 from campaigns.fuzz import Fuzz
 from campaigns.robustness import Robustness
 from ngsolve import SetNumThreads
@@ -30,6 +31,11 @@ def arguments():
     extremes.set_defaults(kind=Robustness, options=("rows", "limit"))
     extremes.add_argument("--rows", type=rows)
     extremes.add_argument("--limit", type=int, default=Robustness.limit)
+    bounds = campaigns.add_parser("crossings", help="bounds of random problems, fine references")
+    bounds.set_defaults(kind=Crossings, options=("count", "seed", "rows"))
+    bounds.add_argument("--count", type=int, default=Crossings.count)
+    bounds.add_argument("--seed", type=int, default=Crossings.seed)
+    bounds.add_argument("--rows", type=rows, default=Crossings.rows)
     return parser
 
 
