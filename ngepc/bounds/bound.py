@@ -199,7 +199,7 @@ def bound_of_state(
     z, mean, P = setting.best_stress(state, tangent, P, effort)
     contact = setting.contact_gaps(state, P)
     volume, owners = setting.cells.volume, setting.cells.owners[setting.boundary.contact, 0]
-    per_cell = setting.conjugate.integrals(z, volume, setting.gaps(state, mean))
+    per_cell = setting.at_nodes.integrals(z, volume, setting.gaps(state, mean))
     per_cell += np.bincount(owners, contact, minlength=len(per_cell))
     whole = with_loads(setting, per_cell)
     total, energy = float(whole.sum()), setting.energy(state)

@@ -4,7 +4,7 @@ In-plane stresses have the coordinates z = (a, b_0, b_1) = ((xx + yy)/2, (xx - y
 2^(1/2) xy), whose product with (tr eps, e_0, e_1) is sigma : eps.  With the mean part m and the
 deviatoric coordinates d of the stress
 
-    phi*(sigma) = m^2 / (2 bulk) + |d|^2 / (4 mu_2) + d . p_0 + mu_2 |p_0|^2
+    phi*(sigma) = m^2 / (2 bulk) + |d + 2 mu_2 p_0|^2 / (4 mu_2)
                   + 1/(2 h) ([|d - dev alpha_0| - beta]_+)^2.
 
 It is conjugate to the density of J, which leaves out mu_2 |p_0|^2.
@@ -17,6 +17,7 @@ the one that is taken nearly minimises phi*.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,11 +73,11 @@ class Completed:
 
 
 OF_POINTS = ("mean", "deviator", "over", "direction", "size")
-OF_LAW = ("bulk", "two_mu", "hardening", "beta", "back", "initial", "constant")
+OF_LAW = ("bulk", "two_mu", "hardening", "beta", "back", "initial")
 
 
 class Conjugate:
-    """phi* on triangles that carry one set of material data each.
+    """phi* on cells that carry one set of material data each.
 
     Parameters
     ----------
@@ -87,16 +88,24 @@ class Conjugate:
 
     Attributes
     ----------
-    bulk, two_mu, hardening, beta, back, initial
+    bulk, two_mu, hardening, beta
         As there.
+    back, initial
+        As there, for each cell at its points or the same at all of them, (cells, 1 or points, d).
     """
 
     def __init__(self, law: Law, each: int = 1) -> None:
-        for name in OF_LAW[:-1]:
+        for name in OF_LAW[:4]:
             setattr(self, name, getattr(law, name)[::each])
-        self.d = self.back.shape[1]
+        self.back, self.initial = law.back[::each, None], law.initial[::each, None]
+        self.d = self.back.shape[2]
         self.whole = self.d != 3  # no direction without an equation
-        self.constant = 0.5 * self.two_mu * np.einsum("td,td->t", self.initial, self.initial)
+
+    def with_history(self, back: np.ndarray, initial: np.ndarray) -> Conjugate:
+        """The same with other ``back`` and ``initial``."""
+        result = copy(self)
+        result.back, result.initial = back, initial
+        return result
 
     def of(self, cells: np.ndarray | slice) -> Conjugate:
         """phi* on some of the cells."""
@@ -109,7 +118,7 @@ class Conjugate:
         return self._completed(*self._with_zeta(z, self._best_zeta(z)))
 
     def _completed(self, m: np.ndarray, d: np.ndarray) -> Completed:
-        s = d - self.back[:, None]
+        s = d - self.back
         size = np.sqrt(np.einsum("tqd,tqd->tq", s, s))
         over = np.maximum(size - self.beta[:, None], 0.0)
         return Completed(m, d, over, s / np.where(size > 0, size, 1.0)[..., None], size)
@@ -120,7 +129,7 @@ class Conjugate:
     def _best_zeta(self, z: np.ndarray) -> np.ndarray:
         """Elastic where the stress that follows does not yield, some Newton steps elsewhere."""
         bulk, two_mu, h = (v[:, None] for v in (self.bulk, self.two_mu, self.hardening))
-        initial = self.initial[:, None, 1]
+        initial = self.initial[..., 1]
         stiff = 1 / (6 * bulk) + 1 / two_mu
         zeta = (z[..., 0] / (R6 * bulk) - initial) / stiff
         for _ in range(ZETA_STEPS):
@@ -138,15 +147,17 @@ class Conjugate:
         return self._smooth(at) + at.over**2 / (2 * self.hardening[:, None])
 
     def _smooth(self, at: Completed) -> np.ndarray:
-        bulk, two_mu = self.bulk[:, None], self.two_mu[:, None]
-        square = np.einsum("tqd,tqd->tq", at.deviator, at.deviator)
-        history = np.einsum("tqd,td->tq", at.deviator, self.initial)
-        quadratic = at.mean**2 / bulk + square / two_mu
-        return quadratic / 2 + history + self.constant[:, None]
+        total = self._total(at)
+        square = np.einsum("tqd,tqd->tq", total, total)
+        return (at.mean**2 / self.bulk[:, None] + square / self.two_mu[:, None]) / 2
+
+    def _total(self, at: Completed) -> np.ndarray:
+        """D + 2 mu_2 p_0: the deviatoric strain without p, as a stress."""
+        return at.deviator + self.two_mu[:, None, None] * self.initial
 
     def gradient(self, at: Completed) -> np.ndarray:
         """The strain d phi* / dz, shape (triangles, points, 3)."""
-        strain = at.deviator / self.two_mu[:, None, None] + self.initial[:, None]
+        strain = at.deviator / self.two_mu[:, None, None] + self.initial
         strain = strain + (at.over / self.hardening[:, None])[..., None] * at.direction
         first = (at.mean / self.bulk[:, None])[..., None]
         return np.concatenate([first, strain if self.whole else strain[..., [0, 2]]], axis=-1)
@@ -195,12 +206,14 @@ class Conjugate:
             What is added to the integrals before "small" means small beside them.
         """
         at, count, k = self.completed(nodal), len(nodal), NODES[nodal.shape[1]]
-        mean, deviator = (
-            coefficients(v.reshape(count, -1, k, v[0, 0].size)) for v in (at.mean, at.deviator)
+        mean, total, s = (
+            coefficients(v.reshape(count, -1, k, v[0, 0].size))
+            for v in (at.mean, self._total(at), at.size[..., None] * at.direction)
         )
         part = volume[:, None] / mean.shape[1]
-        result = rest + self._smooth_integrals(mean, deviator, part)
-        s = deviator - self.back[:, None, None]
+        smooth = square_integrals(mean, part) / self.bulk[:, None]
+        smooth += square_integrals(total, part) / self.two_mu[:, None]
+        result = rest + smooth.sum(axis=1) / 2
         outside = np.einsum("tkid,tkid->tki", s, s) > self.beta[:, None, None] ** 2
         cell, place = np.nonzero(outside.any(axis=2))
         s, weight = s[cell, place], part[cell, 0]
@@ -218,14 +231,6 @@ class Conjugate:
             weight, cell = (np.repeat(v[~kept], parts) for v in (weight / parts, cell))
             bound, likely = self._plastic(s, weight, cell)
         return result
-
-    def _smooth_integrals(
-        self, mean: np.ndarray, deviator: np.ndarray, part: np.ndarray
-    ) -> np.ndarray:
-        quadratic = square_integrals(mean, part) / self.bulk[:, None]
-        quadratic += square_integrals(deviator, part) / self.two_mu[:, None]
-        history = np.einsum("tkid,td->tk", deviator, self.initial) / mean.shape[2]
-        return (quadratic / 2 + part * (history + self.constant[:, None])).sum(axis=1)
 
     def _plastic(
         self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray

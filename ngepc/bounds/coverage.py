@@ -16,8 +16,17 @@ from ngepc.model.rules import has_straight_simplices
 CONSTANT = 1e-10
 """Part of its largest value by which a coefficient may vary on an element and count as constant."""
 
+AFFINE = ("initial_plastic_strain", "initial_hardening (alpha_2)")
+"""What may be affine on the triangles where displacements are of order two."""
+
 _INSIDE = {
-    ET.TRIG: IntegrationRule([(1 / 3, 1 / 3), (0.1, 0.1), (0.8, 0.1), (0.1, 0.8)], [0.125] * 4),
+    ET.TRIG: IntegrationRule(
+        [
+            *((1 / 3, 1 / 3), (0.1, 0.1), (0.8, 0.1), (0.1, 0.8)),
+            *((0.4, 0.4), (0.2, 0.4), (0.4, 0.2)),
+        ],
+        [1 / 14] * 7,
+    ),
     ET.TET: IntegrationRule(
         [(0.25, 0.25, 0.25), (0.1, 0.1, 0.1), (0.7, 0.1, 0.1), (0.1, 0.7, 0.1), (0.1, 0.1, 0.7)],
         [1 / 30] * 5,
@@ -129,10 +138,10 @@ def check_covered(problem: Problem) -> None:
         "body_force": problem.f if problem.order == 2 else None,
     }
     for name, value in coefficients.items():
-        if isinstance(value, CoefficientFunction) and varies_inside(problem, value):
-            raise ValueError(
-                f"{name} varies inside elements: bounds need one value on each element"
-            )
+        affine = problem.order == 2 and name in AFFINE
+        if isinstance(value, CoefficientFunction) and varies_inside(problem, value, affine):
+            needed = "affine functions" if affine else "one value"
+            raise ValueError(f"{name} varies inside elements: bounds need {needed} on each element")
 
 
 def require_frictionless(problem: Problem, what: str) -> None:
@@ -147,11 +156,15 @@ def require_frictionless(problem: Problem, what: str) -> None:
         raise ValueError(f"friction={problem.friction!r}: {what} needs contact without friction")
 
 
-def varies_inside(problem: Problem, value: CoefficientFunction) -> bool:
-    """Whether a coefficient has several values on an element."""
+def varies_inside(problem: Problem, value: CoefficientFunction, affine: bool = False) -> bool:
+    """Whether a coefficient is more than a constant, or an affine function, on an element."""
     points = problem.mesh.MapToAllElements(_INSIDE, VOL)
     values = np.asarray(value(points)).reshape(problem.mesh.ne, -1, value.dim)
-    return np.ptp(values, axis=1).max() > CONSTANT * np.abs(values).max(initial=1e-300)
+    size = np.abs(values).max(initial=1e-300)
+    if affine:
+        known = np.array([(1.0, *p) for p in _INSIDE[ET.TRIG].points])[:, : problem.N + 1]
+        values = values - known @ (np.linalg.pinv(known) @ values)
+    return np.ptp(values, axis=1).max() > CONSTANT * size
 
 
 def on_facets(problem: Problem, value: CoefficientFunction) -> np.ndarray:

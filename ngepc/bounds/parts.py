@@ -67,11 +67,11 @@ RULE = {
 WEIGHTS = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: 2 * np.array(_FOUR.weights)}
 """Weights of the points, which add up to one."""
 
-_MIDDLES = np.concatenate([np.eye(3), RULE[3]])
+MIDDLES = np.concatenate([np.eye(3), RULE[3]])
 NARROW = 0.3
 """Part of its mean below which |s|^2 shall not fall for a Taylor polynomial of |s|."""
 
-AT_NODES = quadratics(_MIDDLES)
+AT_NODES = quadratics(MIDDLES)
 """Values at vertices and edge midpoints from coefficients."""
 
 WORTH = {3: 0.007, 4: 0.02, 6: 0.007}

@@ -11,7 +11,7 @@ import numpy as np
 from ngsolve import ET, IntegrationRule
 
 from ngepc.bounds.equilibration import moments_of
-from ngepc.bounds.parts import SIX, SPLIT
+from ngepc.bounds.parts import MIDDLES, SIX, SPLIT
 from ngepc.bounds.plane import PlaneSetting, tensors
 from ngepc.bounds.quartic import QuarticSpace
 from ngepc.bounds.setting import LEVEL
@@ -27,8 +27,11 @@ AT_CORNERS = 2 * np.eye(3)[[1, 2, 0]] - 1 / 3
 
 
 _UNIT = np.eye(3)
-AT_POINTS = np.concatenate([SIX @ [_UNIT[i], _UNIT[j], _UNIT.mean(axis=0)] for i, j in PAIRS])
-"""Values at the points of the sub-triangles from those at the vertices, shape (18, 3)."""
+_PARTS = [np.array([_UNIT[i], _UNIT[j], _UNIT.mean(axis=0)]) for i, j in PAIRS]
+AT_POINTS, TO_NODES = (
+    np.concatenate([shares @ part for part in _PARTS]) for shares in (SIX, MIDDLES)
+)
+"""Values at points and nodes of the sub-triangles from those at the vertices, (18, 3)."""
 
 _SIX = IntegrationRule(ET.TRIG, 6)
 RULE_POINTS = np.array([(x, y, 1 - x - y) for x, y, *_ in _SIX.points])
@@ -60,6 +63,13 @@ class QuadraticSetting(PlaneSetting):
         self._bubble = np.empty(len(c.facets), dtype=int)
         for k, ends in enumerate(((2, 0), (1, 2), (0, 1))):
             self._bubble[c.facets_between(nodes[:, ends])] = nodes[:, 3 + k]
+        history = discrete.law.back, discrete.law.initial
+        if any(np.ptp(values.reshape(len(c.nodes), 3, -1), axis=1).any() for values in history):
+            corners = [self.at_corners(values) for values in history]
+            self.conjugate, self.at_nodes = (
+                self.conjugate.with_history(*(np.matmul(shares, values) for values in corners))
+                for shares in (AT_POINTS, TO_NODES)
+            )
 
     def at_corners(self, values: np.ndarray) -> np.ndarray:
         """Values at the vertices (nt, 3, c) of affine functions given at the points (., c)."""

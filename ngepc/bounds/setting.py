@@ -42,6 +42,11 @@ class Setting(ABC):
     discrete
         The discrete problem, in N dimensions.
 
+    Attributes
+    ----------
+    conjugate, at_nodes
+        phi* at the points and at the nodes of the parts of each cell.
+
     Raises
     ------
     ValueError
@@ -55,7 +60,7 @@ class Setting(ABC):
         self.cells = (Triangles if self.problem.N == 2 else Simplices)(self.problem.mesh)
         self.boundary = Boundary(self.problem, self.cells)
         each = len(discrete.points) // len(self.cells.nodes)
-        self.conjugate = Conjugate(discrete.law, each)
+        self.conjugate = self.at_nodes = Conjugate(discrete.law, each)
         self.carried = CarriedLoads(self.boundary)
         self.start = initial_displacements(self.problem, discrete.supports)
         self.row_of = self._rows_of_contact_ends()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -21,6 +21,8 @@ from ngsolve import (
 )
 
 from ngepc.bounds.coverage import varies_inside
+from ngepc.discretisation.pointfunctions import PointFunctions, on_children
+from ngepc.discretisation.points import Points
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import element_vertices, vertex_coordinates
 from ngepc.model.material import Material
@@ -83,22 +85,23 @@ def values_in(value: object) -> list[CoefficientFunction]:
 def on_mesh(problem: Problem, mesh: Mesh) -> Problem:
     """The problem on a mesh that refines its own.
 
-    Data that are constant on the elements of the problem's mesh stay what they are.
+    Data that are constant on the elements of the problem's mesh stay what they are, with order two
+    affine plastic strains and back stresses too.
     """
     data = {f.name: getattr(problem, f.name) for f in fields(Problem)}
     carry = Carrier(problem.mesh, mesh)
     material = problem.material
     carried = {f.name: carry(getattr(material, f.name)) for f in fields(Material)}
     data["mesh"], data["material"] = mesh, replace(material, **carried)
-    for name in ("initial_plastic_strain", "initial_accumulated"):
-        data[name] = carry(data[name])
+    data["initial_accumulated"] = carry(data["initial_accumulated"])
+    data["initial_plastic_strain"] = carry.affine(data["initial_plastic_strain"], problem)
     if problem.f is not None and not varies_inside(problem, problem.f):
         data["body_force"] = carry(problem.f)
     hardening = data["initial_hardening"]
     if isinstance(hardening, tuple):
-        data["initial_hardening"] = tuple(carry(part) for part in hardening)
+        data["initial_hardening"] = carry(hardening[0]), carry.affine(hardening[1], problem)
     else:
-        data["initial_hardening"] = carry(hardening)
+        data["initial_hardening"] = carry.affine(hardening, problem)
     return Problem(**data)
 
 
@@ -133,10 +136,23 @@ class Carrier:
             space = VectorValued(space, values.shape[1])
         result = GridFunction(space)
         result.vec.FV().NumPy()[:] = values.T.ravel()
-        if values.shape[1] == 1:
-            return result
-        entries = tuple(result[i] for i in range(values.shape[1]))
-        return CF(entries, dims=tuple(value.dims)) if len(value.dims) == 2 else CF(entries)
+        return shaped(result, value.dims)
+
+    def affine(self, value: object, problem: Problem) -> object:
+        """The same for what may be affine on the cells of a problem of order two."""
+        if problem.order == 1 or not isinstance(value, CoefficientFunction):
+            return self(value)
+        before, after = (Points(m, problem.kinematics, 2) for m in (problem.mesh, self.new))
+        values = on_children(before.at(value), before, after, self._parents)
+        return shaped(PointFunctions(after).function(values), value.dims)
+
+
+def shaped(function: GridFunction, dims: Sequence[int]) -> CoefficientFunction:
+    """A function with as many components as a scalar, a vector or a matrix has, as one of these."""
+    if function.dim == 1:
+        return function
+    entries = tuple(function[i] for i in range(function.dim))
+    return CF(entries, dims=tuple(dims)) if len(dims) == 2 else CF(entries)
 
 
 def carried_parabolas(old: State, discrete: DiscreteProblem) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import L2, CoefficientFunction, GridFunction, VectorValued
+from ngsolve import L2, CoefficientFunction, GridFunction, VectorValued, x, y, z
 
 from ngepc.discretisation.points import Points
 from ngepc.model.problem import Problem
@@ -47,6 +47,33 @@ class PointFunctions:
         for block, inverse in zip(self.points.blocks, self._inverses, strict=True):
             values[block.points] = inverse.swapaxes(1, 2) @ columns[block.points]
         return values
+
+
+def on_children(
+    values: np.ndarray, before: Points, after: Points, parents: np.ndarray
+) -> np.ndarray:
+    """The same constants or affine functions at the points of a mesh inside another, exactly.
+
+    Parameters
+    ----------
+    values
+        At the points of simplices, one or N + 1 of each, shape (points, ...).
+    before, after
+        The points of both meshes.
+    parents
+        For each cell the one that it lies in.
+    """
+    known, wanted = (_monomials(points) for points in (before, after))
+    shares = np.matmul(wanted, np.linalg.inv(known)[parents])
+    carried = np.matmul(shares, values.reshape(*known.shape[:2], -1)[parents])
+    return carried.reshape(len(after), *values.shape[1:])
+
+
+def _monomials(points: Points) -> np.ndarray:
+    """1, or 1, x, y, (z), as many as each simplex has points, at these, (cells, q, q)."""
+    where = np.stack([points.at(v) for v in (1.0, x, y, z)], axis=1)
+    each = len(points) // points.mesh.ne
+    return where.reshape(points.mesh.ne, each, -1)[:, :, :each]
 
 
 def interpolated(problem: Problem, value: CoefficientFunction) -> GridFunction:

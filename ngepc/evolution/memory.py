@@ -9,7 +9,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import is_number
-from ngepc.discretisation.pointfunctions import PointFunctions
+from ngepc.discretisation.pointfunctions import PointFunctions, on_children
 from ngepc.discretisation.points import Points
 from ngepc.model.material import PEEQ, Material
 from ngepc.model.problem import Problem
@@ -56,9 +56,12 @@ class Memory:
         )
 
     def on(self, problem: Problem, parents: np.ndarray) -> Memory:
-        """The same values on a mesh whose cells lie in these cells: one point each."""
-        functions = PointFunctions(Points(problem.mesh, problem.kinematics, problem.order))
-        return Memory(functions, *(values[parents] for values in self.arrays.values()))
+        """The same functions on a mesh whose simplices lie in these ones; PEEQ stays >= 0."""
+        points = Points(problem.mesh, problem.kinematics, problem.order)
+        before = self.functions.points
+        carried = {k: on_children(v, before, points, parents) for k, v in self.arrays.items()}
+        carried["accumulated"] = np.maximum(carried["accumulated"], 0.0)
+        return Memory(PointFunctions(points), **carried)
 
     def increment(self, p: CoefficientFunction) -> np.ndarray:
         """A plastic increment at the points, shape (points, d)."""
@@ -69,9 +72,9 @@ class Memory:
         material, tensor = base.material, base.kinematics.tensor
         function = self.functions.function
         hardening = back_stress = tensor(function(self.back_stress))
-        if not _is_zero(material.isotropic_hardening):
+        if not is_zero(material.isotropic_hardening):
             scalar = function(self.hardening_variable)
-            hardening = scalar if _is_zero(material.hardening) else (scalar, back_stress)
+            hardening = scalar if is_zero(material.hardening) else (scalar, back_stress)
         return replace(
             base,
             **changes,
@@ -87,5 +90,6 @@ class Memory:
         return {name: getattr(self, name).copy() for name in names}
 
 
-def _is_zero(value: object) -> bool:
+def is_zero(value: object) -> bool:
+    """Whether a coefficient is the number 0."""
     return is_number(value) and value == 0

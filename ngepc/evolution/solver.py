@@ -25,7 +25,7 @@ from ngepc.discretisation.prolongation import nodal_values
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.file import EvolutionFile
 from ngepc.evolution.load_path import Schedule, as_schedule, check_changes
-from ngepc.evolution.memory import Memory
+from ngepc.evolution.memory import Memory, is_zero
 from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
 from ngepc.model.problem import Problem
 from ngepc.results.fields import Fields
@@ -152,9 +152,10 @@ class _Run:
             if self.error is not None:
                 check_covered(step)
                 check_carried(step)
-                if step.order != 1:
+                if step.order == 2 and not is_zero(step.material.isotropic_hardening):
                     raise ValueError(
-                        f"order={step.order}: error=... needs 1, one value of the history a cell"
+                        f"order={step.order}: error=... needs 1 with isotropic hardening, whose "
+                        "variable may be negative where it is affine on cells"
                     )
                 require_frictionless(step, "error=...")
         self.pending = [(time, 0) for time in reversed(self.schedule.times)]

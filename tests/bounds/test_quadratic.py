@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngsolve import GridFunction
+from campaigns.crossings import finer
+from ngsolve import CF, L2, GridFunction, x, y
 
-from ngepc import lshape_problem, semismooth_newton
+from ngepc import Material, Problem, lshape_problem, semismooth_newton
 from ngepc.bounds.adaptive import Refinement, solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.parts import (
@@ -19,7 +20,7 @@ from ngepc.bounds.parts import (
 )
 from ngepc.bounds.quadratic import exceeding
 from ngepc.bounds.transfer import bisected, carried_state, on_mesh
-from ngepc.geometries import lshape
+from ngepc.geometries import block, lshape
 from ngepc.local.system import DiscreteProblem
 from ngepc.studies.bounds import LIMITS
 
@@ -107,6 +108,27 @@ def test_the_energy_is_no_less_than_the_integral(coarse):
     many = carried_state(bound.state, DiscreteProblem(on_mesh(problem, mesh)))
     assert bound.energy >= many.energy - 1e-9 * abs(many.energy)
     assert bound.energy - many.energy <= 0.02 * bound.total
+
+
+def test_histories_may_be_affine_on_triangles():
+    """Of the mesh that they belong to: on finer ones they are the same functions."""
+    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+    p, tensor = 1e-3 * (0.3 + x * y), CF((1, 0.5, 0, 0.5, -1, 0, 0, 0, 0), dims=(3, 3))
+    mesh = block.mesh(0.3, (1.0, 0.7))
+    strain = GridFunction(L2(mesh, order=1))
+    strain.Set(p)
+    history = {"initial_plastic_strain": strain * tensor, "initial_hardening": 90 * strain * tensor}
+    loads = {"traction": {"right": (1.0, -2.0)}, "contact": "contact", "gap": 1e-3}
+    problem = Problem(mesh, material, order=2, kinematics="plane strain", **loads, **history)
+    bounds = [error_bound(semismooth_newton(finer(problem, k))) for k in (0, 2, 4)]
+    assert bounds[0].state.at.yields.any()
+    energies, lower = ([getattr(b, name) for b in bounds] for name in ("energy", "least_energy"))
+    assert max(lower) < min(energies)
+    assert energies == sorted(energies, reverse=True)
+    assert lower == sorted(lower)
+    assert bounds[0].total < 1.3 * (energies[0] - energies[2])
+    with pytest.raises(ValueError, match="initial_plastic_strain varies"):
+        error_bound(semismooth_newton(replace(problem, initial_plastic_strain=p * tensor)))
 
 
 def test_orders_agree(coarse):

@@ -9,7 +9,7 @@ from ngepc import Material, Problem, semismooth_newton
 from ngepc.bounds.bound import error_bound
 
 CHOSEN = [(seed, "order 1") for seed in range(5)] + [(seed, "order 2") for seed in (5, 6, 7)]
-CHOSEN += [(1, "solid"), (2, "friction"), (3, "varying loads"), (4, "varying loads")]
+CHOSEN += [(1, "solid"), (1, "friction"), (3, "varying loads"), (4, "varying loads")]
 
 
 @pytest.mark.parametrize(("seed", "kind"), CHOSEN)
@@ -21,7 +21,7 @@ def test_energies_of_random_problems_do_not_cross(seed, kind):
 
 
 def test_the_campaign_counts_what_it_finds(tmp_path):
-    work = Crossings(tmp_path, count=2, rows=("order 1", "friction"))
+    work = Crossings(tmp_path, count=2, rows=("order 2", "friction"))
     work.write(work.run())
     rows = (tmp_path / "crossings.md").read_text().splitlines()[4:6]
     assert [row.split("|")[2].strip() for row in rows] == ["2", "2"]
