@@ -240,11 +240,11 @@ def draw_rates(records: Sequence[dict]) -> Picture:
         body, _, kind = name.partition(" ")
         axes, label = panels[body], kind or "uniform"
         style = {"color": COLOURS[KINDS.index(label)]}
-        axes.loglog(nodes, bound, "-", marker="", label=f"bound, {label}", **style)
-        axes.loglog(nodes, error, "o", ms=3, label=f"error, {label}", **style)
+        axes.loglog(nodes, bound, "-", marker="", label=label, **style)
+        axes.loglog(nodes, error, "o", ms=3, **style)
     for name, axes in panels.items():
-        axes.set(title=titles[name], xlabel="nodes", ylabel="energy (force times length)")
-        axes.legend(frameon=False)
+        axes.set(title=titles[name], xlabel="nodes", ylabel="bound (lines), error (dots)")
+        axes.legend(frameon=False, loc="lower left")
     return figure
 
 
