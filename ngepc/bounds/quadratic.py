@@ -125,18 +125,32 @@ class QuadraticSetting(PlaneSetting):
     def loads(self, state: State, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As for order one; the forces are those on all nodes."""
         moments, forces = super().loads(state, P)
-        on, result = self.boundary.contact, np.zeros_like(state.u)
+        result = np.zeros_like(state.u)
         result[: len(forces)] = forces
-        result[self._bubble[on]] = self._moment(P)[:, None] * self.cells.normal[on]
+        result[self._bubble[self.boundary.contact]] = self._moment(self.pushed(state, P))
         return moments, result
 
-    def _moment(self, P: np.ndarray) -> np.ndarray:
-        """int P times the functions of the contact edges."""
-        return BUBBLE * self.cells.measure[self.boundary.contact] * P.sum(axis=1) / 12
+    def _moment(self, traction: np.ndarray) -> np.ndarray:
+        """The integral of tractions (n, 2, 2) times the functions of the contact edges, (n, 2)."""
+        measure = self.cells.measure[self.boundary.contact]
+        return BUBBLE / 12 * measure[:, None] * traction.sum(axis=1)
 
     def contact_gaps(self, state: State, P: np.ndarray) -> np.ndarray:
-        """The integral of P (psi - u . n) over each contact edge."""
-        return super().contact_gaps(state, P) - self._moment(P) * self._rise(state.u)
+        """As for order one, with the parts of u that vanish at the vertices."""
+        bubble = self._bubble[self.boundary.contact]
+        pushed = self._moment(self.pushed(state, P)) * state.u[bubble]
+        dragged = self._moment(self.friction(state)) * self.start[bubble]
+        return super().contact_gaps(state, P) - (pushed - dragged).sum(axis=1)
+
+    def friction_works(self, state: State) -> np.ndarray:
+        """No less than int F |slip| over each contact edge, from Bernstein coefficients of slip."""
+        F, on = self.boundary.friction, self.boundary.contact
+        ends, bent = self.slip(state.u), (state.u - self.start)[self._bubble[on]]
+        middle = ends.mean(axis=1) + BUBBLE / 2 * self.across(bent[:, None])[:, 0]
+        total = F.sum(axis=1, keepdims=True)
+        works = (F / 6 + total / 12) * np.linalg.norm(ends, axis=2)
+        works = works.sum(axis=1) + total[:, 0] / 6 * np.linalg.norm(middle, axis=1)
+        return self.cells.measure[on] * works
 
     def means(self, stress: np.ndarray) -> np.ndarray:
         """The means on the triangles, shape (nt, 3), of stresses at the points."""

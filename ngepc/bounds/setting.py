@@ -195,10 +195,14 @@ class Setting(ABC):
         c, b, on = self.cells, self.boundary, self.boundary.contact
         moments = np.zeros_like(b.traction)
         moments[c.outer] = moments_of(b.traction[c.outer], c.measure[c.outer])
-        pushed = P[:, :, None] * c.normal[on][:, None] + self.friction(state)
-        of_contact = moments_of(pushed, c.measure[on])
+        of_contact = moments_of(self.pushed(state, P), c.measure[on])
         moments[on] -= of_contact
         return moments, c.at_nodes(of_contact, c.facets[on])
+
+    def pushed(self, state: State, P: np.ndarray) -> np.ndarray:
+        """The tractions of the body on the obstacle (stress), (contact facets, N, N)."""
+        n = self.cells.normal[self.boundary.contact]
+        return P[:, :, None] * n[:, None] + self.friction(state)
 
     def contact_gaps(self, state: State, P: np.ndarray) -> np.ndarray:
         """The integral of P (psi - u . n) + F |slip| - T . slip over each contact facet."""

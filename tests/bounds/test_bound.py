@@ -164,7 +164,7 @@ def square(material=MATERIAL, **data):
 @pytest.mark.parametrize(
     ("word", "make"),
     [
-        ("order", lambda: square(order=2, contact="contact", gap=0.1, friction=1.0)),
+        ("order", lambda: Problem(block.mesh(0.5), MATERIAL, order=2)),
         ("axisymmetric", lambda: square(kinematics="axisymmetric")),
         ("body_force", lambda: square(order=2, body_force=(x, 0.0))),
         ("traction", lambda: square(order=2, traction={"contact": (0.0, x**2)})),

@@ -5,6 +5,7 @@
 """
 
 import argparse
+import re
 from pathlib import Path
 
 from campaigns.crossings import Crossings
@@ -14,8 +15,8 @@ from ngsolve import SetNumThreads
 
 
 def rows(text):
-    """The parts of a list."""
-    return text.split(",")
+    """The parts of a list, between commas without a space."""
+    return re.split(",(?! )", text)
 
 
 def arguments():

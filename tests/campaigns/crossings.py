@@ -17,7 +17,7 @@ from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.studies.work import Cell, Work
 
-KINDS = ("order 1", "order 2", "friction", "varying loads", "solid")
+KINDS = ("order 1", "order 2", "friction", "friction, order 2", "varying loads", "solid")
 """What is drawn: problems as of ``build``, with what the name adds; solids are cubes."""
 
 BISECTIONS = {"solid": 1}
@@ -65,14 +65,15 @@ class Crossing:
 
 def problem_of(draw, kind):
     """The problem of a draw with what its kind adds."""
-    if kind == "friction":  # acts where the gap is closed: a push that is stronger than the load
+    rough = kind.startswith("friction")
+    if rough:  # acts where the gap is closed: a push that is stronger than the load
         push = max(draw.gap_size, 2.0)
         draw = replace(draw, gap="pushed", gap_size=push, load=min(draw.load, 0.2 * push))
     problem = build(draw)
     stress, size = problem.material.yield_stress, BODIES[draw.body].length * 10**draw.length_unit
-    if kind == "order 2":
-        return replace(problem, order=2)
-    if kind == "friction":
+    if kind.endswith("order 2"):
+        problem = replace(problem, order=2)
+    if rough:
         return replace(problem, friction=stress * (0.1 + 0.1 * draw.maxh * x / size))
     if kind == "varying loads":
         waves = sin(4 * x / size + draw.angle), cos(5 * x * y / size**2)
@@ -85,7 +86,7 @@ def problem_of(draw, kind):
 def random_draws(seed, kind):
     """An endless sequence of draws for problems of a kind; the L-shape mostly opens its gap."""
     drawn = (d for d in draws(seed) if (d.body == "cube") == (kind == "solid"))
-    return (d for d in drawn if kind != "friction" or d.body != "lshape")
+    return (d for d in drawn if not kind.startswith("friction") or d.body != "lshape")
 
 
 def crossing(draw, kind, bisections):
@@ -137,7 +138,7 @@ class Crossings(Work):
         try:
             pair = crossing(draw, cell.row, BISECTIONS.get(cell.row, 2))
         except Exception as error:  # any other one is a complaint
-            if cell.row == "friction" and "the gap opens" in str(error).replace("\n", " "):
+            if cell.row.startswith("friction") and "the gap opens" in str(error).replace("\n", " "):
                 return found | {"refused": True}
             return found | {"complaints": (f"{type(error).__name__}: {error}",)}
         found |= {"nodes": pair.bound.problem.mesh.nv, "complaints": tuple(pair.complaints)}
