@@ -9,7 +9,7 @@ from ngepc import Material, Problem, semismooth_newton
 from ngepc.bounds.bound import error_bound
 
 CHOSEN = [(seed, "order 1") for seed in range(5)] + [(seed, "order 2") for seed in (5, 6, 7)]
-CHOSEN += [(1, "solid"), (4, "friction"), (3, "friction, order 2"), (3, "varying loads"), (4, "varying loads")]
+CHOSEN += [(4, "friction"), (3, "friction, order 2"), (3, "varying loads"), (1, "solid")]
 
 
 @pytest.mark.parametrize(("seed", "kind"), CHOSEN)
