@@ -44,7 +44,8 @@ def main(out: Path, coarse: bool = False) -> str:
     line = check("yield stress", found.values["yield_stress"], TRUTH["yield_stress"], 0.1)
     line += ", " + check("hardening", found.values["hardening"], TRUTH["hardening"], 0.15)
 
-    ys, hs = np.geomspace(1.2, 6, 5), np.geomspace(15, 250, 5)
+    side = 4 if coarse else 5
+    ys, hs = np.geomspace(1.2, 6, side), np.geomspace(15, 250, side)
     table = np.array([[forces(yield_stress=y, hardening=h) for h in hs] for y in ys])
     values = [RectBivariateSpline(np.log(ys), np.log(hs), F) for F in np.moveaxis(table, 2, 0)]
     between = np.array([s(np.log(YIELDS), np.log(HARDENINGS)) for s in values])

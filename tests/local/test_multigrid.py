@@ -86,10 +86,9 @@ def test_the_solution_is_that_of_the_direct_solver(case, solver):
 
 
 @both
-@pytest.mark.parametrize("friction", [5.0, 50.0])
-def test_friction_costs_little_more_than_contact(friction, solver):
+def test_friction_costs_little_more_than_contact(solver):
     problem, options = indented_block(2), NewtonOptions(inverse=solver())
-    rough = replace(problem, friction=friction)
+    rough = replace(problem, friction=5.0)
     direct, large = semismooth_newton(rough), semismooth_newton(rough, options=options)
     smooth = semismooth_newton(problem, options=options)
     counts = [sum(r.history.column("linear_iterations")) for r in (large, smooth)]
