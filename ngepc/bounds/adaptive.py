@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
 from ngsolve import Mesh
 
 from ngepc.bounds.bound import (
@@ -18,6 +17,7 @@ from ngepc.bounds.bound import (
     setting_of,
 )
 from ngepc.bounds.coverage import check_covered
+from ngepc.bounds.simplices import marked
 from ngepc.bounds.transfer import bisected, carried_state, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
@@ -257,12 +257,3 @@ def verdict(
     if result.status not in SOLVED:
         return result.ending or result.status.value
     return "" if bound.relative <= asked else None
-
-
-def marked(indicators: np.ndarray, share: float) -> np.ndarray:
-    """The fewest elements whose indicators add up to a share of all, as booleans (Doerfler)."""
-    order = np.argsort(-indicators)
-    sums = np.cumsum(np.maximum(indicators[order], 0.0))
-    result = np.zeros(len(indicators), dtype=bool)
-    result[order[: np.searchsorted(sums, share * sums[-1]) + 1]] = True
-    return result

@@ -203,10 +203,6 @@ class AirySpace:
         strain = np.matmul(strain, M).reshape(len(M), -1)
         return self.gathered(self._transposed(strain @ self.rule.forces))
 
-    def product(self, z: np.ndarray, strain: np.ndarray) -> float:
-        """The integral of stress times strain, both (nt, points, 3)."""
-        return float(self.area @ (np.einsum("tqc,tqc->tq", z, strain) @ self.weights))
-
 
 def turn(pairs: np.ndarray, J: np.ndarray) -> None:
     """Replace pairs g (..., 2) by J g, in place."""

@@ -12,6 +12,9 @@ import numpy as np
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.equilibration import PASSES, require_balanced
 
+ROUNDING = 1e-13
+"""Part of the largest moment that may be missing without one more pass."""
+
 FIRST, LAST = np.array([2, 0, 1]), np.array([1, 2, 0])
 """The edges of a triangle that leave vertex 0, 1, 2 first and last, counterclockwise."""
 
@@ -61,9 +64,14 @@ class Fans:
         needed = needed.reshape(-1, 2)[self._order]
         mu = np.where(self._free > 0, wished.reshape(-1, 2), given.reshape(-1, 2))
         size = max(np.abs(needed).max(), np.abs(mu).max())
+        missing = needed - self._sums(mu)
         for _ in range(PASSES):
-            self._correct(mu, needed - self._sums(mu))
-        require_balanced(np.abs(needed - self._sums(mu)).max(), size)
+            self._correct(mu, missing)
+            missing = needed - self._sums(mu)
+            left = np.abs(missing).max()
+            if left <= ROUNDING * size:
+                break
+        require_balanced(left, size)
         return mu.reshape(-1, 2, 2)
 
     def _sums(self, mu: np.ndarray) -> np.ndarray:

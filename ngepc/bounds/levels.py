@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 from ngsolve import H1, BitArray
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csc_matrix, csr_matrix
 
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.triangles import PAIRS, Triangles
 from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
 
-EDGE_STEPS = 4
+EDGE_STEPS = 6
 """Degree of the polynomial that stands for the inverse on the edges, plus one."""
 
-LEAST = 0.15
+LEAST = 0.2
 """Where the eigenvalues begin for which it is small, relative to their upper bound."""
 
 MODES_UP_TO = 4000
@@ -75,15 +75,17 @@ class TwoLevels:
     def _entries(self, chosen: np.ndarray | slice) -> np.ndarray:
         """The blocks of vertices, those of held unknowns from the identity, (blocks, 3, 3)."""
         count, free = len(self._rows), self.free[: self._count].reshape(-1, 3)
-        values = self._K[:, :9, :9].reshape(-1, 3, 3, 3, 3)[:, self._local[0], :, self._local[1]]
-        swap = self._turned[chosen].T
+        n, (a, b), three = self._K.shape[1], self._local, np.arange(3)
+        row, column = 3 * a[:, None, None] + three[:, None], 3 * b[:, None, None] + three
+        values = np.take(self._K.reshape(-1, n * n), (n * row + column).ravel(), axis=1)
+        values, swap = values.reshape(-1, 6, 3, 3), self._turned[chosen]
         values[swap] = values[swap].swapaxes(1, 2)
-        where = self._places[chosen].T.ravel()
-        entries = [np.bincount(where, v, minlength=count) for v in values.reshape(-1, 9).T]
-        entries = np.stack(entries, axis=1).reshape(-1, 3, 3)
+        where, values = self._places[chosen].ravel(), values.reshape(-1, 9)
+        one, shape = np.arange(len(where) + 1), (count, len(where))
+        entries = (csc_matrix((np.ones(len(where)), where, one), shape) @ values).reshape(-1, 3, 3)
         rows, columns = self._rows, self._columns
-        there = free.any(axis=1)
-        touched = ~(free[rows] & free[columns]).all(axis=1) & there[rows] & there[columns]
+        there, whole = free.any(axis=1), free.all(axis=1)
+        touched = there[rows] & there[columns] & ~(whole[rows] & whole[columns])
         touched = np.flatnonzero(touched)
         rows, columns = rows[touched], columns[touched]
         kept = free[rows][:, :, None] & free[columns][:, None]
@@ -115,10 +117,10 @@ class TwoLevels:
         free, edges = self.free[self._count :], self._edges
         each = edges.shape[1]
         row, column = np.repeat(edges, each, axis=1).ravel(), np.tile(edges, each).ravel()
-        A = csr_matrix((K.ravel(), (row, column)), shape=(len(free), len(free)))
-        diagonal = A.diagonal()
+        diagonal = np.bincount(edges.ravel(), np.einsum("tkk->tk", K).ravel(), len(free))
         self._scale = free / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        self._edge_matrix = diags(self._scale) @ A @ diags(self._scale)
+        values = K.ravel() * self._scale[row] * self._scale[column]
+        self._edge_matrix = csr_matrix((values, (row, column)), shape=(len(free), len(free)))
         self._largest = abs(self._edge_matrix).sum(axis=1).max()
 
     def _of_edges(self, r: np.ndarray) -> np.ndarray:

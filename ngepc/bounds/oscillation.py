@@ -25,6 +25,7 @@ from ngsolve import CF, ET, VOL, CoefficientFunction, IntegrationRule, x, y, z
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.coverage import CONSTANT
+from ngepc.bounds.simplices import Simplices
 
 REFERENCE = {
     2: np.array([[1.0, 0.0], [0.5, math.sqrt(3) / 2]]).T,
@@ -77,10 +78,6 @@ class CarriedLoads:
     def __init__(self, boundary: Boundary) -> None:
         self.cells = c = boundary.cells
         N, count = c.N, len(c.nodes)
-        edges = np.matmul(c.jacobian, np.linalg.inv(REFERENCE[N]))
-        self._turned = np.matmul(REFERENCE[N], c.inverse)  # M^-1
-        self._square = np.linalg.norm(edges, 2, axis=(1, 2)) ** 2
-        self._det = c.det / np.linalg.det(REFERENCE[N])
         self.nodal, self.left = np.zeros((count, N + 1, N)), np.zeros(count)
         self.inner = np.zeros((count, N * (N + 1) // 2))
         if boundary.problem.f is not None:
@@ -116,17 +113,26 @@ class CarriedLoads:
         part = share.argmin(axis=2)
         carried = mean[:, None] + np.einsum("ta,atqi->tqi", self.inner[:, N:], loads[:, part])
         carried = np.matmul(carried, c.jacobian.transpose(0, 2, 1)) / c.det[:, None, None]
-        rest = np.matmul(f - carried, self._turned.transpose(0, 2, 1))
-        size = np.sqrt(c.volume * (rest**2).sum(axis=2).mean(axis=1))
-        small = np.abs(f - carried).max() <= CONSTANT * np.abs(f).max()
-        self.left += 0.0 if small else INSIDE[N] * self._square * size
+        if np.abs(f - carried).max() > CONSTANT * np.abs(f).max():
+            inverse, square, _ = from_reference(c, slice(None))
+            rest = np.matmul(f - carried, inverse.transpose(0, 2, 1))
+            size = np.sqrt(c.volume * (rest**2).sum(axis=2).mean(axis=1))
+            self.left += INSIDE[N] * square * size
 
     def _leave_tractions(self, boundary: Boundary) -> None:
         """What tractions leave."""
         c, (facets, rest), weights = self.cells, boundary.uneven, boundary.rule.weights
         cell = c.owners[facets, 0]
-        turned = np.matmul(rest, self._turned[cell].transpose(0, 2, 1))
+        inverse, square, det = from_reference(c, cell)
+        turned = np.matmul(rest, inverse.transpose(0, 2, 1))
         area = c.measure[facets]
         size = np.sqrt(area * ((turned**2).sum(axis=2) @ weights))
-        scale = self._square[cell] * np.sqrt(area / (FACET[c.N] * self._det[cell]))
+        scale = square * np.sqrt(area / (FACET[c.N] * det))
         np.add.at(self.left, cell, OUTSIDE[c.N] * scale * size)
+
+
+def from_reference(cells: Simplices, chosen: np.ndarray | slice) -> tuple[np.ndarray, ...]:
+    """Of the maps M of the reference to some cells M^-1, |M|^2 and det M."""
+    E = REFERENCE[cells.N]
+    size = np.linalg.norm(np.matmul(cells.jacobian[chosen], np.linalg.inv(E)), 2, axis=(1, 2))
+    return np.matmul(E, cells.inverse[chosen]), size**2, cells.det[chosen] / np.linalg.det(E)

@@ -74,7 +74,7 @@ NARROW = 0.3
 AT_NODES = quadratics(MIDDLES)
 """Values at vertices and edge midpoints from coefficients."""
 
-WORTH = {3: 0.007, 4: 0.02, 6: 0.007}
+WORTH = {3: 0.004, 4: 0.02, 6: 0.007}
 """Parts are split for the plastic term until that can gain this part of the bound.
 
 Half of it on each level: there are parts enough whose gain is nothing.
@@ -134,7 +134,8 @@ def square_integrals(values: np.ndarray, volume: np.ndarray) -> np.ndarray:
     if k == 6:
         values = np.matmul(RULE[k], values)
         return volume * (np.einsum("...qc,...qc->...q", values, values) @ WEIGHTS[k])
-    total, squares = values.sum(axis=-2), np.einsum("...nc,...nc->...", values, values)
+    total = np.einsum("...nc->...c", values)
+    squares = np.einsum("...nc,...nc->...", values, values)
     return volume / (k * (k + 1)) * (squares + np.einsum("...c,...c->...", total, total))
 
 

@@ -55,11 +55,13 @@ class Simplices:
         self.mesh, self.N = mesh, mesh.dim
         self.points = vertex_coordinates(mesh).copy()
         self.nodes = element_vertices(mesh)[0].copy()
-        edges = self._edges()
-        turned = np.linalg.det(edges) < 0
-        self.nodes[turned, 1:] = self.nodes[turned, :0:-1]
-        self.jacobian = self._edges()
+        x = self.points[self.nodes]
+        self.jacobian = np.ascontiguousarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
         self.det = np.linalg.det(self.jacobian)
+        turned = self.det < 0
+        self.nodes[turned, 1:] = self.nodes[turned, :0:-1]
+        self.jacobian[turned] = self.jacobian[turned, :, ::-1]
+        self.det = np.abs(self.det)
         self.inverse = np.linalg.inv(self.jacobian)
         self.volume = self.det / math.factorial(self.N)
         first = -self.inverse.sum(axis=1, keepdims=True)
@@ -69,10 +71,6 @@ class Simplices:
         out = -self.gradients[owner, k]
         size = np.linalg.norm(out, axis=1)
         self.measure, self.normal = self.N * self.volume[owner] * size, out / size[:, None]
-
-    def _edges(self) -> np.ndarray:
-        x = self.points[self.nodes]
-        return np.ascontiguousarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
 
     def _number_facets(self) -> None:
         vertices = self.nodes[:, FACETS[self.N]]
@@ -103,6 +101,15 @@ class Simplices:
         places, count = vertices.ravel(), len(self.points)
         columns = values.reshape(-1, self.N).T
         return np.stack([np.bincount(places, v, minlength=count) for v in columns], axis=1)
+
+
+def marked(indicators: np.ndarray, share: float) -> np.ndarray:
+    """The fewest cells whose indicators add up to a share of all, as booleans (Doerfler)."""
+    order = np.argsort(-indicators)
+    sums = np.cumsum(np.maximum(indicators[order], 0.0))
+    result = np.zeros(len(indicators), dtype=bool)
+    result[order[: np.searchsorted(sums, share * sums[-1]) + 1]] = True
+    return result
 
 
 def sliced(whole: object, chosen: np.ndarray | slice, names: Sequence[str]) -> object:

@@ -9,6 +9,7 @@ import numpy as np
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import Completed, Conjugate
 from ngepc.bounds.levels import TwoLevels
+from ngepc.bounds.simplices import marked, sliced
 from ngepc.bounds.triangles import Triangles
 
 SHORTEST = 1e-3
@@ -17,11 +18,14 @@ SHORTEST = 1e-3
 PORTION = 1000
 """Triangles whose matrices are made at once: they stay in the processor's cache."""
 
-LOCALLY = 0.5
+LOCALLY = 0.3
 """Share of the gain at which Newton steps stop: where little yields they cost little."""
 
+BROKEN = 0.9
+"""Newton steps are done around the triangles where this share of what tangents missed arises."""
+
 RINGS = 9
-"""Newton steps change the stress where it yields and in so many rings of triangles around."""
+"""Rings of triangles around these that take part."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,14 +40,14 @@ class Effort:
         None is done where the bound exceeds what the tangent promised by less than this part.
     gain
         Conjugate gradients stop at a step that gains less than this part of the bound, in Newton
-        steps less than half of it.
+        steps less than 0.3 of it.
     steps
         Most of these steps, for each tangent.
     """
 
     newton: int = 2
     trust: float = 0.03
-    gain: float = 0.05
+    gain: float = 0.15
     steps: int = 12
 
 
@@ -67,22 +71,69 @@ class Dual:
         """The integral over some of the triangles."""
         return Dual(self.space.of(chosen), self.conjugate.of(chosen), self.strain[chosen])
 
-    def value(self, z: np.ndarray, at: Completed) -> float:
-        """The integral for stresses (nt, points, 3), by the rule."""
-        density = self.conjugate.value(at) - (z * self.strain).sum(axis=2)
-        return float(self.space.area @ (density * self.space.weights).sum(axis=1))
+    def values(self, z: np.ndarray, at: Completed) -> np.ndarray:
+        """The integral over each triangle for stresses at all points or one, by the rule."""
+        work = np.einsum("tqc,tqc->tq", z, np.broadcast_to(self.strain, z.shape))
+        weights = self.space.weights if z.shape[1] > 1 else np.ones(1)
+        return self.space.area * ((self.conjugate.value(at) - work) @ weights)
 
     def gradient(self, at: Completed) -> np.ndarray:
         """Strains (nt, points, 3)."""
         return self.conjugate.gradient(at) - self.strain
 
-    def stiffness(self, at: Completed) -> np.ndarray:
+
+OF_MODEL = ("centre", "_values", "_area", "_gradient", "_compliance")
+
+
+class Model:
+    """The dual functional to second order around stresses.
+
+    Parameters
+    ----------
+    dual
+        The functional.
+    centre
+        The stresses at one point or all of them, shape (nt, ., 3).
+    at
+        These, completed.
+    """
+
+    def __init__(self, dual: Dual, centre: np.ndarray, at: Completed) -> None:
+        self.space, self._area, self._values = dual.space, dual.space.area, dual.values(centre, at)
+        self.centre, self._gradient = (
+            np.repeat(v, len(dual.space.weights) // v.shape[1], axis=1)
+            for v in (centre, dual.gradient(at))
+        )
+        self._compliance = dual.conjugate.compliance(at)
+        self._yields = (at.over > 0).any(axis=1)
+
+    def gradient(self, z: np.ndarray) -> np.ndarray:
+        """Strains at stresses, both (nt, points, 3)."""
+        H, moved = self._compliance, z - self.centre
+        if H.shape[1] == 1:
+            return np.matmul(moved, H[:, 0]) + self._gradient
+        return np.matmul(H, moved[..., None])[..., 0] + self._gradient
+
+    def values(self, z: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Integrals over the triangles for stresses with this gradient, by the rule."""
+        work = np.einsum("tqc,tqc->tq", z - self.centre, gradient + self._gradient)
+        return self._values + self._area * (work @ self.space.weights) / 2
+
+    def missed(self, dual: Dual, z: np.ndarray, at: Completed) -> np.ndarray:
+        """By how much the functional exceeds the model on each triangle: zero where none yields."""
+        result = np.zeros(len(z))
+        chosen = np.flatnonzero((at.over > 0).any(axis=1) | self._yields)
+        part, z, at = sliced(self, chosen, OF_MODEL), z[chosen], at.of(chosen)
+        result[chosen] = dual.of(chosen).values(z, at) - part.values(z, part.gradient(z))
+        return result
+
+    def stiffness(self) -> np.ndarray:
         """The matrices of the Airy functions on each triangle, (nt, n, n)."""
         n = self.space.unknowns.shape[1]
-        K = np.empty((len(self.strain), n, n))
+        K = np.empty((len(self.centre), n, n))
         for first in range(0, len(K), PORTION):
             part = slice(first, first + PORTION)
-            K[part] = self.space.of(part).stiffness(self.conjugate.of(part).compliance(at.of(part)))
+            K[part] = self.space.of(part).stiffness(self._compliance[part])
         return K
 
 
@@ -107,37 +158,37 @@ def tightened(
     rest
         The bound less the value of ``dual``.
     """
-    system, at = TwoLevels(dual.space, triangles), dual.conjugate.completed(centre)
-    first, H = dual.gradient(at), dual.conjugate.compliance(at)
-    moved = np.matmul((z - centre)[:, :, None], H)[:, :, 0]
-    model = dual.value(centre, at) + dual.space.product(z - centre, first + moved / 2)
-    K = dual.stiffness(at)
-    system.update(K, slice(None))
-    right = -dual.space.forces(first + moved)
-    x, promised = system.solve(right, rest + model, effort.gain, effort.steps)
+    system = TwoLevels(dual.space, triangles)
+    model = Model(dual, centre, dual.conjugate.completed(centre))
+    system.update(model.stiffness(), slice(None))
+    slope = model.gradient(z)
+    start = rest + model.values(z, slope).sum()
+    x, promised = system.solve(-dual.space.forces(slope), start, effort.gain, effort.steps)
     z = z + dual.space.stress(x)
+    there, part = slice(None), dual
     for _ in range(effort.newton):
-        at = dual.conjugate.completed(z)
-        value = dual.value(z, at)
-        yields = np.flatnonzero((at.over > 0).any(axis=1))
-        if not len(yields) or rest + value - promised <= effort.trust * (rest + value):
+        at = part.conjugate.completed(z[there])
+        missed = model.missed(part, z[there], at)
+        bound = promised + missed.sum()
+        if missed.sum() <= effort.trust * bound:
             break
-        K[yields] = dual.of(yields).stiffness(at.of(yields))
-        there = triangles.around(yields, RINGS)
-        near, here = dual.of(there), at.of(there)
-        system.update(K[there], there)
-        right = -near.space.forces(near.gradient(here))
-        x, promised = system.solve(right, rest + value, LOCALLY * effort.gain, effort.steps)
-        z[there] = descended(near, z[there], near.space.stress(x), here)
+        there = triangles.around(np.arange(len(z))[there][marked(np.abs(missed), BROKEN)], RINGS)
+        part = dual.of(there)
+        at = part.conjugate.completed(z[there])
+        model = Model(part, z[there], at)
+        system.update(model.stiffness(), there)
+        right = -part.space.forces(model.gradient(z[there]))
+        x, promised = system.solve(right, bound, LOCALLY * effort.gain, effort.steps)
+        z[there] = descended(part, z[there], part.space.stress(x))
     return z
 
 
-def descended(dual: Dual, z: np.ndarray, step: np.ndarray, at: Completed) -> np.ndarray:
+def descended(dual: Dual, z: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Z plus the longest of the parts 1, 1/2, 1/4, ... of the step that lowers the value."""
-    length, value = 1.0, dual.value(z, at)
+    length, value = 1.0, dual.values(z, dual.conjugate.completed(z)).sum()
     while length > SHORTEST:
         trial = z + length * step
-        if dual.value(trial, dual.conjugate.completed(trial)) <= value:
+        if dual.values(trial, dual.conjugate.completed(trial)).sum() <= value:
             return trial
         length /= 2
     return z

@@ -34,12 +34,13 @@ class Triangles(Simplices):
         self.forward = self.place[:, :, 0] == 0
 
     def around(self, chosen: np.ndarray, rings: int) -> np.ndarray:
-        """Numbers of the chosen triangles and of so many rings around them."""
+        """Numbers of the chosen triangles and of so many rings around them, one at least."""
         for _ in range(rings):
             there = np.zeros(len(self.points), dtype=bool)
             there[self.nodes[chosen]] = True
-            chosen = np.flatnonzero(there[self.nodes].any(axis=1))
-        return chosen
+            first, second, third = there[self.nodes.T]
+            chosen = first | second | third
+        return np.flatnonzero(chosen)
 
     def per_triangle(self, of_edges: np.ndarray) -> np.ndarray:
         """Vectors at the edge ends (ne, 2, 2), outward and counterclockwise, (nt, 3, 2, 2)."""

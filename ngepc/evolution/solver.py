@@ -14,9 +14,10 @@ from typing import Protocol
 
 from ngsolve import GridFunction
 
-from ngepc.bounds.adaptive import Refinement, marked
+from ngepc.bounds.adaptive import Refinement
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.coverage import check_covered, require_frictionless
+from ngepc.bounds.simplices import marked
 from ngepc.bounds.transfer import bisected, check_carried, on_mesh, parents
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path

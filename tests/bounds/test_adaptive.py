@@ -5,8 +5,9 @@ import pytest
 from ngsolve import CF, L2, GridFunction, Integrate, Mesh, VectorValued, x, y
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton
-from ngepc.bounds.adaptive import Refinement, marked, solve_to
+from ngepc.bounds.adaptive import Refinement, solve_to
 from ngepc.bounds.bound import error_bound
+from ngepc.bounds.simplices import marked
 from ngepc.bounds.transfer import Carrier, bisected, carried_state, on_mesh
 from ngepc.geometries import block, lshape
 from ngepc.local.system import DiscreteProblem
