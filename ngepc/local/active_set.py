@@ -116,7 +116,8 @@ class InexactTarget:
     ) -> tuple[Meeting, bool]:
         """Contact and friction by active sets: the best found, and whether it is the solution."""
         contact, processes = self._contact, self._contact.processes
-        scale = accuracy * here.residual_norm * here.force_scale
+        rough = contact.friction is not None
+        scale = accuracy * here.residual_norm * here.force_scale if rough else 0.0
         at = Meeting(np.zeros(here.u.size), here.contact, here.gaps)
         active, touching = here.multipliers > 0, here.touching_distance
         if not processes.any(active):
@@ -124,7 +125,7 @@ class InexactTarget:
         active |= contact.rows.tied
         for number in range(SETS):
             c = SOFT[number // PATIENCE % len(SOFT)] * here.discrete.row_stiffness
-            found = self._solved(here, tangent, at, active, c, scale)
+            found, scale = self._solved(here, tangent, at, active, c, accuracy, scale)
             at, length = self._shortened(at, found, c) if number else (found, 1.0)
             pressing = contact.normal(at.forces - c * at.gaps)
             closes = pressing > np.where(active, 0.0, contact.normal(c) * touching)
@@ -142,18 +143,23 @@ class InexactTarget:
         at: Meeting,
         active: np.ndarray,
         c: np.ndarray,
+        accuracy: float,
         scale: float,
-    ) -> Meeting:
-        """Newton's model with these closed rows, friction linearised at what was found last."""
+    ) -> tuple[Meeting, float]:
+        """Newton's model with these closed rows, friction linearised at what was found last.
+
+        And the norm of forces that is left, ``scale`` or, if it is zero, a part of those here.
+        """
         discrete, rubbing = here.discrete, self._rubbing(active, at.forces - c * at.gaps, c)
         closed = self._contact.processes.together(partial(Closed, discrete, active, rubbing))
         multiply = closed.stiffened(tangent.multiply)
         fixed = closed.moved(here.gaps[closed.numbers])
         loads = (discrete.load - here.internal_forces).ravel() - closed.slipping(here.gaps)
         right, start = closed.project(loads - multiply(fixed)), closed.project(at.change - fixed)
+        scale = scale or accuracy * self._contact.processes.norm(right)
         change = fixed + tangent.minimise(closed, right, start, scale)
         gaps = here.gaps - self._contact.matrix @ change
-        return Meeting(change, closed.forces(loads - multiply(change), gaps), gaps)
+        return Meeting(change, closed.forces(loads - multiply(change), gaps), gaps), scale
 
     def _shortened(self, at: Meeting, found: Meeting, c: np.ndarray) -> tuple[Meeting, float]:
         """The step that lowers the defect, and its length; all of it where none does.

@@ -59,7 +59,7 @@ class PETSc:
     """
 
     options: str = ""
-    forcing: float = 1e-3
+    forcing: float = 3e-3
     patience: int = 0
     max_iterations: int = 500
 

@@ -40,7 +40,7 @@ class PyAMG:
         If an option is out of its range.
     """
 
-    forcing: float = 1e-3
+    forcing: float = 3e-3
     patience: int = 0
     max_iterations: int = 500
 
