@@ -211,7 +211,7 @@ def _exceeding(s: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     square = np.einsum("tqd,tqd->tq", values, values)
     middle = (square @ RULE_WEIGHTS)[:, None]
     r, beta = square / middle - 1, beta[:, None]
-    size = np.sqrt(middle) * (1 + r / 2 - r**2 / 8 + r**3 / 16)
+    size = np.sqrt(middle) * (1 + r * (1 / 2 - r * (1 / 8 - r / 16)))
     whole = (square - 2 * beta * size + beta**2) @ RULE_WEIGHTS
     length = np.linalg.norm(mean, axis=1)
     direction = mean / np.where(length > 0, length, 1.0)[:, None]

@@ -9,14 +9,12 @@ import numpy as np
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import Completed, Conjugate
 from ngepc.bounds.levels import TwoLevels
+from ngepc.bounds.parts import PORTION
 from ngepc.bounds.simplices import marked, sliced
 from ngepc.bounds.triangles import Triangles
 
 SHORTEST = 1e-3
 """Shortest step length."""
-
-PORTION = 1000
-"""Triangles whose matrices are made at once: they stay in the processor's cache."""
 
 LOCALLY = 0.3
 """Share of the gain at which Newton steps stop: where little yields they cost little."""
