@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 ALGEBRAIC_SHARE = 0.1
 """Newton's part of the bound that ends the iteration on a mesh."""
 
-SMALL_STEP = 0.01
+SMALL_STEP = 0.1
 """Newton pauses at a step that lowers the energy by less than this part of the last bound."""
 
 TOLERANCE = 1e-10
