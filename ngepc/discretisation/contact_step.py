@@ -8,8 +8,8 @@ import numpy as np
 
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.linalg.compliance import Compliance
-from ngepc.linalg.friction import is_unique
 from ngepc.linalg.secants import solve_by_secants
+from ngepc.linalg.uniqueness import is_unique
 
 ROUNDING = 3e-14
 """Gaps of closed rows below this part of the displacements are zero."""

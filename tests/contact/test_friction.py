@@ -23,7 +23,8 @@ from ngepc import (
 )
 from ngepc.geometries import block
 from ngepc.linalg.compliance import Compliance
-from ngepc.linalg.friction import FrictionCone, is_unique
+from ngepc.linalg.friction import FrictionCone
+from ngepc.linalg.uniqueness import is_unique
 
 MU, PRESSURE = 100.0, 4.0
 SPRINGY = Material.kinematic(lame_lambda=0.0, lame_mu=MU, yield_stress=1e6, hardening=1.0)

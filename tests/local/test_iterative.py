@@ -10,7 +10,8 @@ from ngepc.discretisation.stiffness import StiffnessBlocks
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.closed import Closed, Rubbing
 from ngepc.local.factors import Factors, TangentError
-from ngepc.local.iterative import FullPattern, IterativeTangent, conjugate_gradients
+from ngepc.local.iterative import FullPattern, IterativeTangent
+from ngepc.local.krylov import conjugate_gradients
 from ngepc.local.newton import primal_dual_newton
 from ngepc.local.solver import solve_exactly
 from ngepc.local.start import starting_state
