@@ -70,7 +70,7 @@ class ContactRows:
 
     def slip(self, u: np.ndarray) -> np.ndarray:
         """Tangential displacements of the rows, shape (m, N - 1)."""
-        return (self.tangential @ u.ravel()).reshape(len(self), -1)
+        return (self.tangential @ u.ravel()).reshape(self.tangents.shape[:2])
 
     def friction_forces(self, multipliers: np.ndarray) -> np.ndarray:
         """T' lambda_t for tangential multipliers (m, N - 1), shape (nodes, N)."""

@@ -56,7 +56,8 @@ class Rubbing:
         stiff = b * c / np.maximum(size - b, np.maximum(b / STIFFEST, np.finfo(float).tiny))
         blocks = stiff[:, None, None] * turns
         rows, moves = len(b), (active & slips)[:, None] * e
-        k = bsr_matrix((blocks, np.arange(rows), np.arange(rows + 1))).tocsr()
+        size = (blocks.shape[0] * blocks.shape[1],) * 2
+        k = bsr_matrix((blocks, np.arange(rows), np.arange(rows + 1)), shape=size).tocsr()
         sticks = (active & ~slips)[:, None] & movable
         return cls(sticks, np.where(grows > 0, 0.0, b)[:, None] * moves, grows[:, None] * moves, k)
 
@@ -98,7 +99,8 @@ class Closed:
         self.slanted, self._springs, self._tangential = False, None, rows.tangential
         if rubbing is not None:
             T, m, sticking = rows.tangential, len(rows), np.flatnonzero(rubbing.sticks)
-            slant = bsr_matrix((rubbing.slant[:, None], np.arange(m), np.arange(m + 1))).tocsr()
+            parts = rubbing.slant[:, None], np.arange(m), np.arange(m + 1)
+            slant = bsr_matrix(parts, shape=(m, rubbing.slant.size)).tocsr()
             pushed = vstack([held + slant[self.numbers] @ T, T[sticking]])
             held, self.numbers = vstack([held, T[sticking]]), np.append(self.numbers, m + sticking)
             self.slanted = bool(rubbing.slant.any())
