@@ -4,6 +4,7 @@
 """
 
 import os
+from functools import wraps
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -11,8 +12,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from netgen.meshing import SetMessageImportance
-from ngsolve import SetNumThreads
+from ngsolve import Mesh, SetNumThreads
 
+from ngepc.geometries import block, ring
 from ngepc.pictures.stills import renderer
 
 HERE = Path(__file__).parent
@@ -54,6 +56,24 @@ SLOW = (
     "theory",
 )
 """Folders and files whose tests take more than about four seconds of processor time together."""
+
+
+def made_once(make):
+    """Netgen needs a second for a dozen tetrahedra: the next test gets a copy of them."""
+    meshes = {}
+
+    @wraps(make)
+    def mesh(*args, **kwargs):
+        key = repr((args, kwargs))
+        if key not in meshes:
+            meshes[key] = make(*args, **kwargs).ngmesh
+        return Mesh(meshes[key].Copy())
+
+    return mesh
+
+
+block.mesh, block.with_hole = made_once(block.mesh), made_once(block.with_hole)
+ring.shell_octant_mesh = made_once(ring.shell_octant_mesh)
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -215,7 +215,7 @@ def test_column_pushed_by_an_obstacle_matches_the_closed_form(push, simplices):
 
 
 def test_block_of_tetrahedra_yields_like_a_bar():
-    mesh = block.mesh(0.6)
+    mesh = block.mesh(0.5)
     rollers = {"left": (0, None, None), "clamped": (None, None, 0), "front": (None, 0, None)}
     traction = {"right": (4.0, 0, 0)}
     problem = Problem(
