@@ -146,10 +146,8 @@ class FrictionCone:
                 length, left = 1.0, self._residual(W, gaps, forces, change + step, c)
             change = change + length * step
             x = forces + change
-            part = np.abs(step).max(initial=0.0) / max(
-                scale, np.abs(x).max(initial=0.0), np.finfo(float).tiny
-            )
-            if part <= EXACT or (part <= SETTLED and left > before / 2):
+            moved, size = np.abs(step).max(initial=0.0), max(scale, np.abs(x).max(initial=0.0))
+            if moved <= EXACT * size or (moved <= SETTLED * size and left > before / 2):
                 return left, np.where(x == 0, -forces, change + (self.projected(x) - x)), True
             best = min(best, (left, change, False), key=lambda found: found[0])
         return best

@@ -31,7 +31,7 @@ def output_of(count, *program, folder=None):
     start = ["mpiexec", "--allow-run-as-root", "--oversubscribe", "-n", str(count)]
     done = subprocess.run(
         [*start, sys.executable, "-m", "mpi4py", *program],
-        **dict(capture_output=True, text=True, timeout=120, check=False, env=clean, cwd=folder),
+        **dict(capture_output=True, text=True, timeout=300, check=False, env=clean, cwd=folder),
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
