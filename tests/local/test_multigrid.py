@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -71,12 +72,17 @@ CASES = {
 }
 
 
+@cache
+def solved(case, solver=None):
+    """A case by the direct solver, or with multigrid of one of the libraries."""
+    options = None if solver is None else NewtonOptions(inverse=solver())
+    return semismooth_newton(CASES[case](), options=options)
+
+
 @both
 @pytest.mark.parametrize("case", CASES)
 def test_the_solution_is_that_of_the_direct_solver(case, solver):
-    problem = CASES[case]()
-    direct = semismooth_newton(problem)
-    large = semismooth_newton(problem, options=NewtonOptions(inverse=solver()))
+    direct, large = solved(case), solved(case, solver)
     assert large.status.label == direct.status.label == "converged"
     assert large.primal_energy == pytest.approx(direct.primal_energy, rel=1e-10)
     assert large.contact_force == pytest.approx(direct.contact_force, rel=1e-7)
@@ -87,10 +93,9 @@ def test_the_solution_is_that_of_the_direct_solver(case, solver):
 
 @both
 def test_friction_costs_little_more_than_contact(solver):
-    problem, options = indented_block(2), NewtonOptions(inverse=solver())
-    rough = replace(problem, friction=5.0)
+    smooth, options = solved("solid", solver), NewtonOptions(inverse=solver())
+    rough = replace(smooth.problem, friction=5.0)
     direct, large = semismooth_newton(rough), semismooth_newton(rough, options=options)
-    smooth = semismooth_newton(problem, options=options)
     counts = [sum(r.history.column("linear_iterations")) for r in (large, smooth)]
     assert counts[0] <= 3 * counts[1]
     assert large.primal_energy == pytest.approx(direct.primal_energy, rel=1e-10)
