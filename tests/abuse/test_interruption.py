@@ -106,7 +106,7 @@ def assert_same_path(one, other):
 def test_table_killed_at_random_moments_resumes_with_the_same_digits(uninterrupted, tmp_path):
     random = np.random.default_rng(1)
     arguments, kills, patience = [*TABLE, "--out", str(tmp_path)], 0, 0.9
-    for _ in range(12):
+    for _ in range(6):
         process = child(main, arguments)
         process.join(random.uniform(0.05, patience))
         if process.exitcode is None:
