@@ -1,5 +1,7 @@
 """Contact of two bodies: patch tests on meshes that do not match, bodies held by contact, Hertz."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from netgen.occ import Box, Compound, MoveTo, OCCGeometry, Rectangle, X, Y, Z
@@ -34,6 +36,7 @@ def squares(gap=0.0):
     return Mesh(OCCGeometry(Compound([lower, upper]), dim=2).GenerateMesh(maxh=1))
 
 
+@cache
 def cubes(gap=0.0):
     """One unit cube above the other."""
     lower, upper = Box((0, 0, 0), (1, 1, 1)), Box((0, 0, 1 + gap), (1, 1, 2 + gap))
