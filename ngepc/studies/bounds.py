@@ -186,11 +186,10 @@ class Bounds(Work):
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """Where the errors come from, and how fast they fall."""
-        limits = [f"Errors are J + {-least:.8g} for {name}: see LIMITS."
-                  for name, least in LIMITS.items()]  # fmt: skip
+        least = ", ".join(f"{value:.8g} for {name}" for name, value in LIMITS.items())
         rates = [f"{name} {rate:.2f}" for name, rate in rates_of(records).items()]
         return [
-            *limits,
+            f"The error is J - inf J, with inf J = {least}.",
             "Adaptive: all meshes and bounds from the first one on, until the error is that of "
             f"{FAMILIES['lshape'][-1]} and {FAMILIES['wrench'][-1]} nodes of order one, "
             f"{TARGETS['lshape order 2']:g} and {TARGETS['wrench order 2']:g} with order two, "
