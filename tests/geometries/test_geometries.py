@@ -1,5 +1,6 @@
 """The bodies: node counts of the paper's families, names, lengths, areas and volumes."""
 
+import inspect
 import math
 
 import numpy as np
@@ -294,7 +295,8 @@ def test_every_body_is_sound(name):
 
 
 @pytest.mark.parametrize("name", ["lshape", "ring", "block with hole"])
-def test_same_mesh_twice(name):
+def test_same_mesh_twice(name, monkeypatch):
+    monkeypatch.setattr(block, "with_hole", inspect.unwrap(block.with_hole))  # no copies
     first, second = ALL[name](), ALL[name]()
     assert np.array_equal(
         np.asarray(first.ngmesh.Coordinates()), np.asarray(second.ngmesh.Coordinates())
