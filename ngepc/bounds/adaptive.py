@@ -17,8 +17,7 @@ from ngepc.bounds.bound import (
     setting_of,
 )
 from ngepc.bounds.coverage import check_covered
-from ngepc.bounds.simplices import marked
-from ngepc.bounds.transfer import bisected, carried_state, check_carried, on_mesh
+from ngepc.bounds.transfer import carried_state, check_carried, followed, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.local.factors import Factors
@@ -37,6 +36,12 @@ ALGEBRAIC_SHARE = 0.1
 SMALL_STEP = 0.1
 """Newton pauses at a step that lowers the energy by less than this part of the last bound."""
 
+FEWER = 0.45
+"""Nodes of a mesh over those of the next one, about."""
+
+AIM = 0.97
+"""Part of the bound asked for that meshes are made for: expectations are not exact."""
+
 TOLERANCE = 1e-10
 """The residual at which Newton stops if no small step stops it before."""
 
@@ -54,14 +59,14 @@ class Refinement:
     ----------
     marking
         Doerfler's share: the fewest elements whose indicators add up to this part of the bound
-        are bisected, in (0, 1].
+        are bisected, in (0, 1], until less than half of the bound is expected to be left.
     max_nodes
         No mesh gets more vertices.
     max_iterations
         Most Newton steps on one mesh.
     """
 
-    marking: float = 0.5
+    marking: float = 0.25
     max_nodes: int = 200_000
     max_iterations: int = 100
 
@@ -165,11 +170,20 @@ def solve_to(
         log.info(LINE, vars(records[-1]))
         message = verdict(result, bound, relative_error, records[-1], monitor)
         if message is None:
-            mesh, last = bisected(mesh, marked(bound.per_cell, options.marking)), bound
+            mesh, last = next_mesh(bound, relative_error, options), bound
             if mesh.nv > options.max_nodes:
                 message = f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
         if message is not None:
             return BoundedResult(result, bound, relative_error, records, message)
+
+
+def next_mesh(bound: ErrorBound, asked: float, options: Refinement) -> Mesh:
+    """The mesh after that of a bound, in steps of equal size to the relative error asked for."""
+    problem, wanted = bound.problem, AIM * asked / bound.relative
+    order, rate = problem.order, 2 * problem.order / problem.N  # of the energy error, in the nodes
+    meshes = max(1, round(math.log(wanted) / (rate * math.log(FEWER))))
+    left = wanted ** (1 / meshes)
+    return followed(problem.mesh, bound.per_cell, options.marking, left, order)
 
 
 def solved(

@@ -21,6 +21,7 @@ from ngsolve import (
 )
 
 from ngepc.bounds.coverage import varies_inside
+from ngepc.bounds.simplices import marked
 from ngepc.discretisation.pointfunctions import PointFunctions, on_children
 from ngepc.discretisation.points import Points
 from ngepc.local.system import DiscreteProblem, State
@@ -28,25 +29,62 @@ from ngepc.model.elements import element_vertices, vertex_coordinates
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 
+CLOSE = 1.03
+"""How near to what should be left bisections end."""
+
 CENTRES = {
     ET.TRIG: IntegrationRule([(1 / 3, 1 / 3)], [0.5]),
     ET.TET: IntegrationRule([(0.25, 0.25, 0.25)], [1 / 6]),
 }
 
 
-def bisected(mesh: Mesh, marked: np.ndarray) -> Mesh:
-    """A copy of the mesh with the marked elements bisected, and neighbours to conform.
+def bisected(mesh: Mesh, chosen: np.ndarray) -> Mesh:
+    """A copy of the mesh with the chosen elements bisected, and neighbours to conform.
 
     The copy is made first: spaces on meshes that Netgen has refined before transfer wrongly.  The
     body stays what the mesh is: new vertices are not moved to curved boundaries.
     """
+    finer = copied(mesh)
+    bisect(finer, chosen)
+    return finer
+
+
+def copied(mesh: Mesh) -> Mesh:
+    """A copy of the mesh that is its own geometry."""
     netgen_mesh = mesh.ngmesh.Copy()
     netgen_mesh.SetGeometry(NetgenGeometry())
-    finer = Mesh(netgen_mesh)
-    for number, flag in enumerate(marked.tolist()):
-        finer.SetRefinementFlag(ElementId(VOL, number), flag)
-    finer.Refine()
+    return Mesh(netgen_mesh)
+
+
+def bisect(mesh: Mesh, chosen: np.ndarray) -> None:
+    """Bisect the chosen elements of a mesh until their edges are halved."""
+    for number, flag in enumerate(chosen.tolist()):
+        mesh.SetRefinementFlag(ElementId(VOL, number), flag)
+    mesh.Refine()
+
+
+def followed(mesh: Mesh, indicators: np.ndarray, share: float, left: float, order: int) -> Mesh:
+    """A copy of the mesh, bisected until this part of the indicators should be left.
+
+    Those of children are expected to be what they are where solutions are smooth: an element with
+    the part v of the volume of the one that it lies in gets the part v^(1 + 2 order/N).  The fewest
+    elements with a share of what is left are bisected at a time (Doerfler), or fewer at the end.
+    """
+    finer, power, halved = copied(mesh), 1 + 2 * order / mesh.dim, 1 - 0.25**order
+    density = GridFunction(L2(finer, order=0, autoupdate=True), autoupdate=True, nested=True)
+    density.vec.FV().NumPy()[:] = np.maximum(indicators, 0.0) / volumes(finer) ** power
+    sums, wanted = np.maximum(indicators, 0.0), left * np.maximum(indicators, 0.0).sum()
+    while finer.ne == mesh.ne or sums.sum() > CLOSE * wanted:
+        enough = (1 - wanted / sums.sum()) / halved
+        bisect(finer, marked(sums, min(share, enough)))
+        sums = density.vec.FV().NumPy() * volumes(finer) ** power
     return finer
+
+
+def volumes(mesh: Mesh) -> np.ndarray:
+    """Of the straight elements, N! times, shape (elements,)."""
+    x = vertex_coordinates(mesh)[element_vertices(mesh)[0]]
+    return np.abs(np.linalg.det(x[:, 1:] - x[:, :1]))
 
 
 def check_carried(problem: Problem) -> None:

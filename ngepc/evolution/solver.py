@@ -14,11 +14,10 @@ from typing import Protocol
 
 from ngsolve import GridFunction
 
-from ngepc.bounds.adaptive import Refinement
+from ngepc.bounds.adaptive import Refinement, next_mesh
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.coverage import check_covered, require_frictionless
-from ngepc.bounds.simplices import marked
-from ngepc.bounds.transfer import bisected, check_carried, on_mesh, parents
+from ngepc.bounds.transfer import check_carried, on_mesh, parents
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
 from ngepc.discretisation.loads import Supports
@@ -243,7 +242,7 @@ class _Run:
     def _refine(self, bound: ErrorBound, time: float) -> str:
         """Go on with a finer mesh and the history on it; or why not."""
         old, most = bound.problem.mesh, self.refinement.max_nodes
-        mesh = bisected(old, marked(bound.per_cell, self.refinement.marking))
+        mesh = next_mesh(bound, self.error, self.refinement)
         told = (
             f"the energy error may be {bound.relative:.2g} on {old.nv} nodes, asked {self.error:g}"
         )
