@@ -106,12 +106,12 @@ class AirySpace:
 
     def __init__(self, boundary: Boundary) -> None:
         t = boundary.triangles
-        self.jacobian, self.det, self.area = t.jacobian, t.det, t.area
+        self.jacobian, self.det, self.area = t.jacobian, t.det, t.volume
         self.to_plane = np.matmul(TO_PLANE, piola(t.jacobian) / t.det[:, None, None])
         self._edge_map(t)
         self.held, self.vertices = Held(boundary), 3 * len(t.points)
         corners = (3 * t.nodes[:, :, None] + np.arange(3)).reshape(-1, 9)
-        self.unknowns = np.concatenate([corners, self.vertices + t.edge_of], axis=1)
+        self.unknowns = np.concatenate([corners, self.vertices + t.facet_of], axis=1)
 
     @property
     def weights(self) -> np.ndarray:
@@ -128,7 +128,7 @@ class AirySpace:
         tangents = np.matmul(t.jacobian, (CORNERS[[2, 0, 1]] - CORNERS[[1, 2, 0]]).T)
         tangents = tangents.transpose(0, 2, 1)
         square = np.einsum("tki,tki->tk", tangents, tangents)
-        self._across = np.einsum("tki,tki->tk", directions, t.normal[t.edge_of])
+        self._across = np.einsum("tki,tki->tk", directions, t.normal[t.facet_of])
         self._along = np.einsum("tki,tki->tk", directions, tangents) / square
 
     def gathered(self, local: np.ndarray) -> np.ndarray:

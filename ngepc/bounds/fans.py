@@ -36,14 +36,14 @@ class Fans:
     def __init__(self, boundary: Boundary) -> None:
         self.cells = t = boundary.triangles
         free = np.repeat(~boundary.given, 2, axis=0).astype(float)
-        vertex, outer = t.nodes.ravel(), t.outer[t.edge_of[:, FIRST]].ravel()
+        vertex, outer = t.nodes.ravel(), t.outer[t.facet_of[:, FIRST]].ravel()
         if np.bincount(vertex[outer]).max() > 1:
             raise ValueError("mesh: bounds need parts that hang together by edges")
         self._order = order = self._sorted(vertex, outer)
         self._starts = np.flatnonzero(np.diff(vertex[order], prepend=-1))
         self._count = np.diff(self._starts, append=len(order))
-        self._first = (2 * t.edge_of[:, FIRST] + t.place[:, FIRST, 0]).ravel()[order]
-        self._last = (2 * t.edge_of[:, LAST] + t.place[:, LAST, 1]).ravel()[order]
+        self._first = (2 * t.facet_of[:, FIRST] + t.place[:, FIRST, 0]).ravel()[order]
+        self._last = (2 * t.facet_of[:, LAST] + t.place[:, LAST, 1]).ravel()[order]
         self._first_sign = t.sign[:, FIRST].ravel()[order, None]
         self._last_sign = t.sign[:, LAST].ravel()[order, None]
         self._free, ends = free, self._starts + self._count - 1

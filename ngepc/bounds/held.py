@@ -41,7 +41,7 @@ class Held:
 
     def __init__(self, boundary: Boundary) -> None:
         self.triangles = t = boundary.triangles
-        given, row = boundary.given, np.arange(len(t.edges))
+        given, row = boundary.given, np.arange(len(t.facets))
         both = t.outer & given.all(axis=1)
         single = t.outer & given.any(axis=1) & ~both
         component = np.where(given[:, 0], 0, 1)
@@ -52,9 +52,9 @@ class Held:
         self._closed, self._along = closed, along
         self._constant = [closed | ((component == c) & (across | along)) for c in (0, 1)]
         vertex = np.ones((len(t.points), 3), dtype=bool)
-        vertex[t.edges[closed | along].ravel(), 0] = False
+        vertex[t.facets[closed | along].ravel(), 0] = False
         for c, edges in enumerate(self._constant):  # of dPhi/dx_(1 - c)
-            vertex[t.edges[edges].ravel(), 2 - c] = False
+            vertex[t.facets[edges].ravel(), 2 - c] = False
         first = int(vertex.sum(axis=1).argmin())
         vertex[first] &= ~vertex.all(axis=0)  # what no stress sees
         self.free, self.even = (
@@ -81,7 +81,7 @@ class Held:
         t, values = self.triangles, self._parts(self._closed)
         first = values[0][0] if values else -1
         followed = np.zeros(len(t.points), dtype=bool)
-        followed[t.edges[self._closed].ravel()] = True
+        followed[t.facets[self._closed].ravel()] = True
         for c, edges in enumerate(self._constant):
             parts = self._parts(edges)
             fixed = next((k for k, part in enumerate(parts) if first in part), 0)
@@ -95,7 +95,7 @@ class Held:
 
     def _parts(self, edges: np.ndarray) -> list[np.ndarray]:
         """The vertices of each connected part of some edges."""
-        ends, nv = self.triangles.edges[edges], len(self.triangles.points)
+        ends, nv = self.triangles.facets[edges], len(self.triangles.points)
         graph = coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(nv, nv))
         _, label = connected_components(graph, directed=False)
         vertices = np.unique(ends)

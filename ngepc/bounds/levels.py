@@ -7,7 +7,7 @@ from ngsolve import H1, BitArray
 from scipy.sparse import csc_matrix, csr_matrix
 
 from ngepc.bounds.airy import AirySpace
-from ngepc.bounds.triangles import PAIRS, Triangles
+from ngepc.bounds.triangles import Triangles
 from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
 
 EDGE_STEPS = 6
@@ -47,14 +47,11 @@ class TwoLevels:
         a, b = np.tril_indices(3)
         i, j = t.nodes[:, a], t.nodes[:, b]
         self._local, self._turned, nv = (a, b), i < j, np.int64(len(t.points))
-        keys, ends = self._rows * nv + self._columns, t.edges.astype(np.int64)
-        edge = np.searchsorted(keys, ends[:, 1] * nv + ends[:, 0])[t.edge_of]
+        keys, ends = self._rows * nv + self._columns, t.facets.astype(np.int64)
+        edge = np.searchsorted(keys, ends[:, 1] * nv + ends[:, 0])[t.facet_of]
         corner = np.searchsorted(keys, np.arange(nv) * (nv + 1))[t.nodes]
-        between = {frozenset(pair): edge[:, k] for k, pair in enumerate(PAIRS)}
-        places = [
-            corner[:, k] if k == j else between[frozenset((k, j))]
-            for k, j in zip(a, b, strict=True)
-        ]
+        pairs = zip(a, b, strict=True)
+        places = [corner[:, k] if k == j else edge[:, 3 - k - j] for k, j in pairs]
         self._places = np.stack(places, axis=1)
         self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
 

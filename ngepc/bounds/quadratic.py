@@ -163,16 +163,16 @@ class QuadraticSetting(PlaneSetting):
     def wished(self, stress: np.ndarray) -> np.ndarray:
         """Moments (ne, 2, 2) of the mean tractions of both triangles."""
         t, sigma = self.cells, tensors(self.at_corners(stress))
-        n, total = t.normal[t.edge_of], np.zeros((2 * len(t.edges), 2))
+        n, total = t.normal[t.facet_of], np.zeros((2 * len(t.facets), 2))
         for k, pair in enumerate(PAIRS):
             for end, v in enumerate(pair):
                 traction = np.matmul(sigma[:, v], n[:, k, :, None])[:, :, 0]
-                slot = 2 * t.edge_of[:, k] + t.place[:, k, end]
+                slot = 2 * t.facet_of[:, k] + t.place[:, k, end]
                 total += np.stack(
                     [np.bincount(slot, w, minlength=len(total)) for w in traction.T], axis=1
                 )
         count = np.where(t.outer, 1.0, 2.0)[:, None, None]
-        return moments_of(total.reshape(-1, 2, 2) / count, t.length)
+        return moments_of(total.reshape(-1, 2, 2) / count, t.measure)
 
 
 def exceeding(s: np.ndarray, beta: np.ndarray, area: np.ndarray) -> np.ndarray:

@@ -110,10 +110,10 @@ class QuarticSpace(AirySpace):
 
     def __init__(self, boundary: Boundary) -> None:
         super().__init__(boundary)
-        t, (nt, ne) = boundary.triangles, (len(self.det), len(boundary.triangles.edges))
+        t, (nt, ne) = boundary.triangles, (len(self.det), len(boundary.triangles.facets))
         self._odd = self._across * np.where(t.forward, 1.0, -1.0)
         first = self.vertices + ne
-        edges = [first + t.edge_of, first + ne + t.edge_of]
+        edges = [first + t.facet_of, first + ne + t.facet_of]
         inside = first + 2 * ne + np.arange(3 * nt).reshape(-1, 3)
         self.unknowns = np.concatenate([self.unknowns, *edges, inside], axis=1)
         bend = self.held.free[self.vertices :]

@@ -13,8 +13,8 @@ from ngsolve import (
     L2,
     VOL,
     CoefficientFunction,
-    ElementId,
     GridFunction,
+    Integrate,
     IntegrationRule,
     Mesh,
     VectorValued,
@@ -30,7 +30,7 @@ from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 
 CLOSE = 1.03
-"""How near to what should be left bisections end."""
+"""How near bisections come to what should be left, which mostly falls faster than expected."""
 
 CENTRES = {
     ET.TRIG: IntegrationRule([(1 / 3, 1 / 3)], [0.5]),
@@ -39,52 +39,49 @@ CENTRES = {
 
 
 def bisected(mesh: Mesh, chosen: np.ndarray) -> Mesh:
-    """A copy of the mesh with the chosen elements bisected, and neighbours to conform.
-
-    The copy is made first: spaces on meshes that Netgen has refined before transfer wrongly.  The
-    body stays what the mesh is: new vertices are not moved to curved boundaries.
-    """
+    """A copy of the mesh with the chosen elements bisected, and neighbours to conform."""
     finer = copied(mesh)
     bisect(finer, chosen)
     return finer
 
 
 def copied(mesh: Mesh) -> Mesh:
-    """A copy of the mesh that is its own geometry."""
+    """What can be bisected: spaces on meshes that Netgen has refined before transfer wrongly.
+
+    The body stays what the mesh is: new vertices are not moved to curved boundaries.
+    """
     netgen_mesh = mesh.ngmesh.Copy()
     netgen_mesh.SetGeometry(NetgenGeometry())
     return Mesh(netgen_mesh)
 
 
 def bisect(mesh: Mesh, chosen: np.ndarray) -> None:
-    """Bisect the chosen elements of a mesh until their edges are halved."""
-    for number, flag in enumerate(chosen.tolist()):
-        mesh.SetRefinementFlag(ElementId(VOL, number), flag)
+    """Bisect elements until all of their edges are halved."""
+    mesh.SetRefinementFlags(chosen.tolist())
     mesh.Refine()
 
 
-def followed(mesh: Mesh, indicators: np.ndarray, share: float, left: float, order: int) -> Mesh:
+def bisected_to(mesh: Mesh, indicators: np.ndarray, share: float, left: float) -> Mesh:
     """A copy of the mesh, bisected until this part of the indicators should be left.
 
-    Those of children are expected to be what they are where solutions are smooth: an element with
-    the part v of the volume of the one that it lies in gets the part v^(1 + 2 order/N).  The fewest
-    elements with a share of what is left are bisected at a time (Doerfler), or fewer at the end.
+    The part v of an element's volume is expected to get the part v^(1 + 2/N) of its indicator, as
+    for order one and smooth solutions: where edges are halved three quarters go.  Those with a
+    share of what is left are bisected at a time (Doerfler), or fewer at the end.
     """
-    finer, power, halved = copied(mesh), 1 + 2 * order / mesh.dim, 1 - 0.25**order
+    finer, power = copied(mesh), 1 + 2 / mesh.dim
     density = GridFunction(L2(finer, order=0, autoupdate=True), autoupdate=True, nested=True)
-    density.vec.FV().NumPy()[:] = np.maximum(indicators, 0.0) / volumes(finer) ** power
-    sums, wanted = np.maximum(indicators, 0.0), left * np.maximum(indicators, 0.0).sum()
+    sums = np.maximum(indicators, 0.0)
+    density.vec.FV().NumPy()[:] = sums / volumes(finer) ** power
+    wanted = left * sums.sum()
     while finer.ne == mesh.ne or sums.sum() > CLOSE * wanted:
-        enough = (1 - wanted / sums.sum()) / halved
-        bisect(finer, marked(sums, min(share, enough)))
+        bisect(finer, marked(sums, min(share, (1 - wanted / sums.sum()) / 0.75)))
         sums = density.vec.FV().NumPy() * volumes(finer) ** power
     return finer
 
 
 def volumes(mesh: Mesh) -> np.ndarray:
-    """Of the straight elements, N! times, shape (elements,)."""
-    x = vertex_coordinates(mesh)[element_vertices(mesh)[0]]
-    return np.abs(np.linalg.det(x[:, 1:] - x[:, :1]))
+    """Of the elements, shape (elements,)."""
+    return np.array(Integrate(CF(1), mesh, element_wise=True))
 
 
 def check_carried(problem: Problem) -> None:
@@ -111,13 +108,11 @@ def check_carried(problem: Problem) -> None:
 
 def values_in(value: object) -> list[CoefficientFunction]:
     """The coefficient functions in a value, a mapping or a sequence."""
-    if isinstance(value, CoefficientFunction):
-        return [value]
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, list | tuple):
         return [one for item in value for one in values_in(item)]
-    return []
+    return [value] if isinstance(value, CoefficientFunction) else []
 
 
 def on_mesh(problem: Problem, mesh: Mesh) -> Problem:

@@ -21,16 +21,12 @@ class Triangles(Simplices):
 
     Attributes
     ----------
-    edges, edge_of, length, area
-        What ``Simplices`` calls facets, facet_of, measure and volume.
     forward
         Boolean, shape (nt, 3): edge k of the triangle runs from the lower to the higher vertex.
     """
 
     def __init__(self, mesh: Mesh) -> None:
         super().__init__(mesh)
-        self.edges, self.edge_of = self.facets, self.facet_of
-        self.length, self.area = self.measure, self.volume
         self.forward = self.place[:, :, 0] == 0
 
     def around(self, chosen: np.ndarray, rings: int) -> np.ndarray:
@@ -44,5 +40,5 @@ class Triangles(Simplices):
 
     def per_triangle(self, of_edges: np.ndarray) -> np.ndarray:
         """Vectors at the edge ends (ne, 2, 2), outward and counterclockwise, (nt, 3, 2, 2)."""
-        values = of_edges[self.edge_of] * self.sign[:, :, None, None]
+        values = of_edges[self.facet_of] * self.sign[:, :, None, None]
         return np.where(self.forward[:, :, None, None], values, values[:, :, ::-1])

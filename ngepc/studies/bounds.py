@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from ngsolve import x, y
 
-from ngepc.bounds.adaptive import MeshRecord, Refinement, solve_to
+from ngepc.bounds.adaptive import MeshRecord, solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.dual.newton import semismooth_newton
 from ngepc.geometries import block
@@ -61,6 +61,9 @@ TARGETS = {
     "wrench order 2": 5e-8,
 }
 """Errors where adaptive runs end: of order one in the plane those on the finest uniform meshes."""
+
+STRAIN_ENERGIES = {"lshape": 0.1366, "wrench": 0.0026, "sphere": 0.238}
+"""What relative errors are relative to: bounds below TARGETS are asked for."""
 
 STARTS = {"lshape": 225, "wrench": 245, "sphere": 55}
 """Nodes of the meshes where they begin."""
@@ -122,7 +125,8 @@ def on_uniform_mesh(name: str, nodes: int) -> dict:
 def on_adaptive_meshes(label: str, nodes: int) -> dict:
     """The record of a whole run to the error in ``TARGETS``, its meshes as "history"."""
     run: list[MeshRecord] = []
-    least = LIMITS[label.split()[0]]
+    name = label.split()[0]
+    least, asked = LIMITS[name], TARGETS[label] / STRAIN_ENERGIES[name]
 
     def note(record: MeshRecord) -> None:
         run.append(record)
@@ -130,7 +134,7 @@ def on_adaptive_meshes(label: str, nodes: int) -> dict:
             raise StopIteration
 
     start = time.process_time()
-    solve_to(bounded_example(label, nodes), 1e-9, Refinement(max_nodes=200_000), note)
+    solve_to(bounded_example(label, nodes), asked, monitor=note)
     last = run[-1]
     return beside_limit(
         label + ADAPTIVE,

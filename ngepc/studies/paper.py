@@ -25,6 +25,3 @@ TABLE_2 = {
 TABLE_3_OUTER = (6, 6, 7, 7, 8, 8)
 TABLE_3_INNER = (21, 23, 25, 41, 48, 72)
 """Outer and total inner iterations of Algorithm 7.2 on 873 ... 24993 nodes."""
-
-GAMMA_END = 8.24e6
-"""Last gamma of Algorithm 7.2 on the finest mesh of Example (b)."""

@@ -8,7 +8,7 @@ from ngepc import Material, Problem, lshape_problem, semismooth_newton
 from ngepc.bounds.adaptive import Refinement, solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.simplices import marked
-from ngepc.bounds.transfer import Carrier, bisected, carried_state, on_mesh
+from ngepc.bounds.transfer import Carrier, bisected, bisected_to, carried_state, on_mesh, parents
 from ngepc.geometries import block, lshape
 from ngepc.local.system import DiscreteProblem
 from ngepc.studies.bounds import LIMITS
@@ -64,6 +64,18 @@ def test_the_error_falls_as_fast_as_the_nodes_grow(lshaped):
         np.log([r.nodes for r in records]), np.log([r.energy - LIMIT for r in records]), 1
     )[0]
     assert rate <= -0.95
+
+
+@pytest.mark.parametrize("left", [0.9, 0.5, 0.2])
+def test_bisections_leave_what_they_should_where_indicators_fall_with_the_square_of_the_area(left):
+    mesh, random = lshape.paper_mesh(225), np.random.default_rng(3)
+    indicators = random.random(mesh.ne) ** 4
+    finer = bisected_to(mesh, indicators, 0.25, left)
+    areas = [np.array(Integrate(CF(1), m, element_wise=True)) for m in (mesh, finer)]
+    parent = parents(mesh, finer)
+    expected = indicators[parent] * (areas[1] / areas[0][parent]) ** 2
+    assert 0.85 * left <= expected.sum() / indicators.sum() <= 1.03 * left
+    assert np.bincount(parent, areas[1]) == pytest.approx(areas[0])
 
 
 def test_the_mesh_of_the_problem_stays_what_it_is():
