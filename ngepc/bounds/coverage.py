@@ -20,7 +20,9 @@ _INSIDE = {ET.TRIG: IntegrationRule(ET.TRIG, 5), ET.TET: IntegrationRule(ET.TET,
 
 
 class FacetRule:
-    """Points on a boundary facet, its vertices first.
+    """Points on a boundary facet: its vertices, the middles of it and its edges, those of a rule.
+
+    Between vertices the defects of smooth obstacles are largest near the middles.
 
     Parameters
     ----------
@@ -32,7 +34,7 @@ class FacetRule:
     shares
         Barycentric coordinates of the points.
     weights
-        Of the points, zero at the vertices; they add up to one.
+        Of the points, zero at vertices and middles; they add up to one.
     """
 
     def __init__(self, shape: ET, order: int) -> None:
@@ -40,8 +42,9 @@ class FacetRule:
         N = 2 if shape == ET.SEGM else 3
         points = np.array(inside.points)[:, : N - 1]
         points = np.column_stack([points, 1 - points.sum(axis=1)])
-        self.shares = np.concatenate([np.eye(N), points])
-        weights = np.array([0.0] * N + list(inside.weights))
+        middles = [np.full(N, 1 / N), *([] if N == 2 else (1 - np.eye(3)) / 2)]
+        self.shares = np.concatenate([np.eye(N), middles, points])
+        weights = np.array([0.0] * (N + len(middles)) + list(inside.weights))
         self.weights = weights / weights.sum()
         places = [tuple(p[:-1]) for p in self.shares.tolist()]
         self.rule = IntegrationRule(places, self.weights.tolist())
