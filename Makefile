@@ -57,7 +57,7 @@ benchmark-pieces: $(VENV)/.test $(VENV)/.dev
 	$(BIN)/python -m pytest benchmarks
 
 docs: $(VENV)/.docs
-	NGEPC_DOCS_EXECUTE=force $(BIN)/sphinx-build -j auto -W --keep-going -d out/doctrees -b html docs out/docs
+	NGEPC_DOCS_EXECUTE=force $(BIN)/sphinx-build -j 4 -W --keep-going -d out/doctrees -b html docs out/docs
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
