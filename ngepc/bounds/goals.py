@@ -84,6 +84,7 @@ def contact_force_bracket(result: ExactResult) -> Between:
         raise ValueError("contact=None: a contact force needs contact")
 
     def moved(t: float) -> Problem:
+        """The problem with the obstacle nearer by t."""
         return replace(problem, gap={name: gap - t for name, gap in problem.gaps.items()})
 
     def rise(here: ErrorBound, there: ErrorBound) -> float:
@@ -121,6 +122,7 @@ def displacement_bracket(
         raise ValueError(f"traction={traction!r}: a load is needed, and a body that moves")
 
     def loaded(t: float) -> Problem:
+        """The problem with t times the load on top."""
         g = dict(problem.tractions)
         for name, value in load.tractions.items():
             g[name] = t * value + g[name] if name in g else t * value

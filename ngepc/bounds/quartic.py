@@ -54,18 +54,12 @@ def _outer_rows() -> list[np.ndarray]:
     rows = [_on_part((v + 1) % 3, _derivative(CORNERS[v], o)) for v in range(3) for o in orders]
     for k, (i, j) in enumerate(PAIRS):
         along = CORNERS[j] - CORNERS[i]
-
-        def at(t: float, direction: np.ndarray | None = None, i=i, k=k, along=along) -> np.ndarray:
-            place = CORNERS[i] + t * along
-            if direction is None:
-                return _on_part(k, _derivative(place, (0, 0)))
-            x, y = (_on_part(k, _derivative(place, o)) for o in ((1, 0), (0, 1)))
-            return direction[0] * x + direction[1] * y
-
-        n = NORMALS[k]
-        bend = at(0.5, n) - (at(0, n) + at(1, n)) / 2
-        even = at(0.5) - (at(0) + at(1)) / 2 - (at(0, along) - at(1, along)) / 8
-        odd = (at(0.25, n) - at(0.75, n) - (at(0, n) - at(1, n)) / 2) / 6
+        places = [CORNERS[i] + t * along for t in (0, 0.25, 0.5, 0.75, 1)]
+        value, x, y = (np.array([_on_part(k, _derivative(p, o)) for p in places]) for o in orders)
+        slope, across = (d[0] * x + d[1] * y for d in (along, NORMALS[k]))
+        bend = across[2] - (across[0] + across[4]) / 2
+        even = value[2] - (value[0] + value[4]) / 2 - (slope[0] - slope[4]) / 8
+        odd = (across[1] - across[3] - (across[0] - across[4]) / 2) / 6
         numbers.append((bend, even, odd))
     return rows + [edge[kind] for kind in range(3) for edge in numbers]
 

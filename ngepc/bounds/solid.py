@@ -207,6 +207,7 @@ class SolidSetting(Setting):
         torn = faces.closed is not None
 
         def coarse(r: np.ndarray) -> np.ndarray | float:
+            """The part of continuous displacements."""
             return 0.0 if torn else faces.spread(here.factors.solve(faces.at_nodes(r)))
 
         b = faces.kept(b)

@@ -58,6 +58,7 @@ def with_contact(
     """
 
     def product(more: np.ndarray) -> np.ndarray:
+        """What the rows move by more forces, which change the step."""
         nonlocal change
         answer = solve(conditions.forces(more))
         change = change - answer
@@ -128,9 +129,11 @@ def _is_unique(
     held = stiffened(springs)
 
     def compliance(d: np.ndarray) -> np.ndarray:
+        """S d, with springs that make it positive definite."""
         return conditions.displacement(solve(conditions.forces(d))) + d / springs
 
     def stiffness(g: np.ndarray) -> np.ndarray:
+        """Its inverse, by the tangent with springs on the rows (Woodbury)."""
         d = springs * g
         return d - springs * conditions.displacement(held(conditions.forces(d)))
 

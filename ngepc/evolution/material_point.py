@@ -147,6 +147,7 @@ class _Point:
         scale = self.law.beta[0] + np.abs(target[free]).max(initial=0.0)
 
         def missing(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """What the stresses miss with these free strains, and its derivative."""
             e[free] = part
             at, stress = self._state(e)
             return (stress - target)[free] / scale, self._tangent(at)[np.ix_(free, free)] / scale

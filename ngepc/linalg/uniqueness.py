@@ -31,10 +31,12 @@ def is_unique(follows: np.ndarray, compliance: Product, stiffness: Product) -> b
     """
 
     def pulled(g: np.ndarray) -> np.ndarray:
+        """E'g."""
         along = (follows * g[m:].reshape(follows.shape)).sum(axis=1)
         return np.concatenate([along, np.zeros(follows.size)])
 
     def pushed(d: np.ndarray) -> np.ndarray:
+        """E d."""
         return np.concatenate([np.zeros(m), (follows * d[:m, None]).ravel()])
 
     m, known, T = len(follows), [], np.zeros((PROBES + 1, PROBES + 1))

@@ -17,7 +17,7 @@ from ngepc.discretisation.balance import Frame
 from ngepc.discretisation.contact_step import FEW
 from ngepc.discretisation.stiffness import Blocks
 from ngepc.local.closed import Closed
-from ngepc.local.krylov import conjugate_gradients, minimal_residuals
+from ngepc.local.krylov import Projected
 from ngepc.local.system import State
 
 ACCURACY = 1e-12
@@ -202,10 +202,10 @@ class IterativeTangent:
         """
         self.prepare(closed)
         oblique = self._processes.any(np.array(closed.slanted))
-        iterate = minimal_residuals if oblique else conjugate_gradients
-        multiply = closed.stiffened(self.multiply)
-        work = multiply, self._engine.precondition, self._processes.dot, closed.project
-        x, iterations = iterate(*work, right, start, tolerance, self._most)
+        work = self._engine.precondition, self._processes.dot, closed.project
+        system = Projected(closed.stiffened(self.multiply), *work)
+        iterate = system.minimal_residuals if oblique else system.conjugate_gradients
+        x, iterations = iterate(right, start, tolerance, self._most)
         self.back_substitutions += 1
         self.linear_iterations += iterations
         self._dearest = max(self._dearest, iterations)

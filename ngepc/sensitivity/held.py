@@ -139,9 +139,11 @@ class HeldSystem:
         shape, count, stiff = force.shape, force.size, self._stiff
 
         def answer(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """By springs, for forces and forces of rows in one vector."""
             return self._answer(r[:count].reshape(shape), r[count:] / stiff)
 
         def product(r: np.ndarray) -> np.ndarray:
+            """What the answer makes of the left sides."""
             pushed, apart = self._product(forces, rows, *answer(r))
             return np.concatenate([pushed.ravel(), stiff * apart])
 

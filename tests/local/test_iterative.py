@@ -11,7 +11,7 @@ from ngepc.local.active_set import InexactTarget
 from ngepc.local.closed import Closed, Rubbing
 from ngepc.local.factors import Factors, TangentError
 from ngepc.local.iterative import FullPattern, IterativeTangent
-from ngepc.local.krylov import conjugate_gradients
+from ngepc.local.krylov import Projected
 from ngepc.local.newton import primal_dual_newton
 from ngepc.local.solver import solve_exactly
 from ngepc.local.start import starting_state
@@ -163,7 +163,7 @@ def test_an_indefinite_preconditioner_is_said(discrete):
     right = closed.project(np.ones(discrete.supports.free.size))
     work = tangent.multiply, tangent._engine.precondition, np.vdot, closed.project
     with pytest.raises(TangentError, match="not positive definite"):
-        conjugate_gradients(*work, right, 0 * right, 1e-9, 100)
+        Projected(*work).conjugate_gradients(right, 0 * right, 1e-9, 100)
 
 
 def test_active_sets_find_the_solution_of_the_direct_method(discrete):
