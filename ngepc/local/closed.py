@@ -48,9 +48,9 @@ class Rubbing:
 
     @classmethod
     def by(
-        cls, cone: FrictionCone, active: np.ndarray, movable: np.ndarray, y: np.ndarray, c: float
+        cls, cone: FrictionCone, active: np.ndarray, free: np.ndarray, y: np.ndarray, c: np.ndarray
     ) -> Rubbing:
-        """The linearised law of the closed rows at a trial y = x - c g, c for the tangents (m,)."""
+        """The linearised law of closed rows at y = x - c g; c is (m,), free tangents (m, d)."""
         slips, e, b, size, grows = cone.slipping(y)
         turns = (active & slips)[:, None, None] * orthogonal(e)
         stiff = b * c / np.maximum(size - b, np.maximum(b / STIFFEST, np.finfo(float).tiny))
@@ -58,7 +58,7 @@ class Rubbing:
         rows, moves = len(b), (active & slips)[:, None] * e
         size = (blocks.shape[0] * blocks.shape[1],) * 2
         k = bsr_matrix((blocks, np.arange(rows), np.arange(rows + 1)), shape=size).tocsr()
-        sticks = (active & ~slips)[:, None] & movable
+        sticks = (active & ~slips)[:, None] & free
         return cls(sticks, np.where(grows > 0, 0.0, b)[:, None] * moves, grows[:, None] * moves, k)
 
     def forces(self, n: np.ndarray, slip: np.ndarray) -> np.ndarray:
