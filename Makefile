@@ -2,7 +2,7 @@
 # make check: the quick tests, while one works.   make test: all tests.   make coverage: what they
 # run of the package, in out/coverage.   make lint: style.
 # make campaigns: random problems and extreme data by all methods, bounds of random problems,
-# minutes, results/fuzz.*, results/robustness.* and results/crossings.*.
+# derivatives beside differences: minutes, results/fuzz.*, robustness.*, crossings.*, derivatives.*.
 # make test-petsc: the tests of large bodies once more, with Debian's PETSc.
 # make docs: this project's site in out/docs.   make benchmark: what a Newton step costs,
 # make benchmark-pieces: its pieces.
@@ -46,6 +46,7 @@ campaigns: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results fuzz --count 100 --seed 1
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results robustness
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results crossings
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results derivatives
 
 test-petsc: $(PETSC_VENV)/.test
 	PETSC_DIR=$(PETSC_DIR) NGEPC_NEEDS_PETSC=1 $(PETSC_VENV)/bin/python -m pytest tests/local

@@ -53,7 +53,6 @@ OPTIONS = {
     "--modes A,B": (words, "of default,order 2,primal,1e4"),
     "--solver": (("pyamg", "petsc"), "default pyamg"),
     "--counts N,M": (counts, "numbers of processes, default 1,2,4,8"),
-    "--count N": (count, "problems, default 200"),
 }
 """Usage -> what reads the value (or the words to choose from, None for a switch), help, default."""
 
@@ -134,8 +133,6 @@ STUDIES = {
                      ("--levels N", "--solver"), "large:Large"),
     "processes": Command("a large body shared by processes: time and memory of each",
                          ("--levels N", "--counts N,M"), "processes:Processes"),
-    "derivatives": Command("gradients of random problems beside differences, Taylor slopes",
-                           ("--count N",), "derivatives:Derivatives"),
 }  # fmt: skip
 """Name -> study."""
 

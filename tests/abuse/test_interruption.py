@@ -346,7 +346,7 @@ OUTPUTS = {
     "path --checkpoint": [*PATH, "--checkpoint", "{}/r.npz"],
     "study table1": [*TABLE, "--out", "{}"],
     "study table2": ["study", "table2", "--levels", "1", "--out", "{}"],
-    "study derivatives": ["study", "derivatives", "--count", "1", "--out", "{}"],
+    "study locking": ["study", "locking", "--levels", "1", "--out", "{}"],
 }
 
 

@@ -1,7 +1,7 @@
 """Campaigns that try to contradict the solvers, longer than a test; cells are kept as in studies.
 
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
---rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``.
+--rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``.
 """
 
 import argparse
@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 
 from campaigns.crossings import Crossings
+from campaigns.derivatives import Derivatives
 from campaigns.fuzz import Fuzz
 from campaigns.robustness import Robustness
 from ngsolve import SetNumThreads
@@ -37,6 +38,9 @@ def arguments():
     bounds.add_argument("--count", type=int, default=Crossings.count)
     bounds.add_argument("--seed", type=int, default=Crossings.seed)
     bounds.add_argument("--rows", type=rows, default=Crossings.rows)
+    slopes = campaigns.add_parser("derivatives", help="gradients of random problems, differences")
+    slopes.set_defaults(kind=Derivatives, options=("count",))
+    slopes.add_argument("--count", type=int, default=Derivatives.count)
     return parser
 
 

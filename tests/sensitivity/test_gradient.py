@@ -4,6 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaigns.derivatives import (
+    Derivatives,
+    compared,
+    envelope_error,
+    taylor_slopes,
+)
+from campaigns.random_data import (
+    last_state,
+    moved,
+    once,
+    random_problem,
+    sizes,
+)
 from ngsolve import CF, IfPos, InnerProduct, Integrate, ds, dx, x, y
 
 from ngepc import (
@@ -21,19 +34,6 @@ from ngepc.sensitivity.forms import as_functional, misfit
 from ngepc.sensitivity.functionals import DisplacementAt, Reaction
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.parameters import Direction
-from ngepc.studies.derivatives import (
-    Derivatives,
-    compared,
-    envelope_error,
-    taylor_slopes,
-)
-from ngepc.studies.random_problems import (
-    last_state,
-    moved,
-    once,
-    random_problem,
-    sizes,
-)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ SEEDS = (0, 1, 2, 4, 7, 9, 12, 18, 19, 21, 26, 36, 42, 45)
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_gradients_agree_with_central_differences(seed):
-    """Without friction, Tresca's, Coulomb's, from 24 on two bodies; ``ngepc study derivatives``."""
+    """Without friction, Tresca's, Coulomb's, from 24 on two bodies."""
     problem = random_problem(seed)
     found = [c for c in compared(problem, every=slice(seed % 5, None, 5)) if c.smooth]
     assert len(found) >= 5

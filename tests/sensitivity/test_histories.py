@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
+from campaigns.derivatives import compared
+from campaigns.random_data import (
+    four_times,
+    functionals,
+    random_problem,
+    sizes,
+)
 
 from ngepc import evolve, load_cycle, lshape_problem
 from ngepc.geometries import lshape
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.states import restored_state, states_of
 from ngepc.sensitivity.tangent import tangent, tangents_at
-from ngepc.studies.derivatives import compared
-from ngepc.studies.random_problems import (
-    four_times,
-    functionals,
-    random_problem,
-    sizes,
-)
 
 
 @pytest.mark.parametrize("seed", [1, 9, 17])

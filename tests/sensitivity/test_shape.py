@@ -2,18 +2,18 @@
 
 import numpy as np
 import pytest
-from ngsolve import CF, sin, x, y, z
-
-from ngepc import Direction, Material, Problem, gradient, semismooth_newton, tangent
-from ngepc.geometries import block
-from ngepc.sensitivity.shape import STENCIL, moved_mesh, vertex_motion
-from ngepc.studies.random_problems import (
+from campaigns.random_data import (
     four_times,
     functionals,
     last_state,
     once,
     random_problem,
 )
+from ngsolve import CF, sin, x, y, z
+
+from ngepc import Direction, Material, Problem, gradient, semismooth_newton, tangent
+from ngepc.geometries import block
+from ngepc.sensitivity.shape import STENCIL, moved_mesh, vertex_motion
 
 STEP = 1e-5
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaigns.random_data import functionals, once, random_problem, sizes
 from ngsolve import x
 
 from ngepc import Coulomb, Material, Problem, semismooth_newton
@@ -14,7 +15,6 @@ from ngepc.sensitivity.held import HeldSystem
 from ngepc.sensitivity.parameters import Direction
 from ngepc.sensitivity.radial import RadialDerivative
 from ngepc.sensitivity.tangent import tangent
-from ngepc.studies.random_problems import functionals, once, random_problem, sizes
 
 
 def test_reverse_is_the_transpose_of_forward():

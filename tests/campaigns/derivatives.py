@@ -1,23 +1,14 @@
-"""Exact derivatives against central differences, Taylor's formula and the envelope theorem."""
+"""Exact derivatives against central differences, Taylor's formula and the envelope theorem.
 
-from __future__ import annotations
+Differences are of fourth order with the step STEP, relative to the size of a parameter; errors are
+relative to the largest derivative of the functional.
+"""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-
-from ngepc.model.contact import Coulomb
-from ngepc.model.problem import Problem
-from ngepc.sensitivity.contact import LinearContact, RowSides
-from ngepc.sensitivity.forms import as_functional
-from ngepc.sensitivity.gradient import gradient
-from ngepc.sensitivity.parameters import Constants, Direction, changed_data
-from ngepc.sensitivity.radial import paired
-from ngepc.sensitivity.shape import STENCIL
-from ngepc.sensitivity.states import Solution, states_of
-from ngepc.studies.random_problems import (
+from campaigns.random_data import (
     four_times,
     functionals,
     last_state,
@@ -26,6 +17,15 @@ from ngepc.studies.random_problems import (
     random_problem,
     sizes,
 )
+
+from ngepc.model.contact import Coulomb
+from ngepc.sensitivity.contact import LinearContact, RowSides
+from ngepc.sensitivity.forms import as_functional
+from ngepc.sensitivity.gradient import gradient
+from ngepc.sensitivity.parameters import Constants, Direction, changed_data
+from ngepc.sensitivity.radial import paired
+from ngepc.sensitivity.shape import STENCIL
+from ngepc.sensitivity.states import states_of
 from ngepc.studies.work import Cell, Work
 
 STEP = 3e-5
@@ -47,18 +47,8 @@ class Comparison(NamedTuple):
     smooth: bool
 
 
-def compared(
-    problem: Problem, solve: Callable[..., Solution] = once, every: slice = slice(None)
-) -> list[Comparison]:
-    """Gradients of all functionals beside central differences.
-
-    Parameters
-    ----------
-    problem, solve
-        What is solved, and how.
-    every
-        Which of the parameters in ``sizes``: all, or for tests a part of them.
-    """
+def compared(problem, solve=once, every=slice(None)):
+    """Gradients of all functionals by ``every`` parameter in ``sizes``, beside differences."""
     result, amounts, found = solve(problem), sizes(problem), []
     chosen = functionals(problem)
     gradients = {key: gradient(result, value, list(amounts)) for key, value in chosen.items()}
@@ -76,7 +66,7 @@ def compared(
     return found
 
 
-def same_sides(one: Solution, other: Solution) -> bool:
+def same_sides(one, other):
     """Whether in all steps the same points yield, the same rows press and the same ones slip."""
     pairs = zip(states_of(one), states_of(other), strict=True)
     return all(
@@ -85,7 +75,7 @@ def same_sides(one: Solution, other: Solution) -> bool:
     )
 
 
-def taylor_slopes(problem: Problem, seed: int) -> dict[str, float]:
+def taylor_slopes(problem, seed):
     """The order of the remainders F(m + t dm) - F(m) - t F' dm in a random direction.
 
     The lengths t are as short as it takes for no row or point to change side.
@@ -106,7 +96,7 @@ def taylor_slopes(problem: Problem, seed: int) -> dict[str, float]:
     return found
 
 
-def envelope_error(problem: Problem) -> float | None:
+def envelope_error(problem):
     """The largest difference of dJ/dm and the explicit partial derivative, relative.
 
     None where J is not what is minimised: with slip bounds that are part of the pressure.
@@ -151,11 +141,11 @@ class Derivatives(Work):
         "where friction has no bound that follows the pressure."
     )
 
-    def cells(self) -> list[Cell]:
+    def cells(self):
         """The problems by seed."""
         return [Cell("seed", seed) for seed in range(self.count)]
 
-    def solve(self, cell: Cell) -> dict:
+    def solve(self, cell):
         """Differences for all, Taylor remainders and the envelope theorem for single steps."""
         seed, problem = cell.nodes, random_problem(cell.nodes)
         steps = 4 if seed % 5 == 2 else 1
@@ -177,14 +167,14 @@ class Derivatives(Work):
             "envelope": envelope_error(problem) if steps == 1 else None,
         }
 
-    def succeeded(self, records: Sequence[dict]) -> bool:
+    def succeeded(self, records):
         """Whether derivatives agree with differences, Taylor's formula, the envelope theorem."""
         return all(
             r["largest error"] < 1e-6 and (r["Taylor"] or 2) > 1.95 and (r["envelope"] or 0) < 1e-10
             for r in records
         )
 
-    def told(self, records: Sequence[dict]) -> list[dict]:
+    def told(self, records):
         """Groups of problems."""
         groups = {"all": list(records)}
         for key in ("kinematics", "order", "friction", "bodies", "steps"):
@@ -193,7 +183,7 @@ class Derivatives(Work):
         return [of_group(label, group) for label, group in groups.items()]
 
 
-def of_group(label: str, group: Sequence[dict]) -> dict:
+def of_group(label, group):
     """The numbers of a group of problems; None for what no problem of it has."""
     slopes = [r["Taylor"] for r in group if r["Taylor"] is not None]
     return {

@@ -5,10 +5,7 @@ triangles, quadrilaterals and tetrahedra, all kinds of hardening, contact withou
 Tresca's and with Coulomb's, two bodies, moved supports, initial plastic strain, load histories.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -19,18 +16,17 @@ from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block
 from ngepc.geometries.published import stacked_blocks
-from ngepc.local.system import State
 from ngepc.model.contact import Contact, Coulomb
 from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.forms import as_functional
-from ngepc.sensitivity.functionals import DisplacementAt, Functional, Reaction
+from ngepc.sensitivity.functionals import DisplacementAt, Reaction
 from ngepc.sensitivity.parameters import MATERIAL
-from ngepc.sensitivity.states import Solution, states_of
+from ngepc.sensitivity.states import states_of
 
 
-def random_problem(seed: int) -> Problem:
+def random_problem(seed):
     """A small problem that yields; kinematics, order and contact follow ``seed``."""
     random = np.random.default_rng(seed)
     kinematics = list(KINEMATICS.values())[seed % 4]
@@ -67,7 +63,7 @@ def random_problem(seed: int) -> Problem:
     )
 
 
-def random_material(random: np.random.Generator) -> Material:
+def random_material(random):
     """A material with kinematic, isotropic or combined hardening."""
     kinematic, isotropic = [(1, 0), (0, 1), (1, 1)][random.integers(3)]
     return Material.combined(
@@ -80,12 +76,12 @@ def random_material(random: np.random.Generator) -> Material:
     )
 
 
-def functionals(problem: Problem) -> dict[str, Functional]:
+def functionals(problem):
     """One functional of each kind."""
     N, support = problem.N, next(iter(problem.prescribed))
     side = next(iter(problem.tractions))
 
-    def form(u: CF, p: CF, stress: CF) -> object:
+    def form(u, p, stress):
         strain = Sym(Grad(u))
         body = InnerProduct(stress, stress) + 1e5 * InnerProduct(p, p)
         return (body + 1e5 * InnerProduct(strain, strain)) * dx + 1e4 * u * u * ds(side)
@@ -99,7 +95,7 @@ def functionals(problem: Problem) -> dict[str, Functional]:
     }
 
 
-def sizes(problem: Problem) -> dict[str, float]:
+def sizes(problem):
     """The parameters of a problem with the size of a change of order one."""
     found = {name: float(getattr(problem.material, name)) for name in MATERIAL}
     found = {name: value for name, value in found.items() if value}
@@ -109,7 +105,7 @@ def sizes(problem: Problem) -> dict[str, float]:
     return found | ({} if problem.friction is None else {"friction": 0.3})
 
 
-def moved(problem: Problem, rates: Mapping[str, float]) -> Problem:
+def moved(problem, rates):
     """The problem with its data moved by these rates."""
     rate = defaultdict(float, rates)
     constants = {n: getattr(problem.material, n) + r for n, r in rates.items() if n in MATERIAL}
@@ -133,13 +129,13 @@ def moved(problem: Problem, rates: Mapping[str, float]) -> Problem:
     )
 
 
-def once(problem: Problem, start: Solution | None = None) -> Solution:
+def once(problem, start=None):
     """The solution of one time step."""
     at = None if start is None else start.displacement
     return semismooth_newton(problem, start=at).raise_for_status()
 
 
-def four_times(problem: Problem, start: Solution | None = None) -> Solution:
+def four_times(problem, start=None):
     """Loading, more loading, reversal and reloading by the traction."""
     steps = [
         (t, {"traction": {name: factor * g for name, g in problem.tractions.items()}})
@@ -148,6 +144,6 @@ def four_times(problem: Problem, start: Solution | None = None) -> Solution:
     return evolve(problem, steps).raise_for_status()
 
 
-def last_state(result: Solution) -> State:
+def last_state(result):
     """The state at the end."""
     return states_of(result)[-1]()
