@@ -7,7 +7,7 @@ friction, to the tangential ones; the gaps are what it leaves open, (gaps - N u,
 
 from __future__ import annotations
 
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from ngsolve import H1, GridFunction
@@ -19,9 +19,7 @@ from ngepc.discretisation.loads import Supports, nodal
 from ngepc.discretisation.mortar import mortar_rows
 from ngepc.discretisation.rollers import roller_rows
 from ngepc.discretisation.rows import ContactRows, contact_rows, joined
-from ngepc.linalg.complementarity import exchange
 from ngepc.linalg.friction import FrictionCone
-from ngepc.linalg.secants import SmallProblem
 from ngepc.model.contact import Coulomb
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem, as_scalar
@@ -43,8 +41,9 @@ class ContactConditions:
 
     rows: ContactRows  # of rigid obstacles, of pairs, of rollers
     on_obstacles: slice  # the rows of rigid obstacles
+    roller_part: slice  # the rows of rollers
     rollers: dict[Place, slice]  # place of each roller -> its rows
-    friction: FrictionCone | None  # the law of the tangential forces
+    friction: FrictionCone  # the law of the forces, without tangents where there is no friction
     processes: Alone  # share the body; rows at common vertices are on all that have the vertex
     own: slice | np.ndarray  # what selects the forces of rows that this process answers for
     matrix: csr_matrix  # R, shape (n, nodes N), n = m without friction and m N with it
@@ -53,21 +52,20 @@ class ContactConditions:
         pairs = [mortar_rows(problem, supports, pair) for pair in problem.contact_pairs]
         rollers = roller_rows(problem, supports)
         parts = [contact_rows(problem, supports), *pairs, *rollers.values()]
-        self.rows = joined(parts)
+        rows = self.rows = joined(parts)
         self.on_obstacles = slice(0, len(parts[0]))
-        ends = np.cumsum([0, *map(len, parts)])[1 + len(pairs) :]
-        self.rollers = {place: slice(*ends[k : k + 2].tolist()) for k, place in enumerate(rollers)}
-        self.friction = friction_cone(problem, self.rows)
-        self.matrix = self.rows.normal
-        self._closed_at = self.rows.gaps
-        self.processes = problem.processes
-        vertices, d = self.rows.vertices, problem.N - 1
-        self._own_rows = self.own = self.processes.owned(vertices)
-        if self.friction is not None:
-            self.own = self.processes.owned(np.append(vertices, np.repeat(vertices, d)))
-            self.matrix = vstack([self.rows.normal, self.rows.tangential], format="csr")
-            origin = self.rows.slip(initial_displacements(problem, supports))
-            self._closed_at = np.concatenate([self.rows.gaps, origin.ravel()])
+        ends = np.cumsum([0, *map(len, parts)])[1 + len(pairs) :].tolist()
+        self.roller_part = slice(ends[0], len(rows))
+        self.rollers = {p: slice(*ends[k : k + 2]) for k, p in enumerate(rollers)}
+        self.friction, self.processes = friction_cone(problem, rows), problem.processes
+        self._own_rows = self.processes.owned(rows.vertices)
+        tangents = np.repeat(rows.vertices, self.friction.d)
+        self.own = self.processes.owned(np.append(rows.vertices, tangents))
+        self.matrix, self._closed_at = rows.normal, rows.gaps
+        if self.friction.d:
+            self.matrix = vstack([rows.normal, rows.tangential], format="csr")
+            origin = rows.slip(initial_displacements(problem, supports))
+            self._closed_at = np.concatenate([rows.gaps, origin.ravel()])
 
     def __len__(self) -> int:
         return len(self._closed_at)
@@ -78,16 +76,9 @@ class ContactConditions:
         return self.rows.normals.shape[1]
 
     @property
-    def small_problem(self) -> SmallProblem:
-        """What solves the conditions with a known compliance."""
-        if self.friction is None:
-            return partial(exchange, tied=self.rows.tied)
-        return self.friction
-
-    @property
     def unsolvable(self) -> str:
         """Why there may be no solution."""
-        if self.friction is None:
+        if not self.friction.d:
             return "the contact conditions of neighbouring nodes are dependent"
         return (
             "contact with friction was not solved: for a large coefficient there may be no solution"
@@ -127,12 +118,6 @@ class ContactConditions:
         forces[on] = GRIP * row_stiffness[on] * (self.rows.normal[on] @ change.ravel())
         return forces
 
-    @property
-    def roller_part(self) -> slice:
-        """The rows of rollers."""
-        first = min((rows.start for rows in self.rollers.values()), default=len(self.rows))
-        return slice(first, len(self.rows))
-
     def on_rollers(self, u: np.ndarray, free: np.ndarray) -> np.ndarray:
         """The displacement nearest to ``u`` that the rollers allow, both (nodes, N)."""
         R, gaps = self.rows.normal[self.roller_part], self.rows.gaps[self.roller_part]
@@ -161,13 +146,11 @@ class ContactConditions:
 
     def tangential(self, x: np.ndarray) -> np.ndarray:
         """The tangential ones, shape (m, N - 1), zero without friction."""
-        m, d = len(self.rows), self.rows.normals.shape[1] - 1
-        return x[m:].reshape(m, d) if self.friction is not None else np.zeros((m, d))
+        t = self.friction.split(x)[1]
+        return t if self.friction.d else np.zeros((len(t), self.N - 1))
 
     def bound(self, x: np.ndarray) -> np.ndarray:
         """The bound of the tangential forces, shape (m,)."""
-        if self.friction is None:
-            return np.zeros(len(self.rows))
         return self.friction.bound(self.normal(x))
 
     def stiffness(self, diagonal: np.ndarray) -> np.ndarray:
@@ -177,8 +160,6 @@ class ContactConditions:
         matrix, shape (nodes, N).
         """
         each = self.matrix.power(2) @ diagonal.ravel()
-        if self.friction is None:
-            return each
         normal, mean = self.normal(each), self.tangential(each).mean(axis=1)
         mean = np.where(mean > 0, mean, normal)
         return np.concatenate([normal, np.repeat(mean, self.friction.d)])
@@ -188,19 +169,14 @@ class ContactConditions:
     ) -> np.ndarray:
         """The forces x that do no work: normal ones of rows that stay closed, those that stick."""
         closed = touches & (self.normal(following) > 0) | self.rows.tied
-        if self.friction is not None:
-            closed = np.concatenate([closed, np.repeat(sticks, self.friction.d)])
-        return np.where(closed, x, 0.0)
+        return np.where(np.append(closed, np.repeat(sticks, self.friction.d)), x, 0.0)
 
     def defect(self, x: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """x minus the admissible forces closest to x - k gaps, a force: zero where all holds.
 
         ``pushed`` is k gaps with any stiffness k > 0.
         """
-        trial = x - pushed
-        if self.friction is not None:
-            return x - self.friction.projected(trial)
-        return x - np.where(self.rows.tied, trial, np.maximum(trial, 0.0))
+        return x - self.friction.projected(x - pushed)
 
     def friction_work(self, x: np.ndarray, gaps: np.ndarray, rounding: float) -> float:
         """The sum of b |slip| over the rows (force times length); less than rounding is no slip."""
@@ -208,17 +184,17 @@ class ContactConditions:
         return float(self.sum_of(self.bound(x) * np.where(size > rounding, size, 0.0)))
 
 
-def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone | None:
-    """The law of friction row by row; None without friction."""
-    law = problem.friction
-    if law is None:
-        return None
+def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone:
+    """The law of contact and friction row by row, without tangents where there is no friction."""
+    law, d = problem.friction, problem.N - 1
     cap, coefficient = np.full(len(rows), np.inf), np.full(len(rows), STEEPEST)
-    if isinstance(law, Coulomb):
+    if law is None:
+        coefficient, d = np.zeros(len(rows)), 0
+    elif isinstance(law, Coulomb):
         coefficient = at_rows(problem, rows, law.coefficient)
     else:
         cap = rows.weights * at_rows(problem, rows, law)
-    return FrictionCone(cap, np.where(rows.tied, 0.0, coefficient), rows.tied, problem.N - 1)
+    return FrictionCone(cap, np.where(rows.tied, 0.0, coefficient), rows.tied, d)
 
 
 def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarray:

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ngepc.discretisation.conditions import ContactConditions
-from ngepc.linalg.compliance import Compliance
-from ngepc.linalg.secants import solve_by_secants
+from ngepc.linalg.secants import Compliance, solve_by_secants
 from ngepc.linalg.uniqueness import is_unique
 
 ROUNDING = 3e-14
@@ -39,22 +38,9 @@ def with_contact(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Newton's step and the forces at its end, where they meet the conditions; None if none do.
 
-    Parameters
-    ----------
-    conditions
-        Those of contact and friction.
-    solve
-        Nodal forces (nodes, N) -> displacements, by the tangent of the step.
-    u, forces
-        Displacements and forces of the rows where the step starts.
-    change
-        The step that leaves these forces as they are, shape (nodes, N).
-    compliance
-        A guess of the compliance of the rows; it learns.
-    row_stiffness
-        ``ContactConditions.stiffness``.
-    slack
-        What the gaps may miss (length), at least their rounding.
+    It starts from ``u`` with ``forces`` of the rows; ``change`` is the step that leaves these as
+    they are.  ``solve`` maps nodal forces (nodes, N) to displacements by the tangent, ``slack`` is
+    what the gaps may miss (length), at least their rounding.
     """
 
     def product(more: np.ndarray) -> np.ndarray:
@@ -67,7 +53,7 @@ def with_contact(
     gaps = conditions.gaps(u) - conditions.displacement(change)
     sizes = np.abs(u + change).max(initial=0.0), -conditions.normal(gaps).min(initial=0.0)
     slack = max(slack, ROUNDING * float(max(sizes)))
-    found = solve_by_secants(conditions.small_problem, product, compliance, gaps, forces, slack)
+    found = solve_by_secants(conditions.friction, product, compliance, gaps, forces, slack)
     if found is None:
         return None
     return change, found + conditions.grip_forces(change, row_stiffness)
@@ -90,7 +76,7 @@ def rival(
     parameters as for ``with_contact``, ``gaps`` those of the solution.
     """
     cone, processes = conditions.friction, conditions.processes
-    if cone is None or not processes.any(np.isinf(cone.cap) & (cone.coefficient > 0)):
+    if not processes.any(np.isinf(cone.cap) & (cone.coefficient > 0)):
         return False, ""
     if stiffened is not None and _is_unique(
         conditions, solve, gaps, forces, SPRINGS * row_stiffness, stiffened

@@ -58,7 +58,7 @@ class Floating:
         """
         if not self:
             return None
-        soft = SOFT[self._contact.friction is not None]
+        soft = SOFT[self._contact.friction.d > 0]
         return soft / len(stiffness_diagonal) * stiffness_diagonal
 
     def compliance(self, stiffness_diagonal: np.ndarray) -> np.ndarray:
@@ -89,19 +89,16 @@ class Floating:
         """The least sum of |l(z) - x . R z| over the motions z, all forces in units of ``size``."""
         n, k = self._on_rows.shape
         tied, friction = self._contact.rows.tied, self._contact.friction
-        most = np.full(n, np.inf)
-        least, limits = np.where(tied, -np.inf, 0.0), None
-        if friction is not None:
-            m, row = len(tied), np.repeat(np.arange(len(tied)), friction.d)
-            most[m:] = friction.cap[row] / size
-            least = np.concatenate([least, -most[m:]])
-            grip = csr_matrix((friction.coefficient[row], (np.arange(n - m), row)), (n - m, m))
-            no = csr_matrix((n - m, 2 * k))
-            limits = vstack([hstack([-grip, s * eye(n - m), no]) for s in (1, -1)])
+        m, row = len(tied), np.repeat(np.arange(len(tied)), friction.d)
+        most = np.append(np.full(m, np.inf), friction.cap[row] / size)
+        least = np.append(np.where(tied, -np.inf, 0.0), -most[m:])
+        grip = csr_matrix((friction.coefficient[row], (np.arange(n - m), row)), (n - m, m))
+        no = csr_matrix((n - m, 2 * k))
+        limits = vstack([hstack([-grip, s * eye(n - m), no]) for s in (1, -1)])
         found = linprog(
             np.concatenate([np.zeros(n), np.ones(2 * k)]),
             A_ub=limits,
-            b_ub=None if limits is None else np.zeros(limits.shape[0]),
+            b_ub=np.zeros(limits.shape[0]),
             A_eq=np.hstack([self._on_rows.T, np.eye(k), -np.eye(k)]),
             b_eq=loads,
             bounds=[*zip(least, most, strict=True), *[(0, None)] * (2 * k)],
@@ -116,6 +113,5 @@ class Floating:
         presses = np.abs(normal) > SMALL * np.abs(normal).max(initial=0.0)
         size = np.linalg.norm(self._contact.tangential(forces), axis=1)
         sticks = size < (1 - SMALL) * bound
-        if self._contact.friction is not None:
-            presses = np.concatenate([presses, np.repeat(sticks, self._contact.friction.d)])
+        presses = np.append(presses, np.repeat(sticks, self._contact.friction.d))
         return self._on_rows.shape[1] - int(matrix_rank(self._on_rows[presses], tol=SMALL))

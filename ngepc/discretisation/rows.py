@@ -12,8 +12,10 @@ every dimension, which those of the nodal values of quadratic triangles are not.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from ngsolve import BND, H1, ElementId, FESpace, IntegrationRule, specialcf
@@ -34,7 +36,7 @@ SAME_FACE_ACROSS = 0.985
 HELD = 1e-8
 """A row with a smaller free part is held by the support: no contact can happen there."""
 
-_ARRAYS = ("gaps", "weights", "vertices", "normals", "tangents", "tied")
+_ARRAYS = ("gaps", "weights", "vertices", "normals", "tied")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +49,19 @@ class ContactRows:
     weights: np.ndarray  # area of each row (length for N = 2), shape (m,)
     vertices: np.ndarray  # vertex of each row, shape (m,)
     normals: np.ndarray  # unit outer ones, shape (m, N)
-    tangents: np.ndarray  # orthonormal ones, shape (m, N - 1, N)
     tied: np.ndarray  # rows of glue and rollers: N u = gaps, forces of either sign, (m,)
 
     def __len__(self) -> int:
         return len(self.gaps)
 
+    @cached_property
+    def tangents(self) -> np.ndarray:
+        """Orthonormal ones, shape (m, N - 1, N)."""
+        return tangent_frames(self.normals)
+
     def chosen(self, rows: np.ndarray) -> ContactRows:
         """Some of the rows, by their numbers."""
-        d = self.tangents.shape[1]
+        d = self.normals.shape[1] - 1
         tangents = (d * rows[:, None] + np.arange(d)).ravel()
         return ContactRows(
             normal=self.normal[rows],
@@ -103,7 +109,6 @@ def rows_along(
         weights=weights,
         vertices=vertices,
         normals=normals,
-        tangents=tangents,
         tied=np.full(m, tied),
     )
 
@@ -139,10 +144,7 @@ def joined(parts: list[ContactRows]) -> ContactRows:
 class MeetingFaces:
     """The faces that meet at nodes: facets whose normals differ little are one.
 
-    Attributes
-    ----------
-    at
-        Node -> boundary and sum of the normals of each face there.
+    ``at`` maps a node to boundary and sum of the normals of each face there.
     """
 
     def __init__(self) -> None:
@@ -160,18 +162,16 @@ class MeetingFaces:
         return len(here) - 1
 
 
-@dataclass(frozen=True)
-class _Corner:
+class _Corner(NamedTuple):
     """One corner of one contact facet: integrals with the hat function of the vertex.
 
-    ``means`` are those of the shape functions of the ``nodes``, for order two alone.
+    They are those of 1, the gap and the unit normal; for order two ``means`` are those of the shape
+    functions of the ``nodes``.
     """
 
     name: str
     vertex: int
-    normal: np.ndarray
-    weight: float
-    gap: float
+    integrals: np.ndarray
     nodes: np.ndarray
     means: np.ndarray
 
@@ -181,26 +181,22 @@ def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     N, nodes = problem.N, supports.space.ndof // problem.N
     corners = list(_shared(_corners(problem), problem))
     faces = MeetingFaces()
-    places = [(c.vertex, faces.taking(c.vertex, c.name, c.normal)) for c in corners]
+    places = [(c.vertex, faces.taking(c.vertex, c.name, c.integrals[2:])) for c in corners]
     found, row = np.unique(np.reshape(places, (-1, 2)).astype(int), axis=0, return_inverse=True)
     m, vertices = len(found), found[:, 0]
     where = row.ravel(), np.arange(len(corners))
     sums = csr_matrix((np.ones(len(corners)), where), shape=(m, len(corners)))
-    normals = sums @ np.array([c.normal for c in corners]).reshape(-1, N)
+    integrals = sums @ np.reshape([c.integrals for c in corners], (-1, 2 + N))
+    weights, gaps, normals = integrals[:, 0], integrals[:, 1], integrals[:, 2:]
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    weights, gaps = (sums @ [getattr(c, name) for c in corners] for name in ("weight", "gap"))
     means = csr_matrix((np.ones(m), (np.arange(m), vertices)), shape=(m, nodes))
     if problem.order == 2 and m:
-        means = diags(1 / weights) @ sums @ _integrals(corners, nodes)
+        entries = np.concatenate([c.means for c in corners])
+        corner = np.repeat(np.arange(len(corners)), [len(c.nodes) for c in corners])
+        where = corner, np.concatenate([c.nodes for c in corners])
+        means = diags(1 / weights) @ sums @ csr_matrix((entries, where), (len(corners), nodes))
     rows = rows_along(normals, means, vertices=vertices, gaps=gaps / weights, weights=weights)
     return rows.movable(supports.free)
-
-
-def _integrals(corners: list[_Corner], nodes: int) -> csr_matrix:
-    """Those of the shape functions with the hat function of each corner, (corners, nodes)."""
-    values, columns = (np.concatenate([getattr(c, a) for c in corners]) for a in ("means", "nodes"))
-    corner = np.repeat(np.arange(len(corners)), [len(c.nodes) for c in corners])
-    return csr_matrix((values, (corner, columns)), shape=(len(corners), nodes))
 
 
 def _shared(corners: Iterable[_Corner], problem: Problem) -> Iterable[_Corner]:
@@ -211,12 +207,11 @@ def _shared(corners: Iterable[_Corner], problem: Problem) -> Iterable[_Corner]:
     corners, sent = list(corners), {}
     for rank, nodes in processes.copies.items():
         place = {node: k for k, node in enumerate(nodes.tolist())}
-        here = [c for c in corners if c.vertex in place]
-        sent[rank] = [replace(c, vertex=place[c.vertex]) for c in here]
+        sent[rank] = [c._replace(vertex=place[c.vertex]) for c in corners if c.vertex in place]
     found = {processes.rank: corners}
     for rank, theirs in processes.traded(sent).items():
         nodes = processes.copies[rank]
-        found[rank] = [replace(c, vertex=int(nodes[c.vertex])) for c in theirs]
+        found[rank] = [c._replace(vertex=int(nodes[c.vertex])) for c in theirs]
     return chain.from_iterable(found[rank] for rank in sorted(found))
 
 
@@ -230,23 +225,22 @@ def _corners(problem: Problem) -> Iterator[_Corner]:
         points = mesh.MapToAllElements(rules, region)
         if not len(points):
             continue
-        normals = np.asarray(problem.normal(points)).reshape(len(points), -1)
-        gaps, area = np.ravel(psi(points)), surface_measure(problem, points)
-        gaps_there = iter(values_at(psi, mesh, name)[1][:, 0])
-        first = 0
+        normals, gaps = np.asarray(problem.normal(points)), np.ravel(psi(points))
+        given = np.column_stack([np.ones(len(points)), gaps, normals.reshape(len(points), -1)])
+        area, gaps_there = surface_measure(problem, points), values_at(psi, mesh, name)[1][:, 0]
+        first = corner = 0
         for facet in region.Elements():
             number = ElementId(BND, facet.nr)
             rule = rules[linear.GetFE(number).type]
             here = slice(first, first + len(rule))
-            first = here.stop
             hats = _shapes(linear, number, rule).T * (area[here] * np.array(rule.weights))
-            shapes, nodes = _shapes(scalar, number, rule), np.array(scalar.GetDofNrs(number))
-            for vertex, hat, gap_there in zip(facet.vertices, hats, gaps_there, strict=False):
-                weight = float(hat.sum())
-                gap = float(hat @ gaps[here]) if order == 2 else float(gap_there) * weight
-                yield _Corner(
-                    name, vertex.nr, hat @ normals[here], weight, gap, nodes, hat @ shapes
-                )
+            integrals, first = hats @ given[here], here.stop
+            if order == 1:
+                integrals[:, 1] = integrals[:, 0] * gaps_there[corner : corner + len(hats)]
+            corner += len(hats)
+            means, nodes = hats @ _shapes(scalar, number, rule), scalar.GetDofNrs(number)
+            for vertex, *each in zip(facet.vertices, integrals, means, strict=True):
+                yield _Corner(name, vertex.nr, each[0], np.array(nodes), each[1])
 
 
 def _shapes(space: FESpace, number: ElementId, rule: IntegrationRule) -> np.ndarray:

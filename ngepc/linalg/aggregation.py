@@ -22,15 +22,9 @@ DEPENDENT = 1e-10
 def coarse_spaces(matrix: csr_matrix, modes: np.ndarray, graph: csr_matrix) -> list[csr_matrix]:
     """Interpolations from each level to the next finer one, the finest first.
 
-    Parameters
-    ----------
-    matrix
-        Symmetric and positive definite, as many unknowns for each node.
-    modes
-        Vectors of low energy, shape (unknowns, k).  Trailing unknowns that have none, those of
-        order two, are left to a first level of their own.
-    graph
-        Which nodes are coupled, themselves included.
+    Of a symmetric positive definite matrix with as many unknowns for each node, of vectors of low
+    energy (unknowns, k), and of which nodes are coupled, themselves included.  Trailing unknowns
+    that no mode has, those of order two, are left to a first level of their own.
     """
     found, node = [], np.arange(len(modes)) // (len(modes) // graph.shape[0])
     count = len(modes) - int((modes != 0).any(axis=1)[::-1].argmax())
@@ -83,27 +77,17 @@ def aggregates(graph: csr_matrix) -> np.ndarray:
 def tentative(
     aggregate: np.ndarray, modes: np.ndarray
 ) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
-    """The modes cut to aggregates and made orthonormal there, dependent ones left out.
+    """The modes (unknowns, k) cut to aggregates, -1 for none, and made orthonormal there.
 
-    Parameters
-    ----------
-    aggregate
-        Of each unknown, -1 for none.
-    modes
-        Shape (unknowns, k).
-
-    Returns
-    -------
-    tuple
-        The interpolation, the modes on the coarse level and the aggregate of its unknowns.
+    Dependent ones are left out.  With the interpolation come the modes on the coarse level and the
+    aggregate of its unknowns.
     """
     chosen, k = np.flatnonzero(aggregate >= 0), modes.shape[1]
     here, part = aggregate[chosen], modes[chosen]
     size = int(aggregate.max(initial=-1)) + 1
     gram = np.empty((size, k, k))
-    for i in range(k):
-        for j in range(k):
-            gram[:, i, j] = np.bincount(here, part[:, i] * part[:, j], minlength=size)
+    for i, j in np.ndindex(k, k):
+        gram[:, i, j] = np.bincount(here, part[:, i] * part[:, j], minlength=size)
     squares, vectors = np.linalg.eigh(gram)
     kept = squares > DEPENDENT * squares[:, -1:]
     roots = np.sqrt(np.where(kept, squares, 1.0))

@@ -47,19 +47,9 @@ def from_entries(
 class SparseSum:
     """The sum of placed symmetric blocks in one fixed pattern.
 
-    Parameters
-    ----------
-    largest
-        A matrix of the size of the sum, in symmetric storage.
-    blocks
-        Blocks whose patterns, together with that of ``largest``, make the pattern of the sum.
-    mirrored
-        Whether the matrix has both triangles in any case.
-
-    Attributes
-    ----------
-    values
-        The entries of the lower triangle, row by row.
+    ``largest`` has the size of the sum and symmetric storage; its pattern and those of the blocks
+    make that of the sum.  ``mirrored`` asks for both triangles in any case; ``values`` are the
+    entries of the lower one, row by row.
     """
 
     def __init__(
@@ -80,13 +70,7 @@ class SparseSum:
         return self._keys[where] == keys
 
     def add(self, block: Placed, factor: float = 1.0) -> None:
-        """Add ``factor`` times a block.
-
-        Raises
-        ------
-        ValueError
-            If it has entries outside of the pattern of the sum.
-        """
+        """Add ``factor`` times a block; a ValueError if it has entries outside of the pattern."""
         keys, values = block.lower_triangle(self._size)
         if len(keys):
             first, last = np.searchsorted(self._keys, (keys[0], keys[-1]))

@@ -26,13 +26,7 @@ class FactorisationError(RuntimeError):
 
 
 def require_solver(name: str, value: object) -> None:
-    """Accept NGSolve's name of a direct solver that is here, or what has a method ``tangent``.
-
-    Raises
-    ------
-    ValueError
-        If the name is unknown or the solver is missing.
-    """
+    """Accept NGSolve's name of a direct solver that is here, or what has a method ``tangent``."""
     if hasattr(value, "tangent") and not isinstance(value, type):
         return
     if not isinstance(value, str) or value not in DIRECT_SOLVERS:

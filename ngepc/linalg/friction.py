@@ -1,4 +1,4 @@
-"""Contact with friction as a small dense problem: semismooth Newton on the cones |t| <= b(n).
+"""The laws of contact and friction as small dense problems for the forces of rows.
 
 The forces x = (n, t) of m rows with d tangents each stand one after the other, all n first.  With
 the gaps g = (open gap, minus slip) that they cause, and any c > 0, contact with friction reads
@@ -6,6 +6,8 @@ the gaps g = (open gap, minus slip) that they cause, and any c > 0, contact with
     n = [n - c g_n]_+,   t = the point of |t| <= b(n) closest to t - c g_t,   b(n) = min(F, mu n).
 
 A bound F alone is Tresca's, a coefficient mu alone Coulomb's law.  No force acts where n = 0.
+Semismooth Newton on the cones |t| <= b(n) solves it; without tangents, d = 0, it is a linear
+complementarity problem, which block principal pivoting solves.
 """
 
 from __future__ import annotations
@@ -16,8 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ngepc.linalg.compliance import Compliance
-from ngepc.linalg.secants import SmallAnswer
+from ngepc.linalg.secants import Compliance, SmallAnswer
+
+PATIENCE = 10
+"""Exchanges without progress before those of Murty's rule take over."""
 
 SOFT = (0.3, 0.03)
 """c times the compliance of a row, one after the other: what cycles with one does not with both."""
@@ -38,50 +42,56 @@ SINGULAR = 1e10
 """Condition of a Jacobian whose determinant has no sign."""
 
 
-class Slipping(NamedTuple):
-    """What rows do by a trial force y = x - c g.
+def exchange(
+    W: Compliance, gaps: np.ndarray, forces: np.ndarray, tied: np.ndarray | bool = False
+) -> SmallAnswer:
+    """The change of the forces x after which x >= 0, w >= 0 and x . w = 0; w = 0 where tied.
 
-    Attributes
-    ----------
-    slips
-        Boolean, shape (m,).
-    direction
-        e = y_t / |y_t|, shape (m, d).
-    bound
-        b(y_n), shape (m,).
-    size
-        |y_t|, 1 where it is zero, shape (m,).
-    grows
-        Derivative of the bound, shape (m,).
+    w = gaps + W (x - forces) with W positive definite; close to the solution the forces to start
+    from keep cancellation out of the result.  All indices on the wrong side change sides at once;
+    when that stops making progress the exchanges of Murty's rule follow, which end after finitely
+    many steps.
     """
+    active = (forces > 0) | tied
+    fewest, patience = len(gaps) + 1, PATIENCE
+    slack = 1e-14 * max(np.abs(gaps).max(initial=0.0), np.finfo(float).tiny)
+    for _ in range(100 + 20 * len(gaps)):
+        change = np.where(active, 0.0, -forces)
+        change[active] = -np.linalg.solve(W.block(active), (gaps + W @ change)[active])
+        if not np.isfinite(change).all():
+            break
+        w, x = gaps + W @ change, np.where(active, forces + change, 0.0)
+        wrong = np.where(active, x < -1e-14 * np.abs(x).max(initial=0.0), w < -slack)
+        wrong &= np.logical_not(tied)
+        count = np.count_nonzero(wrong)
+        if count == 0:
+            return SmallAnswer(np.where((x > 0) | tied, change, -forces), True)
+        fewest, patience = (count, PATIENCE) if count < fewest else (fewest, patience - 1)
+        if patience > 0:
+            active ^= wrong
+        else:
+            active[np.flatnonzero(wrong)[-1]] ^= True
+    return SmallAnswer(change, False)
 
-    slips: np.ndarray
-    direction: np.ndarray
-    bound: np.ndarray
-    size: np.ndarray
-    grows: np.ndarray
+
+class Slipping(NamedTuple):
+    """What rows do by a trial force y = x - c g; shapes (m,) but for the direction."""
+
+    slips: np.ndarray  # boolean
+    direction: np.ndarray  # e = y_t / |y_t|, shape (m, d)
+    bound: np.ndarray  # b(y_n)
+    size: np.ndarray  # |y_t|, 1 where it is zero
+    grows: np.ndarray  # derivative of the bound
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionCone:
-    """The law |t| <= min(F, mu n) of m contact rows with d tangents each.
+    """The law |t| <= min(F, mu n) of m contact rows with d tangents each."""
 
-    Parameters
-    ----------
-    cap
-        F (force), inf where there is none, shape (m,).
-    coefficient
-        mu >= 0, shape (m,).
-    tied
-        Boolean, shape (m,): rows that stay closed, with normal forces of either sign.
-    d
-        Number of tangents of a row, 1 or 2.
-    """
-
-    cap: np.ndarray
-    coefficient: np.ndarray
-    tied: np.ndarray
-    d: int
+    cap: np.ndarray  # F (force), inf where there is none, shape (m,)
+    coefficient: np.ndarray  # mu >= 0, shape (m,)
+    tied: np.ndarray  # boolean: rows that stay closed, normal forces of either sign, shape (m,)
+    d: int  # tangents of a row, 0 without friction
 
     def bound(self, n: np.ndarray) -> np.ndarray:
         """b(n), shape (m,)."""
@@ -89,7 +99,7 @@ class FrictionCone:
 
     def projected(self, y: np.ndarray) -> np.ndarray:
         """The point of |t| <= b(n) closest to y_t, with n = [y_n]_+; both stacked."""
-        n, t = self._split(y)
+        n, t = self.split(y)
         b, size = self.bound(n), np.linalg.norm(t, axis=1)
         kept = np.where(size > b, b / np.where(size > 0, size, 1.0), 1.0)
         n = np.where(self.tied, n, np.maximum(n, 0.0))
@@ -99,65 +109,67 @@ class FrictionCone:
         """The law of some rows."""
         return FrictionCone(self.cap[rows], self.coefficient[rows], self.tied[rows], self.d)
 
-    def _split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Normal (m,) and tangential parts (m, d) of forces or gaps."""
         m = len(self.cap)
         return x[:m], x[m:].reshape(m, self.d)
-
-    def __call__(self, W: Compliance, gaps: np.ndarray, forces: np.ndarray) -> SmallAnswer:
-        """The change of the forces that meets the law, a ``SmallProblem`` of ``secants``.
-
-        Where Newton's method does not converge it is the best one seen, and not exact.
-        """
-        n, t = self._split(W.diagonal)
-        compliance = np.concatenate([n, np.repeat(t.mean(axis=1), self.d)])
-        best, zero = (np.inf, np.zeros_like(forces)), np.zeros_like(forces)
-        for start, soft in product((lambda: zero, lambda: _stuck(W, gaps)), SOFT):
-            left, change, exact = self._newton(W, gaps, forces, start(), soft / compliance)
-            if exact:
-                return SmallAnswer(change, True)
-            best = min(best, (left / soft, change), key=lambda found: found[0])
-        return SmallAnswer(self.projected(forces + best[1]) - forces, False)
 
     def numbers(self, rows: np.ndarray) -> np.ndarray:
         """Numbers of the forces of some rows, n first."""
         tangents = len(self.cap) + self.d * rows[:, None] + np.arange(self.d)
         return np.concatenate([rows, tangents.ravel()])
 
-    def _newton(
-        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
-    ) -> tuple[float, np.ndarray, bool]:
-        """The smallest residual of Newton's method, the change there, and whether it converged.
+    def __call__(self, W: Compliance, gaps: np.ndarray, forces: np.ndarray) -> SmallAnswer:
+        """The change of the forces that meets the law, a ``SmallProblem`` of ``secants``.
 
-        A step that does not lower the residual is shortened; when that does not help it is taken
-        all the same, which breaks cycles.
+        Where Newton's method does not converge it is the best one seen, and not exact.
         """
-        best = np.inf, change, False  # without the start: a change of nothing would teach nothing
-        left, scale = self._residual(W, gaps, forces, change, c), np.abs(forces).max(initial=0.0)
-        for _ in range(STEPS):
-            step = self._step(W, gaps, forces, change, c)
-            if step is None:
-                break
-            before, length = left, 1.0
-            left = self._residual(W, gaps, forces, change + step, c)
-            while length > SHORTEST and not left < before:
-                length /= 2
-                left = self._residual(W, gaps, forces, change + length * step, c)
-            if not left < before:
-                length, left = 1.0, self._residual(W, gaps, forces, change + step, c)
-            change = change + length * step
-            x = forces + change
-            moved, size = np.abs(step).max(initial=0.0), max(scale, np.abs(x).max(initial=0.0))
-            if moved <= EXACT * size or (moved <= SETTLED * size and left > before / 2):
-                return left, np.where(x == 0, -forces, change + (self.projected(x) - x)), True
-            best = min(best, (left, change, False), key=lambda found: found[0])
-        return best
+        if not self.d:
+            return exchange(W, gaps, forces, self.tied)
+        n, t = self.split(W.diagonal)
+        compliance = np.concatenate([n, np.repeat(t.mean(axis=1), self.d)])
+        best, zero = (np.inf, np.zeros_like(forces)), np.zeros_like(forces)
+        for start, soft in product((lambda: zero, lambda: _stuck(W, gaps)), SOFT):
+            equation = _Equation(self, W, gaps, forces, soft / compliance)
+            left, change, exact = equation.solved(start())
+            if exact:
+                return SmallAnswer(change, True)
+            best = min(best, (left / soft, change), key=lambda found: found[0])
+        return SmallAnswer(self.projected(forces + best[1]) - forces, False)
+
+    def slipping(self, y: np.ndarray) -> Slipping:
+        """Which rows slip by a trial y = x - c g, and where to."""
+        n, t = self.split(y)
+        b, size = self.bound(n), np.linalg.norm(t, axis=1)
+        slips = (size > b) | (b <= 0)
+        size = np.where(size > 0, size, 1.0)
+        grows = np.where(self.coefficient * n < self.cap, self.coefficient, 0.0)
+        return Slipping(slips, t / size[:, None], b, size, grows)
+
+    def linearised(
+        self, J: np.ndarray, slack: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Matrix and residual of closed rows: g_n = 0, and g_t = 0 or t = b(n) y_t/|y_t|.
+
+        ``slack`` is c g (force), J its derivative with respect to the forces x.
+        """
+        k, d, identity = len(self.cap), self.d, np.eye(len(J))
+        slips, e, b, size, grows = self.slipping(x - slack)
+        db = grows[:, None] * (identity[:k] - J[:k])
+        across = (b / size)[:, None, None] * orthogonal(e)
+        I_t, J_t = (A[k:].reshape(k, d, len(J)) for A in (identity, J))
+        sliding = I_t - e[:, :, None] * db[:, None, :] - across @ (I_t - J_t)
+        t, r = self.split(x)[1], slack.copy()
+        r[k:] = np.where(slips[:, None], t - b[:, None] * e, slack[k:].reshape(k, d)).ravel()
+        J_t = np.where(slips[:, None, None], sliding, J_t)
+        return np.concatenate([J[:k], J_t.reshape(k * d, len(J))]), r
 
     def follows(self, forces: np.ndarray, gaps: np.ndarray, touching: float) -> np.ndarray:
         """mu e of the rows at a solution, (m, d): e = t/b where they press, else their direction.
 
         Whichever way, |s + r| >= |s| + e.r for the slip s and all r.
         """
-        (n, t), slip = self._split(forces), -self._split(gaps)[1]
+        (n, t), slip = self.split(forces), -self.split(gaps)[1]
         b, size = self.bound(n), np.linalg.norm(slip, axis=1)
         moves = np.where(size > touching, 1 / np.where(size > 0, size, 1.0), 0.0)[:, None] * slip
         e = np.where((b > 0)[:, None], t / np.where(b > 0, b, 1.0)[:, None], moves)
@@ -167,14 +179,10 @@ class FrictionCone:
         """Other forces than a solution's that meet the law with the compliance S.
 
         They are looked for from several starts: no contact, all rows closed and sticking, all
-        slips reversed, all tangential forces at their bound.
-
-        Returns
-        -------
-        ndarray or None
-            The forces, NaN if they exist but were not found; None if nothing tells of others.
+        slips reversed, all tangential forces at their bound.  NaN if they exist but were not found,
+        None if nothing tells of others.
         """
-        W, (n, t) = Compliance.of(S), self._split(forces)
+        W, (n, t) = Compliance.of(S), self.split(forces)
         stuck = forces + _stuck(W, gaps)
         bounds = np.tile(self.bound(stuck[: len(n)])[:, None], self.d)
         tangents = -t, bounds, -bounds
@@ -194,75 +202,78 @@ class FrictionCone:
         negative one has others beside it.  Rows at the bound that do not slip count as sticking;
         supports across rows make it singular, and tell nothing.
         """
-        rows = np.flatnonzero((self._split(forces)[0] > 0) | self.tied)
+        rows = np.flatnonzero((self.split(forces)[0] > 0) | self.tied)
         chosen, wider = self.numbers(rows), (1 + DIFFERENT) * self.coefficient
         law = FrictionCone(self.cap, wider, self.tied, self.d).of(rows)
         k = 1 / np.where(S.diagonal() > 0, S.diagonal(), 1.0)[chosen]
         for tangents in k[len(rows) :].reshape(-1, self.d):
             tangents[:] = tangents.mean()
-        J, _ = law.linearised(
-            k[:, None] * S[np.ix_(chosen, chosen)], k * gaps[chosen], forces[chosen]
-        )
+        scaled = k[:, None] * S[np.ix_(chosen, chosen)]
+        J, _ = law.linearised(scaled, k * gaps[chosen], forces[chosen])
         regular = len(J) and np.linalg.cond(J) < SINGULAR
         return bool(regular and np.linalg.slogdet(J)[0] < 0)
 
-    def _residual(
-        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
-    ) -> float:
-        """Norm of x minus its projection from x - c g."""
-        x = forces + change
-        return float(np.linalg.norm(x - self.projected(x - c * (gaps + W @ change))))
 
-    def _step(
-        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray, change: np.ndarray, c: np.ndarray
-    ) -> np.ndarray | None:
+@dataclass(frozen=True, eq=False)
+class _Equation:
+    """x = projected(x - c g) for changes of the forces x, with g = gaps + W change."""
+
+    law: FrictionCone
+    W: Compliance
+    gaps: np.ndarray
+    forces: np.ndarray
+    c: np.ndarray
+
+    def trial(self, change: np.ndarray) -> np.ndarray:
+        """x - c g."""
+        return self.forces + change - self.c * (self.gaps + self.W @ change)
+
+    def residual(self, change: np.ndarray) -> float:
+        """Norm of x minus its projection from x - c g."""
+        x = self.forces + change
+        return float(np.linalg.norm(x - self.law.projected(self.trial(change))))
+
+    def step(self, change: np.ndarray) -> np.ndarray | None:
         """One semismooth Newton step; None if its matrix is singular."""
-        n, _ = self._split(forces + change - c * (gaps + W @ change))
-        closed = np.flatnonzero((n > 0) | self.tied)
-        chosen, following = self.numbers(closed), -forces
+        law, W, c = self.law, self.W, self.c
+        closed = np.flatnonzero((law.split(self.trial(change))[0] > 0) | law.tied)
+        chosen, following = law.numbers(closed), -self.forces
         following[chosen] = change[chosen]
-        force, slack = forces + following, c * (gaps + W @ following)
-        law = self.of(closed)
-        J, r = law.linearised(c[chosen, None] * W.block(chosen), slack[chosen], force[chosen])
+        force, slack = self.forces + following, c * (self.gaps + W @ following)
+        J = c[chosen, None] * W.block(chosen)
+        J, r = law.of(closed).linearised(J, slack[chosen], force[chosen])
         try:
             following[chosen] -= np.linalg.solve(J, r)
         except np.linalg.LinAlgError:
             return None
         return following - change if np.isfinite(following).all() else None
 
-    def slipping(self, y: np.ndarray) -> Slipping:
-        """Which rows slip by a trial y = x - c g, and where to."""
-        n, t = self._split(y)
-        b, size = self.bound(n), np.linalg.norm(t, axis=1)
-        slips = (size > b) | (b <= 0)
-        size = np.where(size > 0, size, 1.0)
-        grows = np.where(self.coefficient * n < self.cap, self.coefficient, 0.0)
-        return Slipping(slips, t / size[:, None], b, size, grows)
+    def solved(self, change: np.ndarray) -> tuple[float, np.ndarray, bool]:
+        """The smallest residual of Newton's method, the change there, and whether it converged.
 
-    def linearised(
-        self, J: np.ndarray, slack: np.ndarray, x: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix and residual of closed rows: g_n = 0, and g_t = 0 or t = b(n) y_t/|y_t|.
-
-        Parameters
-        ----------
-        J
-            Derivative of ``slack`` with respect to the forces.
-        slack
-            c g, a force.
-        x
-            The forces.
+        A step that does not lower the residual is shortened; when that does not help it is taken
+        all the same, which breaks cycles.
         """
-        k, d, identity = len(self.cap), self.d, np.eye(len(J))
-        slips, e, b, size, grows = self.slipping(x - slack)
-        db = grows[:, None] * (identity[:k] - J[:k])
-        across = (b / size)[:, None, None] * orthogonal(e)
-        I_t, J_t = (A[k:].reshape(k, d, len(J)) for A in (identity, J))
-        sliding = I_t - e[:, :, None] * db[:, None, :] - across @ (I_t - J_t)
-        t, r = self._split(x)[1], slack.copy()
-        r[k:] = np.where(slips[:, None], t - b[:, None] * e, slack[k:].reshape(k, d)).ravel()
-        J_t = np.where(slips[:, None, None], sliding, J_t)
-        return np.concatenate([J[:k], J_t.reshape(k * d, len(J))]), r
+        best = np.inf, change, False  # without the start: a change of nothing would teach nothing
+        left, scale = self.residual(change), np.abs(self.forces).max(initial=0.0)
+        for _ in range(STEPS):
+            step = self.step(change)
+            if step is None:
+                break
+            before, length, left = left, 1.0, self.residual(change + step)
+            while length > SHORTEST and not left < before:
+                length /= 2
+                left = self.residual(change + length * step)
+            if not left < before:
+                length, left = 1.0, self.residual(change + step)
+            change = change + length * step
+            x = self.forces + change
+            moved, size = np.abs(step).max(initial=0.0), max(scale, np.abs(x).max(initial=0.0))
+            if moved <= EXACT * size or (moved <= SETTLED * size and left > before / 2):
+                exact = change + (self.law.projected(x) - x)
+                return left, np.where(x == 0, -self.forces, exact), True
+            best = min(best, (left, change, False), key=lambda found: found[0])
+        return best
 
 
 def orthogonal(e: np.ndarray) -> np.ndarray:

@@ -32,23 +32,13 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Descent:
-    """A convex function phi of the step length alpha, with phi'(0) < 0.
+    """A convex function phi of the step length alpha, with phi'(0) < 0."""
 
-    Parameters
-    ----------
-    energy, derivative
-        phi and phi' as functions of alpha.
-    energy_0, slope_0
-        phi(0) and phi'(0) < 0.
-    magnitude
-        Size of the terms that phi is summed from; its rounding is ROUNDING times that.
-    """
-
-    energy: Callable[[float], float]
-    derivative: Callable[[float], float]
-    energy_0: float
-    slope_0: float
-    magnitude: float
+    energy: Callable[[float], float]  # phi
+    derivative: Callable[[float], float]  # phi'
+    energy_0: float  # phi(0)
+    slope_0: float  # phi'(0)
+    magnitude: float  # size of the terms that phi is summed from, which its rounding follows
 
     def is_rounding(self, change: float) -> bool:
         """Whether a change of phi of this size may be nothing but rounding."""
@@ -103,13 +93,12 @@ class Armijo:
         while alpha >= self.smallest:
             value = phi.energy(alpha)
             enough = value <= phi.energy_0 + self.slope * alpha * phi.slope_0
-            if enough or (phi.is_rounding(value - phi.energy_0) and self._flat(phi, alpha)):
+            if not enough and phi.is_rounding(value - phi.energy_0):
+                enough = phi.derivative(alpha) <= (1 - 2 * self.slope) * abs(phi.slope_0)
+            if enough:
                 return Step(length=alpha, energy=value, halvings=halvings)
             alpha, halvings = alpha * self.shrink, halvings + 1
         return None
-
-    def _flat(self, phi: Descent, alpha: float) -> bool:
-        return phi.derivative(alpha) <= (1 - 2 * self.slope) * abs(phi.slope_0)
 
 
 @dataclass(frozen=True)
@@ -122,24 +111,16 @@ class FullSteps:
 
 
 class Bracket:
-    """The zero of an increasing slope, enclosed by safeguarded secant steps.
+    """The zero in (0, 1) of an increasing slope, negative at 0, by safeguarded secant steps.
 
     The slope may jump, as where a soft plastic element turns elastic: secants then creep towards
     the jump from one side.  Many trials in a row below it are followed by the middle, many above by
     a point near the lower end, as the zero may be tiny.
-
-    Parameters
-    ----------
-    slope
-        The slope at 0, negative.
-    most
-        The largest argument.
     """
 
-    def __init__(self, slope: float, most: float) -> None:
-        self.low, self.most, self.trial = 0.0, most, 1.0
-        self._low_slope, self._high, self._high_slope = slope, math.inf, math.nan
-        self._row = 0
+    def __init__(self, slope: float) -> None:
+        self.low, self.trial, self._row = 0.0, 1.0, 0
+        self._low_slope, self._high, self._high_slope = slope, 1.0, math.nan
 
     def narrow(self, slope: float) -> None:
         """Take note of the slope at ``trial`` and choose the next one; NaN counts as too far."""
@@ -150,9 +131,7 @@ class Bracket:
             self._high, self._high_slope = self.trial, slope
             self._row = max(self._row, 0) + 1
         width = self._high - self.low
-        if width == math.inf:
-            self.trial = min(2 * self.low, self.most)
-        elif self._row > IN_A_ROW:
+        if self._row > IN_A_ROW:
             self.trial = self.low + width / 10
         elif not math.isfinite(self._high_slope) or self._row < -IN_A_ROW:
             self.trial = self.low + width / 2
@@ -164,20 +143,10 @@ class Bracket:
 def nearly_flat(slope: Callable[[float], float], noise: float) -> tuple[float, int] | None:
     """A step length near the minimum of a convex phi, at most 1, and the trials before it.
 
-    Parameters
-    ----------
-    slope
-        phi'.
-    noise
-        What rounding leaves of it.
-
-    Returns
-    -------
-    tuple or None
-        None if phi does not fall beyond rounding.
+    ``slope`` is phi', ``noise`` what rounding leaves of it; None if phi does not fall beyond that.
     """
     slope_0 = slope(0.0)
-    bracket = Bracket(slope_0, 1.0)
+    bracket = Bracket(slope_0)
     for trials in range(EVALUATIONS):
         t = bracket.trial
         here = slope(t)

@@ -1,10 +1,10 @@
 """Contact problems whose compliance is dear: each product with it takes a solve.
 
-Forces x of rows change their gaps from g to g + S (x - x_0).  The conditions that forces and gaps
-have to meet are solved with a secant matrix W instead of S; one true product with the change of the
-forces then gives the true gaps and teaches W.  Every product that is not the last one is a new
-direction, so that it ends after at most as many as there are rows, and in practice after about as
-many as the conjugate gradient method needs.
+S = R K^-1 R' maps forces x of rows R to their displacements: they change the gaps from g to
+g + S (x - x_0).  The conditions that forces and gaps have to meet are solved with a secant matrix W
+instead of S; one true product with the change of the forces then gives the true gaps and teaches W.
+Every product that is not the last one is a new direction, so that it ends after at most as many as
+there are rows, and in practice after about as many as the conjugate gradient method needs.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ngepc.linalg.compliance import Compliance
+SPANNED = 1e-12
+"""A force whose part beyond those learned does a smaller share of its work is one of them."""
 
 ROUNDING = 3e-14
 """Part of an answer that is rounding."""
@@ -24,6 +25,62 @@ FIRST = 3e-2
 
 RESTARTS = 4
 """Products are at most so many times as many as rows."""
+
+
+class Compliance:
+    """W close to S, symmetric and positive definite, with W v = S v for what it has learned.
+
+    It starts as diag + C C', with a positive diagonal (length per force) and ``columns`` C (n, k),
+    and learns by BFGS updates with forces that are made S-orthogonal, so that all products since
+    ``restart`` stay exact.  What earlier tangents have taught it is kept as a guess.
+    """
+
+    def __init__(self, diagonal: np.ndarray, columns: np.ndarray | None = None) -> None:
+        columns = np.zeros((len(diagonal), 0)) if columns is None else columns
+        self._diagonal, self._columns = diagonal, columns  # W = diag + columns diag(signs) columns'
+        self._signs = np.ones(columns.shape[1])
+        self.restart()
+
+    @classmethod
+    def of(cls, S: np.ndarray) -> Compliance:
+        """W = S, known from the start; a force that moves nothing has the largest diagonal."""
+        S = S + np.diag(np.where(S.diagonal() > 0, 0.0, S.diagonal().max(initial=0.0)))
+        W, (sizes, vectors) = cls(np.zeros(len(S))), np.linalg.eigh((S + S.T) / 2)
+        W._columns, W._signs = vectors * np.sqrt(np.abs(sizes)), np.sign(sizes)
+        return W
+
+    def __matmul__(self, forces: np.ndarray) -> np.ndarray:
+        return self._diagonal * forces + self._columns @ (self._signs * (forces @ self._columns))
+
+    @property
+    def diagonal(self) -> np.ndarray:
+        """The diagonal of W."""
+        return self._diagonal + (self._columns**2) @ self._signs
+
+    def block(self, chosen: np.ndarray) -> np.ndarray:
+        """Rows and columns of W for some of the forces, dense."""
+        columns = self._columns[chosen]
+        return np.diag(self._diagonal[chosen]) + (columns * self._signs) @ columns.T
+
+    def restart(self) -> None:
+        """Take note of a new tangent K: what was learned becomes a guess."""
+        self._learned: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def learn(self, force: np.ndarray, answer: np.ndarray) -> bool:
+        """Make W force = answer, where answer = S force; False if W knows it already."""
+        work = force @ answer
+        for v, Sv in self._learned:
+            share = v @ answer
+            force, answer = force - share * v, answer - share * Sv
+        size = force @ answer
+        if not size > SPANNED * work:
+            return False
+        v, Sv = force / np.sqrt(size), answer / np.sqrt(size)
+        guess = self @ v
+        self._columns = np.column_stack([self._columns, Sv, guess / np.sqrt(v @ guess)])
+        self._signs = np.append(self._signs, [1.0, -1.0])
+        self._learned.append((v, Sv))
+        return True
 
 
 class SmallAnswer(NamedTuple):
@@ -45,28 +102,12 @@ def solve_by_secants(
     forces: np.ndarray,
     slack: float,
 ) -> np.ndarray | None:
-    """Forces that meet the conditions of contact with the gaps they cause.
+    """Forces that meet the conditions of contact with the gaps they cause, from those given (n,).
 
-    Parameters
-    ----------
-    small
-        Solves the conditions with a known compliance.
-    product
-        d -> S d; called with each change of the forces, which add up to all of it.
-    compliance
-        W, a guess of S; it learns.
-    gaps
-        Gaps (length) at the forces to start from, shape (n,).
-    forces
-        The forces to start from, shape (n,).
-    slack
-        Changes of the gaps that need no further product (length); the first one is made unless it
-        is rounding, so that none of several calls leaves the gaps as they were.
-
-    Returns
-    -------
-    ndarray or None
-        The forces; None if a number became NaN or infinite or rows are dependent.
+    ``product`` maps d to S d; it is called with each change of the forces, which add up to all of
+    it.  Changes of the gaps below ``slack`` (length) need no further product; the first one is made
+    unless it is rounding, so that none of several calls leaves the gaps as they were.  None if a
+    number became NaN or infinite or rows are dependent.
     """
     compliance.restart()
     for number in range(RESTARTS * (len(gaps) + 3)):

@@ -20,14 +20,8 @@ def is_unique(follows: np.ndarray, compliance: Product, stiffness: Product) -> b
     2006, for the continuous problem).  The largest quotient is that of Lanczos' method in the
     product S, from a random start, with as many steps as leave a chance of ``DOUBT`` that it is 1
     or more (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992, for a direction of
-    uniform probability).
-
-    Parameters
-    ----------
-    follows
-        mu e, shape (m, d).
-    compliance, stiffness
-        d -> S d and its inverse, both for (n, t).
+    uniform probability).  ``follows`` is mu e (m, d), ``compliance`` and ``stiffness`` are d -> S d
+    and its inverse, both for (n, t).
     """
 
     def pulled(g: np.ndarray) -> np.ndarray:

@@ -16,8 +16,8 @@ import numpy as np
 
 from ngepc.discretisation.contact_step import with_contact
 from ngepc.discretisation.rows import HELD
-from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.friction import SHORTEST, SOFT
+from ngepc.linalg.secants import Compliance
 from ngepc.local.closed import Closed, Rubbing
 from ngepc.local.factors import TangentError
 from ngepc.local.iterative import IterativeTangent
@@ -98,7 +98,7 @@ class InexactTarget:
             If a linear system or the contact with friction is not solved.
         """
         tangent.linearise(here)
-        accuracy, rough = self.accuracy(here.residual_norm), self._contact.friction is not None
+        accuracy, rough = self.accuracy(here.residual_norm), self._contact.friction.d > 0
         try:
             at, settled = self._sets(here, tangent, accuracy)
         except TangentError:
@@ -116,7 +116,7 @@ class InexactTarget:
     ) -> tuple[Meeting, bool]:
         """Contact and friction by active sets: the best found, and whether it is the solution."""
         contact, processes = self._contact, self._contact.processes
-        rough = contact.friction is not None
+        rough = contact.friction.d > 0
         scale = accuracy * here.residual_norm * here.force_scale if rough else 0.0
         at = Meeting(np.zeros(here.u.size), here.contact, here.gaps)
         active, touching = here.multipliers > 0, here.touching_distance
@@ -180,7 +180,7 @@ class InexactTarget:
 
     def _rubbing(self, active: np.ndarray, y: np.ndarray, c: np.ndarray) -> Rubbing | None:
         """What closed rows do by the trial forces y = x - c g; None without friction."""
-        if self._contact.friction is None:
+        if not self._contact.friction.d:
             return None
         tangents = self._contact.tangential(c)[:, 0]
         return Rubbing.by(self._contact.friction, active, self._movable, y, tangents)

@@ -80,7 +80,7 @@ class PrimalDualStep:
     def rival(self, state: State) -> tuple[bool, str]:
         """Whether friction allows other equilibria beside a solution, see ``NewtonStep``."""
         discrete = state.discrete
-        if discrete.contact.friction is None:
+        if not discrete.contact.friction.d:
             return False, ""
         self.tangent.linearise(state.on_sphere())
         work = discrete.contact, self.tangent.solve, state.gaps, state.contact

@@ -41,7 +41,7 @@ def carried_forces(discrete: DiscreteProblem, start: object) -> np.ndarray | Non
         return None
     normal = np.maximum(_at_vertices(pressure, discrete)[:, 0], 0.0) * rows.weights
     normal = np.where(rows.tied, 0.0, normal)
-    if discrete.contact.friction is None:
+    if not discrete.contact.friction.d:
         return normal
     friction = getattr(start, "friction_stress", None)
     tangential = np.zeros((len(rows), rows.tangents.shape[1]))

@@ -18,7 +18,7 @@ import numpy as np
 
 from ngepc.discretisation.balance import EPSILON
 from ngepc.discretisation.contact_step import ROUNDING, ContactWork, with_contact
-from ngepc.linalg.compliance import Compliance
+from ngepc.linalg.secants import Compliance
 from ngepc.local.factors import Tangent, TangentError
 from ngepc.local.system import DiscreteProblem, State
 

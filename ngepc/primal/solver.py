@@ -22,9 +22,9 @@ from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.balance import EPSILON
 from ngepc.discretisation.contact_step import ROUNDING, ContactWork, rival, with_contact
 from ngepc.discretisation.prolongation import nodal_values
-from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError, require_solver
 from ngepc.linalg.linesearch import nearly_flat
+from ngepc.linalg.secants import Compliance
 from ngepc.model.problem import Problem
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.result import PrimalResult, PrimalState
@@ -94,7 +94,7 @@ class PrimalStep:
 
     def rival(self, state: PrimalState) -> tuple[bool, str]:
         """Whether friction allows other equilibria beside a solution, see ``NewtonStep``."""
-        if self.contact.friction is None:
+        if not self.contact.friction.d:
             return False, ""
         self.reduced.factorise(state.u)
         work = self.contact, self.reduced.solve, state.gaps, state.contact

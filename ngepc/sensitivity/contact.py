@@ -17,7 +17,6 @@ from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.conditions import GRIP
 from ngepc.discretisation.rows import HELD
-from ngepc.linalg.friction import FrictionCone
 from ngepc.local.system import State
 from ngepc.sensitivity.radial import Data
 
@@ -40,13 +39,12 @@ class RowSides:
 
     def __init__(self, state: State) -> None:
         conditions, rows = state.discrete.contact, state.discrete.rows
-        law: FrictionCone | None = conditions.friction
-        m, d = len(rows), rows.normals.shape[1] - 1
+        law, m, d = conditions.friction, *state.slip.shape
         self.closed = (state.multipliers > 0) | rows.tied
-        self.bound, self.rough = conditions.bound(state.contact), law is not None
+        self.bound, self.rough = conditions.bound(state.contact), law.d > 0
         trial, self.coefficient = np.zeros((m, d)), np.zeros(m)
         self.grows = np.zeros(m, dtype=bool)
-        if law is not None:
+        if self.rough:
             stiffness = state.discrete.row_stiffness[m:].reshape(m, d)[:, :1]
             trial = state.tangential_forces + stiffness * state.slip
             trial[rows.tied] = 0.0

@@ -78,7 +78,7 @@ class MovingBody:
             "origin": contact.tangential(turned(state.gaps, discrete, old.discrete)),
             "values": discrete.supports.values,
         }
-        if contact.friction is not None:
+        if contact.friction.d:
             found |= {"cap": contact.friction.cap, "coefficient": contact.friction.coefficient}
             found["cap"] = np.where(np.isfinite(found["cap"]), found["cap"], 0.0)
         return found
@@ -94,7 +94,7 @@ class MovingBody:
 
 def turned(x: np.ndarray, here: DiscreteProblem, there: DiscreteProblem) -> np.ndarray:
     """Forces or gaps of rows on one mesh in the tangents of the same rows on a mesh close by."""
-    if here.contact.friction is None:
+    if not here.contact.friction.d:
         return x
     corner = np.einsum("mik,mjk->mij", here.rows.tangents, there.rows.tangents)
     left, _, right = np.linalg.svd(corner)

@@ -22,8 +22,8 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import block
-from ngepc.linalg.compliance import Compliance
 from ngepc.linalg.friction import FrictionCone
+from ngepc.linalg.secants import Compliance
 from ngepc.linalg.uniqueness import is_unique
 
 MU, PRESSURE = 100.0, 4.0

@@ -5,9 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from ngepc.linalg.complementarity import exchange
-from ngepc.linalg.compliance import Compliance
-from ngepc.linalg.secants import solve_by_secants
+from ngepc.linalg.friction import exchange
+from ngepc.linalg.secants import Compliance, solve_by_secants
 
 
 def spd(rng, n, condition):

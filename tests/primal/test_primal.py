@@ -491,7 +491,7 @@ def test_nearly_perfect_plasticity_and_nearly_incompressible():
 
 def test_bracket_finds_a_jump_of_the_slope():
     """Slope -1 before 1e-3, 0.1 after it: the trials close in on the jump from both sides."""
-    bracket, low, high = Bracket(-1.0, 1.0), 0.0, 1.0
+    bracket, low, high = Bracket(-1.0), 0.0, 1.0
     for _ in range(30):
         slope = -1.0 if bracket.trial < 1e-3 else 0.1
         low, high = (bracket.trial, high) if slope < 0 else (low, bracket.trial)
