@@ -122,7 +122,7 @@ def moved(problem, rates):
         gap=None if problem.gap is None else problem.gap + rate["gap"],
         friction=friction,
         prescribed={
-            n: tuple((1 + rate["prescribed"]) * c for c in cs)
+            n: tuple(None if c is None else (1 + rate["prescribed"]) * c for c in cs)
             for n, cs in problem.prescribed.items()
         },
         initial_plastic_strain=(1 + rate["initial_plastic_strain"]) * problem.p_0,

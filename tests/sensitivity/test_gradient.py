@@ -30,6 +30,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import block, lshape
+from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.forms import as_functional, misfit
 from ngepc.sensitivity.functionals import DisplacementAt, Reaction
 from ngepc.sensitivity.gradient import gradient
@@ -257,6 +258,37 @@ def test_friction_region_by_region():
     field = semismooth_newton(pushed_block(Coulomb(0.01 + 0 * x)))
     factor = gradient(field, "contact_force", "friction")["friction"]
     assert factor == pytest.approx(0.01 * slopes["all"], rel=1e-9)
+
+
+SUPPORTS = [
+    (16, (0.0, None)),
+    (16, (None, 1e-4 * y)),
+    (20, (0.0, 1e-3 * y)),
+    (19, (0.0, None, None)),
+]
+
+
+@pytest.mark.parametrize(("seed", "held"), SUPPORTS)
+def test_coulomb_friction_beside_a_support(seed, held):
+    """A support at the edge of contact takes a row or a tangent of it; rows before others gape."""
+    base = random_problem(seed)
+    mesh = block.structured_mesh(6, 3, size=(1.0, 0.7), simplices=True)
+    problem = replace(
+        base,
+        mesh=mesh if base.N == 2 else base.mesh,
+        gap=0.0015 - 0.003 * x,
+        friction=Coulomb(0.2),
+        prescribed={"clamped": (0.0,) * base.N, "left": held},
+    )
+    result = once(problem)
+    rows, supported = result.rows, ~result.discrete.free.ravel()
+    assert len(rows) < 7 or (rows.tangential @ supported).any() or (rows.normal @ supported).any()
+    sides = LinearContact(result.state)
+    assert sides.slips.sum() >= 3
+    assert not sides.closed.all()
+    found = [c for c in compared(problem, every=slice(0, None, 2)) if c.smooth]
+    assert len(found) >= 15
+    assert max(c.error for c in found) < 1e-8
 
 
 def test_the_study_says_what_it_found(tmp_path):
