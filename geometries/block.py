@@ -14,13 +14,12 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngepc.checks.arguments import (
     require_integer,
-    require_mesh_width,
     require_number,
     require_vector,
 )
 from ngepc.checks.kinds import require_flag
 
-from .outlines import meshed, polygon
+from .outlines import meshed, polygon, require_mesh_width
 
 _NAMES = {"bottom": "clamped", "top": "contact"}
 _NAMES_3D = {"back": "left", "front": "right", "left": "front", "right": "back", **_NAMES}

@@ -6,10 +6,8 @@ Boundaries: ``clamped`` is the left edge, ``load`` the right one (length 16), th
 
 from ngsolve import Mesh
 
-from ngepc.checks.arguments import require_mesh_width
-
 from .bisection import refined_to, triangulated
-from .outlines import meshed, polygon
+from .outlines import meshed, polygon, require_mesh_width
 
 _CORNERS = (
     ((0.0, 0.0), "free"),

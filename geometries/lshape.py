@@ -7,10 +7,8 @@ Boundaries: ``clamped`` is (1/2, 1) x {0}, ``contact`` is (0, 1) x {1}, ``load``
 from netgen.geom2d import CSG2d
 from ngsolve import Mesh
 
-from ngepc.checks.arguments import require_mesh_width
-
 from .bisection import Point, refined_to, triangulated
-from .outlines import geometry_of, outward, polygon
+from .outlines import geometry_of, outward, polygon, require_mesh_width
 
 PAPER_NODES = (833, 1601, 3201, 6273, 12545, 24833)
 COARSE_NODES = 417

@@ -8,6 +8,8 @@ from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import Mesh
 
+from ngepc.checks.arguments import require_number
+
 
 def polygon(corners: Iterable[tuple[tuple[float, float], str]]) -> Solid2d:
     """The polygon with these corners, counterclockwise, each with the name of the edge after it."""
@@ -40,3 +42,12 @@ def outward(netgen_mesh: NetgenMesh) -> NetgenMesh:
     netgen_mesh.SetGeometry(None)
     netgen_mesh.Update()
     return netgen_mesh
+
+
+def require_mesh_width(maxh: object, extent: float, dim: int) -> float:
+    """``maxh`` as a float when it is a mesh width > 0 that leaves the mesh of a bearable size.
+
+    The least width is ``extent`` / 1000 for a body of that extent, in three dimensions / 100.
+    """
+    require_number("maxh", maxh, 0, strict=True)
+    return require_number("maxh", maxh, extent / (1000 if dim == 2 else 100))

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from netgen.geom2d import Circle, Solid2d
 from ngsolve import Mesh
 
-from ngepc.checks.arguments import require_mesh_width, require_number, require_vector
+from ngepc.checks.arguments import require_number, require_vector
 
-from .outlines import meshed, polygon
+from .outlines import meshed, polygon, require_mesh_width
 
 
 def mesh(maxh: float = 0.1, size: Sequence[float] = (2.0, 2.0), radius: float = 0.25) -> Mesh:

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from netgen.geom2d import EdgeInfo, Solid2d
 from ngsolve import Mesh
 
-from ngepc.checks.arguments import require_mesh_width, require_number, require_vector
+from ngepc.checks.arguments import require_number, require_vector
 
-from .outlines import meshed
+from .outlines import meshed, require_mesh_width
 
 
 def mesh(

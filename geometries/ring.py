@@ -10,9 +10,9 @@ from netgen.csg import Plane, Pnt, Sphere, Vec
 from netgen.geom2d import Circle, Solid2d
 from ngsolve import Mesh
 
-from ngepc.checks.arguments import require_mesh_width, require_number
+from ngepc.checks.arguments import require_number
 
-from .outlines import meshed, polygon
+from .outlines import meshed, polygon, require_mesh_width
 
 
 def mesh(maxh: float = 0.25, inner: float = 1.0, outer: float = 2.0) -> Mesh:

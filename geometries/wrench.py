@@ -12,10 +12,8 @@ is the top edge of the handle from (5, 2.6) to (8, 2), the rest is ``free``.
 from netgen.geom2d import CSG2d
 from ngsolve import Mesh
 
-from ngepc.checks.arguments import require_mesh_width
-
 from .bisection import Point, Quadrilateral, refined_to, triangulated
-from .outlines import geometry_of, outward, polygon
+from .outlines import geometry_of, outward, polygon, require_mesh_width
 
 PAPER_NODES = (873, 1641, 3281, 6353, 12705, 24993)
 COARSE_NODES = 437

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from netgen.meshing import NgException
-from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule, Mesh
+from ngsolve import CF, ET, VOL, CoefficientFunction, IntegrationRule, Mesh
 from ngsolve.fem import ElementTopology
 
 Coefficient = float | CoefficientFunction
@@ -36,28 +36,31 @@ def require_number(
     *,
     strict: bool = False,
     most: float = math.inf,
+    below: float = math.inf,
 ) -> float:
-    """``value`` as a float when it is finite, >= ``least`` (> if ``strict``) and <= ``most``."""
+    """``value`` as a float, finite, >= ``least`` (> if ``strict``), <= ``most``, < ``below``."""
     if not is_number(value):
         raise TypeError(f"{name}={value!r}: a real number is needed")
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
-    if not math.isfinite(number) or number < least or number > most or (strict and number == least):
-        lower = "" if least == -math.inf else f" {'>' if strict else '>='} {least:g}"
-        upper = "" if most == math.inf else f" <= {most:g}"
-        raise ValueError(f"{name}={value!r}: a finite number{lower}{upper} is needed")
+    legal = math.isfinite(number) and least <= number <= most and number < below
+    if not legal or (strict and number == least):
+        bounds = {">" if strict else ">=": least, "<=": most, "<": below}
+        parts = [f"{sign} {bound:g}" for sign, bound in bounds.items() if math.isfinite(bound)]
+        needed = " ".join(["a finite number", " and ".join(parts)]).strip()
+        raise ValueError(f"{name}={value!r}: {needed} is needed")
     return number
 
 
-def require_integer(name: str, value: object, least: int, most: int | None = None) -> int:
+def require_integer(name: str, value: object, least: int, most: float = math.inf) -> int:
     """``value`` as an int when it is integral and within [least, most]."""
     number = require_number(name, value)
     if int(number) != number:
         raise TypeError(f"{name}={value!r}: an integer is needed")
-    if value < least or (most is not None and value > most):
-        upper = "" if most is None else f" and <= {most}"
+    if not least <= value <= most:
+        upper = "" if most == math.inf else f" and <= {most}"
         raise ValueError(f"{name}={value!r}: an integer >= {least}{upper} is needed")
     return int(value)
 
@@ -71,15 +74,6 @@ def require_vector(name: str, value: object, lengths: Iterable[int]) -> tuple[fl
     if len(value) not in legal:
         raise ValueError(f"{name}={value!r}: {text} numbers are needed")
     return tuple(require_number(f"{name}[{i}]", x) for i, x in enumerate(value))
-
-
-def require_mesh_width(maxh: object, extent: float, dim: int) -> float:
-    """``maxh`` as a float when it is a mesh width > 0 that leaves the mesh of a bearable size.
-
-    The least width is ``extent`` / 1000 for a body of that extent, in three dimensions / 100.
-    """
-    require_number("maxh", maxh, 0, strict=True)
-    return require_number("maxh", maxh, extent / (1000 if dim == 2 else 100))
 
 
 def require_coefficient(
@@ -99,6 +93,26 @@ def require_coefficient(
     if shape not in legal and not (shape == (1,) and () in legal):
         text = " or ".join("a scalar" if s == () else f"shape {s}" for s in legal)
         raise ValueError(f"{name} has shape {shape or 'scalar'}: {text} is needed")
+
+
+def require_datum(name: str, value: object, least: float = -math.inf, **bounds: float) -> object:
+    """``value``, a scalar coefficient, or a number in its range as a float."""
+    if is_number(value):
+        return require_number(name, value, least, **bounds)
+    require_coefficient(name, value)
+    return value
+
+
+def require_components(name: str, value: object, N: int) -> CoefficientFunction:
+    """``value``, a vector coefficient or N numbers and scalar coefficients, as a coefficient."""
+    if isinstance(value, CoefficientFunction):
+        require_coefficient(name, value, [(N,)])
+        return value
+    if not isinstance(value, tuple | list | np.ndarray):
+        raise TypeError(f"{name}={value!r}: a vector of {N} components is needed")
+    if len(value) != N:
+        raise ValueError(f"{name}={value!r}: {N} components are needed")
+    return CF(tuple(require_datum(f"{name}[{i}]", c) for i, c in enumerate(value)))
 
 
 def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
@@ -174,17 +188,20 @@ def require_finite(
             samples = np.vstack([samples, sample(value, mesh, boundaries, corners=True)])
     except EVALUATION_ERRORS as error:
         raise ValueError(f"{name} cannot be evaluated on {where}: {error}") from error
+    require_in(name, samples, where, least, strict=strict)
+    return samples
+
+
+def require_in(
+    name: str, samples: np.ndarray, where: str, least: float, *, strict: bool = False
+) -> None:
+    """Refuse samples, (points, components), that are not finite, or below ``least``."""
     if not np.isfinite(samples).all():
         raise ValueError(
             f"{name} is NaN or infinite at {np.count_nonzero(~np.isfinite(samples).all(1))} "
             f"of {len(samples)} sampled points of {where}: finite values are needed"
         )
-    require_least(name, float(samples.min(initial=math.inf)), least, strict=strict)
-    return samples
-
-
-def require_least(name: str, found: float, least: float, *, strict: bool = False) -> None:
-    """Accept a smallest value that is >= ``least``, or > if ``strict``."""
+    found = float(samples.min(initial=math.inf))
     if found < least or (strict and found == least):
         sign = ">" if strict else ">="
         raise ValueError(f"{name} falls to {found:g}: values {sign} {least:g} are needed")

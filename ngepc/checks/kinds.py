@@ -9,14 +9,18 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import TypeVar
 
 from ngsolve import Mesh
 
+T = TypeVar("T")
 
-def require_instance(name: str, value: object, kind: type | tuple[type, ...], needed: str) -> None:
-    """Accept an instance of ``kind``; ``needed`` says what that is."""
+
+def require_instance(name: str, value: T, kind: type | tuple[type, ...], needed: str) -> T:
+    """``value``, an instance of ``kind``; ``needed`` says what that is."""
     if not isinstance(value, kind):
         raise TypeError(f"{name}={value!r}: {needed} is needed")
+    return value
 
 
 def require_attributes(name: str, value: object, attributes: Iterable[str], needed: str) -> None:
@@ -39,15 +43,16 @@ def require_function(name: str, value: object, of: str, *, optional: bool = Fals
         raise TypeError(f"{name}={value!r}: a function of {of} is needed")
 
 
-def require_text(name: str, value: object, *, optional: bool = False) -> None:
-    """Accept a string, also an empty one, or None if it is ``optional``."""
+def require_text(name: str, value: object, *, optional: bool = False) -> str | None:
+    """``value``, a string, also an empty one, or None if it is ``optional``."""
     if not isinstance(value, str) and not (optional and value is None):
         raise TypeError(f"{name}={value!r}: a text is needed")
+    return value
 
 
-def require_flag(name: str, value: object) -> None:
-    """Accept True and False."""
-    require_instance(name, value, bool, "True or False")
+def require_flag(name: str, value: object) -> bool:
+    """``value``, True or False."""
+    return require_instance(name, value, bool, "True or False")
 
 
 def require_path(name: str, value: object, suffix: str = "") -> Path:

@@ -16,19 +16,21 @@ from ngepc.checks.arguments import (
     Coefficient,
     boundary_names,
     require_coefficient,
+    require_components,
     require_field,
     require_finite,
     sample,
 )
+from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
 from ngepc.model.contact import Coulomb
 from ngepc.model.elements import element_nodes, vertices_of
 from ngepc.model.given import Given
 from ngepc.model.hardening import check_law
 from ngepc.model.kinematics import Kinematics
-from ngepc.model.loading import check_loads, check_springs, require_vector_load
-from ngepc.model.material import LEGAL, Material, split_hardening
-from ngepc.model.places import Place, Roller, places
+from ngepc.model.loading import CHECKS, check_acting
+from ngepc.model.material import Material, split_hardening
+from ngepc.model.places import Roller
 from ngepc.model.processes import require_whole
 from ngepc.model.rules import plastic_points
 from ngepc.model.support import check_support
@@ -45,9 +47,7 @@ def check_data(problem: Given) -> None:
     check_shared(problem)
     check_material(problem.material, problem.mesh, problem.kinematics)
     check_axis(problem)
-    check_boundaries(problem)
-    check_loads(problem)
-    check_springs(problem)
+    check_acting(problem)
     check_pairs(problem)
     check_gap(problem)
     check_friction(problem)
@@ -56,7 +56,7 @@ def check_data(problem: Given) -> None:
 
 def check_shared(problem: Given) -> None:
     """What several processes cannot do."""
-    given = [problem.traction, problem.pressure, problem.prescribed, problem.springs]
+    given = (getattr(problem, name) for name in CHECKS)
     acting = [item for g in given if isinstance(g, Mapping) for item in g.items()]
     there = {
         "order=2": problem.order == 2,
@@ -107,8 +107,8 @@ def check_axis(problem: Given) -> None:
 def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> None:
     """Elliptic elasticity, positive yield stress and hardening everywhere on the mesh."""
     require_instance("material", material, Material, "a Material")
-    for name, bounds in LEGAL.items():
-        require_finite(name, getattr(material, name), mesh, **bounds)
+    for name, check in declared_checks(Material).items():
+        require_finite(name, getattr(material, name), mesh, **check.keywords)
     N = kinematics.size
     name = f"{N} lame_lambda + 2 lame_mu"
     bulk = require_finite(name, N * material.lame_lambda + 2 * material.lame_mu, mesh).min()
@@ -126,33 +126,6 @@ def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> No
             f"{name} falls to {h:g}: > 0 is needed, "
             "the method is for hardening plasticity (perfect plasticity is a Tabulated law)"
         )
-
-
-def check_boundaries(problem: Given) -> None:
-    """Existing names; nothing both clamped and something else."""
-    named = {"contact": list(problem.contact_names)}
-    for argument in ("traction", "pressure", "prescribed", "springs"):
-        given = getattr(problem, argument)
-        if given is not None:
-            require_instance(argument, given, Mapping, "a mapping of boundary name -> value")
-        named[argument] = _keys(argument, given, problem.mesh)
-    for name, others in named.items():
-        twice = sorted(set(problem.clamped_names) & set(others))
-        if twice:
-            raise ValueError(
-                f"{name} and clamped overlap in {', '.join(twice)}: "
-                "a clamped boundary carries nothing else"
-            )
-
-
-def _keys(argument: str, given: Mapping | None, mesh: Mesh) -> list[Place]:
-    """The single places of a mapping, each once."""
-    legal = boundary_names if argument == "pressure" else places
-    keys = [place for key in (given or {}) for place in legal(argument, key, mesh)]
-    twice = sorted({str(place) for place in keys if keys.count(place) > 1})
-    if twice:
-        raise ValueError(f"{argument} names {', '.join(twice)} more than once")
-    return keys
 
 
 def check_pairs(problem: Given) -> None:
@@ -207,8 +180,8 @@ def check_friction(problem: Given) -> None:
         name, value = "friction.coefficient", value.coefficient
     require_field(name, value, problem.mesh, problem.touching_names, least=0)
     if problem.initial_displacement is not None:
-        require_vector_load("initial_displacement", problem.initial_displacement, problem.N)
-        require_finite("initial_displacement", problem.u_0, problem.mesh, problem.touching_names)
+        u_0 = require_components("initial_displacement", problem.initial_displacement, problem.N)
+        require_finite("initial_displacement", u_0, problem.mesh, problem.touching_names)
 
 
 def check_history(problem: Given) -> None:

@@ -1,13 +1,14 @@
 """What acts between bodies besides a gap: pairs that touch or are glued, and Coulomb's friction."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
-from ngepc.checks.arguments import Coefficient, is_number, require_coefficient, require_number
-from ngepc.checks.kinds import require_flag, require_text
+from ngepc.checks.declared import Declared, Flag, NotNegativeDatum, Text
 
 
 @dataclass(frozen=True)
-class Contact:
+class Contact(Declared):
     """Two parts of the boundary that may touch, with small sliding; their gap is that of the mesh.
 
     The conditions of contact stand on the first one: choose the finer or the softer side, and the
@@ -26,18 +27,13 @@ class Contact:
         If a name is no text, or ``tied`` neither True nor False.
     """
 
-    first: str
-    second: str
-    tied: bool = False
-
-    def __post_init__(self) -> None:
-        require_text("first", self.first)
-        require_text("second", self.second)
-        require_flag("tied", self.tied)
+    first: Text
+    second: Text
+    tied: Flag = False
 
 
 @dataclass(frozen=True)
-class Coulomb:
+class Coulomb(Declared):
     """Coulomb's law: the tangential traction is at most the coefficient times the pressure.
 
     For large coefficients there may be several solutions, which the status NOT_UNIQUE says, or none
@@ -54,9 +50,4 @@ class Coulomb:
         If it is neither, negative, infinite or NaN.
     """
 
-    coefficient: Coefficient
-
-    def __post_init__(self) -> None:
-        require_coefficient("coefficient", self.coefficient)
-        if is_number(self.coefficient):
-            require_number("coefficient", self.coefficient, 0)
+    coefficient: NotNegativeDatum

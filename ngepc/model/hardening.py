@@ -17,12 +17,12 @@ from ngsolve import CoefficientFunction, IfPos, Mesh, exp
 
 from ngepc.checks.arguments import (
     Coefficient,
-    is_number,
-    require_coefficient,
+    require_datum,
     require_finite,
     require_number,
     sample,
 )
+from ngepc.checks.declared import Declared, NotNegativeDatum, PositiveDatum
 from ngepc.checks.kinds import require_sequence
 
 Value = float | np.ndarray | CoefficientFunction
@@ -33,7 +33,7 @@ STRAINS = np.concatenate([[0.0], np.geomspace(1e-6, 10.0, 71)])
 
 
 @dataclass(frozen=True, eq=False)
-class HardeningLaw(ABC):
+class HardeningLaw(Declared, ABC):
     """A potential; one's own law is a frozen dataclass with numbers or coefficients as fields."""
 
     @abstractmethod
@@ -78,12 +78,9 @@ class Voce(HardeningLaw):
         How fast (1), > 0.
     """
 
-    yield_stress: Coefficient
-    saturation: Coefficient
-    rate: Coefficient
-
-    def __post_init__(self) -> None:
-        require_data(self, "yield_stress", "rate")
+    yield_stress: PositiveDatum
+    saturation: NotNegativeDatum
+    rate: PositiveDatum
 
     def energy(self, x: Value) -> Value:
         """See ``HardeningLaw``."""
@@ -113,12 +110,9 @@ class Swift(HardeningLaw):
         n >= 0 (1).
     """
 
-    yield_stress: Coefficient
-    offset: Coefficient
-    exponent: Coefficient
-
-    def __post_init__(self) -> None:
-        require_data(self, "yield_stress", "offset")
+    yield_stress: PositiveDatum
+    offset: PositiveDatum
+    exponent: NotNegativeDatum
 
     def energy(self, x: Value) -> Value:
         """See ``HardeningLaw``."""
@@ -158,10 +152,9 @@ class Tabulated(HardeningLaw):
             raise ValueError(f"plastic_strain={given!r}: increasing numbers from 0 on are needed")
         if len(there) != len(x):
             raise ValueError(f"stress_there={there!r}: {len(x)} values are needed, one for each x")
-        for value in there:
-            _require_datum("stress_there", value, strict=True)
+        R = tuple(require_datum("stress_there", value, 0, strict=True) for value in there)
         object.__setattr__(self, "plastic_strain", x)
-        object.__setattr__(self, "stress_there", tuple(there))
+        object.__setattr__(self, "stress_there", R)
 
     def energy(self, x: Value) -> Value:
         """See ``HardeningLaw``."""
@@ -185,12 +178,6 @@ class Tabulated(HardeningLaw):
         return [(k, after - before) for k, (before, after) in zip(x, ends, strict=True)]
 
 
-def require_data(law: HardeningLaw, *positive: str) -> None:
-    """Accept numbers or scalar coefficients >= 0 as the fields of a law, those named > 0."""
-    for field in fields(law):
-        _require_datum(field.name, getattr(law, field.name), strict=field.name in positive)
-
-
 def check_law(law: HardeningLaw, mesh: Mesh) -> None:
     """Accept a flow stress that is finite, positive, and never falls."""
     for value in law.data:
@@ -205,13 +192,6 @@ def check_law(law: HardeningLaw, mesh: Mesh) -> None:
                 "values that never fall are needed (softening is not covered)"
             )
         before = stress
-
-
-def _require_datum(name: str, value: object, *, strict: bool) -> None:
-    """Accept a scalar coefficient or a number >= 0."""
-    require_coefficient(name, value)
-    if is_number(value):
-        require_number(name, value, 0, strict=strict)
 
 
 def _exp(x: Value) -> Value:

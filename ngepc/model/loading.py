@@ -1,98 +1,125 @@
-"""Checks of what acts on a body: loads, prescribed displacements and springs."""
+"""Checks of what acts at places of a body: loads, prescribed displacements and springs."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
-from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import (
-    require_coefficient,
+    boundary_names,
+    require_components,
     require_field,
     require_finite,
-    require_least,
 )
+from ngepc.checks.kinds import require_instance
 from ngepc.model.elements import vertices_of
-from ngepc.model.given import Given, as_vector
-from ngepc.model.places import require_finite_at, values_at
+from ngepc.model.given import Given
+from ngepc.model.places import Place, Roller, places, require_at
+
+Components = tuple | list | np.ndarray
 
 
-def check_loads(problem: Given) -> None:
-    """Finite loads and pressures, prescribed displacements of N components or along a direction."""
-    N, mesh = problem.N, problem.mesh
-    for place, g in problem.single("traction").items():
-        argument = f"traction[{place!r}]"
-        require_vector_load(argument, g, N)
-        if isinstance(place, str):
-            require_finite(argument, as_vector(g), mesh, [place])
-        else:
-            require_finite_at(argument, as_vector(g), mesh, place)
-    for name, p in problem.single("pressure").items():
-        require_field(f"pressure[{name!r}]", p, mesh, [name])
+def check_acting(problem: Given) -> None:
+    """Existing places, each once and none of them clamped, with legal values."""
+    require_apart("contact", problem.contact_names, problem)
+    for argument in CHECKS:
+        check_places(argument, problem)
+    for argument, check in CHECKS.items():
+        for place, value in problem.single(argument).items():
+            check(f"{argument}[{place!r}]", value, problem, place)
     if problem.body_force is not None:
-        require_vector_load("body_force", problem.body_force, N)
-        require_finite("body_force", problem.f, mesh)
-    for place, components in problem.held_components.items():
-        argument = f"prescribed[{place!r}]"
-        if not isinstance(components, tuple | list | np.ndarray) or len(components) != N:
-            raise ValueError(
-                f"{argument}={components!r}: {N} components are needed, None for a free one"
-            )
-        for c in components:
-            if c is not None:
-                require_coefficient(argument, c)
-                require_finite_at(argument, c, mesh, place)
-        if place in problem.loads and all(c is not None for c in components):
-            raise ValueError(
-                f"traction and prescribed overlap in {place}: all components are held there, a "
-                "load would do nothing"
-            )
-    for place, roller in problem.rollers.items():
-        argument, direction = f"prescribed[{place!r}]", roller.direction
+        f = require_components("body_force", problem.body_force, problem.N)
+        require_finite("body_force", f, problem.mesh)
+
+
+def check_places(argument: str, problem: Given) -> None:
+    """A mapping from places that there are, each once, none of them clamped."""
+    given, legal = getattr(problem, argument), boundary_names if argument == "pressure" else places
+    if given is not None:
+        require_instance(argument, given, Mapping, "a mapping of boundary name -> value")
+    keys = [place for key in given or {} for place in legal(argument, key, problem.mesh)]
+    twice = sorted({str(place) for place in keys if keys.count(place) > 1})
+    if twice:
+        raise ValueError(f"{argument} names {', '.join(twice)} more than once")
+    require_apart(argument, keys, problem)
+
+
+def require_apart(argument: str, keys: Components, problem: Given) -> None:
+    """Refuse places that are clamped."""
+    both = sorted(set(problem.clamped_names) & set(keys))
+    if both:
+        raise ValueError(
+            f"{argument} and clamped overlap in {', '.join(both)}: "
+            "a clamped boundary carries nothing else"
+        )
+
+
+def _check_traction(argument: str, g: object, problem: Given, place: Place) -> None:
+    """A vector; on a boundary it may have a pole at a vertex."""
+    load = require_components(argument, g, problem.N)
+    if isinstance(place, str):
+        require_finite(argument, load, problem.mesh, [place])
+    else:
+        require_at(argument, load, problem.mesh, place, shapes=[(problem.N,)])
+
+
+def _check_pressure(argument: str, p: object, problem: Given, place: str) -> None:
+    """A scalar."""
+    require_field(argument, p, problem.mesh, [place])
+
+
+def _check_prescribed(argument: str, given: object, problem: Given, place: Place) -> None:
+    """N components, some of them None, or a value along a direction."""
+    N, direction = problem.N, getattr(given, "direction", None)
+    if isinstance(given, Roller):
+        values = [given.value]
         if direction is None and not isinstance(place, str):
             raise ValueError(
                 f"{argument}=Roller(): a direction is needed, only boundaries have normals"
             )
         if direction is not None and len(direction) != N:
             raise ValueError(f"{argument}: direction={direction!r}: {N} numbers are needed")
-        require_finite_at(argument, roller.value, mesh, place)
-
-
-def check_springs(problem: Given) -> None:
-    """Stiffnesses >= 0: one along the normal of a boundary, or one for each component."""
-    for place, k in problem.spring_constants.items():
-        argument = f"springs[{place!r}]"
-        several = isinstance(k, tuple | list | np.ndarray)
-        if (several and len(k) != problem.N) or (not several and not isinstance(place, str)):
-            raise ValueError(f"{argument}={k!r}: {problem.N} numbers are needed")
-        for one in k if several else [k]:
-            require_coefficient(argument, one)
-            require_finite_at(argument, one, problem.mesh, place)
-            found = values_at(one, problem.mesh, place)[1].min(initial=0.0)
-            require_least(argument, found, 0)
-
-
-def require_vector_load(argument: str, value: object, N: int) -> None:
-    """A vector coefficient, or a sequence of N numbers and scalar coefficients."""
-    if isinstance(value, CoefficientFunction):
-        require_coefficient(argument, value, [(N,)])
-    elif isinstance(value, tuple | list | np.ndarray):
-        if len(value) != N:
-            raise ValueError(f"{argument}={value!r}: {N} components are needed")
-        for component in value:
-            require_coefficient(argument, component)
+    elif not isinstance(given, Components) or len(given) != N:
+        raise ValueError(f"{argument}={given!r}: {N} components are needed, None for a free one")
     else:
-        raise TypeError(f"{argument}={value!r}: a vector of {N} components is needed")
+        values = [component for component in given if component is not None]
+        if place in problem.loads and len(values) == N:
+            raise ValueError(
+                f"traction and prescribed overlap in {place}: all components are held there, a "
+                "load would do nothing"
+            )
+    for value in values:
+        require_at(argument, value, problem.mesh, place)
+
+
+def _check_springs(argument: str, k: object, problem: Given, place: Place) -> None:
+    """One stiffness along the normal of a boundary, or one for each component."""
+    constants = k if isinstance(k, Components) else [k]
+    if len(constants) != problem.N and not (constants is not k and isinstance(place, str)):
+        raise ValueError(f"{argument}={k!r}: {problem.N} numbers are needed")
+    for one in constants:
+        require_at(argument, one, problem.mesh, place, least=0)
+
+
+CHECKS = {
+    "traction": _check_traction,
+    "pressure": _check_pressure,
+    "prescribed": _check_prescribed,
+    "springs": _check_springs,
+}
+"""Arguments that give a value to each place."""
 
 
 def require_plain(problem: Given, advice: str) -> None:
     """Refuse springs, points, edges, rollers and contact that meets a clamped boundary, by name."""
     mesh, clamped, contact = problem.mesh, problem.clamped_names, problem.contact_names
-    for place, value in (problem.spring_constants | problem.rollers).items():
-        argument = "prescribed" if place in problem.rollers else "springs"
-        raise ValueError(f"{argument}[{place!r}]={value!r}: {advice}")
-    for place in problem.concentrated:
-        argument = "traction" if place in problem.loads else "prescribed"
-        raise ValueError(f"{argument}[{place!r}]: {advice}")
+    for argument in CHECKS:
+        for place, value in problem.single(argument).items():
+            if argument == "springs" or isinstance(value, Roller):
+                raise ValueError(f"{argument}[{place!r}]={value!r}: {advice}")
+            if not isinstance(place, str):
+                raise ValueError(f"{argument}[{place!r}]: {advice}")
     if contact and clamped and vertices_of(mesh, clamped) & vertices_of(mesh, contact):
         raise ValueError(
             f"contact={problem.contact!r} meets clamped={problem.clamped!r}, it must keep away "
@@ -102,11 +129,10 @@ def require_plain(problem: Given, advice: str) -> None:
 
 def require_linear(problem: Given, what: str) -> None:
     """Refuse a law of hardening and an initial strain, by name: ``what`` needs problems without."""
-    if problem.material.law is not None:
-        raise ValueError(
-            f"material.law={problem.material.law!r}: {what} linear hardening, without a law"
-        )
-    if problem.initial_strain is not None:
-        raise ValueError(
-            f"initial_strain={problem.initial_strain!r}: {what} bodies without an initial strain"
-        )
+    refused = {
+        "material.law": (problem.material.law, "linear hardening, without a law"),
+        "initial_strain": (problem.initial_strain, "bodies without an initial strain"),
+    }
+    for name, (value, needed) in refused.items():
+        if value is not None:
+            raise ValueError(f"{name}={value!r}: {what} {needed}")

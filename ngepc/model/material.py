@@ -15,31 +15,26 @@ A ``HardeningLaw`` R adds (2/3)^(1/2) (R(PEEQ) - R(0)) to the bound: then int be
 integral of a convex function of |p|.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
 from ngsolve import CoefficientFunction
 
-from ngepc.checks.arguments import Coefficient, is_number, require_coefficient, require_number
+from ngepc.checks.arguments import Coefficient, require_number
+from ngepc.checks.declared import Datum, Declared, NotNegativeDatum, PositiveDatum
 from ngepc.checks.kinds import require_instance
 from ngepc.model.hardening import HardeningLaw
 
 PEEQ = math.sqrt(2 / 3)
 """|p|_F times it is the equivalent plastic strain of engineers: the axial one of a bar."""
 
-LEGAL = {
-    "lame_lambda": {},
-    "lame_mu": {"least": 0, "strict": True},
-    "yield_stress": {"least": 0, "strict": True},
-    "hardening": {"least": 0},
-    "hardening_modulus": {"least": 0},
-    "hardening_stiffness": {"least": 0},
-}
-"""Data of a material and their ranges, for ``require_number`` and ``require_finite``."""
+LAW = HardeningLaw, "a HardeningLaw such as Voce(...)"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Material:
+class Material(Declared):
     """Material data; numbers or scalar CoefficientFunctions, all stresses in one unit.
 
     Parameters
@@ -62,23 +57,18 @@ class Material:
         For anything that is not a finite number or scalar coefficient in its legal range.
     """
 
-    lame_lambda: Coefficient
-    lame_mu: Coefficient
-    yield_stress: Coefficient
-    hardening: Coefficient = 0.0
-    hardening_modulus: Coefficient = 0.0
-    hardening_stiffness: Coefficient = 0.0
+    lame_lambda: Datum
+    lame_mu: PositiveDatum
+    yield_stress: PositiveDatum
+    hardening: NotNegativeDatum = 0.0
+    hardening_modulus: NotNegativeDatum = 0.0
+    hardening_stiffness: NotNegativeDatum = 0.0
     law: HardeningLaw | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.law is not None:
-            require_instance("law", self.law, HardeningLaw, "a HardeningLaw such as Voce(...)")
-        for name, bounds in LEGAL.items():
-            value = getattr(self, name)
-            if is_number(value):
-                object.__setattr__(self, name, require_number(name, value, **bounds))
-            else:
-                require_coefficient(name, value)
+            require_instance("law", self.law, *LAW)
 
     @classmethod
     def kinematic(
@@ -88,7 +78,7 @@ class Material:
         lame_mu: Coefficient,
         yield_stress: Coefficient,
         hardening: Coefficient,
-    ) -> "Material":
+    ) -> Material:
         """Linear kinematic hardening: back stress ``hardening`` times p, see (2.16)."""
         return cls(
             lame_lambda=lame_lambda, lame_mu=lame_mu, yield_stress=yield_stress, hardening=hardening
@@ -103,35 +93,12 @@ class Material:
         yield_stress: Coefficient,
         hardening_modulus: Coefficient,
         hardening_stiffness: Coefficient,
-    ) -> "Material":
+    ) -> Material:
         """Linear isotropic hardening with the paper's H and k_1, see (2.15)."""
+        elastic = {"lame_lambda": lame_lambda, "lame_mu": lame_mu}
+        H, k_1 = hardening_modulus, hardening_stiffness
         return cls(
-            lame_lambda=lame_lambda,
-            lame_mu=lame_mu,
-            yield_stress=yield_stress,
-            hardening_modulus=hardening_modulus,
-            hardening_stiffness=hardening_stiffness,
-        )
-
-    @classmethod
-    def combined(
-        cls,
-        *,
-        lame_lambda: Coefficient,
-        lame_mu: Coefficient,
-        yield_stress: Coefficient,
-        hardening: Coefficient,
-        hardening_modulus: Coefficient,
-        hardening_stiffness: Coefficient,
-    ) -> "Material":
-        """Kinematic and isotropic hardening together, docs/hardening.md."""
-        return cls(
-            lame_lambda=lame_lambda,
-            lame_mu=lame_mu,
-            yield_stress=yield_stress,
-            hardening=hardening,
-            hardening_modulus=hardening_modulus,
-            hardening_stiffness=hardening_stiffness,
+            **elastic, yield_stress=yield_stress, hardening_modulus=H, hardening_stiffness=k_1
         )
 
     @classmethod
@@ -142,16 +109,11 @@ class Material:
         lame_mu: Coefficient,
         law: HardeningLaw,
         hardening: Coefficient = 0.0,
-    ) -> "Material":
+    ) -> Material:
         """Isotropic hardening by the flow stress of a bar, and linear kinematic hardening."""
-        require_instance("law", law, HardeningLaw, "a HardeningLaw such as Voce(...)")
-        return cls(
-            lame_lambda=lame_lambda,
-            lame_mu=lame_mu,
-            yield_stress=PEEQ * law.stress(0.0),
-            hardening=hardening,
-            law=law,
-        )
+        yield_stress = PEEQ * require_instance("law", law, *LAW).stress(0.0)
+        elastic = {"lame_lambda": lame_lambda, "lame_mu": lame_mu}
+        return cls(**elastic, yield_stress=yield_stress, hardening=hardening, law=law)
 
     @property
     def isotropic_hardening(self) -> Coefficient:
@@ -183,9 +145,7 @@ def lame_parameters(young: float, poisson: float) -> tuple[float, float]:
         If a value is out of its range.
     """
     E = require_number("young", young, 0, strict=True)
-    nu = require_number("poisson", poisson, -1, strict=True)
-    if nu >= 0.5:
-        raise ValueError(f"poisson={poisson!r}: a number in (-1, 0.5) is needed")
+    nu = require_number("poisson", poisson, -1, strict=True, below=0.5)
     return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
 

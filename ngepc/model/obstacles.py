@@ -1,25 +1,27 @@
 """Rigid obstacles as gaps: what stands against u . n <= psi in (2.2).
 
-The gap of an obstacle O that is moved by the vector m (a translation) is measured along the
-outer unit normal n of the undeformed body,
+An obstacle is where a level function phi is <= 0.  Its gap, after a translation by the vector m, is
+measured along the outer unit normal n of the undeformed body,
 
-    psi(x) = t,  where  x + t n  is the point at which the ray enters O + m.
+    psi(x) = t,  where  x + t n  is the point at which the ray enters it,  phi(x - m + t n) = 0.
 
 So psi > 0 where body and obstacle are apart, and psi < 0 where the obstacle has been pushed in:
 then the point must retreat by |psi|.  This is the linearised (small-strain) condition: neither
-the normal nor the point x follow the displacement.  Planes, spheres, cylinders and cavities use
-the ray itself, in closed form; ``SignedDistance`` uses its first order,
+the normal nor the point x follow the displacement.  With phi = a t^2 + 2 b t + c on the ray
 
-    psi(x) = phi(x - m) / (-grad phi(x - m) . n),
+    t = c / ((b^2 - a c)^(1/2) - b);
 
-which is exact for a plane.  Where the ray never enters the obstacle, or only behind the body,
-the gap is ``far``, a finite number that no small displacement reaches: ten times the largest
-extent of the body unless it is given.
+planes have a = 0, spheres and cylinders a > 0, what is outside of them a < 0.  ``SignedDistance``
+takes the first order of its phi, exact for a plane.  Where the ray never enters the obstacle, or
+only behind the body, the gap is ``far``, a finite number that no small displacement reaches: ten
+times the largest extent of the body unless it is given.
 """
 
-from abc import ABC, abstractmethod
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from ngsolve import CF, CoefficientFunction, IfPos, InnerProduct, Mesh, sqrt, x, y, z
@@ -27,13 +29,14 @@ from ngsolve import CF, CoefficientFunction, IfPos, InnerProduct, Mesh, sqrt, x,
 from ngepc.checks.arguments import (
     Coefficient,
     require_coefficient,
+    require_components,
     require_finite,
     require_number,
     require_vector,
 )
+from ngepc.checks.declared import Check, Declared, Positive, Vector
 from ngepc.checks.kinds import require_instance
 from ngepc.model.elements import vertex_coordinates
-from ngepc.model.given import as_vector
 from ngepc.model.normals import outward_normal
 
 COORDINATES = (x, y, z)
@@ -42,16 +45,28 @@ Field = CoefficientFunction
 """A scalar or vector on the boundary of the body."""
 
 
-class Obstacle(ABC):
-    """A rigid body; ``gap`` turns it and a motion into a gap for a Problem."""
+class Obstacle(Declared):
+    """A rigid body; ``gap`` turns it and a motion into a gap for a Problem.
+
+    One of one's own has the method ``level`` or, where that is no polynomial, ``along``.
+    """
 
     def dimensions(self) -> tuple[int, ...]:
         """Space dimensions N in which it makes sense: as many as its vectors have components."""
         return tuple({len(v) for v in vars(self).values() if isinstance(v, tuple)}) or (2, 3)
 
-    @abstractmethod
+    def level(self, X: Field, n: Field) -> tuple[Field | float, Field, Field]:
+        """(a, b, c) of the level function a t^2 + 2 b t + c at the points X + t n."""
+        raise NotImplementedError(f"{type(self).__name__}: a method level or along is needed")
+
     def along(self, X: Field, n: Field, far: float) -> Field:
         """The entry t of the ray X + t n into the obstacle at rest, ``far`` if there is none."""
+        a, b, c = self.level(X, n)
+        discriminant = b * b - a * c
+        onward = sqrt(IfPos(discriminant, discriminant, 0.0)) - b
+        onward = IfPos(discriminant, onward, IfPos(CF(a), -1.0, onward))
+        t = c / IfPos(onward - 1e-12, onward, 1.0)
+        return IfPos(onward - 1e-12, IfPos(t - far, far, IfPos(-far - t, -far, t)), far)
 
     def gap(
         self,
@@ -87,7 +102,7 @@ class Obstacle(ABC):
         far = require_number("far", far, 0, strict=True)
         X = CF(COORDINATES[:N])
         if motion is not None:
-            X = X - _motion(motion, N)
+            X = X - require_components("motion", motion, N)
         self._check_data(X, mesh)
         return self.along(X, outward_normal(mesh), far)
 
@@ -95,102 +110,83 @@ class Obstacle(ABC):
         """Raise ValueError where the data of the obstacle at ``X`` make no gap."""
         require_finite("motion", X, mesh, sorted(set(mesh.GetBoundaries())))
 
-    def _keep(self, **legal: object) -> None:
-        """Replace fields by what checks have made of them."""
-        for name, value in legal.items():
-            object.__setattr__(self, name, value)
+    def _keep_unit(self, name: str, N: int) -> None:
+        """Replace a vector by the one of length 1 along it."""
+        given = getattr(self, name)
+        vector = np.array(require_vector(name, given, (N,)))
+        if not vector.any():
+            raise ValueError(f"{name}={given!r}: a vector other than zero is needed")
+        object.__setattr__(self, name, tuple((vector / np.linalg.norm(vector)).tolist()))
 
 
 @dataclass(frozen=True)
 class Plane(Obstacle):
     """The half-space behind the plane through ``point`` whose ``normal`` points at the body."""
 
-    point: Sequence[float]
+    point: Vector
     normal: Sequence[float]
 
     def __post_init__(self) -> None:
-        self._keep(point=require_vector("point", self.point, (2, 3)))
-        self._keep(normal=_unit("normal", self.normal, len(self.point)))
+        super().__post_init__()
+        self._keep_unit("normal", len(self.point))
 
-    def along(self, X: Field, n: Field, far: float) -> Field:
-        """T = (X - point) . m / (-n . m) for the plane's normal m, where n . m < 0."""
+    def level(self, X: Field, n: Field) -> tuple[float, Field, Field]:
+        """That of the height over the plane."""
         m = CF(self.normal)
-        return _quotient(InnerProduct(X - CF(self.point), m), -InnerProduct(n, m), far)
-
-
-class Round(Obstacle):
-    """An obstacle whose surface is where a quadratic function vanishes along each ray."""
-
-    @abstractmethod
-    def quadratic(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
-        """(a, b, c) of the square of the distance at X + t n less radius^2, a t^2 + 2 b t + c."""
-
-    def along(self, X: Field, n: Field, far: float) -> Field:
-        """The smaller root, unless both are behind the surface of the body."""
-        a, b, c = self.quadratic(X, n)
-        discriminant = b * b - a * c
-        root = _root(discriminant)
-        hit = IfPos(discriminant, IfPos(root - b, 1.0, -1.0), -1.0)
-        return IfPos(hit, _quotient(-b - root, a, far), far)
+        return 0.0, InnerProduct(n, m) / 2, InnerProduct(X - CF(self.point), m)
 
 
 @dataclass(frozen=True)
-class Sphere(Round):
+class Sphere(Obstacle):
     """A ball, in two dimensions a disc, with ``centre`` and ``radius`` > 0."""
 
-    centre: Sequence[float]
-    radius: float
+    centre: Vector
+    radius: Positive
 
-    def __post_init__(self) -> None:
-        self._keep(centre=require_vector("centre", self.centre, (2, 3)))
-        self._keep(radius=require_number("radius", self.radius, 0, strict=True))
-
-    def quadratic(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
-        """That of the distance from the centre."""
-        return _square(X - CF(self.centre), n, self.radius)
+    def level(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
+        """That of |X - centre|^2 - radius^2."""
+        return _round(X - CF(self.centre), n, self.radius)
 
 
 Disc = Sphere
 
 
 @dataclass(frozen=True)
-class Cylinder(Round):
+class Cylinder(Obstacle):
     """An infinite round cylinder around the line through ``point`` along ``axis``, in 3D."""
 
-    point: Sequence[float]
+    point: Annotated[Sequence[float], Check(require_vector, lengths=(3,))]
     axis: Sequence[float]
-    radius: float
+    radius: Positive
 
     def __post_init__(self) -> None:
-        self._keep(point=require_vector("point", self.point, (3,)))
-        self._keep(axis=_unit("axis", self.axis, 3))
-        self._keep(radius=require_number("radius", self.radius, 0, strict=True))
+        super().__post_init__()
+        self._keep_unit("axis", 3)
 
-    def quadratic(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
-        """That of the distance from the axis."""
+    def level(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
+        """As for ``Sphere``, across the axis."""
         axis = CF(self.axis)
         d, m = (v - InnerProduct(v, axis) * axis for v in (X - CF(self.point), n))
-        return _square(d, m, self.radius)
+        return _round(d, m, self.radius)
+
+
+ROUND, SHAPES = (Sphere, Cylinder), "a Sphere, Disc or Cylinder"
 
 
 @dataclass(frozen=True)
 class Cavity(Obstacle):
     """Everything outside a Sphere (Disc) or Cylinder: a rigid ring or bore around the body."""
 
-    inside: Round
-
-    def __post_init__(self) -> None:
-        require_instance("inside", self.inside, Round, "a Sphere, Disc or Cylinder")
+    inside: Annotated[Sphere | Cylinder, Check(require_instance, kind=ROUND, needed=SHAPES)]
 
     def dimensions(self) -> tuple[int, ...]:
         """Those of the hollow."""
         return self.inside.dimensions()
 
-    def along(self, X: Field, n: Field, far: float) -> Field:
-        """The larger root, unless n points from the wall into the hollow."""
-        a, b, c = self.inside.quadratic(X, n)
-        t = _quotient(_root(b * b - a * c) - b, a, far)
-        return IfPos(IfPos(c, IfPos(b, -1.0, 1.0), -1.0), far, t)
+    def level(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
+        """That of the hollow with the other sign."""
+        a, b, c = self.inside.level(X, n)
+        return -a, -b, -c
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,10 +208,10 @@ class SignedDistance(Obstacle):
     gradient: CoefficientFunction | None = None
 
     def __post_init__(self) -> None:
-        require_instance("distance", self.distance, CoefficientFunction, "a CoefficientFunction")
+        kind = CoefficientFunction, "a CoefficientFunction"
+        require_instance("distance", self.distance, *kind)
         require_coefficient("distance", self.distance)
         if self.gradient is not None:
-            kind = CoefficientFunction, "a CoefficientFunction"
             require_instance("gradient", self.gradient, *kind)
             require_coefficient("gradient", self.gradient, [(2,), (3,)])
         elif "GridFunction" in str(self.distance):
@@ -225,12 +221,12 @@ class SignedDistance(Obstacle):
         """Those of the gradient, otherwise any."""
         return (2, 3) if self.gradient is None else tuple(self.gradient.dims)
 
-    def along(self, X: Field, n: Field, far: float) -> Field:
-        """T = phi / (-grad phi . n) where the obstacle faces the body."""
-        phi, gradient = self._level(X)
-        return _quotient(phi, -InnerProduct(gradient, n), far)
+    def level(self, X: Field, n: Field) -> tuple[float, Field, Field]:
+        """That of phi + t grad phi . n."""
+        phi, gradient = self._at(X)
+        return 0.0, InnerProduct(gradient, n) / 2, phi
 
-    def _level(self, X: Field) -> tuple[Field, Field]:
+    def _at(self, X: Field) -> tuple[Field, Field]:
         """Phi and grad phi at ``X``."""
         own = COORDINATES[: X.dim]
         if self.gradient is not None:
@@ -241,7 +237,7 @@ class SignedDistance(Obstacle):
 
     def _check_data(self, X: Field, mesh: Mesh) -> None:
         super()._check_data(X, mesh)
-        phi, gradient = self._level(X)
+        phi, gradient = self._at(X)
         everywhere = sorted(set(mesh.GetBoundaries()))
         require_finite("distance", phi, mesh, everywhere)
         if not require_finite("the gradient of distance", gradient, mesh, everywhere).any():
@@ -251,36 +247,6 @@ class SignedDistance(Obstacle):
             )
 
 
-def _square(d: Field, n: Field, radius: float) -> tuple[Field, Field, Field]:
+def _round(d: Field, n: Field, radius: float) -> tuple[Field, Field, Field]:
     """(a, b, c) of |d + t n|^2 - radius^2 = a t^2 + 2 b t + c."""
     return InnerProduct(n, n), InnerProduct(d, n), InnerProduct(d, d) - radius**2
-
-
-def _root(discriminant: Field) -> Field:
-    """The square root, 0 where there is none."""
-    return sqrt(IfPos(discriminant, discriminant, 0.0))
-
-
-def _quotient(numerator: Field, facing: Field, far: float) -> Field:
-    """Numerator / facing where facing > 0, kept within [-far, far]; otherwise ``far``."""
-    t = numerator / IfPos(facing - 1e-12, facing, 1.0)
-    capped = IfPos(t - far, far, IfPos(-far - t, -far, t))
-    return IfPos(facing - 1e-12, capped, far)
-
-
-def _motion(motion: Sequence[Coefficient], N: int) -> CoefficientFunction:
-    """The translation as a vector."""
-    require_instance("motion", motion, (tuple, list, np.ndarray), f"a sequence of {N} components")
-    if len(motion) != N:
-        raise ValueError(f"motion={motion!r}: {N} components are needed")
-    for i, component in enumerate(motion):
-        require_coefficient(f"motion[{i}]", component)
-    return as_vector(motion)
-
-
-def _unit(name: str, value: object, N: int) -> tuple[float, ...]:
-    """The vector divided by its length."""
-    vector = np.array(require_vector(name, value, (N,)))
-    if not vector.any():
-        raise ValueError(f"{name}={value!r}: a vector other than zero is needed")
-    return tuple((vector / np.linalg.norm(vector)).tolist())

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import Mesh, Region
+from ngsolve import Mesh
 
 from ngepc.checks.arguments import (
     Coefficient,
     boundary_names,
     is_number,
     require_coefficient,
-    require_finite,
+    require_field,
+    require_in,
     require_vector,
     sample,
 )
-from ngepc.checks.kinds import require_text
+from ngepc.checks.declared import Datum, Declared, Text
 from ngepc.model.elements import corner_vertices, vertex_coordinates, vertices_of
 
 AT = 1e-6
@@ -54,10 +56,7 @@ class Point:
     def vertices(self, mesh: Mesh) -> np.ndarray:
         """The vertex with these coordinates, or all of this name; a ValueError if there is none."""
         if isinstance(self.where, str):
-            plane = mesh.dim == 2
-            known = mesh.GetBBoundaries() if plane else mesh.GetBBBoundaries()
-            _require_known(self, self.where, "point", known)
-            return _corners((mesh.BBoundaries if plane else mesh.BBBoundaries)(self.where))
+            return _named(self, self.where, "BBBoundaries"[3 - mesh.dim :], mesh)
         if len(self.where) != mesh.dim:
             raise ValueError(f"{self!r}: {mesh.dim} coordinates are needed on this mesh")
         x = vertex_coordinates(mesh)
@@ -72,7 +71,7 @@ class Point:
 
 
 @dataclass(frozen=True, repr=False)
-class Edge:
+class Edge(Declared):
     """Edges of a solid, for ``prescribed``, ``springs`` and ``traction``, there force per length.
 
     Parameters
@@ -86,10 +85,7 @@ class Edge:
         If it is no text.
     """
 
-    name: str
-
-    def __post_init__(self) -> None:
-        require_text("name", self.name)
+    name: Text
 
     def __repr__(self) -> str:
         return f"Edge({self.name!r})"
@@ -98,8 +94,7 @@ class Edge:
         """The vertices on these edges; a ValueError if the mesh is plane or has none."""
         if mesh.dim != 3:
             raise ValueError(f"{self!r}: edges are needed, which are boundaries by name in 2D")
-        _require_known(self, self.name, "edge", mesh.GetBBoundaries())
-        return _corners(mesh.BBoundaries(self.name))
+        return _named(self, self.name, "BBoundaries", mesh)
 
 
 Place = str | Point | Edge
@@ -107,7 +102,7 @@ Place = str | Point | Edge
 
 
 @dataclass(frozen=True)
-class Roller:
+class Roller(Declared):
     """A support along one direction, for ``prescribed``: u . direction = value.
 
     Parameters
@@ -124,10 +119,10 @@ class Roller:
     """
 
     direction: Sequence[float] | None = None
-    value: Coefficient = 0.0
+    value: Datum = 0.0
 
     def __post_init__(self) -> None:
-        require_coefficient("value", self.value)
+        super().__post_init__()
         if self.direction is not None:
             given = require_vector("direction", self.direction, (2, 3))
             if not any(given):
@@ -168,23 +163,30 @@ def values_at(value: Coefficient, mesh: Mesh, place: Place) -> tuple[np.ndarray,
     return vertices, np.asarray(found, dtype=float).reshape(len(vertices), -1)
 
 
-def require_finite_at(argument: str, value: Coefficient, mesh: Mesh, place: Place) -> None:
-    """Refuse values that are NaN or infinite at the vertices of a place, or on a boundary."""
+def require_at(
+    argument: str,
+    value: Coefficient,
+    mesh: Mesh,
+    place: Place,
+    *,
+    shapes: Sequence[tuple[int, ...]] = ((),),
+    least: float = -math.inf,
+) -> None:
+    """Refuse values that are not finite, or < ``least``, at the vertices of a place, or on it."""
     if isinstance(place, str):
-        require_finite(argument, value, mesh, [place], corners=True)
-    elif not np.isfinite(values_at(value, mesh, place)[1]).all():
-        raise ValueError(f"{argument} is NaN or infinite at {place!r}: finite values are needed")
+        require_field(argument, value, mesh, [place], shapes=shapes, corners=True, least=least)
+    else:
+        require_coefficient(argument, value, shapes)
+        require_in(argument, values_at(value, mesh, place)[1], repr(place), least)
 
 
-def _corners(region: Region) -> np.ndarray:
-    """The vertices of its elements."""
-    return np.unique([vertex.nr for element in region.Elements() for vertex in element.vertices])
-
-
-def _require_known(place: Point | Edge, name: str, kind: str, known: Sequence[str]) -> None:
-    """Accept a name that the mesh has."""
+def _named(place: Point | Edge, name: str, kind: str, mesh: Mesh) -> np.ndarray:
+    """The vertices of what has this name among the ``BBoundaries`` or ``BBBoundaries``."""
+    known = getattr(mesh, f"Get{kind}")()
     if name not in known:
         raise ValueError(
-            f"{place!r}: there is no such {kind}; this mesh has "
+            f"{place!r}: there is no such {type(place).__name__.lower()}; this mesh has "
             f"{', '.join(map(repr, sorted(set(known)))) or 'none'}"
         )
+    elements = getattr(mesh, kind)(name).Elements()
+    return np.unique([vertex.nr for element in elements for vertex in element.vertices])

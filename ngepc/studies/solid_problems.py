@@ -69,7 +69,7 @@ def metal(
     lame_lambda, lame_mu = lame_parameters(young, poisson)
     bound = math.sqrt(2 / 3) * stress
     least = 0.0 if isotropic or kinematic else NEARLY_PERFECT * lame_mu
-    return Material.combined(
+    return Material(
         lame_lambda=lame_lambda,
         lame_mu=lame_mu,
         yield_stress=bound,

@@ -11,6 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from ngsolve import CF, CoefficientFunction, Mesh, x
 
+from ngepc.checks.arguments import require_datum, require_integer, require_number
+from ngepc.checks.declared import Check
+from ngepc.checks.kinds import require_flag, require_text
 from ngepc.geometries import lshape
 
 MESH = lshape.paper_mesh(21)
@@ -139,8 +142,29 @@ def parts_of(hint: object) -> tuple:
     return typing.get_args(hint) if union else (hint,)
 
 
+def declared_kinds(check: Check) -> frozenset:
+    """Kinds of nonsense that a declared check makes legal: the numbers in its range."""
+    rule, bounds = check.func, {"least": -math.inf, "most": math.inf, **check.keywords}
+    if rule in (require_text, require_flag):
+        return TEXTS if rule is require_text else frozenset({"True"})
+    if rule not in (require_number, require_integer, require_datum):
+        return NOTHING
+    tried = {"zero": 0, "a negative number": -1, "a fraction": 1.5}
+    legal = {
+        kind
+        for kind, number in tried.items()
+        if bounds["least"] <= number <= bounds["most"] and number < bounds.get("below", math.inf)
+        if not (bounds.get("strict") and number == bounds["least"])
+        if not (rule is require_integer and kind == "a fraction")
+    }
+    return frozenset(legal) | (UNSEEN if rule is require_datum else NOTHING)
+
+
 def legal_kinds(hint: object) -> frozenset:
     """Kinds of nonsense that an annotation makes legal: texts for a text, > 0 for a number."""
+    checks = [a for a in typing.get_args(hint) if isinstance(a, Check)]
+    if checks:
+        return declared_kinds(checks[0])
     parts = {part for part in parts_of(hint) if part is not type(None)}
     text = str(hint)
     if any(typing.get_origin(part) is typing.get_origin(Callable[[], None]) for part in parts):

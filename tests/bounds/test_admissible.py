@@ -23,7 +23,7 @@ from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.bounds.triangles import PAIRS
 from ngepc.geometries import block, lshape, wrench
 
-MATERIAL = Material.combined(
+MATERIAL = Material(
     lame_lambda=1e3,
     lame_mu=1e3,
     yield_stress=1.25,

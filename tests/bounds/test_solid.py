@@ -27,7 +27,7 @@ from ngepc.geometries import block
 from ngepc.model.kinematics import SOLID
 from ngepc.studies.large import indented_block
 
-MATERIAL = Material.combined(
+MATERIAL = Material(
     lame_lambda=1e3,
     lame_mu=1e3,
     yield_stress=1.25,

@@ -66,7 +66,7 @@ def random_problem(seed):
 def random_material(random):
     """A material with kinematic, isotropic or combined hardening."""
     kinematic, isotropic = [(1, 0), (0, 1), (1, 1)][random.integers(3)]
-    return Material.combined(
+    return Material(
         lame_lambda=1e3 * random.uniform(0.5, 2),
         lame_mu=1e3 * random.uniform(0.5, 1.5),
         yield_stress=random.uniform(0.8, 1.4),

@@ -128,7 +128,7 @@ def _material(draw):
     lame_lambda, lame_mu = lame_parameters(young, draw.poisson)
     bound, h = lame_mu * 10**draw.yield_bound, lame_mu * 10**draw.hardening
     share = {"kinematic": 1.0, "isotropic": 0.0, "combined": 0.4}[draw.kind]
-    return Material.combined(
+    return Material(
         lame_lambda=lame_lambda,
         lame_mu=lame_mu,
         yield_stress=bound,

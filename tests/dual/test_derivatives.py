@@ -26,7 +26,7 @@ def body(N, *, varying=False, **changes):
     cells = (4, 4) if N == 2 else (2, 2, 2)
     mesh = block.structured_mesh(*cells, simplices=True)
     extra = {"lame_mu": 800 + 100 * x, "yield_stress": 1 + x * y} if varying else {}
-    material = Material.combined(
+    material = Material(
         **{"lame_lambda": 900.0, "lame_mu": 800.0, "yield_stress": 1.25, **extra},
         hardening=100.0,
         hardening_modulus=0.5,

@@ -32,9 +32,7 @@ ELASTIC = {"lame_lambda": 1e3, "lame_mu": 1e3, "yield_stress": BOUND}
 MATERIALS = {
     "kinematic": Material.kinematic(**ELASTIC, hardening=K),
     "isotropic": Material.isotropic(**ELASTIC, hardening_modulus=H, hardening_stiffness=K1),
-    "combined": Material.combined(
-        **ELASTIC, hardening=K, hardening_modulus=H, hardening_stiffness=K1
-    ),
+    "combined": Material(**ELASTIC, hardening=K, hardening_modulus=H, hardening_stiffness=K1),
 }
 
 

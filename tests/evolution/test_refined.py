@@ -12,7 +12,7 @@ from ngepc.evolution.memory import Memory
 from ngepc.geometries import block
 from ngepc.sensitivity.states import states_of
 
-MATERIAL = Material.combined(
+MATERIAL = Material(
     lame_lambda=1e3,
     lame_mu=1e3,
     yield_stress=1.25,

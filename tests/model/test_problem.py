@@ -138,7 +138,7 @@ def test_initial_hardening(given, scalar, back):
 
 def test_effective_hardening_and_yield_bound():
     """H = k + (H sigma_y)^2 k_1 and beta = sigma_y (1 + H alpha_1)."""
-    material = Material.combined(
+    material = Material(
         lame_lambda=1.0,
         lame_mu=1.0,
         yield_stress=3.0,
@@ -267,5 +267,5 @@ def test_require_integer(value, expected):
 
 def test_require_number_bounds():
     assert require_number("r", 0.5, 0, strict=True, most=0.5) == 0.5
-    with pytest.raises(ValueError, match=r"r=0\.6: a finite number > 0 <= 0\.5 is needed"):
+    with pytest.raises(ValueError, match=r"r=0\.6: a finite number > 0 and <= 0\.5 is needed"):
         require_number("r", 0.6, 0, strict=True, most=0.5)

@@ -51,7 +51,7 @@ def general_problem(N, **material):
     mesh = block.structured_mesh(*(3,) * N, simplices=True)
     return Problem(
         mesh,
-        Material.combined(**{**DATA, **material}),
+        Material(**{**DATA, **material}),
         traction={"left": (2.0 * y, *(1.0,) * (N - 1))},
         body_force=FORCE[N],
         initial_plastic_strain=(1 + x) * 1e-3 * TENSOR[N],
@@ -159,13 +159,11 @@ def test_limits_are_the_single_laws(solver, limit):
     base = general_problem(2)
     elastic = {name: DATA[name] for name in ("lame_lambda", "lame_mu", "yield_stress")}
     if limit == "kinematic":
-        combined = Material.combined(
-            **{**DATA, "hardening_stiffness": 0.0, "hardening_modulus": 0.0}
-        )
+        combined = Material(**{**DATA, "hardening_stiffness": 0.0, "hardening_modulus": 0.0})
         single = Material.kinematic(**elastic, hardening=DATA["hardening"])
         states = ((0.3, (1 - x) * TENSOR[2]), (1 - x) * TENSOR[2])
     else:
-        combined = Material.combined(**{**DATA, "hardening": 0.0})
+        combined = Material(**{**DATA, "hardening": 0.0})
         isotropic = {n: DATA[n] for n in ("hardening_modulus", "hardening_stiffness")}
         single = Material.isotropic(**elastic, **isotropic)
         states = ((0.3 * (1 + y), 0.0 * TENSOR[2]), 0.3 * (1 + y))
@@ -207,7 +205,7 @@ def uniform_problem(epsilon, **state):
     motion = (epsilon * x, -epsilon * y)
     return Problem(
         mesh,
-        Material.combined(**DATA),
+        Material(**DATA),
         clamped=None,
         prescribed={"left|right|clamped|contact": motion},
         **state,
@@ -287,7 +285,7 @@ def test_initial_plastic_strain_alone_is_stress_free(solver):
     mesh = block.structured_mesh(3, 3, simplices=True)
     p_0 = CF((1e-3, 0, 0, -1e-3), dims=(2, 2))
     rollers = {"left": (0, None), "clamped": (None, 0)}
-    material = Material.combined(**DATA)
+    material = Material(**DATA)
     problem = Problem(
         mesh,
         material,
@@ -323,7 +321,7 @@ def column_top(force, hardening, beta):
 @pytest.mark.parametrize("force", [2.0, 8.0])
 def test_column_under_its_weight(force):
     """A body force against the closed form, elastic (2) and plastic near the base (8): order 2."""
-    material = Material.combined(**DATA)
+    material = Material(**DATA)
     errors = []
     for n in (4, 8, 16):
         mesh = block.structured_mesh(2, n, simplices=True)
@@ -345,7 +343,7 @@ def test_column_under_its_weight(force):
 
 def test_body_force_enters_the_dual():
     """The dual solver with f: V -> -J of the primal one."""
-    material = Material.combined(**DATA)
+    material = Material(**DATA)
     mesh = block.structured_mesh(4, 8, simplices=True)
     problem = Problem(
         mesh,

@@ -63,7 +63,7 @@ def problem(motion=None, mesh=None):
     motion = Motion() if motion is None else motion
     mesh = motion.mesh(lshape.paper_mesh(NODES)) if mesh is None else mesh
     unit = motion.stress
-    material = Material.combined(
+    material = Material(
         lame_lambda=800.0 * unit,
         lame_mu=1e3 * unit,
         yield_stress=1.25 * unit,

@@ -35,7 +35,7 @@ ISOTROPIC = Material.isotropic(
     hardening_modulus=0.5,
     hardening_stiffness=300.0,
 )
-COMBINED = Material.combined(
+COMBINED = Material(
     lame_lambda=-300.0,
     lame_mu=800.0,
     yield_stress=1.0,

@@ -1,0 +1,50 @@
+"""Dataclasses that say in the hint of a field what is legal for it, and refuse all else by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Annotated, get_args, get_type_hints
+
+from ngepc.checks.arguments import (
+    Coefficient,
+    require_datum,
+    require_integer,
+    require_number,
+    require_vector,
+)
+from ngepc.checks.kinds import require_flag, require_text
+
+
+class Check(partial):
+    """A check with its range; called with a name and a value it gives the value to be kept."""
+
+    def __repr__(self) -> str:
+        return f"{self.func.__name__}({', '.join(f'{k}={v}' for k, v in self.keywords.items())})"
+
+
+Number = Annotated[float, Check(require_number)]
+Positive = Annotated[float, Check(require_number, least=0, strict=True)]
+Fraction = Annotated[float, Check(require_number, least=0, strict=True, below=1)]
+Count = Annotated[int, Check(require_integer, least=1)]
+Vector = Annotated[Sequence[float], Check(require_vector, lengths=(2, 3))]
+Text = Annotated[str, Check(require_text)]
+Flag = Annotated[bool, Check(require_flag)]
+Datum = Annotated[Coefficient, Check(require_datum)]
+PositiveDatum = Annotated[Coefficient, Check(require_datum, least=0, strict=True)]
+NotNegativeDatum = Annotated[Coefficient, Check(require_datum, least=0)]
+
+
+def declared_checks(kind: type) -> dict[str, Check]:
+    """Name of a field -> its check, for those that have one."""
+    hints = get_type_hints(kind, include_extras=True)
+    found = {n: [a for a in get_args(hint) if isinstance(a, Check)] for n, hint in hints.items()}
+    return {name: checks[0] for name, checks in found.items() if checks}
+
+
+class Declared:
+    """A frozen dataclass whose fields are checked, and kept as their checks return them."""
+
+    def __post_init__(self) -> None:
+        for name, check in declared_checks(type(self)).items():
+            object.__setattr__(self, name, check(name, getattr(self, name)))
