@@ -7,7 +7,7 @@ of the first: segments by projection along its interpolated normals, triangles i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations_with_replacement
 
 import numpy as np
 from ngsolve import BND, ET, H1, ElementId, IntegrationRule
@@ -20,7 +20,6 @@ RULES = {2: IntegrationRule(ET.SEGM, 5), 3: IntegrationRule(ET.TRIG, 4)}
 
 THIN = 1e-12
 """Overlaps below this part of a facet are none."""
-
 
 PARALLEL = 1e-10
 """Sine of the angle below which two sides do not cross."""
@@ -74,14 +73,11 @@ class Surface:
         if k == N:
             return nodes[facets], lam
         element = space.GetFE(ElementId(BND, int(self.numbers[0])))
-        found = np.empty((len(lam), k - N))
-        for a, b in combinations(range(N), 2):
-            middle = np.zeros(N)
-            middle[[a, b]] = 0.5
-            at_middle = np.array(element.CalcShape(*middle[:-1]))[N:]
-            which = int(np.abs(at_middle).argmax())
-            found[:, which] = 4 * at_middle[which] * lam[:, a] * lam[:, b]
-        return nodes[facets], np.hstack([lam, found])
+        pairs = np.array([*combinations_with_replacement(range(N), 2)])
+        known = np.eye(N)[pairs].mean(axis=1)
+        values = [np.array(element.CalcShape(*point[:-1])) for point in known]
+        shapes = np.linalg.solve(known[:, pairs].prod(axis=2), values)
+        return nodes[facets], lam[:, pairs].prod(axis=2) @ shapes
 
 
 @dataclass(frozen=True, eq=False)
