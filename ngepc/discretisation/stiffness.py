@@ -12,12 +12,12 @@ from typing import Protocol
 import numpy as np
 from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Trace, VectorH1, dx
 from ngsolve.la import SparseMatrixd
-from scipy.sparse import csr_matrix
+from scipy.sparse import bsr_matrix, csr_matrix, tril
 
 from ngepc.discretisation.elements import Elements, chunks
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.points import Moduli, Points
-from ngepc.linalg.assembly import from_entries
+from ngepc.linalg.direct import from_entries
 
 
 class Blocks(Protocol):
@@ -117,14 +117,12 @@ class Stiffness:
 
     def whole(self) -> SparseMatrixd:
         """A matrix with both triangles, number by number, for solvers that need it."""
-        N, rows, columns = self._blocks.N, self._blocks.rows, self._blocks.columns
-        i, j = np.indices((N, N))
-        r = (N * rows[:, None, None] + i).ravel()
-        c = (N * columns[:, None, None] + j).ravel()
-        values, upper = self.entries.ravel(), np.repeat(rows != columns, N * N)
-        r, c = np.concatenate([r, c[upper]]), np.concatenate([c, r[upper]])
-        size, values = N * len(self._blocks.free), np.concatenate([values, values[upper]])
-        return from_entries(r, c, values, size, size)
+        blocks, nodes = self._blocks, len(self._blocks.free)
+        starts = np.searchsorted(blocks.rows, np.arange(nodes + 1))
+        shape = (blocks.N * nodes,) * 2
+        lower = tril(bsr_matrix((self.entries, blocks.columns, starts), shape=shape))
+        both = (lower + tril(lower, -1).T).tocoo()
+        return from_entries(both.row, both.col, both.data, *shape)
 
     def diagonal_places(self, nodes: np.ndarray) -> np.ndarray:
         """Where in ``entries`` the diagonal blocks of these nodes are."""

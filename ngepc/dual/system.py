@@ -9,8 +9,13 @@ from __future__ import annotations
 from ngsolve.la import BaseVector
 
 from ngepc.dual.functional import ActiveTerms, DualFunctional
-from ngepc.linalg.assembly import Placed, SparseSum
-from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError
+from ngepc.linalg.direct import (
+    FROM_LOWER_TRIANGLE,
+    SOLVER_ERRORS,
+    FactorisationError,
+    Placed,
+    SparseSum,
+)
 
 
 class NewtonSystem:

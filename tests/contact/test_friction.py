@@ -21,10 +21,10 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
+from ngepc.discretisation.contact_step import is_unique
 from ngepc.geometries import block
 from ngepc.linalg.friction import FrictionCone
 from ngepc.linalg.secants import Compliance
-from ngepc.linalg.uniqueness import is_unique
 
 MU, PRESSURE = 100.0, 4.0
 SPRINGY = Material.kinematic(lame_lambda=0.0, lame_mu=MU, yield_stress=1e6, hardening=1.0)

@@ -14,8 +14,14 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import lshape
-from ngepc.linalg.assembly import Placed, SparseSum, from_entries
-from ngepc.linalg.direct import SHIPPED, require_solver, symmetric_inverse
+from ngepc.linalg.direct import (
+    SHIPPED,
+    Placed,
+    SparseSum,
+    from_entries,
+    require_solver,
+    symmetric_inverse,
+)
 
 SIZE, FIRST = 12, 5
 
