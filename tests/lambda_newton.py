@@ -8,7 +8,6 @@ with the primal variable as a further unknown, so that no inverse of D is needed
 
 import math
 
-from ngepc.dual.carried import carried_over
 from ngepc.dual.newton import NewtonOptions, prepared, semismooth_newton
 from ngepc.dual.system import NewtonSystem
 
@@ -26,7 +25,9 @@ class MultiplierEquation:
 
     def _affine(self, v):
         """N_gamma v - w^, by the condensed D that ``N_inverse`` has, roundings included."""
-        return self.functional.linear_residual(self.blocks.primal_of(v, refinements=0), v)
+        right = (self.blocks.Lambda.T * v + self.blocks.load - self.blocks.D_lift).Evaluate()
+        y = (self.blocks.lift.vec + self.blocks.primal_response(right)).Evaluate()
+        return self.functional.linear_residual(y, v)
 
     def N(self, v):
         """N_gamma v = Lambda D^(-1) Lambda* v + B v / gamma."""
@@ -71,7 +72,10 @@ def newton_in_lambda(functional, v, options=FULL_STEPS):
 def compare_algorithms(problem, regularisation, start=None, options=FULL_STEPS):
     """Algorithms 6.6 and 6.8 side by side: a row for each iterate, 'difference' is that in H."""
     functional, duals = prepared(problem, regularisation, options), []
-    in_lambda = newton_in_lambda(functional, carried_over(start, functional), options)
+    v = functional.blocks.H_vector()
+    if start is not None:
+        v = functional.carried(start.functional, start.v)
+    in_lambda = newton_in_lambda(functional, v, options)
     result = semismooth_newton(
         problem,
         None,

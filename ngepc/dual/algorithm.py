@@ -54,12 +54,11 @@ def tested(
     system: NewtonSystem, here: Iterate, before: Iterate, log: RunLog, max_iterations: int
 ) -> Iterate:
     """The iterate to go on from, test by test; ``End`` if the iteration is over."""
-    record = log.history.records[-1]
-    if not math.isfinite(record.residual_norm + record.energy):
+    if not math.isfinite(here.norms.total + here.energy):
         raise End(Status.NONFINITE, before)
-    if log.rule.met(record):
+    if log.rule.met(here.norms, here.number):
         here = final_check(system, here, log.rule)
-    if record.iteration == max_iterations:
+    if here.number == max_iterations:
         raise End(Status.ITERATION_LIMIT, here)
     if log.drowned >= ROUNDING_STEPS:
         raise End(Status.STAGNATED, here)

@@ -1,7 +1,4 @@
-"""The linear part of the saddle function: D, Lambda, l, psi and B on the spaces of section 7.
-
-Nothing here changes during Newton steps or along a path in gamma, so it is assembled once.
-"""
+"""The linear part of the saddle function: D, Lambda, l, psi and B, assembled once for a path."""
 
 from __future__ import annotations
 
@@ -30,9 +27,6 @@ from ngepc.linalg.direct import symmetric_inverse
 from ngepc.model.loading import require_linear, require_plain
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
-
-REFINEMENTS = 1
-"""Corrections of y by the residual of D y = Lambda* v - l; a second one is rounding."""
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -96,28 +90,12 @@ def require_papers_problem(problem: Problem) -> None:
 class LinearBlocks:
     """Matrices and vectors of a problem that no Newton step and no gamma changes.
 
-    Parameters
-    ----------
-    problem, choice, inverse
-        The data, product and units, and NGSolve's name of the direct solver for D and B;
-        ValueError for a problem that the paper's method is not for.
-
-    Attributes
-    ----------
-    parts
-        Name -> part of v: 'contact' where there is some, and 'plastic'.
-    Y, H, X
-        The spaces of y = (u, p), of v, and of (y, v).
-    saddle
-        Condensed form of [[-D, Lambda*], [Lambda, 0]].
-    D, Lambda, B
-        D: Y -> Y*, neither condensed nor factorised, Lambda: Y -> H, and name -> block of B.
-    load, psi
-        -l and [psi, 0] as functionals.
-    B_inverse
-        Name -> the inverse of a block of B (the Poisson solves).
-    residual_unit
-        The unit of ||Psi_gamma||_{H*}, length^(N/2 + 1) of the reference units.
+    ``parts`` are those of v by name; Y, H and X the spaces of y = (u, p), of v and of (y, v);
+    ``saddle`` the condensed form of [[-D, Lambda*], [Lambda, 0]].  D: Y -> Y* is neither condensed
+    nor factorised, Lambda: Y -> H; ``B`` and ``B_inverse`` are by name (the Poisson solves).
+    ``load`` and ``psi`` are -l and [psi, 0] as functionals, ``residual_unit`` is that of
+    ||Psi_gamma||_{H*}, length^(N/2 + 1) of the reference units.  ValueError for a problem that the
+    paper's method is not for.
     """
 
     def __init__(self, problem: Problem, choice: DualSpaces, inverse: str) -> None:
@@ -184,15 +162,11 @@ class LinearBlocks:
 
     def Y_vector(self) -> BaseVector:
         """Zero in Y."""
-        y = self.load.CreateVector()
-        y[:] = 0.0
-        return y
+        return (0.0 * self.load).Evaluate()
 
     def H_vector(self) -> BaseVector:
         """Zero in H."""
-        v = self.psi.CreateVector()
-        v[:] = 0.0
-        return v
+        return (0.0 * self.psi).Evaluate()
 
     def part_of(self, v: BaseVector, name: str) -> BaseVector:
         """View of the part of a vector on H."""
@@ -210,18 +184,15 @@ class LinearBlocks:
         names = ("displacement", "plastic_strain", *self.parts)
         return {"state": state, **dict(zip(names, state.components, strict=True))}
 
-    def primal_of(self, v: BaseVector, refinements: int = REFINEMENTS) -> BaseVector:
+    def primal_of(self, v: BaseVector) -> BaseVector:
         """The y with D y = Lambda* v - l and the prescribed displacements.
 
-        The factors of the condensed D find y, the residual formed with D itself corrects it: where
-        h is small beside the elastic moduli, condensation alone would lose digits.
+        The factors of the condensed D find y, the residual formed with D itself corrects it once:
+        where h is small beside the elastic moduli, condensation alone would lose digits.
         """
-        y, right, r = (self.Y_vector() for _ in range(3))
-        right.data = self.Lambda.T * v + self.load
-        y.data = self.lift.vec
-        for _ in range(1 + refinements):
-            r.data = right - self.D * y
-            y += self.primal_response(r)
+        right, y = (self.Lambda.T * v + self.load).Evaluate(), (1.0 * self.lift.vec).Evaluate()
+        for _ in range(2):
+            y += self.primal_response((right - self.D * y).Evaluate())
         return y
 
     def primal_response(self, r: BaseVector) -> BaseVector:
@@ -233,9 +204,7 @@ class LinearBlocks:
         x.data = self._minus_D_inverse * right
         x.data += self.saddle.inner_solve * right
         x.data += self.saddle.harmonic_extension * x
-        y = self.Y_vector()
-        y.data = x.Range(0, self.Y.ndof)
-        return y
+        return (1.0 * x.Range(0, self.Y.ndof)).Evaluate()
 
     def rounding_of(self, y: BaseVector) -> BaseVector:
         """EPSILON |D| |y|: how uncertain each entry of D y is, in whatever way D is assembled."""
@@ -248,8 +217,6 @@ class LinearBlocks:
 
     def conjugate(self, y: BaseVector, v: BaseVector) -> float:
         """F*(Lambda* v) = <Lambda* v - l, y> - 1/2 <D y, y>, where D y = Lambda* v - l."""
-        r, y_0 = y.CreateVector(), y.CreateVector()
-        r.data = self.Lambda.T * v + self.load
-        y_0.data = y - self.lift.vec
+        r, y_0 = (self.Lambda.T * v + self.load).Evaluate(), (y - self.lift.vec).Evaluate()
         twice_energy = InnerProduct(r, y_0) + InnerProduct(self.D_lift, y)  # <D y, y>
         return InnerProduct(r, y) - twice_energy / 2

@@ -15,38 +15,40 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from ngsolve import InnerProduct
+from ngsolve import H1, GridFunction, InnerProduct
 from ngsolve.la import BaseVector
 
+from ngepc.discretisation.prolongation import prolongate
 from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.penalty import AssembledState
 from ngepc.dual.spaces import Coupled
+from ngepc.model.problem import as_scalar
 
 ROUNDING_SAMPLES = 2
 
 
-@dataclass(frozen=True)
-class ResidualNorms:
+class ResidualNorms(dict[str, float]):
     """||Psi_gamma||_{H*} of the parts of v by name, 'contact' and 'plastic'."""
-
-    by_part: dict[str, float]
 
     @property
     def total(self) -> float:
         """Norm of the whole residual."""
-        return math.sqrt(sum(norm**2 for norm in self.by_part.values()))
+        return math.sqrt(sum(norm**2 for norm in self.values()))
+
+    def plus(self, more: ResidualNorms) -> ResidualNorms:
+        """The sums, part by part."""
+        return ResidualNorms({name: norm + more[name] for name, norm in self.items()})
 
 
-@dataclass(frozen=True, eq=False)
 class ActiveTerms:
     """M^1 and M^2 at one v, by the name of the part: the active sets, and what follows."""
 
-    blocks: LinearBlocks
-    by_part: dict[str, AssembledState]
+    def __init__(self, blocks: LinearBlocks, by_part: dict[str, AssembledState]) -> None:
+        self._blocks, self.by_part = blocks, by_part
 
     @cached_property
     def energy(self) -> float:
@@ -56,9 +58,9 @@ class ActiveTerms:
     @cached_property
     def gradient(self) -> BaseVector:
         """M(v) as a functional on H."""
-        g = self.blocks.H_vector()
+        g = self._blocks.H_vector()
         for name, M in self.by_part.items():
-            self.blocks.part_of(g, name).data = M.gradient
+            self._blocks.part_of(g, name).data = M.gradient
         return g
 
     @property
@@ -116,20 +118,17 @@ class DualFunctional:
 
     def linear_residual(self, y: BaseVector, v: BaseVector) -> BaseVector:
         """Lambda y - [psi, 0] + B v / gamma_T."""
-        r = v.CreateVector()
-        r.data = self.blocks.Lambda * y - self.blocks.psi
+        r = (self.blocks.Lambda * y - self.blocks.psi).Evaluate()
         r += self.tichonov_gradient(v)
         return r
 
     def residual_norms(self, r: BaseVector) -> ResidualNorms:
         """<r, B^(-1) r>^(1/2) of each part."""
-        norms = {}
+        norms = ResidualNorms()
         for name, inverse in self.blocks.B_inverse.items():
             part = self.blocks.part_of(r, name)
-            riesz = part.CreateVector()
-            riesz.data = inverse * part
-            norms[name] = math.sqrt(max(0.0, InnerProduct(riesz, part)))
-        return ResidualNorms(norms)
+            norms[name] = math.sqrt(max(0.0, InnerProduct((inverse * part).Evaluate(), part)))
+        return norms
 
     def rounding(self, y: BaseVector) -> ResidualNorms:
         """What rounding in D y = Lambda* v - l leaves of the residual, whatever solver finds y.
@@ -138,10 +137,49 @@ class DualFunctional:
         The norms of Lambda D^(-1) e are averaged over a few e of that size with random signs.
         """
         sizes, signs = self.blocks.rounding_of(y), np.random.default_rng(0)
-        e, squares = self.blocks.load.CreateVector(), Counter()
+        e, squares = self.blocks.Y_vector(), Counter()
         for _ in range(ROUNDING_SAMPLES):
             e.FV().NumPy()[:] = sizes.FV().NumPy() * signs.choice((-1.0, 1.0), len(sizes))
             image = (self.blocks.Lambda * self.blocks.primal_response(e)).Evaluate()
-            by_part = self.residual_norms(image).by_part
-            squares.update({name: norm**2 / ROUNDING_SAMPLES for name, norm in by_part.items()})
+            norms = self.residual_norms(image)
+            squares.update({name: norm**2 / ROUNDING_SAMPLES for name, norm in norms.items()})
         return ResidualNorms({name: math.sqrt(square) for name, square in squares.items()})
+
+    def carried(self, old: DualFunctional, v: BaseVector) -> BaseVector:
+        """The v in H_h that belongs to v of an earlier problem, on this or another mesh.
+
+        P1 interpolation of nodal values.  What belongs together in two regularisations are equal
+        multipliers, |p| = gamma_q [|q| - beta]^+ and mu = gamma_z [z]^+: the excess of |q| and of z
+        is scaled by the quotient of the gammas.
+        """
+        blocks, w = self.blocks, self.blocks.H_vector()
+        same_mesh = old.blocks.problem.mesh is blocks.problem.mesh
+        for name, part in blocks.parts.items():
+            values = old.blocks.part_of(v, name)
+            source, target = old.blocks.parts[name].space, part.space
+            if same_mesh and source.ndof == target.ndof:
+                carried = values.FV().NumPy() * np.array(target.FreeDofs(), dtype=float)
+            else:
+                carried = prolongate(source, values, target)
+            blocks.part_of(w, name).FV().NumPy()[:] = carried
+        self._keep_multipliers(old, w)
+        return w
+
+    def _keep_multipliers(self, old: DualFunctional, v: BaseVector) -> None:
+        """Scale the excess of z and |q| by the quotients of the gammas, in place."""
+        problem, before, after = self.blocks.problem, old.weights, self.weights
+        if before.plastic != after.plastic:
+            beta = GridFunction(H1(problem.mesh, order=1))  # where it jumps, the mean
+            beta.Set(as_scalar(problem.beta))
+            q = self.blocks.part_of(v, PLASTIC).FV().NumPy().reshape(problem.kinematics.d, -1)
+            q[:] = scaled_excess(q, beta.vec.FV().NumPy(), before.plastic / after.plastic)
+        if CONTACT in self.blocks.parts:
+            z = self.blocks.part_of(v, CONTACT).FV().NumPy()
+            z[z > 0] *= before.contact / after.contact
+
+
+def scaled_excess(q: np.ndarray, threshold: np.ndarray | float, ratio: float) -> np.ndarray:
+    """Nodal values q, shape (d, nodes), with |q| - threshold times ``ratio`` where positive."""
+    size = np.sqrt((q * q).sum(axis=0))
+    excess = np.maximum(size - threshold, 0.0)
+    return q * (1 + (ratio - 1) * excess / np.where(size > 0, size, 1.0))

@@ -23,11 +23,7 @@ START = Step(length=1.0, energy=math.nan, halvings=0)
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """(y, v) with D y = Lambda* v - l, the active sets, the residual and the energy J*_gamma(v).
-
-    ``terms`` are M^1 and M^2 at v, ``number`` and ``step`` how many Newton steps led here, and the
-    last of them.
-    """
+    """(y, v) with D y = Lambda* v - l, M^1 and M^2 at v, and which Newton step led here."""
 
     functional: DualFunctional
     y: BaseVector
@@ -49,9 +45,8 @@ class Iterate:
     @cached_property
     def residual(self) -> BaseVector:
         """Psi_gamma = Lambda y - [psi, 0] + M(v) + B v / gamma_T as a functional on H."""
-        residual = self.functional.linear_residual(self.y, self.v)
-        residual += self.terms.gradient
-        return residual
+        smooth = self.functional.linear_residual(self.y, self.v)
+        return (smooth + self.terms.gradient).Evaluate()
 
     @cached_property
     def norms(self) -> ResidualNorms:
@@ -75,12 +70,12 @@ class Iterate:
 
     def record(self) -> IterationRecord:
         """What monitors and histories get."""
-        active = self.terms.measures
+        active, norms = self.terms.measures, self.norms
         return IterationRecord(
             iteration=self.number,
-            residual_norm=self.norms.total,
-            contact_residual_norm=self.norms.by_part.get(CONTACT, 0.0),
-            plastic_residual_norm=self.norms.by_part[PLASTIC],
+            residual_norm=norms.total,
+            contact_residual_norm=norms.get(CONTACT, 0.0),
+            plastic_residual_norm=norms[PLASTIC],
             energy=self.energy,
             step_length=self.step.length,
             halvings=self.step.halvings,
@@ -91,10 +86,7 @@ class Iterate:
 
 
 class DualLine:
-    """J*_gamma along v + alpha dv, with y + alpha dy and the solution (dy, dv) of (7.1).
-
-    ``slope`` is d/d alpha at alpha = 0.
-    """
+    """J*_gamma along (y + alpha dy, v + alpha dv); ``slope`` is its derivative at alpha = 0."""
 
     def __init__(self, here: Iterate, dy: BaseVector, dv: BaseVector) -> None:
         self.here, self.dy, self.dv, functional = here, dy, dv, here.functional

@@ -9,7 +9,6 @@ from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.dual.algorithm import algorithm_7_1
 from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.carried import carried_over
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import Coupled
@@ -146,7 +145,9 @@ def semismooth_newton(
     require_instance("start", start, kinds, "a result of semismooth_newton or None")
     functional = prepared(problem, regularisation, options)
     rule = ResidualBelow(options.tolerance * functional.blocks.residual_unit)
-    system, v = NewtonSystem(functional, options.inverse), carried_over(start, functional)
+    system, v = NewtonSystem(functional, options.inverse), functional.blocks.H_vector()
+    if start is not None:
+        v = functional.carried(start.functional, start.v)
     return algorithm_7_1(system, v, rule, options.linesearch, options.max_iterations, monitor)
 
 

@@ -1,8 +1,7 @@
 """The parts of the dual variable v = (z, q) by name.
 
-A part is one component of v together with the terms that it alone has in the saddle function
-S(y, v) of functional.py: its row of <Lambda y, v>, of (psi, z), of the Tichonov form b and its
-nonsmooth term M.  The functional is the sum over the parts.
+A part is one component of v with the terms that it alone has in the saddle function of
+functional.py: its row of <Lambda y, v>, of (psi, z), of b and its nonsmooth term M.
 """
 
 from __future__ import annotations
@@ -36,10 +35,7 @@ class ContactPart:
         return self._problem.psi * w * self._on_contact
 
     def tichonov(self) -> BaseMatrix:
-        """B_z.
-
-        ValueError if a piece of Gamma_c has no ends: its constants would be in the kernel of (R2).
-        """
+        """B_z; ValueError for (R2) where a piece of Gamma_c has no ends: it has a kernel."""
         tichonov = self._choice.tichonov
         if tichonov.fixed and closed_somewhere(self._problem, self.space):
             raise ValueError(

@@ -7,9 +7,10 @@ from functools import partial
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_instance
+from ngepc.dual.functional import ResidualNorms
 from ngepc.dual.newton import NewtonOptions
+from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.stopping import ResidualBelow
-from ngepc.results.outcome import IterationRecord
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,25 +82,19 @@ class PathOptions:
 
 @dataclass(frozen=True)
 class InnerRule(ResidualBelow):
-    """Step (iv)(a) of Algorithm 7.2: separate bounds for both residuals, at least one step.
+    """Step (iv)(a) of Algorithm 7.2: bounds for ||Psi_z|| and ||Psi_q||, at least one step.
 
-    Parameters
-    ----------
-    tolerance
-        A start with a residual norm below it needs no step.
-    contact, plastic
-        Bounds for ||Psi_z|| and ||Psi_q||.
+    A start with a residual norm below ``tolerance`` needs no step.
     """
 
     contact: float
     plastic: float
 
-    def met(self, record: IterationRecord) -> bool:
+    def met(self, norms: ResidualNorms, steps: int) -> bool:
         """Whether both residuals are below their bounds."""
-        if record.iteration == 0:
-            return super().met(record)
-        below = record.contact_residual_norm < self.contact
-        return below and record.plastic_residual_norm < self.plastic
+        if steps == 0:
+            return super().met(norms, steps)
+        return norms.get(CONTACT, 0.0) < self.contact and norms[PLASTIC] < self.plastic
 
     def __str__(self) -> str:
         return f"the tolerances {self.contact:.3g} (contact) and {self.plastic:.3g} (plastic)"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,22 +27,9 @@ LIMITS = ("max_outer_iterations", "max_iterations")
 class PathStep:
     """One value of gamma on a path.
 
-    Parameters
-    ----------
-    gamma
-        gamma_k.
-    iterations
-        Newton steps.
-    path_value
-        V_gamma, the energy J*_gamma at the inexact solution (force times length).
-    change
-        |V_gamma_k - V_gamma_(k-1)| / |V_gamma_(k-1)|, None for the first gamma.
-    residual_norm, contact_residual_norm, plastic_residual_norm
-        ||Psi_gamma||_{H*} and its parts, at the end.
-    halvings
-        Halvings of the step length.
-    status
-        How the inner iteration ended.
+    ``path_value`` is V_gamma, the energy J*_gamma at the inexact solution (force times length),
+    ``change`` |V_gamma_k - V_gamma_(k-1)| / |V_gamma_(k-1)|, None for the first gamma; the norms
+    are those of Psi_gamma at the end, ``status`` says how the Newton steps ended.
     """
 
     gamma: float
@@ -57,27 +45,21 @@ class PathStep:
     @classmethod
     def after(cls, before: list[PathStep], result: DualResult) -> PathStep:
         """The record of a result that comes after these steps."""
-        last = Iterate.at(result.functional, result.v).record()
-        norms = ("residual_norm", "contact_residual_norm", "plastic_residual_norm")
+        last, change = Iterate.at(result.functional, result.v).record(), None
+        if before:
+            value, rise = before[-1].path_value, abs(last.energy - before[-1].path_value)
+            change = 0.0 if rise == 0 else rise / abs(value) if value else math.inf
         return cls(
             gamma=result.regularisation.gamma,
             iterations=result.iterations,
             path_value=last.energy,
-            change=relative_change(before, last.energy),
-            **{name: getattr(last, name) for name in norms},
+            change=change,
+            residual_norm=last.residual_norm,
+            contact_residual_norm=last.contact_residual_norm,
+            plastic_residual_norm=last.plastic_residual_norm,
             halvings=result.history.halvings,
             status=result.status,
         )
-
-
-def relative_change(steps: list[PathStep], value: float) -> float | None:
-    """The quotient in step (iv) of Algorithm 7.2, None for the first value."""
-    if not steps:
-        return None
-    before = steps[-1].path_value
-    if value == before:
-        return 0.0
-    return abs(value - before) / abs(before) if before else float("inf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +118,9 @@ class PathResult(Ending):
 
 
 class PathStore:
-    """The checkpoint of a path, None for none; it belongs to all of the work but its limits.
+    """The checkpoint of a path, None for none; OSError, before any work, if it cannot be written.
 
-    OSError, before any work, where it cannot be written.
+    It belongs to all of the work but its limits.
     """
 
     def __init__(
@@ -157,9 +139,8 @@ class PathStore:
         check_writable(self._path)
         kept = {k: v for k, v in asdict(options).items() if k not in LIMITS}
         kept["newton"] = {k: v for k, v in kept["newton"].items() if k not in LIMITS}
-        digest = None if start is None else checkpoint.contents_digest(arrays_of(start.v))
-        told = {"spaces": repr(spaces), "start": digest}
-        self._fingerprint = work_fingerprint("path", problem, **told, **kept)
+        kept["start"] = None if start is None else checkpoint.contents_digest(arrays_of(start.v))
+        self._fingerprint = work_fingerprint("path", problem, spaces=repr(spaces), **kept)
 
     def load(self) -> tuple[list[PathStep], np.ndarray, History] | None:
         """The steps on disk, the dual variable and the history of the last; None without a file.

@@ -72,10 +72,7 @@ class DualResult(Result):
 
     @property
     def residual_rounding(self) -> float:
-        """What rounding leaves of ``residual_norm``, in whatever way that is computed.
-
-        A tolerance below it cannot be met, see ``ngepc.dual.stopping``.
-        """
+        """What rounding leaves of ``residual_norm``; no tolerance below it can be met."""
         return self.functional.rounding(self.y).total
 
     @property

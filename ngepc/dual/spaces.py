@@ -12,7 +12,7 @@ so a body of another size needs L = its size to give the scaled result.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from ngsolve import CF, InnerProduct, grad
 from ngsolve.comp import ProxyFunction
@@ -106,8 +106,16 @@ class DualSpaces:
         require_instance("units", self.units, Units, "Units(...)")
 
 
+class Weights(NamedTuple):
+    """gamma_z (length / stress), gamma_q (1 / stress) and gamma_T (stress / length^2)."""
+
+    contact: float
+    plastic: float
+    tichonov: float
+
+
 @dataclass(frozen=True)
-class Coupled:
+class Coupled(DualSpaces):
     """The paper's regularisation: one gamma for contact, yield bound and Tichonov term.
 
     Parameters
@@ -126,15 +134,13 @@ class Coupled:
     """
 
     gamma: float
-    tichonov: SurfaceGradient = field(default_factory=SurfaceGradient)
-    units: Units = field(default_factory=Units)
-    gamma_tichonov: float | None = None
+    gamma_tichonov: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         require_number("gamma", self.gamma, 0, strict=True)
         if self.gamma_tichonov is not None:
             require_number("gamma_tichonov", self.gamma_tichonov, 0, strict=True)
-        _ = self.spaces
+        super().__post_init__()
 
     @property
     def spaces(self) -> DualSpaces:
@@ -147,16 +153,5 @@ class Coupled:
         stress, length = self.units.stress, self.units.length
         gamma_T = self.gamma if self.gamma_tichonov is None else self.gamma_tichonov
         return Weights(
-            contact=self.gamma * length / stress,
-            plastic=self.gamma / stress,
-            tichonov=gamma_T * stress / length**2,
+            self.gamma * length / stress, self.gamma / stress, gamma_T * stress / length**2
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Weights:
-    """gamma_z (length / stress), gamma_q (1 / stress) and gamma_T (stress / length^2)."""
-
-    contact: float
-    plastic: float
-    tichonov: float

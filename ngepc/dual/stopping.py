@@ -49,9 +49,9 @@ class ResidualBelow:
 
     tolerance: float
 
-    def met(self, record: IterationRecord) -> bool:
-        """Whether the iterate with this record will do."""
-        return record.residual_norm < self.tolerance
+    def met(self, norms: ResidualNorms, steps: int) -> bool:
+        """Whether an iterate with these norms will do after so many steps."""
+        return norms.total < self.tolerance
 
     def __str__(self) -> str:
         return f"the tolerance {self.tolerance:.3g}"
@@ -68,31 +68,21 @@ class End(Exception):
 def final_check(system: NewtonSystem, here: Iterate, rule: ResidualBelow) -> Iterate:
     """Judge an iterate whose updated residual meets the rule: y and residual afresh, corrected.
 
-    Near a solution the active sets stay, so that a correction needs no new factors.
-
-    Returns
-    -------
-    Iterate
-        Where to go on from, if further Newton steps may help.
-
-    Raises
-    ------
-    End
-        Otherwise, CONVERGED or STAGNATED.
+    Near a solution the active sets stay, so that a correction needs no new factors.  Returns where
+    to go on from, if further Newton steps may help; ``End`` otherwise, CONVERGED or STAGNATED.
     """
     here = here.afresh()
     rounding = here.functional.rounding(here.y)
     for _ in range(CORRECTIONS):
-        if rule.met(plus(here.record(), rounding)) or here.number == 0:
+        if rule.met(here.norms.plus(rounding), here.number) or here.number == 0:
             break
         better = here.afresh(system.solve((-here.residual).Evaluate())[1])
         if not better.norms.total <= here.norms.total / 2:
             break
         here = better
-    record = here.record()
-    if rule.met(plus(record, rounding)):
+    if rule.met(here.norms.plus(rounding), here.number):
         raise End(Status.CONVERGED, here)
-    if rule.met(plus(record, rounding, part=0.0)):
+    if rule.met(rounding, here.number):
         return here
     reach = 1.1 * (here.norms.total + rounding.total) / here.functional.blocks.residual_unit
     raise End(
@@ -104,25 +94,17 @@ def final_check(system: NewtonSystem, here: Iterate, rule: ResidualBelow) -> Ite
     )
 
 
-def plus(record: IterationRecord, norms: ResidualNorms, part: float = 1.0) -> IterationRecord:
-    """The record with ``part`` of its residual norms and these added to them."""
-    more = {f"{name}_residual_norm": norm for name, norm in norms.by_part.items()}
-    more["residual_norm"] = norms.total
-    sums = {name: part * getattr(record, name) + norm for name, norm in more.items()}
-    return replace(record, **sums)
-
-
 class RunLog:
-    """What a run has shown: its ``history``, and how many of the last steps ``drowned`` in a row.
+    """What a run has shown: its ``history``, and how many steps have ``drowned``.
 
-    These have changed the energy by rounding only.
+    These, the last ones in a row, have changed the energy by rounding only.
     """
 
     def __init__(self, rule: ResidualBelow, monitor: Monitor | None) -> None:
         self.rule, self._monitor = rule, monitor
         self.history, self.drowned = History(), 0
 
-    def note(self, here: Iterate) -> IterationRecord:
+    def note(self, here: Iterate) -> None:
         """Record an iterate, log it and show it to the monitor."""
         record, records = here.record(), self.history.records
         if records:
@@ -135,7 +117,6 @@ class RunLog:
         )
         if self._monitor is not None:
             self._monitor(replace(record, snapshot=lambda: self._snapshot(here)))
-        return record
 
     def _snapshot(self, here: Iterate) -> DualResult:
         """The result of a run that had stopped at an iterate."""

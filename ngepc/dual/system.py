@@ -27,10 +27,9 @@ class NewtonSystem:
 
     def __init__(self, functional: DualFunctional, inverse: str) -> None:
         self._solver, self._inverse, self._blocks = inverse, None, functional.blocks
-        patterns = self._placed(functional.patterns())
-        tichonov = self._placed(self._blocks.B)
+        self._B, patterns = self._placed(self._blocks.B), self._placed(functional.patterns())
         mirrored = inverse not in FROM_LOWER_TRIANGLE
-        self._sum = SparseSum(self._blocks.saddle.mat, [*tichonov, *patterns], mirrored=mirrored)
+        self._sum = SparseSum(self._blocks.saddle.mat, [*self._B, *patterns], mirrored=mirrored)
         self.use(functional)
 
     def _placed(self, by_part: dict) -> list[Placed]:
@@ -43,7 +42,7 @@ class NewtonSystem:
         self.functional = functional
         self._sum.values[:] = 0.0
         self._sum.add(Placed(self._blocks.saddle.mat))
-        for B in self._placed(self._blocks.B):
+        for B in self._B:
             self._sum.add(B, 1 / functional.weights.tichonov)
         self._constant = self._sum.values.copy()
 
@@ -79,6 +78,4 @@ class NewtonSystem:
         right.Range(ny, blocks.X.ndof).data = r
         x.data = self._inverse * right
         x.data += blocks.saddle.harmonic_extension * x
-        dy, dv = blocks.Y_vector(), blocks.H_vector()
-        dy.data, dv.data = x.Range(0, ny), x.Range(ny, blocks.X.ndof)
-        return dy, dv
+        return tuple((1.0 * x.Range(*ends)).Evaluate() for ends in ((0, ny), (ny, blocks.X.ndof)))

@@ -14,10 +14,10 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from ngsolve import Integrate
 
-from ngepc.dual.path import PathResult, follow_path
+from ngepc.dual.path import follow_path, mesh_width
 from ngepc.dual.path_options import PathOptions
+from ngepc.dual.path_steps import PathResult
 from ngepc.dual.result import DualResult
-from ngepc.dual.widths import mesh_width
 from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
 from ngepc.pictures.sampling import body_corners
 from ngepc.pictures.style import beside, save_figure

@@ -8,7 +8,7 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
-from ngepc.dual.carried import carried_over, scaled_excess
+from ngepc.dual.functional import scaled_excess
 from ngepc.dual.newton import NewtonOptions, prepared
 from ngepc.geometries import lshape
 
@@ -41,7 +41,7 @@ def test_excess_is_scaled_in_its_direction():
 
 
 def test_same_problem_starts_from_the_same_numbers(problem, coupled):
-    v = carried_over(coupled, functional(problem, Coupled(1e4)))
+    v = functional(problem, Coupled(1e4)).carried(coupled.functional, coupled.v)
     assert (v.FV().NumPy() == coupled.v.FV().NumPy()).all()
 
 
@@ -50,7 +50,7 @@ def test_nodal_multipliers_are_kept(problem, coupled, gamma):
     there = functional(problem, Coupled(gamma))
     (z, q), (z_new, q_new) = (
         parts(coupled.functional, coupled.v),
-        parts(there, carried_over(coupled, there)),
+        parts(there, there.carried(coupled.functional, coupled.v)),
     )
 
     def multipliers(weights, z, q):

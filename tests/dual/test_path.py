@@ -24,8 +24,8 @@ from ngepc import (
 from ngepc.__main__ import main
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.newton import prepared
+from ngepc.dual.path import contact_mesh_width, mesh_width
 from ngepc.dual.system import NewtonSystem
-from ngepc.dual.widths import contact_mesh_width, mesh_width
 from ngepc.geometries import lshape, wrench
 
 
