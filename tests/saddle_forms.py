@@ -66,7 +66,7 @@ class SaddleForms:
     def __init__(self, discrete: DiscreteProblem, inverse: str) -> None:
         self.discrete, self._name, self._inverse = discrete, inverse, None
         self.back_substitutions = 0
-        assert discrete.added is None, "springs, rollers and floating parts are not in the forms"
+        assert not discrete.added.nnz, "springs, rollers and floating parts are not in the forms"
         problem, V = discrete.problem, discrete.supports.space
         require_linear(problem, "these forms need")
         local = L2(problem.mesh, order=plastic_order(problem.mesh, problem.order))

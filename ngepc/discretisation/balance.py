@@ -1,16 +1,17 @@
-"""What is left of balance at a displacement with contact forces, and what rounding leaves of it."""
+"""What no Newton step changes, what is left of balance at an iterate, and what rounding leaves."""
 
 from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
+from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.floating import Floating
-from ngepc.discretisation.loads import Supports
+from ngepc.discretisation.loads import Supports, applied_forces
+from ngepc.linalg.secants import Compliance
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Alone
 
@@ -23,18 +24,45 @@ ROUNDING_SCALE = 4e-6
 """Part of |K| |u| that counts as a force where nothing else does, in a body without forces."""
 
 
-class Frame(Protocol):
-    """What no Newton step changes, as far as balance asks for it."""
+class Frame:
+    """Supports, contact rows and loads of a problem; the problems of both exact methods inherit it.
 
-    problem: Problem
-    contact: ContactConditions
-    supports: Supports
-    floating: Floating
-    load: np.ndarray
-    free: np.ndarray
+    They have ``stiffness_diagonal``, that of the elastic stiffness (nodes, N), and
+    ``yield_forces``, the norm of nodal forces of stresses at the yield bound.
+    """
+
     stiffness_diagonal: np.ndarray
-    row_stiffness: np.ndarray
     yield_forces: float
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self.supports = problem, Supports(problem)
+        self.contact = ContactConditions(problem, self.supports)
+        self.rows, self.free = self.contact.rows, self.supports.free
+        self.load = applied_forces(problem, self.supports.space)  # nodal forces, (nodes, N)
+
+    @cached_property
+    def row_stiffness(self) -> np.ndarray:
+        """Elastic stiffness of each row of ``contact`` (force per length)."""
+        return self.contact.stiffness(self.stiffness_diagonal)
+
+    @cached_property
+    def floating(self) -> Floating:
+        """The parts that contact alone holds."""
+        return Floating(self.problem, self.contact, self.load)
+
+    @cached_property
+    def added(self) -> csr_matrix:
+        """What tangents have besides the stress: springs, also those that only steer the steps."""
+        weak = self.floating.springs(self.stiffness_diagonal)
+        grip = self.contact.grip(self.row_stiffness)
+        return (self.supports.stiffness + grip + diags(weak.ravel())).tocsr()
+
+    def compliance(self) -> Compliance:
+        """A first guess of the compliance of all rows, which learns."""
+        known = self.floating.compliance(self.stiffness_diagonal)
+        return Compliance(
+            1 / (self.row_stiffness + self.contact.springs(self.row_stiffness)), known
+        )
 
 
 class Balance:
@@ -105,11 +133,8 @@ class Balance:
     def force_scale(self) -> float:
         """The force that residuals are relative to."""
         sizes = [self._processes.norm(a) for a in (self.frame.load, self.internal_forces)]
-        return max(
-            *sizes,
-            self.contact_defect,
-            min(ROUNDING_SCALE * self.trial_forces, self.frame.yield_forces),
-        )
+        least = min(ROUNDING_SCALE * self.trial_forces, self.frame.yield_forces)
+        return max(*sizes, self.contact_defect, least)
 
     @cached_property
     def trial_forces(self) -> float:

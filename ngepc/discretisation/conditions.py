@@ -101,22 +101,21 @@ class ContactConditions:
         """R' x, the nodal forces of the body on the obstacle, shape (nodes, N)."""
         return (self._transposed @ x).reshape(-1, self.N)
 
-    def grip(self, row_stiffness: np.ndarray) -> tuple[csr_matrix | None, np.ndarray]:
-        """Springs that hold rollers in the tangent, and a guess of the compliance of all rows.
+    def springs(self, row_stiffness: np.ndarray) -> np.ndarray:
+        """Stiffness of springs that hold rollers in the tangent, 0 for other rows, shape (n,).
 
         No step from a displacement that is ``on_rollers`` moves them: the springs change nothing,
         but they hold a body that stands on rollers alone, and make its forces easy to find.
         """
-        on, compliance = self.roller_part, 1 / row_stiffness
-        R, stiffness = self.rows.normal[on], GRIP * row_stiffness[on]
-        compliance[on] /= 1 + GRIP
-        return (R.T @ diags(stiffness) @ R).tocsr() if R.shape[0] else None, compliance
+        springs = np.zeros(len(self))
+        springs[self.roller_part] = GRIP * row_stiffness[self.roller_part]
+        return springs
 
-    def grip_forces(self, change: np.ndarray, row_stiffness: np.ndarray) -> np.ndarray:
-        """What these springs carry in a step, shape (n,): rounding that belongs to the rollers."""
-        on, forces = self.roller_part, np.zeros(len(self))
-        forces[on] = GRIP * row_stiffness[on] * (self.rows.normal[on] @ change.ravel())
-        return forces
+    def grip(self, row_stiffness: np.ndarray) -> csr_matrix:
+        """These springs between displacements flattened node by node."""
+        on = self.roller_part
+        R, springs = self.rows.normal[on], self.springs(row_stiffness)[on]
+        return (R.T @ R.multiply(springs[:, None])).tocsr()
 
     def on_rollers(self, u: np.ndarray, free: np.ndarray) -> np.ndarray:
         """The displacement nearest to ``u`` that the rollers allow, both (nodes, N)."""

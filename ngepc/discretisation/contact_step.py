@@ -58,7 +58,8 @@ def with_contact(
     found = solve_by_secants(conditions.friction, product, compliance, gaps, forces, slack)
     if found is None:
         return None
-    return change, found + conditions.grip_forces(change, row_stiffness)
+    # what the springs of rollers carry is rounding that belongs to these
+    return change, found + conditions.springs(row_stiffness) * conditions.displacement(change)
 
 
 def rival(

@@ -50,15 +50,13 @@ class Floating:
     def __bool__(self) -> bool:
         return bool(self.centres)
 
-    def springs(self, stiffness_diagonal: np.ndarray) -> np.ndarray | None:
-        """Weak springs of the tangent, shape (nodes, N); None if no part floats.
+    def springs(self, stiffness_diagonal: np.ndarray) -> np.ndarray:
+        """Weak springs of the tangent, shape (nodes, N), zero if no part floats.
 
         They resist the change of each Newton step, not the displacement: a proximal term that does
         not change the solution and costs about a factor SOFT in the speed of convergence.
         """
-        if not self:
-            return None
-        soft = SOFT[self._contact.friction.d > 0]
+        soft = SOFT[self._contact.friction.d > 0] if self else 0.0
         return soft / len(stiffness_diagonal) * stiffness_diagonal
 
     def compliance(self, stiffness_diagonal: np.ndarray) -> np.ndarray:

@@ -105,7 +105,7 @@ class Supports:
     free: np.ndarray  # boolean, shape (nodes, N): components that no support holds
     values: np.ndarray  # prescribed displacements, zero elsewhere, shape (nodes, N)
     springs: dict[Place, csr_matrix]  # their forces per displacement, u flattened node by node
-    stiffness: csr_matrix | None  # the sum of ``springs``
+    stiffness: csr_matrix  # the sum of ``springs``
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.space = problem, displacement_space(problem)
@@ -120,12 +120,10 @@ class Supports:
             place: spring_matrix(problem, self.space, place, k)
             for place, k in problem.spring_constants.items()
         }
-        self.stiffness = sum(self.springs.values()) if self.springs else None
+        self.stiffness = sum(self.springs.values(), csr_matrix((free.size, free.size)))
 
     def pull(self, u: np.ndarray, place: Place | None = None) -> np.ndarray:
         """The forces on the springs, of one place or of all, at displacements, both (nodes, N)."""
-        if self.stiffness is None:
-            return np.zeros_like(u)
         matrix = self.stiffness if place is None else self.springs[place]
         return self.problem.processes.summed((matrix @ u.ravel()).reshape(u.shape))
 

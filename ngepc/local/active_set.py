@@ -17,7 +17,6 @@ import numpy as np
 from ngepc.discretisation.contact_step import with_contact
 from ngepc.discretisation.rows import HELD
 from ngepc.linalg.friction import SHORTEST, SOFT
-from ngepc.linalg.secants import Compliance
 from ngepc.local.closed import Closed, Rubbing
 from ngepc.local.factors import TangentError
 from ngepc.local.iterative import IterativeTangent
@@ -70,10 +69,7 @@ class InexactTarget:
 
     def __init__(self, discrete: DiscreteProblem, forcing: float, tolerance: float) -> None:
         self._forcing, self._tolerance, self._before = forcing, tolerance, 0.0
-        self._compliance = Compliance(
-            discrete.contact.grip(discrete.row_stiffness)[1],
-            discrete.floating.compliance(discrete.stiffness_diagonal),
-        )
+        self._compliance = discrete.compliance()
         self._contact = discrete.contact
         free, tangential = discrete.free.ravel(), discrete.rows.tangential
         moved = np.asarray(abs(tangential[:, np.flatnonzero(free)]).sum(axis=1)).ravel()

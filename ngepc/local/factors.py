@@ -101,9 +101,8 @@ class Factors:
     def stiffened(self, springs: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """``solve`` with springs of the contact rows, each of which belongs to one node."""
         discrete, R = self._discrete, self._discrete.contact.matrix
-        more, added = (R.T @ diags(springs) @ R).tocsr(), discrete.added
-        more = more if added is None else added + more
-        blocks = StiffnessBlocks(discrete.points, discrete.free, more)
+        added = discrete.added + R.T @ diags(springs) @ R
+        blocks = StiffnessBlocks(discrete.points, discrete.free, added.tocsr())
         held = Factors(discrete, self._name, blocks)
         held.update(self.moduli)
         return held.solve

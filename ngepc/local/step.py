@@ -18,7 +18,6 @@ import numpy as np
 
 from ngepc.discretisation.balance import EPSILON
 from ngepc.discretisation.contact_step import ROUNDING, ContactWork, with_contact
-from ngepc.linalg.secants import Compliance
 from ngepc.local.factors import Tangent, TangentError
 from ngepc.local.system import DiscreteProblem, State
 
@@ -60,10 +59,7 @@ class ExactTarget:
     """
 
     def __init__(self, discrete: DiscreteProblem) -> None:
-        self._compliance = Compliance(
-            discrete.contact.grip(discrete.row_stiffness)[1],
-            discrete.floating.compliance(discrete.stiffness_diagonal),
-        )
+        self._compliance = discrete.compliance()
 
     def __call__(self, here: State, tangent: Tangent) -> Target:
         """Factorise the tangent at a state and solve Newton's model with contact and friction.

@@ -11,20 +11,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
 
-from ngepc.discretisation.balance import Balance
-from ngepc.discretisation.conditions import ContactConditions
-from ngepc.discretisation.floating import Floating
+from ngepc.discretisation.balance import Balance, Frame
 from ngepc.discretisation.law import Law, Return
-from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.points import Moduli, Points
-from ngepc.discretisation.rows import ContactRows
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.model.problem import Problem
 
 
-class DiscreteProblem:
+class DiscreteProblem(Frame):
     """Points, law, supports, contact rows and loads of a problem: what no Newton step changes.
 
     Parameters
@@ -43,55 +38,21 @@ class DiscreteProblem:
     """
 
     def __init__(self, problem: Problem, points: Points | None = None) -> None:
-        self.problem = problem
+        super().__init__(problem)
         self.points = points or Points(problem.mesh, problem.kinematics, problem.order)
         self.law = Law(problem, self.points)
-        self.supports = Supports(problem)
-        self.contact = ContactConditions(problem, self.supports)
-        self.rows: ContactRows = self.contact.rows
-        self.load = applied_forces(problem, self.supports.space)
-
-    @property
-    def free(self) -> np.ndarray:
-        """Boolean, shape (nodes, N): components that no support holds."""
-        return self.supports.free
 
     @cached_property
     def stiffness(self) -> Stiffness:
         """The pattern of the tangents; who fills it takes ``another()``."""
         return Stiffness(self.points, self.supports.free, self.added)
 
-    @property
-    def added(self) -> csr_matrix | None:
-        """What the tangent has besides the stress: springs, and what only steers the steps."""
-        weak = None if self.springs is None else diags(self.springs.ravel())
-        parts = [self.supports.stiffness, self.contact.grip(self.row_stiffness)[0], weak]
-        parts = [part for part in parts if part is not None]
-        return sum(parts[1:], parts[0]).tocsr() if parts else None
-
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:
         """Diagonal of the elastic stiffness, shape (nodes, N): the size of forces per length."""
         diagonal = self.points.diagonal(self.law.bulk, self.law.two_mu)
-        springs = self.supports.stiffness
-        if springs is None:
-            return diagonal
-        return diagonal + self.problem.processes.summed(springs.diagonal().reshape(diagonal.shape))
-
-    @cached_property
-    def row_stiffness(self) -> np.ndarray:
-        """Elastic stiffness of each row of ``contact`` (force per length)."""
-        return self.contact.stiffness(self.stiffness_diagonal)
-
-    @cached_property
-    def floating(self) -> Floating:
-        """The parts that contact alone holds."""
-        return Floating(self.problem, self.contact, self.load)
-
-    @cached_property
-    def springs(self) -> np.ndarray | None:
-        """``Floating.springs``."""
-        return self.floating.springs(self.stiffness_diagonal)
+        springs = self.supports.stiffness.diagonal().reshape(diagonal.shape)
+        return diagonal + self.problem.processes.summed(springs)
 
     @cached_property
     def yield_forces(self) -> float:

@@ -17,12 +17,11 @@ from ngsolve import (
     dx,
     specialcf,
 )
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix
 
-from ngepc.discretisation.conditions import ContactConditions
+from ngepc.discretisation.balance import Frame
 from ngepc.discretisation.contact_step import EXAMINED, FEW
-from ngepc.discretisation.floating import Floating
-from ngepc.discretisation.loads import Supports, applied_forces, nodal
+from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.stiffness import ComponentBlocks
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
@@ -33,10 +32,10 @@ ANSWER = 1e-8
 """Relative residual of linear systems that are solved by iterations."""
 
 
-class ReducedEnergy:
+class ReducedEnergy(Frame):
     """min over p of J(u, p), (2.14), for nodal displacements u of shape (nodes, N).
 
-    A ``Frame`` of ``discretisation.balance``; ``inverse`` is as in ``PrimalOptions``.
+    ``inverse`` is as in ``PrimalOptions``.
 
     Attributes
     ----------
@@ -48,12 +47,10 @@ class ReducedEnergy:
 
     def __init__(self, problem: Problem, inverse: str | object = "sparsecholesky") -> None:
         require_whole("primal_newton", problem.mesh)
-        self.problem, self.supports = problem, Supports(problem)
-        self.contact = ContactConditions(problem, self.supports)
-        self.free, space = self.supports.free, self.supports.space
+        super().__init__(problem)
+        space = self.supports.space
         self.displacement = GridFunction(space, name="displacement")
         self.mapping = ReturnMapping(problem, self.displacement)
-        self.load = applied_forces(problem, space)
         self.rules = plastic_points(problem.mesh, problem.order)
         u, v = space.TnT()
         self._forces = LinearForm(space)
@@ -63,18 +60,10 @@ class ReducedEnergy:
         self._density = self.mapping.energy_density.Compile()
         self._plastic = self.mapping.plastic.Compile()
         self._name, self._inverse = inverse, None
-        self._added = self.supports.stiffness
-        matrix = self.assemble()
+        matrix = self.assemble(self.supports.stiffness)
         self.stiffness_diagonal = nodal(
             csr_matrix(tuple(map(np.asarray, matrix.CSR()))).diagonal(), problem
         )
-        self.row_stiffness = self.contact.stiffness(self.stiffness_diagonal)
-        self.floating = Floating(problem, self.contact, self.load)
-        weak = self.floating.springs(self.stiffness_diagonal)
-        steering = [self.contact.grip(self.row_stiffness)[0]]
-        steering += [] if weak is None else [diags(weak.ravel(), format="csr")]
-        for more in (part for part in steering if part is not None):
-            self._added = more if self._added is None else self._added + more
         self.yield_forces = self._yield_forces()
         self._iterative, self.examined = None, EXAMINED
         if not isinstance(inverse, str):
@@ -111,10 +100,10 @@ class ReducedEnergy:
         stress = nodal(self._forces.Assemble().vec.FV().NumPy(), self.problem)
         return stress + self.supports.pull(u)
 
-    def assemble(self) -> BaseMatrix:
-        """The tangent at the displacement looked at last, with the springs."""
-        matrix, springs = self._tangent.Assemble().mat, self._added
-        if springs is not None:
+    def assemble(self, springs: csr_matrix) -> BaseMatrix:
+        """The tangent at the displacement looked at last, with springs."""
+        matrix = self._tangent.Assemble().mat
+        if springs.nnz:
             values, columns, starts = (np.asarray(a) for a in matrix.CSR())
             keys = np.repeat(np.arange(len(starts) - 1), np.diff(starts.astype(int)))
             keys = keys * matrix.width + columns
@@ -126,7 +115,7 @@ class ReducedEnergy:
     def factorise(self, u: np.ndarray) -> None:
         """Assemble and factorise the tangent at ``u`` for ``solve``."""
         self.set(u)
-        matrix = self.assemble()
+        matrix = self.assemble(self.added)
         if self._iterative is not None:
             self._iterative.update(matrix)
         elif self._inverse is None:

@@ -24,7 +24,6 @@ from ngepc.discretisation.contact_step import ROUNDING, ContactWork, rival, with
 from ngepc.discretisation.prolongation import nodal_values
 from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError, require_solver
 from ngepc.linalg.linesearch import nearly_flat
-from ngepc.linalg.secants import Compliance
 from ngepc.model.problem import Problem
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.result import PrimalResult, PrimalState
@@ -74,10 +73,7 @@ class PrimalStep:
 
     def __init__(self, reduced: ReducedEnergy) -> None:
         self.reduced, self.contact = reduced, reduced.contact
-        self.compliance = Compliance(
-            reduced.contact.grip(reduced.row_stiffness)[1],
-            reduced.floating.compliance(reduced.stiffness_diagonal),
-        )
+        self.compliance = reduced.compliance()
 
     def __call__(self, here: PrimalState) -> tuple[PrimalState, float, int] | None:
         """The next state, the step length and its trials; None if no length lowers J."""

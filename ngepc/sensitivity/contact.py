@@ -15,7 +15,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
-from ngepc.discretisation.conditions import GRIP
 from ngepc.discretisation.rows import HELD
 from ngepc.local.system import State
 from ngepc.sensitivity.radial import Data
@@ -128,10 +127,7 @@ class LinearContact:
     @property
     def gripped(self) -> np.ndarray:
         """The springs of ``ContactConditions.grip`` in the tangent, shape (k,)."""
-        conditions, springs = self.conditions, np.zeros(len(self.conditions))
-        part = conditions.roller_part
-        springs[part] = GRIP * self.state.discrete.row_stiffness[part]
-        return self.chosen.T @ springs
+        return self.chosen.T @ self.conditions.springs(self.state.discrete.row_stiffness)
 
     def growth(self, data: Data) -> np.ndarray:
         """b'_0 of the rows, as if all slipped, shape (m,)."""
