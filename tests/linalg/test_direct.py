@@ -97,7 +97,8 @@ def test_inverse_of_a_matrix_in_symmetric_storage(name):
 
 @pytest.mark.parametrize("tichonov", [SurfaceGradient(), FullProduct()], ids=["R2", "full"])
 def test_a_run_does_not_depend_on_the_direct_solver(tichonov):
-    problem, regularisation = lshape_problem(lshape.paper_mesh(113)), Coupled(1e3, tichonov)
+    problem = lshape_problem(lshape.paper_mesh(113))
+    regularisation = Coupled(1e3, tichonov=tichonov)
     runs = [
         semismooth_newton(
             problem, regularisation=regularisation, options=NewtonOptions(inverse=name)
