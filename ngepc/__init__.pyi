@@ -73,9 +73,9 @@ from ngepc.results.outcome import Status as Status
 from ngepc.sensitivity.calibration import Calibration as Calibration
 from ngepc.sensitivity.calibration import Curve as Curve
 from ngepc.sensitivity.calibration import calibrate as calibrate
-from ngepc.sensitivity.forms import misfit as misfit
 from ngepc.sensitivity.functionals import DisplacementAt as DisplacementAt
 from ngepc.sensitivity.functionals import Reaction as Reaction
+from ngepc.sensitivity.functionals import misfit as misfit
 from ngepc.sensitivity.gradient import Gradient as Gradient
 from ngepc.sensitivity.gradient import gradient as gradient
 from ngepc.sensitivity.parameters import Direction as Direction

@@ -16,8 +16,7 @@ from ngepc.evolution.load_path import Schedule, numbers_in
 from ngepc.evolution.solver import evolve
 from ngepc.local.system import State
 from ngepc.model.problem import Problem
-from ngepc.sensitivity.forms import Form, as_functional
-from ngepc.sensitivity.functionals import Functional
+from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.parameters import MATERIAL
 from ngepc.sensitivity.states import states_of
 from ngepc.sensitivity.tangent import tangents_at

@@ -12,6 +12,9 @@ x' = E y + e b'_0 and Q' (R u' - closed_at') = D y, in which R is the matrix of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
@@ -19,110 +22,101 @@ from ngepc.discretisation.rows import HELD
 from ngepc.local.system import State
 from ngepc.sensitivity.radial import Data
 
+BIACTIVE = 1e-6
+"""Relative distance from the change of side within which a row or point counts as biactive."""
+
 
 class RowSides:
-    """Where the rows of a state are, and which side they take.
+    """Where the rows of a state are, and which side they take; no tangents without friction."""
 
-    Attributes
-    ----------
-    bound, slip, trial
-        b (force), |slip| (length) and |t + k slip| with the stiffness k of the row (force), more
-        than b where it slips, shape (m,).
-    along
-        e, zero where nothing is known of it, shape (m, N - 1).
-    grows, coefficient
-        Whether the bound is mu n, and mu there, shape (m,).
-    closed, slips
-        Boolean, shape (m,): the sides of the solution.
-    """
+    closed: np.ndarray  # boolean, shape (m,) as all but the direction
+    slips: np.ndarray  # boolean
+    bound: np.ndarray  # b (force)
+    slip: np.ndarray  # its length
+    trial: np.ndarray  # |t + k slip| with the stiffness k of the row, more than b where it slips
+    along: np.ndarray  # e, zero where nothing is known of it, shape (m, d)
+    grows: np.ndarray  # boolean: the bound is mu n
+    coefficient: np.ndarray  # mu there
 
     def __init__(self, state: State) -> None:
-        conditions, rows = state.discrete.contact, state.discrete.rows
-        law, m, d = conditions.friction, *state.slip.shape
-        self.closed = (state.multipliers > 0) | rows.tied
-        self.bound, self.rough = conditions.bound(state.contact), law.d > 0
-        trial, self.coefficient = np.zeros((m, d)), np.zeros(m)
-        self.grows = np.zeros(m, dtype=bool)
-        if self.rough:
-            stiffness = state.discrete.row_stiffness[m:].reshape(m, d)[:, :1]
-            trial = state.tangential_forces + stiffness * state.slip
-            trial[rows.tied] = 0.0
-            self.grows = law.coefficient * state.multipliers < law.cap
-            self.coefficient = np.where(self.grows, law.coefficient, 0.0)
+        law, tied = state.discrete.contact.friction, state.discrete.rows.tied
+        (n, t), (_, gaps) = law.split(state.contact), law.split(state.gaps)
+        stiffness = law.split(state.discrete.row_stiffness)[1][:, :1]
+        trial = np.where(tied[:, None], 0.0, t - stiffness * gaps)
         self.trial = np.linalg.norm(trial, axis=1)
         self.along = trial / np.where(self.trial > 0, self.trial, 1.0)[:, None]
-        self.slip = np.maximum((self.along * state.slip).sum(axis=1), 0.0)
-        self.slips = ~rows.tied & (self.trial > self.bound)
+        self.slip = np.maximum(-(self.along * gaps).sum(axis=1), 0.0)
+        self.bound, self.grows = law.bound(n), law.coefficient * n < law.cap
+        self.coefficient = np.where(self.grows, law.coefficient, 0.0)
+        self.closed = (n > 0) | tied
+        self.slips = self.trial > self.bound
 
     def stacked(self, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Numbers n and t = along e of the rows, in the order of x."""
-        if not self.rough:
-            return normal
-        return np.concatenate([normal, (along[:, None] * self.along).ravel()])
+        return np.append(normal, along[:, None] * self.along)
 
 
 class LinearContact:
     """The equations above for given sides, by default those of the solution.
 
-    Attributes
-    ----------
-    rows, forces
-        Q' R and E' R at the free components, sparse, shape (k, nodes N): the second balances y,
-        another one for Coulomb's law.
-    soft
-        D (length per force), shape (k,).
-    symmetric
-        Whether both are the same.
+    ``chosen`` and ``given`` are Q and E; ``rows`` and ``forces`` are Q' R and E' R at the free
+    components, sparse, shape (k, nodes N): the second balances y, another one for Coulomb's law.
+    ``soft`` is D (length per force), shape (k,).
     """
 
     def __init__(
         self, state: State, closed: np.ndarray | None = None, slips: np.ndarray | None = None
     ) -> None:
         self.sides, self.state = RowSides(state), state
-        self.conditions = state.discrete.contact
+        self.conditions, self.law = state.discrete.contact, state.discrete.contact.friction
         self.closed = self.sides.closed if closed is None else closed
         self.slips = self.closed & (self.sides.slips if slips is None else slips)
-        self._free = diags(state.discrete.free.ravel().astype(float)).tocsr()
-        chosen, soft = self._chosen()
-        kept = np.sqrt(self._on_free(chosen).power(2).sum(axis=1)).A1 > HELD  # not by supports
-        given, self.symmetric = self._given(chosen)
-        self.chosen, self.given, self.soft = chosen[:, kept], given[:, kept], soft[kept]
-        self.rows = self._on_free(self.chosen)
-        self.forces = self.rows if self.symmetric else self._on_free(self.given)
+        turned, kept, soft = self._turned(), self._kept(), self._softness()
+        movable = self.conditions.matrix @ diags(state.discrete.free.ravel().astype(float))
+        movable.eliminate_zeros()
+        rows = (turned.T @ movable).tocsr()
+        kept &= np.sqrt(rows.power(2).sum(axis=1)).A1 > HELD  # not by supports
+        follows = self._following()
+        self.symmetric = not follows.nnz
+        self.chosen, self.soft = turned[:, kept], soft[kept]
+        self.given = self.chosen + follows @ self.chosen
+        self.rows = self.forces = rows[kept]
+        if not self.symmetric:
+            self.forces = (self.given.T @ movable).tocsr()
 
-    def _on_free(self, columns: csr_matrix) -> csr_matrix:
-        result = (columns.T @ self.conditions.matrix @ self._free).tocsr()
-        result.eliminate_zeros()
-        return result
-
-    def _given(self, chosen: csr_matrix) -> tuple[csr_matrix, bool]:
-        """E: Q, and the friction that follows the normal forces; whether there is none."""
-        follows = np.where(self.slips, self.sides.coefficient, 0.0)[:, None] * self.sides.along
-        pressed, (m, d) = follows[self.closed], follows.shape
-        column, axis = np.nonzero(pressed)
-        row = m + d * np.flatnonzero(self.closed)[column] + axis
-        more = csr_matrix((pressed[column, axis], (row, column)), shape=chosen.shape)
-        return chosen + more, not len(row)
-
-    def _chosen(self) -> tuple[csr_matrix, np.ndarray]:
-        """Q and D: normals of closed rows, tangents that stick, those across a slip."""
+    @property
+    def _tangents(self) -> np.ndarray:
+        """Their numbers in x, shape (m, d)."""
         m, d = self.sides.along.shape
-        pressed = np.flatnonzero(self.closed)
-        at, to = [pressed], [np.arange(len(pressed))]
-        values, soft = [np.ones(len(pressed))], [np.zeros(len(pressed))]
-        if self.sides.rough:
-            frames = frames_along(self.sides.along)
-            bound, slip = self.sides.bound, np.where(self.slips, self.sides.slip, 0.0)
-            kept = np.repeat((self.closed & ~self.slips)[:, None], d, axis=1)
-            kept[:, 1:] |= (self.slips & (bound > 0))[:, None]
-            row, axis = np.nonzero(kept & ~self.state.discrete.rows.tied[:, None])
-            at.append((m + d * row[:, None] + np.arange(d)).ravel())
-            to.append(np.repeat(len(pressed) + np.arange(len(row)), d))
-            values.append(frames[row, axis].ravel())
-            soft.append(slip[row] / np.where(bound[row] > 0, bound[row], 1.0))
-        soft = np.concatenate(soft)
-        entries = np.concatenate(values), (np.concatenate(at), np.concatenate(to))
-        return csr_matrix(entries, shape=(len(self.conditions), len(soft))), soft
+        return m + np.arange(m * d).reshape(m, d)
+
+    def _turned(self) -> csr_matrix:
+        """Normals, and orthonormal tangents that begin with e, in the order of x, (n, n)."""
+        frames, tangents = frames_along(self.sides.along), self._tangents
+        m, (to, at) = len(tangents), np.broadcast_arrays(tangents[:, :, None], tangents[:, None])
+        values = np.append(np.ones(m), frames)
+        where = np.append(np.arange(m), at), np.append(np.arange(m), to)
+        return csr_matrix((values, where), shape=(len(self.conditions),) * 2)
+
+    def _kept(self) -> np.ndarray:
+        """Which of them have equations: normals of closed rows, tangents that stick or bend."""
+        sticks = self.closed & ~self.slips & ~self.state.discrete.rows.tied
+        tangents = np.repeat(sticks[:, None], self.law.d, axis=1)
+        tangents[:, 1:] |= (self.slips & (self.sides.bound > 0))[:, None]
+        return np.append(self.closed, tangents)
+
+    def _softness(self) -> np.ndarray:
+        """|slip| / b of tangents across a slip, else 0, shape (n,)."""
+        bound, slip = self.sides.bound, np.where(self.slips, self.sides.slip, 0.0)
+        each = slip / np.where(bound > 0, bound, 1.0)
+        return np.append(np.zeros(len(each)), np.repeat(each, self.law.d))
+
+    def _following(self) -> csr_matrix:
+        """The friction of rows that slip, per normal force, shape (n, n)."""
+        follows = np.where(self.slips, self.sides.coefficient, 0.0)[:, None] * self.sides.along
+        row, _ = np.nonzero(follows)
+        where = self._tangents[follows != 0], row
+        return csr_matrix((follows[follows != 0], where), shape=(len(self.conditions),) * 2)
 
     @property
     def gripped(self) -> np.ndarray:
@@ -131,27 +125,12 @@ class LinearContact:
 
     def growth(self, data: Data) -> np.ndarray:
         """b'_0 of the rows, as if all slipped, shape (m,)."""
-        n, grows = self.state.multipliers, self.sides.grows
-        return np.where(grows, n * data.get("coefficient", 0.0), data.get("cap", 0.0))
+        n = self.state.multipliers
+        return np.where(self.sides.grows, n * data["coefficient"], data["cap"])
 
     def same_sides(self, other: LinearContact) -> bool:
         """Whether all rows take the same sides in both."""
         return bool(((self.closed == other.closed) & (self.slips == other.slips)).all())
-
-    def slopes(self, zeta: np.ndarray, on_forces: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives by the data of contact from those by closed_at and by given x, (n,)."""
-        sides, found = self.sides, {"gaps": self.conditions.normal(zeta)}
-        if sides.rough:
-            origin = self.conditions.tangential(zeta)
-            on_bound = (self.conditions.tangential(on_forces) * sides.along).sum(axis=1)
-            on_bound = np.where(self.slips, on_bound, 0.0)
-            found |= {
-                "origin": origin,
-                "start": self.state.discrete.rows.friction_forces(origin),
-                "cap": np.where(sides.grows, 0.0, on_bound),
-                "coefficient": np.where(sides.grows, self.state.multipliers, 0.0) * on_bound,
-            }
-        return found
 
     def pushed(self, data: Data) -> np.ndarray:
         """e b'_0 in the order of x, shape (n,)."""
@@ -160,17 +139,87 @@ class LinearContact:
 
     def shift(self, data: Data, moved: np.ndarray) -> np.ndarray:
         """Q' (closed_at' - R moved) for a given part of the displacement, shape (k,)."""
-        rows = self.state.discrete.rows
-        start = np.zeros_like(self.state.u) + data.get("start", 0.0)
-        shift = np.zeros(len(rows)) + data.get("gaps", 0.0)
-        if self.sides.rough:
-            shift = np.concatenate([shift, (rows.slip(start) + data.get("origin", 0.0)).ravel()])
-        return self.chosen.T @ (shift - self.conditions.displacement(moved))
+        gaps, at_rest = np.zeros(len(self.closed)) + data["gaps"], np.zeros_like(moved)
+        start = self.law.split(self.conditions.displacement(at_rest + data["start"]))[1]
+        closed_at = np.append(gaps, start + data["origin"])
+        return self.chosen.T @ (closed_at - self.conditions.displacement(moved))
+
+    def slopes(self, zeta: np.ndarray, on_forces: np.ndarray) -> Data:
+        """Derivatives by the data of contact from those by closed_at and by given x, (n,)."""
+        gaps, origin = self.law.split(zeta)
+        on_bound = (self.law.split(on_forces)[1] * self.sides.along).sum(axis=1)
+        on_bound, grows = np.where(self.slips, on_bound, 0.0), self.sides.grows
+        return Data(
+            gaps=gaps,
+            origin=origin,
+            start=self.conditions.forces(np.append(np.zeros_like(gaps), origin)),
+            cap=np.where(grows, 0.0, on_bound),
+            coefficient=np.where(grows, self.state.multipliers, 0.0) * on_bound,
+        )
 
 
 def frames_along(along: np.ndarray) -> np.ndarray:
     """Orthonormal frames (m, d, d) of the tangents whose first vectors are ``along``."""
-    if along.shape[1] == 1:
-        return np.ones((len(along), 1, 1))
+    m, d = along.shape
+    if d < 2:
+        return np.ones((m, d, d))
     first = np.where(along.any(axis=1)[:, None], along, [1.0, 0.0])
     return np.stack([first, np.stack([-first[:, 1], first[:, 0]], axis=1)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Biactive:
+    """The weakly active rows and points of a state, by their numbers.
+
+    ``rows`` of contact have lambda = 0 and no gap, up to the tolerance; ``kinks`` are closed rows
+    where friction is at its bound without slip, or the bound changes its law; ``points`` are those
+    with |s| = beta up to the tolerance.
+    """
+
+    rows: np.ndarray
+    kinks: np.ndarray
+    points: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.rows) + len(self.kinks) + len(self.points)
+
+    @property
+    def message(self) -> str:
+        """A sentence about them, empty if there are none."""
+        if not len(self):
+            return ""
+        return (
+            f"{len(self.rows) + len(self.kinks)} contact rows and {len(self.points)} points are "
+            "biactive: there the solution has one-sided derivatives only, which tangent(...) "
+            "gives for a direction."
+        )
+
+
+def told(steps: Sequence[Biactive]) -> str:
+    """What is biactive, step by step; empty if nothing is."""
+    if len(steps) == 1:
+        return steps[0].message
+    said = [f"Step {k}: {found.message}" for k, found in enumerate(steps, 1) if len(found)]
+    return " ".join(said)
+
+
+def biactive_set(state: State) -> Biactive:
+    """Rows and points of a solution that an arbitrarily small change of data takes either way.
+
+    A gap is compared with the largest displacement and gap, a contact force with the largest one
+    and with the force that the row's elastic stiffness answers that distance with.
+    """
+    rows, law, sides = state.discrete.rows, state.discrete.contact.friction, RowSides(state)
+    lengths = np.abs(state.u).max(), np.abs(rows.gaps).max(initial=0.0)
+    distance = BIACTIVE * max(lengths)
+    stiffness = rows.normal.power(2) @ state.discrete.stiffness_diagonal.ravel()
+    largest = BIACTIVE * state.multipliers.max(initial=0.0)
+    weak = state.multipliers <= np.minimum(largest, stiffness * distance)
+    weak &= (state.open_gap <= distance) & ~rows.tied
+    kinks = np.abs(sides.trial - sides.bound) <= BIACTIVE * sides.bound
+    change = np.abs(law.coefficient * state.multipliers - law.cap) <= BIACTIVE * law.cap
+    kinks |= sides.slips & change & np.isfinite(law.cap)
+    kinks &= sides.closed & ~weak & (sides.bound > 0)
+    beta = state.discrete.law.beta
+    close = np.abs(state.at.size - beta) <= BIACTIVE * beta
+    return Biactive(*map(np.flatnonzero, (weak, kinks, close)))

@@ -1,51 +1,50 @@
-"""Functionals of a solution with their derivatives: forces, energies, displacements."""
+"""Functionals of a solution with their derivatives: forces, energies, displacements, integrals."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from inspect import signature
 from types import SimpleNamespace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from ngsolve import VOL, ElementId
+from ngsolve import (
+    H1,
+    VOL,
+    BilinearForm,
+    CoefficientFunction,
+    ElementId,
+    GridFunction,
+    Id,
+    InnerProduct,
+    Variation,
+    ds,
+    dx,
+)
+from ngsolve.comp import SumOfIntegrals
 
 from ngepc.checks.arguments import boundary_names, require_integer, require_vector
-from ngepc.checks.kinds import require_text
+from ngepc.checks.kinds import require_attributes, require_instance, require_text
+from ngepc.discretisation.loads import nodal
+from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import RowSides
 from ngepc.sensitivity.radial import Data
 
 
-@dataclass(frozen=True, eq=False)
-class Slope:
-    """The value and the derivative of a functional F(u, p, tau, mean, x; data) at a state.
-
-    ``u`` is with respect to nodal displacements, shape (nodes, N); ``p``, ``stress`` and ``mean``
-    with respect to the plastic strain gained and the deviatoric stress (points, d), and to the
-    mean stress (points,), densities: the weights of the points are left out; ``contact`` with
-    respect to ``State.contact``, ``explicit`` to the data themselves.  0 stands for none.
-    """
+class Slope(NamedTuple):
+    """The value of a functional at a state, and the derivatives by the solution and by data."""
 
     value: float
-    u: np.ndarray | float = 0.0
-    p: np.ndarray | float = 0.0
-    stress: np.ndarray | float = 0.0
-    mean: np.ndarray | float = 0.0
-    contact: np.ndarray | float = 0.0
-    explicit: Data = field(default_factory=dict)
-
-    def of_points(self, state: State, p: np.ndarray, stress: np.ndarray, mean: np.ndarray) -> float:
-        """The part of a change of F that changes at the points make."""
-        local = (self.p * p + self.stress * stress).sum(axis=1) + self.mean * mean
-        return state.discrete.points.integral(local)
+    by: Data
 
 
 class Functional(Protocol):
     """What derivatives are taken of."""
 
     def slope(self, state: State) -> Slope:
-        """Value and derivative at a state."""
+        """Value and derivatives at a state."""
         ...
 
 
@@ -53,7 +52,7 @@ def _contact_force(state: State) -> Slope:
     """The resultant of the normal contact forces, positive in compression (force)."""
     contact, pressing = np.zeros_like(state.contact), ~state.discrete.rows.tied
     contact[: len(pressing)] = pressing
-    return Slope(float(contact @ state.contact), contact=contact)
+    return Slope(float(contact @ state.contact), Data(contact=contact))
 
 
 def _primal_energy(state: State) -> Slope:
@@ -63,41 +62,41 @@ def _primal_energy(state: State) -> Slope:
     """
     law, at = state.discrete.law, state.at
     elastic = law.stress(at) / law.two_mu[:, None]
-    forces = state.internal_forces - state.discrete.load
     sides, still = RowSides(state), np.zeros(len(state.multipliers))
     slip, bound = (np.where(sides.slips, a, 0.0) for a in (sides.slip, sides.bound))
     dragged = state.discrete.contact.forces(sides.stacked(still, bound))
-    explicit = {
-        "two_mu": 0.5 * ((elastic**2).sum(1) - (law.initial**2).sum(1)),
-        "bulk": 0.5 * state.volume**2,
-        "hardening": 0.5 * at.gained**2,
-        "beta": at.gained,
-        "back": at.plastic_strain,
-        "initial": -law.two_mu[:, None] * (elastic + law.initial),
-        "load": -state.u,
-        "start": -dragged,
-        "cap": np.where(sides.grows, 0.0, slip),
-        "coefficient": np.where(sides.grows, state.multipliers * slip, 0.0),
-    }
-    on_contact = sides.stacked(sides.coefficient * slip, still)
-    return Slope(state.energy, u=forces + dragged, contact=on_contact, explicit=explicit)
+    by = Data(
+        u=state.internal_forces - state.discrete.load + dragged,
+        contact=sides.stacked(sides.coefficient * slip, still),
+        two_mu=0.5 * ((elastic**2).sum(1) - (law.initial**2).sum(1)),
+        bulk=0.5 * state.volume**2,
+        hardening=0.5 * at.gained**2,
+        beta=at.gained,
+        back=at.plastic_strain,
+        initial=-law.two_mu[:, None] * (elastic + law.initial),
+        load=-state.u,
+        start=-dragged,
+        cap=np.where(sides.grows, 0.0, slip),
+        coefficient=np.where(sides.grows, state.multipliers * slip, 0.0),
+    )
+    return Slope(state.energy, by)
 
 
 def _elastic_energy(state: State) -> Slope:
     """1/2 int sigma : (eps(u) - p_0 - p), what the body gives back (force times length)."""
     law = state.discrete.law
     elastic = law.stress(state.at) / law.two_mu[:, None]
-    sizes, volumes = (elastic**2).sum(axis=1), state.volume**2
-    energy = state.discrete.points.integral(0.5 * (law.bulk * volumes + law.two_mu * sizes))
-    explicit = {"bulk": -0.5 * volumes, "two_mu": -0.5 * sizes}
-    return Slope(energy, stress=elastic, mean=state.volume, explicit=explicit)
+    shapes, volumes = 0.5 * (elastic**2).sum(axis=1), 0.5 * state.volume**2
+    energy = state.discrete.points.integral(law.bulk * volumes + law.two_mu * shapes)
+    by = Data(stress=elastic, mean=state.volume, bulk=-volumes, two_mu=-shapes)
+    return Slope(energy, by)
 
 
 def _dissipation(state: State) -> Slope:
     """Int beta |p|, what the plastic strain of the step costs (force times length)."""
     beta, at = state.discrete.law.beta, state.at
     value = state.discrete.points.integral(beta * at.gained)
-    return Slope(value, p=beta[:, None] * at.direction, explicit={"beta": at.gained})
+    return Slope(value, Data(p=beta[:, None] * at.direction, beta=at.gained))
 
 
 _SLOPES = (_contact_force, _primal_energy, _elastic_energy, _dissipation)
@@ -125,7 +124,7 @@ class DisplacementAt:
         require_integer("component", self.component, 0, 2)
 
     def slope(self, state: State) -> Slope:
-        """Value and derivative at a state.
+        """Value and derivatives at a state.
 
         Raises
         ------
@@ -142,7 +141,7 @@ class DisplacementAt:
         shape = np.array(points.scalar.GetFE(element).CalcShape(*there.pnt))
         u = np.zeros_like(state.u)
         u[list(points.scalar.GetDofNrs(element)), component] = shape
-        return Slope(float(np.vdot(u, state.u)), u=u)
+        return Slope(float(np.vdot(u, state.u)), Data(u=u))
 
 
 @dataclass(frozen=True)
@@ -165,7 +164,7 @@ class Reaction:
         require_integer("component", self.component, 0, 2)
 
     def slope(self, state: State) -> Slope:
-        """Value and derivative at a state: the work of all forces in a motion of the support.
+        """Value and derivatives at a state: the work of all forces in a motion of the support.
 
         Raises
         ------
@@ -182,7 +181,86 @@ class Reaction:
         motion[there, component] = ~discrete.supports.free[there, component]
         if not motion.any():
             raise ValueError(f"support={self.support!r}: it does not hold component {component}")
-        missing = state.internal_forces + state.contact_forces - discrete.load
         volume, e = discrete.points.strain(motion)
-        rows, value = discrete.contact.displacement(motion), float(np.vdot(motion, missing))
-        return Slope(value, stress=e, mean=volume, contact=rows, explicit={"load": -motion})
+        by = Data(u=discrete.supports.pull(motion), stress=e, mean=volume, load=-motion)
+        by["contact"] = discrete.contact.displacement(motion)
+        return Slope(float(np.vdot(motion, state.missing)), by)
+
+
+Form = Callable[..., SumOfIntegrals]
+"""(u, plastic strain p_0 + p, stress) -> integrals of them; a fourth argument is the pressure."""
+
+
+@dataclass(frozen=True, eq=False)
+class FormFunctional:
+    """Integrals of displacement, plastic strain, stress and contact pressure.
+
+    The form is called with the displacement u, the plastic strain p_0 + p and the stress, two
+    tensors, and the ``contact_pressure`` of results if it takes four arguments; it returns
+    integrals such as ``InnerProduct(u, u) * ds("contact")``.  Plastic strain and stress are the
+    polynomials through their values at the points; they have no values on boundaries.
+    """
+
+    form: Form
+
+    def slope(self, state: State) -> Slope:
+        """Value and derivatives at a state, by ``Variation`` of the form.
+
+        TypeError if the form does not return integrals.
+        """
+        discrete, rows, mesh = state.discrete, state.discrete.rows, state.discrete.problem.mesh
+        points, law = discrete.points, discrete.law
+        functions, kinematics = PointFunctions(points), points.kinematics
+        stress = law.stress(state.at), law.bulk * state.volume
+        parts = [functions.function(v) for v in (law.initial + state.at.plastic_strain, *stress)]
+        area = np.bincount(rows.vertices, rows.weights, mesh.nv)[rows.vertices]
+        share = np.where(rows.tied, 0.0, 1 / area)
+        pressure = np.bincount(rows.vertices, share * state.multipliers, mesh.nv)
+        space = discrete.supports.space
+        for part in (*(part.space for part in parts), H1(mesh, order=1)):
+            space = space * part
+        (u, p, tau, mean, on_contact), _ = space.TnT()
+        sigma = mean * Id(kinematics.size) + kinematics.tensor(tau)
+        given = (u, kinematics.tensor(p), sigma, on_contact)
+        integrals = self.form(*given[: len(signature(self.form).parameters)])
+        if not isinstance(integrals, SumOfIntegrals):
+            raise TypeError(f"functional returned {integrals!r}: integrals are needed")
+        form, here, slope = BilinearForm(space), GridFunction(space), GridFunction(space)
+        form += Variation(integrals)
+        values = [state.u.T.ravel(), *(part.vec.FV().NumPy() for part in parts), pressure]
+        for field, numbers in zip(here.components, values, strict=True):
+            field.vec.FV().NumPy()[:] = numbers
+        form.Apply(here.vec, slope.vec)
+        of_u, *of_points, of_pressure = (c.vec.FV().NumPy() for c in slope.components)
+        contact = np.zeros_like(state.contact)
+        contact[: len(rows)] = share * of_pressure[rows.vertices]
+        of_p, of_tau, of_mean = (
+            functions.transposed(v, k) / points.weights[:, None]
+            for v, k in zip(of_points, (kinematics.d, kinematics.d, 1), strict=True)
+        )
+        by = Data(u=nodal(of_u, discrete.problem).copy(), contact=contact)
+        by += Data(p=of_p, initial=of_p, stress=of_tau, mean=of_mean[:, 0])
+        return Slope(float(form.Energy(here.vec)), by)
+
+
+def misfit(observed: CoefficientFunction, boundary: str | None = None) -> FormFunctional:
+    """Int |u - observed|^2 over a boundary, or over the body."""
+    require_instance("observed", observed, CoefficientFunction, "a vector coefficient")
+    require_text("boundary", boundary, optional=True)
+    measure = dx if boundary is None else ds(boundary)
+    return FormFunctional(lambda u, p, stress: InnerProduct(u - observed, u - observed) * measure)
+
+
+def as_functional(functional: object) -> Functional:
+    """A functional from its name, a form, or itself.
+
+    TypeError, ValueError if it is none of them.
+    """
+    if isinstance(functional, str):
+        if functional not in NAMES:
+            raise ValueError(f"functional={functional!r}: one of {', '.join(NAMES)} is needed")
+        return NAMES[functional]
+    if callable(functional):
+        return FormFunctional(functional)
+    require_attributes("functional", functional, ["slope"], "a name, a form or a functional")
+    return functional

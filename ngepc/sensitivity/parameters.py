@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 
 import numpy as np
-from ngsolve import CF
+from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import Coefficient, is_number
 from ngepc.checks.kinds import require_instance, require_text
 from ngepc.discretisation.conditions import ContactConditions, at_rows
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.rows import contact_rows
-from ngepc.local.system import DiscreteProblem, State
+from ngepc.local.system import State
 from ngepc.model.contact import Coulomb
 from ngepc.model.given import Given
-from ngepc.model.places import Roller
+from ngepc.model.material import Material, split_hardening
+from ngepc.model.places import Roller, places
+from ngepc.model.problem import Problem
 from ngepc.sensitivity.radial import Data
-from ngepc.sensitivity.shape import MovingBody, vertex_motion
+from ngepc.sensitivity.shape import shape_data
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,9 @@ class Direction:
         return self.datum.startswith("initial")
 
 
+MATERIAL = tuple(field.name for field in fields(Material) if field.name != "law")
+"""Names of the material constants."""
+
 BY_BOUNDARY = ("traction", "pressure", "gap", "prescribed")
 """Data that a colon and the name of a boundary may follow."""
 
@@ -72,10 +77,10 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
         for number, name in enumerate(parameters):
             require_text(f"parameters[{number}]", name)
         parameters = {name: Direction(name) for name in parameters}
+    legal = [*MATERIAL, *_CHANGES]
     for name, direction in parameters.items():
         require_instance(f"parameters[{name!r}]", direction, Direction, "a Direction")
         datum, _, boundary = direction.datum.partition(":")
-        legal = [*MATERIAL, *_CHANGES, "shape"]
         if datum not in legal:
             needed = ", ".join(legal)
             raise ValueError(f"parameters={direction.datum!r}: one of {needed} is needed")
@@ -84,110 +89,93 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
     return dict(parameters)
 
 
-def changed_data(constants: Constants, direction: Direction) -> Data:
+def changed_data(state: State, direction: Direction) -> Data:
     """The change of the data of a discrete problem per unit of a direction.
 
     ValueError if the problem has no such datum.
     """
+    problem, at = state.discrete.problem, state.discrete.points.at
     datum, _, boundary = direction.datum.partition(":")
-    if datum == "shape":
-        motion = vertex_motion(constants.discrete.problem, direction.change)
-        return MovingBody(constants.state, motion).data()
+    change = _natural(problem, datum) if direction.change is None else direction.change
     if datum in MATERIAL:
-        value = getattr(constants.discrete.problem.material, datum)
-        change = _natural(value) if direction.change is None else direction.change
-        amount = constants.discrete.points.at(change)
-        return {key: slope * amount for key, slope in MATERIAL[datum](constants).items()}
-    return _CHANGES[datum](constants.discrete, boundary, direction.change)
+        slopes, amount = by_material(problem)[datum], at(change)
+        return Data({name: at(slope) * amount for name, slope in slopes.items()})
+    if datum in BY_BOUNDARY:
+        change = _by_boundary(problem, datum, boundary, change)
+    return _CHANGES[datum](state, change)
 
 
-class Constants:
-    """The material constants of a state at its points, by the letters of section 2.
-
-    ``growth`` is k_1 H sigma_y, by which alpha_1 grows with |p|, ``memory`` d beta / d alpha_1,0.
-    """
-
-    def __init__(self, state: State) -> None:
-        self.state, self.discrete = state, state.discrete
-        material, at = self.discrete.problem.material, self.discrete.points.at
-        self.size = self.discrete.points.kinematics.size
-        self.sigma_y, self.k = at(material.yield_stress), at(material.hardening)
-        self.H, self.k_1 = at(material.hardening_modulus), at(material.hardening_stiffness)
-        self.alpha_1 = at(self.discrete.problem.alpha_0[0])
-        self.growth, self.memory = self.k_1 * self.H * self.sigma_y, self.sigma_y * self.H
-
-
-def _natural(value: Coefficient) -> Coefficient:
-    """The change of a constant that is taken if none is given: 1, or the coefficient itself."""
-    return 1.0 if is_number(value) else value
-
-
-MATERIAL: dict[str, Callable[[Constants], dict]] = {
-    "lame_lambda": lambda c: {"bulk": 1.0},
-    "lame_mu": lambda c: {"two_mu": 2.0, "bulk": 2.0 / c.size},
-    "yield_stress": lambda c: {
-        "hardening": 2 * c.H**2 * c.sigma_y * c.k_1,
-        "beta": 1 + c.H * c.alpha_1,
-        "isotropic": c.k_1 * c.H,
-    },
-    "hardening": lambda c: {"hardening": 1.0, "kinematic": 1.0},
-    "hardening_modulus": lambda c: {
-        "hardening": 2 * c.H * c.sigma_y**2 * c.k_1,
-        "beta": c.sigma_y * c.alpha_1,
-        "isotropic": c.k_1 * c.sigma_y,
-    },
-    "hardening_stiffness": lambda c: {
-        "hardening": (c.H * c.sigma_y) ** 2,
-        "isotropic": c.H * c.sigma_y,
-    },
-}
-"""Material constant -> derivatives of h, beta, ... of ``Material`` with respect to it."""
+def by_material(problem: Problem) -> dict[str, dict[str, Coefficient]]:
+    """Material constant -> derivatives of 2 mu_2, h, beta, ... with respect to it."""
+    m, (alpha_1, _) = problem.material, split_hardening(problem.initial_hardening)
+    H, k_1, sigma_y = m.hardening_modulus, m.hardening_stiffness, m.yield_stress
+    alpha_1 = 0.0 if alpha_1 is None else alpha_1
+    by_H, by_sigma_y = 2 * H * sigma_y * sigma_y * k_1, 2 * H * H * sigma_y * k_1
+    return {
+        "lame_lambda": {"bulk": 1.0},
+        "lame_mu": {"two_mu": 2.0, "bulk": 2.0 / problem.kinematics.size},
+        "yield_stress": {"hardening": by_sigma_y, "beta": 1 + H * alpha_1, "isotropic": k_1 * H},
+        "hardening": {"hardening": 1.0, "kinematic": 1.0},
+        "hardening_modulus": {
+            "hardening": by_H,
+            "beta": sigma_y * alpha_1,
+            "isotropic": k_1 * sigma_y,
+        },
+        "hardening_stiffness": {"hardening": H * H * sigma_y * sigma_y, "isotropic": H * sigma_y},
+    }
 
 
-def _of_boundary(name: str, given: Mapping | None, boundary: str) -> Mapping:
-    """The part of a mapping of single boundaries that a parameter names, all of it by default."""
-    if not given:
-        raise ValueError(f"parameters={name!r}: the problem has none")
-    if boundary and boundary not in given:
-        legal = ", ".join(sorted(map(str, given)))
-        raise ValueError(f"parameters='{name}:{boundary}': one of {legal} is needed")
-    return {boundary: given[boundary]} if boundary else given
+def _natural(problem: Problem, datum: str) -> object:
+    """The change that is taken if none is given."""
+    given = getattr(problem.material if datum in MATERIAL else problem, datum, None)
+    if datum == "gap":
+        return 1.0
+    if isinstance(given, Coulomb):
+        given = given.coefficient
+    if datum != "shape" and (given is None or given == {}):
+        raise ValueError(f"parameters={datum!r}: the problem has none")
+    return 1.0 if is_number(given) else given
 
 
-def _load(name: str, discrete: DiscreteProblem, boundary: str, change: object) -> Data:
-    """The forces of a load alone, in which they are linear."""
-    problem = discrete.problem
-    given = getattr(problem, name) if change is None else change
-    alone = Given(problem.mesh, problem.material, kinematics=problem.kinematics, **{name: given})
-    if name != "body_force":
-        alone = replace(alone, **{name: _of_boundary(name, alone.single(name), boundary)})
-    elif given is None:
-        raise ValueError("parameters='body_force': the problem has none")
-    return {"load": applied_forces(alone, discrete.supports.space)}
-
-
-def _gap(discrete: DiscreteProblem, boundary: str, change: object) -> Data:
-    problem, gaps = discrete.problem, np.zeros(len(discrete.rows))
-    part, still = discrete.contact.on_obstacles, dict.fromkeys(discrete.problem.contact_names, 0.0)
+def _by_boundary(problem: Problem, datum: str, boundary: str, change: object) -> dict:
+    """Single boundary -> change, of the boundary that a parameter names or of all."""
     if not isinstance(change, Mapping):
-        change = dict.fromkeys(still, 1.0 if change is None else change)
-    moved = still | dict(_of_boundary("gap", change, boundary))
+        change = dict.fromkeys(problem.contact_names, change)
+    single = {p: v for key, v in change.items() for p in places(datum, key, problem.mesh)}
+    if not single:
+        raise ValueError(f"parameters={datum!r}: the problem has none")
+    if boundary and boundary not in single:
+        legal = ", ".join(sorted(map(str, single)))
+        raise ValueError(f"parameters='{datum}:{boundary}': one of {legal} is needed")
+    return {boundary: single[boundary]} if boundary else single
+
+
+def _load(name: str, state: State, change: object) -> Data:
+    """The forces of a load alone, in which they are linear."""
+    problem = state.discrete.problem
+    alone = Given(problem.mesh, problem.material, kinematics=problem.kinematics, **{name: change})
+    return Data(load=applied_forces(alone, state.discrete.supports.space))
+
+
+def _gap(state: State, change: dict) -> Data:
+    discrete, problem = state.discrete, state.discrete.problem
+    gaps, part = np.zeros(len(discrete.rows)), discrete.contact.on_obstacles
+    moved = dict.fromkeys(problem.contact_names, 0.0) | change
     if all(is_number(value) and value == 1 for value in moved.values()):
         gaps[part] = 1.0
     else:
         gaps[part] = contact_rows(replace(problem, gap=moved), discrete.supports).gaps
-    return {"gaps": gaps}
+    return Data(gaps=gaps)
 
 
-def _prescribed(discrete: DiscreteProblem, boundary: str, change: Mapping | None) -> Data:
-    problem = discrete.problem
-    moved = _of_boundary("prescribed", problem.prescribed if change is None else change, boundary)
-    given = {name: _at_rest(one) for name, one in (problem.prescribed or {}).items()}
-    other = replace(problem, prescribed=given | dict(moved))
+def _prescribed(state: State, change: dict) -> Data:
+    discrete, problem = state.discrete, state.discrete.problem
+    given = {name: _at_rest(one) for name, one in problem.single("prescribed").items()}
+    other = replace(problem, prescribed=given | change)
     supports, gaps = Supports(other), np.zeros(len(discrete.rows))
     part = discrete.contact.roller_part
     gaps[part] = ContactConditions(other, supports).rows.gaps[part]
-    return {"values": supports.values, "gaps": gaps}
+    return Data(values=supports.values, gaps=gaps)
 
 
 def _at_rest(given: Roller | Sequence) -> Roller | tuple:
@@ -196,27 +184,22 @@ def _at_rest(given: Roller | Sequence) -> Roller | tuple:
     return tuple(None if component is None else 0.0 for component in given)
 
 
-def _friction(discrete: DiscreteProblem, boundary: str, change: Coefficient | None) -> Data:
-    law, rows = discrete.problem.friction, discrete.rows
+def _friction(state: State, change: Coefficient) -> Data:
+    law, rows = state.discrete.problem.friction, state.discrete.rows
     if law is None:
         raise ValueError("parameters='friction': the problem has none")
-    given = law.coefficient if isinstance(law, Coulomb) else law
-    values = at_rows(discrete.problem, rows, _natural(given) if change is None else change)
+    values = at_rows(state.discrete.problem, rows, change)
     if isinstance(law, Coulomb):
-        return {"coefficient": values}
-    return {"cap": rows.weights * values}
+        return Data(coefficient=values)
+    return Data(cap=rows.weights * values)
 
 
-def _initial_strain(discrete: DiscreteProblem, boundary: str, change: CF | None) -> Data:
-    if change is None:
-        if discrete.problem.initial_plastic_strain is None:
-            raise ValueError("parameters='initial_plastic_strain': the problem has none")
-        return {"initial": discrete.law.initial}
-    points = discrete.points
-    return {"initial": points.at(points.kinematics.coordinates(change))}
+def _initial_strain(state: State, change: CoefficientFunction) -> Data:
+    points = state.discrete.points
+    return Data(initial=points.at(points.kinematics.coordinates(change)))
 
 
-_CHANGES: dict[str, Callable[[DiscreteProblem, str, object], Data]] = {
+_CHANGES: dict[str, Callable[[State, object], Data]] = {
     "traction": partial(_load, "traction"),
     "pressure": partial(_load, "pressure"),
     "body_force": partial(_load, "body_force"),
@@ -224,4 +207,5 @@ _CHANGES: dict[str, Callable[[DiscreteProblem, str, object], Data]] = {
     "prescribed": _prescribed,
     "friction": _friction,
     "initial_plastic_strain": _initial_strain,
+    "shape": shape_data,
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 from ngsolve import Grad, GridFunction, Mesh, Norm, VectorH1
@@ -17,7 +18,7 @@ from ngepc.checks.arguments import require_coefficient
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import Problem, as_vector
 from ngepc.sensitivity.functionals import Functional
-from ngepc.sensitivity.radial import Data, RadialDerivative, paired
+from ngepc.sensitivity.radial import Data, RadialDerivative
 
 STENCIL = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
 """Central difference of fourth order."""
@@ -26,70 +27,67 @@ STEP = 1e-5
 """Its step: largest change of a length in the mesh, relative."""
 
 
-class MovingBody:
-    """A solution on a mesh whose vertices move with V; displacements and contact forces stay.
+def on_moving_mesh(old: State, motion: np.ndarray, read: Callable[[State], Data]) -> Data:
+    """d/dt of what is read off a state on the mesh x + t V; displacements and forces stay.
 
     ``motion`` is V at the vertices, shape (vertices, N) (length per unit of the parameter).
     """
+    problem = old.discrete.problem
+    V, found = GridFunction(VectorH1(problem.mesh, order=1)), Data()
+    V.vec.FV().NumPy()[:] = motion.T.ravel()
+    slope = float(old.discrete.points.at(Norm(Grad(V))).max())
+    size = np.ptp(np.asarray(problem.mesh.ngmesh.Coordinates()), axis=0).max()
+    fastest = max(slope, float(np.abs(motion).max()) / size)
+    step = STEP / fastest if fastest > 0 else 1.0
+    for k, weight in STENCIL.items():
+        with moved_mesh(problem.mesh, k * step * motion):
+            discrete = DiscreteProblem(problem)
+            state = discrete.state(old.u, contact=turned(old.contact, old.discrete, discrete))
+            found += weight / step * read(state)
+    return found
 
-    def __init__(self, state: State, motion: np.ndarray) -> None:
-        self.state, self.motion = state, motion
-        mesh = state.discrete.problem.mesh
-        V = GridFunction(VectorH1(mesh, order=1))
-        V.vec.FV().NumPy()[:] = motion.T.ravel()
-        slope = float(state.discrete.points.at(Norm(Grad(V))).max())
-        size = np.ptp(np.asarray(mesh.ngmesh.Coordinates()), axis=0).max()
-        fastest = max(slope, float(np.abs(motion).max()) / size)
-        self._step = STEP / fastest if fastest > 0 else 1.0
 
-    def derivative(self, read: Callable[[State], Data]) -> dict[str, np.ndarray]:
-        """d/dt of what is read off the state on the mesh x + t V."""
-        found: dict[str, np.ndarray] = {}
-        problem, old = self.state.discrete.problem, self.state
-        for k, weight in STENCIL.items():
-            with moved_mesh(problem.mesh, k * self._step * self.motion):
-                discrete = DiscreteProblem(problem)
-                x = turned(old.contact, old.discrete, discrete)
-                state = discrete.state(old.u, contact=x)
-                for name, value in read(state).items():
-                    found[name] = found.get(name, 0.0) + weight / self._step * value
-        return found
+def geometry(old: State, state: State) -> Data:
+    """Data on a moved mesh, strains of the same displacements, forces and gaps that they leave."""
+    discrete, law, points = state.discrete, state.discrete.law, state.discrete.points
+    contact, cone, material = discrete.contact, discrete.contact.friction, discrete.problem.material
+    mean, stress = old.discrete.law.bulk * old.volume, old.discrete.law.stress(old.at)
+    forces = points.forces(mean, stress) + discrete.supports.pull(old.u)
+    isotropic = material.hardening_stiffness * material.hardening_modulus
+    names = ("two_mu", "bulk", "hardening", "beta", "back", "initial")
+    return Data({name: getattr(law, name) for name in names}) + Data(
+        kinematic=points.at(material.hardening),
+        isotropic=points.at(isotropic * material.yield_stress),
+        volume=state.volume,
+        strain=state.deviator,
+        load=discrete.load - forces - contact.forces(state.contact),
+        gaps=contact.normal(state.gaps),
+        origin=cone.split(turned(state.gaps, discrete, old.discrete))[1],
+        values=discrete.supports.values,
+        cap=np.where(np.isfinite(cone.cap), cone.cap, 0.0),
+        coefficient=cone.coefficient,
+    )
 
-    def data(self) -> Data:
-        """The change of the discrete data per unit; "shape" has the motion itself."""
-        return self.derivative(self._geometry) | {"shape": self.motion}
 
-    def _geometry(self, state: State) -> Data:
-        """Data, strains of the same displacements, and forces and gaps that they leave."""
-        discrete, old = state.discrete, self.state
-        law, points, contact = discrete.law, discrete.points, discrete.contact
-        names = ("two_mu", "bulk", "hardening", "beta", "back", "initial")
-        material = discrete.problem.material
-        isotropic = material.hardening_stiffness * material.hardening_modulus
-        mean, stress = old.discrete.law.bulk * old.volume, old.discrete.law.stress(old.at)
-        forces = points.forces(mean, stress) + discrete.supports.pull(old.u)
-        found = {name: getattr(law, name) for name in names} | {
-            "kinematic": points.at(material.hardening),
-            "isotropic": points.at(isotropic * material.yield_stress),
-            "volume": state.volume,
-            "strain": state.deviator,
-            "load": discrete.load - forces - contact.forces(state.contact),
-            "gaps": contact.normal(state.gaps),
-            "origin": contact.tangential(turned(state.gaps, discrete, old.discrete)),
-            "values": discrete.supports.values,
-        }
-        if contact.friction.d:
-            found |= {"cap": contact.friction.cap, "coefficient": contact.friction.coefficient}
-            found["cap"] = np.where(np.isfinite(found["cap"]), found["cap"], 0.0)
-        return found
+def shape_data(state: State, change: object) -> Data:
+    """The change of the discrete data per unit of V; "shape" has the motion itself."""
+    motion = vertex_motion(state.discrete.problem, change)
+    return on_moving_mesh(state, motion, partial(geometry, state)) + Data(shape=motion)
 
-    def explicit(self, functional: Functional, data: Data) -> float:
-        """The part of a functional's derivative that the discrete data do not carry."""
-        slope, state = functional.slope(self.state), self.state
-        whole = self.derivative(lambda there: {"value": functional.slope(there).value})
-        changes = RadialDerivative(state).forward(np.zeros_like(state.u), data)
-        carried = slope.of_points(state, *changes)
-        return float(whole["value"]) - carried - paired(state.discrete.points, slope.explicit, data)
+
+def by_the_mesh(functional: Functional, state: State, data: Data) -> float:
+    """The part of a functional's derivative that the other data do not carry."""
+    if "shape" not in data:
+        return 0.0
+
+    def read(there: State) -> Data:
+        """What carries the rest, and the value of the functional."""
+        return geometry(state, there) + Data(value=functional.slope(there).value)
+
+    found = on_moving_mesh(state, data["shape"], read)
+    found += RadialDerivative(state).forward(np.zeros_like(state.u), found)
+    by = functional.slope(state).by
+    return float(found["value"]) - by.paired(found, state.discrete.points)
 
 
 def turned(x: np.ndarray, here: DiscreteProblem, there: DiscreteProblem) -> np.ndarray:
@@ -98,8 +96,8 @@ def turned(x: np.ndarray, here: DiscreteProblem, there: DiscreteProblem) -> np.n
         return x
     corner = np.einsum("mik,mjk->mij", here.rows.tangents, there.rows.tangents)
     left, _, right = np.linalg.svd(corner)
-    t = np.einsum("mi,mij->mj", here.contact.tangential(x), left @ right)
-    return np.concatenate([here.contact.normal(x), t.ravel()])
+    n, t = here.contact.friction.split(x)
+    return np.append(n, np.einsum("mi,mij->mj", t, left @ right))
 
 
 @contextmanager

@@ -21,14 +21,12 @@ from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_mapping
 from ngepc.local.factors import TangentError
 from ngepc.local.system import State
-from ngepc.sensitivity.biactive import Biactive, biactive_set, told
-from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.forms import Form, as_functional
-from ngepc.sensitivity.functionals import Functional
-from ngepc.sensitivity.held import HeldSystem
-from ngepc.sensitivity.parameters import Constants, Direction, changed_data, directions
-from ngepc.sensitivity.radial import Data, RadialDerivative, paired, summed
-from ngepc.sensitivity.shape import MovingBody
+from ngepc.sensitivity.contact import Biactive, LinearContact, biactive_set, told
+from ngepc.sensitivity.functionals import Form, Functional, as_functional
+from ngepc.sensitivity.linear import LinearStep
+from ngepc.sensitivity.parameters import Direction, changed_data, directions
+from ngepc.sensitivity.radial import Data, RadialDerivative
+from ngepc.sensitivity.shape import by_the_mesh
 from ngepc.sensitivity.states import Solution, states_of
 
 EXCHANGES = 50
@@ -46,36 +44,28 @@ class TangentResult:
     ----------
     state, rows
         The solution with the sides that biactive points (``state.at.yields``) and rows take.
-    data
-        The change of the discrete data.
-    u, contact
-        The changes of nodal displacements (nodes, N) and of the forces of contact and friction.
-    plastic_strain, stress, mean
-        The changes of p, of the deviatoric stress (points, d) and of the mean stress (points,).
-    biactive, before
-        The rows and points that chose their side, and those of the time steps before.
+    change
+        Name -> change: "u" of nodal displacements (nodes, N), "contact" of the forces of contact
+        and friction, "p" and "stress" of the plastic strain and the deviatoric stress at the
+        points (points, d), "mean" of the mean stress (points,), and those of the data.
+    biactive
+        The rows and points that chose their side, in this time step and those before.
     """
 
     state: State
     rows: LinearContact
-    data: Data
-    u: np.ndarray
-    contact: np.ndarray
-    plastic_strain: np.ndarray
-    stress: np.ndarray
-    mean: np.ndarray
-    biactive: Biactive
-    before: tuple[Biactive, ...] = ()
+    change: Data
+    biactive: tuple[Biactive, ...]
 
     @property
     def message(self) -> str:
         """What is one-sided; empty where the solution is differentiable."""
-        return told((*self.before, self.biactive))
+        return told(self.biactive)
 
     @property
     def displacement(self) -> GridFunction:
         """The change of u."""
-        return self.state.discrete.supports.function(self.u, "displacement_change")
+        return self.state.discrete.supports.function(self.change["u"], "displacement_change")
 
     @property
     def contact_force(self) -> float:
@@ -84,14 +74,10 @@ class TangentResult:
 
     def of(self, functional: str | Form | Functional) -> float:
         """The derivative of a functional, see ``gradient``."""
-        functional, points = as_functional(functional), self.state.discrete.points
-        slope = functional.slope(self.state)
-        result = slope.of_points(self.state, self.plastic_strain, self.stress, self.mean)
-        result += float(np.sum(slope.u * self.u) + np.sum(slope.contact * self.contact))
-        if "shape" in self.data:
-            moving = MovingBody(self.state, self.data["shape"])
-            result += moving.explicit(functional, moving.data())
-        return result + paired(points, slope.explicit, self.data)
+        functional = as_functional(functional)
+        by = functional.slope(self.state).by
+        explicit = by_the_mesh(functional, self.state, self.change)
+        return by.paired(self.change, self.state.discrete.points) + explicit
 
 
 Rates = str | Mapping[str, float | tuple[float, Direction]]
@@ -127,72 +113,40 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
 def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
     """The derivatives of the solutions of time steps, in time."""
     found: list[TangentResult] = []
-    memory: Data = {}
+    inherited = Data()
     for number, state in enumerate(states):
-        constants = Constants(state)
-        data = summed(total_change(constants, rates, number == 0), memory)
-        data["beta"] = data.get("beta", 0.0) + constants.memory * data.pop("alpha_1", 0.0)
-        before = tuple(step.biactive for step in found)
-        found.append(replace(change_of(state, data), before=before))
-        memory = left_behind(found[-1], constants, memory)
+        data = inherited + total_change(state, rates, number == 0)
+        before = found[-1].biactive if found else ()
+        found.append(change_of(state, data, before))
+        inherited = RadialDerivative(found[-1].state).left(found[-1].change)
     return found
 
 
-def change_of(state: State, data: Data) -> TangentResult:
+def total_change(state: State, rates: Mapping, first: bool) -> Data:
+    """The change of the discrete data with the rates of several parameters, in one time step."""
+    pairs = {n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()}
+    total = Data()
+    for name, direction in directions({n: d for n, (_, d) in pairs.items()}).items():
+        rate = require_number(f"parameters[{name!r}]", pairs[name][0])
+        if first or not direction.inherited:
+            total += rate * changed_data(state, direction)
+    return total
+
+
+def change_of(state: State, data: Data, before: tuple[Biactive, ...] = ()) -> TangentResult:
     """The derivative of a solution for a change of its data, with sides that fit.
 
     Newton's method for the convex energy of the change, which is quadratic for given sides.
     """
-    biactive, contact = biactive_set(state), LinearContact(state)
+    biactive, contact = (*before, biactive_set(state)), LinearContact(state)
     for _ in range(EXCHANGES):
-        found = change_with_sides(state, contact, data, biactive)
+        change = LinearStep(state, contact).forward(data)
+        found = TangentResult(state, contact, change, biactive)
         chosen, yields = chosen_rows(found), chosen_points(found)
         if chosen.same_sides(contact) and (yields == state.at.yields).all():
             return found
         contact, state = chosen, replace(state, at=replace(state.at, yields=yields))
-    raise TangentError(f"the sides of biactive rows and points did not settle: {biactive.message}")
-
-
-def left_behind(found: TangentResult, constants: Constants, memory: Data) -> Data:
-    """The change of p_0, dev alpha_2, alpha_1 and u_0 that a step leaves to the next one."""
-    at, data, p = found.state.at, found.data, found.plastic_strain
-    back = np.reshape(data.get("kinematic", 0.0), (-1, 1)) * at.plastic_strain
-    scalar = data.get("isotropic", 0.0) * at.gained
-    return {
-        "initial": data.get("initial", 0.0) + p,
-        "back": data.get("back", 0.0) + constants.k[:, None] * p + back,
-        "alpha_1": memory.get("alpha_1", 0.0)
-        + constants.growth * np.einsum("pd,pd->p", at.direction, p)
-        + scalar,
-        "start": found.u,
-    }
-
-
-def total_change(constants: Constants, rates: Mapping, first: bool) -> dict[str, np.ndarray]:
-    """The change of the discrete data with the rates of several parameters, in one time step."""
-    pairs = {n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()}
-    total: Data = {}
-    for name, direction in directions({n: d for n, (_, d) in pairs.items()}).items():
-        rate = require_number(f"parameters[{name!r}]", pairs[name][0])
-        if first or not direction.inherited:
-            change = changed_data(constants, direction)
-            total = summed(total, {key: rate * value for key, value in change.items()})
-    return total
-
-
-def change_with_sides(
-    state: State, contact: LinearContact, data: Data, biactive: Biactive
-) -> TangentResult:
-    """The change with given sides: those of ``contact``, and points where ``state.at.yields``."""
-    discrete, radial = state.discrete, RadialDerivative(state)
-    moved = np.zeros_like(state.u) + data.get("values", 0.0)
-    _, stress, mean = radial.forward(moved, data)
-    pushed = contact.pushed(data)
-    force = data.get("load", 0.0) - discrete.points.forces(mean, stress)
-    force = force - discrete.contact.forces(pushed)
-    u, y = HeldSystem(state, contact).solve(force, contact.shift(data, moved))
-    u, x = u + moved, contact.given @ y + pushed
-    return TangentResult(state, contact, data, u, x, *radial.forward(u, data), biactive)
+    raise TangentError(f"the sides of biactive rows and points did not settle: {found.message}")
 
 
 def chosen_rows(found: TangentResult) -> LinearContact:
@@ -201,35 +155,32 @@ def chosen_rows(found: TangentResult) -> LinearContact:
     TangentError if a row that comes into contact would slip from where it is: no derivative is
     known then.
     """
-    contact, rows, data = found.rows, found.biactive.rows, found.data
-    conditions, start = found.state.discrete.contact, found.state.discrete.rows.slip
-    closed, slips, sides = contact.closed.copy(), contact.slips.copy(), contact.sides
-    normal = conditions.normal(found.contact)
-    apart = data.get("gaps", 0.0) - found.state.discrete.rows.normal @ found.u.ravel()
+    contact, change, biactive = found.rows, found.change, found.biactive[-1]
+    rows, kinks, sides = biactive.rows, biactive.kinks, contact.sides
+    closed, slips = contact.closed.copy(), contact.slips.copy()
+    split, moved = contact.law.split, contact.conditions.displacement
+    (normal, tangential), (across, along) = split(change["contact"]), split(moved(change["u"]))
     least = -NEUTRAL * np.abs(normal).max(initial=0.0)
-    moves = NEUTRAL * np.abs(found.u).max()
+    moves = NEUTRAL * np.abs(change["u"]).max()
+    apart = change["gaps"] - across
     closed[rows] = np.where(closed[rows], normal[rows] >= least, apart[rows] < -moves)
     slips[rows] = sides.slips[rows]
-    if sides.rough:
-        kinks = found.biactive.kinks
-        tangential = conditions.tangential(found.contact)
-        over = (tangential * sides.along).sum(axis=1)
-        over -= contact.growth(data) + sides.coefficient * normal
-        way = (start(found.u - data.get("start", 0.0)) * sides.along).sum(axis=1)
-        slips[kinks] = np.where(slips[kinks], way[kinks] >= -moves, over[kinks] > -least)
-        stuck = rows[closed[rows] & ~slips[rows]]
-        limit = sides.coefficient[stuck] * normal[stuck]
-        if (np.linalg.norm(tangential[stuck], axis=1) > limit - least).any():
-            raise TangentError("a row that comes into contact slips from rest: " + found.message)
+    over = (tangential * sides.along).sum(axis=1)
+    over -= contact.growth(change) + sides.coefficient * normal
+    start = split(moved(np.zeros_like(change["u"]) + change["start"]))[1]
+    way = ((along - start) * sides.along).sum(axis=1)
+    slips[kinks] = np.where(slips[kinks], way[kinks] >= -moves, over[kinks] > -least)
+    stuck = rows[closed[rows] & ~slips[rows]]
+    limit = sides.coefficient[stuck] * normal[stuck]
+    if (np.linalg.norm(tangential[stuck], axis=1) > limit - least).any():
+        raise TangentError("a row that comes into contact slips from rest: " + found.message)
     return LinearContact(found.state, closed, slips)
 
 
 def chosen_points(found: TangentResult) -> np.ndarray:
     """The yielding points that the change asks for: biactive ones may change side."""
-    yields, radial = found.state.at.yields.copy(), RadialDerivative(found.state)
-    _, e = radial.strain(found.u, found.data)
-    over = radial.overshoot(e, found.data)
-    neutral = np.abs(over) <= NEUTRAL * np.abs(radial.two_mu * e).max()
-    points = found.biactive.points
+    yields, points = found.state.at.yields.copy(), found.biactive[-1].points
+    over, size = RadialDerivative(found.state).overshoot(found.change["u"], found.change)
+    neutral = np.abs(over) <= NEUTRAL * size
     yields[points] = np.where(neutral, yields, over > 0)[points]
     return yields

@@ -20,10 +20,10 @@ from campaigns.random_data import (
 
 from ngepc.model.contact import Coulomb
 from ngepc.sensitivity.contact import LinearContact, RowSides
-from ngepc.sensitivity.forms import as_functional
+from ngepc.sensitivity.functionals import as_functional
 from ngepc.sensitivity.gradient import gradient
-from ngepc.sensitivity.parameters import Constants, Direction, changed_data
-from ngepc.sensitivity.radial import paired
+from ngepc.sensitivity.parameters import Direction, changed_data
+from ngepc.sensitivity.radial import Data
 from ngepc.sensitivity.shape import STENCIL
 from ngepc.sensitivity.states import states_of
 from ngepc.studies.work import Cell, Work
@@ -106,11 +106,11 @@ def envelope_error(problem):
     sides, held = RowSides(state), ~state.discrete.free
     if (sides.closed & sides.slips & (sides.coefficient > 0)).any():
         return None
-    partial = dict(energy.slope(state).explicit)
-    partial |= {"gaps": -state.multipliers, "values": np.where(held, state.missing, 0.0)}
-    constants, points = Constants(state), state.discrete.points
+    partial = energy.slope(state).by.without("u", "contact")
+    partial += Data(gaps=-state.multipliers, values=np.where(held, state.missing, 0.0))
+    points = state.discrete.points
     slopes = gradient(result, energy, names)
-    expected = {n: paired(points, partial, changed_data(constants, Direction(n))) for n in names}
+    expected = {n: partial.paired(changed_data(state, Direction(n)), points) for n in names}
     amounts = sizes(problem)
     size = max(abs(slopes[n] * amounts[n]) for n in names)
     return max(abs(slopes[n] - expected[n]) * amounts[n] for n in names) / size

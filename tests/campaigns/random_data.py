@@ -20,8 +20,7 @@ from ngepc.model.contact import Contact, Coulomb
 from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
-from ngepc.sensitivity.forms import as_functional
-from ngepc.sensitivity.functionals import DisplacementAt, Reaction
+from ngepc.sensitivity.functionals import DisplacementAt, Reaction, as_functional
 from ngepc.sensitivity.parameters import MATERIAL
 from ngepc.sensitivity.states import states_of
 

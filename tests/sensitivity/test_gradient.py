@@ -31,8 +31,7 @@ from ngepc import (
 )
 from ngepc.geometries import block, lshape
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.forms import as_functional, misfit
-from ngepc.sensitivity.functionals import DisplacementAt, Reaction
+from ngepc.sensitivity.functionals import DisplacementAt, Reaction, as_functional, misfit
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.parameters import Direction
 

@@ -11,34 +11,41 @@ from ngepc import Coulomb, Material, Problem, semismooth_newton
 from ngepc.geometries import block
 from ngepc.sensitivity.functionals import Reaction
 from ngepc.sensitivity.gradient import gradient
-from ngepc.sensitivity.held import HeldSystem
+from ngepc.sensitivity.linear import LinearStep
 from ngepc.sensitivity.parameters import Direction
-from ngepc.sensitivity.radial import RadialDerivative
+from ngepc.sensitivity.radial import Data, RadialDerivative
 from ngepc.sensitivity.tangent import tangent
 
 
 def test_reverse_is_the_transpose_of_forward():
+    """Of the law with its data and the mesh, and of what a step leaves to the next one."""
     state = once(random_problem(2)).state
-    law, random = RadialDerivative(state), np.random.default_rng(0)
-    shape = state.deviator.shape
-    p, stress, *tensors = (random.normal(size=shape) for _ in range(5))
-    mean, *scalars = (random.normal(size=len(p)) for _ in range(6))
-    data = dict(zip(("strain", "initial", "back"), tensors, strict=True))
-    data |= dict(zip(("two_mu", "hardening", "beta", "bulk", "volume"), scalars, strict=True))
-    dp, dstress, dmean = law.forward(np.zeros_like(state.u), data)
-    slopes = law.reverse(p, stress, mean)
-    forward = (p * dp + stress * dstress).sum(axis=1) + mean * dmean
-    products = [slopes[name] * data[name] for name in data]
-    backward = sum(product.reshape(len(p), -1).sum(axis=1) for product in products)
+    law, points = RadialDerivative(state), state.discrete.points
+    random, (many, d) = np.random.default_rng(0), state.deviator.shape
+    tensors, scalars = ("strain", "initial", "back"), ("two_mu", "hardening", "beta", "bulk")
+    data = Data({name: random.normal(size=(many, d)) for name in tensors})
+    data += Data({name: random.normal(size=many) for name in (*scalars, "volume")})
+    at_rest = np.zeros_like(state.u)
+    by = Data(p=random.normal(size=(many, d)), stress=random.normal(size=(many, d)))
+    by += Data(mean=random.normal(size=many))
+    forward = by.paired(law.forward(at_rest, data), points)
     assert 0 < state.at.yields.mean() < 1
-    assert forward == pytest.approx(backward, rel=1e-10, abs=1e-7)
+    assert law.reverse(by).paired(data, points) == pytest.approx(forward, rel=1e-10)
+    change = data.without("strain", "volume") + Data(
+        u=random.normal(size=state.u.shape), p=random.normal(size=(many, d))
+    )
+    change += Data({n: random.normal(size=many) for n in ("kinematic", "isotropic", "alpha_1")})
+    left = law.left(change)
+    later = Data({name: random.normal(size=np.shape(value)) for name, value in left.items()})
+    forward = later.paired(left, points)
+    assert law.returned(later).paired(change, points) == pytest.approx(forward, rel=1e-10)
 
 
 @pytest.mark.parametrize("seed", [1, 5, 11, 19, 44])
 def test_held_rows_and_balance(seed):
     """Order one and two, Tresca and Coulomb in 3D, two bodies: the equations, and the transpose."""
     state = once(random_problem(seed)).state
-    system, random = HeldSystem(state), np.random.default_rng(seed)
+    system, random = LinearStep(state), np.random.default_rng(seed)
     contact, free = system.contact, state.discrete.supports.free
     force, shift = random.normal(size=state.u.shape), random.normal(size=len(contact.soft))
     u, y = system.solve(force, shift)
@@ -69,10 +76,25 @@ def test_rates_add_up():
     both = tangent(result, {"gap": 2.0, "soft": (3.0, Direction("hardening", x))})
     one = tangent(result, "gap")
     other = tangent(result, {"soft": (1.0, Direction("hardening", x))})
-    assert both.u == pytest.approx(2 * one.u + 3 * other.u, rel=1e-9, abs=1e-12)
+    u = [found.change["u"] for found in (both, one, other)]
+    assert u[0] == pytest.approx(2 * u[1] + 3 * u[2], rel=1e-9, abs=1e-12)
     assert both.contact_force == pytest.approx(2 * one.contact_force + 3 * other.contact_force)
     change = both.displacement.vec.FV().NumPy()
-    assert np.abs(change).max() == pytest.approx(np.abs(both.u).max())
+    assert np.abs(change).max() == pytest.approx(np.abs(u[0]).max())
+
+
+def test_springs_beside_a_support_that_moves():
+    """A foundation joins the edge of the support to what is free: to first order F = F' u_D."""
+    mesh = block.structured_mesh(3, 3, simplices=True)
+    stiff = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1.0)
+    moved = {"clamped": (0.0, 1e-3)}
+    problem = Problem(mesh, stiff, None, prescribed=moved, springs={"right|contact": (50.0, 80.0)})
+    result, functional = semismooth_newton(problem), Reaction("clamped", 1)
+    force = functional.slope(result.state).value
+    assert abs(force) > 1e-3
+    assert tangent(result, "prescribed").of(functional) == pytest.approx(force, rel=1e-9)
+    slopes = gradient(result, functional, "prescribed")
+    assert slopes["prescribed"] == pytest.approx(force, rel=1e-9)
 
 
 MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.0, hardening=100.0)

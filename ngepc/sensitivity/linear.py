@@ -1,21 +1,28 @@
-"""The linear system of derivatives: the tangent of the stress, and contact that keeps its sides.
+"""A solution linearised: the tangent of the stress, and contact that keeps its sides.
 
     K u + C' y = force   at the free components,      R u - D y = shift   for the rows.
 
-C = R without friction and with Tresca's; otherwise the transposed system is another one.
+C = R without friction and with Tresca's; otherwise the transposed system is another one.  With the
+multipliers z, zeta of the transposed system K z + R' zeta = F_u, C z - D zeta = E' F_x, a
+functional F changes with the data m by
+
+    dF/dm = F_m - z . r_m + zeta . shift_m + (F_u - K z - R' zeta) . values_m,
+
+for the prescribed values of the held components, and e . (F_x - R z) per change of a bound: one
+solve for any number of parameters.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.local.factors import SOLVER_ERRORS, TangentError
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.radial import RadialDerivative
+from ngepc.sensitivity.radial import SOLUTION, Data, RadialDerivative
 
 PENALTY = 1e6
 """Stiffness of a row's spring over that of its vertex: each refinement gains so much."""
@@ -36,7 +43,7 @@ MOST, ROUNDS = 200, 5
 """Most iterations before a restart, and most restarts."""
 
 
-class HeldSystem:
+class LinearStep:
     """The system at a state, factorised once; K is the derivative of the radial return there.
 
     Rows that belong to one vertex enter the matrix as springs c = 1 / (D + 1 / stiff), so that
@@ -50,12 +57,12 @@ class HeldSystem:
     """
 
     def __init__(self, state: State, contact: LinearContact | None = None) -> None:
-        discrete = state.discrete
+        self.state, discrete = state, state.discrete
         self.discrete, self.free = discrete, discrete.supports.free
         self.contact = LinearContact(state) if contact is None else contact
-        self.moduli = RadialDerivative(state).moduli
+        self.radial = RadialDerivative(state)
         stiffness = discrete.stiffness.another()
-        stiffness.fill(self.moduli)
+        stiffness.fill(self.radial.moduli)
         rows, soft = self.contact.rows, self.contact.soft
         self._stiff = rows.power(2) @ discrete.stiffness_diagonal.ravel()
         self._spring = self._add_springs(stiffness)
@@ -73,22 +80,45 @@ class HeldSystem:
         rows, N = self.contact.rows, self.free.shape[1]
         node = rows.indices // N
         first, last = (f.reduceat(node, rows.indptr[:-1]) for f in (np.minimum, np.maximum))
-        single = np.flatnonzero(first == last)
-        entries, values = rows[single].tocoo(), np.zeros((len(single), N))
-        values[entries.row, entries.col % N] = entries.data
-        places = stiffness.diagonal_places(first[single])
-        stiffest = PENALTY * np.trace(stiffness.entries[places], axis1=1, axis2=2)
-        spring = np.zeros(rows.shape[0])
-        spring[single] = 1 / (self.contact.soft[single] + 1 / stiffest)
-        blocks = spring[single, None, None] * values[:, :, None] * values[:, None, :]
-        np.add.at(stiffness.entries, places, blocks)
-        spring[single] += self.contact.gripped[single]  # these springs are in the matrix already
-        return spring
+        stiff = 1 / (self.contact.soft + 1 / (PENALTY * self._stiff))
+        spring = np.where(first == last, stiff, 0.0)
+        blocks = (rows.T @ diags(spring) @ rows).tobsr((N, N))
+        stiffness.entries[stiffness.diagonal_places(blocks.indices)] += blocks.data
+        return spring + self.contact.gripped  # these springs are in the matrix already
+
+    def forward(self, data: Data) -> Data:
+        """The changes of the solution with its data, and these."""
+        discrete, contact = self.discrete, self.contact
+        moved = np.zeros_like(self.state.u) + data["values"]
+        known, pushed = self.radial.forward(moved, data), contact.pushed(data)
+        force = data["load"] - discrete.points.forces(known["mean"], known["stress"])
+        force = force - discrete.supports.pull(moved) - discrete.contact.forces(pushed)
+        u, y = self.solve(force, contact.shift(data, moved))
+        u = u + moved
+        found = Data(u=u, contact=contact.given @ y + pushed)
+        return data + found + self.radial.forward(u, data)
+
+    def reverse(self, by: Data) -> Data:
+        """The derivative of a functional by all data, from that by the solution and the data."""
+        discrete, contact, points = self.discrete, self.contact, self.discrete.points
+        force = np.zeros_like(self.state.u) + by["u"]
+        if not by.keys().isdisjoint(("p", "stress", "mean")):
+            direct = self.radial.reverse(by)
+            force = force + points.forces(direct["volume"], direct["strain"])
+        on_contact = np.zeros(len(discrete.contact)) + by["contact"]
+        z, y = self.solve(force, contact.given.T @ on_contact, transposed=True)
+        zeta, (volume, e) = contact.chosen @ y, points.strain(z)
+        support = force - self.internal(z) - discrete.contact.forces(zeta)
+        found = Data(load=z, values=np.where(self.free, 0.0, support))
+        found += self.radial.reverse(by + Data(stress=-e, mean=-volume))
+        found += contact.slopes(zeta, on_contact - discrete.contact.displacement(z))
+        return found + by.without(*SOLUTION)
 
     def internal(self, u: np.ndarray) -> np.ndarray:
         """K u at all components, shape (nodes, N)."""
         volume, e = self.discrete.points.strain(u)
-        forces = self.discrete.points.forces(self.moduli.bulk * volume, self.moduli(e))
+        moduli = self.radial.moduli
+        forces = self.discrete.points.forces(moduli.bulk * volume, moduli(e))
         return forces + self.discrete.supports.pull(u)
 
     def solve(
@@ -136,18 +166,18 @@ class HeldSystem:
         """The solution for what is left, up to rounding of large answers."""
         if self._by_springs:
             return self._answer(force, shift)
-        shape, count, stiff = force.shape, force.size, self._stiff
+        count, stiff = force.size, self._stiff
 
         def answer(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             """By springs, for forces and forces of rows in one vector."""
-            return self._answer(r[:count].reshape(shape), r[count:] / stiff)
+            return self._answer(r[:count].reshape(force.shape), r[count:] / stiff)
 
         def product(r: np.ndarray) -> np.ndarray:
             """What the answer makes of the left sides."""
             pushed, apart = self._product(forces, rows, *answer(r))
-            return np.concatenate([pushed.ravel(), stiff * apart])
+            return np.append(pushed, stiff * apart)
 
-        right = np.concatenate([force.ravel(), stiff * shift])
+        right = np.append(force, stiff * shift)
         operator = LinearOperator((len(right), len(right)), matvec=product, dtype=float)
         found, _ = gmres(operator, right, rtol=INNER, restart=MOST, maxiter=ROUNDS)
         return answer(found)
