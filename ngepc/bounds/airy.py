@@ -16,7 +16,7 @@ from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.conjugate import TO_PLANE
 from ngepc.bounds.element import AIRY_MAP, CORNERS, NORMALS, rows_at
 from ngepc.bounds.held import Held
-from ngepc.bounds.parts import RULE
+from ngepc.bounds.parts import RULE, portions
 from ngepc.bounds.simplices import sliced
 from ngepc.bounds.triangles import PAIRS, Triangles
 
@@ -75,8 +75,30 @@ def _edge_rows() -> np.ndarray:
     return rows
 
 
+_BLOCKS, _THREE = np.array(np.tril_indices(3))[:, :, None, None], np.arange(3)
+CORNER_ROWS = np.broadcast_to(3 * _BLOCKS[0] + _THREE[:, None], (6, 3, 3)).ravel()
+CORNER_COLUMNS = np.broadcast_to(3 * _BLOCKS[1] + _THREE, (6, 3, 3)).ravel()
+"""The entries of a matrix that ``Blocks.corners`` has."""
+
 GRADIENTS = [slice(3 * v + 1, 3 * v + 3) for v in range(3)]
 EDGE_ROWS = _edge_rows()
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Stiffness matrices of triangles, nine unknowns of the vertices first.
+
+    Parameters
+    ----------
+    corners
+        The blocks (3, 3) of the pairs of vertices ``np.tril_indices(3)``, shape (nt, 54).
+    cross, rest
+        The rows of the n - 9 others: their first nine columns, then the rest.
+    """
+
+    corners: np.ndarray
+    cross: np.ndarray
+    rest: np.ndarray
 
 
 class AirySpace:
@@ -153,8 +175,21 @@ class AirySpace:
             turn(result[:, pair], self.jacobian)
         return result
 
-    def stiffness(self, H: np.ndarray) -> np.ndarray:
-        """Stiffness matrices (nt, n, n) from d2 phi*/dz2 at one point or all (nt, ., 3, 3)."""
+    def stiffness(self, H: np.ndarray) -> Blocks:
+        """The stiffness from d2 phi*/dz2 at one point or all, (nt, ., 3, 3)."""
+        nt, n = self.unknowns.shape
+        blocks = Blocks(np.empty((nt, 54)), np.empty((nt, n - 9, 9)), np.empty((nt, n - 9, n - 9)))
+        corners = n * CORNER_ROWS + CORNER_COLUMNS
+        for part in portions(nt):
+            K = self.of(part)._matrices(H[part])
+            blocks.corners[part] = K.reshape(n * n, -1)[corners].T
+            blocks.cross[part], blocks.rest[part] = (
+                K[9:, own].transpose(2, 0, 1) for own in (slice(9), slice(9, n))
+            )
+        return blocks
+
+    def _matrices(self, H: np.ndarray) -> np.ndarray:
+        """Stiffness matrices (n, n, nt)."""
         scale = np.sqrt(self.area) / self.det
         M = (self.to_plane * scale[:, None, None]).transpose(1, 2, 0)
         six = congruent(H.transpose(2, 3, 1, 0), M).reshape(6 * H.shape[1], -1)
@@ -162,7 +197,7 @@ class AirySpace:
         table = table if H.shape[1] == table.shape[1] else table.sum(axis=1)
         K = (table.reshape(-1, n * n).T @ six).reshape(n, n, -1)
         self._in_unknowns(K)
-        return np.ascontiguousarray(K.reshape(n * n, -1).T).reshape(-1, n, n)
+        return K
 
     def _in_unknowns(self, K: np.ndarray) -> None:
         """From unknowns of the reference triangle to those of the mesh, (n, n, nt) in place."""
@@ -184,8 +219,12 @@ class AirySpace:
 
     def stress(self, x: np.ndarray) -> np.ndarray:
         """In-plane stress coordinates at the points, (nt, points, 3), of all unknowns x."""
-        reference = self.reference(x[self.unknowns]) / self.det[:, None]
-        return self.in_plane(reference @ self.rule.rows.T)
+        result = np.empty((len(self.det), len(self.weights), 3))
+        for cells in portions(len(result)):
+            part = self.of(cells)
+            reference = part.reference(x[part.unknowns]) / part.det[:, None]
+            result[cells] = part.in_plane(reference @ self.rule.rows.T)
+        return result
 
     def in_plane(self, reference: np.ndarray) -> np.ndarray:
         """In-plane coordinates (nt, points, 3) of stresses on the reference triangle (nt, .)."""
@@ -198,10 +237,10 @@ class AirySpace:
         return np.matmul(self.rule.nodal, parts).reshape(z.shape)
 
     def forces(self, strain: np.ndarray) -> np.ndarray:
-        """The transpose of ``stress`` with the weights of the points, a force for each unknown."""
+        """The transpose of ``stress`` with the weights of the points, by triangle, (nt, n)."""
         M = self.to_plane * (self.area / self.det)[:, None, None]
         strain = np.matmul(strain, M).reshape(len(M), -1)
-        return self.gathered(self._transposed(strain @ self.rule.forces))
+        return self._transposed(strain @ self.rule.forces)
 
 
 def turn(pairs: np.ndarray, J: np.ndarray) -> None:

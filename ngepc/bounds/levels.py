@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from ngsolve import H1, BitArray
 from scipy.sparse import csc_matrix, csr_matrix
 
-from ngepc.bounds.airy import AirySpace
+from ngepc.bounds.airy import AirySpace, Blocks
 from ngepc.bounds.triangles import Triangles
 from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
 
@@ -21,6 +23,16 @@ MODES_UP_TO = 4000
 
 Those of the discrete solution converge twice as fast as its stress.
 """
+
+
+class Stiff(Protocol):
+    """A quadratic functional of Airy functions."""
+
+    def stiffness(self) -> Blocks:
+        """Its matrices on the triangles."""
+
+    def forces(self, x: np.ndarray) -> np.ndarray:
+        """Its stiffness times all unknowns, held ones too."""
 
 
 class TwoLevels:
@@ -55,26 +67,23 @@ class TwoLevels:
         self._places = np.stack(places, axis=1)
         self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
 
-    def update(self, K: np.ndarray, chosen: np.ndarray | slice) -> None:
-        """Take the matrices (n, n) of some triangles; unknowns of other ones are held."""
+    def update(self, model: Stiff, chosen: np.ndarray | slice) -> None:
+        """Take the stiffness on some triangles; unknowns of other ones are held."""
         space, part, count = self.space, self.space.of(chosen), self._count
-        self._part, self._K = part, K
+        self._model, blocks = model, model.stiffness()
         self._corners, self._edges = part.unknowns[:, :9], part.unknowns[:, 9:] - count
-        self._cross = np.ascontiguousarray(K[:, 9:, :9])
+        self._cross = blocks.cross
         times = np.bincount(part.unknowns.ravel(), minlength=len(space.held.free))
         self.free = space.held.free & (times == self._times)
-        self._take_edges(K[:, 9:, 9:])
-        self.matrix.AsVector().FV().NumPy()[:] = self._entries(chosen).ravel()
+        self._take_edges(blocks.rest)
+        self.matrix.AsVector().FV().NumPy()[:] = self._entries(blocks.corners, chosen).ravel()
         there = self.free[:count].reshape(-1, 3).any(axis=1)
         self._inverse = self.matrix.Inverse(BitArray(there.tolist()), inverse="sparsecholesky")
         self._relax_modes()
 
-    def _entries(self, chosen: np.ndarray | slice) -> np.ndarray:
+    def _entries(self, values: np.ndarray, chosen: np.ndarray | slice) -> np.ndarray:
         """The blocks of vertices, those of held unknowns from the identity, (blocks, 3, 3)."""
         count, free = len(self._rows), self.free[: self._count].reshape(-1, 3)
-        n, (a, b), three = self._K.shape[1], self._local, np.arange(3)
-        row, column = 3 * a[:, None, None] + three[:, None], 3 * b[:, None, None] + three
-        values = np.take(self._K.reshape(-1, n * n), (n * row + column).ravel(), axis=1)
         values, swap = values.reshape(-1, 6, 3, 3), self._turned[chosen]
         values[swap] = values[swap].swapaxes(1, 2)
         where, values = self._places[chosen].ravel(), values.reshape(-1, 9)
@@ -91,16 +100,35 @@ class TwoLevels:
         return entries
 
     def product(self, x: np.ndarray) -> np.ndarray:
-        """K x."""
-        local = np.matmul(self._K, x[self._part.unknowns][:, :, None])
-        return self._part.gathered(local)
+        """K x; without modes x vanishes on held unknowns, and what would hold them is left out."""
+        if len(self._modes):
+            return self._model.forces(x)
+        vertex, edge = x[: self._count], x[self._count :]
+        self._right.FV().NumPy()[:] = vertex
+        self._left.data = self.matrix * self._right
+        of_edges = self._unscale * (self._edge_matrix @ (self._unscale * edge))
+        pulled = (
+            self._left.FV().NumPy() + self._on_vertices(edge),
+            of_edges + self._on_edges(vertex),
+        )
+        return np.concatenate(pulled) * self.free
+
+    def _on_vertices(self, edge: np.ndarray) -> np.ndarray:
+        """Forces on the vertices from edges."""
+        forces = np.matmul(edge[self._edges][:, None], self._cross)
+        return np.bincount(self._corners.ravel(), forces.ravel(), minlength=self._count)
+
+    def _on_edges(self, vertex: np.ndarray) -> np.ndarray:
+        """Forces on the edges from vertices."""
+        forces = np.matmul(self._cross, vertex[self._corners][:, :, None])
+        return np.bincount(self._edges.ravel(), forces.ravel(), minlength=len(self._scale))
 
     def _relax_modes(self) -> None:
         """Modes of held unknowns, with free ones that follow them, and their stiffness."""
-        few = len(self._K) == len(self.space.unknowns) <= MODES_UP_TO
-        modes = self.space.held.modes() if few else []
-        self._modes = np.array([mode - self._relaxed(self.product(mode)) for mode in modes])
-        self._gram = np.array([self._modes @ self.product(mode) for mode in self._modes])
+        few = len(self._edges) == len(self.space.unknowns) <= MODES_UP_TO
+        modes, forces = self.space.held.modes() if few else [], self._model.forces
+        self._modes = np.array([mode - self._relaxed(forces(mode)) for mode in modes])
+        self._gram = np.array([self._modes @ forces(mode) for mode in self._modes])
 
     def precondition(self, r: np.ndarray) -> np.ndarray:
         """What nearly solves K x = r."""
@@ -115,7 +143,8 @@ class TwoLevels:
         each = edges.shape[1]
         row, column = np.repeat(edges, each, axis=1).ravel(), np.tile(edges, each).ravel()
         diagonal = np.bincount(edges.ravel(), np.einsum("tkk->tk", K).ravel(), len(free))
-        self._scale = free / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        self._unscale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        self._scale = free / self._unscale
         values = K.ravel() * self._scale[row] * self._scale[column]
         self._edge_matrix = csr_matrix((values, (row, column)), shape=(len(free), len(free)))
         self._largest = abs(self._edge_matrix).sum(axis=1).max()
@@ -135,15 +164,13 @@ class TwoLevels:
 
     def _relaxed(self, r: np.ndarray) -> np.ndarray:
         """Free unknowns that answer forces: edges, vertices, and edges that follow them."""
-        count, corners, edges = self._count, self._corners, self._edges
+        count = self._count
         edge = self._of_edges(r[count:])
-        forces = np.matmul(edge[edges][:, None], self._cross).ravel()
-        vertex = r[:count] - np.bincount(corners.ravel(), forces, minlength=count)
+        vertex = r[:count] - self._on_vertices(edge)
         self._right.FV().NumPy()[:] = np.where(self.free[:count], vertex, 0.0)
         self._left.data = self._inverse * self._right
         vertex = self._left.FV().NumPy().copy()
-        forces = np.matmul(self._cross, vertex[corners][:, :, None]).ravel()
-        edge -= self._of_edges(np.bincount(edges.ravel(), forces, minlength=len(edge)))
+        edge -= self._of_edges(self._on_edges(vertex))
         return np.concatenate([vertex, edge])
 
     def solve(self, right: np.ndarray, bound: float, gain: float, most: int) -> tuple:

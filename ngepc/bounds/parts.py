@@ -87,6 +87,11 @@ SPLIT_LEVELS = {3: 3, 4: 2, 6: 2}
 """How often a part is split at most."""
 
 
+def portions(count: int) -> list[slice]:
+    """The slices of PORTION that cover so many cells or parts."""
+    return [slice(first, first + PORTION) for first in range(0, count, PORTION)]
+
+
 def coefficients(nodal: np.ndarray) -> np.ndarray:
     """Coefficients of functions from their values at the nodes (..., k, c)."""
     return nodal if nodal.shape[-2] < 6 else np.matmul(np.linalg.inv(AT_NODES), nodal)
@@ -120,8 +125,7 @@ def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.
     beta, volume
         Shapes (n,).
     """
-    portions = (slice(first, first + PORTION) for first in range(0, len(s), PORTION))
-    found = [_excess(s[part], beta[part]) for part in portions]
+    found = [_excess(s[part], beta[part]) for part in portions(len(s))]
     return np.concatenate([np.zeros(0), *found]) * volume
 
 

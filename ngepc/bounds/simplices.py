@@ -74,7 +74,7 @@ class Simplices:
 
     def _number_facets(self) -> None:
         vertices = self.nodes[:, FACETS[self.N]]
-        self.place = vertices.argsort(axis=2).argsort(axis=2)
+        self.place = (vertices[..., None] > vertices[..., None, :]).sum(axis=3)
         ascending = np.sort(vertices, axis=2).reshape(-1, self.N)
         keys = self.key(ascending)
         self._keys, self._first, numbers = np.unique(keys, return_index=True, return_inverse=True)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.bounds.airy import AirySpace
+from ngepc.bounds.airy import AirySpace, Blocks
 from ngepc.bounds.conjugate import Completed, Conjugate
 from ngepc.bounds.levels import TwoLevels
-from ngepc.bounds.parts import PORTION
+from ngepc.bounds.parts import portions
 from ngepc.bounds.simplices import marked, sliced
 from ngepc.bounds.triangles import Triangles
 
@@ -45,7 +45,7 @@ class Effort:
 
     newton: int = 2
     trust: float = 0.03
-    gain: float = 0.15
+    gain: float = 0.2
     steps: int = 12
 
 
@@ -80,7 +80,7 @@ class Dual:
         return self.conjugate.gradient(at) - self.strain
 
 
-OF_MODEL = ("centre", "_values", "_area", "_gradient", "_compliance")
+OF_MODEL = ("centre", "_values", "_area", "_gradient", "_compliance", "_yields")
 
 
 class Model:
@@ -98,12 +98,15 @@ class Model:
 
     def __init__(self, dual: Dual, centre: np.ndarray, at: Completed) -> None:
         self.space, self._area, self._values = dual.space, dual.space.area, dual.values(centre, at)
-        self.centre, self._gradient = (
-            np.repeat(v, len(dual.space.weights) // v.shape[1], axis=1)
-            for v in (centre, dual.gradient(at))
-        )
+        self.centre, self._gradient = centre, dual.gradient(at)
         self._compliance = dual.conjugate.compliance(at)
         self._yields = (at.over > 0).any(axis=1)
+
+    def of(self, chosen: slice) -> Model:
+        """The functional on some of the triangles."""
+        result = sliced(self, chosen, OF_MODEL)
+        result.space = self.space.of(chosen)
+        return result
 
     def gradient(self, z: np.ndarray) -> np.ndarray:
         """Strains at stresses, both (nt, points, 3)."""
@@ -117,22 +120,35 @@ class Model:
         work = np.einsum("tqc,tqc->tq", z - self.centre, gradient + self._gradient)
         return self._values + self._area * (work @ self.space.weights) / 2
 
-    def missed(self, dual: Dual, z: np.ndarray, at: Completed) -> np.ndarray:
+    def linearised(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        """The integral for stresses, and what it pulls at the unknowns."""
+        value, forces = 0.0, np.empty(self.space.unknowns.shape)
+        for cells in portions(len(z)):
+            part = self.of(cells)
+            slope = part.gradient(z[cells])
+            value += float(part.values(z[cells], slope).sum())
+            forces[cells] = part.space.forces(slope)
+        return value, -self.space.gathered(forces)
+
+    def missed(self, dual: Dual, z: np.ndarray) -> np.ndarray:
         """By how much the functional exceeds the model on each triangle: zero where none yields."""
         result = np.zeros(len(z))
-        chosen = np.flatnonzero((at.over > 0).any(axis=1) | self._yields)
-        part, z, at = sliced(self, chosen, OF_MODEL), z[chosen], at.of(chosen)
-        result[chosen] = dual.of(chosen).values(z, at) - part.values(z, part.gradient(z))
+        for cells in portions(len(z)):
+            whole, part = dual.of(cells), self.of(cells)
+            at = whole.conjugate.completed(z[cells])
+            if part._yields.any() or at.over.any():
+                quadratic = part.values(z[cells], part.gradient(z[cells]))
+                result[cells] = whole.values(z[cells], at) - quadratic
         return result
 
-    def stiffness(self) -> np.ndarray:
-        """The matrices of the Airy functions on each triangle, (nt, n, n)."""
-        n = self.space.unknowns.shape[1]
-        K = np.empty((len(self.centre), n, n))
-        for first in range(0, len(K), PORTION):
-            part = slice(first, first + PORTION)
-            K[part] = self.space.of(part).stiffness(self._compliance[part])
-        return K
+    def stiffness(self) -> Blocks:
+        """The matrices of the Airy functions on each triangle."""
+        return self.space.stiffness(self._compliance)
+
+    def forces(self, x: np.ndarray) -> np.ndarray:
+        """The stiffness times all unknowns x, held ones too."""
+        strain = np.matmul(self._compliance, self.space.stress(x)[..., None])[..., 0]
+        return self.space.gathered(self.space.forces(strain))
 
 
 def tightened(
@@ -158,25 +174,23 @@ def tightened(
     """
     system = TwoLevels(dual.space, triangles)
     model = Model(dual, centre, dual.conjugate.completed(centre))
-    system.update(model.stiffness(), slice(None))
-    slope = model.gradient(z)
-    start = rest + model.values(z, slope).sum()
-    x, promised = system.solve(-dual.space.forces(slope), start, effort.gain, effort.steps)
+    system.update(model, slice(None))
+    start, right = model.linearised(z)
+    x, promised = system.solve(right, rest + start, effort.gain, effort.steps)
     z = z + dual.space.stress(x)
     there, part = slice(None), dual
     for _ in range(effort.newton):
-        at = part.conjugate.completed(z[there])
-        missed = model.missed(part, z[there], at)
+        missed = model.missed(part, z[there])
         bound = promised + missed.sum()
         if missed.sum() <= effort.trust * bound:
             break
         there = triangles.around(np.arange(len(z))[there][marked(np.abs(missed), BROKEN)], RINGS)
         part = dual.of(there)
-        at = part.conjugate.completed(z[there])
-        model = Model(part, z[there], at)
-        system.update(model.stiffness(), there)
-        right = -part.space.forces(model.gradient(z[there]))
-        x, promised = system.solve(right, bound, LOCALLY * effort.gain, effort.steps)
+        model = Model(part, z[there], part.conjugate.completed(z[there]))
+        system.update(model, there)
+        x, promised = system.solve(
+            model.linearised(z[there])[1], bound, LOCALLY * effort.gain, effort.steps
+        )
         z[there] = descended(part, z[there], part.space.stress(x))
     return z
 
