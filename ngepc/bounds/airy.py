@@ -78,14 +78,14 @@ def _edge_rows() -> np.ndarray:
 _BLOCKS, _THREE = np.array(np.tril_indices(3))[:, :, None, None], np.arange(3)
 CORNER_ROWS = np.broadcast_to(3 * _BLOCKS[0] + _THREE[:, None], (6, 3, 3)).ravel()
 CORNER_COLUMNS = np.broadcast_to(3 * _BLOCKS[1] + _THREE, (6, 3, 3)).ravel()
-"""The entries of a matrix that ``Blocks.corners`` has."""
+"""The entries of a matrix that ``TriangleBlocks.corners`` has."""
 
 GRADIENTS = [slice(3 * v + 1, 3 * v + 3) for v in range(3)]
 EDGE_ROWS = _edge_rows()
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class TriangleBlocks:
     """Stiffness matrices of triangles, nine unknowns of the vertices first.
 
     Parameters
@@ -175,10 +175,12 @@ class AirySpace:
             turn(result[:, pair], self.jacobian)
         return result
 
-    def stiffness(self, H: np.ndarray) -> Blocks:
+    def stiffness(self, H: np.ndarray) -> TriangleBlocks:
         """The stiffness from d2 phi*/dz2 at one point or all, (nt, ., 3, 3)."""
         nt, n = self.unknowns.shape
-        blocks = Blocks(np.empty((nt, 54)), np.empty((nt, n - 9, 9)), np.empty((nt, n - 9, n - 9)))
+        blocks = TriangleBlocks(
+            np.empty((nt, 54)), np.empty((nt, n - 9, 9)), np.empty((nt, n - 9, n - 9))
+        )
         corners = n * CORNER_ROWS + CORNER_COLUMNS
         for part in portions(nt):
             K = self.of(part)._matrices(H[part])

@@ -8,7 +8,7 @@ import numpy as np
 from ngsolve import H1, BitArray
 from scipy.sparse import csc_matrix, csr_matrix
 
-from ngepc.bounds.airy import AirySpace, Blocks
+from ngepc.bounds.airy import AirySpace, TriangleBlocks
 from ngepc.bounds.triangles import Triangles
 from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
 
@@ -28,7 +28,7 @@ Those of the discrete solution converge twice as fast as its stress.
 class Stiff(Protocol):
     """A quadratic functional of Airy functions."""
 
-    def stiffness(self) -> Blocks:
+    def stiffness(self) -> TriangleBlocks:
         """Its matrices on the triangles."""
 
     def forces(self, x: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.bounds.airy import AirySpace, Blocks
+from ngepc.bounds.airy import AirySpace, TriangleBlocks
 from ngepc.bounds.conjugate import Completed, Conjugate
 from ngepc.bounds.levels import TwoLevels
 from ngepc.bounds.parts import portions
@@ -141,7 +141,7 @@ class Model:
                 result[cells] = whole.values(z[cells], at) - quadratic
         return result
 
-    def stiffness(self) -> Blocks:
+    def stiffness(self) -> TriangleBlocks:
         """The matrices of the Airy functions on each triangle."""
         return self.space.stiffness(self._compliance)
 
