@@ -12,14 +12,10 @@ from netgen.geom2d import Circle, Solid2d
 from ngsolve import Mesh
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
-from ngepc.checks.arguments import (
-    require_integer,
-    require_number,
-    require_vector,
-)
+from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_flag
 
-from .outlines import meshed, polygon, require_mesh_width
+from .outlines import meshed, polygon, require_mesh_width, require_sides
 
 _NAMES = {"bottom": "clamped", "top": "contact"}
 _NAMES_3D = {"back": "left", "front": "right", "left": "front", "right": "back", **_NAMES}
@@ -40,7 +36,7 @@ def mesh(maxh: float = 0.25, size: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
     TypeError, ValueError
         If a value is out of its range.
     """
-    size = _sides(size)
+    size = require_sides(size, (2, 3))
     require_mesh_width(maxh, max(size), len(size))
     return meshed(_brick(size), maxh)
 
@@ -62,12 +58,9 @@ def with_hole(
     TypeError, ValueError
         If a value is out of its range.
     """
-    size = _sides(size)
+    size = require_sides(size, (2, 3))
     require_mesh_width(maxh, max(size), len(size))
-    require_number("radius", radius, 0, strict=True)
-    half = min(size[0], size[-1]) / 2
-    if radius >= half:
-        raise ValueError(f"radius={radius!r}: a number < {half:g} is needed, half of the block")
+    require_number("radius", radius, 0, strict=True, below=min(size[0], size[-1]) / 2)
     return meshed(_brick(size) - _hole(size, radius), maxh)
 
 
@@ -99,7 +92,7 @@ def structured_mesh(
     for name, n in cells.items():
         require_integer(name, n, 1, 10_000 if nz is None else 500)
     require_flag("simplices", simplices)
-    size = _sides((1.0,) * len(cells) if size is None else size)
+    size = require_sides((1.0,) * len(cells) if size is None else size, (2, 3))
     if len(size) != len(cells):
         raise ValueError(f"size={size!r}: {len(cells)} sides are needed for {len(cells)} counts")
     if nz is None:
@@ -120,13 +113,6 @@ def _stretched(unit: Mesh, size: Sequence[float]) -> Mesh:
         for i, side in enumerate(size):
             point[i] = side * point.p[i]
     return Mesh(netgen_mesh)
-
-
-def _sides(size: Sequence[float]) -> tuple[float, ...]:
-    sides = require_vector("size", size, (2, 3))
-    for side in sides:
-        require_number("size", side, 0, strict=True)
-    return sides
 
 
 def _brick(size: Sequence[float]) -> Solid | Solid2d:

@@ -1,20 +1,13 @@
 """Cook's membrane: the tapered panel with corners (0, 0), (48, 44), (48, 60), (0, 44).
 
-Boundaries: ``clamped`` is the left edge, ``load`` the right one (length 16), the rest is
-``free``.
+Boundaries: ``clamped`` is the left edge, ``load`` the right one (length 16), the rest is ``free``.
 """
 
 from ngsolve import Mesh
 
 from .bisection import refined_to, triangulated
-from .outlines import meshed, polygon, require_mesh_width
 
-_CORNERS = (
-    ((0.0, 0.0), "free"),
-    ((48.0, 44.0), "load"),
-    ((48.0, 60.0), "free"),
-    ((0.0, 44.0), "clamped"),
-)
+_CORNERS = ((0.0, 0.0), (48.0, 44.0), (48.0, 60.0), (0.0, 44.0))
 
 
 def _boundary_name(a: tuple[float, float], b: tuple[float, float]) -> str:
@@ -29,11 +22,4 @@ def bisected_mesh(nodes: int = 289) -> Mesh:
     TypeError, ValueError
         If no mesh of the family has ``nodes`` nodes.
     """
-    corners = tuple(x for x, _ in _CORNERS)
-    return refined_to(triangulated([corners], _boundary_name), nodes, smallest=4)
-
-
-def mesh(maxh: float = 4.0) -> Mesh:
-    """An unstructured mesh of the CSG geometry with mesh width at most ``maxh`` >= 0.06."""
-    require_mesh_width(maxh, 60.0, 2)
-    return meshed(polygon(_CORNERS), maxh)
+    return refined_to(triangulated([_CORNERS], _boundary_name), nodes, smallest=4)

@@ -8,10 +8,11 @@ that of the Problem.
 from collections.abc import Iterator
 
 import numpy as np
-from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import Mesh
 
 from ngepc.checks.kinds import require_attributes
+
+from .outlines import netgen_mesh
 
 SHAPES = {
     "line": (1, 2),
@@ -126,16 +127,8 @@ def _assembled(N: int, points: np.ndarray, body: list, sides: list) -> Mesh:
     ]
     for corners in sorted({len(side) for side in rest}):
         named.append(("free", [side for side in rest if len(side) == corners]))
-    made, regions = NetgenMesh(dim=N), {}
-    made.AddPoints(np.ascontiguousarray(points))
-    for dimension, groups in ((N, body), (N - 1, named)):
-        for name, cells in groups:
-            if (dimension, name) not in regions:
-                regions[dimension, name] = made.AddRegion(name, dimension)
-            data, index = np.ascontiguousarray(cells, dtype=np.int32), regions[dimension, name]
-            made.AddElements(dim=dimension, index=index, data=data, base=0)
-    made.Update()
-    return Mesh(made)
+    groups = [(N, *group) for group in body] + [(N - 1, *group) for group in named]
+    return Mesh(netgen_mesh(N, points, groups))
 
 
 def _outer(blocks: list[np.ndarray], N: int) -> dict[tuple, list]:

@@ -4,11 +4,10 @@ Boundaries: ``clamped`` is (1/2, 1) x {0}, ``contact`` is (0, 1) x {1}, ``load``
 (0, 1/2) x {1/2}, the rest is ``free``.
 """
 
-from netgen.geom2d import CSG2d
 from ngsolve import Mesh
 
 from .bisection import Point, refined_to, triangulated
-from .outlines import geometry_of, outward, polygon, require_mesh_width
+from .outlines import meshed, outward, polygon, require_mesh_width
 
 PAPER_NODES = (833, 1601, 3201, 6273, 12545, 24833)
 COARSE_NODES = 417
@@ -47,12 +46,7 @@ def paper_mesh(nodes: int = COARSE_NODES) -> Mesh:
     return refined_to(triangulated(squares, _boundary_name), nodes, smallest=8)
 
 
-def geometry() -> CSG2d:
-    """The body as a Netgen CSG geometry with named edges."""
-    return geometry_of(polygon(_CORNERS))
-
-
 def mesh(maxh: float = 0.05) -> Mesh:
     """An unstructured mesh of the CSG geometry with mesh width at most ``maxh`` >= 0.001."""
     require_mesh_width(maxh, 1.0, 2)
-    return Mesh(outward(geometry().GenerateMesh(maxh=maxh)))
+    return outward(meshed(polygon(_CORNERS), maxh))

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from netgen.geom2d import EdgeInfo, Solid2d
 from ngsolve import Mesh
 
-from ngepc.checks.arguments import require_number, require_vector
+from ngepc.checks.arguments import require_number
 
-from .outlines import meshed, require_mesh_width
+from .outlines import meshed, require_mesh_width, require_sides
 
 
 def mesh(
@@ -36,14 +36,10 @@ def mesh(
     TypeError, ValueError
         If a value is out of its range.
     """
-    a, b = require_vector("size", size, (2,))
-    for side in (a, b):
-        require_number("size", side, 0, strict=True)
+    a, b = require_sides(size)
     require_mesh_width(maxh, max(a, b), 2)
     require_number("fine", fine, max(a, b) / 1000, most=maxh)
-    require_number("patch", patch, 0, strict=True)
-    if patch >= a:
-        raise ValueError(f"patch={patch!r}: a number < {a:g} is needed, the width of the block")
+    require_number("patch", patch, 0, strict=True, below=a)
     corners = [(-a / 2, -b), (a / 2, -b), (a / 2, 0), (patch / 2, 0), (-patch / 2, 0), (-a / 2, 0)]
     edges = [EdgeInfo(bc=name) for name in ("clamped", "right", "top", "contact", "top", "left")]
     edges[3] = EdgeInfo(bc="contact", maxh=fine)

@@ -9,11 +9,10 @@ Boundaries: ``clamped`` is (0, 1) x {2} and (0, 1) x {3}, ``contact`` is (0, 1) 
 is the top edge of the handle from (5, 2.6) to (8, 2), the rest is ``free``.
 """
 
-from netgen.geom2d import CSG2d
 from ngsolve import Mesh
 
 from .bisection import Point, Quadrilateral, refined_to, triangulated
-from .outlines import geometry_of, outward, polygon, require_mesh_width
+from .outlines import meshed, outward, polygon, require_mesh_width
 
 PAPER_NODES = (873, 1641, 3281, 6353, 12705, 24993)
 COARSE_NODES = 437
@@ -74,12 +73,7 @@ def paper_mesh(nodes: int = PAPER_NODES[0]) -> Mesh:
     return refined_to(triangulated(quadrilaterals, _boundary_name), nodes, smallest=26)
 
 
-def geometry() -> CSG2d:
-    """The body as a Netgen CSG geometry with named edges."""
-    return geometry_of(polygon(_OUTLINE))
-
-
 def mesh(maxh: float = 0.25) -> Mesh:
     """An unstructured mesh of the CSG geometry with mesh width at most ``maxh`` >= 0.008."""
     require_mesh_width(maxh, 8.0, 2)
-    return Mesh(outward(geometry().GenerateMesh(maxh=maxh)))
+    return outward(meshed(polygon(_OUTLINE), maxh))

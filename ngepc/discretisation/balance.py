@@ -13,7 +13,7 @@ from ngepc.discretisation.floating import Floating
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.linalg.secants import Compliance
 from ngepc.model.problem import Problem
-from ngepc.model.processes import Alone
+from ngepc.model.processes import Team
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -125,7 +125,7 @@ class Balance:
         return self.frame.contact.friction_work(self.contact, self.gaps, self.touching_distance)
 
     @property
-    def _processes(self) -> Alone:
+    def _processes(self) -> Team:
         """Those that share the body."""
         return self.frame.contact.processes
 

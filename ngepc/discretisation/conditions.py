@@ -23,7 +23,7 @@ from ngepc.linalg.friction import FrictionCone
 from ngepc.model.contact import Coulomb
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.processes import Alone
+from ngepc.model.processes import Team
 
 STEEPEST = 100.0
 """Friction with a given bound is at most so many times the normal force.
@@ -44,7 +44,7 @@ class ContactConditions:
     roller_part: slice  # the rows of rollers
     rollers: dict[Place, slice]  # place of each roller -> its rows
     friction: FrictionCone  # the law of the forces, without tangents where there is no friction
-    processes: Alone  # share the body; rows at common vertices are on all that have the vertex
+    processes: Team  # share the body; rows at common vertices are on all that have the vertex
     own: slice | np.ndarray  # what selects the forces of rows that this process answers for
     matrix: csr_matrix  # R, shape (n, nodes N), n = m without friction and m N with it
 

@@ -27,7 +27,7 @@ from ngsolve import (
 from ngepc.discretisation.elements import Elements, chunks
 from ngepc.model.elements import element_numbers, element_vertices
 from ngepc.model.kinematics import Kinematics
-from ngepc.model.processes import Alone, processes_of
+from ngepc.model.processes import Team, processes_of
 from ngepc.model.rules import plastic_points
 
 
@@ -47,7 +47,7 @@ class Points:
     scalar: H1  # the space of one displacement component; its degrees of freedom are the nodes
     weights: np.ndarray  # volume that belongs to each point, shape (points,)
     blocks: list[Elements]  # one for each shape
-    processes: Alone  # share the mesh; each has the points of its own elements
+    processes: Team  # share the mesh; each has the points of its own elements
 
     def __init__(
         self, mesh: Mesh, kinematics: Kinematics, order: int, *, mean_volume: bool = False

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, eye
 
 from ngepc.linalg.aggregation import COARSEST, DAMPING, aggregates, incidence, tentative
-from ngepc.model.processes import Alone
+from ngepc.model.processes import Team
 
 try:
     from petsc4py import PETSc as petsc
@@ -18,7 +18,7 @@ except ImportError:  # said when PETSc() is made
 
 
 def interpolations(
-    matrix: object, modes: np.ndarray, graph: csr_matrix, processes: Alone
+    matrix: object, modes: np.ndarray, graph: csr_matrix, processes: Team
 ) -> list[object]:
     """Interpolations from each level to the next finer one, the finest first.
 
@@ -62,7 +62,7 @@ def interpolations(
     return found
 
 
-def spread(local: csr_matrix, matrix: object, processes: Alone) -> object:
+def spread(local: csr_matrix, matrix: object, processes: Team) -> object:
     """The matrix of all processes from their own rows, whose columns follow each other."""
     rows, own = local.shape
     sizes = ((rows, None), (own, None))

@@ -11,7 +11,7 @@ from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.normals import outward_normal
 from ngepc.model.places import Edge, Place, Point, Roller, places
-from ngepc.model.processes import Alone, processes_of
+from ngepc.model.processes import Team, processes_of
 
 Vector = CoefficientFunction | Sequence[Coefficient]
 """A vector-valued CoefficientFunction, or a sequence of N numbers and scalar coefficients."""
@@ -46,7 +46,7 @@ class Given:
         return self.mesh.dim
 
     @property
-    def processes(self) -> Alone:
+    def processes(self) -> Team:
         """The processes that share the mesh."""
         return processes_of(self.mesh)
 

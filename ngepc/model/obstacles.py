@@ -198,28 +198,15 @@ class SignedDistance(Obstacle):
     distance
         phi (length), a scalar coefficient in the coordinates x, y, z: the distance to the
         obstacle, negative inside.  Any level set function with a gradient does, to first order.
-    gradient
-        grad phi, a vector coefficient; None to differentiate ``distance``.  It is needed where
-        ``distance`` contains a GridFunction, and then the motion enters to first order,
-        phi(x) - grad phi(x) . m.
     """
 
     distance: CoefficientFunction
-    gradient: CoefficientFunction | None = None
 
     def __post_init__(self) -> None:
-        kind = CoefficientFunction, "a CoefficientFunction"
-        require_instance("distance", self.distance, *kind)
+        require_instance("distance", self.distance, CoefficientFunction, "a CoefficientFunction")
         require_coefficient("distance", self.distance)
-        if self.gradient is not None:
-            require_instance("gradient", self.gradient, *kind)
-            require_coefficient("gradient", self.gradient, [(2,), (3,)])
-        elif "GridFunction" in str(self.distance):
-            raise ValueError("distance contains a GridFunction: its gradient is needed too")
-
-    def dimensions(self) -> tuple[int, ...]:
-        """Those of the gradient, otherwise any."""
-        return (2, 3) if self.gradient is None else tuple(self.gradient.dims)
+        if "GridFunction" in str(self.distance):
+            raise ValueError("distance contains a GridFunction: a formula in x, y, z is needed")
 
     def level(self, X: Field, n: Field) -> tuple[float, Field, Field]:
         """That of phi + t grad phi . n."""
@@ -228,19 +215,15 @@ class SignedDistance(Obstacle):
 
     def _at(self, X: Field) -> tuple[Field, Field]:
         """Phi and grad phi at ``X``."""
-        own = COORDINATES[: X.dim]
-        if self.gradient is not None:
-            return self.distance + InnerProduct(self.gradient, X - CF(own)), self.gradient
-        moved = {c: X[i] for i, c in enumerate(own)}
-        gradient = CF(tuple(self.distance.Diff(c).Replace(moved) for c in own))
+        moved = {c: X[i] for i, c in enumerate(COORDINATES[: X.dim])}
+        gradient = CF(tuple(self.distance.Diff(c).Replace(moved) for c in moved))
         return self.distance.Replace(moved), gradient
 
     def _check_data(self, X: Field, mesh: Mesh) -> None:
         super()._check_data(X, mesh)
-        phi, gradient = self._at(X)
-        everywhere = sorted(set(mesh.GetBoundaries()))
-        require_finite("distance", phi, mesh, everywhere)
-        if not require_finite("the gradient of distance", gradient, mesh, everywhere).any():
+        names = sorted(set(mesh.GetBoundaries()))
+        _, gradient = (require_finite("distance", f, mesh, names) for f in self._at(X))
+        if not gradient.any():
             raise ValueError(
                 "distance has no gradient on the boundary: the signed distance to the obstacle "
                 "in the coordinates x, y, z is needed"

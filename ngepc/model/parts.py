@@ -7,6 +7,7 @@ and no process ever has the fine mesh.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from ngsolve import BND, Mesh
 from ngepc.checks.kinds import require_mesh
 from ngepc.model.elements import combine, element_facets, element_nodes, vertex_coordinates
 from ngepc.model.pieces import Piece
-from ngepc.model.processes import Shared
+from ngepc.model.processes import Team
 from ngepc.model.rigid import check_conforming, connected
 
 try:
@@ -40,7 +41,7 @@ class MeshPart(Mesh):
     def __init__(
         self,
         piece: Piece,
-        processes: Shared,
+        processes: Team,
         coarse: MeshPart | None = None,
         parents: np.ndarray | None = None,
     ) -> None:
@@ -60,7 +61,7 @@ class MeshPart(Mesh):
     def refined(self) -> MeshPart:
         """The part of the mesh with all edges halved; the processes refine at the same time."""
         piece, parents = self.piece.refined()
-        processes = Shared(self.processes.comm, self._common(parents), len(piece.points))
+        processes = Team(self.processes.comm, self._common(parents), len(piece.points))
         return MeshPart(piece, processes, self, parents)
 
     def _common(self, parents: np.ndarray) -> dict[int, np.ndarray]:
@@ -109,17 +110,9 @@ def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
     if MPI is None:
         raise ImportError(INSTALL)
     comm = MPI.COMM_WORLD if comm is None else comm
-    pieces, error = None, None
-    if comm.rank == 0:
-        try:
-            pieces = _pieces(mesh, comm.size)
-        except (TypeError, ValueError) as raised:
-            error = raised
-    error = comm.bcast(error)
-    if error is not None:
-        raise error
-    piece = comm.scatter(pieces)
-    return MeshPart(piece, Shared(comm, piece.copies, len(piece.points)))
+    work = partial(_pieces, mesh, comm.size) if comm.rank == 0 else list
+    piece = comm.scatter(Team(comm).together(work))
+    return MeshPart(piece, Team(comm, piece.copies, len(piece.points)))
 
 
 def _pieces(mesh: Mesh, count: int) -> list[Piece]:

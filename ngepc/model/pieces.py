@@ -8,6 +8,8 @@ from itertools import combinations
 import netgen.meshing as netgen
 import numpy as np
 
+from ngepc.geometries.outlines import netgen_mesh
+
 Numbered = tuple[np.ndarray, np.ndarray]
 """Vertices of simplices, shape (k, corners), and the number of the region of each."""
 
@@ -45,17 +47,14 @@ class Piece:
 
     def mesh(self) -> netgen.Mesh:
         """The piece as a mesh of Netgen."""
-        dim = self.points.shape[1]
-        mesh = netgen.Mesh(dim=dim)
-        mesh.AddPoints(np.ascontiguousarray(self.points))
-        for d, names, (nodes, index) in (
-            (dim, self.materials, self.elements),
-            (dim - 1, self.boundaries, self.facets),
-        ):
-            for number, name in enumerate(names):
-                region, chosen = mesh.AddRegion(name, dim=d), nodes[index == number]
-                mesh.AddElements(dim=d, index=region, data=chosen.astype(np.int32), base=0)
-        return mesh
+        N = self.points.shape[1]
+        kinds = (N, self.materials, self.elements), (N - 1, self.boundaries, self.facets)
+        groups = [
+            (d, name, nodes[index == number])
+            for d, names, (nodes, index) in kinds
+            for number, name in enumerate(names)
+        ]
+        return netgen_mesh(N, self.points, groups)
 
     def refined(self) -> tuple[Piece, np.ndarray]:
         """The piece with all edges halved, and the ends of each edge, in the order of middles."""

@@ -18,36 +18,46 @@ from ngsolve import Mesh
 T = TypeVar("T")
 
 
-class Alone:
-    """One process has the whole body: nothing is exchanged."""
+class Team:
+    """The processes that have a part of the body each, as one of them; no ``comm``: one has it all.
 
-    size: int = 1  # how many processes there are
-    rank: int = 0  # the number of this one
-    own: slice | np.ndarray = slice(None)  # what selects the nodes that it answers for
+    This one has so many ``nodes``; the ``copies`` say which of them another process has as well, in
+    an order both agree upon.
+    """
+
+    own: slice | np.ndarray = slice(None)  # what selects the nodes that this one answers for
+    numbers: np.ndarray  # of each node among all: those of a process follow each other
+    count: int  # nodes of all processes
+
+    def __init__(
+        self, comm: Any = None, copies: dict[int, np.ndarray] | None = None, nodes: int = 0
+    ) -> None:
+        self.comm, self.copies = comm, copies or {}
+        self.size, self.rank = (1, 0) if comm is None else (comm.size, comm.rank)
+        if comm is None:
+            return
+        mine = np.ones(nodes, dtype=bool)
+        for rank, shared in self.copies.items():
+            mine[shared] &= rank > self.rank
+        self._mine, self.own = mine, np.flatnonzero(mine)
+        self._inner = np.unique(np.concatenate([np.zeros(0, dtype=int), *self.copies.values()]))
+        counts = np.array(self.all(len(self.own)))
+        self.count, first = int(counts.sum()), int(counts[: self.rank].sum())
+        numbers = np.zeros(nodes, dtype=np.int64)
+        numbers[self.own] = first + np.arange(len(self.own))
+        self.numbers = self.spread(numbers)
 
     def owned(self, nodes: np.ndarray) -> slice | np.ndarray:
         """What selects those of some nodes that this process answers for."""
-        return slice(None)
+        return self.own if self.comm is None else self._mine[nodes]
 
     def all(self, value: T) -> list[T]:
         """The values that the processes give, in their order."""
-        return [value]
+        return [value] if self.comm is None else self.comm.allgather(value)
 
     def total(self, value: T) -> T:
         """The sum of what the processes give, numbers or arrays."""
-        return value
-
-    def summed(self, values: np.ndarray) -> np.ndarray:
-        """Nodal values to which the processes contribute, added up."""
-        return values
-
-    def spread(self, values: np.ndarray) -> np.ndarray:
-        """Nodal values as the process has them that answers for the node."""
-        return values
-
-    def together(self, work: Callable[[], T]) -> T:
-        """Do a work that may fail: what one process raises, all raise."""
-        return work()
+        return value if self.comm is None else self.comm.allreduce(value)
 
     def any(self, flags: np.ndarray) -> bool:
         """Whether one of the flags of all processes is set."""
@@ -59,58 +69,18 @@ class Alone:
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """The inner product of two nodal arrays, flat ones too."""
-        return float(np.vdot(a, b))
+        if self.comm is not None:
+            a, b = (array.reshape(len(self._mine), -1)[self.own] for array in (a, b))
+        return self.total(float(np.vdot(a, b)))
 
     def norm(self, a: np.ndarray) -> float:
         """The Euclidean norm of a nodal array."""
         return float(np.sqrt(self.dot(a, a)))
 
-
-ALONE = Alone()
-
-
-class Shared(Alone):
-    """One of several processes that have a part of the body each, this one so many ``nodes``.
-
-    The ``copies`` say which of them another process has as well, in an order both agree upon.
-    """
-
-    numbers: np.ndarray  # of each node among all: those of a process follow each other
-    count: int  # nodes of all processes
-
-    def __init__(self, comm: Any, copies: dict[int, np.ndarray], nodes: int) -> None:
-        self.comm, self.copies = comm, copies
-        self.size, self.rank = comm.size, comm.rank
-        mine = np.ones(nodes, dtype=bool)
-        for rank, shared in copies.items():
-            mine[shared] &= rank > self.rank
-        self._mine, self.own = mine, np.flatnonzero(mine)
-        self._inner = np.unique(np.concatenate([np.zeros(0, dtype=int), *copies.values()]))
-        counts = np.array(self.all(len(self.own)))
-        self.count, first = int(counts.sum()), int(counts[: self.rank].sum())
-        numbers = np.zeros(nodes, dtype=np.int64)
-        numbers[self.own] = first + np.arange(len(self.own))
-        self.numbers = self.spread(numbers)
-
-    def owned(self, nodes: np.ndarray) -> np.ndarray:
-        """What selects those of some nodes that this process answers for."""
-        return self._mine[nodes]
-
-    def all(self, value: T) -> list[T]:
-        """The values that the processes give, in their order."""
-        return self.comm.allgather(value)
-
-    def total(self, value: T) -> T:
-        """The sum of what the processes give, numbers or arrays."""
-        return self.comm.allreduce(value)
-
-    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
-        """The inner product of two nodal arrays, flat ones too."""
-        a, b = (array.reshape(len(self._mine), -1)[self.own] for array in (a, b))
-        return self.total(float(np.vdot(a, b)))
-
     def summed(self, values: np.ndarray) -> np.ndarray:
         """Nodal values to which the processes contribute, added up, in the same order on all."""
+        if self.comm is None:
+            return values
         received, result = self._exchanged(values), values.copy()
         result[self._inner] = 0
         for rank in sorted([*self.copies, self.rank]):
@@ -122,6 +92,8 @@ class Shared(Alone):
 
     def spread(self, values: np.ndarray) -> np.ndarray:
         """Nodal values as the process has them that answers for the node: the first that has it."""
+        if self.comm is None:
+            return values
         received, result = self._exchanged(values), values.copy()
         for rank in sorted((r for r in received if r < self.rank), reverse=True):
             result[self.copies[rank]] = received[rank]
@@ -144,6 +116,8 @@ class Shared(Alone):
 
     def together(self, work: Callable[[], T]) -> T:
         """Do a work that may fail: what one process raises, all raise."""
+        if self.comm is None:
+            return work()
         value, error = None, None
         try:
             value = work()
@@ -155,7 +129,10 @@ class Shared(Alone):
         return value
 
 
-def processes_of(mesh: Mesh) -> Alone:
+ALONE = Team()
+
+
+def processes_of(mesh: Mesh) -> Team:
     """The processes that share a mesh: those of a ``MeshPart``, otherwise this one alone."""
     return getattr(mesh, "processes", ALONE)
 

@@ -1,8 +1,7 @@
 """Rigid motions that the supports of a body leave free.
 
 On a conforming P1 mesh eps(u) = 0 leaves rigid motions of each part of the mesh whose elements hang
-together by facets.  The parts are coupled at the vertices they share, so that two blocks joined
-along an edge are found to hinge.
+together by facets.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from ngsolve import Mesh
-from scipy.linalg import block_diag
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -68,52 +66,34 @@ def directed(
 def free_motions(
     problem: Given, held: np.ndarray, pairs: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Free rigid motions at the vertices, (vertices, N, k), and the vertices of a part that moves.
+    """Free rigid motions of each part that has any, (vertices of the mesh, N, k), and its vertices.
 
-    ``held`` says which components of the vertices are, ``pairs`` are those of ``part_vertices``;
-    parts with common vertices are looked at together.  A mesh that processes share is one part.
+    ``held`` says which components of the vertices are, ``pairs`` are those of ``part_vertices``.
+    Each part is looked at alone, also one that shares a vertex or an edge with others.
     """
     if problem.kinematics.hoop:  # u_r / r is a strain: only the motion along the axis is free
         held = held | np.array([True, False])
     x, processes = vertex_coordinates(problem.mesh), problem.processes
     (vertices, axes), (also, directions) = np.nonzero(held), oblique(problem)
-    vertices, directions = (
-        np.append(vertices, also),
-        np.vstack([np.eye(problem.N)[axes], directions]),
-    )
+    vertices = np.append(vertices, also)
+    directions = np.vstack([np.eye(problem.N)[axes], directions])
     scaled = x / processes.most(np.ptp(x[pairs[:, 1]], axis=0))
     rows = rigid_rows(scaled[vertices], directions)
-    by_vertex = pairs[np.argsort(pairs[:, 1], kind="stable")]
-    again = np.flatnonzero(by_vertex[1:, 1] == by_vertex[:-1, 1])
-    joints = np.column_stack([by_vertex[again, 0], by_vertex[again + 1]])
-    group = connected(pairs[-1, 0] + 1, joints[:, 0], joints[:, 1])
-    for number in range(group.max() + 1):
-        members = np.flatnonzero(group == number)
-        of_members = [pairs[pairs[:, 0] == part, 1] for part in members]
-        each = [np.linalg.qr(rows[np.isin(vertices, v)], mode="r") for v in of_members]
-        own = joints[np.isin(joints[:, 0], members)]
-        equations = np.vstack([block_diag(*each), *_joint_rows(own, scaled, members)])
-        free = mechanisms(np.vstack(processes.all(equations)), len(members))
+    for part in range(pairs[-1, 0] + 1):
+        own = pairs[pairs[:, 0] == part, 1]
+        free = kernel(processes.all(rows[np.isin(vertices, own)]))
         if len(free):
             motions = np.zeros((*x.shape, len(free)))
-            for v, coefficients in zip(of_members, free.transpose(1, 2, 0), strict=True):
-                motions[v] = rigid_motions(scaled[v]) @ coefficients
-            yield motions, of_members[np.linalg.norm(free[-1], axis=1).argmax()]
+            motions[own] = rigid_motions(scaled[own]) @ free.T
+            yield motions, own
 
 
-def _joint_rows(joints: np.ndarray, x: np.ndarray, members: np.ndarray) -> Iterator[np.ndarray]:
-    """Equations for the equal displacements of parts a, b at a common vertex v."""
-    for (a, b, _), at_vertex in zip(joints, rigid_motions(x[joints[:, 2]]), strict=True):
-        sign = 1.0 * (members == a) - (members == b)
-        yield (sign[:, None] * at_vertex[:, None]).reshape(len(at_vertex), -1)
-
-
-def mechanisms(equations: np.ndarray, parts: int) -> np.ndarray:
-    """The free rigid motions as coefficients of ``rigid_rows`` part by part, (k, parts, ...)."""
-    columns = equations.shape[1]
-    R = np.linalg.qr(np.vstack([equations, np.zeros((columns, columns))]), mode="r")
+def kernel(equations: list[np.ndarray]) -> np.ndarray:
+    """An orthonormal basis of what solves all homogeneous equations, (k, unknowns)."""
+    columns = equations[0].shape[1]
+    R = np.linalg.qr(np.vstack([*equations, np.zeros((columns, columns))]), mode="r")
     _, size, motion = np.linalg.svd(R)
-    return motion[size <= 1e-8].reshape(-1, parts, columns // parts)
+    return motion[size <= 1e-8]
 
 
 def rigid_motions(x: np.ndarray) -> np.ndarray:

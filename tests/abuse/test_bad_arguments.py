@@ -257,11 +257,7 @@ USES = {
     "Sphere": Use(Sphere, {"centre": (0, 0), "radius": 1.0}),
     "Cylinder": Use(Cylinder, {"point": (0, 0, 0), "axis": (0, 0, 1), "radius": 1.0}),
     "Cavity": Use(Cavity, {"inside": Sphere((0, 0), 1.0)}),
-    "SignedDistance": Use(
-        SignedDistance,
-        {"distance": CF(1.0)},
-        {"distance": UNSEEN, "gradient": {"a vector coefficient"}},
-    ),
+    "SignedDistance": Use(SignedDistance, {"distance": CF(1.0)}, {"distance": UNSEEN}),
     "Obstacle.gap": Use(
         lambda mesh=MESH, motion=(0.0, 0.0), far=1.0: Sphere((0, 3), 1.0).gap(
             mesh, motion, far=far

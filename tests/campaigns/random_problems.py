@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import CF, Mesh
 
-from ngepc.geometries import block, lshape, plate, wrench
+from ngepc.geometries import block, lshape, wrench
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
 
@@ -33,7 +33,9 @@ BODIES = {
     "block": DrawnBody(lambda h: block.mesh(h, (1.0, 0.7)), 1.0, "clamped", "right", "contact"),
     "hole": DrawnBody(lambda h: block.with_hole(h, (1.0, 1.0)), 1.0, "clamped", "left", "contact"),
     "strip": DrawnBody(lambda h: block.mesh(2 * h, (4.0, 0.5)), 4.0, "clamped", "left", "contact"),
-    "plate": DrawnBody(lambda h: plate.mesh(2 * h), 2.0, "bottom", "left|right", "top"),
+    "plate": DrawnBody(
+        lambda h: block.with_hole(2 * h, (2.0, 2.0)), 2.0, "clamped", "left|right", "contact"
+    ),
     "cube": DrawnBody(lambda h: block.mesh(4 * h), 1.0, "clamped", "left", "contact"),
 }
 

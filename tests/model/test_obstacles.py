@@ -6,10 +6,6 @@ import numpy as np
 import pytest
 from ngsolve import (
     CF,
-    H1,
-    BoundaryFromVolumeCF,
-    Grad,
-    GridFunction,
     IfPos,
     InnerProduct,
     Integrate,
@@ -44,7 +40,7 @@ BODIES = {
     "L-shape": (lambda: lshape.mesh(0.1), 0.75),
     "L-shape of the paper": (lambda: lshape.paper_mesh(113), 0.75),
     "wrench": (lambda: wrench.mesh(0.4), 12.0),
-    "plate": (lambda: plate.mesh(0.2), None),
+    "plate": (lambda: plate.quarter_mesh(0.2), None),
     "ring": (lambda: ring.mesh(0.3), None),
     "curved ring": (lambda: curved(ring.quarter_mesh(0.3)), None),
     "shell": (lambda: ring.shell_octant_mesh(0.5), None),
@@ -228,15 +224,6 @@ def test_signed_distance_is_of_first_order():
         bound = 1.5 * samples(t / rho, SQUARE, "contact")
         assert (np.abs(error - predicted) <= bound * predicted + 1e-14).all()
         assert predicted.max() > 1e-5
-
-
-def test_signed_distance_with_its_gradient():
-    """From a GridFunction with Grad: the same gap, and the motion to first order."""
-    phi = GridFunction(H1(SQUARE, order=2))
-    phi.Set(1.2 - y + 0.1 * x)
-    psi = SignedDistance(phi, BoundaryFromVolumeCF(Grad(phi))).gap(SQUARE, (0.2, -0.1))
-    symbolic = SignedDistance(1.2 - y + 0.1 * x).gap(SQUARE, (0.2, -0.1))
-    assert difference(psi, symbolic, SQUARE, "contact") < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from ngepc import (
     wrench_problem,
 )
 from ngepc.dual.blocks import primal_energy
-from ngepc.geometries import block, lshape, plate, ring, wrench
+from ngepc.geometries import block, lshape, ring, wrench
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import SolverError, Status
@@ -79,12 +79,12 @@ def shaken_block():
 def holed_plate():
     """A plate with the hole as third obstacle, no support beyond two rollers."""
     return Problem(
-        plate.mesh(0.4),
+        block.with_hole(0.4, (2.0, 2.0)),
         STEEL,
         clamped=None,
-        prescribed={"left": (0, None), "bottom": (None, 0)},
-        contact="hole|top",
-        gap={"hole": 0.002 * y - 0.001, "top": 0.0},
+        prescribed={"left": (0, None), "clamped": (None, 0)},
+        contact="hole|contact",
+        gap={"hole": 0.002 * (y - 1) - 0.001, "contact": 0.0},
         traction={"right": (-1.5, 0.1)},
     )
 
