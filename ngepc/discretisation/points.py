@@ -24,7 +24,7 @@ from ngsolve import (
     x,
 )
 
-from ngepc.discretisation.elements import Elements, chunks
+from ngepc.discretisation.elements import Elements
 from ngepc.model.elements import element_numbers, element_vertices
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.processes import Team, processes_of
@@ -34,13 +34,8 @@ from ngepc.model.rules import plastic_points
 class Points:
     """The integration points of a mesh for displacements of one order.
 
-    Parameters
-    ----------
-    mesh, kinematics, order
-        The body, its kinematics, and the order of its displacements, 1 or 2.
-    mean_volume
-        Whether tr eps is averaged over each element, which frees quadrilaterals and hexahedra of
-        order one from volume locking (docs/locking.md).
+    ``mean_volume`` averages tr eps over each element, which frees quadrilaterals and hexahedra of
+    order one from volume locking (docs/locking.md).
     """
 
     rules: dict[ET, IntegrationRule]  # for ``dx(intrules=...)`` and ``mesh.MapToAllElements``
@@ -96,28 +91,24 @@ class Points:
                 nodes = np.array([self.scalar.GetDofNrs(_id(number)) for number in numbers])
             slopes = np.array([np.array(element.CalcDShape(*point)) for point in rule.points])
             values = np.array([np.array(element.CalcShape(*point)) for point in rule.points])
-            gradients = np.empty((*points.shape, nodes.shape[1], self.kinematics.N))
-            for part in chunks(len(points)):
-                here = inverses[points[part]]
-                gradients[part] = np.einsum("pkj,epji->epki", slopes, here, optimize=True)
+            gradients = np.einsum("pkj,epji->epki", slopes, inverses[points], optimize=True)
             here = None if radii is None else radii[points]
             yield Elements(self.kinematics, nodes, points, values, gradients, here)
         self.weights *= weights
 
     def _with_mean_volume(self, block: Elements) -> Elements:
         """The same elements with the mean of tr eps over each."""
-        weights, volume = self.weights[block.points], block.rows()[0]
+        weights, volume = self.weights[block.points], block.rows()[:, :, 0]
         mean = np.einsum("ep,epk->ek", weights, volume) / weights.sum(axis=1)[:, None]
         return replace(block, mean=mean)
 
     def strain(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """tr eps(u) and the coordinates of dev eps(u), shapes (points,) and (points, d)."""
-        volume = np.empty(len(self))
-        deviator = np.empty((len(self), self.kinematics.d))
+        strain = np.empty((len(self), 1 + self.kinematics.d))
         for block in self.blocks:
             for part in block.parts:
-                volume[part.points], deviator[part.points] = part.strain(u)
-        return volume, deviator
+                strain[part.points] = part.strain(u)
+        return strain[:, 0].copy(), strain[:, 1:].copy()
 
     def forces(self, pressure: np.ndarray, deviator: np.ndarray) -> np.ndarray:
         """Nodal forces of a stress with this mean part and these deviatoric coordinates.
@@ -125,34 +116,29 @@ class Points:
         ``pressure`` is the factor of tr eps(v) in sigma : eps(v), tr(sigma)/size; the result has
         shape (nodes, N).
         """
-        return self._gathered(
-            lambda b, w: b.forces(w * pressure[b.points], w[:, :, None] * deviator[b.points])
-        )
+        stress = np.column_stack([pressure, deviator])
+        return self._gathered(lambda part, w: part.forces(w[:, :, None] * stress[part.points]))
 
     def diagonal(self, bulk: np.ndarray, shear: np.ndarray) -> np.ndarray:
         """Diagonal of B' C B for C = bulk I (x) I + shear Id, shape (nodes, N)."""
+        C = np.column_stack([bulk, *[shear] * self.kinematics.d])
         return self._gathered(
-            lambda b, w: (
-                np.einsum("ep,epk->ek", w * bulk[b.points], b.rows()[0] ** 2)
-                + np.einsum("ep,epdk->ek", w * shear[b.points], b.rows()[1] ** 2)
-            )
+            lambda p, w: np.einsum("eps,epsk->ek", w[:, :, None] * C[p.points], p.rows() ** 2)
         )
 
     def force_sizes(self, stress: np.ndarray) -> np.ndarray:
         """Nodal forces of a stress of this size if nothing cancelled, shape (nodes, N)."""
         return self._gathered(
-            lambda b, w: np.einsum("ep,epdk->ek", w * stress[b.points], np.abs(b.rows()[1]))
+            lambda p, w: np.einsum("ep,epdk->ek", w * stress[p.points], abs(p.rows()[:, :, 1:]))
         )
 
     def _gathered(self, local: Callable[[Elements, np.ndarray], np.ndarray]) -> np.ndarray:
-        """The sum over elements of ``local(block, weights)``, shape (nodes, N)."""
+        """The sum over elements of ``local(part, weights)``, shape (nodes, N)."""
         count, N = self.scalar.ndof, self.kinematics.N
         result = np.zeros((count, N))
         for block in self.blocks:
-            values = np.empty((*block.nodes.shape, N))
-            for chosen, part in zip(chunks(len(block)), block.parts, strict=True):
-                found = local(part, self.weights[part.points])
-                values[chosen] = found.reshape(*part.nodes.shape, N)
+            values = np.concatenate([local(p, self.weights[p.points]) for p in block.parts])
+            values = values.reshape(*block.nodes.shape, N)
             for corner, nodes in enumerate(block.nodes.T):
                 for c in range(N):
                     result[:, c] += np.bincount(nodes, values[:, corner, c], minlength=count)
@@ -162,13 +148,12 @@ class Points:
         """The integral of a density given at the points."""
         return self.processes.total(float(self.weights @ density))
 
-    def element_stiffness(self, block: Elements, chosen: slice, moduli: Moduli) -> np.ndarray:
-        """B' C B of some elements of a block, shape (elements, k N, k N)."""
-        part = block.part(chosen)
-        points, (volume, d) = part.points, part.rows()
+    def element_stiffness(self, part: Elements, moduli: Moduli) -> np.ndarray:
+        """B' C B of some elements, shape (elements, k N, k N)."""
+        points, rows = part.points, part.rows()
         weights = self.weights[points]
-        along = np.einsum("epd,epdk->epk", moduli.direction[points], d)
-        rows = np.concatenate([volume[:, :, None], d, along[:, :, None]], axis=2)
+        along = np.einsum("epd,epdk->epk", moduli.direction[points], rows[:, :, 1:])
+        rows = np.concatenate([rows, along[:, :, None]], axis=2)
         factors = np.empty(rows.shape[:3])
         factors[:, :, 0] = weights * moduli.bulk[points]
         factors[:, :, 1:-1] = (weights * moduli.across[points])[:, :, None]

@@ -7,6 +7,8 @@ differ little are averaged at their nodes; faces that meet at an angle have a ro
 
 from __future__ import annotations
 
+from itertools import chain, repeat
+
 import numpy as np
 from ngsolve import BND, H1, ElementId, FESpace, GridFunction
 from scipy.sparse import csr_matrix, eye
@@ -14,8 +16,8 @@ from scipy.sparse import csr_matrix, eye
 from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.rows import (
     ContactRows,
-    MeetingFaces,
     facet_rules,
+    meeting_faces,
     rows_along,
     surface_measure,
 )
@@ -30,23 +32,21 @@ def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows
 
     A ValueError if two supports give a node different displacements along one direction.
     """
-    scalar, taken = H1(problem.mesh, order=problem.order), {}
-    result = {}
+    scalar, taken, result = H1(problem.mesh, order=problem.order), {}, {}
     for place, roller in problem.rollers.items():
-        values, found = _nodal_values(problem, scalar, place, roller), []
-        for node, directions in _directions(problem, scalar, place, roller).items():
+        values, new = _nodal_values(problem, scalar, place, roller), []
+        nodes, directions = _directions(problem, scalar, place, roller)
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        for node, d in zip(nodes.tolist(), directions, strict=True):
             held = taken.setdefault(node, _Held(supports.free[node], supports.values[node]))
-            for d in directions:
-                d = d / np.linalg.norm(d)
-                if held.takes(d, values[node], place):
-                    found.append((node, d))
-        nodes = np.array([node for node, _ in found], dtype=int)
+            new.append(held.takes(d, values[node], place))
+        nodes, directions = nodes[new], directions[new]
         result[place] = rows_along(
-            np.array([d for _, d in found]).reshape(-1, problem.N),
+            directions,
             csr_matrix(eye(scalar.ndof))[nodes],
-            vertices=np.zeros(len(found), dtype=int),
+            vertices=np.zeros(len(nodes), dtype=int),
             gaps=values[nodes],
-            weights=np.zeros(len(found)),  # no part of the contact area
+            weights=np.zeros(len(nodes)),  # no part of the contact area
             tied=True,
         )
     return result
@@ -78,17 +78,18 @@ class _Held:
 
 def _directions(
     problem: Problem, scalar: FESpace, place: Place, roller: Roller
-) -> dict[int, list[np.ndarray]]:
-    """Node -> directions, of any length: the given one, or the normals of the faces there."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and directions of any length: the given one, or the normals of the faces there."""
     if roller.direction is not None:
-        return {int(n): [np.array(roller.direction)] for n in nodes_at(scalar, place)}
-    region, faces = problem.mesh.Boundaries(place), MeetingFaces()
+        nodes = nodes_at(scalar, place)
+        return nodes, np.tile(np.array(roller.direction, dtype=float), (len(nodes), 1))
+    region = problem.mesh.Boundaries(place)
     points = problem.mesh.MapToAllElements(facet_rules(problem, 1), region)
     normals = surface_measure(problem, points)[:, None] * np.asarray(problem.normal(points))
-    for facet, n in zip(region.Elements(), normals, strict=True):
-        for node in scalar.GetDofNrs(ElementId(BND, facet.nr)):
-            faces.taking(node, place, n)
-    return {node: [n for _, n in here] for node, here in faces.at.items()}
+    facets = [scalar.GetDofNrs(ElementId(BND, facet.nr)) for facet in region.Elements()]
+    corners = np.repeat(normals, [len(nodes) for nodes in facets], axis=0)
+    nodes, sums = meeting_faces(chain.from_iterable(facets), repeat(place, len(corners)), corners)
+    return nodes, sums @ corners
 
 
 def _nodal_values(problem: Problem, scalar: FESpace, place: Place, roller: Roller) -> np.ndarray:

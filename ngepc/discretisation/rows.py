@@ -141,25 +141,30 @@ def joined(parts: list[ContactRows]) -> ContactRows:
     )
 
 
-class MeetingFaces:
-    """The faces that meet at nodes: facets whose normals differ little are one.
+def meeting_faces(
+    nodes: Iterable[int], names: Iterable[str], normals: np.ndarray
+) -> tuple[np.ndarray, csr_matrix]:
+    """The faces that meet at nodes: facets of a node whose normals differ little are one.
 
-    ``at`` maps a node to boundary and sum of the normals of each face there.
+    Of the node, the boundary and the normal, as long as it is large, of each corner of a facet: the
+    nodes of the faces and the matrix that sums corners, shape (faces, corners).
     """
-
-    def __init__(self) -> None:
-        self.at: dict[int, list[tuple[str, np.ndarray]]] = {}
-
-    def taking(self, node: int, name: str, normal: np.ndarray) -> int:
-        """The number of the face at a node that takes a facet; its normal is as long as large."""
-        here = self.at.setdefault(node, [])
+    at: dict[int, list[tuple[str, np.ndarray]]] = {}
+    places = []
+    for node, name, normal in zip(nodes, names, normals, strict=True):
+        here = at.setdefault(node, [])
         for k, (first, total) in enumerate(here):
             least = SAME_FACE if name == first else SAME_FACE_ACROSS
             if total @ normal > least * np.linalg.norm(total) * np.linalg.norm(normal):
                 here[k] = first, total + normal
-                return k
-        here.append((name, normal))
-        return len(here) - 1
+                break
+        else:
+            k = len(here)
+            here.append((name, normal))
+        places.append((node, k))
+    found, row = np.unique(np.reshape(places, (-1, 2)).astype(int), axis=0, return_inverse=True)
+    where, shape = (row.ravel(), np.arange(len(places))), (len(found), len(places))
+    return found[:, 0], csr_matrix((np.ones(len(places)), where), shape=shape)
 
 
 class _Corner(NamedTuple):
@@ -180,13 +185,10 @@ def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
     N, nodes = problem.N, supports.space.ndof // problem.N
     corners = list(_shared(_corners(problem), problem))
-    faces = MeetingFaces()
-    places = [(c.vertex, faces.taking(c.vertex, c.name, c.integrals[2:])) for c in corners]
-    found, row = np.unique(np.reshape(places, (-1, 2)).astype(int), axis=0, return_inverse=True)
-    m, vertices = len(found), found[:, 0]
-    where = row.ravel(), np.arange(len(corners))
-    sums = csr_matrix((np.ones(len(corners)), where), shape=(m, len(corners)))
-    integrals = sums @ np.reshape([c.integrals for c in corners], (-1, 2 + N))
+    integrals = np.reshape([c.integrals for c in corners], (-1, 2 + N))
+    at, names = [c.vertex for c in corners], [c.name for c in corners]
+    vertices, sums = meeting_faces(at, names, integrals[:, 2:])
+    m, integrals = len(vertices), sums @ integrals
     weights, gaps, normals = integrals[:, 0], integrals[:, 1], integrals[:, 2:]
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     means = csr_matrix((np.ones(m), (np.arange(m), vertices)), shape=(m, nodes))

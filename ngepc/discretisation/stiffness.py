@@ -14,7 +14,7 @@ from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Trace, Vecto
 from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix, tril
 
-from ngepc.discretisation.elements import Elements, chunks
+from ngepc.discretisation.elements import Elements
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.linalg.direct import from_entries
@@ -36,13 +36,8 @@ class Blocks(Protocol):
 class StiffnessBlocks:
     """The blocks of B' C B on and below the diagonal, held components as the identity.
 
-    Parameters
-    ----------
-    points, free
-        The points with their strain rows, and as for ``Blocks``.
-    added
-        A symmetric matrix on displacements flattened node by node that is added, such as springs,
-        between nodes of one element; None for none.
+    ``added`` is a symmetric matrix on displacements flattened node by node that is added, such as
+    springs, between nodes of one element.
     """
 
     def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
@@ -85,8 +80,8 @@ class StiffnessBlocks:
         for block, places in zip(self.points.blocks, self._places, strict=True):
             k = block.nodes.shape[1]
             a, b = np.tril_indices(k)
-            for part, (touched, which, turned) in zip(chunks(len(block)), places, strict=True):
-                K = self.points.element_stiffness(block, part, moduli)
+            for part, (touched, which, turned) in zip(block.parts, places, strict=True):
+                K = self.points.element_stiffness(part, moduli)
                 K = K.reshape(-1, k, self.N, k, self.N)[:, a, :, b, :].swapaxes(0, 1)
                 K[turned] = K[turned].swapaxes(1, 2)
                 found = [np.bincount(which, c, len(touched)) for c in K.reshape(-1, self.N**2).T]
