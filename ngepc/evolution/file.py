@@ -20,8 +20,11 @@ from ngepc.results.fields import Fields
 from ngepc.results.files import check_writable
 from ngepc.results.fingerprint import problem_fingerprint, work_fingerprint
 
-Stored = tuple[dict, np.ndarray, np.ndarray]
-"""The row of a step, its displacement and its plastic increment."""
+Stored = tuple[dict, dict[str, np.ndarray]]
+"""The row of a step; its displacement, its plastic increment and, if known, forces of contact."""
+
+Pending = list[tuple[float, int]]
+"""Ends of steps that are to be solved, the next one last, and how often they were halved."""
 
 
 class EvolutionFile:
@@ -32,36 +35,34 @@ class EvolutionFile:
     """
 
     def __init__(self, path: Path, problem: Problem, schedule: Schedule, solver: object) -> None:
-        self._processes = problem.processes
+        self._processes, self._rows = problem.processes, []
+        name = getattr(solver, "__qualname__", type(solver).__qualname__)
+        told = {"times": list(schedule.times), "solver": name, "keeps": "forces of contact"}
         if self._processes.size > 1:
             path = path.with_name(f"{path.stem}_{self._processes.rank:04d}{path.suffix}")
-        self._processes.together(partial(check_writable, path))
-        self.path = path
-        self._rows: list[dict] = []
-        times, name = list(schedule.times), type(solver).__qualname__
-        told = {"times": times, "solver": getattr(solver, "__qualname__", name)}
-        if self._processes.size > 1:
             told["processes"] = self._processes.size
-        self.fingerprint = work_fingerprint("evolution", problem, **told)
+        self._processes.together(partial(check_writable, path))
+        self.path, self.fingerprint = path, work_fingerprint("evolution", problem, **told)
 
-    def load(self) -> tuple[list[Stored], list[tuple[float, int]]]:
+    def load(self) -> tuple[list[Stored], Pending]:
         """The steps that an earlier run left, and what was pending; none if there is no file.
 
         ValueError if the file is damaged or belongs to other work.
         """
         stored = self._processes.together(partial(load, self.path, self.fingerprint))
-        count = -1 if stored is None else len(stored.record["steps"])
-        records = self._processes.all((count, None if stored is None else stored.record["pending"]))
-        count, pending = min(records, key=itemgetter(0))  # a run may end between two files
-        if count < 0:
-            return [], []
-        rows, arrays = stored.record["steps"][:count], stored.arrays
-        steps = [(row, arrays[f"u{i}"], arrays[f"p{i}"]) for i, row in enumerate(rows)]
+        rows = [] if stored is None else stored.record["steps"]
+        pending = [] if stored is None else stored.record["pending"]
+        reached = self._processes.all((len(rows), pending))
+        count, pending = min(reached, key=itemgetter(0))  # a run may end between two files
+        steps = []
+        for i, row in enumerate(rows[:count]):
+            arrays = {name: stored.arrays.get(f"{name}{i}") for name in ("u", "p", "contact")}
+            steps.append((row, arrays))
         return steps, [(float(time), int(level)) for time, level in pending]
 
     def step(self, problem: Problem, stored: Stored, functions: PointFunctions) -> EvolutionStep:
         """A stored step.  ValueError if ``problem`` is not what the step was solved for."""
-        row, u, p = stored
+        row, arrays = stored
         differs = problem_fingerprint(problem) != row.pop("fingerprint")
         if self._processes.any(np.array(differs)):
             raise ValueError(
@@ -69,21 +70,22 @@ class EvolutionFile:
                 f"{row['time']:g} had other data; move it away"
             )
         displacement = GridFunction(displacement_space(problem), name="displacement")
-        displacement.vec.FV().NumPy()[:] = u
         increment = functions.function(np.zeros((len(functions.points), problem.kinematics.d)))
-        if len(increment.vec) != len(p):
-            raise ValueError(f"checkpoint {self.path} has plastic strains of another solver")
-        increment.vec.FV().NumPy()[:] = p
-        return EvolutionStep(Fields(problem, displacement, increment), StepRecord(**row))
+        for function, name in ((displacement, "u"), (increment, "p")):
+            function.vec.FV().NumPy()[:] = arrays[name]
+        fields = Fields(problem, displacement, increment)
+        return EvolutionStep(fields, StepRecord(**row), arrays["contact"])
 
-    def save(self, steps: Sequence, pending: Sequence[tuple[float, int]]) -> None:
+    def save(self, steps: Sequence[EvolutionStep], pending: Pending) -> None:
         """Write all finished steps and the pending times."""
         arrays = {}
         for i, step in enumerate(steps):
             arrays[f"u{i}"] = step.fields.displacement.vec.FV().NumPy()
             arrays[f"p{i}"] = step.fields.plastic_increment.vec.FV().NumPy()
+            if step.contact is not None:
+                arrays[f"contact{i}"] = step.contact
         for step in steps[len(self._rows) :]:
             digest = problem_fingerprint(step.problem)
             self._rows.append(vars(step.record) | {"fingerprint": digest})
-        record = {"steps": self._rows, "pending": [list(p) for p in pending]}
+        record = {"steps": self._rows, "pending": pending}
         self._processes.together(partial(save, self.path, self.fingerprint, record, arrays))

@@ -11,7 +11,7 @@ import numpy as np
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.model.places import Roller
-from ngepc.model.problem import Problem, as_vector
+from ngepc.model.problem import Problem
 
 Changes = Mapping[str, object]
 """Field of ``Problem`` -> its value in the step; what is not named is as in the problem."""
@@ -145,22 +145,24 @@ def load_cycle(
     return Schedule(tuple(times.tolist()), changes, begin)
 
 
+LOADS = ("traction", "pressure", "body_force", "initial_strain", "prescribed")
+"""Data that a load cycle scales."""
+
+
 def scaled_loads(problem: Problem, factor: float) -> Changes:
     """Changes that multiply loads, prescribed displacements, initial strains by ``factor``."""
-    changes: dict[str, object] = {}
-    if problem.traction:
-        changes["traction"] = {p: factor * as_vector(g) for p, g in problem.traction.items()}
-    if problem.pressure:
-        changes["pressure"] = {name: factor * p for name, p in problem.pressure.items()}
-    if problem.body_force is not None:
-        changes["body_force"] = factor * as_vector(problem.body_force)
-    if problem.initial_strain is not None:
-        changes["initial_strain"] = factor * problem.initial_strain
-    if problem.prescribed:
-        changes["prescribed"] = {
-            p: replace(c, value=factor * c.value)
-            if isinstance(c, Roller)
-            else tuple(None if one is None else factor * one for one in c)
-            for p, c in problem.prescribed.items()
-        }
-    return changes
+    given = {name: getattr(problem, name) for name in LOADS}
+    return {name: scaled(data, factor) for name, data in given.items() if data is not None}
+
+
+def scaled(data: object, factor: float) -> object:
+    """Data of a problem times a factor: numbers, coefficients, and what holds them."""
+    if data is None:
+        return None
+    if isinstance(data, Mapping):
+        return {key: scaled(one, factor) for key, one in data.items()}
+    if isinstance(data, Roller):
+        return replace(data, value=factor * data.value)
+    if isinstance(data, Sequence):
+        return tuple(scaled(one, factor) for one in data)
+    return factor * data

@@ -14,100 +14,64 @@ from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import nodes_of
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Ending, Status
+from ngepc.results.result import Result
 
 Force = list[float]
+"""N components."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepRecord:
-    """Numbers of one step, for hysteresis curves and tables.
+    """Numbers of one step, for hysteresis curves and tables."""
 
-    Parameters
-    ----------
-    time
-        End of the step.
-    cuts
-        How often the interval was halved to get here.
-    iterations
-        Newton steps.
-    contact_force
-        Resultant of the normal contact pressure, positive in compression (force).
-    contact_resultant
-        Force of the obstacles on the body, with friction, N numbers; this and the next three are
-        None if the solver does not tell.
-    reaction, applied_force
-        Forces of all supports and of the loads on the body, N numbers.
-    reactions
-        Name of each support, ``str(place)`` -> its force on the body, N numbers.
-    primal_energy
-        J(u, p) of the step, (2.14).
-    elastic_energy
-        1/2 int C (eps(u) - p) : (eps(u) - p) with the total plastic strain.
-    dissipation
-        int beta |p| with the plastic strain gained in the step.
-    max_plastic_strain
-        Largest |p_0 + p|_F at the plastic points.
-    nodes
-        Vertices of the mesh of the step.
-    error_bound
-        ``ErrorBound.relative`` of the step; None where none was asked for.
-    """
-
-    time: float
-    cuts: int
-    iterations: int
-    contact_force: float
-    contact_resultant: Force | None
-    reaction: Force | None
-    reactions: dict[str, Force] | None
-    applied_force: Force | None
-    primal_energy: float
-    elastic_energy: float
-    dissipation: float
-    max_plastic_strain: float
-    nodes: int | None = None
-    error_bound: float | None = None
+    time: float  # end of the step
+    cuts: int  # how often the interval was halved to get here
+    iterations: int  # Newton steps
+    contact_force: float  # resultant of the normal contact pressure, positive in compression
+    contact_resultant: Force  # of the obstacles on the body, with friction
+    reaction: Force  # of all supports on the body
+    reactions: dict[str, Force]  # str(place) of each support -> its force on the body
+    applied_force: Force  # of the loads on the body
+    primal_energy: float  # J(u, p) of the step, (2.14)
+    elastic_energy: float  # 1/2 int C (eps(u) - p) : (eps(u) - p) with the total plastic strain
+    dissipation: float  # int beta |p| with the plastic strain gained in the step
+    max_plastic_strain: float  # largest |p_0 + p|_F at the points
+    nodes: int  # vertices of the mesh of the step
+    error_bound: float | None = None  # ``ErrorBound.relative`` where one was asked for
 
     @classmethod
-    def of(cls, result: object, step_fields: Fields, points: Points, **known: object) -> StepRecord:
-        """The numbers of a step from the solver's result and the fields at the points.
-
-        ``known`` are ``time``, ``cuts`` and ``error_bound``.
-        """
-        problem = step_fields.problem
-        elastic = step_fields.strain - problem.eps_0 - step_fields.plastic_strain
-        stored = 0.5 * InnerProduct(step_fields.stress, elastic)
-        lost = as_scalar(problem.beta) * Norm(step_fields.plastic_increment)
-        plastic = points.at(step_fields.equivalent_plastic_strain)
+    def of(cls, result: Result, fields: Fields, points: Points, **known: object) -> StepRecord:
+        """The numbers of a step; ``known`` are ``time``, ``cuts`` and ``error_bound``."""
+        problem, forces = fields.problem, result.equilibrium.reactions
+        elastic = fields.strain - problem.eps_0 - fields.plastic_strain
+        stored = 0.5 * InnerProduct(fields.stress, elastic)
+        lost = as_scalar(problem.beta) * Norm(fields.plastic_increment)
         return cls(
             iterations=result.iterations,
             contact_force=float(result.contact_force),
-            **_forces(result),
+            contact_resultant=result.contact_resultant.tolist(),
+            reaction=result.reaction.tolist(),
+            reactions={str(place): force.tolist() for place, force in forces.items()},
+            applied_force=result.applied_force.tolist(),
             primal_energy=float(result.primal_energy),
             elastic_energy=points.integral(points.at(stored)),
             dissipation=points.integral(points.at(lost)),
-            max_plastic_strain=problem.processes.most(plastic),
+            max_plastic_strain=problem.processes.most(points.at(fields.equivalent_plastic_strain)),
             nodes=nodes_of(problem.mesh),
             **known,
         )
 
 
-def _forces(result: object) -> dict:
-    """What the result tells of forces, as lists."""
-    told: dict = {}
-    for name in ("contact_resultant", "reaction", "applied_force"):
-        force = getattr(result, name, None)
-        told[name] = None if force is None else np.asarray(force).tolist()
-    each = getattr(getattr(result, "equilibrium", None), "reactions", None)
-    return told | {"reactions": each and {str(place): f.tolist() for place, f in each.items()}}
-
-
 @dataclass(frozen=True, eq=False)
 class EvolutionStep:
-    """One finished step: its fields and its numbers."""
+    """One finished step: its fields, its numbers and the forces of its contact rows.
+
+    ``contact`` are those of ``State.contact``, None for a solver that has no such rows.
+    """
 
     fields: Fields
     record: StepRecord
+    contact: np.ndarray | None = None
 
     @property
     def problem(self) -> Problem:
@@ -165,16 +129,15 @@ class Evolution(Ending):
         Raises
         ------
         ValueError
-            If a step has no such support, or its solver did not tell.
+            If a step has no such support.
         """
         forces = []
         for step in self.steps:
-            told = step.record.reactions or {}
+            told, time = step.record.reactions, step.record.time
             if support not in told:
                 names = ", ".join(sorted(told)) or "none"
                 raise ValueError(
-                    f"support={support!r}: the step to time {step.record.time:g} tells the "
-                    f"reactions of {names}"
+                    f"support={support!r}: the step to time {time:g} tells the reactions of {names}"
                 )
             forces.append(told[support])
         return np.array(forces).reshape(len(forces), self.problem.N)

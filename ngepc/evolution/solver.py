@@ -28,8 +28,10 @@ from ngepc.evolution.load_path import Schedule, as_schedule, check_changes
 from ngepc.evolution.memory import Memory, is_zero
 from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
 from ngepc.model.problem import Problem
+from ngepc.results.exact import DiscreteSolution
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Status
+from ngepc.results.result import Result
 
 log = logging.getLogger(__name__)
 
@@ -40,8 +42,8 @@ UNCUT = (Status.STOPPED, Status.MESH_LIMIT)
 class StepSolver(Protocol):
     """What solves one step: ``semismooth_newton``, ``primal_newton``, or ``cold_start`` of one."""
 
-    def __call__(self, problem: Problem, start: GridFunction | None) -> object:
-        """A result with status, message, iterations, displacement, plastic_increment, ..."""
+    def __call__(self, problem: Problem, start: GridFunction | None) -> Result:
+        """The solution, or how far it came."""
 
 
 def cold_start(solver: Callable, **settings: object) -> StepSolver:
@@ -206,8 +208,7 @@ class _Run:
         return memory.problem(self.problem, changes)
 
     def _solve(self, time: float, level: int) -> tuple[Status, str]:
-        problem, result = self._solved(time, self._last and self._last.fields.displacement)
-        relative = None
+        result, relative = self._solved(time, self._last and self._last.fields.displacement), None
         while result.status.is_success and self.error is not None:
             bound = error_bound(result)
             relative = bound.relative
@@ -215,37 +216,36 @@ class _Run:
                 break
             if message := self._refine(bound, time):
                 return Status.MESH_LIMIT, message
-            problem, result = self._solved(time, result.displacement)
+            result = self._solved(time, result.displacement)
         if not result.status.is_success:
             return result.status, result.message
         memory = self.evolution.memory
         increment = memory.functions.function(memory.increment(result.plastic_increment))
-        fields = Fields(problem, result.displacement, increment)
+        fields = Fields(result.problem, result.displacement, increment)
         known = {"time": time, "cuts": level, "error_bound": relative}
         record = StepRecord.of(result, fields, memory.functions.points, **known)
-        self._append(EvolutionStep(fields, record))
+        rows = result.state.contact if isinstance(result, DiscreteSolution) else None
+        self._append(EvolutionStep(fields, record, rows))
         if self.file is not None:
             self.file.save(self.evolution.steps, self.pending)
         if self.monitor is not None:
             self.monitor(self._last)
         return result.status, result.message
 
-    def _solved(self, time: float, start: GridFunction | None) -> tuple[Problem, object]:
-        """A step on the mesh as it is: the problem and what the solver returned."""
-        problem = self._problem_at(time, self.evolution.memory)
-        result = self.solver(problem, start=start)
-        needed = "function that returns a result with status, displacement and plastic_increment"
-        if not hasattr(result, "status"):
-            raise TypeError(f"solver={self.solver!r} returned {result!r}: a {needed} is needed")
-        return problem, result
+    def _solved(self, time: float, start: GridFunction | None) -> Result:
+        """A step on the mesh as it is."""
+        result = self.solver(self._problem_at(time, self.evolution.memory), start=start)
+        if not isinstance(result, Result):
+            needed = "a function that returns a result like those of ngepc's solvers"
+            raise TypeError(f"solver={self.solver!r} returned {result!r}: {needed} is needed")
+        return result
 
     def _refine(self, bound: ErrorBound, time: float) -> str:
         """Go on with a finer mesh and the history on it; or why not."""
         old, most = bound.problem.mesh, self.refinement.max_nodes
         mesh = next_mesh(bound, self.error, self.refinement)
-        told = (
-            f"the energy error may be {bound.relative:.2g} on {old.nv} nodes, asked {self.error:g}"
-        )
+        share, asked = f"{bound.relative:.2g}", f"{self.error:g}"
+        told = f"the energy error may be {share} on {old.nv} nodes, asked {asked}"
         if mesh.nv > most:
             return f"{told}; the next mesh has {mesh.nv} nodes, max_nodes={most}."
         log.info("step to time %g: %s, refined to %d nodes", time, told, mesh.nv)

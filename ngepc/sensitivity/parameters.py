@@ -14,11 +14,12 @@ from ngepc.checks.kinds import require_instance, require_text
 from ngepc.discretisation.conditions import ContactConditions, at_rows
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.rows import contact_rows
+from ngepc.evolution.load_path import scaled
 from ngepc.local.system import State
 from ngepc.model.contact import Coulomb
 from ngepc.model.given import Given
 from ngepc.model.material import Material, split_hardening
-from ngepc.model.places import Roller, places
+from ngepc.model.places import places
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.radial import Data
 from ngepc.sensitivity.shape import shape_data
@@ -170,18 +171,11 @@ def _gap(state: State, change: dict) -> Data:
 
 def _prescribed(state: State, change: dict) -> Data:
     discrete, problem = state.discrete, state.discrete.problem
-    given = {name: _at_rest(one) for name, one in problem.single("prescribed").items()}
-    other = replace(problem, prescribed=given | change)
+    other = replace(problem, prescribed=scaled(problem.single("prescribed"), 0.0) | change)
     supports, gaps = Supports(other), np.zeros(len(discrete.rows))
     part = discrete.contact.roller_part
     gaps[part] = ContactConditions(other, supports).rows.gaps[part]
     return Data(values=supports.values, gaps=gaps)
-
-
-def _at_rest(given: Roller | Sequence) -> Roller | tuple:
-    if isinstance(given, Roller):
-        return replace(given, value=0.0)
-    return tuple(None if component is None else 0.0 for component in given)
 
 
 def _friction(state: State, change: Coefficient) -> Data:

@@ -6,24 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-from ngsolve import GridFunction
-from scipy.sparse import diags
-from scipy.sparse.linalg import lsmr
-
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import Points
-from ngepc.evolution.result import Evolution
+from ngepc.evolution.result import Evolution, EvolutionStep
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.loading import require_linear
 from ngepc.model.problem import Problem
-
-CLOSED = 1e-10
-"""Part of the largest displacement up to which a row of a solution counts as closed."""
-
-EXACT = 1e-15
-"""Relative accuracy asked of the contact forces that balance leaves."""
 
 Solution = ExactResult | Evolution
 
@@ -48,27 +37,16 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
         raise ValueError("result has no finished step: at least one is needed")
     if any(problem.mesh != result.problem.mesh for problem in problems):
         raise ValueError("result has steps on several meshes: one mesh is needed")
+    if any(step.contact is None for step in result.steps):
+        raise ValueError("result has steps with gamma: steps of the exact methods are needed")
     names = ("initial_plastic_strain", "initial_hardening")
     problems[0] = replace(problems[0], **{name: getattr(result.problem, name) for name in names})
     points = result.memory.functions.points
-    return [
-        partial(restored_state, problem, step.fields.displacement, points)
-        for problem, step in zip(problems, result.steps, strict=True)
-    ]
+    steps = zip(problems, result.steps, strict=True)
+    return [partial(restored_state, problem, step, points) for problem, step in steps]
 
 
-def restored_state(problem: Problem, displacement: GridFunction, points: Points) -> State:
-    """The state of a finished step from its displacement: contact forces are what is missing."""
-    discrete = DiscreteProblem(problem, points)
-    u = nodal(displacement.vec.FV().NumPy(), problem).copy()
-    state, conditions = discrete.state(u), discrete.contact
-    closed = (state.open_gap <= CLOSED * np.abs(u).max()) | discrete.rows.tied
-    x = np.zeros(len(conditions))
-    if closed.any():
-        d = (len(x) - len(closed)) // len(closed)
-        pressed = np.flatnonzero(np.concatenate([closed, np.repeat(closed, d)]))
-        pushes = conditions.matrix[pressed] @ diags(discrete.free.ravel().astype(float))
-        x[pressed] = lsmr(pushes.T, -state.imbalance.ravel(), atol=EXACT, btol=EXACT)[0]
-        admissible = np.maximum(conditions.normal(x), 0.0)
-        x[: len(closed)] = np.where(discrete.rows.tied, conditions.normal(x), admissible)
-    return discrete.state(u, contact=x)
+def restored_state(problem: Problem, step: EvolutionStep, points: Points) -> State:
+    """The state of a finished step from its displacement and its forces of contact."""
+    u = nodal(step.fields.displacement.vec.FV().NumPy(), problem).copy()
+    return DiscreteProblem(problem, points).state(u, contact=step.contact)
