@@ -13,7 +13,7 @@ from ngepc.cli import output
 from ngepc.cli.commands import NEWTON, given
 from ngepc.dual.newton import NewtonOptions
 from ngepc.model.problem import Problem
-from ngepc.pictures.monitors import ProgressLine
+from ngepc.pictures.monitors import progress_line
 from ngepc.pictures.report import standard_figures
 from ngepc.pictures.style import save_figure
 from ngepc.results import records
@@ -89,7 +89,7 @@ def on_this_mesh(args: argparse.Namespace, problem: Problem) -> Result:
     method = args.method if args.gamma is None else args.gamma
     start = start_of(args, method, options)
     silent = args.quiet or args.verbose
-    with nullcontext() if silent else ProgressLine(args.problem) as line:
+    with nullcontext() if silent else progress_line(args.problem) as line:
         return solved_by(method, problem, start, options, line)
 
 

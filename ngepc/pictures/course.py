@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import json
 import sys
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,40 +15,31 @@ from ngsolve import CoefficientFunction
 from ngepc.checks.kinds import require_function
 from ngepc.pictures import views
 from ngepc.pictures.fields import plot_comparison, plot_field
-from ngepc.pictures.scenes import ViewOptions
 
 QUIZZES = Path(__file__).parents[1] / "notebooks" / "quizzes.json"
-STYLE = (
-    "<style>.quiz span{display:none;margin-left:1.7em}.quiz :checked~span{display:block}"
-    ".quiz label{margin-left:.5em}.quiz p{margin:.9em 0 .2em}</style>"
-)
 
 
 def look(
     source: object,
     field: str | CoefficientFunction = "equivalent_plastic_strain",
-    options: ViewOptions | None = None,
+    *,
     title: str = "",
     name: str = "",
+    **drawn: object,
 ) -> views.View | Figure:
-    """What ``views.show`` shows; without the viewer a still picture, of |u| for the pressure."""
+    """What ``views.show`` shows; without the viewer a still picture, which has no slider."""
     if views.viewer_installed():
-        return views.show(source, field, options, title, name)
-    still = plot_comparison if isinstance(source, Mapping) else plot_field
-    field = "displacement" if isinstance(field, str) and field == "contact_pressure" else field
-    drawn = options or ViewOptions()
-    return still(source, field, deformation_scale=drawn.deformation_scale, units=drawn.units)
+        return views.show(source, field, title=title, name=name, **drawn)
+    if isinstance(source, Mapping):
+        return plot_comparison(source, field, **drawn)
+    return plot_field(source, field, title=title or None, **drawn)
 
 
 class Answers:
     """Says of each answer of an exercise whether it is right; called with a question and a test.
 
-    Attributes
-    ----------
-    done
-        Question -> whether its answer was right.
-    errors
-        Question -> what its test raised: an answer that is not there yet may do anything.
+    ``done`` has whether the answer of a question was right, ``errors`` what its test raised: an
+    answer that is not there yet may do anything.
     """
 
     def __init__(self) -> None:
@@ -72,19 +62,14 @@ class Answers:
 class Quiz:
     """Questions at the end of a lecture; a click on a choice says whether it is right, and why.
 
-    Plain HTML, which works in notebooks and on pages without network.
-
-    Parameters
-    ----------
-    questions
-        Each with 'text', 'choices' (the first is right, they are shown in alphabetical order) and
-        'why', which is said with the right one.
+    Each has a 'text', 'choices' (the first is right, they are shown in alphabetical order) and
+    'why', which is said with the right one.  Plain HTML, which works on pages without network.
     """
 
     questions: tuple[dict, ...]
 
     def _repr_html_(self) -> str:
-        return f'{STYLE}<div class="quiz">{"".join(map(_form, self.questions))}</div>'
+        return "".join(map(_form, self.questions))
 
 
 def quiz(lecture: str) -> Quiz:
@@ -96,15 +81,10 @@ def quiz(lecture: str) -> Quiz:
 
 
 def _form(question: dict) -> str:
-    """A question as HTML."""
-    lines = [f"<p>{html.escape(question['text'])}</p>"]
-    group = f"quiz-{zlib.crc32(question['text'].encode())}"
-    for number, choice in enumerate(sorted(question["choices"])):
-        right = choice == question["choices"][0]
-        said = f"Right. {question['why']}" if right else "No. Try another."
-        lines.append(
-            f'<div><input type="radio" name="{group}" id="{group}-{number}">'
-            f'<label for="{group}-{number}">{html.escape(choice)}</label>'
-            f"<span>{html.escape(said)}</span></div>"
-        )
-    return "".join(lines)
+    """A question as HTML, its choices to be unfolded."""
+    right, *_ = question["choices"]
+    said = {choice: "No. Try another." for choice in sorted(question["choices"])}
+    said[right] = f"Right. {question['why']}"
+    unfold = "<details><summary>{}</summary>{}</details>"
+    choices = (unfold.format(html.escape(c), html.escape(words)) for c, words in said.items())
+    return f"<p>{html.escape(question['text'])}</p>{''.join(choices)}"

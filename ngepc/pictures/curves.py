@@ -1,4 +1,4 @@
-"""Curves with matplotlib: residual histories, iteration counts, contact pressures, progress."""
+"""Curves with matplotlib: residual histories, iteration counts, contact pressures."""
 
 from __future__ import annotations
 
@@ -8,24 +8,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components, depth_first_order
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import (
-    require_attributes,
-    require_instance,
-    require_mapping,
-    require_sequence,
-)
-from ngepc.pictures.bodies import check_drawing
+from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.pictures.drawable import UnitNames, fields_of, require_sources, unit_names
-from ngepc.pictures.fields import plot_active_sets
 from ngepc.pictures.sampling import boundary_corners
 from ngepc.pictures.style import COLOURS, GUIDE, Picture, line_style, styled
 from ngepc.results.outcome import History
 
 EARLIER = "#a7b0b9"
+COUNT_TICKS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
 @styled
@@ -40,6 +34,16 @@ def plot_history(
         A History, or label -> History.
     tolerance
         Drawn as a horizontal line when given.
+
+    Returns
+    -------
+    Figure
+        Residuals left, step lengths right.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a history is none or has no records, or the tolerance is no positive number.
     """
     histories = {"": histories} if isinstance(histories, History) else histories
     require_mapping("histories", histories, "label -> History, or a History")
@@ -73,7 +77,7 @@ def draw_runs(
 def _draw(
     left: Axes, right: Axes, runs: list[tuple[History, int, dict]], tolerance: float | None
 ) -> None:
-    """Histories, each with its first step and its style: residuals left, step lengths right."""
+    """Histories, each with its first step and its style."""
     for axes in (left, right):
         axes.set_xlabel("Newton step")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -84,37 +88,11 @@ def _draw(
         require_number("tolerance", tolerance, 0, strict=True)
         left.axhline(tolerance, color=GUIDE, linewidth=0.8, linestyle=":")
     for history, first, style in runs:
+        steps = first + np.arange(len(history.records))
         residuals = np.maximum(history.residual_norms, np.finfo(float).tiny)
-        left.plot(np.arange(first, first + len(residuals)), residuals, **style)
-        steps = history.step_lengths
-        right.plot(np.arange(first + 1, first + 1 + len(steps)), steps, **style)
+        left.plot(steps, residuals, **style)
+        right.plot(steps[1:], history.step_lengths, **style)
     right.set_ylim(top=1.4)
-
-
-@styled
-def plot_progress(
-    result: object,
-    *,
-    runs: Sequence[History] | None = None,
-    tolerance: float | None = None,
-    deformation_scale: float = 0.0,
-) -> Figure:
-    """The active sets on the body, residual norms and step lengths, for monitors.
-
-    ``result`` is any iterate, ``runs`` are histories one after the other, such as those of a path;
-    by default that of ``result``.
-    """
-    require_attributes("result", result, ("problem", "history", "yield_excess"), "a result")
-    histories = [result.history] if runs is None else runs
-    require_sequence("runs", histories, "histories")
-    for number, history in enumerate(histories):
-        require_instance(f"runs[{number}]", history, History, "a History")
-    figure = Picture(figsize=(9.6, 3.0))
-    grid = figure.add_gridspec(1, 3, width_ratios=(1.2, 1.0, 1.0))
-    body, left, right = map(figure.add_subplot, grid)
-    plot_active_sets(result, deformation_scale=deformation_scale, axes=body)
-    draw_runs(left, right, histories, tolerance)
-    return figure
 
 
 @styled
@@ -124,10 +102,7 @@ def plot_counts(
 ) -> Figure:
     """Newton steps over the number of nodes, with the paper's counts dashed beside them.
 
-    Parameters
-    ----------
-    counts, paper
-        Label (such as 'gamma = 1e4') -> number of nodes -> steps.
+    Both are label (such as 'gamma = 1e4') -> number of nodes -> steps.
     """
     require_mapping("counts", counts, "label -> (number of nodes -> steps)")
     paper = {} if paper is None else paper
@@ -150,9 +125,8 @@ def plot_counts(
     axes.set(xscale="log", xlabel="nodes of the mesh")
     axes.set_ylabel("Newton steps" + (" (dashed: paper)" if paper else ""))
     axes.set_yscale("symlog", linthresh=1.0, linscale=0.3)
-    axes.set_ylim(0, most)
-    axes.set_yticks([t for t in (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if t <= most])
-    axes.set_xticks(nodes, [str(n) for n in nodes])
+    axes.set(ylim=(0, most), yticks=[tick for tick in COUNT_TICKS if tick <= most])
+    axes.set_xticks(nodes, list(map(str, nodes)))
     axes.minorticks_off()
     axes.yaxis.set_major_formatter("{x:g}")
     figure.legend(loc="outside right center")
@@ -173,12 +147,12 @@ def plot_contact_pressure(
     into, by default those of a new figure.
     """
     units = unit_names(units)
-    check_drawing(axes)
     if not isinstance(sources, Mapping):
         fields_of(sources, "sources")
         sources = {"": sources}
     require_sources(sources)
     axes = Picture(figsize=(5.6, 3.2)).subplots() if axes is None else axes
+    require_instance("axes", axes, Axes, "matplotlib Axes or None")
     for index, (label, source) in enumerate(sources.items()):
         colour = COLOURS[index % len(COLOURS)]
         for number, (s, pressure) in enumerate(pressure_curves(source)):
@@ -197,41 +171,37 @@ def plot_contact_pressure(
 
 def pressure_curves(source: object) -> list[tuple[np.ndarray, np.ndarray]]:
     """Arc length and contact pressure at the ends of the segments, for each connected curve."""
-    fields = fields_of(source)
-    problem = fields.problem
+    problem = fields_of(source).problem
     if not problem.touching_names:
         raise ValueError("sources: a problem with a contact boundary is needed, one has none")
     if problem.N != 2:
         raise ValueError(
-            "sources: bodies of dimension 2 are needed, one is 3D: show its contact pressure with "
-            "ngepc.pictures.views"
+            "sources: bodies of dimension 2 are needed, one is 3D: plot_field(result, "
+            "'contact_pressure') and show(result, 'contact_pressure') draw those"
         )
-    corners = boundary_corners(fields, problem.touching_names, source.contact_pressure)
-    lengths, found = corners.measures, []
-    for chain, backwards in chains(corners.points):
-        marks = np.r_[0.0, np.cumsum(lengths[chain])]
-        values = np.where(backwards[:, None], corners.values[chain, ::-1], corners.values[chain])
-        found.append((np.repeat(marks, 2)[1:-1], values.ravel()))
-    return found
+    corners = boundary_corners(fields_of(source), problem.touching_names, source.contact_pressure)
+    s, curves = arc_lengths(corners.points)
+    along = np.argsort(s, axis=1)
+    s, p = (np.take_along_axis(values, along, axis=1) for values in (s, corners.values))
+    order = np.argsort(s[:, 0])
+    parts = [order[curves[order] == curve] for curve in range(curves.max() + 1)]
+    return [(s[part].ravel(), p[part].ravel()) for part in parts]
 
 
-def chains(segments: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Connected curves of ``segments`` (n, 2, 2): which in order, and whether they are reversed."""
-    size = np.ptp(segments.reshape(-1, 2), axis=0).max() or 1.0
-    known, ends = np.unique(
-        np.round(segments.reshape(-1, 2) / size, 9), axis=0, return_inverse=True
-    )
-    ends, place, found = ends.reshape(-1, 2), np.empty(len(known), dtype=int), []
-    graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(known), len(known)))
-    curves, degree = connected_components(graph)[1], np.bincount(ends.ravel())
-    for curve in range(curves.max() + 1):
-        nodes = np.flatnonzero(curves == curve)
-        start = nodes[np.argmin(degree[nodes])]  # a tip, or the first point of a closed curve
-        walk = depth_first_order(graph, start, directed=False, return_predecessors=False)
-        place[walk] = np.arange(len(walk))
-        own = np.flatnonzero(curves[ends[:, 0]] == curve)
-        first, second = place[ends[own]].T
-        closes = np.abs(second - first) > 1
-        order = np.argsort(np.where(closes, len(walk), np.minimum(first, second)))
-        found.append((own[order], ((first > second) != closes)[order]))
-    return found
+def arc_lengths(segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Arc lengths at the ends of segments (n, 2, 2), and which connected curve each is of.
+
+    They are distances from a tip in the graph of the ends; closed curves are cut at one segment.
+    """
+    lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
+    places = np.round(segments.reshape(-1, 2) / (np.ptp(segments) or 1.0), 9)
+    known, ends = np.unique(places, axis=0, return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    graph = csr_array((lengths, ends.T), shape=(len(known), len(known)))
+    tree, curves = minimum_spanning_tree(graph), connected_components(graph)[1]
+    joints = np.bincount(np.concatenate(tree.nonzero()), minlength=len(known))
+    tips = [np.flatnonzero(curves == c)[np.argmin(joints[curves == c])] for c in set(curves)]
+    s = dijkstra(tree, directed=False, indices=tips, min_only=True)[ends]
+    cut = np.flatnonzero(np.abs(s[:, 1] - s[:, 0]) > 1.5 * lengths)
+    s[cut, np.argmin(s[cut], axis=1)] = s[cut].max(axis=1) + lengths[cut]
+    return s, curves[ends[:, 0]]

@@ -1,4 +1,4 @@
-"""What can be drawn of a solution: fields by name, their symbols and units.
+"""What can be drawn of a solution: fields by name, their symbols and units, where they live.
 
 Shared by matplotlib figures, webgui views and VTU files; imports none of them.
 """
@@ -8,9 +8,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from ngsolve import CoefficientFunction, InnerProduct, sqrt
+from ngsolve import CoefficientFunction, InnerProduct, Region, sqrt
 
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
+from ngepc.pictures.sampling import visible
 from ngepc.results.fields import Fields
 
 AXES = "xyz"
@@ -27,51 +28,43 @@ class UnitNames:
         require_text("length", self.length)
         require_text("stress", self.stress)
 
-    def of(self, quantity: str) -> str:
-        """The unit of 'length', 'stress' or '1'."""
-        return getattr(self, quantity, quantity)
-
 
 @dataclass(frozen=True)
 class FieldKind:
-    """A field that has a name: its symbol (mathematics, plain text), title, unit, rank, colours."""
+    """A field that has a name: its symbol, title, unit ('length', 'stress' or '1'), colours."""
 
     symbol: str
-    plain: str
     title: str
     quantity: str = "stress"
-    rank: int = 0
     colormap: str = "viridis"
 
 
 KINDS = {
-    "equivalent_plastic_strain": FieldKind(r"|p|_F", "|p|", "plastic strain", "1", 0, "YlGnBu"),
-    "accumulated_plastic_strain": FieldKind(
-        r"\bar p", "p̄", "accumulated plastic strain", "1", 0, "YlGnBu"
-    ),
-    "von_mises": FieldKind(r"\sigma_\mathrm{vM}", "σ_vM", "von Mises stress"),
-    "yield_function": FieldKind(r"\phi", "φ", "yield function", colormap="cividis"),
-    "displacement": FieldKind("u", "u", "displacement", "length", 1),
-    "stress": FieldKind(r"\sigma", "σ", "stress", rank=2),
-    "deviatoric_stress": FieldKind(r"\mathrm{dev}\,\sigma", "dev σ", "deviatoric stress", rank=2),
-    "plastic_strain": FieldKind("p", "p", "plastic strain", "1", 2, "YlGnBu"),
-    "strain": FieldKind(r"\varepsilon", "ε", "strain", "1", 2),
-    "back_stress": FieldKind(r"\alpha_2", "α₂", "back stress", rank=2),
-    "hardening_variable": FieldKind(r"\alpha_1", "α₁", "hardening variable", "1"),
+    "equivalent_plastic_strain": FieldKind("|p|_F", "plastic strain", "1", "YlGnBu"),
+    "accumulated_plastic_strain": FieldKind(r"\bar p", "accumulated plastic strain", "1", "YlGnBu"),
+    "von_mises": FieldKind(r"\sigma_\mathrm{vM}", "von Mises stress"),
+    "yield_function": FieldKind(r"\phi", "yield function", colormap="cividis"),
+    "displacement": FieldKind("u", "displacement", "length"),
+    "stress": FieldKind(r"\sigma", "stress"),
+    "deviatoric_stress": FieldKind(r"\mathrm{dev}\,\sigma", "deviatoric stress"),
+    "plastic_strain": FieldKind("p", "plastic strain", "1", "YlGnBu"),
+    "strain": FieldKind(r"\varepsilon", "strain", "1"),
+    "back_stress": FieldKind(r"\alpha_2", "back stress"),
+    "hardening_variable": FieldKind(r"\alpha_1", "hardening variable", "1"),
 }
 """Fields of the body that can be drawn by name, with 'stress_xy' for single components."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drawable:
-    """A scalar coefficient with its label, with and without mathematics, and its colour map.
+    """A scalar coefficient on the region where it is drawn, its label, and its colour map.
 
     ``signed`` says whether both signs are equally welcome (components of vectors and matrices).
     """
 
+    region: Region
     coefficient: CoefficientFunction
-    label: str
-    plain_label: str
+    label: str = "value"
     signed: bool = False
     colormap: str = "viridis"
 
@@ -89,13 +82,15 @@ def drawable(
     """The field called ``field`` of a result or of recovered ``Fields``, or a coefficient.
 
     Vectors and matrices are drawn by their Euclidean and Frobenius norms, their components by
-    names such as 'displacement_x' and 'stress_xy'.
+    names such as 'displacement_x' and 'stress_xy'; of solids also their 'contact_pressure'.
     """
-    units = unit_names(units)
+    units, problem = unit_names(units), fields_of(source).problem
     if isinstance(field, CoefficientFunction):
-        return Drawable(scalar(field), "value", "value")
+        return Drawable(*visible(problem.mesh, norm_of(field)))
     if not isinstance(field, str):
         raise TypeError(f"field={field!r}: the name of a field or a CoefficientFunction is needed")
+    if field == "contact_pressure":
+        return _pressure(source, f"contact pressure ({units.stress})")
     match = re.fullmatch(r"(.+)_([xyz]{1,2})", field)
     name, component = match.groups() if match else (field, "")
     if name not in KINDS:
@@ -104,31 +99,45 @@ def drawable(
             "and components such as displacement_x and stress_xy"
         )
     kind, coefficient = KINDS[name], field_of(source, name)
-    symbol, plain = kind.symbol, kind.plain
+    symbol, rank = kind.symbol, len(coefficient.dims) if coefficient.dim > 1 else 0
     if component:
-        coefficient = _component(field, coefficient, component, kind.rank)
-        symbol, plain = f"{symbol}_{{{component}}}", f"{plain}_{component}"
-    elif kind.rank:
-        coefficient = scalar(coefficient)
-        symbol, plain = f"|{symbol}|" + "_F" * (kind.rank == 2), f"|{plain}|"
-    unit = units.of(kind.quantity)
-    label, plain = f"{kind.title} ${symbol}$ ({unit})", f"{kind.title} {plain} ({unit})"
+        coefficient = _component(field, coefficient, component, rank)
+        symbol = f"{symbol}_{{{component}}}"
+    elif rank:
+        coefficient, symbol = norm_of(coefficient), f"|{symbol}|" + "_F" * (rank == 2)
+    label = f"{kind.title} ${symbol}$ ({getattr(units, kind.quantity, kind.quantity)})"
     colormap = "RdBu_r" if component else kind.colormap
-    return Drawable(coefficient, label, plain, bool(component), colormap)
+    return Drawable(*visible(problem.mesh, coefficient), label, bool(component), colormap)
 
 
 def _component(
     field: str, coefficient: CoefficientFunction, component: str, rank: int
 ) -> CoefficientFunction:
-    index = [AXES.index(letter) for letter in component]
-    if len(index) != rank or max(index) >= coefficient.dims[0]:
+    """A component by the letters of its axes."""
+    if not rank:
+        raise ValueError(f"field={field!r}: this field is a scalar and has no components")
+    index, size = [AXES.index(letter) for letter in component], coefficient.dims[0]
+    if len(index) != rank or max(index) >= size:
         raise ValueError(
-            f"field={field!r}: {rank} of the letters {AXES[: coefficient.dims[0]]!r} name a "
-            "component of this field"
-            if rank
-            else f"field={field!r}: this field is a scalar and has no components"
+            f"field={field!r}: {rank} of the letters {AXES[:size]!r} name a component of this field"
         )
     return coefficient[tuple(index)] if rank == 2 else coefficient[index[0]]
+
+
+def _pressure(source: object, label: str) -> Drawable:
+    """The contact pressure on the surface of a solid."""
+    problem = fields_of(source).problem
+    if not problem.touching_names or problem.N == 2:
+        raise ValueError("field='contact_pressure': a solid with a contact boundary is needed")
+    region, pressure = problem.mesh.Boundaries(".*"), pressure_on_boundary(source)
+    return Drawable(region, pressure, label, colormap="YlGnBu")
+
+
+def pressure_on_boundary(source: object) -> CoefficientFunction:
+    """The contact pressure of a result on the whole boundary, zero where nothing touches."""
+    problem = fields_of(source).problem
+    pressures = dict.fromkeys(problem.touching_names, field_of(source, "contact_pressure"))
+    return problem.mesh.BoundaryCF(pressures, default=0.0)
 
 
 def fields_of(source: object, name: str = "source") -> Fields:
@@ -158,13 +167,7 @@ def field_of(source: object, name: str) -> CoefficientFunction:
     raise ValueError(f"field={name!r}: this result has no such field")
 
 
-def method_label(source: object) -> str:
-    """What solved it, for titles: 'gamma = 1e+04'; empty for solutions of the problem itself."""
-    label = getattr(source, "method_label", "")
-    return label if isinstance(label, str) and label != "exact" else ""
-
-
-def scalar(coefficient: CoefficientFunction) -> CoefficientFunction:
+def norm_of(coefficient: CoefficientFunction) -> CoefficientFunction:
     """A scalar as it is; the Euclidean or Frobenius norm of anything else."""
     if coefficient.dim == 1:
         return coefficient

@@ -1,4 +1,4 @@
-"""VTU files for ParaView, and PVD collections of load histories.
+"""VTU files for ParaView, and PVD collections of load histories and of the parts of processes.
 
 NGSolve's VTKOutput says nothing when it cannot write; here the file is checked before its name is
 returned.  All fields are point data on each element's own corners, so that jumps stay.  Vectors
@@ -19,6 +19,7 @@ from ngsolve import CF, CoefficientFunction, VTKOutput
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_path
+from ngepc.model.processes import Team
 from ngepc.pictures.drawable import KINDS, field_of, fields_of
 from ngepc.results.records import write_text
 
@@ -37,7 +38,7 @@ def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = 
     """Write the fields of a result to a VTU file; returns its path.
 
     Where processes share the mesh each writes its part, '<stem>_0000.vtu', ..., and the path is
-    that of '<stem>.pvtu', which lists them.
+    that of '<stem>.pvd', which lists them.
 
     Parameters
     ----------
@@ -48,24 +49,60 @@ def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = 
     fields
         Names of fields, see ``drawable.KINDS``.
 
+    Returns
+    -------
+    Path
+        What ParaView opens.
+
     Raises
     ------
+    TypeError, ValueError
+        If the source, the path or a field is none.
     OSError
         If NGSolve, which does not say so, wrote no file.
     """
     path = require_path("path", path, ".vtu")
     check_names(fields)
-    processes = fields_of(source).problem.processes
-    if processes.size == 1:
-        _write_part(source, path, fields)
+    parts = _write(source, path, fields)
+    if len(parts) == 1:
         return path
-    parts = [path.with_name(f"{path.stem}_{rank:04d}.vtu") for rank in range(processes.size)]
+    return _collect(path.with_suffix(".pvd"), {0: parts}, fields_of(source).problem.processes)
+
+
+def export_series(
+    sources: Sequence[object] | Mapping[float, object],
+    path: str | os.PathLike,
+    fields: Sequence[str] = FIELDS,
+) -> Path:
+    """Write a load history: a PVD file that lists the VTU file of each step; returns its path.
+
+    The sources are results in order, at times 0, 1, 2, ..., or time -> result; the steps stand
+    beside the collection as '<stem>_0000.vtu', ...
+    """
+    path = require_path("path", path, ".pvd")
+    check_names(fields)
+    if not isinstance(sources, Mapping | Sequence) or isinstance(sources, str | bytes):
+        raise TypeError(f"sources={sources!r}: a sequence or mapping of results is needed")
+    if not sources:
+        raise ValueError(f"sources={sources!r}: at least one result is needed")
+    steps = dict(sources) if isinstance(sources, Mapping) else dict(enumerate(sources))
+    for time, source in steps.items():
+        require_number("times in sources", time)
+        fields_of(source, f"sources[{time!r}]")
+    written = {
+        time: _write(source, path.with_name(f"{path.stem}_{number:04d}.vtu"), fields)
+        for number, (time, source) in enumerate(steps.items())
+    }
+    return _collect(path, written, fields_of(source).problem.processes)
+
+
+def _write(source: object, path: Path, fields: Sequence[str]) -> list[Path]:
+    """Write the fields, each process those of its part; the paths of all parts."""
+    processes, parts = fields_of(source).problem.processes, [path]
+    if processes.size > 1:
+        parts = [path.with_name(f"{path.stem}_{r:04d}.vtu") for r in range(processes.size)]
     processes.together(partial(_write_part, source, parts[processes.rank], fields))
-    path = path.with_suffix(".pvtu")
-    if processes.rank == 0:
-        _write_xml(path, _listing(parts))
-    processes.all(None)  # no process goes on before the file is there
-    return path
+    return parts
 
 
 def _write_part(source: object, path: Path, fields: Sequence[str]) -> None:
@@ -82,62 +119,18 @@ def _write_part(source: object, path: Path, fields: Sequence[str]) -> None:
         written.replace(path)
 
 
-def _listing(parts: Sequence[Path]) -> ElementTree.Element:
-    """A PVTU file: the arrays as the first part has them, and where the parts are."""
-    header, _, _ = parts[0].read_bytes().partition(b"<AppendedData")
-    first = ElementTree.fromstring(header + b"</VTKFile>")
-    root = ElementTree.Element("VTKFile", first.attrib | {"type": "PUnstructuredGrid"})
-    grid = ElementTree.SubElement(root, "PUnstructuredGrid", GhostLevel="0")
-    for kind in ("Points", "PointData"):
-        arrays = ElementTree.SubElement(grid, f"P{kind}")
-        for array in first.iterfind(f".//{kind}/DataArray"):
-            wanted = ("type", "Name", "NumberOfComponents")
-            told = {name: array.get(name) for name in wanted if array.get(name)}
-            ElementTree.SubElement(arrays, "PDataArray", told)
-    for part in parts:
-        ElementTree.SubElement(grid, "Piece", Source=part.name)
-    return root
-
-
-def export_series(
-    sources: Sequence[object] | Mapping[float, object],
-    path: str | os.PathLike,
-    fields: Sequence[str] = FIELDS,
-) -> Path:
-    """Write a load history: a PVD file that lists one VTU file for each step.
-
-    Parameters
-    ----------
-    sources
-        Results in order, at times 0, 1, 2, ..., or a mapping of time -> result.
-    path
-        The collection, ending in '.pvd'; the steps stand beside it as '<stem>_0000.vtu', ...
-    fields
-        Names of fields.
-    """
-    path = require_path("path", path, ".pvd")
-    check_names(fields)
-    if not isinstance(sources, Mapping | Sequence) or isinstance(sources, str | bytes):
-        raise TypeError(f"sources={sources!r}: a sequence or mapping of results is needed")
-    if not sources:
-        raise ValueError(f"sources={sources!r}: at least one result is needed")
-    steps = dict(sources) if isinstance(sources, Mapping) else dict(enumerate(sources))
-    for time, source in steps.items():
-        require_number("times in sources", time)
-        fields_of(source, f"sources[{time!r}]")
+def _collect(path: Path, written: Mapping[float, Sequence[Path]], processes: Team) -> Path:
+    """Write a PVD file that lists the parts of each time; no process goes on before it is there."""
     root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
     collection = ElementTree.SubElement(root, "Collection")
-    for number, (time, source) in enumerate(steps.items()):
-        written = export_vtu(source, path.with_name(f"{path.stem}_{number:04d}.vtu"), fields)
-        place = {"timestep": repr(float(time)), "part": "0", "file": written.name}
-        ElementTree.SubElement(collection, "DataSet", place)
-    if fields_of(source).problem.processes.rank == 0:
-        _write_xml(path, root)
+    for time, parts in written.items():
+        for number, part in enumerate(parts):
+            place = {"timestep": repr(float(time)), "part": str(number), "file": part.name}
+            ElementTree.SubElement(collection, "DataSet", place)
+    if processes.rank == 0:
+        write_text(path, f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}')
+    processes.all(None)
     return path
-
-
-def _write_xml(path: Path, root: ElementTree.Element) -> None:
-    write_text(path, '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode"))
 
 
 def in_space(coefficient: CoefficientFunction) -> CoefficientFunction:

@@ -11,22 +11,23 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_attributes, require_flag
-from ngepc.pictures.bodies import (
-    add_bar,
-    body_axes,
-    check_drawing,
-    decorate,
-    draw_body,
-    draw_classes,
+from ngepc.checks.kinds import require_attributes, require_text
+from ngepc.pictures.bodies import Drawing, add_bar, check_colormap
+from ngepc.pictures.drawable import (
+    UnitNames,
+    drawable,
+    fields_of,
+    pressure_on_boundary,
+    require_sources,
 )
-from ngepc.pictures.drawable import UnitNames, drawable, fields_of, require_sources, unit_names
-from ngepc.pictures.sampling import body_corners, colour_range, pressure_on_boundary, sample_corners
+from ngepc.pictures.sampling import Corners, body_corners, colour_scale, sample_corners
 from ngepc.pictures.stills import Angles
 from ngepc.pictures.style import CONTACT, ELASTIC, PLASTIC, styled
 
@@ -87,81 +88,8 @@ def plot_field(
     ImportError
         If the body is a solid and pyvista or libEGL is missing.
     """
-    scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
-    check_drawing(axes, label=label, title=title, colormap=colormap, view=view)
-    require_flag("mesh_lines", mesh_lines)
-    what = drawable(source, field, units)
-    corners = body_corners(fields_of(source), what.coefficient)
-    limits = colour_range(corners, vmin=vmin, vmax=vmax, symmetric=what.signed)
-    own, axes = axes is None, body_axes(corners, scale)[0] if axes is None else axes
-    colormap = colormap or what.colormap
-    patch = draw_body(axes, source, corners, limits, colormap, scale, mesh_lines, view)
-    decorate(axes, source, scale, units, title)
-    add_bar(patch, [axes], limits, label or what.label, own)
-    return axes.figure
-
-
-@styled
-def plot_plastic_zone(
-    source: object,
-    threshold: float = 0.0,
-    *,
-    deformation_scale: float = 1.0,
-    title: str | None = None,
-    units: UnitNames | None = None,
-    view: Angles | None = None,
-    axes: Axes | None = None,
-) -> Figure:
-    """The part of the body where |p|_F exceeds ``threshold`` >= 0, dark, as in Figures 2 and 6.
-
-    The other arguments are those of ``plot_field``.
-    """
-    scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
-    require_number("threshold", threshold, 0.0)
-    check_drawing(axes, title=title, view=view)
-    what = drawable(source, "equivalent_plastic_strain")
-    sampled = body_corners(fields_of(source), what.coefficient)
-    classes = (sampled.values.mean(axis=1) > threshold).astype(float)
-    axes = draw_classes(axes, source, sampled, classes, (ELASTIC, PLASTIC), scale, view=view)
-    words = rf"plastic zone (dark): $|p|_F > {threshold:g}$"
-    decorate(axes, source, scale, units, title, words)
-    return axes.figure
-
-
-@styled
-def plot_active_sets(
-    result: object,
-    *,
-    deformation_scale: float = 0.0,
-    title: str | None = None,
-    units: UnitNames | None = None,
-    view: Angles | None = None,
-    axes: Axes | None = None,
-) -> Figure:
-    """The active sets: dark where the body yields in this step, orange where it is in contact.
-
-    ``result`` is a result of a solver or the snapshot of an iterate.  By default it is drawn before
-    the deformation, where it stays while iterates come and go.
-    """
-    scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
-    check_drawing(axes, title=title, view=view)
-    require_attributes("result", result, ("fields", "yield_excess"), "a result of a solver")
-    fields = fields_of(result)
-    cuts = max(1, round(math.sqrt(16_000 / fields.problem.mesh.ne)))
-    sampled = body_corners(fields, result.yield_excess, cuts)
-    classes = (sampled.values.mean(axis=1) > 0.0).astype(float)
-    everywhere, pressure = fields.problem.mesh.Boundaries(".*"), pressure_on_boundary(result)
-    touching = sample_corners(fields, everywhere, pressure, cuts)
-    pushed = touching.values.mean(axis=1) > 0.0
-    if fields.problem.N == 3:
-        classes[pushed] = 2.0
-    axes = draw_classes(axes, result, sampled, classes, SET_COLOURS, scale, view=view)
-    words = "yields (dark)" + ", in contact (orange)" * bool(fields.problem.touching_names)
-    decorate(axes, result, scale, units, title, words)
-    if fields.problem.N == 2:
-        lines = touching.deformed(scale)[pushed]
-        axes.add_collection(LineCollection(lines, colors=CONTACT, linewidths=3.0, zorder=5))
-    return axes.figure
+    drawing = Drawing(deformation_scale, units, view, axes, title, mesh_lines)
+    return _draw_fields(drawing, {"": source}, field, (vmin, vmax), label, colormap)
 
 
 @styled
@@ -180,23 +108,63 @@ def plot_comparison(
     The other arguments are those of ``plot_field``.
     """
     require_sources(sources)
-    check_drawing(view=view)
-    scale, units = require_number("deformation_scale", deformation_scale, 0.0), unit_names(units)
-    what = {title: drawable(source, field, units) for title, source in sources.items()}
-    corners = {t: body_corners(fields_of(s), what[t].coefficient) for t, s in sources.items()}
-    first, sample = next(iter(what.values())), next(iter(corners.values()))
-    limits = colour_range(*corners.values(), vmin=vmin, vmax=vmax, symmetric=first.signed)
-    panels = body_axes(sample, scale, len(sources))
-    for panel, (title, sampled) in zip(panels, corners.items(), strict=True):
-        patch = draw_body(panel, sources[title], sampled, limits, first.colormap, scale, view=view)
-        decorate(panel, sources[title], scale, units, title)
-    if sample.points.shape[2] == 2:
-        for axis in "xy":
-            ends = np.array([getattr(panel, f"get_{axis}lim")() for panel in panels])
-            for panel in panels:
-                panel.set(**{f"{axis}lim": (ends.min(), ends.max())})
-    add_bar(patch, panels, limits, first.label)
-    return panels[0].figure
+    return _draw_fields(Drawing(deformation_scale, units, view), sources, field, (vmin, vmax))
+
+
+@styled
+def plot_plastic_zone(
+    source: object,
+    threshold: float = 0.0,
+    *,
+    deformation_scale: float = 1.0,
+    title: str | None = None,
+    units: UnitNames | None = None,
+    view: Angles | None = None,
+    axes: Axes | None = None,
+) -> Figure:
+    """The part of the body where |p|_F exceeds ``threshold`` >= 0, dark, as in Figures 2 and 6.
+
+    The other arguments are those of ``plot_field``.
+    """
+    require_number("threshold", threshold, 0.0)
+    drawing = Drawing(deformation_scale, units, view, axes, title)
+    sampled = body_corners(fields_of(source), fields_of(source).equivalent_plastic_strain)
+    words = rf"plastic zone (dark): $|p|_F > {threshold:g}$"
+    dark = sampled.values.mean(axis=1) > threshold
+    return _draw_classes(drawing, source, sampled, dark, words).figure
+
+
+@styled
+def plot_active_sets(
+    result: object,
+    *,
+    deformation_scale: float = 0.0,
+    title: str | None = None,
+    units: UnitNames | None = None,
+    view: Angles | None = None,
+    axes: Axes | None = None,
+) -> Figure:
+    """The active sets: dark where the body yields in this step, orange where it is in contact.
+
+    ``result`` is a result of a solver or the snapshot of an iterate.  By default it is drawn before
+    the deformation, where it stays while iterates come and go.
+    """
+    require_attributes("result", result, ("fields", "yield_excess"), "a result of a solver")
+    drawing, fields = Drawing(deformation_scale, units, view, axes, title), fields_of(result)
+    mesh, contact = fields.problem.mesh, bool(fields.problem.touching_names)
+    cuts = max(1, round(math.sqrt(16_000 / mesh.ne)))
+    sampled = body_corners(fields, result.yield_excess, cuts)
+    classes = (sampled.values.mean(axis=1) > 0.0).astype(int)
+    touching = sample_corners(fields, mesh.Boundaries(".*"), pressure_on_boundary(result), cuts)
+    pushed = touching.values.mean(axis=1) > 0.0
+    if mesh.dim == 3:
+        classes[pushed] = 2
+    words = "yields (dark)" + ", in contact (orange)" * contact
+    axes = _draw_classes(drawing, result, sampled, classes, words)
+    if mesh.dim == 2:
+        lines = touching.deformed(deformation_scale)[pushed]
+        axes.add_collection(LineCollection(lines, colors=CONTACT, linewidths=3.0, zorder=5))
+    return axes.figure
 
 
 @styled
@@ -204,10 +172,49 @@ def plot_mesh(
     source: object, *, units: UnitNames | None = None, axes: Axes | None = None
 ) -> Figure:
     """The mesh before the deformation, the initial configuration of Figure 5."""
-    fields, units = fields_of(source), unit_names(units)
-    check_drawing(axes)
-    sampled = body_corners(fields, CoefficientFunction(0.0))
-    classes = np.zeros(len(sampled.points))
-    axes = draw_classes(axes, source, sampled, classes, (ELASTIC, PLASTIC), 0.0, mesh_lines=True)
-    decorate(axes, fields, 0.0, units)
-    return axes.figure
+    drawing = Drawing(0.0, units, axes=axes, mesh_lines=True)
+    sampled = body_corners(fields_of(source), CoefficientFunction(0.0))
+    elastic = np.zeros(len(sampled.points))
+    return _draw_classes(drawing, fields_of(source), sampled, elastic).figure
+
+
+def _draw_fields(
+    drawing: Drawing,
+    sources: Mapping[str, object],
+    field: str | CoefficientFunction,
+    ends: tuple[float | None, float | None],
+    label: str | None = None,
+    colormap: str | None = None,
+) -> Figure:
+    """Bodies side by side with one colour bar, in the axes of the drawing if it has some."""
+    require_text("label", label, optional=True)
+    check_colormap(colormap)
+    what = {title: drawable(source, field, drawing.units) for title, source in sources.items()}
+    corners = [
+        sample_corners(fields_of(source), what[title].region, what[title].coefficient)
+        for title, source in sources.items()
+    ]
+    first = next(iter(what.values()))
+    limits = colour_scale(*corners, vmin=ends[0], vmax=ends[1], symmetric=first.signed)
+    colours = ScalarMappable(limits, colormap or first.colormap)
+    panels = drawing.panels(corners[0], len(corners))
+    for panel, (title, source), sampled in zip(panels, sources.items(), corners, strict=True):
+        drawing.body(panel, source, sampled, colours, title=title)
+    add_bar(colours, panels, label or first.label, drawing.axes is None)
+    return panels[0].figure
+
+
+def _draw_classes(
+    drawing: Drawing,
+    source: object,
+    sampled: Corners,
+    classes: np.ndarray,
+    words: str = "",
+) -> Axes:
+    """Each triangle in the colour of its class; returns the axes."""
+    values = np.repeat(classes[:, None], 3, axis=1)
+    corners = Corners(sampled.points, sampled.displacement, values)
+    colours = ScalarMappable(Normalize(0, len(SET_COLOURS) - 1), ListedColormap(SET_COLOURS))
+    (axes,) = drawing.panels(corners, bar=False)
+    drawing.body(axes, source, corners, colours, words)
+    return axes

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TextIO
 
@@ -18,105 +19,74 @@ from tqdm import tqdm
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_attributes, require_text
-from ngepc.pictures.curves import draw_runs, plot_progress
+from ngepc.pictures.curves import draw_runs
+from ngepc.pictures.fields import plot_active_sets
 from ngepc.pictures.style import Picture, styled
-from ngepc.results.outcome import History, IterationRecord
-
-RecordMonitor = Callable[[IterationRecord], None]
-"""What solvers call with the record of each iterate, start included."""
+from ngepc.results.outcome import History, IterationRecord, Monitor
 
 COLUMNS = (
-    ("step", "iteration", "4d"),
-    ("residual", "residual_norm", "11.3e"),
-    ("on contact", "contact_residual_norm", "11.3e"),
-    ("in body", "plastic_residual_norm", "11.3e"),
-    ("energy", "energy", "19.10e"),
-    ("length", "step_length", "9.2e"),
-    ("halved", "halvings", "6d"),
-    ("in contact", "contact_active", "10.4g"),
-    ("plastic", "plastic_active", "10.4g"),
+    ("step", "{iteration:4d}"),
+    ("residual", "{residual_norm:11.3e}"),
+    ("on contact", "{contact_residual_norm:11.3e}"),
+    ("in body", "{plastic_residual_norm:11.3e}"),
+    ("energy", "{energy:19.10e}"),
+    ("length", "{step_length:9.2e}"),
+    ("halved", "{halvings:6d}"),
+    ("in contact", "{contact_active:10.4g}"),
+    ("plastic", "{plastic_active:10.4g}"),
 )
-"""Heading, field of the record and format of the columns of the table."""
+"""Heading and format of the columns of the table."""
 
 
-def check_stream(stream: object) -> None:
-    """Refuse what cannot be written to; None stands for standard error."""
-    if stream is not None:
-        require_attributes("stream", stream, ("write", "flush"), "an open text file or None")
+def _stream(stream: object) -> TextIO:
+    """An open text file, standard error for None; TypeError for what cannot be written to."""
+    stream = sys.stderr if stream is None else stream
+    require_attributes("stream", stream, ("write", "flush"), "an open text file or None")
+    return stream
 
 
-def table_monitor(stream: TextIO | None = None) -> RecordMonitor:
+def table_monitor(stream: TextIO | None = None) -> Monitor:
     """A monitor that writes one aligned line for each iterate, with a heading at the start.
 
     ``stream`` is where to; standard error by default.
     """
-    check_stream(stream)
+    _stream(stream)
 
     def write(record: IterationRecord) -> None:
-        out = sys.stderr if stream is None else stream
-        cells = [format(getattr(record, name), form) for _, name, form in COLUMNS]
+        out, lines = _stream(stream), []
+        cells = [form.format(**vars(record)) for _, form in COLUMNS]
         if record.iteration == 0:
-            heads = zip(COLUMNS, cells, strict=True)
-            out.write("  ".join(text.rjust(len(cell)) for (text, *_), cell in heads) + "\n")
-        out.write("  ".join(cells) + "\n")
+            lines = [[head.rjust(len(c)) for (head, _), c in zip(COLUMNS, cells, strict=True)]]
+        out.writelines("  ".join(line) + "\n" for line in [*lines, cells])
         out.flush()
 
     return write
 
 
-class ProgressLine:
-    """A monitor that keeps one line up to date on a terminal; a context manager that ends it.
+@contextmanager
+def progress_line(label: str = "", stream: TextIO | None = None) -> Iterator[Monitor]:
+    """A monitor that keeps one line up to date on a terminal; nothing is written to other files.
 
-    Parameters
-    ----------
-    label
-        Text in front.
-    stream
-        Where to; standard error by default.  Nothing is written where no terminal is behind it.
+    ``label`` stands in front; at the end of ``with`` the line goes away.
     """
+    require_text("label", label)
+    bar = tqdm(desc=label or None, file=_stream(stream), leave=False, disable=None,
+               bar_format="{desc}{postfix} [{elapsed}]")  # fmt: skip
 
-    def __init__(self, label: str = "", stream: TextIO | None = None) -> None:
-        require_text("label", label)
-        check_stream(stream)
-        out = sys.stderr if stream is None else stream
-        self._bar = tqdm(desc=label or None, unit=" steps", file=out, leave=False,
-                         disable=None, bar_format="{desc}{postfix} [{elapsed}]")  # fmt: skip
-
-    def __call__(self, record: IterationRecord) -> None:
-        """Write the newest step over the line."""
-        self._bar.set_postfix_str(
+    def write(record: IterationRecord) -> None:
+        bar.set_postfix_str(
             f"step {record.iteration}, residual {record.residual_norm:.2e}, in contact "
-            f"{record.contact_active:.3g}, plastic {record.plastic_active:.3g}",
-            refresh=True,
+            f"{record.contact_active:.3g}, plastic {record.plastic_active:.3g}"
         )
 
-    def __enter__(self) -> ProgressLine:
-        """The monitor itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Take the line away."""
-        self._bar.close()
+    with bar:
+        yield write
 
 
 class LivePlotMonitor:
-    """A monitor whose figure grows in a notebook: active sets on the body, residuals, steps.
+    """A monitor whose figure grows in a notebook, see ``live_plot_monitor``.
 
-    A run that begins while the monitor is in use goes on where the last one ended, so that as
-    ``newton_monitor`` of ``follow_path`` it shows the whole path; ``with`` begins anew.
-
-    Parameters
-    ----------
-    interval
-        Least time between two drawings (seconds); drawing takes a fifth of the time at most.
-        Leaving the ``with`` block draws the last step.
-    tolerance
-        Drawn as a line; the step that falls below it is drawn at once.
-
-    Attributes
-    ----------
-    runs
-        Histories of the runs seen.
+    ``runs`` are the histories of the runs seen.
     """
 
     def __init__(self, interval: float = 0.3, tolerance: float | None = None) -> None:
@@ -138,11 +108,14 @@ class LivePlotMonitor:
 
     @styled
     def figure(self) -> Figure:
-        """The figure of the steps seen so far; without the body for records without snapshot."""
-        if self._last is not None and self._last.snapshot is not None:
-            return plot_progress(self._last.snapshot(), runs=self.runs, tolerance=self.tolerance)
-        figure = Picture(figsize=(6.4, 2.8))
-        draw_runs(*figure.subplots(1, 2), self.runs, self.tolerance)
+        """The active sets on the body if the record shows them, residuals and step lengths."""
+        snapshot = None if self._last is None else self._last.snapshot
+        widths = (1.0, 1.0) if snapshot is None else (1.2, 1.0, 1.0)
+        figure = Picture(figsize=(3 * sum(widths), 3.0))
+        *body, left, right = figure.subplots(1, len(widths), width_ratios=widths)
+        if snapshot is not None:
+            plot_active_sets(snapshot(), axes=body[0])
+        draw_runs(left, right, self.runs, self.tolerance)
         return figure
 
     def draw(self) -> None:
@@ -170,7 +143,20 @@ class LivePlotMonitor:
 
 
 def live_plot_monitor(interval: float = 0.3, tolerance: float | None = None) -> LivePlotMonitor:
-    """A figure that grows while the solver runs, for notebooks; see ``LivePlotMonitor``."""
+    """A figure that grows while the solver runs, for notebooks: active sets, residuals, steps.
+
+    A run that begins while the monitor is in use goes on where the last one ended, so that as
+    ``newton_monitor`` of ``follow_path`` it shows the whole path; ``with`` begins anew, and draws
+    the last step at its end.
+
+    Parameters
+    ----------
+    interval
+        Least time between two drawings (seconds); drawing takes a fifth of the time at most.
+    tolerance
+        Drawn as a line; the step that falls below it is drawn at once.
+
+    """
     return LivePlotMonitor(interval, tolerance)
 
 

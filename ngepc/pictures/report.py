@@ -5,13 +5,12 @@ Everything is inside the file, so that it opens from disk without network; it is
 
 from __future__ import annotations
 
-import base64
 import html
-import io
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from string import Template
 
 from matplotlib.figure import Figure
 
@@ -20,11 +19,14 @@ from ngepc.checks.kinds import require_path, require_text
 from ngepc.model.problem import Problem
 from ngepc.pictures.curves import plot_contact_pressure, plot_history
 from ngepc.pictures.fields import plot_field, plot_plastic_zone
-from ngepc.pictures.scenes import EXTRA
-from ngepc.pictures.views import View, show, viewer_installed
+from ngepc.pictures.style import png_address
+from ngepc.pictures.views import EXTRA, show, viewer_installed
 from ngepc.results.records import write_text
 
-STYLE = """
+PAGE = Template("""<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1"><title>$title</title>
+<style>
 body { max-width: 60rem; margin: 0 auto; padding: 1.5rem 1rem 4rem; color: #1c2733;
        font: 16px/1.55 system-ui, sans-serif; }
 h2 { font-size: 1.2rem; margin-top: 2.4rem; padding-top: .8rem; border-top: 1px solid #d9dee3; }
@@ -34,7 +36,8 @@ th, td { padding: .28rem .8rem; border-bottom: 1px solid #d9dee3; text-align: ri
 td.text { text-align: left; }
 img { max-width: 100%; height: auto; }
 footer { color: #5c6873; font-size: .88rem; margin-top: 3rem; }
-"""
+</style></head><body><h1>$title</h1>$about$content<footer>$footer</footer></body></html>
+""")
 
 Section = tuple[str, Sequence[object]]
 """Heading and contents: text, figures, views, problems and lists of dictionaries (tables)."""
@@ -53,7 +56,13 @@ def write_report(
         Text at the top and at the bottom; `code` stands between backquotes, also in the contents.
     sections
         Pairs (heading, contents); each piece of contents is text, a list of dictionaries, a
-        figure, the path of a PNG file, a ``View`` or a ``Problem``.
+        figure, the path of a PNG file, a ``Problem``, or what notebooks show as HTML: a result, a
+        ``View``.
+
+    Returns
+    -------
+    Path
+        The file.
 
     Raises
     ------
@@ -63,15 +72,10 @@ def write_report(
     path = require_path("path", path)
     for name, text in (("title", title), ("subtitle", subtitle), ("footer", footer)):
         require_text(name, text)
-    parts = [f"<h1>{html.escape(title)}</h1>", f"<p>{_inline(subtitle)}</p>" if subtitle else ""]
-    parts += [_section(number, section) for number, section in enumerate(sections)]
-    write_text(
-        path,
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{html.escape(title)}</title><style>{STYLE}</style></head><body>"
-        f"{''.join(parts)}<footer>{_inline(footer)}</footer></body></html>\n",
-    )
+    content = "".join(_section(number, section) for number, section in enumerate(sections))
+    about = f"<p>{_inline(subtitle)}</p>" if subtitle else ""
+    texts = {"title": html.escape(title), "about": about, "footer": _inline(footer)}
+    write_text(path, PAGE.substitute(texts, content=content))
     return path
 
 
@@ -118,7 +122,7 @@ def _piece(piece: object) -> str:
         return f"<p>{_inline(piece)}</p>"
     if isinstance(piece, Figure | os.PathLike):
         return f'<p><img src="{png_address(piece)}" alt="figure"></p>'
-    if isinstance(piece, View):
+    if hasattr(piece, "_repr_html_"):
         return piece._repr_html_()
     piece = describe_problem(piece) if isinstance(piece, Problem) else piece
     if isinstance(piece, Sequence) and piece and all(isinstance(row, Mapping) for row in piece):
@@ -129,20 +133,17 @@ def _piece(piece: object) -> str:
 
 
 def html_table(rows: Sequence[Mapping[str, object]]) -> str:
-    """A table whose columns are the keys in order of appearance."""
+    """A table whose columns are the keys in order of appearance, numbers with four digits."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    head = "".join(f"<th>{html.escape(str(c))}</th>" for c in columns)
-    cells = ((row.get(c) for c in columns) for row in rows)
-    body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in cells)
-    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
-
-
-def _cell(value: object) -> str:
-    """A table entry: integers in full, other numbers with four significant digits."""
-    minus = "\N{MINUS SIGN}"
-    number = f"{value:.4g}".replace("-", minus) if isinstance(value, float) else value
-    kind = ' class="text"' if isinstance(value, str) else ""
-    return f"<td{kind}>{'' if number is None else html.escape(str(number))}</td>"
+    lines = [f"<tr>{''.join(f'<th>{html.escape(str(c))}</th>' for c in columns)}</tr>"]
+    for row in rows:
+        cells = []
+        for value in map(row.get, columns):
+            shown = f"{value:.4g}".replace("-", "−") if isinstance(value, float) else value
+            kind = ' class="text"' if isinstance(value, str) else ""
+            cells.append(f"<td{kind}>{'' if shown is None else html.escape(str(shown))}</td>")
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    return f'<div class="wide"><table>{"".join(lines)}</table></div>'
 
 
 def _inline(text: str) -> str:
@@ -168,12 +169,3 @@ def describe_problem(problem: Problem) -> list[dict[str, str]]:
         "gap": data(problem.gap),
     }
     return [{"what": key, "value": value or "none"} for key, value in rows.items()]
-
-
-def png_address(figure: Figure | os.PathLike) -> str:
-    """A figure or a PNG file as a data address, for the ``src`` of an HTML image."""
-    stream = io.BytesIO()
-    if isinstance(figure, Figure):
-        figure.savefig(stream, format="png", dpi=120)
-    data = stream.getvalue() or Path(figure).read_bytes()
-    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")

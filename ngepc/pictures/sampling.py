@@ -1,4 +1,4 @@
-"""Samples of fields on elements that are cut into triangles, and colour ranges from them.
+"""Samples of fields on elements that are cut into triangles, and colour scales from them.
 
 Elements are sampled one by one, since fields may jump.  Curved elements, and those whose
 displacement is not linear, are cut finely enough to look curved.
@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.colors import Normalize
 from ngsolve import (
     BND,
     CF,
@@ -32,6 +33,8 @@ from ngepc.model.processes import require_whole
 from ngepc.results.fields import Fields
 
 CURVED_CUTS, MOST_TRIANGLES = 4, 200_000
+PERCENT = 2.0
+"""Part of the area that may lie beyond either end of a colour scale."""
 NO_OBSTACLE = 5.0
 """A gap of more than this many times the size of the body stands for no obstacle."""
 
@@ -40,12 +43,8 @@ NO_OBSTACLE = 5.0
 class Corners:
     """Values at the corners of triangles or segments, each element on its own (fields may jump).
 
-    Parameters
-    ----------
-    points, displacement
-        Positions and displacements (length), shape (triangles, corners, N).
-    values
-        Values of the field, shape (triangles, corners).
+    Positions and displacements (length) have the shape (pieces, corners, N), values
+    (pieces, corners), or (pieces, corners, components) of a vector.
     """
 
     points: np.ndarray
@@ -74,21 +73,16 @@ def _pieces(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _border(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same for the segments of its border."""
-    tips = [(0, 0), (1, 0), (1, 1), (0, 1)] if shape is ET.QUAD else [(0, 0), (1, 0), (0, 1)]
-    t = np.arange(n)[:, None] / n
-    sides = zip(np.array(tips), np.array(tips[1:] + tips[:1]), strict=True)
-    points, first = np.vstack([(1 - t) * a + t * b for a, b in sides]), np.arange(n * len(tips))
-    return points, np.stack([first, np.roll(first, -1)], axis=1)
+    """The same for the segments of its border: the sides of one piece alone."""
+    points, pieces = _pieces(shape, n)
+    sides = np.sort(pieces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2))
+    found, count = np.unique(sides, axis=0, return_counts=True)
+    return points, found[count == 1]
 
 
-def cuts_for(fields: Fields, quadrilaterals: bool = False) -> int:
-    """Into how many parts edges are cut so that bodies and fields look as curved as they are."""
-    mesh = fields.problem.mesh
-    elements = mesh.GetNE(VOL if mesh.dim == 2 else BND)
-    curved = max(mesh.GetCurveOrder(), fields.displacement.space.globalorder) > 1
-    least = CURVED_CUTS if curved or quadrilaterals or mesh.dim == 3 else 1
-    return max(1, min(least, int(math.sqrt(MOST_TRIANGLES / elements))))
+def is_curved(fields: Fields) -> bool:
+    """Whether elements or their displacement are not linear."""
+    return max(fields.problem.mesh.GetCurveOrder(), fields.displacement.space.globalorder) > 1
 
 
 def visible(mesh: Mesh, coefficient: CoefficientFunction) -> tuple[Region, CoefficientFunction]:
@@ -99,20 +93,10 @@ def visible(mesh: Mesh, coefficient: CoefficientFunction) -> tuple[Region, Coeff
     return mesh.Boundaries(".*"), BoundaryFromVolumeCF(coefficient)
 
 
-def pressure_on_boundary(source: object) -> CoefficientFunction:
-    """The contact pressure of a result on the whole boundary, zero where nothing touches."""
-    problem = source.problem
-    pressures = dict.fromkeys(problem.touching_names, source.contact_pressure)
-    return problem.mesh.BoundaryCF(pressures, default=0.0)
-
-
 def body_corners(
     fields: Fields, coefficient: CoefficientFunction, cuts: int | None = None
 ) -> Corners:
-    """The field at the corners of the triangles of the body (2D) or of its surface (3D).
-
-    Each edge is cut into ``cuts`` parts; None for as many as curved elements need.
-    """
+    """The field on the triangles of the body (2D) or of its surface (3D)."""
     return sample_corners(fields, *visible(fields.problem.mesh, coefficient), cuts)
 
 
@@ -136,23 +120,29 @@ def sample_corners(
     cuts: int | None = None,
     cut: object = _pieces,
 ) -> Corners:
-    """Position, displacement and a scalar at the corners of the pieces of ``region``."""
+    """Position, displacement and a coefficient at the corners of the pieces of ``region``.
+
+    Each edge is cut into ``cuts`` parts; None for as many as bodies need to look as they are.
+    """
     mesh, types = fields.problem.mesh, np.array([e.type for e in region.Elements()])
-    cuts = cuts or cuts_for(fields, ET.QUAD in types)
+    if cuts is None:
+        bent = is_curved(fields) or ET.QUAD in types or mesh.dim == 3
+        most = math.sqrt(MOST_TRIANGLES / mesh.GetNE(VOL if mesh.dim == 2 else BND))
+        cuts = max(1, min(CURVED_CUTS, int(most))) if bent else 1
     legal = (ET.TRIG, ET.QUAD) if set(types) <= {ET.TRIG, ET.QUAD} else (ET.SEGM,)
     parts = {shape: cut(shape, cuts) for shape in legal}
     rules = {shape: IntegrationRule(p.tolist(), [0.0] * len(p)) for shape, (p, _) in parts.items()}
-    points = mesh.MapToAllElements(rules, region)
-    N, all_of = mesh.dim, (CF((x, y, z)[: mesh.dim]), fields.displacement, coefficient)
-    data = np.hstack([np.asarray(c(points), float).reshape(len(points), -1) for c in all_of])
+    mapped = mesh.MapToAllElements(rules, region)
     counts = np.array([len(parts[shape][0]) for shape in types])
     first = np.cumsum(counts) - counts
-    pieces = [
+    pieces = np.vstack([
         (first[types == shape][:, None, None] + corners).reshape(-1, corners.shape[1])
         for shape, (_, corners) in parts.items()
-    ]
-    data = data[np.vstack(pieces)]
-    return Corners(data[..., :N], data[..., N : 2 * N], data[..., -1])
+    ])  # fmt: skip
+    sampled = (CF((x, y, z)[: mesh.dim]), fields.displacement, coefficient)
+    found = (np.asarray(c(mapped), float).reshape(len(mapped), -1)[pieces] for c in sampled)
+    points, displacement, values = found
+    return Corners(points, displacement, values[..., 0] if coefficient.dim == 1 else values)
 
 
 def offset(
@@ -160,8 +150,8 @@ def offset(
 ) -> np.ndarray:
     """Segments of boundaries in 2D, deformed by ``scale`` u, moved by ``distance`` n."""
     reach = distance * outward_normal(fields.problem.mesh)
-    place = [boundary_corners(fields, names, reach[i]) for i in range(2)]
-    return place[0].deformed(scale) + np.stack([c.values for c in place], axis=-1)
+    corners = boundary_corners(fields, names, reach)
+    return corners.deformed(scale) + corners.values
 
 
 def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
@@ -191,70 +181,53 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
     return np.concatenate([segments, ends[None]])
 
 
-@dataclass(frozen=True)
-class ColourRange:
-    """Values at the ends of the colour scale, and whether the field has values below or above."""
-
-    least: float
-    most: float
-    below: bool = False
-    above: bool = False
-
-    @property
-    def extend(self) -> str:
-        """The word that matplotlib wants: 'neither', 'min', 'max' or 'both'."""
-        return (("neither", "max"), ("min", "both"))[self.below][self.above]
-
-
-def colour_range(
+def colour_scale(
     *samples: Corners,
     vmin: float | None = None,
     vmax: float | None = None,
-    percent: float = 2.0,
     symmetric: bool = False,
-) -> ColourRange:
+) -> Normalize:
     """Limits that a re-entrant corner does not swallow, common to all ``samples``.
 
-    The limits are percentiles by area over the part where the field is not zero: ``percent`` of
-    it may lie outside at either end.  An end where that would gain less than a quarter of the
-    scale stays where the data end, and a scale of one sign that comes close to zero begins there.
-    ``symmetric`` fields get limits of opposite sign; ``vmin`` and ``vmax`` overrule either limit.
+    The limits are percentiles by area over the part where the field is not zero.  An end where
+    that would gain less than a quarter of the scale stays where the data end, and a scale of one
+    sign that comes close to zero begins there.  ``symmetric`` fields get limits of opposite sign;
+    ``vmin`` and ``vmax`` overrule.  Its ``extend`` tells colour bars where values lie outside.
     """
     for name, end in (("vmin", vmin), ("vmax", vmax)):
         if end is not None:
             require_number(name, end)
     if vmin is not None and vmax is not None and vmin >= vmax:
         raise ValueError(f"vmin={vmin!r}, vmax={vmax!r}: vmin < vmax is needed")
+    values = np.concatenate([s.values.mean(axis=1) for s in samples])
+    areas = np.concatenate([s.measures for s in samples])
     lowest = min(float(s.values.min()) for s in samples)
     highest = max(float(s.values.max()) for s in samples)
-    low, high = _percentiles(samples, percent)
     span = highest - lowest
+    low, high = _percentiles(values, areas)
     low = lowest if low - lowest <= 0.25 * span else low
     high = highest if highest - high <= 0.25 * span else high
-    if lowest >= 0.0 and low <= 0.2 * high:
-        low = 0.0
-    if highest <= 0.0 and high >= 0.2 * low:
-        high = 0.0
+    low = 0.0 if lowest >= 0.0 and low <= 0.2 * high else low
+    high = 0.0 if highest <= 0.0 and high >= 0.2 * low else high
     if symmetric:
-        low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
+        low, high = -max(-low, high), max(-low, high)
     low, high = (0.0 if abs(end) < 1e-9 * span else end for end in (low, high))
     low, high = low if vmin is None else float(vmin), high if vmax is None else float(vmax)
     if low >= high:  # a constant field
         size = max(abs(low), abs(high)) or 1.0
-        below = 0.0 if vmin is not None else 1.0 if vmax is not None else 0.5
-        low, high = (high if vmin is None else low) - below * size, low + (1 - below) * size
-    slack = 1e-6 * (high - low)
-    return ColourRange(low, high, lowest < low - slack, highest > high + slack)
+        low, high = high - size if vmin is None else low, low + size if vmax is None else high
+    scale, slack = Normalize(low, high), 1e-6 * (high - low)
+    below, above = lowest < low - slack, highest > high + slack
+    scale.extend = (("neither", "max"), ("min", "both"))[below][above]
+    return scale
 
 
-def _percentiles(samples: tuple[Corners, ...], percent: float) -> tuple[float, float]:
-    values = np.concatenate([s.values.mean(axis=1) for s in samples])
-    weights = np.concatenate([s.measures for s in samples])
+def _percentiles(values: np.ndarray, areas: np.ndarray) -> tuple[float, float]:
+    """The ends of all but ``PERCENT`` of the area at either side, where the field is not zero."""
     shown = np.abs(values) > 1e-3 * np.abs(values).max(initial=0.0)
     if not shown.any():
         return float(values.min()), float(values.max())
-    order = np.argsort(values[shown])
-    ordered, area = values[shown][order], np.cumsum(weights[shown][order])
-    low, high = np.searchsorted(area / area[-1], [percent / 100, 1 - percent / 100])
-    lowest = ordered[low] if shown.all() else min(0.0, ordered[low])
-    return float(lowest), float(ordered[min(high, len(ordered) - 1)])
+    order = np.flatnonzero(shown)[np.argsort(values[shown])]
+    part = np.cumsum(areas[order]) / areas[order].sum()
+    low, high = values[order[np.searchsorted(part, [PERCENT / 100, 1 - PERCENT / 100])]]
+    return float(low if shown.all() else min(0.0, low)), float(high)

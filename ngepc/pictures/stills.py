@@ -5,8 +5,9 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
-from unittest.mock import patch
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -20,23 +21,16 @@ PIXELS, SHARP = 1400, 30.0
 """Width of the square window; edges where the surface turns by more degrees are drawn."""
 INSTALL = 'pictures of solids need pyvista: pip install "ngepc[stills]"'
 LIBRARY, SYSTEM = "libEGL.so.1", "pictures of solids need libEGL, in Debian: apt install libegl1"
-NO_SCREEN = {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"} if sys.platform == "linux" else {}
-"""What tells VTK not to look for a screen first."""
+WINDOW, NO_SCREEN = "VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow"
 
 
 def renderer() -> ModuleType:
-    """The module pyvista.
-
-    Raises
-    ------
-    ImportError
-        If it or the system's library is missing; the message says what to install.
-    """
+    """The module pyvista; ImportError says what to install if it or a library is missing."""
     try:
         import pyvista
     except ImportError as error:
         raise ImportError(INSTALL) from error
-    if NO_SCREEN.keys() - os.environ:
+    if sys.platform == "linux" and WINDOW not in os.environ:
         try:
             ctypes.CDLL(LIBRARY)
         except OSError as error:  # VTK itself would end in a segmentation fault
@@ -44,35 +38,39 @@ def renderer() -> ModuleType:
     return pyvista
 
 
+@contextmanager
+def without_screen() -> Iterator[None]:
+    """Inside, VTK does not look for a screen first, unless its variable says otherwise."""
+    if sys.platform != "linux" or WINDOW in os.environ:
+        yield
+        return
+    os.environ[WINDOW] = NO_SCREEN
+    try:
+        yield
+    finally:
+        os.environ.pop(WINDOW, None)
+
+
 def solid_image(
     points: np.ndarray,
     values: np.ndarray,
-    scale: ScalarMappable,
+    colours: ScalarMappable,
     segments: np.ndarray | None = None,
     view: Angles | None = None,
 ) -> np.ndarray:
-    """Triangles in space, lit and with their sharp edges, as an RGBA image without margins.
+    """Triangles (n, 3, 3) with values at their corners (n, 3), lit, as an RGBA image.
 
-    Parameters
-    ----------
-    points, values
-        Corners (triangles, 3, 3) and the values there (triangles, 3).
-    scale
-        Colours of the values.
-    segments
-        Further lines (lines, 2, 3), such as those of the mesh.
-    view
-        Degrees around the z axis and above the xy plane; ``VIEW`` for None.
+    Sharp edges and further ``segments`` (lines, 2, 3) are drawn as lines; margins are cut off.
     """
     pyvista = renderer()
     faces = np.arange(points.size // 3).reshape(-1, 3)
     body = pyvista.PolyData.from_regular_faces(points.reshape(-1, 3), faces)
-    with patch.dict(os.environ, NO_SCREEN | os.environ):
+    with without_screen():
         plotter = pyvista.Plotter(off_screen=True, window_size=(PIXELS, PIXELS))
     plotter.enable_anti_aliasing("msaa", multi_samples=8)
     light = {"ambient": 0.55, "diffuse": 0.5, "specular": 0.0, "show_scalar_bar": False}
-    colours = {"scalars": values.ravel(), "clim": scale.get_clim(), "cmap": scale.get_cmap()}
-    plotter.add_mesh(body, **colours, **light)
+    shade = {"scalars": values.ravel(), "clim": colours.get_clim(), "cmap": colours.get_cmap()}
+    plotter.add_mesh(body, **shade, **light)
     sharp = body.clean().extract_feature_edges(SHARP, manifold_edges=False)
     line = {"color": DEFORMED, "lighting": False}
     if sharp.n_cells:

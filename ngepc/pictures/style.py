@@ -5,8 +5,10 @@ No pyplot state is touched, so that figures work in notebooks, scripts and serve
 
 from __future__ import annotations
 
+import base64
 import functools
 import io
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -65,6 +67,15 @@ class Picture(Figure):
         stream = io.BytesIO()
         FigureCanvasAgg(self).print_png(stream)
         return stream.getvalue()
+
+
+def png_address(picture: Figure | os.PathLike, dpi: float = 120) -> str:
+    """A figure or a PNG file as a data address, for the ``src`` of an HTML image."""
+    stream = io.BytesIO()
+    if isinstance(picture, Figure):
+        picture.savefig(stream, format="png", dpi=dpi)
+    data = stream.getvalue() or Path(picture).read_bytes()
+    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")
 
 
 def line_style(index: int, count: int) -> dict:

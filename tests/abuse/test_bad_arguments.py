@@ -92,11 +92,10 @@ from ngepc.pictures import (
     plot_contact_pressure,
     plot_counts,
     plot_mesh,
-    plot_progress,
 )
 from ngepc.pictures.export import export_series
-from ngepc.pictures.monitors import ProgressLine
-from ngepc.pictures.views import View, ViewOptions, viewer_installed
+from ngepc.pictures.monitors import progress_line
+from ngepc.pictures.views import View, viewer_installed
 
 PROBLEM = lshape_problem(MESH)
 STEEL = {"lame_lambda": 1000.0, "lame_mu": 800.0, "yield_stress": 5.0, "hardening": 100.0}
@@ -119,7 +118,6 @@ SHORT_PATH = PathOptions(gamma_start=1.0, growth=10.0, gamma_end=1.0)
 DRAWN = {"deformation_scale": NOT_NEGATIVE, "colormap": NOTHING}
 RANGE = {"vmin": NUMBERS, "vmax": NUMBERS}
 FIELD = {"field": COEFFICIENTS}
-EMPTY = frozenset({"an empty list", "an empty tuple"})
 
 STILL_UNCHECKED = {"PETSc"}
 """Public callables whose arguments are not all refused by name today; it may only shrink."""
@@ -224,7 +222,9 @@ USES = {
     "cold_start": Use(cold_start, {"solver": primal_newton}, {"solver": CALLABLE}, ("settings",)),
     # monitors
     "table_monitor": Use(table_monitor),
-    "ProgressLine": Use(ProgressLine),
+    "progress_line": Use(
+        lambda label="", stream=None: progress_line(label, stream).__enter__(), may={"label": TEXTS}
+    ),
     "live_plot_monitor": Use(live_plot_monitor, may={"interval": NOT_NEGATIVE}),
     # pictures
     "plot_field": Use(plot_field, {"source": DUAL}, DRAWN | RANGE | FIELD),
@@ -234,7 +234,6 @@ USES = {
     "plot_comparison": Use(plot_comparison, {"sources": {"one": DUAL}}, DRAWN | RANGE | FIELD),
     "plot_mesh": Use(plot_mesh, {"source": DUAL}),
     "plot_active_sets": Use(plot_active_sets, {"result": DUAL}, DRAWN),
-    "plot_progress": Use(plot_progress, {"result": DUAL}, DRAWN | {"runs": EMPTY}),
     "plot_history": Use(plot_history, {"histories": DUAL.history}),
     "plot_counts": Use(plot_counts, {"counts": {"a": {10: 3}}}),
     "plot_contact_pressure": Use(plot_contact_pressure, {"sources": DUAL}),
@@ -243,8 +242,7 @@ USES = {
         may={"width": POSITIVE, "height": POSITIVE},
     ),
     "UnitNames": Use(UnitNames),
-    "ViewOptions": Use(ViewOptions, may=DRAWN | RANGE),
-    "show": Use(show, {"source": DUAL}, FIELD),
+    "show": Use(show, {"source": DUAL}, DRAWN | RANGE | FIELD),
     # files
     "export_vtu": Use(export_vtu, {"source": DUAL, "path": "fields.vtu"}, {"path": NOTHING}),
     "export_series": Use(

@@ -222,7 +222,7 @@ def stopping_at(step, monkeypatch):
         def __exit__(self, *_):
             pass
 
-    monkeypatch.setattr("ngepc.cli.solve.ProgressLine", Line)
+    monkeypatch.setattr("ngepc.cli.solve.progress_line", Line)
 
 
 def test_ctrl_c_names_the_step_and_how_to_resume(tmp_path, monkeypatch, capsys):

@@ -32,7 +32,7 @@ STILL_UPWARDS = set()
 
 OPTIONAL = {
     ("ngepc.pictures.monitors", "IPython.display"),
-    ("ngepc.pictures.scenes", "ngsolve.webgui"),
+    ("ngepc.pictures.views", "ngsolve.webgui"),
     ("ngepc.pictures.stills", "pyvista"),
 }
 """Imports of what an extra brings, with an error that names the extra; this set may only shrink."""

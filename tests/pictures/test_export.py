@@ -7,6 +7,7 @@ import pytest
 from ngsolve import CF, InnerProduct, Integrate
 from solved import block_primal, lshape_dual, lshape_primal
 
+from ngepc.model.processes import Team
 from ngepc.pictures import export
 from ngepc.pictures.export import FIELDS, export_series, export_vtu, in_space
 from ngepc.results.records import l2_norm
@@ -78,6 +79,23 @@ def test_series_lists_its_steps_beside_it(tmp_path):
             InnerProduct(result.plastic_strain, result.plastic_strain), result.problem.mesh
         )
         assert (p**2).sum(axis=1) @ sizes(read) == pytest.approx(expected, rel=1e-10)
+
+
+def test_parts_of_processes_are_listed_and_written_each_by_its_own(tmp_path, monkeypatch):
+    result = lshape_primal()
+    for rank in (1, 0):
+        process = Team()  # the other one has the same mesh
+        process.size, process.rank = 2, rank
+        monkeypatch.setattr(type(result.problem), "processes", process)
+        path = export_vtu(result, tmp_path / "body.vtu")
+    assert path == tmp_path / "body.pvd"
+    listed = ElementTree.parse(path).getroot().findall("./Collection/DataSet")
+    assert [(e.get("part"), e.get("file")) for e in listed] == [
+        ("0", "body_0000.vtu"),
+        ("1", "body_0001.vtu"),
+    ]
+    for entry in listed:
+        assert len(cells(meshio.read(tmp_path / entry.get("file")))) == result.problem.mesh.ne
 
 
 class Silent:

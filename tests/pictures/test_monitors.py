@@ -17,8 +17,8 @@ from ngepc.geometries import lshape
 from ngepc.pictures import monitors
 from ngepc.pictures.monitors import (
     LivePlotMonitor,
-    ProgressLine,
     live_plot_monitor,
+    progress_line,
     table_monitor,
 )
 from ngepc.results.outcome import History, IterationRecord
@@ -103,7 +103,7 @@ class Terminal(io.StringIO):
 
 def test_progress_keeps_one_line_on_a_terminal_and_writes_nothing_to_a_file():
     terminal, file = Terminal(), io.StringIO()
-    with ProgressLine("run", terminal) as shown, ProgressLine("run", file) as logged:
+    with progress_line("run", terminal) as shown, progress_line("run", file) as logged:
         for record in RECORDS:
             shown(record)
             logged(record)

@@ -21,6 +21,7 @@ from ngepc.geometries import block, lshape, ring
 from ngepc.model.obstacles import Disc
 from ngepc.pictures import (
     beside,
+    monitors,
     plot_active_sets,
     plot_comparison,
     plot_contact_pressure,
@@ -29,16 +30,16 @@ from ngepc.pictures import (
     plot_history,
     plot_mesh,
     plot_plastic_zone,
-    plot_progress,
 )
-from ngepc.pictures.curves import chains, pressure_curves
+from ngepc.pictures.curves import arc_lengths, pressure_curves
 from ngepc.pictures.drawable import KINDS, UnitNames, drawable
+from ngepc.pictures.monitors import live_plot_monitor
 from ngepc.pictures.report import standard_figures
 from ngepc.pictures.sampling import (
     Corners,
     body_corners,
     boundary_corners,
-    colour_range,
+    colour_scale,
     element_borders,
     obstacle_lines,
 )
@@ -74,7 +75,6 @@ FIGURES = {
     "zone": lambda: plot_plastic_zone(lshape_primal(), 0.02),
     "mesh": lambda: plot_mesh(lshape_primal()),
     "comparison": lambda: plot_comparison({"dual": lshape_dual(), "primal": lshape_primal()}),
-    "progress": lambda: plot_progress(lshape_dual()),
     "active sets": lambda: plot_active_sets(lshape_primal(), deformation_scale=1.0),
     "active sets in 3D": lambda: plot_active_sets(block_primal()),
     "history": lambda: plot_history({"d": lshape_dual().history, "p": lshape_primal().history}),
@@ -259,32 +259,38 @@ def test_pressure_between_two_bodies_is_drawn_on_the_first_of_them():
     assert standard_figures(result)["contact_pressure"].axes
 
 
-def test_chains_put_shuffled_segments_in_order():
+def test_arc_lengths_put_shuffled_segments_in_order():
     angle = np.linspace(0, 2 * np.pi, 13)
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     segments = np.stack([ring[:-1], ring[1:]], axis=1)
     rng = np.random.default_rng(3)
     mixed = segments[rng.permutation(12)]
     mixed[::2] = mixed[::2, ::-1]
-    ((closed, backwards),) = chains(mixed)
-    assert sorted(closed) == list(range(12))
-    walked = np.where(backwards[:, None, None], mixed[closed, ::-1], mixed[closed])
-    np.testing.assert_allclose(walked[:-1, 1], walked[1:, 0], atol=1e-14)
-    apart = np.concatenate([segments[:5], segments[:5] + 3.0])
-    assert sorted(len(chain) for chain, _ in chains(apart)) == [5, 5]
+    s, curves = arc_lengths(mixed)
+    assert set(curves) == {0}
+    side = np.linalg.norm(segments[0, 1] - segments[0, 0])
+    np.testing.assert_allclose(np.sort(s.min(axis=1)), side * np.arange(12), atol=1e-13)
+    np.testing.assert_allclose(np.abs(s[:, 1] - s[:, 0]), side, atol=1e-13)
+    places = np.round(s % (12 * side - 1e-9) / side).astype(int)  # each end at one arc length
+    for place in range(12):
+        met = mixed[places == place]
+        np.testing.assert_allclose(met, np.broadcast_to(met[0], met.shape), atol=1e-12)
+    s, curves = arc_lengths(np.concatenate([segments[:5], segments[:5, ::-1] + 3.0]))
+    assert sorted(np.bincount(curves)) == [5, 5]
+    assert s.max() == pytest.approx(5 * side)
 
 
 def test_one_small_element_does_not_swallow_the_scale():
     values = np.r_[np.linspace(0.0, 1.0, 100), 50.0]
-    limits = colour_range(strips(values, np.r_[np.ones(100), 1e-3]))
-    assert limits.least == 0.0
-    assert 0.9 < limits.most <= 1.0
+    limits = colour_scale(strips(values, np.r_[np.ones(100), 1e-3]))
+    assert limits.vmin == 0.0
+    assert 0.9 < limits.vmax <= 1.0
     assert limits.extend == "max"
 
 
 def test_a_field_without_peaks_is_shown_in_full():
-    limits = colour_range(strips(np.linspace(2.0, 3.0, 50), np.ones(50)))
-    assert (limits.least, limits.most, limits.extend) == (2.0, 3.0, "neither")
+    limits = colour_scale(strips(np.linspace(2.0, 3.0, 50), np.ones(50)))
+    assert (limits.vmin, limits.vmax, limits.extend) == (2.0, 3.0, "neither")
 
 
 def test_colour_range_settles_under_refinement_while_the_maximum_grows():
@@ -296,22 +302,22 @@ def test_colour_range_settles_under_refinement_while_the_maximum_grows():
         singular = GridFunction(L2(problem.mesh, order=0))
         singular.Set(1 / sqrt(sqrt((x - 0.5) ** 2 + (y - 0.5) ** 2) + 1e-9))
         corners = body_corners(fields, singular)
-        most.append(colour_range(corners).most)
+        most.append(colour_scale(corners).vmax)
         peak.append(corners.values.max())
     assert peak[2] > 1.5 * peak[0]
     assert most[2] == pytest.approx(most[1], rel=0.05)
 
 
 def test_signed_fields_get_symmetric_limits():
-    limits = colour_range(strips(np.linspace(-3.0, 1.0, 40), np.ones(40)), symmetric=True)
-    assert limits.least == -limits.most == -3.0
+    limits = colour_scale(strips(np.linspace(-3.0, 1.0, 40), np.ones(40)), symmetric=True)
+    assert limits.vmin == -limits.vmax == -3.0
 
 
 @pytest.mark.parametrize("value", [0.0, 4.0, -2.0])
 def test_constant_fields_have_a_scale(value):
-    limits = colour_range(strips([value] * 5, np.ones(5)))
-    assert limits.least < limits.most
-    assert limits.least <= value <= limits.most
+    limits = colour_scale(strips([value] * 5, np.ones(5)))
+    assert limits.vmin < limits.vmax
+    assert limits.vmin <= value <= limits.vmax
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -325,7 +331,6 @@ def test_every_named_field_is_a_finite_scalar(name):
     values = body_corners(result.fields, what.coefficient).values
     assert what.coefficient.dim == 1
     assert np.isfinite(values).all()
-    assert "$" not in what.plain_label
 
 
 def test_vectors_and_matrices_are_drawn_by_their_norms():
@@ -436,14 +441,26 @@ def beyond(figure):
     return [t for t, b in boxes.items() if not (frame.contains(*b.min) and frame.contains(*b.max))]
 
 
-def test_words_stay_inside_wide_low_pictures_and_those_of_monitors():
+class Shown:
+    """A place in a notebook."""
+
+    def update(self, figure):
+        """Forget it."""
+
+
+def test_words_stay_inside_wide_low_pictures_and_those_of_monitors(monkeypatch):
+    watched = []
+    monkeypatch.setattr(monitors, "_display", lambda figure: watched.append(figure) or Shown())
+    with live_plot_monitor() as monitor:
+        monitor(replace(lshape_dual().history.records[0], snapshot=lshape_dual))
     flat = zero_fields(block.structured_mesh(16, 1, size=(16.0, 1.0)))
     panels = dict.fromkeys("abc", zero_fields(block.structured_mesh(4, 2, size=(2.0, 1.0))))
     drawn = [
         plot_field(flat, CF(x)),
         plot_comparison(panels, "accumulated_plastic_strain"),
-        plot_progress(lshape_dual()),
+        watched[0],
     ]
+    assert [len(figure.axes) for figure in drawn] == [2, 4, 3]
     assert [beyond(figure) for figure in drawn] == [[], [], []]
     narrow = plot_field(flat, CF(x), title="words " * 99)
     assert beyond(narrow), "the measure can fail"
