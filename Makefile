@@ -9,6 +9,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 LEVELS ?= 3
+FINEST = $(word $(LEVELS),833 1601 3201 6273 12545 24833)
 OUT ?= out/demo
 ROWS ?= 1e0,1e1,1e2,1e3,1e4,default,default*,primal
 
@@ -30,7 +31,9 @@ export OPENBLAS_NUM_THREADS ?= 1
 .PHONY: demo check test campaigns test-petsc coverage lint docs benchmark benchmark-pieces clean
 
 demo: $(VENV)/.run
-	$(BIN)/ngepc study table1 --levels $(LEVELS) --rows $(ROWS) --figures --out $(OUT)
+	$(BIN)/ngepc study table1 --levels $(LEVELS) --rows $(ROWS) --out $(OUT)
+	$(BIN)/ngepc solve lshape --nodes $(FINEST) --figures $(OUT) --save $(OUT)/lshape.npz
+	$(BIN)/ngepc report $(OUT)/lshape.npz
 
 check: $(VENV)/.test
 	$(BIN)/python -m pytest $(PARALLEL) -m "not slow and not notebooks"

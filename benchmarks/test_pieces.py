@@ -12,12 +12,16 @@ import pytest
 from ngsolve import SetNumThreads
 
 from ngepc import Coupled, lshape_problem, primal_newton, semismooth_newton
+from ngepc.discretisation.stiffness import StiffnessBlocks, SymbolicBlocks
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional
-from ngepc.dual.iterates import Iterate, Line
+from ngepc.dual.iterates import DualLine, Iterate
 from ngepc.dual.system import NewtonSystem
 from ngepc.geometries import lshape
+from ngepc.local.start import starting_state
+from ngepc.local.system import DiscreteProblem
 from ngepc.studies.cost import elastic_solve
+from ngepc.studies.large import indented_block
 
 COUPLED = Coupled(1e4)
 
@@ -52,13 +56,21 @@ def test_elastic_solve(benchmark, problem):
     benchmark(elastic_solve, problem)
 
 
+@pytest.mark.parametrize("kind", [StiffnessBlocks, SymbolicBlocks])
+def test_assembly_in_space(benchmark, kind):
+    """Directly, and by symbolic forms."""
+    discrete = DiscreteProblem(indented_block(2))
+    blocks = kind(discrete.points, discrete.free, discrete.added)
+    benchmark(blocks.values, starting_state(discrete, None).moduli)
+
+
 def test_linear_blocks(benchmark, problem):
     benchmark(LinearBlocks, problem, COUPLED.spaces, "sparsecholesky")
 
 
 def test_functional_on_given_blocks(benchmark, pieces):
     f = pieces.functional
-    benchmark(DualFunctional, f.blocks, COUPLED.parameters, 400)
+    benchmark(DualFunctional, f.blocks, COUPLED, 400)
 
 
 def test_nonsmooth_energy(benchmark, pieces):
@@ -78,7 +90,7 @@ def test_direction_with_given_factors(benchmark, pieces):
 
 
 def test_energy_along_a_line(benchmark, pieces):
-    line = Line(pieces.functional, pieces.here, pieces.dy, pieces.dv)
+    line = DualLine(pieces.here, pieces.dy, pieces.dv)
     steps = cycle((0.5, 0.25))  # the line keeps its last trial
     benchmark(lambda: line.energy(next(steps)))
 

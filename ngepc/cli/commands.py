@@ -5,13 +5,52 @@ so that help and usage errors answer at once.
 """
 
 import argparse
+import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
 from ngepc._version import __version__
-from ngepc.cli.arguments import count, counts, location, positive, words
+
+
+def _above_zero(kind: type, text: str, needed: str) -> float:
+    with suppress(ValueError):
+        if 0 < (value := kind(text)) < math.inf:
+            return value
+    raise argparse.ArgumentTypeError(f"{text!r}: {needed} > 0 is needed")
+
+
+def positive(text: str) -> float:
+    """A finite number > 0."""
+    return _above_zero(float, text, "a finite number")
+
+
+def count(text: str) -> int:
+    """An integer > 0."""
+    return _above_zero(int, text, "an integer")
+
+
+def words(text: str) -> tuple[str, ...]:
+    """Words separated by commas, such as 1e0,1e3,default."""
+    parts = tuple(word.strip() for word in text.split(","))
+    if not all(parts):
+        raise argparse.ArgumentTypeError(f"{text!r}: words separated by commas are needed")
+    return parts
+
+
+def counts(text: str) -> tuple[int, ...]:
+    """Integers > 0 separated by commas, such as 2,3."""
+    return tuple(count(word) for word in words(text))
+
+
+def location(text: str) -> Path:
+    """The name of a file or folder, not empty; '-' may stand for standard output."""
+    if not text:
+        raise argparse.ArgumentTypeError(f"{text!r}: the name of a file or folder is needed")
+    return Path(text)
+
 
 OPTIONS = {
     "problem": (("lshape", "wrench"), "Example (a) or (b) of the paper"),
@@ -47,7 +86,7 @@ OPTIONS = {
     "--out DIR": (location, "default out", Path("out")),
     "--levels N": (count, "meshes from the coarsest, default 3; radii of the norm gap, default 7"),
     "--rows A,B": (words, "names of rows, such as 1e0,default,default*,primal or NAFEMS R94"),
-    "--figures": (None, "pictures, too, and an HTML page of the tables"),
+    "--figures": (None, "pictures, too"),
     "--lshape-nodes N": (count, "mesh of Example (a)"),
     "--wrench-nodes N": (count, "mesh of Example (b)"),
     "--modes A,B": (words, "of default,order 2,primal,1e4"),
@@ -102,7 +141,7 @@ COMMANDS = {
     "notebooks": Command("copy the notebooks to a folder", ("folder", "--solutions", "--force")),
 }  # fmt: skip
 
-COUNTS = ("--levels N", "--rows A,B", "--tolerance X", "--figures")
+COUNTS = ("--levels N", "--rows A,B", "--tolerance X")
 NODES = ("--lshape-nodes N", "--wrench-nodes N")
 
 STUDIES = {
@@ -113,26 +152,26 @@ STUDIES = {
     "figures": Command("Figures 2, 3, 5 and 6 at the end of paths in gamma",
                        NODES, "paths:Figures"),
     "figure4": Command("convergence quotients of the last Newton steps",
-                       ("--levels N", "--gamma G"), "figure4:Figure4"),
+                       ("--levels N", "--gamma G"), "convergence:Figure4"),
     "duality": Command("the duality gap and its parts along paths in gamma",
                        ("--gamma-end G", *NODES), "paths:Duality"),
-    "differentiability": Command("the norm gap of Definition 6.1, counts without Tichonov's term",
-                                 ("--levels N", "--nodes N", "--gamma G"),
-                                 "differentiability:Differentiability"),
+    "differentiability": Command("the norm gap of Definition 6.1",
+                                 work="convergence:Differentiability"),
+    "without_tichonov": Command("Newton steps with and without Tichonov's term",
+                                ("--nodes N", "--gamma G"), "convergence:WithoutTichonov"),
     "step42": Command("the body of step-42 by two methods", work="step42:Step42"),
     "counts": Command("Newton steps of the default method: meshes, nested, hardening, 3D",
-                      work="newton_counts:NewtonCounts"),
+                      work="counts:NewtonCounts"),
     "cost": Command("what a solve costs in elastic solves: counts, ratios, scaling, memory",
                     ("--levels N", "--modes A,B"), "cost:Cost"),
     "locking": Command("volume locking: three tests, orders 1 and 2", work="locking:Locking"),
-    "bounds": Command("guaranteed bounds beside the error",
-                      ("--levels N", "--figures"), "bounds:Bounds"),
+    "bounds": Command("guaranteed bounds beside the error", work="bounds:Bounds"),
     "benchmarks": Command("published problems: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",
                           ("--rows A,B", "--figures"), "benchmarks:Benchmarks"),
     "large": Command("large bodies: Newton steps, iterations of multigrid, time and memory",
                      ("--levels N", "--solver"), "large:Large"),
     "processes": Command("a large body shared by processes: time and memory of each",
-                         ("--levels N", "--counts N,M"), "processes:Processes"),
+                         ("--levels N", "--counts N,M"), "large:Processes"),
 }  # fmt: skip
 """Name -> study."""
 

@@ -11,6 +11,7 @@ from ngepc.bounds.adaptive import BoundedResult, MeshRecord, solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.cli import output
 from ngepc.cli.commands import NEWTON, given
+from ngepc.cli.report import load_run, save_run
 from ngepc.dual.newton import NewtonOptions
 from ngepc.model.problem import Problem
 from ngepc.pictures.monitors import progress_line
@@ -18,8 +19,7 @@ from ngepc.pictures.report import standard_figures
 from ngepc.pictures.style import save_figure
 from ngepc.results import records
 from ngepc.results.result import Result
-from ngepc.studies.examples import BODIES, THRESHOLDS, coarse_start, example, solved_by
-from ngepc.studies.runs import load_run, save_run
+from ngepc.studies.examples import THRESHOLDS, coarse_start, example, solved_by
 
 
 def run(args: argparse.Namespace) -> int:
@@ -93,18 +93,17 @@ def on_this_mesh(args: argparse.Namespace, problem: Problem) -> Result:
         return solved_by(method, problem, start, options, line)
 
 
-def start_of(args: argparse.Namespace, method: str | float, options: object) -> Result | None:
+def start_of(
+    args: argparse.Namespace, method: str | float, options: NewtonOptions
+) -> Result | None:
     """What --start names."""
     if args.start == "zero":
         return None
-    if args.start != "coarse":
-        if not Path(args.start).is_file():
-            raise ValueError(f"--start {args.start}: zero, coarse or a file of --save is needed")
-        return load_run(Path(args.start))[1]
-    if args.gamma is not None:
-        return coarse_start(args.problem, args.gamma, options)
-    coarse = example(args.problem, BODIES[args.problem].COARSE_NODES)
-    return solved_by(method, coarse, options=options).or_interrupted()
+    if args.start == "coarse":
+        return coarse_start(args.problem, method, options)
+    if not Path(args.start).is_file():
+        raise ValueError(f"--start {args.start}: zero, coarse or a file of --save is needed")
+    return load_run(Path(args.start))[1]
 
 
 def write_files(args: argparse.Namespace, record: dict, result: Result) -> list[Path]:
@@ -112,7 +111,7 @@ def write_files(args: argparse.Namespace, record: dict, result: Result) -> list[
     written = []
     if args.save is not None:
         place = {"name": args.problem, "nodes": args.nodes, "maxh": args.maxh}
-        save_run(args.save, place, args.gamma, record, result)
+        save_run(args.save, place, record, result)
         written.append(args.save)
     if args.figures is not None:
         for name, figure in standard_figures(result, THRESHOLDS[args.problem]).items():

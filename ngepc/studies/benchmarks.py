@@ -12,19 +12,19 @@ from matplotlib.figure import Figure
 from ngepc.model.elements import vertex_coordinates
 from ngepc.pictures.fields import plot_field
 from ngepc.pictures.stills import renderer
-from ngepc.pictures.style import save_figure, styled
+from ngepc.pictures.style import Picture, save_figure, styled
 from ngepc.results.result import Result
 from ngepc.studies import contact_problems, solid_problems
-from ngepc.studies.solid_problems import Curves, Quantity, Solved
-from ngepc.studies.work import Cell, Work, chosen
+from ngepc.studies.solid_problems import Quantity, Solved
+from ngepc.studies.work import Work, chosen
 
 
 @dataclass(frozen=True)
 class Benchmark:
     """A problem that ``solve`` solves, the source of its numbers, what is to be said about ours.
 
-    The picture shows a field, by default of the whole body: ``view`` is its half width about the
-    origin (length) and the top of its colours.
+    The picture shows a field, by default of the whole body, or, where ``field`` is empty, the
+    numbers: ``view`` is its half width about the origin (length) and the top of its colours.
     """
 
     solve: Callable[[], Solved]
@@ -52,6 +52,7 @@ BENCHMARKS = {
     "Hill's cylinder": Benchmark(
         solid_problems.hill,
         "R. Hill, The mathematical theory of plasticity, 1950",
+        "",
         remark="Hardening 1e-5 mu. The closed form takes sigma_zz for the mean of the other two "
         "stresses, which is exact for nu = 1/2.",
     ),
@@ -146,26 +147,27 @@ class Benchmarks(Work):
         if self.figures and "step-42" in self.rows:
             renderer()
 
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[dict]:
         """One for each problem."""
-        return [Cell(name) for name in self.rows]
+        return [{"problem": name} for name in self.rows]
 
-    def solve(self, cell: Cell) -> dict:
+    def solve(self, problem: str) -> dict:
         """Solve a problem; its numbers, the size of its mesh, processor time."""
-        benchmark, begin = BENCHMARKS[cell.row], time.process_time()
+        benchmark, begin = BENCHMARKS[problem], time.process_time()
         result, quantities = benchmark.solve()
         seconds = time.process_time() - begin
-        body = result.result if isinstance(result, Curves) else result
         if self.figures:
-            file = "".join(c if c.isalnum() else "_" for c in cell.row.lower())
-            figure = picture(result, benchmark, cell.row)
+            file = "".join(c if c.isalnum() else "_" for c in problem.lower())
+            shows = benchmark.field and result is not None
+            figure = (
+                picture(result, benchmark, problem) if shows else drawn_numbers(quantities, problem)
+            )
             save_figure(figure, self.folder / f"benchmark_{file}.png")
         return {
-            "problem": cell.row,
             "source": benchmark.source,
             "quantities": [q._asdict() for q in quantities],
-            "elements": body.problem.mesh.ne if body else 0,
-            "unknowns": body.displacement.space.ndof if body else 0,
+            "elements": result.problem.mesh.ne if result else 0,
+            "unknowns": result.displacement.space.ndof if result else 0,
             "cpu_s": seconds,
             "complaints": [q.name for q in quantities if not (q.holds or benchmark.remark)],
         }
@@ -194,10 +196,8 @@ def rows_of(record: dict) -> list[dict]:
 
 
 @styled
-def picture(result: Curves | Result, benchmark: Benchmark, title: str) -> Figure:
-    """A field on the body, or curves with the values that they should meet."""
-    if isinstance(result, Curves):
-        return drawn_curves(result, title)
+def picture(result: Result, benchmark: Benchmark, title: str) -> Figure:
+    """A field on the body."""
     if benchmark.view is None:
         planes = (-135, 25)  # onto the planes of symmetry of a quarter
         return plot_field(result, benchmark.field, title=title, view=planes)
@@ -211,13 +211,14 @@ def picture(result: Curves | Result, benchmark: Benchmark, title: str) -> Figure
     return figure
 
 
-def drawn_curves(curves: Curves, title: str) -> Figure:
-    """Lines, and points on them."""
-    figure = Figure(figsize=(4.8, 3.4))
-    axes = figure.add_subplot(title=title, xlabel=curves.x, ylabel=curves.y)
-    for name, (x, y) in curves.lines.items():
-        axes.plot(x, y, label=name)
-    for (name, (x, y)), marker in zip(curves.points.items(), "ox", strict=False):
-        axes.plot(x, y, f"k{marker}", markersize=4, label=name)
+@styled
+def drawn_numbers(quantities: Sequence[Quantity], title: str) -> Figure:
+    """Our numbers and the references, by name."""
+    figure = Picture(figsize=(4.8, 4.0))
+    axes, names = figure.subplots(), [q.name for q in quantities]
+    axes.plot(names, [q.ours for q in quantities], "o", label="ours")
+    axes.plot(names, [q.reference for q in quantities], "kx", label="reference")
+    axes.set_title(title)
+    axes.tick_params("x", rotation=90)
     axes.legend()
     return figure

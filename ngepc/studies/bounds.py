@@ -18,9 +18,9 @@ from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.pictures.fields import plot_mesh
 from ngepc.pictures.style import COLOURS, Picture, save_figure, styled
-from ngepc.studies.examples import FAMILIES, TITLES, example
+from ngepc.studies.examples import FAMILIES, TITLES, example, timed
 from ngepc.studies.large import indented_block
-from ngepc.studies.work import Cell, Work, first_of
+from ngepc.studies.work import Work, first_of
 
 CUBES = {
     "elastic": (1e6, {"traction": {"contact": (0.3, 0.1, -0.5)}}),
@@ -48,17 +48,15 @@ LIMITS = {
 of the last two meshes are extrapolated, in proportion to their bounds.
 """
 
-ORDER_2 = " order 2"
-"""What rows with displacements of order two add to the name of an example."""
-
-ADAPTIVE = " adaptive"
+KINDS = ("uniform", "adaptive", "order 2", "order 2 adaptive")
+"""Of rows, each with its colour: meshes that are halved or follow the bound, order one or two."""
 
 TARGETS = {
-    "lshape": 3.71e-4,
-    "wrench": 2.28e-5,
-    "sphere": 3e-3,
-    "lshape order 2": 1e-6,
-    "wrench order 2": 5e-8,
+    ("lshape", "adaptive"): 3.71e-4,
+    ("wrench", "adaptive"): 2.28e-5,
+    ("sphere", "adaptive"): 3e-3,
+    ("lshape", "order 2 adaptive"): 1e-6,
+    ("wrench", "order 2 adaptive"): 5e-8,
 }
 """Errors where adaptive runs end: of order one in the plane those on the finest uniform meshes."""
 
@@ -67,9 +65,6 @@ STRAIN_ENERGIES = {"lshape": 0.1366, "wrench": 0.0026, "sphere": 0.238}
 
 STARTS = {"lshape": 225, "wrench": 245, "sphere": 55}
 """Nodes of the meshes where they begin."""
-
-KINDS = ("uniform", "adaptive", "order 2", "order 2 adaptive")
-"""Of curves in the picture, each with its colour."""
 
 ASYMPTOTIC = 400
 """Nodes from which rates are measured."""
@@ -81,72 +76,56 @@ COARSEST = {"lshape": 33, "wrench": 75}
 """Nodes of the meshes where the runs begin that are drawn."""
 
 
-def beside_limit(label: str, nodes: int, energy: float, bound: float, **more: object) -> dict:
-    """A bound beside the error J - inf J of an example."""
-    error = energy - LIMITS[label.split()[0]]
-    parts = {"error": error, "bound": bound, "effectivity": bound / error}
-    return {"example": label, "nodes": nodes, **parts, **more}
+def beside_limit(body: str, nodes: int, energy: float, bound: object, **more: object) -> dict:
+    """A bound, ``error_bound`` or a mesh of ``solve_to``, beside the error J - inf J."""
+    error = energy - LIMITS[body]
+    parts = {"error": error, "bound": bound.total, "effectivity": bound.total / error}
+    return {"nodes": nodes, **parts, "relative": bound.relative, **more}
 
 
-def bounded_example(label: str, nodes: int) -> Problem:
+def bounded_example(body: str, kind: str, nodes: int) -> Problem:
     """An example on the mesh of its family with so many nodes."""
-    name = label.split()[0]
-    if label.endswith(ORDER_2):
-        return replace(example(name, nodes), order=2)
-    if name in FAMILIES:
-        return example(name, nodes)
-    if name == "sphere":
-        return indented_block((55, *SOLIDS[name]).index(nodes))
-    yield_stress, data = CUBES[name]
+    if body in FAMILIES:
+        return replace(example(body, nodes), order=2 if "order 2" in kind else 1)
+    if body == "sphere":
+        return indented_block((55, *SOLIDS[body]).index(nodes))
+    yield_stress, data = CUBES[body]
     cells = round(nodes ** (1 / 3)) - 1
     mesh = block.structured_mesh(cells, cells, cells, simplices=True)
     elastic = {"lame_lambda": 1.5e3, "lame_mu": 1e3, "yield_stress": yield_stress}
     return Problem(mesh, Material.kinematic(**elastic, hardening=1e2), **data)
 
 
-def on_uniform_mesh(name: str, nodes: int) -> dict:
+def on_uniform_mesh(body: str, kind: str, nodes: int) -> dict:
     """The record of a mesh of a family."""
-    problem, start = bounded_example(name, nodes), time.process_time()
-    result = semismooth_newton(problem)
+    problem = bounded_example(body, kind, nodes)
+    result, told = timed(lambda: semismooth_newton(problem))
     solved = time.process_time()
     bound = error_bound(result)
-    return beside_limit(
-        name,
-        nodes,
-        bound.energy,
-        bound.total,
-        relative=bound.relative,
-        steps=result.iterations,
-        seconds=solved - start,
-        bound_seconds=time.process_time() - solved,
-    )
+    spent = {"cpu_s": told["cpu_s"], "bound_cpu_s": time.process_time() - solved}
+    return beside_limit(body, nodes, bound.energy, bound, steps=result.iterations, **spent)
 
 
-def on_adaptive_meshes(label: str, nodes: int) -> dict:
-    """The record of a whole run to the error in ``TARGETS``, its meshes as "history"."""
-    run: list[MeshRecord] = []
-    name = label.split()[0]
-    least, asked = LIMITS[name], TARGETS[label] / STRAIN_ENERGIES[name]
+def on_adaptive_meshes(body: str, kind: str, nodes: int) -> list[dict]:
+    """A run to the error in ``TARGETS``: a record for each mesh, steps and time from the first."""
+    run: list[dict] = []
+    target, begin = TARGETS[body, kind], time.process_time()
 
-    def note(record: MeshRecord) -> None:
-        run.append(record)
-        if record.energy - least <= TARGETS[label]:
+    def note(mesh: MeshRecord) -> None:
+        steps = mesh.iterations + (run[-1]["steps"] if run else 0)
+        seconds = time.process_time() - begin
+        run.append(beside_limit(body, mesh.nodes, mesh.energy, mesh, steps=steps, cpu_s=seconds))
+        if run[-1]["error"] <= target:
             raise StopIteration
 
-    start = time.process_time()
-    solve_to(bounded_example(label, nodes), asked, monitor=note)
-    last = run[-1]
-    return beside_limit(
-        label + ADAPTIVE,
-        last.nodes,
-        last.energy,
-        last.total,
-        relative=last.relative,
-        steps=sum(record.iterations for record in run),
-        seconds=time.process_time() - start,
-        bound_seconds=0.0,
-        history=[[r.nodes, r.energy - least, r.total] for r in run],
-    )
+    asked = target / STRAIN_ENERGIES[body]
+    solve_to(bounded_example(body, kind, nodes), asked, monitor=note)
+    return run
+
+
+def label_of_row(record: dict) -> str:
+    """What a row of the table is called."""
+    return f"{record['body']} {record['kind']}".removesuffix(" uniform")
 
 
 @dataclass(eq=False)
@@ -154,39 +133,41 @@ class Bounds(Work):
     """All examples on ``levels`` meshes of their families, and on meshes that follow the bound."""
 
     levels: int = 3
-    figures: bool = False
 
     name, title = "bounds", "Guaranteed bounds of the energy error"
     columns = (
-        ("example", "{example}"),
+        ("example", label_of_row),
         ("nodes", "{nodes}"),
         ("energy error", "{error:.3g}"),
         ("bound", "{bound:.3g}"),
         ("bound / error", "{effectivity:.3f}"),
         ("of the strain energy", lambda r: f"{100 * r['relative']:.2g} percent"),
         ("Newton steps", "{steps}"),
-        ("CPU s", "{seconds:.2f}"),
-        ("bound, CPU s", lambda r: "with it" if "history" in r else f"{r['bound_seconds']:.2f}"),
+        ("CPU s", "{cpu_s:.2f}"),
+        ("bound, CPU s", lambda r: f"{r['bound_cpu_s']:.2f}" if "bound_cpu_s" in r else "with it"),
     )
-    internal = ("history",)
 
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[dict]:
         """Families of meshes, in space three at most, and adaptive runs from a coarse one."""
-        plane = [
-            Cell(name + order, nodes)
-            for order in ("", ORDER_2)
-            for name in FAMILIES
-            for nodes in first_of(FAMILIES[name], self.levels)
+        rows = [
+            (body, kind, nodes)
+            for kind in ("uniform", "order 2")
+            for body in FAMILIES
+            for nodes in first_of(FAMILIES[body], self.levels)
         ]
-        solid = [Cell(name, n) for name, family in SOLIDS.items() for n in family[: self.levels]]
-        followed = [Cell(label + ADAPTIVE, STARTS[label.split()[0]]) for label in TARGETS]
-        return plane + solid + followed
+        rows += [(b, "uniform", n) for b, family in SOLIDS.items() for n in family[: self.levels]]
+        rows += [(body, kind, STARTS[body]) for body, kind in TARGETS]
+        return [{"body": body, "kind": kind, "nodes": nodes} for body, kind, nodes in rows]
 
-    def solve(self, cell: Cell) -> dict:
+    def solve(self, body: str, kind: str, nodes: int) -> dict | list[dict]:
         """One mesh, or a run of adaptive ones."""
-        if cell.row.endswith(ADAPTIVE):
-            return on_adaptive_meshes(cell.row.removesuffix(ADAPTIVE), cell.nodes)
-        return on_uniform_mesh(cell.row, cell.nodes)
+        solve = on_adaptive_meshes if (body, kind) in TARGETS else on_uniform_mesh
+        return solve(body, kind, nodes)
+
+    def told(self, records: Sequence[dict]) -> list[dict]:
+        """Uniform meshes, and the last one of adaptive runs."""
+        last = {label_of_row(r): r for r in records if "bound_cpu_s" not in r}
+        return [*(r for r in records if "bound_cpu_s" in r), *last.values()]
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """Where the errors come from, and how fast they fall."""
@@ -196,17 +177,15 @@ class Bounds(Work):
             f"The error is J - inf J, with inf J = {least}.",
             "Adaptive: all meshes and bounds from the first one on, until the error is that of "
             f"{FAMILIES['lshape'][-1]} and {FAMILIES['wrench'][-1]} nodes of order one, "
-            f"{TARGETS['lshape order 2']:g} and {TARGETS['wrench order 2']:g} with order two, "
-            f"{TARGETS['sphere']:g} for the sphere on a block.",
+            f"{TARGETS['lshape', KINDS[3]]:g} and {TARGETS['wrench', KINDS[3]]:g} with order two, "
+            f"{TARGETS['sphere', KINDS[1]]:g} for the sphere on a block.",
             "In space h/mu = 0.1; elastic, pressed and plastic are cubes that are pulled, indented "
             "and pulled beyond yield.",
             f"The error falls like nodes to the power of minus: {', '.join(rates)}.",
         ]
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
-        """Rates, and meshes that follow the bound, if they were asked for."""
-        if not self.figures:
-            return []
+        """Rates, and meshes that follow the bound."""
         drawn = {"rates": draw_rates(records)}
         drawn |= {f"{name}_meshes": draw_meshes(name) for name in COARSEST}
         return [save_figure(f, self.folder / f"bounds_{name}.png") for name, f in drawn.items()]
@@ -216,19 +195,18 @@ def curves_of(records: Sequence[dict]) -> dict[str, np.ndarray]:
     """Columns nodes, error and bound for each family of meshes."""
     curves: dict[str, list] = {}
     for r in records:
-        found = r["history"] if "history" in r else [[r["nodes"], r["error"], r["bound"]]]
-        curves.setdefault(r["example"], []).extend(found)
-    return {name: np.array(curve) for name, curve in curves.items() if len(curve) > 1}
+        curves.setdefault(label_of_row(r), []).append([r["nodes"], r["error"], r["bound"]])
+    return {label: np.array(curve) for label, curve in curves.items() if len(curve) > 1}
 
 
 def rates_of(records: Sequence[dict]) -> dict[str, float]:
     """Minus the slope of the error over nodes, both logarithmic, from ASYMPTOTIC nodes on."""
-    rates = {}
-    for name, curve in curves_of(records).items():
-        late = np.log(curve[curve[:, 0] >= ASYMPTOTIC])
-        if len(late) > 1:
-            rates[name] = -float(np.polyfit(late[:, 0], late[:, 1], 1)[0])
-    return rates
+    late = {label: np.log(c[c[:, 0] >= ASYMPTOTIC]).T for label, c in curves_of(records).items()}
+    return {
+        label: -float(np.polyfit(nodes, error, 1)[0])
+        for label, (nodes, error, _) in late.items()
+        if len(nodes) > 1
+    }
 
 
 @styled
@@ -237,14 +215,12 @@ def draw_rates(records: Sequence[dict]) -> Picture:
     figure = Picture(figsize=(12.0, 3.6), layout="constrained")
     titles = TITLES | {"sphere": "Sphere on a block"}
     panels = dict(zip(titles, figure.subplots(1, 3), strict=True))
-    for name, (nodes, error, bound) in ((n, c.T) for n, c in curves_of(records).items()):
-        if name in CUBES:
-            continue
-        body, _, kind = name.partition(" ")
-        axes, label = panels[body], kind or "uniform"
-        style = {"color": COLOURS[KINDS.index(label)]}
-        axes.loglog(nodes, bound, "-", marker="", label=label, **style)
-        axes.loglog(nodes, error, "o", ms=3, **style)
+    for label, (nodes, error, bound) in ((n, c.T) for n, c in curves_of(records).items()):
+        body, _, kind = label.partition(" ")
+        if body in panels:
+            style = {"color": COLOURS[KINDS.index(kind or "uniform")]}
+            panels[body].loglog(nodes, bound, "-", marker="", label=kind or "uniform", **style)
+            panels[body].loglog(nodes, error, "o", ms=3, **style)
     for name, axes in panels.items():
         axes.set(title=titles[name], xlabel="nodes", ylabel="bound (lines), error (dots)")
         axes.legend(frameon=False, loc="lower left")

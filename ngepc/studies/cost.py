@@ -12,10 +12,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
-from pathlib import Path
 from statistics import fmean, median
 
 import numpy as np
@@ -35,8 +32,8 @@ from ngsolve import (  # fmt: skip
 from ngepc.dual.newton import NewtonOptions
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord
-from ngepc.studies.examples import coarse_start, example, solved_by
-from ngepc.studies.work import Cell, Work, chosen, first_of, steps
+from ngepc.studies.examples import coarse_start, example, in_own_process, peak_memory, solved_by
+from ngepc.studies.work import Work, chosen, first_of, steps
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
 """Meshes of Example (a): the paper's from 1601 on, and the next two bisections."""
@@ -116,15 +113,6 @@ def measure(mode: str, nodes: int) -> dict:
     }
 
 
-def peak_memory() -> float | None:
-    """Peak resident memory of this process (MB), None where Linux does not tell."""
-    status = Path("/proc/self/status")
-    if not status.is_file():
-        return None
-    peak = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-    return int(peak.split()[1]) / 1024
-
-
 def growth(cells: Sequence[dict]) -> float:
     """The exponent a in step_seconds ~ nodes^a, by least squares; NaN for fewer than two."""
     if len(cells) < 2:
@@ -158,16 +146,15 @@ class Cost(Work):
     def __post_init__(self) -> None:
         self.modes, self.nodes = chosen(MODES, self.modes), first_of(NODES, self.levels)
 
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[dict]:
         """The meshes of each method."""
         fewer = self.nodes[: max(1, self.levels - 2)]
-        return [Cell(m, n) for m in self.modes for n in (fewer if m == ORDER_2 else self.nodes)]
+        meshes = {mode: fewer if mode == ORDER_2 else self.nodes for mode in self.modes}
+        return [{"mode": mode, "nodes": n} for mode, family in meshes.items() for n in family]
 
-    def solve(self, cell: Cell) -> dict:
+    def solve(self, mode: str, nodes: int) -> dict:
         """A measurement in a new process."""
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            found = pool.submit(measure, cell.row, cell.nodes).result()
-        return {"mode": cell.row, "nodes": cell.nodes, **found}
+        return in_own_process(measure, mode, nodes)
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """How it was measured, growth, and the part of the primal method's time."""

@@ -1,31 +1,37 @@
-"""Newton steps over meshes: Tables 1 and 2 of the paper, and the default method beside them.
+"""Newton steps over meshes: Tables 1 and 2 of the paper, and the default method in all its places.
 
-Rows are numbers (the paper's method at that gamma), 'default' and 'primal'; a star marks nested
-iteration, each mesh started from the solution on the next coarser one.
+Rows of the paper's tables are numbers (its method at that gamma), 'default' and 'primal'; a star
+marks nested iteration, each mesh started from the solution on the next coarser one.  The table of
+the default method has small hardening and solids beside, and GetFEM 5.4.2 as it was measured.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
-from matplotlib.figure import Figure
-
-from ngepc.bounds.bound import error_bound
 from ngepc.dual.newton import NewtonOptions
-from ngepc.pictures.curves import plot_counts, plot_history
-from ngepc.pictures.fields import plot_comparison
-from ngepc.pictures.report import solution_sections, standard_figures, write_report
+from ngepc.geometries import block
+from ngepc.model.problem import Problem
+from ngepc.pictures.curves import plot_counts
 from ngepc.pictures.style import save_figure
-from ngepc.results import records as texts
 from ngepc.results.result import Result
-from ngepc.studies.examples import BODIES, FAMILIES, THRESHOLDS, TITLES, example, solved_by
+from ngepc.studies.examples import (
+    BODIES,
+    FAMILIES,
+    TITLES,
+    coarse_start,
+    example,
+    nested,
+    solved_by,
+    timed,
+)
+from ngepc.studies.large import LAME_MU, indented_block, pressed
 from ngepc.studies.paper import TABLE_1, TABLE_2
-from ngepc.studies.runs import restore
-from ngepc.studies.work import Cell, Work, chosen, ending, first_of, pivoted
+from ngepc.studies.work import Work, chosen, ending, first_of, pivoted, steps
 
 OWN_ROWS = ("default", "default*", "primal", "primal*")
 ALWAYS_ONE_STEP = 1e2
@@ -43,7 +49,6 @@ class CountTable(Work):
     levels: int = 3
     rows: Sequence[str] | None = None
     tolerance: float = 1e-10
-    figures: bool = False
 
     body: ClassVar[str]
     paper: ClassVar[Mapping[str, Sequence[int]]]
@@ -55,87 +60,60 @@ class CountTable(Work):
         "Tolerance {study.tolerance:g}, {study.options.quadrature_points} quadrature points per "
         "triangle for the paper's rows."
     )
-    settings, internal = ("tolerance",), ("history",)
 
     def __post_init__(self) -> None:
-        self.family = (BODIES[self.body].COARSE_NODES, *FAMILIES[self.body])
         self.nodes = first_of(FAMILIES[self.body], self.levels)
         self.example, self.title = TITLES[self.body], f"Table {self.name[-1]}"
         heads = [f"{n} nodes" for n in self.nodes]
         self.columns = [("gamma", "{row}"), *((head, f"{{{head}}}") for head in heads)]
         self.rows = chosen([*self.paper, *OWN_ROWS], self.rows or [*self.paper, "default"])
         self.options = NewtonOptions(tolerance=self.tolerance, max_iterations=2000)
-        self._results: dict[Cell, Result] = {}
 
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[dict]:
         """All rows on one mesh after the other."""
-        return [Cell(row, nodes) for nodes in self.nodes for row in self.rows]
+        meshes = [{"nodes": nodes, "tolerance": self.tolerance} for nodes in self.nodes]
+        return [{"row": row, **mesh} for mesh in meshes for row in self.rows]
 
-    def result(self, cell: Cell) -> Result:
-        """A cell with all its fields: the paper's method from its dual variable, others again."""
-        if cell not in self._results:
-            gamma = gamma_of(cell.row)
-            found = self._solved(cell) if math.isinf(gamma) else self._restored(cell, gamma)
-            self._results[cell] = found
-        return self._results[cell]
-
-    def start_of(self, cell: Cell) -> Cell | None:
-        """The cell whose solution a cell starts from, None for zero."""
-        place = self.family.index(cell.nodes)
-        nested = cell.row.endswith("*") and place > 0
-        return Cell(cell.row, self.family[place - 1]) if nested else None
-
-    def paper_value(self, cell: Cell) -> int | None:
-        """The paper's count for a cell, None where it has none."""
-        counts = self.paper.get(cell.row, ())
-        return dict(zip(self.family[1:], counts, strict=False)).get(cell.nodes)
-
-    def told(self, records: Sequence[dict]) -> list[dict]:
-        """Rows over meshes."""
-        return pivoted(records, ("row",), "{nodes} nodes", entry)
-
-    def draw(self, records: Sequence[dict]) -> list[Path]:
-        """Pictures and a page about the finest mesh, if they were asked for."""
-        if not self.figures:
-            return []
-        row = "default" if "default" in self.rows else max(self.rows, key=gamma_of)
-        cell, bounds = Cell(row, self.nodes[-1]), THRESHOLDS[self.body]
-        histories = {f"{n} nodes": self.result(Cell(row, n)).history for n in self.nodes}
-        beside = regularised_beside(self, cell)
-        curves = {
-            f"{self.name}_steps": counts_figure(self, records),
-            f"{self.name}_residuals": plot_history(histories, tolerance=self.tolerance),
-        }
-        fields = standard_figures(self.result(cell), bounds) | beside
-        figures = {f"{self.body}_{name}": figure for name, figure in fields.items()} | curves
-        drawn = [save_figure(f, self.folder / f"{name}.png") for name, f in figures.items()]
-        return [*drawn, write_page(self, cell, records, [*beside.values(), *curves.values()])]
-
-    def solve(self, cell: Cell) -> dict:
-        """Solve, and keep the dual variable of the paper's method."""
-        result = self._results[cell] = self._solved(cell)
+    def solve(self, row: str, nodes: int, tolerance: float) -> dict:
+        """One run, and the paper's count."""
+        result = self.result(row, nodes)
         names = ("iterations", "primal_energy", "dual_energy", "residual_norm")
-        record = {
-            "row": cell.row,
-            "nodes": cell.nodes,
-            "paper": self.paper_value(cell),
+        return {
+            "paper": dict(zip(FAMILIES[self.body], self.paper.get(row, ()), strict=False)).get(
+                nodes
+            ),
             "status": result.status.label,
             **{name: getattr(result, name) for name in names},
             "halvings": result.history.halvings,
-            "history": result.history.as_rows(),
         }
-        own = math.isinf(gamma_of(cell.row))
-        return record if own else record | {"v": result.v.FV().NumPy().copy()}
 
-    def _solved(self, cell: Cell) -> Result:
-        start = self.start_of(cell)
-        begin = None if start is None else self.result(start)
-        return solved_by(cell.row.rstrip("*"), example(self.body, cell.nodes), begin, self.options)
+    def result(self, row: str, nodes: int) -> Result:
+        """Nested, or from where the paper starts."""
+        method, problem = row.rstrip("*"), example(self.body, nodes)
+        if row.endswith("*"):
+            return nested(self.body, method, nodes, self.options)
+        coarse = self.body == "lshape" and math.isfinite(gamma_of(row))
+        start = coarse_start(self.body, method, self.options) if coarse else None
+        return solved_by(method, problem, start, self.options).or_interrupted()
 
-    def _restored(self, cell: Cell, gamma: float) -> Result:
-        (kept,) = self.kept(cell)
-        run = kept["status"], kept["history"]
-        return restore(example(self.body, cell.nodes), gamma, kept["v"], self.options, *run)
+    def told(self, records: Sequence[dict]) -> list[dict]:
+        """Rows over meshes."""
+        return pivoted(records, ("row",), "{nodes} nodes", beside_paper)
+
+    def draw(self, records: Sequence[dict]) -> list[Path]:
+        """Steps over nodes, the paper's dashed; rows of an elastic body are named in the title."""
+        rows = [row for row in self.rows if gamma_of(row) > ALWAYS_ONE_STEP] or self.rows
+        curves: tuple[dict, dict] = {}, {}
+        for r in (r for r in records if r["row"] in rows):
+            for steps_of, key in zip(curves, ("iterations", "paper"), strict=True):
+                if r[key] is not None:
+                    steps_of.setdefault(label_of(r["row"]), {})[r["nodes"]] = r[key]
+        figure = plot_counts(*curves)
+        if left_out := [row for row in self.rows if row not in rows]:
+            most = max(r["iterations"] for r in records if r["row"] in left_out)
+            title = f"not drawn: gamma = {', '.join(left_out)}, at most {most} steps"
+            figure.axes[0].set_title(title, loc="left", fontsize="medium")
+        return [save_figure(figure, self.folder / f"{self.name}_steps.png")]
 
 
 class Table1(CountTable):
@@ -146,16 +124,6 @@ class Table1(CountTable):
         "The paper's method starts from the prolongated solution on 417 nodes, rows with * from "
         "the next coarser mesh."
     )
-
-    def start_of(self, cell: Cell) -> Cell | None:
-        """For the paper's rows the 417-node solution, which takes steps of ten in gamma."""
-        (coarse, first, *_), gamma = self.family, gamma_of(cell.row)
-        if math.isinf(gamma) or (cell.row.endswith("*") and cell.nodes > first):
-            return super().start_of(cell)
-        if cell.nodes > coarse:
-            return Cell(cell.row.rstrip("*"), coarse)
-        decade = round(math.log10(gamma))
-        return Cell(f"1e{decade - 1}", coarse) if decade > 3 else None
 
 
 class Table2(CountTable):
@@ -168,7 +136,7 @@ class Table2(CountTable):
     )
 
 
-def entry(record: dict) -> str:
+def beside_paper(record: dict) -> str:
     """Ours (paper), with the status where the run did not converge."""
     paper = "" if record["paper"] is None else f" ({record['paper']})"
     return f"{record['iterations']}{paper}{ending(record)}"
@@ -187,59 +155,97 @@ def label_of(row: str) -> str:
     return f"{name}, nested" if row.endswith("*") else name
 
 
-def counts_figure(study: CountTable, table: Sequence[dict]) -> Figure:
-    """Newton steps over nodes, one curve for each row, with the paper's dashed.
+RATIOS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
+HARDENED_NODES = (833, 3201)
+GETFEM = {833: (11, 0.1), 3201: (15, 0.8), 12545: (22, 4.7)}
+"""Nodes of Example (a) -> Newton steps and CPU seconds of GetFEM 5.4.2 with its best parameter."""
 
-    Rows of an elastic body are left out if there are others, and named in the title.
-    """
-    rows = [r for r in study.rows if gamma_of(r) > ALWAYS_ONE_STEP] or study.rows
-    ours = {r: {c["nodes"]: c["iterations"] for c in table if c["row"] == r} for r in rows}
-    paper = {r: {n: study.paper_value(Cell(r, n)) for n in study.nodes} for r in rows}
-    figure = plot_counts(
-        {label_of(row): counts for row, counts in ours.items()},
-        {label_of(row): counts for row, counts in paper.items() if row in study.paper},
+BLOCK_RATIOS = (1e-1, 1e-3)
+BLOCKS = {
+    "tetrahedra": {281: 1, 1745: 2, 12193: 3},
+    "hexahedra": {343: 6, 1728: 11, 12167: 22},
+}
+"""Elements -> nodes -> refinements of a coarse mesh, or cells along an edge."""
+
+NAMES = TITLES | {shape: f"block, {shape}" for shape in BLOCKS}
+
+NOTE = (
+    "Cold starts, nested ones from the next coarser mesh, and the primal method; tolerance 1e-10 "
+    "(relative forces out of balance); CPU seconds of one thread, set-up included. Rows with h / "
+    "mu are Example (a) with other hardening, and a sphere of radius 1 pressed 0.03 into a unit "
+    "cube. GetFEM 5.4.2 with its best parameter: measured earlier, on a quiet machine, not here. "
+    "'stagnated': the residual has come down to its own rounding, which is above 1e-10 there."
+)
+
+
+def problem_of(body: str, nodes: int, ratio: float | None = None) -> Problem:
+    """An example, with the kinematic hardening ``ratio`` mu if given, or a block of BLOCKS."""
+    if body in FAMILIES:
+        problem = example(body, nodes)
+        if ratio is None:
+            return problem
+        hardening = ratio * problem.material.lame_mu
+        return replace(problem, material=replace(problem.material, hardening=hardening))
+    size = BLOCKS[body][nodes]
+    if body == "tetrahedra":
+        return indented_block(size, ratio * LAME_MU)
+    return pressed(block.structured_mesh(size, size, size), ratio * LAME_MU)
+
+
+@dataclass(eq=False)
+class NewtonCounts(Work):
+    """``levels`` meshes of each family, 1 to 6, and blocks, at most 3."""
+
+    levels: int = 3
+
+    name, title = "counts", "Newton steps of the default method"
+    columns = (
+        ("problem", lambda r: NAMES[r["body"]]),
+        ("h / mu", "{hardening:g}"),
+        ("nodes", "{nodes}"),
+        ("steps", lambda r: steps(r["default"])),
+        ("CPU s", "{default[cpu_s]:.2f}"),
+        ("nested: steps", lambda r: steps(r["nested"]) if "nested" in r else ""),
+        ("CPU s", "{nested[cpu_s]:.2f}"),
+        ("primal: steps", lambda r: steps(r["primal"])),
+        ("CPU s", "{primal[cpu_s]:.2f}"),
+        ("GetFEM: steps", "{getfem[0]}"),
+        ("CPU s", "{getfem[1]}"),
     )
-    if left_out := [row for row in study.rows if row not in rows]:
-        most = max(c["iterations"] for c in table if c["row"] in left_out)
-        title = f"not drawn: gamma = {', '.join(left_out)}, at most {most} steps"
-        figure.axes[0].set_title(title, loc="left", fontsize="medium")
-    return figure
 
+    def cells(self) -> list[dict]:
+        """Both examples, then small hardening, then blocks."""
+        found = [(b, None, n) for b, f in FAMILIES.items() for n in first_of(f, self.levels)]
+        found += [("lshape", ratio, n) for n in HARDENED_NODES for ratio in RATIOS]
+        blocks = [(e, n) for e, sizes in BLOCKS.items() for n in list(sizes)[: self.levels]]
+        found += [(e, ratio, n) for ratio in BLOCK_RATIOS for e, n in blocks]
+        return [{"body": b, "hardening": ratio, "nodes": n} for b, ratio, n in found]
 
-def regularised_beside(study: CountTable, cell: Cell) -> dict[str, Figure]:
-    """The plastic strain of a cell beside that of the paper's method at the largest gamma there."""
-    regularised = [row for row in study.rows if not math.isinf(gamma_of(row))]
-    if not regularised or not math.isinf(gamma_of(cell.row)):
-        return {}
-    beside = Cell(max(regularised, key=gamma_of), cell.nodes)
-    title = f"the paper's regularised state, gamma = {beside.row.rstrip('*')}"
-    sources = {"the solution (exact)": study.result(cell), title: study.result(beside)}
-    return {"plastic_strain": plot_comparison(sources, "equivalent_plastic_strain")}
+    def solve(self, body: str, hardening: float | None, nodes: int) -> dict:
+        """By all methods that the table shows for it."""
+        problem = problem_of(body, nodes, hardening)
+        found = {m: timed(lambda m=m: solved_by(m, problem))[1] for m in ("default", "primal")}
+        if hardening is None:
+            family = (BODIES[body].COARSE_NODES, *FAMILIES[body])
+            nested(body, "default", family[family.index(nodes) - 1])
+            found["nested"] = timed(lambda: nested(body, "default", nodes))[1]
+            found["getfem"] = GETFEM.get(nodes) if body == "lshape" else None
+        return found
 
+    def succeeded(self, records: Sequence[dict]) -> bool:
+        """Runs that do not converge are part of what is shown."""
+        return bool(records)
 
-def write_page(
-    study: CountTable, cell: Cell, table: Sequence[dict], pictures: Sequence[Figure]
-) -> Path:
-    """Write an HTML page of the counts, pictures and the solution of a cell; returns its path."""
-    result, written = study.result(cell), study.table(table)
-    counts = [dict(zip(written.head, row, strict=True)) for row in written.rows]
-    about = (
-        "Ours, and in parentheses the paper's. Rows named `default` are the default method, "
-        "which solves the problem itself instead of a regularised one."
-    )
-    what = f"{label_of(cell.row)}, {cell.nodes} nodes"
-    (head, body), *more = solution_sections(result, f"The solution: {what}", THRESHOLDS[study.body])
-    if math.isinf(gamma_of(cell.row)):
-        part = f"{100 * error_bound(result).relative:.3g} percent"
-        said = f"Energy error at most {part} of what the body stores and dissipates, guaranteed."
-        study.progress(f"{what}. {said}")
-        body = [said, *body]
-    return write_report(
-        study.folder / f"{study.body}.html",
-        f"Mesh independence: {study.name} of Hintermüller and Rösel",
-        ("The problem", [result.problem]),
-        ("Newton steps", [about, counts, *pictures]),
-        (head, body),
-        *more,
-        footer=", ".join(f"{key} {value}" for key, value in texts.provenance().items()),
-    )
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """How it was measured, how far energies differ, totals of nested iteration."""
+        both = [(r["default"], r["primal"]) for r in records]
+        good = [(a, b) for a, b in both if a["status"] == b["status"] == "converged"]
+        apart = max(abs(a["energy"] / b["energy"] - 1) for a, b in good)
+        found = [f"Energies of the two methods differ by at most {apart:.1e}, relative, where both "
+                 "converge."]  # fmt: skip
+        for body, title in TITLES.items():
+            runs = [r["nested"] for r in records if r["body"] == body and "nested" in r]
+            total = sum(run["iterations"] for run in runs)
+            found.append(f"{title}: {total} nested steps on {len(runs)} meshes, the first one "
+                         f"started from {BODIES[body].COARSE_NODES} nodes.")  # fmt: skip
+        return [NOTE, *found]

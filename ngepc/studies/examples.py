@@ -1,8 +1,14 @@
-"""The paper's examples by name, on their mesh families, and the methods that solve them by name."""
+"""The paper's examples and the methods that solve them by name, and what a solve takes."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.geometries import lshape, wrench
@@ -17,6 +23,8 @@ TITLES = {"lshape": "Example (a)", "wrench": "Example (b)"}
 THRESHOLDS = {"lshape": 0.1, "wrench": 1e-2}
 """The |p|_F above which the paper's Figures 2 and 6 show the plastic zone."""
 FAMILIES = {name: body.PAPER_NODES for name, body in BODIES.items()}
+
+Given, Made = ParamSpec("Given"), TypeVar("Made")
 
 
 @lru_cache(maxsize=16)
@@ -49,10 +57,52 @@ def solved_by(
     return semismooth_newton(problem, gamma, start, options, monitor)
 
 
-def coarse_start(name: str, gamma: float, options: NewtonOptions) -> Result:
-    """The solution for gamma on the coarse mesh of an example, reached in factors of ten."""
-    problem, result = example(name, BODIES[name].COARSE_NODES), None
-    gammas = [g for g in (1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9) if g < gamma]
-    for value in (*gammas, gamma):
-        result = semismooth_newton(problem, value, result, options).or_interrupted()
+@lru_cache(maxsize=8)
+def coarse_start(name: str, method: str | float, options: NewtonOptions | None = None) -> Result:
+    """The solution on the coarse mesh of an example; a gamma is reached in factors of ten."""
+    problem, result, ways = example(name, BODIES[name].COARSE_NODES), None, [method]
+    if method not in ("default", "primal"):
+        ways = [*(10.0**k for k in range(3, 10) if 10.0**k < float(method)), float(method)]
+    for way in ways:
+        result = solved_by(way, problem, result, options).or_interrupted()
     return result
+
+
+@lru_cache(maxsize=8)
+def nested(
+    name: str, method: str | float, nodes: int, options: NewtonOptions | None = None
+) -> Result:
+    """The solution of an example on a mesh, reached through all coarser ones of its family."""
+    family = (BODIES[name].COARSE_NODES, *FAMILIES[name])
+    if nodes == family[0]:
+        return coarse_start(name, method, options)
+    start = nested(name, method, family[family.index(nodes) - 1], options)
+    return solved_by(method, example(name, nodes), start, options).or_interrupted()
+
+
+def timed(solve: Callable[[], Result]) -> tuple[Result, dict]:
+    """A result with its status, Newton steps, energy J and processor time (s), set-up included."""
+    begin = time.process_time()
+    result = solve().or_interrupted()
+    seconds = time.process_time() - begin
+    return result, {
+        "status": result.status.label,
+        "iterations": result.iterations,
+        "energy": result.primal_energy,
+        "cpu_s": seconds,
+    }
+
+
+def in_own_process(work: Callable[Given, Made], *given: Given.args, **more: Given.kwargs) -> Made:
+    """What a function of a module returns in a new process, whose memory is its own."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(work, *given, **more).result()
+
+
+def peak_memory() -> float | None:
+    """Peak resident memory of this process (MB), None where Linux does not tell."""
+    status = Path("/proc/self/status")
+    if not status.is_file():
+        return None
+    peak = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+    return int(peak.split()[1]) / 1024

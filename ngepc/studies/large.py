@@ -1,32 +1,36 @@
-"""Large bodies: a sphere pressed into a block, each mesh started from the one before.
+"""Large bodies: a sphere pressed into a block, by iterative solvers and shared by processes.
 
-Times are processor times of one thread and count everything from the coarsest mesh on, meshes
-included.
+Each mesh is started from the one before.  Times are processor times of one thread, or of each
+process, and count everything from the coarsest mesh on, meshes included, and what a process waits
+for others: MPI waits busily.  With fewer free cores than processes they mean nothing, counts and
+energies do.
 """
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
+from pathlib import Path
 
 from ngsolve import Mesh, sqrt, x, y
 
-from ngepc.discretisation.stiffness import StiffnessBlocks, SymbolicBlocks
 from ngepc.geometries import block
 from ngepc.local.iterative import Iterative
 from ngepc.local.petsc import PETSc
 from ngepc.local.pyamg import PyAMG
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
-from ngepc.local.start import starting_state
-from ngepc.local.system import DiscreteProblem
 from ngepc.model.material import Material
+from ngepc.model.parts import INSTALL, MPI, distribute
 from ngepc.model.problem import Problem
-from ngepc.studies.cost import peak_memory
-from ngepc.studies.work import Cell, Work, steps
+from ngepc.studies.examples import in_own_process, peak_memory
+from ngepc.studies.work import Work, steps
 
 LAME_MU = 1e3
 
@@ -38,20 +42,16 @@ TOLERANCE, MAX_STEPS = 1e-8, 50
 HARDENINGS = (1.0, 0.1, 0.01, 0.001)
 """Values of h/mu."""
 
+SHARED_HARDENING = 0.1
+"""That of bodies which processes share."""
+
 SOLVERS = {"pyamg": PyAMG, "petsc": PETSc}
 
 
 def indented_block(refinements: int, hardening: float = 100.0, order: int = 1) -> Problem:
     """A sphere of radius 1 pressed 0.03 into a unit block; 55, 281, 1745, 12,193, ... nodes.
 
-    Parameters
-    ----------
-    refinements
-        Times that the coarsest mesh is refined.
-    hardening
-        h (stress); mu is 1e3.
-    order
-        Of the displacements.
+    The coarsest mesh is refined so many times; ``hardening`` is h (stress), mu is 1e3.
     """
     mesh = block.mesh(maxh=0.4)
     for _ in range(refinements):
@@ -69,23 +69,9 @@ def pressed(mesh: Mesh, hardening: float, order: int = 1) -> Problem:
 
 
 def solve_large(levels: int, inverse: Iterative, hardening: float = 0.1) -> list[dict]:
-    """Solve on ``levels`` meshes from 281 nodes on.
+    """The records of ``levels`` meshes from 281 nodes on; ``hardening`` is h/mu.
 
-    Parameters
-    ----------
-    levels
-        Number of meshes.
-    inverse
-        ``PETSc()`` or another iterative solver.
-    hardening
-        h/mu.
-
-    Returns
-    -------
-    list of dict
-        One record for each mesh: nodes, status, Newton steps, linear iterations and solves of each,
-        energy, its relative difference to the direct solver's on small meshes, processor time,
-        memory.
+    'difference' is the relative one of the energy to the direct solver's, on small meshes.
     """
     begin, result, records = time.process_time(), None, []
     mesh = block.mesh(maxh=0.4)
@@ -93,7 +79,7 @@ def solve_large(levels: int, inverse: Iterative, hardening: float = 0.1) -> list
         mesh.Refine()
         problem = pressed(Mesh(mesh.ngmesh.Copy()), hardening * LAME_MU)
         result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, inverse, None)
-        about = {"hardening": hardening, "nodes": problem.mesh.nv, **numbers_of(result)}
+        about = {"nodes": problem.mesh.nv, **numbers_of(result)}
         about |= {"cpu_s": time.process_time() - begin, "memory_mb": peak_memory()}
         if problem.mesh.nv <= DIRECT_NODES:
             clock = time.process_time()
@@ -126,21 +112,6 @@ def most_iterations(record: dict) -> str:
     return f"{max((n / max(1, k) for n, k in pairs), default=0.0):.0f}"
 
 
-def assembly_times(refinements: int = 2, repeats: int = 3) -> dict[str, float]:
-    """Processor time to assemble a tangent directly and by symbolic forms, microseconds a cell."""
-    discrete = DiscreteProblem(indented_block(refinements))
-    moduli, found = starting_state(discrete, None).moduli, {}
-    for kind in (StiffnessBlocks, SymbolicBlocks):
-        blocks = kind(discrete.points, discrete.free, discrete.added)
-        blocks.values(moduli)
-        begin = time.process_time()
-        for _ in range(repeats):
-            blocks.values(moduli)
-        spent = time.process_time() - begin
-        found[kind.__name__] = 1e6 * spent / (repeats * discrete.problem.mesh.ne)
-    return found
-
-
 @dataclass(eq=False)
 class Large(Work):
     """``levels`` meshes in a row for each hardening, each started from the one before."""
@@ -149,7 +120,11 @@ class Large(Work):
     solver: str = "pyamg"
 
     name, title = "large", "A sphere pressed into a block, by iterative solvers"
-    settings = ("levels", "solver")
+    note = (
+        f"Solver {{study.solver}}, tolerance {TOLERANCE:g}, nested from 281 nodes; CPU seconds "
+        "from the coarsest mesh on, meshes included; MB: the most that the process has held so "
+        "far; direct: difference of the energies."
+    )
     columns = (
         ("h/mu", "{hardening:g}"),
         ("nodes", "{nodes:,}"),
@@ -162,20 +137,102 @@ class Large(Work):
         ("direct", "{difference:.0e}"),
     )
 
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[dict]:
         """One for each hardening."""
-        return [Cell(f"h over mu {value:g}") for value in HARDENINGS]
+        about = {"solver": self.solver, "levels": self.levels}
+        return [{"hardening": value, **about} for value in HARDENINGS]
 
-    def solve(self, cell: Cell) -> list[dict]:
-        """All meshes for one hardening, in a process of its own: its memory is measured."""
-        inverse, value = SOLVERS[self.solver](), float(cell.row.split()[-1])
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            return pool.submit(solve_large, self.levels, inverse, value).result()
+    def solve(self, hardening: float, solver: str, levels: int) -> list[dict]:
+        """All meshes for one hardening."""
+        return in_own_process(solve_large, levels, SOLVERS[solver](), hardening)
+
+
+LAUNCH = ("mpiexec", "--allow-run-as-root", "--oversubscribe", "-n")
+"""As root and with more processes than cores, as in containers; both are Open MPI's."""
+
+CHILD = "import sys; from ngepc.studies.large import child; child(sys.argv[1], sys.argv[2])"
+
+
+def child(levels: str, path: str) -> None:
+    """What each process of a cell does; process 0 writes the records of all meshes to a file."""
+    world, begin, clock = MPI.COMM_WORLD, time.process_time(), time.perf_counter()
+    mesh, result, records = distribute(block.mesh(maxh=0.4) if world.rank == 0 else None), None, []
+    for _ in range(int(levels)):
+        mesh = mesh.refined()
+        problem = pressed(mesh, SHARED_HARDENING * LAME_MU)
+        result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, PETSc(), None)
+        seconds, wall = time.process_time() - begin, time.perf_counter() - clock
+        own = world.allgather((mesh.nv, seconds, peak_memory()))
+        records.append(
+            {
+                "nodes": mesh.processes.count,
+                **numbers_of(result),
+                "force": result.contact_force,
+                "wall_s": wall,
+                **dict(zip(("own", "cpu_s", "mb"), map(list, zip(*own, strict=True)), strict=True)),
+            }
+        )
+    if world.rank == 0:
+        Path(path).write_text(json.dumps(records), encoding="utf-8")
+
+
+@dataclass(eq=False)
+class Processes(Work):
+    """``levels`` meshes in a row, 5 for 702,081 nodes, for each number of ``counts``."""
+
+    levels: int = 3
+    counts: Sequence[int] = (1, 2, 4, 8)
+
+    name, title = "processes", "A sphere pressed into a block that processes share"
+    columns = (
+        ("nodes", "{nodes:,}"),
+        ("processes", "{processes}"),
+        ("nodes of the largest part", lambda r: f"{max(r['own']):,}"),
+        ("Newton steps", steps),
+        ("CG for a solve", mean_iterations),
+        ("CPU s of a process", lambda r: f"{max(r['cpu_s']):.1f}"),
+        ("of one process", "{ratio:.2f}"),
+        ("wall s", "{wall_s:.0f}"),
+        ("MB of a process", lambda r: f"{max(r['mb']):.0f}"),
+        ("J", "{energy:.12f}"),
+    )
+
+    def cells(self) -> list[dict]:
+        """One for each number of processes."""
+        PETSc()  # says so if it is missing
+        if MPI is None:
+            raise ImportError(INSTALL)
+        return [{"processes": count, "levels": self.levels} for count in self.counts]
+
+    def solve(self, processes: int, levels: int) -> list[dict]:
+        """All meshes on some processes."""
+        mine = ("OMPI_", "PMIX_")  # what an MPI of this process has left
+        clean = {name: value for name, value in os.environ.items() if not name.startswith(mine)}
+        clean["OMPI_MCA_mpi_yield_when_idle"] = "1"  # who waits leaves the core to others
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "records.json"
+            program = [sys.executable, "-m", "mpi4py", "-c", CHILD, str(levels), str(path)]
+            run = subprocess.run([*LAUNCH, str(processes), *program], check=False, env=clean)
+            if run.returncode:
+                raise OSError(f"{processes} processes: mpiexec ended with status {run.returncode}")
+            return json.loads(path.read_text(encoding="utf-8"))
+
+    def told(self, records: Sequence[dict]) -> list[dict]:
+        """A row for each mesh and number of processes, mesh by mesh."""
+        alone = {r["nodes"]: max(r["cpu_s"]) for r in records if r["processes"] == 1}
+        told = [
+            r | ({"ratio": max(r["cpu_s"]) / alone[r["nodes"]]} if r["nodes"] in alone else {})
+            for r in records
+        ]
+        return sorted(told, key=lambda r: (r["nodes"], r["processes"]))
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What the numbers mean."""
+        cores = len(os.sched_getaffinity(0))
         return [
-            f"Solver {self.solver}, tolerance {TOLERANCE:g}, nested from 281 nodes; CPU seconds "
-            "from the coarsest mesh on, meshes included; MB: the most that the process has held so "
-            "far; direct: difference of the energies."
+            f"h/mu {SHARED_HARDENING:g}, tolerance {TOLERANCE:g}, PETSc(), nested from 281 nodes, "
+            f"{cores} cores. CPU, wall and MB are those from the coarsest mesh on and of the "
+            "process with most; of one process: that CPU time over the one of a single process. "
+            f"Waiting counts as CPU: beyond {cores} processes times mean nothing. Weak scaling: "
+            "eight times the processes on the next mesh."
         ]

@@ -18,7 +18,8 @@ from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
-from ngepc.studies.work import Cell, Work, ending, first_of, pivoted
+from ngepc.studies.examples import timed
+from ngepc.studies.work import Work, ending, first_of, pivoted
 
 POISSON = 0.4999
 MEAN = ", mean volume"
@@ -117,27 +118,18 @@ class Locking(Work):
         *((kind, f"{{{kind}}}") for kind in KINDS),
     )
 
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[dict]:
         """All kinds of elements on all meshes of all problems."""
         meshes = [(test, n) for test, (*_, f) in TESTS.items() for n in first_of(f, self.levels)]
-        return [Cell(f"{test}: {kind}", n) for test, n in meshes for kind in KINDS]
+        return [{"problem": t, "elements": kind, "cells": n} for t, n in meshes for kind in KINDS]
 
-    def solve(self, cell: Cell) -> dict:
+    def solve(self, problem: str, elements: str, cells: int) -> dict:
         """One problem on one mesh."""
-        test, _, kind = cell.row.partition(": ")
-        build, number, _ = TESTS[test]
-        quads, order, mean = kind.startswith("Q"), int(kind[1]), kind.endswith(MEAN)
-        problem = build(partial(MakeStructured2DMesh, quads=quads), cell.nodes, order)
-        result = solve_with(problem, mean).or_interrupted()
-        return {
-            "problem": test,
-            "elements": kind,
-            "cells": cell.nodes,
-            "nodes": problem.mesh.nv,
-            "status": result.status.label,
-            "iterations": result.iterations,
-            "value": number(result),
-        }
+        build, number, _ = TESTS[problem]
+        mesh = partial(MakeStructured2DMesh, quads=elements.startswith("Q"))
+        body = build(mesh, cells, int(elements[1]))
+        result, found = timed(lambda: solve_with(body, elements.endswith(MEAN)))
+        return {"nodes": body.mesh.nv, **found, "value": number(result)}
 
     def told(self, records: Sequence[dict]) -> list[dict]:
         """One row for each problem and mesh, one column for each kind of element."""

@@ -23,7 +23,7 @@ from ngepc.pictures.sampling import body_corners
 from ngepc.pictures.style import beside, save_figure
 from ngepc.studies.examples import FAMILIES, THRESHOLDS, example
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
-from ngepc.studies.work import Cell, Work, ending, first_of, steps
+from ngepc.studies.work import Work, ending, first_of, steps
 from ngepc.theory.duality import duality_report
 
 
@@ -73,9 +73,9 @@ class Table3(Work):
         ("inner", lambda r: " ".join(map(str, r["inner_iterations"]))),
         ("last two changes / (tau_out h)",
          lambda r: ", ".join(f"{c / r['outer_bound']:.3f}" for c in r["changes"][-2:] if c)),
-        ("directly at gamma_end", lambda r: steps(r, "direct_")),
+        ("directly at gamma_end", lambda r: steps(r["direct"])),
         ("directly / path",
-         lambda r: f"{r['direct_iterations'] / r['total_inner_iterations']:.2f}"),
+         lambda r: f"{r['direct']['iterations'] / r['total_inner_iterations']:.2f}"),
         ("residual", lambda r: f"{r['residual_norms'][-1]:.1e}"),
         ("V", lambda r: f"{r['path_values'][-1]:.6f}"),
     )  # fmt: skip
@@ -85,32 +85,32 @@ class Table3(Work):
         if c != PathOptions().inner_scale:
             self.name, self.title = f"table3_c{c:g}", f"Table 3 with c = {c:g}"
 
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[dict]:
         """The meshes."""
         meshes = first_of(FAMILIES["wrench"], self.levels)
-        return [Cell(f"c{self.inner_scale:g}", n) for n in meshes]
+        return [{"nodes": n, "inner_scale": self.inner_scale} for n in meshes]
 
-    def solve(self, cell: Cell) -> dict:
+    def solve(self, nodes: int, inner_scale: float) -> dict:
         """A path, and the direct solve at its end: Algorithm 7.1 from v = 0, as precise."""
-        store = self.folder / "cells" / f"{self.name}-{cell.name}.path.npz"
-        path = followed(self, "wrench", cell.nodes, self.options, checkpoint=store)
+        store = self.folder / "cells" / f"{self.name}-{nodes}.path.npz"
+        path = followed(self, "wrench", nodes, self.options, checkpoint=store)
         there = replace(self.options, gamma_start=path.gamma_end, gamma_end=path.gamma_end)
         direct = follow_path(path.last.problem, there).or_interrupted()
-        column, h = FAMILIES["wrench"].index(cell.nodes), mesh_width(path.last.problem.mesh)
+        column, h = FAMILIES["wrench"].index(nodes), mesh_width(path.last.problem.mesh)
         return {
-            "nodes": cell.nodes,
             "h": h,
-            "inner_scale": self.inner_scale,
             "paper": f"{TABLE_3_OUTER[column]}({TABLE_3_INNER[column]})",
             "status": path.status.label,
             **{name: getattr(path, name) for name in PATH},
             "changes": [step.change for step in path.steps],
             "outer_bound": self.options.outer_tolerance * h,
-            "direct_iterations": direct.total_inner_iterations,
-            "direct_status": direct.status.label,
-            "direct_path_value": direct.path_values[-1],
-            "direct_residual_norm": direct.residual_norms[-1],
-            "direct_halvings": direct.steps[-1].halvings,
+            "direct": {
+                "iterations": direct.total_inner_iterations,
+                "status": direct.status.label,
+                "path_value": direct.path_values[-1],
+                "residual_norm": direct.residual_norms[-1],
+                "halvings": direct.steps[-1].halvings,
+            },
         }
 
 
@@ -121,13 +121,12 @@ class BothPaths(Work):
     lshape_nodes: int
     wrench_nodes: int
 
-    def __post_init__(self) -> None:
-        for cell in self.cells():
-            example(cell.row, cell.nodes)
-
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[dict]:
         """A path for each example."""
-        return [Cell("lshape", self.lshape_nodes), Cell("wrench", self.wrench_nodes)]
+        meshes = {"lshape": self.lshape_nodes, "wrench": self.wrench_nodes}
+        for body, nodes in meshes.items():
+            example(body, nodes)
+        return [{"body": body, "nodes": nodes} for body, nodes in meshes.items()]
 
 
 PATHS = {
@@ -208,25 +207,23 @@ class Figures(BothPaths):
         "corner)."
     )
 
-    def solve(self, cell: Cell) -> list[dict]:
+    def solve(self, body: str, nodes: int) -> list[dict]:
         """Follow the path of an example, which keeps itself, and draw figureN.png at its end."""
         folder = self.folder / "cells"
         folder.mkdir(parents=True, exist_ok=True)
-        store, options = folder / f"figures-{cell.name}.npz", PATHS[cell.row]
-        path = followed(self, cell.row, cell.nodes, options, checkpoint=store)
+        store = folder / f"figures-{body}-{nodes}.npz"
+        path = followed(self, body, nodes, PATHS[body], checkpoint=store)
         numbers = {
-            "example": cell.row,
-            "nodes": cell.nodes,
             "gamma": path.gamma_end,
             "status": path.status.label,
             "residual_norm": path.residual_norms[-1],
             "inner_iterations": path.inner_iterations,
-            **field_numbers(path.last, THRESHOLDS[cell.row]),
+            **field_numbers(path.last, THRESHOLDS[body]),
         }
         found = []
-        for number in NUMBERS[cell.row]:
+        for number in NUMBERS[body]:
             file = f"figure{number}.png"
-            save_figure(drawn(number, cell.row, path.last), self.folder / file)
+            save_figure(drawn(number, body, path.last), self.folder / file)
             found.append({"figure": number, "file": file, "shows": CAPTIONS[number], **numbers})
         return found
 
@@ -268,30 +265,29 @@ class Duality(BothPaths):
     gamma_end: float = 1e6
 
     name, title, note = "duality", "Duality", DUALITY_NOTE
-    settings = ("gamma_end",)
     columns = (
-        ("example", "{example}"),
+        ("example", "{body}"),
         ("nodes", "{nodes}"),
         ("gamma", "{gamma:.3g}"),
         *((head, f"{{{part}:.3g}}") for part, head in TERMS.items()),
     )
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         self.options = PathOptions(growth=10.0, gamma_end=self.gamma_end, inner_scale=1e-8)
 
-    def solve(self, cell: Cell) -> list[dict]:
+    def cells(self) -> list[dict]:
+        """A path for each example, to the same gamma."""
+        return [{**cell, "gamma_end": self.gamma_end} for cell in super().cells()]
+
+    def solve(self, body: str, nodes: int, gamma_end: float) -> list[dict]:
         """Follow the path of an example: a record for each gamma."""
         reports: list[dict] = []
 
         def note(result: DualResult) -> None:
             reports.append(asdict(duality_report(result)))
 
-        path = followed(self, cell.row, cell.nodes, self.options, observer=note)
-        about = {"example": cell.row, "nodes": cell.nodes}
+        path = followed(self, body, nodes, self.options, observer=note)
         return [
-            about
-            | {"gamma": s.gamma, "iterations": s.iterations, "status": s.status.label}
-            | report
+            {"gamma": s.gamma, "iterations": s.iterations, "status": s.status.label, **report}
             for s, report in zip(path.steps, reports, strict=False)
         ]

@@ -45,21 +45,8 @@ class Quantity(NamedTuple):
         return abs(self.difference) <= self.tolerance
 
 
-Line = tuple[np.ndarray, np.ndarray]
-
-
-class Curves(NamedTuple):
-    """What says more than a field: x and y of our curves and of points, by name."""
-
-    x: str
-    y: str
-    lines: dict[str, Line]
-    points: dict[str, Line]
-    result: Result | None = None
-
-
-Solved = tuple["Result | Curves", list[Quantity]]
-"""A result, or curves, and the numbers compared."""
+Solved = tuple[Result | None, list[Quantity]]
+"""A result, None for a material point, and the numbers compared."""
 
 
 def metal(
@@ -91,7 +78,7 @@ def nl1() -> Solved:
     """NAFEMS NL1: a point whose strains are all given, in multiples of 0.25e-4."""
     strain: dict[str, object] = dict.fromkeys(("zz", "xy", "xz", "yz"), 0.0)
     strain |= {n: 0.25e-4 * c for n, c in zip(("xx", "yy"), np.transpose(NL1_CORNERS), strict=True)}
-    found, curves, points = [], {}, {}
+    found = []
     for modulus, published in NL1_STRESS.items():
         metal_h = metal(250e3, 0.25, 5.0, isotropic=modulus)
         runs = [material_point(metal_h, strain=strain, steps=n) for n in (50, 100)]
@@ -101,14 +88,7 @@ def nl1() -> Solved:
             Quantity(f"H = {modulus:g}, leg {leg}", p, "P", 0.01, float(ours))
             for leg, (p, ours) in enumerate(zip(published, limit, strict=True), 1)
         ]
-        curves[f"H = {modulus:g}"] = over_legs(runs[1].von_mises, 100)
-        points[f"published, H = {modulus:g}"] = np.arange(1, 9), np.array(published)
-    return Curves("leg", "von Mises stress", curves, points), found
-
-
-def over_legs(values: np.ndarray, steps: int) -> Line:
-    """Values at the end of increments, over the number of the leg, from zero."""
-    return np.arange(len(values) + 1) / steps, np.concatenate([[0.0], values])
+    return None, found
 
 
 TANGENT = 195000 * 1930 / (195000 - 1930)
@@ -121,21 +101,13 @@ TOLERANCE = {"A": 1e-3, "B": 1e-2}
 def pulled(material: Material, corners: str) -> Solved:
     """A point under (sigma_xx, tau_xy) to A and on to B: strains and cumulated plastic strain."""
     xx, xy = np.transpose([STRESS[corner] for corner in corners])
-    run, steps = material_point(material, stress={"xx": xx, "xy": xy}, steps=50), 50
-    told = {
-        "eps_xx": run.strain[:, 0, 0],
-        "eps_xy": run.strain[:, 0, 1],
-        "p": run.accumulated_plastic_strain,
-    }
-    found = [
+    run = material_point(material, stress={"xx": xx, "xy": xy}, steps=50)
+    told = (run.strain[:, 0, 0], run.strain[:, 0, 1], run.accumulated_plastic_strain)
+    return None, [
         Quantity(f"{name} at {corner}", value, "P", TOLERANCE[corner], float(ours[end]))
         for corner, end in zip(corners, run.corners, strict=True)
-        for (name, ours), value in zip(told.items(), STRAIN[corner], strict=True)
+        for name, ours, value in zip(("eps_xx", "eps_xy", "p"), told, STRAIN[corner], strict=True)
     ]
-    ends = np.arange(1, len(corners) + 1).repeat(3)
-    points = {"published": (ends, np.ravel([STRAIN[corner] for corner in corners]))}
-    curves = {name: over_legs(values, steps) for name, values in told.items()}
-    return Curves("leg", "strain", curves, points), found
 
 
 def ssnp15() -> Solved:
@@ -164,20 +136,13 @@ def hill() -> Solved:
     limit = semismooth_newton(blown).raise_for_status()
     found = limit.equilibrium.reactions["left"][0] / (2 * math.pi * 100 * 2)
     quantities = [Quantity("limit pressure", 2 * k * math.log(2), "C", 0.005, float(found))]
-    radii = []
     for pressure in HILL_PRESSURES:
         loaded = replace(free, pressure={"left": pressure})
         state = semismooth_newton(loaded).raise_for_status().state
-        radii.append(float(state.discrete.points.at(X)[state.at.yields].max()))
-    c = np.linspace(100, 200, 101)
-    closed, at = (k * (2 * np.log(r / 100) + 1 - (r / 200) ** 2) for r in (c, np.array(radii)))
-    quantities += [
-        Quantity(f"p at plastic radius {r:.1f}", float(p), "C", 0.005, pressure)
-        for r, p, pressure in zip(radii, at, HILL_PRESSURES, strict=True)
-    ]
-    curves = {"Hill": (c, closed), "limit": (c, np.full_like(c, 2 * k * math.log(2)))}
-    points = {"computed": (np.array(radii), np.array(HILL_PRESSURES))}
-    return Curves("plastic radius", "pressure inside", curves, points, limit), quantities
+        r = float(state.discrete.points.at(X)[state.at.yields].max())
+        closed = k * (2 * math.log(r / 100) + 1 - (r / 200) ** 2)
+        quantities.append(Quantity(f"p at plastic radius {r:.1f}", closed, "C", 0.005, pressure))
+    return limit, quantities
 
 
 def prandtl() -> Solved:

@@ -8,9 +8,10 @@ body that symmetry leaves is meshed towards the contact zone.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from ngsolve import Mesh
@@ -22,9 +23,8 @@ from ngepc.model.material import Material, lame_parameters
 from ngepc.model.obstacles import Sphere
 from ngepc.model.problem import Problem
 from ngepc.results.result import Result
-from ngepc.studies.cost import peak_memory
-from ngepc.studies.examples import solved_by
-from ngepc.studies.work import Cell, Entry, Work, first_of, steps
+from ngepc.studies.examples import peak_memory, solved_by, timed
+from ngepc.studies.work import Entry, Work, first_of, steps
 
 DEPTH, BOUND = 0.01, 400.0
 CELLS = {"tetrahedra": (4, 6, 8, 12, 16), "hexahedra": (4, 6, 8, 12)}
@@ -84,24 +84,19 @@ def compare_methods(problem: Problem) -> dict:
 
     'displacement_difference' is the largest nodal one of the displacements over the depth.
     """
-    found, nodal = {}, []
-    for method in METHODS:
-        clock = time.process_time()
-        result = solved_by(method, problem).or_interrupted()
-        found[method] = _numbers(result) | {"cpu_s": time.process_time() - clock}
-        nodal.append(result.displacement.vec.FV().NumPy().reshape(3, -1))
+    runs = {method: timed(partial(solved_by, method, problem)) for method in METHODS}
+    nodal = [r.displacement.vec.FV().NumPy().reshape(3, -1) for r, _ in runs.values()]
     apart = np.linalg.norm(nodal[0] - nodal[1], axis=0).max()
+    found = {method: of_whole_body(*run) for method, run in runs.items()}
     return found | {"displacement_difference": float(apart / DEPTH)}
 
 
-def _numbers(result: Result) -> dict:
-    """Status, steps, and the numbers of the whole body: forces and energies times four."""
+def of_whole_body(result: Result, told: dict) -> dict:
+    """What ``timed`` tells, and the numbers of the whole body: forces and energies times four."""
     forces = result.nodal_contact_forces
-    return {
-        "status": result.status.label,
-        "iterations": result.iterations,
+    return told | {
+        "energy": 4 * result.primal_energy,
         "contact_force": 4 * result.contact_force,
-        "energy": -4 * result.dual_energy,
         "peak_pressure": float((forces / result.rows.weights).max()),
         "touching": int(np.count_nonzero(forces > 1e-6 * forces.max())),
     }
@@ -109,17 +104,18 @@ def _numbers(result: Result) -> dict:
 
 def solve_refined(cells: int) -> dict:
     """The default method with multigrid on equal cells, nested from the mesh of step-42."""
-    clock, result = time.process_time(), None
+
+    def nested_run() -> Result:
+        result = None
+        for n in (n for n in (4, *HALVED) if n <= cells):
+            problem = step42_problem(equal_cells(n))
+            result = semismooth_newton(problem, start=result, options=options)
+        return result
+
     options = NewtonOptions(inverse=PyAMG(), tolerance=TOLERANCE)
-    for n in (n for n in (4, *HALVED) if n <= cells):
-        result = semismooth_newton(step42_problem(equal_cells(n)), start=result, options=options)
-    found = _numbers(result) | {
-        "energy": 4 * result.primal_energy,
-        "linear_iterations": result.history.column("linear_iterations")[1:],
-        "cpu_s": time.process_time() - clock,
-    }
-    about = {"mesh": REFINED, "cells": cells, "nodes": result.problem.mesh.nv}
-    return {**about, "default": found, "memory_mb": peak_memory()}
+    result, told = timed(nested_run)
+    found = {"nodes": result.problem.mesh.nv, "default": of_whole_body(result, told)}
+    return found | {"memory_mb": peak_memory()}
 
 
 def relative(record: dict, quantity: str) -> float:
@@ -165,26 +161,26 @@ class Step42(Work):
         ("MB", "{memory_mb:.0f}"),
     )
 
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[dict]:
         """Tetrahedra, hexahedra, and the mesh of step-42 itself."""
         first_of(CELLS["tetrahedra"], self.levels)
-        meshes = [Cell(shape, n) for shape, cells in CELLS.items() for n in cells[: self.levels]]
-        refined = HALVED[: max(0, self.levels - 2)]
-        return [*meshes, Cell(OWN, 4), *(Cell(REFINED, n) for n in refined)]
+        meshes = [(shape, n) for shape, family in CELLS.items() for n in family[: self.levels]]
+        meshes += [(OWN, 4), *((REFINED, n) for n in HALVED[: max(0, self.levels - 2)])]
+        return [{"mesh": shape, "cells": n} for shape, n in meshes]
 
-    def solve(self, cell: Cell) -> dict:
-        """Both methods, or the default one, on a mesh, and the change of F from a coarser one."""
-        shape, n = cell.row, cell.nodes
-        if shape == REFINED:
-            found = solve_refined(n)
-            return found | {"change": self._change(found, Cell(REFINED if n > 8 else OWN, n // 2))}
-        graded = quarter_cube.mesh(n, simplices=shape == "tetrahedra")
-        mesh = equal_cells(n) if shape == OWN else graded
-        found = compare_methods(step42_problem(mesh))
-        found = {"mesh": shape, "cells": n, "nodes": mesh.nv, **found}
-        coarser = [Cell(shape, m) for m in CELLS.get(shape, ()) if m < n]
-        return found | {"change": self._change(found, coarser[-1]) if coarser else None}
+    def solve(self, mesh: str, cells: int) -> dict:
+        """Both methods, or the default one, on a mesh."""
+        if mesh == REFINED:
+            return solve_refined(cells)
+        graded = quarter_cube.mesh(cells, simplices=mesh == "tetrahedra")
+        problem = step42_problem(equal_cells(cells) if mesh == OWN else graded)
+        return {"nodes": problem.mesh.nv, **compare_methods(problem)}
 
-    def _change(self, found: dict, coarser: Cell) -> float:
-        (before,) = self.kept(coarser)
-        return abs(found["default"]["contact_force"] / before["default"]["contact_force"] - 1)
+    def told(self, records: Sequence[dict]) -> list[dict]:
+        """The records with the change of F from the next coarser mesh."""
+        told = [dict(record) for record in records]
+        for coarser, record in pairwise(told):
+            if record["mesh"] in (coarser["mesh"], REFINED):
+                after, before = (r["default"]["contact_force"] for r in (record, coarser))
+                record["change"] = abs(after / before - 1)
+        return told

@@ -143,7 +143,7 @@ WORK = {
     "nodes of a figure": (["study", "figures", "--lshape-nodes", "5"], "nodes=5"),
     "nodes of the gap": (["study", "duality", "--wrench-nodes", "5"], "nodes=5"),
     "end of the gap": (["study", "duality", "--gamma-end", "1"], "gamma_end=1.0"),
-    "nodes of the norm gap": (["study", "differentiability", "--nodes", "5"], "nodes=5"),
+    "nodes without a term": (["study", "without_tichonov", "--nodes", "5"], "nodes=5"),
     "levels of the norm gap": (["study", "differentiability", "--levels", "99"], "levels=99"),
     "a row of the benchmarks": (["study", "benchmarks", "--rows", "junk"], "rows=['junk']"),
     "no run to report": (["report", "none.npz"], "no such run"),

@@ -7,6 +7,7 @@ a counterexample.
 import math
 from dataclasses import dataclass, replace
 from itertools import islice
+from operator import itemgetter
 
 import numpy as np
 from campaigns.random_problems import BODIES, Draw, build, draws
@@ -15,7 +16,7 @@ from ngsolve import CF, cos, sin, x, y
 from ngepc import semismooth_newton
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.transfer import bisected, on_mesh
-from ngepc.studies.work import Cell, Work
+from ngepc.studies.work import Work
 
 KINDS = ("order 1", "order 2", "friction", "friction, order 2", "varying loads", "solid")
 """What is drawn: problems as of ``build``, with what the name adds; solids are cubes."""
@@ -124,21 +125,22 @@ class Crossings(Work):
     rows: tuple[str, ...] = KINDS
 
     name, title = "crossings", "Bounds of random problems"
-    settings = ("seed",)
+    columns = tuple((head, itemgetter(head)) for head in HEAD)
 
     def cells(self):
         """The problems by kind and number."""
-        return [Cell(kind, number) for kind in self.rows for number in range(1, self.count + 1)]
+        pairs = [(kind, n) for kind in self.rows for n in range(1, self.count + 1)]
+        return [{"kind": kind, "seed": self.seed, "number": number} for kind, number in pairs]
 
-    def solve(self, cell):
+    def solve(self, kind, seed, number):
         """The verdict on one problem: "refused" for friction that acts where the gap opens."""
-        draw = next(islice(random_draws(self.seed, cell.row), cell.nodes - 1, None))
-        found = {"kind": cell.row, "number": cell.nodes, "refused": False, "nodes": 0}
+        draw = next(islice(random_draws(seed, kind), number - 1, None))
+        found = {"refused": False, "nodes": 0}
         found |= {"margin": math.nan, "effectivity": math.nan, "complaints": ()}
         try:
-            pair = crossing(draw, cell.row, BISECTIONS.get(cell.row, 2))
+            pair = crossing(draw, kind, BISECTIONS.get(kind, 2))
         except Exception as error:  # any other one is a complaint
-            if cell.row.startswith("friction") and "the gap opens" in str(error).replace("\n", " "):
+            if kind.startswith("friction") and "the gap opens" in str(error).replace("\n", " "):
                 return found | {"refused": True}
             return found | {"complaints": (f"{type(error).__name__}: {error}",)}
         found |= {"nodes": pair.bound.problem.mesh.nv, "complaints": tuple(pair.complaints)}
@@ -152,10 +154,10 @@ class Crossings(Work):
             f"bound / error {record['effectivity']:.3g}  {said}"
         )
 
-    def table(self, records):
+    def told(self, records):
         """A row for each kind."""
         rows = [_row(kind, [r for r in records if r["kind"] == kind]) for kind in self.rows]
-        return replace(super().table(records), head=HEAD, rows=rows)
+        return [dict(zip(HEAD, row, strict=True)) for row in rows]
 
     def notes(self, records):
         """What was drawn, and the complaints."""

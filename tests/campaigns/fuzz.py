@@ -12,8 +12,9 @@ Runs that end in another status are honest but counted.
 """
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import islice
+from operator import itemgetter
 
 import numpy as np
 from campaigns.random_problems import BODIES, GAPS, HARDENINGS, build, draws
@@ -23,7 +24,7 @@ from witness import balance_residual, energy, feasible_bound
 from ngepc.dual.newton import semismooth_newton
 from ngepc.primal import primal_newton
 from ngepc.results.outcome import Status
-from ngepc.studies.work import Cell, Work
+from ngepc.studies.work import Work
 
 SLACK = 1e-8
 """Rounding allowed in the comparison of energies, relative to the energies."""
@@ -121,14 +122,15 @@ class Fuzz(Work):
     seed: int = 1
 
     name, title = "fuzz", "Random problems"
+    columns = tuple((head, itemgetter(head)) for head in HEAD)
 
     def cells(self):
         """The problems by number."""
-        return [Cell(f"seed {self.seed}", number) for number in range(1, self.count + 1)]
+        return [{"seed": self.seed, "number": number} for number in range(1, self.count + 1)]
 
-    def solve(self, cell):
+    def solve(self, seed, number):
         """The verdict on one problem."""
-        return examine(next(islice(draws(self.seed), cell.nodes - 1, None)))
+        return examine(next(islice(draws(seed), number - 1, None)))
 
     def line(self, record):
         """One line about a verdict, and one for each complaint and message."""
@@ -142,10 +144,10 @@ class Fuzz(Work):
             + "".join(f"\n    {text}" for text in said)
         )
 
-    def table(self, records):
+    def told(self, records):
         """Counts over groups of problems."""
-        rows = [_row(label, group) for label, group in _groups(records) if group]
-        return replace(super().table(records), head=HEAD, rows=rows)
+        groups = [(label, group) for label, group in _groups(records) if group]
+        return [dict(zip(HEAD, _row(*pair), strict=True)) for pair in groups]
 
     def notes(self, records):
         """What was drawn, what a complaint is, and the complaints."""

@@ -17,7 +17,7 @@ from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import primal_newton
 from ngepc.studies.examples import solved_by
-from ngepc.studies.work import Cell, Work, chosen, pivoted, steps
+from ngepc.studies.work import Work, chosen, pivoted, steps
 
 LAME_MU, YIELD_STRESS = 1e3, 1.25
 SHEAR = 2.5
@@ -125,7 +125,7 @@ class Robustness(Work):
     rows: Sequence[str] | None = None
     limit: int = 200
 
-    name, title, settings = "robustness", "Robustness", ("limit",)
+    name, title = "robustness", "Robustness"
     columns = (("", "{row}"), *((method, f"{{{method}}}") for method in METHODS))
 
     def __post_init__(self):
@@ -133,16 +133,14 @@ class Robustness(Work):
 
     def cells(self):
         """All methods in each row."""
-        return [Cell(f"{row}, {method}") for row in self.rows for method in METHODS]
+        pairs = [(row, method) for row in self.rows for method in METHODS]
+        return [{"row": row, "method": method, "limit": self.limit} for row, method in pairs]
 
-    def solve(self, cell):
+    def solve(self, row, method, limit):
         """One run."""
-        row, method = cell.row.rsplit(", ", 1)
-        result = solve(CASES[row], method, self.limit).or_interrupted()
+        result = solve(CASES[row], method, limit).or_interrupted()
         last = getattr(result, "last", result)
         return {
-            "row": row,
-            "method": method,
             "iterations": result.total_inner_iterations if method == "path" else result.iterations,
             "status": result.status.label,
             "residual": last.residual_norm,

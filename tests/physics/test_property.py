@@ -187,7 +187,7 @@ def test_a_lie_is_found(monkeypatch):
 
 
 def test_study_refuses_a_foreign_checkpoint(tmp_path):
-    kept = tmp_path / "cells" / "fuzz-seed 5-1.npz"
+    kept = tmp_path / "cells" / "fuzz-5-1.npz"
     kept.parent.mkdir()
     kept.write_bytes(b"something else")
     with pytest.raises(ValueError, match="damaged"):

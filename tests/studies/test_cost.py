@@ -13,8 +13,8 @@ from ngepc.studies.cost import (
     Cost,
     StepClock,
     growth,
-    peak_memory,
 )
+from ngepc.studies.examples import peak_memory
 
 
 def cell(nodes, seconds, mode="default"):

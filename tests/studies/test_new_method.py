@@ -8,20 +8,20 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc import semismooth_newton
 from ngepc.__main__ import main
+from ngepc.studies.counts import BLOCKS, NewtonCounts, problem_of
+from ngepc.studies.examples import nested, timed
 from ngepc.studies.locking import KINDS, Locking, cantilever, deflection, solve_with
-from ngepc.studies.newton_counts import BLOCKS, NewtonCounts, nested, problem_of, timed
-from ngepc.studies.work import Cell
 
 
 def test_counts_of_one_mesh(tmp_path):
     study = NewtonCounts(tmp_path, levels=1)
-    record = study.solve(Cell("lshape", 833))
+    (record,) = study.kept(study.cells()[0])
     assert record["nested"]["iterations"] <= record["default"]["iterations"] <= 11
     assert record["default"]["energy"] == pytest.approx(record["primal"]["energy"], rel=1e-12)
-    table = study.table([record])
-    assert table.rows[0][:3] == ["Example (a)", "", "833"]
-    assert table.rows[0][-2:] == ["11", "0.1"]
-    assert "on 1 meshes, the first one started from 417 nodes" in table.notes[2]
+    (row,) = study.entries([record])
+    assert row[:3] == ["Example (a)", "", "833"]
+    assert row[-2:] == ["11", "0.1"]
+    assert "on 1 meshes, the first one started from 417 nodes" in study.notes([record])[2]
 
 
 def test_blocks_have_the_nodes_they_are_called_by():
@@ -36,8 +36,9 @@ def test_hardening_is_the_ratio_to_mu():
 
 
 def test_nested_solution_is_the_cold_one():
-    cold = timed(lambda: semismooth_newton(nested("wrench", 873).problem))
-    assert nested("wrench", 873).primal_energy == pytest.approx(cold["energy"], rel=1e-12)
+    result = nested("wrench", "default", 873)
+    _, cold = timed(lambda: semismooth_newton(result.problem))
+    assert result.primal_energy == pytest.approx(cold["energy"], rel=1e-12)
 
 
 def test_mean_volume_at_one_point_changes_nothing():

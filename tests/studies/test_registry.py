@@ -7,7 +7,7 @@ import pytest
 from ngepc.cli.commands import STUDIES, keyword
 from ngepc.cli.study import study_class
 from ngepc.studies.locking import Locking
-from ngepc.studies.work import Table, Work
+from ngepc.studies.work import Work
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -23,16 +23,33 @@ def test_every_study_takes_its_options(name, tmp_path):
 
 def test_success_looks_at_every_status(tmp_path):
     all_converged = Locking(tmp_path).succeeded
-    assert all_converged([{"status": "converged", "direct_status": "converged"}])
-    assert not all_converged([{"status": "converged", "direct_status": "stagnated"}])
+    assert all_converged([{"status": "converged", "direct": {"status": "converged"}}])
+    assert not all_converged([{"status": "converged", "direct": {"status": "stagnated"}}])
     assert not all_converged([{"primal": {"status": "converged"}, "dual": {"status": "stopped"}}])
 
 
+class Bars(Work):
+    """A study whose names and records need care."""
+
+    name, title, note, columns = "t", "T", "note", (("|u|", "{a}|b"), ("none", "{missing:.3f}"))
+
+    def cells(self):
+        return [{"a": 1}, {"a": "1/2*"}]
+
+    def solve(self, a):
+        return [{"list": [1.5, None], "deep": {"x": 2}, "left out": [{"y": 3}]}]
+
+
 def test_tables_escape_bars_and_flatten_records(tmp_path):
-    cells = [{"a": 1, "list": [1.5, None], "deep": {"x": 2}, "left out": [{"y": 3}]}]
-    table = Table(name="t", title="T", head=["|u|"], rows=[["a|b"]], notes=["note"], cells=cells)
-    csv, markdown, json = table.write(tmp_path / "new")
-    assert csv.read_text() == "a,list,deep_x\n1,1.5 ,2\n"
-    assert r"| \|u\| |" in markdown.read_text()
-    assert r"| a\|b |" in markdown.read_text()
+    work = Bars(tmp_path / "new")
+    csv, markdown, json = work.write(work.run())
+    assert csv.read_text().startswith("a,list,deep_x\n1,1.5 ,2\n")
+    assert "| \\|u\\| | none |\n| --- | --- |\n| 1\\|b |  |" in markdown.read_text()
     assert '"left out"' in json.read_text()
+
+
+def test_a_cell_is_solved_once(tmp_path, monkeypatch):
+    first = Bars(tmp_path).run()
+    assert {path.name for path in (tmp_path / "cells").iterdir()} == {"t-1.npz", "t-1_2_.npz"}
+    monkeypatch.setattr(Bars, "solve", lambda self, a: pytest.fail("solved again"))
+    assert Bars(tmp_path).run() == first

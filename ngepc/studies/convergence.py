@@ -1,4 +1,6 @@
-"""Figure 4: convergence quotients of the last Newton steps on several meshes, both examples.
+"""Section 6 in numbers: Figure 4, the norm gap of Definition 6.1, the Tichonov term left out.
+
+Figure 4 has convergence quotients of the last Newton steps on several meshes of both examples,
 
     Q_j = ||v^(omega-5+j) - v*||_H / ||v^(omega-6+j) - v*||_H,  j = 1, ..., 5,
 
@@ -22,10 +24,12 @@ from matplotlib.axes import Axes
 
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.result import DualResult
+from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem
-from ngepc.pictures.style import beside, line_style, save_figure
+from ngepc.pictures.style import GUIDE, beside, line_style, save_figure
 from ngepc.studies.examples import FAMILIES, TITLES, coarse_start, example
-from ngepc.studies.work import Cell, Work, first_of
+from ngepc.studies.work import Work, first_of
+from ngepc.theory.differentiability import difference_quotients
 
 LAST = 6
 """Iterates that enter the five quotients."""
@@ -46,17 +50,17 @@ def convergence_quotients(
     Returns
     -------
     dict
-        ``gamma``, ``nodes``, ``iterations`` (omega), ``status``; ``quotients`` Q_1, ..., Q_5 (fewer
-        for fewer steps); ``distances`` ||v^j - v*||_H of the last six iterates (stress);
-        ``meaningful``, whether distances are above ten times the rounding;
-        ``reference_residual``, ``rounding``: residual of v*, ||.||_H of the correction there.
+        ``iterations`` (omega), ``status``; ``quotients`` Q_1, ..., Q_5 (fewer for fewer steps);
+        ``distances`` ||v^j - v*||_H of the last six iterates (stress); ``meaningful``, whether
+        distances are above ten times the rounding; ``reference_residual``, ``rounding``: residual
+        of v*, ||.||_H of the correction there.
     """
     options = NewtonOptions() if options is None else options
     duals: list[np.ndarray] = []
     precise = replace(options, tolerance=REFERENCE_TOLERANCE)
     result = semismooth_newton(
         problem, gamma, start, precise, lambda r: duals.append(np.array(r.snapshot().v))
-    )
+    ).or_interrupted()
     residuals = result.history.residual_norms
     reached = [k for k, residual in enumerate(residuals) if residual < options.tolerance]
     omega = reached[0] if reached else len(residuals) - 1
@@ -65,8 +69,6 @@ def convergence_quotients(
     following = duals[min(best + 1, len(duals) - 1)]
     rounding = h_norm(result, following - duals[best]) or result.residual_rounding
     return {
-        "gamma": gamma,
-        "nodes": problem.mesh.nv,
         "iterations": omega,
         "status": "converged" if reached else result.status.label,
         "quotients": [b / a if a > 0 else 0.0 for a, b in pairwise(distances)],
@@ -112,9 +114,8 @@ class Figure4(Work):
         "is in the table). In parentheses: the distance is below ten times the rounding of v*, the "
         "quotient says nothing."
     )
-    settings = ("gamma",)
     columns = (
-        ("example", lambda r: TITLES[r["example"]]),
+        ("example", lambda r: TITLES[r["body"]]),
         ("nodes", "{nodes}"),
         ("steps", "{iterations}"),
         *((f"Q_{j}", quotient(j)) for j in range(1, LAST)),
@@ -122,22 +123,23 @@ class Figure4(Work):
         ("rounding of v*", "{rounding:.1e}"),
     )
 
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[dict]:
         """All meshes of both examples."""
-        return [Cell(name, n) for name, f in FAMILIES.items() for n in first_of(f, self.levels)]
+        meshes = [(body, n) for body, f in FAMILIES.items() for n in first_of(f, self.levels)]
+        return [{"body": body, "nodes": n, "gamma": self.gamma} for body, n in meshes]
 
-    def solve(self, cell: Cell) -> dict:
+    def solve(self, body: str, nodes: int, gamma: float) -> dict:
         """The quotients of one run."""
-        name, options = cell.row, NewtonOptions(max_iterations=2000)
-        start = coarse_start(name, self.gamma, options) if name == "lshape" else None
-        problem = example(name, cell.nodes)
-        return {"example": name, **convergence_quotients(problem, self.gamma, start, options)}
+        options = NewtonOptions(max_iterations=2000)
+        start = coarse_start(body, gamma, options) if body == "lshape" else None
+        return convergence_quotients(example(body, nodes), gamma, start, options)
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """The quotients of both examples beside each other, one curve for each mesh."""
-        groups = {r["example"]: [s for s in records if s["example"] == r["example"]]
-                  for r in records}  # fmt: skip
-        panels = [partial(draw_quotients, name, group) for name, group in groups.items()]
+        panels = [
+            partial(draw_quotients, body, [r for r in records if r["body"] == body])
+            for body in dict.fromkeys(r["body"] for r in records)
+        ]
         return [save_figure(beside(*panels, width=4.2, height=3.2), self.folder / "figure4.png")]
 
 
@@ -147,7 +149,7 @@ def draw_quotients(name: str, records: Sequence[dict], axes: Axes) -> None:
         quotients = np.where(record["meaningful"], record["quotients"], np.nan)
         j = np.arange(LAST - len(quotients), LAST)
         axes.plot(j, quotients, label=f"{record['nodes']} nodes", **line_style(index, LAST))
-    axes.axhline(1.0, color="#808890", linewidth=0.8, linestyle=":")
+    axes.axhline(1.0, color=GUIDE, linewidth=0.8, linestyle=":")
     axes.set(
         yscale="log",
         xticks=range(1, LAST),
@@ -156,3 +158,77 @@ def draw_quotients(name: str, records: Sequence[dict], axes: Axes) -> None:
         title=TITLES[name],
     )
     axes.legend()
+
+
+PAIRS = ("L2_L2", "L6_L2", "H1_dual")
+"""Between which spaces."""
+
+
+@dataclass(eq=False)
+class Differentiability(Work):
+    """Difference quotients for directions on discs of ``levels`` radii."""
+
+    levels: int = 7
+
+    name, title, keeps = "differentiability", "Difference quotients of Definition 6.1", False
+    note = (
+        "||M(q+h) - M(q) - G(q+h) h|| / ||h|| for directions h on shrinking discs: it tends to "
+        "zero between spaces with a norm gap and does not from L2 to L2, docs/differentiability.md."
+    )
+    columns = (
+        ("family", "{family}"),
+        *((key, f"{{{key}:.3g}}") for key in ("radius", "h_L2", "h_L6", "h_H1", *PAIRS)),
+    )
+
+    def cells(self) -> list[dict]:
+        """All radii in one."""
+        return [{"levels": self.levels}]
+
+    def solve(self, levels: int) -> list[dict]:
+        """All quotients."""
+        return difference_quotients(levels)
+
+
+COARSER = (113, 225, 417)
+
+WITHOUT = 1e12
+"""gamma_T of a Tichonov term that no longer acts: what is left is the Moreau-Yosida
+regularisation alone, whose max functions map L2 to L2."""
+
+
+def with_and_without(problem: Problem, gamma: float, options: NewtonOptions | None = None) -> dict:
+    """Newton steps from v = 0 with the Tichonov term, and, named ``_without``, without it."""
+    record: dict = {}
+    kinds = {"": Coupled(gamma), "_without": Coupled(gamma, gamma_tichonov=WITHOUT)}
+    for suffix, kind in kinds.items():
+        result = semismooth_newton(problem, options=options, regularisation=kind).or_interrupted()
+        record[f"iterations{suffix}"] = result.iterations
+        record[f"halvings{suffix}"] = result.history.halvings
+        record[f"status{suffix}"] = result.status.label
+    return record
+
+
+@dataclass(eq=False)
+class WithoutTichonov(Work):
+    """Newton steps with and without the Tichonov term on meshes of Example (a) up to ``nodes``."""
+
+    nodes: int = 1601
+    gamma: float = 1e4
+
+    name, title = "without_tichonov", "Newton steps with and without the Tichonov term"
+    note = "Example (a) from v = 0; without the term the counts grow with the mesh."
+    columns = tuple(
+        (head, f"{{{head}}}")
+        for head in ("nodes", "iterations", "halvings", "status", "iterations_without",
+                     "halvings_without", "status_without")
+    )  # fmt: skip
+
+    def cells(self) -> list[dict]:
+        """The meshes."""
+        example("lshape", self.nodes)
+        meshes = [n for n in (*COARSER, *FAMILIES["lshape"]) if n <= self.nodes]
+        return [{"nodes": n, "gamma": self.gamma} for n in meshes]
+
+    def solve(self, nodes: int, gamma: float) -> dict:
+        """Both counts."""
+        return with_and_without(example("lshape", nodes), gamma)
