@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 from ngsolve import Mesh
 
@@ -19,6 +20,7 @@ from ngepc.bounds.bound import (
 from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.transfer import bisected_to, carried_state, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.local.factors import Factors
 from ngepc.local.newton import primal_dual_newton
@@ -50,7 +52,7 @@ SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Refinement:
+class Refinement(Declared):
     """How meshes follow the bound.
 
     Parameters
@@ -64,15 +66,9 @@ class Refinement:
         Most Newton steps on one mesh.
     """
 
-    marking: float = 0.25
-    max_nodes: int = 200_000
-    max_iterations: int = 100
-
-    def __post_init__(self) -> None:
-        if require_number("marking", self.marking, 0, strict=True) > 1:
-            raise ValueError(f"marking={self.marking!r}: a number in (0, 1] is needed")
-        require_integer("max_nodes", self.max_nodes, 3)
-        require_integer("max_iterations", self.max_iterations, 1)
+    marking: Annotated[float, Check(require_number, least=0, strict=True, most=1)] = 0.25
+    max_nodes: Annotated[int, Check(require_integer, least=3)] = 200_000
+    max_iterations: Count = 100
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ class Check(partial):
 
 
 Number = Annotated[float, Check(require_number)]
+NotNegative = Annotated[float, Check(require_number, least=0)]
 Positive = Annotated[float, Check(require_number, least=0, strict=True)]
 Fraction = Annotated[float, Check(require_number, least=0, strict=True, below=1)]
 Count = Annotated[int, Check(require_integer, least=1)]
@@ -35,16 +36,27 @@ PositiveDatum = Annotated[Coefficient, Check(require_datum, least=0, strict=True
 NotNegativeDatum = Annotated[Coefficient, Check(require_datum, least=0)]
 
 
+def declared_check(hint: object) -> Check | None:
+    """The check in a hint, also in that of an argument that may be None."""
+    parts = (hint, *(part for part in get_args(hint) if get_args(part)))
+    return next((a for part in parts for a in get_args(part) if isinstance(a, Check)), None)
+
+
 def declared_checks(kind: type) -> dict[str, Check]:
     """Name of a field -> its check, for those that have one."""
     hints = get_type_hints(kind, include_extras=True)
-    found = {n: [a for a in get_args(hint) if isinstance(a, Check)] for n, hint in hints.items()}
-    return {name: checks[0] for name, checks in found.items() if checks}
+    found = {name: declared_check(hint) for name, hint in hints.items()}
+    return {name: check for name, check in found.items() if check}
 
 
 class Declared:
-    """A frozen dataclass whose fields are checked, and kept as their checks return them."""
+    """A frozen dataclass whose fields are checked, and kept as their checks return them.
+
+    A field with the default None may be None.
+    """
 
     def __post_init__(self) -> None:
         for name, check in declared_checks(type(self)).items():
-            object.__setattr__(self, name, check(name, getattr(self, name)))
+            value = getattr(self, name)
+            if value is not None or getattr(type(self), name, 0) is not None:
+                object.__setattr__(self, name, check(name, value))

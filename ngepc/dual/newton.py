@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import overload
+from typing import Annotated, overload
 
 from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.dual.algorithm import algorithm_7_1
 from ngepc.dual.blocks import LinearBlocks
@@ -24,7 +25,7 @@ from ngepc.results.outcome import Monitor
 
 
 @dataclass(frozen=True, kw_only=True)
-class NewtonOptions:
+class NewtonOptions(Declared):
     """How Newton's method is run; what is marked (D_gamma) is for regularised problems alone.
 
     Parameters
@@ -48,17 +49,14 @@ class NewtonOptions:
         If an option is out of its range.
     """
 
-    tolerance: float = 1e-10
-    max_iterations: int = 300
-    quadrature_points: int = 400
+    tolerance: Annotated[float, Check(require_number, least=1e-16)] = 1e-10
+    max_iterations: Count = 300
+    quadrature_points: Annotated[int, Check(require_integer, least=1, most=900)] = 400
     linesearch: LineSearch | None = field(default_factory=Armijo)
-    inverse: str | Iterative = "sparsecholesky"
+    inverse: Annotated[str | Iterative, Check(require_solver)] = "sparsecholesky"
 
     def __post_init__(self) -> None:
-        require_number("tolerance", self.tolerance, 1e-16)
-        require_integer("max_iterations", self.max_iterations, 1)
-        require_integer("quadrature_points", self.quadrature_points, 1, 900)
-        require_solver("inverse", self.inverse)
+        super().__post_init__()
         if self.linesearch is not None and not hasattr(self.linesearch, "search"):
             raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Annotated
 
-from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.arguments import require_number
+from ngepc.checks.declared import Check, Count, Declared, Fraction, Positive
 from ngepc.checks.kinds import require_instance
 from ngepc.dual.functional import ResidualNorms
 from ngepc.dual.newton import NewtonOptions
@@ -14,7 +16,7 @@ from ngepc.dual.stopping import ResidualBelow
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathOptions:
+class PathOptions(Declared):
     """How Algorithm 7.2 is run; the defaults are those of Table 3.
 
     Parameters
@@ -48,26 +50,19 @@ class PathOptions:
         If an option is out of its range.
     """
 
-    gamma_start: float = 10.0
-    growth: float = 7.0
-    inner_tolerance: float = 10.0
-    inner_scale: float = 0.1
-    outer_tolerance: float = 0.7
-    gamma_end: float | None = None
-    residual_tolerance: float | None = None
-    reduction: float = 0.5
-    max_outer_iterations: int = 30
+    gamma_start: Positive = 10.0
+    growth: Annotated[float, Check(require_number, least=1, strict=True)] = 7.0
+    inner_tolerance: Positive = 10.0
+    inner_scale: Positive = 0.1
+    outer_tolerance: Positive = 0.7
+    gamma_end: Positive | None = None
+    residual_tolerance: Positive | None = None
+    reduction: Fraction = 0.5
+    max_outer_iterations: Count = 30
     newton: NewtonOptions = field(default_factory=partial(NewtonOptions, max_iterations=1000))
 
     def __post_init__(self) -> None:
-        for name in ("gamma_start", "inner_tolerance", "inner_scale", "outer_tolerance"):
-            require_number(name, getattr(self, name), 0, strict=True)
-        require_number("growth", self.growth, 1, strict=True)
-        if require_number("reduction", self.reduction, 0, strict=True) >= 1:
-            raise ValueError(f"reduction={self.reduction!r}: a number in (0, 1) is needed")
-        require_integer("max_outer_iterations", self.max_outer_iterations, 1)
-        if self.residual_tolerance is not None:
-            require_number("residual_tolerance", self.residual_tolerance, 0, strict=True)
+        super().__post_init__()
         if self.gamma_end is not None:
             require_number("gamma_end", self.gamma_end, self.gamma_start)
             if self.residual_tolerance is not None:

@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple
 from ngsolve import CF, InnerProduct, grad
 from ngsolve.comp import ProxyFunction
 
-from ngepc.checks.arguments import require_number
+from ngepc.checks.declared import Declared, Positive
 from ngepc.checks.kinds import require_instance
 
 
@@ -61,7 +61,7 @@ class FullProduct(SurfaceGradient):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Units:
+class Units(Declared):
     """Reference units in which gamma and the tolerance are plain numbers, docs/units.md.
 
     Parameters
@@ -72,16 +72,12 @@ class Units:
         length = its size.
     """
 
-    stress: float = 1.0
-    length: float = 1.0
-
-    def __post_init__(self) -> None:
-        require_number("units.stress", self.stress, 0, strict=True)
-        require_number("units.length", self.length, 0, strict=True)
+    stress: Positive = 1.0
+    length: Positive = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class DualSpaces:
+class DualSpaces(Declared):
     """What stays along a path in gamma: matrices are assembled for it once.
 
     Parameters
@@ -101,6 +97,7 @@ class DualSpaces:
     units: Units = field(default_factory=Units)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         needed = "SurfaceGradient() or FullProduct()"
         require_instance("tichonov", self.tichonov, SurfaceGradient, needed)
         require_instance("units", self.units, Units, "Units(...)")
@@ -133,14 +130,8 @@ class Coupled(DualSpaces):
         If an argument is out of range or of the wrong kind.
     """
 
-    gamma: float
-    gamma_tichonov: float | None = field(default=None, kw_only=True)
-
-    def __post_init__(self) -> None:
-        require_number("gamma", self.gamma, 0, strict=True)
-        if self.gamma_tichonov is not None:
-            require_number("gamma_tichonov", self.gamma_tichonov, 0, strict=True)
-        super().__post_init__()
+    gamma: Positive
+    gamma_tichonov: Positive | None = field(default=None, kw_only=True)
 
     @property
     def spaces(self) -> DualSpaces:

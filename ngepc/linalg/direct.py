@@ -32,14 +32,14 @@ class FactorisationError(RuntimeError):
     """A linear solver that gave up on a matrix."""
 
 
-def require_solver(name: str, value: object) -> None:
-    """Accept NGSolve's name of a direct solver that is here, or what has a method ``tangent``."""
+def require_solver(name: str, value: object) -> object:
+    """``value``: NGSolve's name of a direct solver that is here, or what has a ``tangent``."""
     if hasattr(value, "tangent") and not isinstance(value, type):
-        return
+        return value
     if not isinstance(value, str) or value not in DIRECT_SOLVERS:
         raise ValueError(f"{name}={value!r}: one of {', '.join(DIRECT_SOLVERS)} is needed")
     if value in SHIPPED:
-        return
+        return value
     one = SparseMatrixd.CreateFromCOO([0], [0], [1.0], 1, 1)
     try:
         one.Inverse(inverse=value)
@@ -48,6 +48,7 @@ def require_solver(name: str, value: object) -> None:
             f"{name}={value!r}: this installation lacks it ({error}); {' and '.join(SHIPPED)} "
             "come with NGSolve"
         ) from error
+    return value
 
 
 def symmetric_inverse(matrix: BaseMatrix, free: BitArray, name: str) -> BaseMatrix:

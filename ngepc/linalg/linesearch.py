@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol
 
 from ngepc.checks.arguments import require_number
+from ngepc.checks.declared import Check, Declared, Fraction
 
 ROUNDING = 1e-13
 
@@ -54,7 +55,7 @@ class LineSearch(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Armijo:
+class Armijo(Declared):
     """phi(alpha) <= phi(0) + slope alpha phi'(0), halving from alpha = 1 (Remark 6.10).
 
     Energies that differ by less than their rounding errors cannot decide.  There the slope
@@ -75,17 +76,9 @@ class Armijo:
         If a parameter is out of its range.
     """
 
-    slope: float = 1e-4
-    shrink: float = 0.5
-    smallest: float = 1e-12
-
-    def __post_init__(self) -> None:
-        for name, most in (("slope", 0.5), ("shrink", 1.0), ("smallest", 1.0)):
-            require_number(name, getattr(self, name), 0, strict=True)
-            if getattr(self, name) >= most:
-                raise ValueError(
-                    f"{name}={getattr(self, name)!r}: a number in (0, {most:g}) is needed"
-                )
+    slope: Annotated[float, Check(require_number, least=0, strict=True, below=0.5)] = 1e-4
+    shrink: Fraction = 0.5
+    smallest: Fraction = 1e-12
 
     def search(self, phi: Descent) -> Step | None:
         """The first accepted step length, None if all are refused; see ``LineSearch``."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
+from ngepc.checks.declared import Check, Declared
 from ngepc.discretisation.stiffness import Blocks, SymbolicBlocks
 from ngepc.linalg.direct import require_solver
 from ngepc.local.factors import Factors, Tangent
@@ -12,7 +14,7 @@ from ngepc.local.system import DiscreteProblem
 
 
 @dataclass(frozen=True, kw_only=True)
-class SymbolicForms:
+class SymbolicForms(Declared):
     """A linear solver whose tangents are assembled by a form of NGSolve, the same but slower.
 
     Parameters
@@ -26,10 +28,7 @@ class SymbolicForms:
         If there is no such solver.
     """
 
-    inverse: str | Iterative = "sparsecholesky"
-
-    def __post_init__(self) -> None:
-        require_solver("inverse", self.inverse)
+    inverse: Annotated[str | Iterative, Check(require_solver)] = "sparsecholesky"
 
     @property
     def forcing(self) -> float | None:

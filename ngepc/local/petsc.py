@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 from zlib import crc32
 
 import numpy as np
 
 from ngepc.checks.arguments import require_integer, require_number
-from ngepc.checks.kinds import require_text
+from ngepc.checks.declared import Check, Count, Declared, Text
 from ngepc.discretisation.balance import Frame
 from ngepc.discretisation.stiffness import Blocks
 from ngepc.local.hierarchy import interpolations, petsc
@@ -35,7 +36,7 @@ SHARED = "-mg_levels_ksp_chebyshev_eigenvalues 0.2,2.0 -mg_coarse_pc_type redund
 
 
 @dataclass(frozen=True, kw_only=True)
-class PETSc:
+class PETSc(Declared):
     """Conjugate gradients with a preconditioner of PETSc, multigrid by default.
 
     Parameters
@@ -58,18 +59,15 @@ class PETSc:
         If an option is out of its range.
     """
 
-    options: str = ""
-    forcing: float = 3e-3
-    patience: int = 0
-    max_iterations: int = 500
+    options: Text = ""
+    forcing: Annotated[float, Check(require_number, least=1e-12)] = 3e-3
+    patience: Annotated[int, Check(require_integer, least=0)] = 0
+    max_iterations: Count = 500
 
     def __post_init__(self) -> None:
         if petsc is None:
             raise ImportError(INSTALL)
-        require_text("options", self.options)
-        require_number("forcing", self.forcing, 1e-12)
-        require_integer("patience", self.patience, 0)
-        require_integer("max_iterations", self.max_iterations, 1)
+        super().__post_init__()
 
     def tangent(self, frame: Frame, blocks: Blocks) -> IterativeTangent:
         """The tangent of a discrete problem."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.declared import Check, Count, Declared
 from ngepc.discretisation.balance import Frame
 from ngepc.discretisation.stiffness import Blocks
 from ngepc.linalg.aggregation import coarse_spaces
@@ -24,7 +26,7 @@ SMOOTHER = ("gauss_seidel", {"sweep": "symmetric", "iterations": 2})
 
 
 @dataclass(frozen=True, kw_only=True)
-class PyAMG:
+class PyAMG(Declared):
     """Conjugate gradients with smoothed aggregation: a wheel, one process, no compiler.
 
     Parameters
@@ -40,16 +42,14 @@ class PyAMG:
         If an option is out of its range.
     """
 
-    forcing: float = 3e-3
-    patience: int = 0
-    max_iterations: int = 500
+    forcing: Annotated[float, Check(require_number, least=1e-12)] = 3e-3
+    patience: Annotated[int, Check(require_integer, least=0)] = 0
+    max_iterations: Count = 500
 
     def __post_init__(self) -> None:
         if pyamg is None:
             raise ImportError("PyAMG() needs pyamg: 'pip install pyamg'")
-        require_number("forcing", self.forcing, 1e-12)
-        require_integer("patience", self.patience, 0)
-        require_integer("max_iterations", self.max_iterations, 1)
+        super().__post_init__()
 
     def tangent(self, frame: Frame, blocks: Blocks) -> IterativeTangent:
         """The tangent of a discrete problem."""

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 from ngsolve import CoefficientFunction, InnerProduct, Region, sqrt
 
-from ngepc.checks.kinds import require_instance, require_mapping, require_text
+from ngepc.checks.declared import Declared, Text
+from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.pictures.sampling import visible
 from ngepc.results.fields import Fields
 
@@ -18,15 +19,11 @@ AXES = "xyz"
 
 
 @dataclass(frozen=True)
-class UnitNames:
+class UnitNames(Declared):
     """Names of the units on axes and colour bars; the data themselves are never converted."""
 
-    length: str = "length"
-    stress: str = "stress"
-
-    def __post_init__(self) -> None:
-        require_text("length", self.length)
-        require_text("stress", self.stress)
+    length: Text = "length"
+    stress: Text = "stress"
 
 
 @dataclass(frozen=True)

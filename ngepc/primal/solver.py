@@ -13,11 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from ngsolve import GridFunction
 
-from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.arguments import require_number
+from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.balance import EPSILON
 from ngepc.discretisation.contact_step import ROUNDING, ContactWork, rival, with_contact
@@ -35,7 +37,7 @@ SLOPE_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, kw_only=True)
-class PrimalOptions:
+class PrimalOptions(Declared):
     """How far ``primal_newton`` iterates.
 
     Parameters
@@ -55,15 +57,9 @@ class PrimalOptions:
         For a value out of its range.
     """
 
-    tolerance: float = 1e-10
-    max_iterations: int = 100
-    inverse: str | object = "sparsecholesky"
-
-    def __post_init__(self) -> None:
-        require_integer("max_iterations", self.max_iterations, 1)
-        if require_number("tolerance", self.tolerance, 1e-13) >= 1:
-            raise ValueError(f"tolerance={self.tolerance!r}: a number < 1 is needed")
-        require_solver("inverse", self.inverse)
+    tolerance: Annotated[float, Check(require_number, least=1e-13, below=1)] = 1e-10
+    max_iterations: Count = 100
+    inverse: Annotated[str | object, Check(require_solver)] = "sparsecholesky"
 
 
 class PrimalStep:

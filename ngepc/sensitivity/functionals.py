@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
 from types import SimpleNamespace
-from typing import NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 from ngsolve import (
@@ -25,6 +25,7 @@ from ngsolve import (
 from ngsolve.comp import SumOfIntegrals
 
 from ngepc.checks.arguments import boundary_names, require_integer, require_vector
+from ngepc.checks.declared import Check, Declared, Text, Vector
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
@@ -104,8 +105,11 @@ NAMES = {slope.__name__[1:]: SimpleNamespace(slope=slope) for slope in _SLOPES}
 """Functionals that a name is enough for."""
 
 
+Component = Annotated[int, Check(require_integer, least=0, most=2)]
+
+
 @dataclass(frozen=True)
-class DisplacementAt:
+class DisplacementAt(Declared):
     """One component of the displacement at a point (length).
 
     Parameters
@@ -116,12 +120,8 @@ class DisplacementAt:
         0, 1 or 2.
     """
 
-    point: Sequence[float]
-    component: int
-
-    def __post_init__(self) -> None:
-        require_vector("point", self.point, (2, 3))
-        require_integer("component", self.component, 0, 2)
+    point: Vector
+    component: Component
 
     def slope(self, state: State) -> Slope:
         """Value and derivatives at a state.
@@ -145,7 +145,7 @@ class DisplacementAt:
 
 
 @dataclass(frozen=True)
-class Reaction:
+class Reaction(Declared):
     """One component of the force of a support on the body (force).
 
     Parameters
@@ -156,12 +156,8 @@ class Reaction:
         0, 1 or 2.
     """
 
-    support: str
-    component: int
-
-    def __post_init__(self) -> None:
-        require_text("support", self.support)
-        require_integer("component", self.component, 0, 2)
+    support: Text
+    component: Component
 
     def slope(self, state: State) -> Slope:
         """Value and derivatives at a state: the work of all forces in a motion of the support.

@@ -10,6 +10,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import Coefficient, is_number
+from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_text
 from ngepc.discretisation.conditions import ContactConditions, at_rows
 from ngepc.discretisation.loads import Supports, applied_forces
@@ -26,7 +27,7 @@ from ngepc.sensitivity.shape import shape_data
 
 
 @dataclass(frozen=True, eq=False)
-class Direction:
+class Direction(Declared):
     """A change of one datum of a problem; derivatives are per unit of it.
 
     Parameters
@@ -43,11 +44,8 @@ class Direction:
         whole; the datum itself for all others, so that the derivative is with respect to a factor.
     """
 
-    datum: str
+    datum: Text
     change: object = None
-
-    def __post_init__(self) -> None:
-        require_text("datum", self.datum)
 
     @property
     def inherited(self) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from ngsolve import CF, CoefficientFunction, Mesh, x
 
 from ngepc.checks.arguments import require_datum, require_integer, require_number
-from ngepc.checks.declared import Check
+from ngepc.checks.declared import Check, declared_check
 from ngepc.checks.kinds import require_flag, require_text
 from ngepc.geometries import lshape
 
@@ -162,9 +162,9 @@ def declared_kinds(check: Check) -> frozenset:
 
 def legal_kinds(hint: object) -> frozenset:
     """Kinds of nonsense that an annotation makes legal: texts for a text, > 0 for a number."""
-    checks = [a for a in typing.get_args(hint) if isinstance(a, Check)]
-    if checks:
-        return declared_kinds(checks[0])
+    check = declared_check(hint)
+    if check:
+        return declared_kinds(check)
     parts = {part for part in parts_of(hint) if part is not type(None)}
     text = str(hint)
     if any(typing.get_origin(part) is typing.get_origin(Callable[[], None]) for part in parts):
