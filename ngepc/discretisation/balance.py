@@ -17,8 +17,7 @@ from ngepc.model.processes import Team
 
 EPSILON = float(np.finfo(float).eps)
 
-TOUCHING = 1e-12
-"""Part of the largest displacement that a gap has to exceed to be open."""
+TOUCHING = 1e-12  # part of the largest displacement that a gap has to exceed to be open
 
 ROUNDING_SCALE = 4e-6
 """Part of |K| |u| that counts as a force where nothing else does, in a body without forces."""
@@ -122,7 +121,10 @@ class Balance:
     @cached_property
     def friction_work(self) -> float:
         """The sum of bound times |slip| (force times length), zero without friction."""
-        return self.frame.contact.friction_work(self.contact, self.gaps, self.touching_distance)
+        contact = self.frame.contact
+        slip = np.linalg.norm(contact.tangential(self.gaps), axis=1)
+        slip = np.where(slip > self.touching_distance, slip, 0.0)
+        return float(contact.sum_of(contact.bound(self.contact) * slip))
 
     @property
     def _processes(self) -> Team:

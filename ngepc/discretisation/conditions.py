@@ -104,8 +104,8 @@ class ContactConditions:
     def springs(self, row_stiffness: np.ndarray) -> np.ndarray:
         """Stiffness of springs that hold rollers in the tangent, 0 for other rows, shape (n,).
 
-        No step from a displacement that is ``on_rollers`` moves them: the springs change nothing,
-        but they hold a body that stands on rollers alone, and make its forces easy to find.
+        No step from a displacement that is ``on_rollers`` moves them, so that they change nothing;
+        but they hold a body that stands on rollers alone.
         """
         springs = np.zeros(len(self))
         springs[self.roller_part] = GRIP * row_stiffness[self.roller_part]
@@ -163,24 +163,12 @@ class ContactConditions:
         mean = np.where(mean > 0, mean, normal)
         return np.concatenate([normal, np.repeat(mean, self.friction.d)])
 
-    def held(
-        self, x: np.ndarray, following: np.ndarray, touches: np.ndarray, sticks: np.ndarray
-    ) -> np.ndarray:
-        """The forces x that do no work: normal ones of rows that stay closed, those that stick."""
-        closed = touches & (self.normal(following) > 0) | self.rows.tied
-        return np.where(np.append(closed, np.repeat(sticks, self.friction.d)), x, 0.0)
-
     def defect(self, x: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """x minus the admissible forces closest to x - k gaps, a force: zero where all holds.
 
         ``pushed`` is k gaps with any stiffness k > 0.
         """
         return x - self.friction.projected(x - pushed)
-
-    def friction_work(self, x: np.ndarray, gaps: np.ndarray, rounding: float) -> float:
-        """The sum of b |slip| over the rows (force times length); less than rounding is no slip."""
-        size = np.linalg.norm(self.tangential(gaps), axis=1)
-        return float(self.sum_of(self.bound(x) * np.where(size > rounding, size, 0.0)))
 
 
 def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone:

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ngepc.discretisation.conditions import ContactConditions
+from ngepc.discretisation.balance import Balance
 from ngepc.linalg.secants import Compliance, solve_by_secants
 
-ROUNDING = 3e-14
-"""Gaps of closed rows below this part of the displacements are zero."""
+ROUNDING = 3e-14  # gaps of closed rows below this part of the displacements are zero
+BESIDE = 1e-3  # where the slope of friction is taken beside a kink, as a part of the step length
 
 EXAMINED, FEW = 600, 60
 """Most forces of rows among which other equilibria are looked for: a solve with factors for each,
@@ -24,26 +24,22 @@ PROBES, DOUBT, EXHAUSTED = 40, 1e-6, 1e-8
 
 Solve = Callable[[np.ndarray], np.ndarray]
 
-BESIDE = 1e-3
-"""Where the slope of friction is taken beside a kink, as a part of the step length."""
-
 
 def with_contact(
-    conditions: ContactConditions,
-    solve: Callable[[np.ndarray], np.ndarray],
-    u: np.ndarray,
-    forces: np.ndarray,
+    here: Balance,
+    solve: Solve,
     change: np.ndarray,
+    forces: np.ndarray,
     compliance: Compliance,
-    row_stiffness: np.ndarray,
     slack: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Newton's step and the forces at its end, where they meet the conditions; None if none do.
 
-    It starts from ``u`` with ``forces`` of the rows; ``change`` is the step that leaves these as
-    they are.  ``solve`` maps nodal forces (nodes, N) to displacements by the tangent, ``slack`` is
-    what the gaps may miss (length), at least their rounding.
+    ``change`` is the step that leaves the ``forces`` of the rows as they are, ``solve`` maps nodal
+    forces (nodes, N) to displacements by the tangent, ``slack`` is what the gaps may miss (length),
+    at least their rounding.
     """
+    conditions = here.frame.contact
 
     def product(more: np.ndarray) -> np.ndarray:
         """What the rows move by more forces, which change the step."""
@@ -52,41 +48,51 @@ def with_contact(
         change = change - answer
         return conditions.displacement(answer)
 
-    gaps = conditions.gaps(u) - conditions.displacement(change)
-    sizes = np.abs(u + change).max(initial=0.0), -conditions.normal(gaps).min(initial=0.0)
+    gaps = here.gaps - conditions.displacement(change)
+    sizes = np.abs(here.u + change).max(initial=0.0), -conditions.normal(gaps).min(initial=0.0)
     slack = max(slack, ROUNDING * float(max(sizes)))
     found = solve_by_secants(conditions.friction, product, compliance, gaps, forces, slack)
     if found is None:
         return None
-    # what the springs of rollers carry is rounding that belongs to these
-    return change, found + conditions.springs(row_stiffness) * conditions.displacement(change)
+    springs = conditions.springs(here.frame.row_stiffness)  # what they carry belongs to rollers
+    return change, found + springs * conditions.displacement(change)
 
 
 def rival(
-    conditions: ContactConditions,
-    solve: Callable[[np.ndarray], np.ndarray],
-    gaps: np.ndarray,
-    forces: np.ndarray,
-    row_stiffness: np.ndarray,
+    here: Balance,
+    solve: Solve,
     most: int,
     stiffened: Callable[[np.ndarray], Solve] | None = None,
 ) -> tuple[bool, str]:
-    """Whether Coulomb's law has other forces at a solution than these, and a sentence about it.
+    """Whether Coulomb's law has other forces at a solution, and a sentence about it.
 
     With ``stiffened``, springs of the rows -> the solver with them, uniqueness is tested first
     (``is_unique``), with the compliance S + 1/springs.  Where it is not proved all rows that press
-    and those closest to it are examined, ``most`` forces at most, each with one solve; other
-    parameters as for ``with_contact``, ``gaps`` those of the solution.
+    and those closest to it are examined, ``most`` forces at most, each with one solve.
     """
+    conditions, gaps, forces = here.frame.contact, here.gaps, here.contact
     cone, processes = conditions.friction, conditions.processes
     if not processes.any(np.isinf(cone.cap) & (cone.coefficient > 0)):
         return False, ""
-    if stiffened is not None and _is_unique(
-        conditions, solve, gaps, forces, SPRINGS * row_stiffness, stiffened
-    ):
-        return False, ""
-    n = conditions.normal(forces)
-    pressing = n - conditions.normal(row_stiffness * gaps)
+
+    def answer(d: np.ndarray) -> np.ndarray:
+        """S d."""
+        return conditions.displacement(solve(conditions.forces(d)))
+
+    if stiffened is not None:
+        springs = SPRINGS * here.frame.row_stiffness
+        held = stiffened(springs)
+        follows = cone.follows(forces, gaps, ROUNDING * np.abs(gaps).max(initial=0.0))
+
+        def stiffness(g: np.ndarray) -> np.ndarray:
+            """(S + 1/springs)^-1 g, by the tangent with springs on the rows (Woodbury)."""
+            d = springs * g
+            return d - springs * conditions.displacement(held(conditions.forces(d)))
+
+        if is_unique(follows, lambda d: answer(d) + d / springs, stiffness):
+            return False, ""
+    n = here.multipliers
+    pressing = n - here.frame.row_stiffness[: len(n)] * here.open_gap
     order = np.argsort(np.where(cone.tied, -np.inf, -pressing), kind="stable")
     rows, left = np.split(order, [most // (cone.d + 1)])
     if processes.size > 1 or (n[left] > 0).any() or cone.tied[left].any():
@@ -95,40 +101,14 @@ def rival(
         return False, why
     chosen = cone.numbers(rows)
     unit = (np.arange(len(forces)) == chosen[:, None]).astype(float)
-    S = np.array([conditions.displacement(solve(conditions.forces(e)))[chosen] for e in unit])
+    S = np.array([answer(e)[chosen] for e in unit])
     other = cone.of(rows).rival(S, gaps[chosen], forces[chosen])
     if other is None:
         return False, ""
     if not np.isfinite(other).all():
         return True, "The Jacobian has a negative determinant, so that there are at least two more."
-    found = other[: len(rows)][~cone.tied[rows]].sum()
-    ours = n[~cone.tied].sum()
+    found, ours = other[: len(rows)][~cone.tied[rows]].sum(), n[~cone.tied].sum()
     return True, f"One of them has the contact force {found:.6g} instead of {ours:.6g}."
-
-
-def _is_unique(
-    conditions: ContactConditions,
-    solve: Solve,
-    gaps: np.ndarray,
-    forces: np.ndarray,
-    springs: np.ndarray,
-    stiffened: Callable[[np.ndarray], Solve],
-) -> bool:
-    """Whether ``is_unique`` holds at a solution."""
-    held = stiffened(springs)
-
-    def compliance(d: np.ndarray) -> np.ndarray:
-        """S d, with springs that make it positive definite."""
-        return conditions.displacement(solve(conditions.forces(d))) + d / springs
-
-    def stiffness(g: np.ndarray) -> np.ndarray:
-        """Its inverse, by the tangent with springs on the rows (Woodbury)."""
-        d = springs * g
-        return d - springs * conditions.displacement(held(conditions.forces(d)))
-
-    rounding = ROUNDING * np.abs(gaps).max(initial=0.0)
-    follows = conditions.friction.follows(forces, gaps, rounding)
-    return is_unique(follows, compliance, stiffness)
 
 
 def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
@@ -178,32 +158,23 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
 
 
 class ContactWork:
-    """What contact adds to the slope of the energy along a step.
+    """What contact adds to the slope of the energy along a step ``change`` to other forces.
 
     Normal forces of rows that stay closed and tangential ones of rows that stick do no work; rows
-    that slip dissipate their bound, taken at the end of the step, times the way.
-
-    The step goes from u with ``forces`` by ``change`` to where they are ``following``; gaps, slips
-    below ``touching`` are rounding.  ``held`` are nodal forces of the rows that do no work.
+    that slip dissipate their bound, taken at the end of the step, times the way.  Gaps and slips
+    that count as rounding are none; ``held`` are nodal forces of the rows that do no work.
     """
 
-    def __init__(
-        self,
-        conditions: ContactConditions,
-        u: np.ndarray,
-        forces: np.ndarray,
-        change: np.ndarray,
-        following: np.ndarray,
-        touching: float,
-    ) -> None:
-        gaps, self._sum = conditions.gaps(u), conditions.sum_of
-        self._slip = -conditions.tangential(gaps)
+    def __init__(self, here: Balance, change: np.ndarray, following: np.ndarray) -> None:
+        conditions, gaps, touching = here.frame.contact, here.gaps, here.touching_distance
+        self._sum, self._slip = conditions.sum_of, -conditions.tangential(gaps)
         way = conditions.tangential(conditions.displacement(change))
         ends = np.linalg.norm(np.stack([self._slip, self._slip + way]), axis=2)
         moves = ends.max(axis=0) > touching
         self._way, self._bound = np.where(moves[:, None], way, 0.0), conditions.bound(following)
-        touches = conditions.normal(gaps) <= touching
-        self.held = conditions.forces(conditions.held(forces, following, touches, ~moves))
+        closed = (here.open_gap <= touching) & (conditions.normal(following) > 0)
+        idle = np.append(closed | conditions.rows.tied, np.repeat(~moves, conditions.friction.d))
+        self.held = conditions.forces(np.where(idle, here.contact, 0.0))
 
     def slope(self, t: float) -> float:
         """d/dt of the sum of bound times |slip|, just before t (just after 0)."""

@@ -14,8 +14,7 @@ import numpy as np
 
 from ngepc.model.kinematics import Kinematics
 
-CHUNK = 20_000
-"""Elements whose matrices are held in memory at once."""
+CHUNK = 20_000  # elements whose matrices are held in memory at once
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,8 +30,7 @@ With friction 1e-4 saves a Newton step of four, but leaves small problems that a
 conditioned that 2 of 120 random ones failed.
 """
 
-SMALL = 1e-6
-"""Part of the loads, or of a motion, that counts as none."""
+SMALL = 1e-6  # part of the loads, or of a motion, that counts as none
 
 
 class Floating:

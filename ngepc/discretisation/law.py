@@ -32,14 +32,9 @@ A load step starts with |s| = beta, up to rounding, wherever the last one has yi
 count as elastic, so that unloading needs one Newton step.
 """
 
-ENDLESS = 1e6
-"""|p| beyond which no |p| is looked for where nothing bounds it."""
-
-SOFTEST = 1e-8
-"""Part of the elastic modulus that tangents keep where a law does not harden at all."""
-
-EXACT = 4 * np.finfo(float).eps
-"""Part of a stress to which equations at the points are solved."""
+ENDLESS = 1e6  # |p| beyond which no |p| is looked for where nothing bounds it
+SOFTEST = 1e-8  # part of the elastic modulus that tangents keep where a law does not harden at all
+EXACT = 4 * np.finfo(float).eps  # part of a stress to which equations at the points are solved
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,8 +26,7 @@ from ngepc.model.elements import vertex_coordinates
 from ngepc.model.places import Edge, Place, Point, values_at
 from ngepc.model.problem import Problem, as_scalar
 
-BONUS_ORDER = 3
-"""Order by which the rules of loads exceed that of the displacements."""
+BONUS_ORDER = 3  # order by which the rules of loads exceed that of the displacements
 
 
 def work_of(problem: Problem, v: CoefficientFunction | ProxyFunction) -> list:

@@ -24,8 +24,7 @@ from ngepc.model.problem import Problem
 SLIVER = 1e-8
 """Smallest condition of a facet's mass matrix, relative, that leaves biorthogonal functions."""
 
-COVERED = 1e-6
-"""Rows with a smaller part of the largest weight are left out."""
+COVERED = 1e-6  # rows with a smaller part of the largest weight are left out
 
 
 def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactRows:

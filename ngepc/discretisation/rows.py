@@ -27,14 +27,9 @@ from ngepc.discretisation.loads import Supports
 from ngepc.model.places import values_at
 from ngepc.model.problem import Problem
 
-SAME_FACE = 0.7
-"""Cosine above which facets of one boundary at a vertex belong to one face."""
-
-SAME_FACE_ACROSS = 0.985
-"""The same for facets of two boundaries."""
-
-HELD = 1e-8
-"""A row with a smaller free part is held by the support: no contact can happen there."""
+SAME_FACE = 0.7  # cosine above which facets of one boundary at a vertex belong to one face
+SAME_FACE_ACROSS = 0.985  # the same for facets of two boundaries
+HELD = 1e-8  # a row with a smaller free part is held by the support: no contact can happen there
 
 _ARRAYS = ("gaps", "weights", "vertices", "normals", "tied")
 

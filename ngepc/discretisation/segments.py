@@ -18,11 +18,8 @@ from ngepc.model.problem import Problem
 RULES = {2: IntegrationRule(ET.SEGM, 5), 3: IntegrationRule(ET.TRIG, 4)}
 """Space dimension -> rule on each piece: exact for products of quadratic functions in the plane."""
 
-THIN = 1e-12
-"""Overlaps below this part of a facet are none."""
-
-PARALLEL = 1e-10
-"""Sine of the angle below which two sides do not cross."""
+THIN = 1e-12  # overlaps below this part of a facet are none
+PARALLEL = 1e-10  # sine of the angle below which two sides do not cross
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,14 +9,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_matrix, diags, eye
 
-COARSEST = 400
-"""Unknowns that are few enough for a direct solver."""
-
-DAMPING = 1.4
-"""Of the Jacobi step that smooths, divided by the largest eigenvalue."""
-
-DEPENDENT = 1e-10
-"""Modes of an aggregate count as dependent below this squared relative size."""
+COARSEST = 400  # unknowns that are few enough for a direct solver
+DAMPING = 1.4  # of the Jacobi step that smooths, divided by the largest eigenvalue
+DEPENDENT = 1e-10  # modes of an aggregate count as dependent below this squared relative size
 
 
 def coarse_spaces(matrix: csr_matrix, modes: np.ndarray, graph: csr_matrix) -> list[csr_matrix]:

@@ -15,8 +15,7 @@ from ngsolve import BitArray
 from ngsolve.la import BaseMatrix, SparseMatrixd
 from pyngcore import Array_D_S, Array_I_S
 
-SHIPPED = ("sparsecholesky", "umfpack")
-"""Those that come with NGSolve's wheels."""
+SHIPPED = ("sparsecholesky", "umfpack")  # those that come with NGSolve's wheels
 
 DIRECT_SOLVERS = (*SHIPPED, "pardiso", "mumps", "superlu")
 

@@ -20,26 +20,19 @@ import numpy as np
 
 from ngepc.linalg.secants import Compliance, SmallAnswer
 
-PATIENCE = 10
-"""Exchanges without progress before those of Murty's rule take over."""
+PATIENCE = 10  # exchanges without progress before those of Murty's rule take over
 
 SOFT = (0.3, 0.03)
 """c times the compliance of a row, one after the other: what cycles with one does not with both."""
 
-STEPS = 30
-"""Newton steps with each c."""
-
-SHORTEST = 1e-3
-"""The shortest step length."""
+STEPS = 30  # Newton steps with each c
+SHORTEST = 1e-3  # the shortest step length
 
 EXACT, SETTLED = 1e-13, 1e-10
 """Parts of the largest force that a step may change: for sure, and where rounding ends progress."""
 
-DIFFERENT = 1e-6
-"""Part of the largest force by which two solutions differ."""
-
-SINGULAR = 1e10
-"""Condition of a Jacobian whose determinant has no sign."""
+DIFFERENT = 1e-6  # part of the largest force by which two solutions differ
+SINGULAR = 1e10  # condition of a Jacobian whose determinant has no sign
 
 
 def exchange(

@@ -12,14 +12,9 @@ from ngepc.checks.declared import Check, Declared, Fraction
 
 ROUNDING = 1e-13
 
-IN_A_ROW = 3
-"""Trials on one side of a zero after which secants are taken to creep."""
-
-FLATNESS = 0.2
-"""``nearly_flat`` ends where |phi'(t)| <= FLATNESS |phi'(0)|."""
-
-EVALUATIONS = 40
-"""Most trials of ``nearly_flat``."""
+IN_A_ROW = 3  # trials on one side of a zero after which secants are taken to creep
+FLATNESS = 0.2  # ``nearly_flat`` ends where |phi'(t)| <= FLATNESS |phi'(0)|
+EVALUATIONS = 40  # most trials of ``nearly_flat``
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,14 +17,9 @@ import numpy as np
 SPANNED = 1e-12
 """A force whose part beyond those learned does a smaller share of its work is one of them."""
 
-ROUNDING = 3e-14
-"""Part of an answer that is rounding."""
-
-FIRST = 3e-2
-"""Part of the slack below which the first change counts as rounding."""
-
-RESTARTS = 4
-"""Products are at most so many times as many as rows."""
+ROUNDING = 3e-14  # part of an answer that is rounding
+FIRST = 3e-2  # part of the slack below which the first change counts as rounding
+RESTARTS = 4  # products are at most so many times as many as rows
 
 
 class Compliance:

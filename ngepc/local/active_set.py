@@ -192,10 +192,8 @@ class InexactTarget:
         if at is None:
             at = Meeting(solve(-here.imbalance), here.contact, here.gaps)
         slack = SLACK * accuracy * here.residual_norm * here.force_scale
-        found = with_contact(
-            *(contact, solve, here.u, at.forces, at.change.reshape(here.u.shape)),
-            *(self._compliance, discrete.row_stiffness, slack / discrete.row_stiffness.max()),
-        )
+        start, slack = at.change.reshape(here.u.shape), slack / discrete.row_stiffness.max()
+        found = with_contact(here, solve, start, at.forces, self._compliance, slack)
         if found is None:
             raise TangentError(contact.unsolvable)
         change, forces = found

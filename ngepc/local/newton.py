@@ -83,10 +83,9 @@ class PrimalDualStep:
         if not discrete.contact.friction.d:
             return False, ""
         self.tangent.linearise(state.on_sphere())
-        work = discrete.contact, self.tangent.solve, state.gaps, state.contact
         nodal = discrete.problem.order == 1 and not discrete.problem.contact_pairs
         held = self.tangent.stiffened if nodal else None
-        return rival(*work, discrete.row_stiffness, self.tangent.examined, held)
+        return rival(state, self.tangent.solve, self.tangent.examined, held)
 
     def numbers(self, state: State) -> dict[str, float]:
         """Solves of the step, and what yields and slips."""

@@ -69,13 +69,11 @@ class ExactTarget:
         TangentError
             If the linear solver gives up, or contact rows are dependent.
         """
-        discrete, contact = here.discrete, here.discrete.contact
         tangent.linearise(here)
         change = tangent.solve(-here.imbalance)
-        work = contact, tangent.solve, here.u, here.contact, change, self._compliance
-        found = with_contact(*work, discrete.row_stiffness)
+        found = with_contact(here, tangent.solve, change, here.contact, self._compliance)
         if found is None:
-            raise TangentError(contact.unsolvable)
+            raise TangentError(here.discrete.contact.unsolvable)
         return Target(*found)
 
 
@@ -97,10 +95,7 @@ class Line:
         volume, e = points.strain(self.target.change)
         object.__setattr__(self, "_strain_change", (volume, e))
         here, target = self.here, self.target
-        contact = ContactWork(
-            *(here.discrete.contact, here.u, here.contact, target.change, target.contact),
-            here.touching_distance,
-        )
+        contact = ContactWork(here, target.change, target.contact)
         object.__setattr__(self, "_contact", contact)
         processes = points.processes
         work = processes.dot(here.discrete.load - contact.held, target.change)

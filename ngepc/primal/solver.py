@@ -89,8 +89,7 @@ class PrimalStep:
         if not self.contact.friction.d:
             return False, ""
         self.reduced.factorise(state.u)
-        work = self.contact, self.reduced.solve, state.gaps, state.contact
-        return rival(*work, self.reduced.row_stiffness, self.reduced.examined)
+        return rival(state, self.reduced.solve, self.reduced.examined)
 
     def numbers(self, state: PrimalState) -> dict[str, float]:
         """What yields."""
@@ -106,8 +105,7 @@ class PrimalStep:
         free = reduced.solve(-here.imbalance)
         if not np.isfinite(free).all():
             raise FactorisationError("the tangent stiffness is singular")
-        work = self.contact, reduced.solve, here.u, here.contact, free, self.compliance
-        found = with_contact(*work, reduced.row_stiffness)
+        found = with_contact(here, reduced.solve, free, here.contact, self.compliance)
         if found is None:
             raise FactorisationError(self.contact.unsolvable)
         return found
@@ -116,8 +114,7 @@ class PrimalStep:
         self, here: PrimalState, change: np.ndarray, following: np.ndarray
     ) -> tuple[Callable[[float], float], float]:
         """d/dt of J(u + t du) with the work of friction, and what rounding leaves of it."""
-        reduced, touching = self.reduced, here.touching_distance
-        work = ContactWork(self.contact, here.u, here.contact, change, following, touching)
+        reduced, work = self.reduced, ContactWork(here, change, following)
         rest = np.where(reduced.free, work.held - reduced.load, 0.0)
 
         def slope(t: float) -> float:
