@@ -121,10 +121,7 @@ class Balance:
     @cached_property
     def friction_work(self) -> float:
         """The sum of bound times |slip| (force times length), zero without friction."""
-        contact = self.frame.contact
-        slip = np.linalg.norm(contact.tangential(self.gaps), axis=1)
-        slip = np.where(slip > self.touching_distance, slip, 0.0)
-        return float(contact.sum_of(contact.bound(self.contact) * slip))
+        return self.frame.contact.friction_work(self.contact, self.gaps, self.touching_distance)
 
     @property
     def _processes(self) -> Team:

@@ -170,6 +170,11 @@ class ContactConditions:
         """
         return x - self.friction.projected(x - pushed)
 
+    def friction_work(self, x: np.ndarray, gaps: np.ndarray, rounding: float) -> float:
+        """The sum of b |slip| over the rows (force times length); less than rounding is no slip."""
+        size = np.linalg.norm(self.tangential(gaps), axis=1)
+        return float(self.sum_of(self.bound(x) * np.where(size > rounding, size, 0.0)))
+
 
 def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone:
     """The law of contact and friction row by row, without tangents where there is no friction."""
