@@ -105,5 +105,5 @@ MOMENTS = _face_moments() @ _STRESSES
 FROM_MOMENTS = np.linalg.pinv(MOMENTS[:, :FREE])
 """Coefficients without divergence from moments in equilibrium, shape (30, 36)."""
 
-GRAM = np.einsum("qci,qdj->cdij", AT_POINTS, AT_POINTS) / 16
+MEANS = np.einsum("qci,qdj->cdij", AT_POINTS, AT_POINTS) / 16
 """Means of the products of components of the basis, shape (6, 6, 36, 36)."""

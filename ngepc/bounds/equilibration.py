@@ -45,33 +45,40 @@ class Patches:
         self.boundary, self.cells = boundary, boundary.cells
         c, N = self.cells, self.cells.N
         local = np.array(FACETS[N])
-        corner = (N + 1) * np.arange(len(c.nodes))[:, None, None] + local
-        moment = N * c.facet_of[:, :, None] + c.place
+        self._order = np.argsort(c.nodes.ravel(), kind="stable")  # corners vertex by vertex
+        number = np.empty_like(self._order)
+        number[self._order] = np.arange(len(number))
+        corner = number.reshape(c.nodes.shape)[:, local].ravel()
+        moment = (N * c.facet_of[:, :, None] + c.place).ravel()
         signs = np.repeat(c.sign.ravel(), N)
         shape = (N * len(c.facets), c.nodes.size)
-        self._jump = csr_matrix((signs, (moment.ravel(), corner.ravel())), shape)
+        self._jump = csr_matrix((signs, (moment, corner)), shape)
         self._sum = self._jump.T.tocsr()
-        connected = self._sum @ diags(np.repeat(~c.outer, N).astype(float)) @ self._jump
-        connected.eliminate_zeros()
-        if connected_components(connected)[0] > len(np.unique(c.nodes)):
+        sides = np.full((2, shape[0]), -1)
+        sides[np.where(signs > 0, 0, 1), moment] = corner
+        self._outside, ends = sides[0], sides[:, np.repeat(~c.outer, N)]
+        graph = csr_matrix((np.ones(ends.shape[1]), ends), (c.nodes.size, c.nodes.size))
+        self._graph = graph + graph.T
+        if connected_components(self._graph)[0] > len(np.unique(c.nodes)):
             raise ValueError("mesh: bounds need parts that hang together by faces")
         self._free = np.repeat(~boundary.given, N, axis=0).astype(float)
         self._laplacians: list[SuperLU] = []
         for k in range(N):
             same = [j for j in range(k) if (self._free[:, j] == self._free[:, k]).all()]
-            L = self._laplacians[same[0]] if same else self._laplacian(self._free[:, k])
+            L = self._laplacians[same[0]] if same else self._laplacian(self._free[:, k] > 0)
             self._laplacians.append(L)
 
     def _laplacian(self, free: np.ndarray) -> SuperLU:
         """Factors of the graph Laplacians; where no moment is open outside, a corner is held."""
-        c = self.cells
-        open_ = (free > 0).reshape(-1, c.N) & c.outer[:, None]
+        c, graph = self.cells, self._graph
+        outside = np.repeat(c.outer, c.N) & free
+        degree = np.bincount(self._outside[outside], minlength=c.nodes.size)
         closed = np.ones(len(c.points), dtype=bool)
-        closed[c.facets[open_]] = False
-        held, (vertex, corner) = np.zeros(c.nodes.size), np.unique(c.nodes, return_index=True)
-        held[corner] = closed[vertex]
-        L = (self._sum @ diags(free) @ self._jump + diags(held)).tocsc()
-        return splu(L, "MMD_AT_PLUS_A", diag_pivot_thresh=0, options={"SymmetricMode": True})
+        closed[c.facets.ravel()[outside]] = False
+        vertex, corner = np.unique(c.nodes.ravel()[self._order], return_index=True)
+        degree[corner] += closed[vertex]
+        L = (diags(degree + graph.sum(axis=1).A1) - graph).tocsc()
+        return splu(L, "NATURAL", diag_pivot_thresh=0, options={"SymmetricMode": True})
 
     def repaired(self, wished: np.ndarray, needed: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The facet moments, outward of the first cell, shape (nf, N vertices, N).
@@ -91,7 +98,8 @@ class Patches:
         RuntimeError
             If rounding leaves cells out of equilibrium: there is no bound then.
         """
-        N, needed = self.cells.N, needed.reshape(-1, self.cells.N)
+        N = self.cells.N
+        needed = needed.reshape(-1, N)[self._order]
         mu = np.where(self._free > 0, wished.reshape(-1, N), given.reshape(-1, N))
         size = max(np.abs(needed).max(), np.abs(mu).max())
         for _ in range(PASSES):

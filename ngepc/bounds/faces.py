@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ngepc.bounds.alfeld import AT_POINTS, COMPONENTS, COORDINATES, FREE, GRAM, MOMENTS
+from ngepc.bounds.alfeld import AT_POINTS, COMPONENTS, COORDINATES, FREE, MEANS, MOMENTS
 from ngepc.bounds.boundary import Boundary
 
 CHUNK = 512
@@ -24,6 +24,8 @@ CHUNK = 512
 
 SINGLE = np.float32
 """Conjugate gradients only steer the search: what is found is made admissible in double."""
+
+GRAM = MEANS.reshape(36, -1).astype(SINGLE)
 
 OWN = np.ascontiguousarray(MOMENTS[:, :FREE])
 """Moments of the stresses without divergence, shape (36, 30)."""
@@ -49,7 +51,7 @@ class Faces:
         Unit normals where delta is held along them, zero elsewhere, (3 nf, 3); None for none.
     inverse, loaded
         The inverses of the compliances A in single precision, and columns of A for unit body
-        forces, shapes (nt, 30, 30) and (nt, 30, 6).
+        forces too, shapes (nt, 30, 30) and (nt, 30, 6).
     """
 
     def __init__(self, boundary: Boundary) -> None:
@@ -62,7 +64,7 @@ class Faces:
         self.piola = flat.reshape(-1, 6, 6) / c.det[:, None, None]
         self.inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
         self._jacobian = c.jacobian.astype(SINGLE)
-        self.loaded = np.empty((len(c.nodes), FREE, 6))
+        self.loaded = np.empty((len(c.nodes), FREE, 6), dtype=SINGLE)
         self._blocks = np.empty((len(c.nodes), 4, 9, 9), dtype=SINGLE)
         numbers = np.arange(4 * len(c.nodes))
         self._sides = np.full((len(c.facets), 2), -1)
@@ -89,11 +91,12 @@ class Faces:
         """A for the basis of 36 stresses."""
         P, volume = self.piola[part], self.cells.volume[part, None, None]
         if H.shape[1] == 1:
-            product = np.matmul(np.matmul(P, H[:, 0]), P.transpose(0, 2, 1))
-            return (product.reshape(-1, 36) @ GRAM.reshape(36, -1)).reshape(-1, 36, 36) * volume
-        stresses = np.matmul(P[:, None].transpose(0, 1, 3, 2), AT_POINTS)
-        strains = np.matmul(H, stresses).reshape(len(P), 96, 36)
-        return np.matmul(stresses.reshape(len(P), 96, 36).transpose(0, 2, 1), strains) * volume / 16
+            product = np.matmul(np.matmul(P, H[:, 0]), P.transpose(0, 2, 1)) * volume
+            return (product.astype(SINGLE).reshape(-1, 36) @ GRAM).reshape(-1, 36, 36)
+        stresses = np.matmul(P[:, None].transpose(0, 1, 3, 2), AT_POINTS).astype(SINGLE)
+        strains = np.matmul((H * (volume[:, None] / 16)).astype(SINGLE), stresses)
+        columns = stresses.reshape(len(P), 96, 36).transpose(0, 2, 1)
+        return np.matmul(columns, strains.reshape(len(P), 96, 36))
 
     def _fill_blocks(self, part: slice) -> None:
         """The blocks of S of each face, its vertices in the order of the face."""
