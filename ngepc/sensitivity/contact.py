@@ -1,13 +1,12 @@
 """Contact and friction linearised at a solution, with rows that have taken their sides.
 
-Changes of displacements and of the forces x = (n, t) of the rows obey
+With any stiffness k > 0 the forces of the rows are x = P(x + k (R u - closed_at)), in which P lets
+no row pull and shortens friction to its bound b.  Changes obey
 
-    n . u' = gap'                                           rows that are closed,
-    T u' = u_0'                                             those that stick,
-    t' = b' e + (b/|slip|) (Id - e e') (T u' - u_0')        those that slip,
+    x' = G (x' + k (R u' - closed_at')) + F x' + a'
 
-with e the direction of the slip and b' = F', or mu' n + mu n'.  With the forces y of the rows left,
-x' = E y + e b'_0 and Q' (R u' - closed_at') = D y, in which R is the matrix of all rows.
+with G the identity for rows that are closed and those that stick, b/|y| (Id - e e') for those that
+slip along e = y/|y|, y = t + k slip, and F x' + a' = b' e there, b' = F' or mu' n + mu n'.
 """
 
 from __future__ import annotations
@@ -19,8 +18,12 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.rows import HELD
+from ngepc.linalg.friction import orthogonal
 from ngepc.local.system import State
 from ngepc.sensitivity.radial import Data
+
+TINY = float(np.finfo(float).tiny)
+"""In place of zero in a denominator."""
 
 BIACTIVE = 1e-6
 """Relative distance from the change of side within which a row or point counts as biactive."""
@@ -57,11 +60,10 @@ class RowSides:
 
 
 class LinearContact:
-    """The equations above for given sides, by default those of the solution.
+    """The matrices of these equations for given sides, by default those of the solution, (n, n).
 
-    ``chosen`` and ``given`` are Q and E; ``rows`` and ``forces`` are Q' R and E' R at the free
-    components, sparse, shape (k, nodes N): the second balances y, another one for Coulomb's law.
-    ``soft`` is D (length per force), shape (k,).
+    ``rows`` is R at the free components; ``along`` projects onto what G keeps, ``kept`` are the
+    eigenvalues of G there, ``follows`` is F.
     """
 
     def __init__(
@@ -71,100 +73,68 @@ class LinearContact:
         self.conditions, self.law = state.discrete.contact, state.discrete.contact.friction
         self.closed = self.sides.closed if closed is None else closed
         self.slips = self.closed & (self.sides.slips if slips is None else slips)
-        turned, kept, soft = self._turned(), self._kept(), self._softness()
-        movable = self.conditions.matrix @ diags(state.discrete.free.ravel().astype(float))
-        movable.eliminate_zeros()
-        rows = (turned.T @ movable).tocsr()
-        kept &= np.sqrt(rows.power(2).sum(axis=1)).A1 > HELD  # not by supports
-        follows = self._following()
-        self.symmetric = not follows.nnz
-        self.chosen, self.soft = turned[:, kept], soft[kept]
-        self.given = self.chosen + follows @ self.chosen
-        self.rows = self.forces = rows[kept]
-        if not self.symmetric:
-            self.forces = (self.given.T @ movable).tocsr()
+        self.stiffness = state.discrete.row_stiffness
+        free = diags(state.discrete.free.ravel().astype(float))
+        self.rows = (self.conditions.matrix @ free).tocsr()
+        self.rows.eliminate_zeros()
+        e, d = self.sides.along, self.law.d
+        movable = np.sqrt(self.rows.power(2).sum(axis=1)).A1 > HELD  # not held by supports
+        normal, tangents = self.law.split(movable)
+        sticks = self.closed & ~self.slips & ~state.discrete.rows.tied
+        kept = np.where(self.slips, self.sides.bound / np.maximum(self.sides.trial, TINY), sticks)
+        across = np.where(self.slips[:, None, None], orthogonal(e), tangents[:, None] * np.eye(d))
+        self.kept = np.append(self.closed & normal, np.repeat(kept, d))
+        self.along = self._blocks(np.ones(len(e)), across)
+        pressed = np.where(self.slips, self.sides.coefficient, 0.0)[:, None] * e
+        numbers, shape = np.arange(len(self.conditions)), (len(self.conditions),) * 2
+        rows, columns = numbers[len(e) :], np.repeat(numbers[: len(e)], d)
+        self.follows = csr_matrix((pressed.ravel(), (rows, columns)), shape=shape)
 
-    @property
-    def _tangents(self) -> np.ndarray:
-        """Their numbers in x, shape (m, d)."""
+    def _blocks(self, normal: np.ndarray, tangents: np.ndarray) -> csr_matrix:
+        """Numbers (m,) for normal forces and matrices (m, d, d) for tangential ones, (n, n)."""
         m, d = self.sides.along.shape
-        return m + np.arange(m * d).reshape(m, d)
-
-    def _turned(self) -> csr_matrix:
-        """Normals, and orthonormal tangents that begin with e, in the order of x, (n, n)."""
-        frames, tangents = frames_along(self.sides.along), self._tangents
-        m, (to, at) = len(tangents), np.broadcast_arrays(tangents[:, :, None], tangents[:, None])
-        values = np.append(np.ones(m), frames)
-        where = np.append(np.arange(m), at), np.append(np.arange(m), to)
-        return csr_matrix((values, where), shape=(len(self.conditions),) * 2)
-
-    def _kept(self) -> np.ndarray:
-        """Which of them have equations: normals of closed rows, tangents that stick or bend."""
-        sticks = self.closed & ~self.slips & ~self.state.discrete.rows.tied
-        tangents = np.repeat(sticks[:, None], self.law.d, axis=1)
-        tangents[:, 1:] |= (self.slips & (self.sides.bound > 0))[:, None]
-        return np.append(self.closed, tangents)
-
-    def _softness(self) -> np.ndarray:
-        """|slip| / b of tangents across a slip, else 0, shape (n,)."""
-        bound, slip = self.sides.bound, np.where(self.slips, self.sides.slip, 0.0)
-        each = slip / np.where(bound > 0, bound, 1.0)
-        return np.append(np.zeros(len(each)), np.repeat(each, self.law.d))
-
-    def _following(self) -> csr_matrix:
-        """The friction of rows that slip, per normal force, shape (n, n)."""
-        follows = np.where(self.slips, self.sides.coefficient, 0.0)[:, None] * self.sides.along
-        row, _ = np.nonzero(follows)
-        where = self._tangents[follows != 0], row
-        return csr_matrix((follows[follows != 0], where), shape=(len(self.conditions),) * 2)
-
-    @property
-    def gripped(self) -> np.ndarray:
-        """The springs of ``ContactConditions.grip`` in the tangent, shape (k,)."""
-        return self.chosen.T @ self.conditions.springs(self.state.discrete.row_stiffness)
-
-    def growth(self, data: Data) -> np.ndarray:
-        """b'_0 of the rows, as if all slipped, shape (m,)."""
-        n = self.state.multipliers
-        return np.where(self.sides.grows, n * data["coefficient"], data["cap"])
+        numbers = m + np.arange(m * d).reshape(m, d)
+        row, column = np.broadcast_arrays(numbers[:, :, None], numbers[:, None])
+        where = np.append(np.arange(m), row), np.append(np.arange(m), column)
+        size = len(self.conditions)
+        return csr_matrix((np.append(normal, tangents), where), shape=(size, size))
 
     def same_sides(self, other: LinearContact) -> bool:
         """Whether all rows take the same sides in both."""
         return bool(((self.closed == other.closed) & (self.slips == other.slips)).all())
 
-    def pushed(self, data: Data) -> np.ndarray:
-        """e b'_0 in the order of x, shape (n,)."""
-        growth = np.where(self.slips, self.growth(data), 0.0)
-        return self.sides.stacked(np.zeros_like(growth), growth)
+    def growth(self, data: Data) -> np.ndarray:
+        """The part of b' that data give, as if all rows slipped, shape (m,)."""
+        n = self.state.multipliers
+        return np.where(self.sides.grows, n * data["coefficient"], data["cap"])
 
-    def shift(self, data: Data, moved: np.ndarray) -> np.ndarray:
-        """Q' (closed_at' - R moved) for a given part of the displacement, shape (k,)."""
+    def given(self, data: Data, moved: np.ndarray) -> np.ndarray:
+        """a' - k G (closed_at' - R moved) for a given part of the displacement, shape (n,)."""
         gaps, at_rest = np.zeros(len(self.closed)) + data["gaps"], np.zeros_like(moved)
         start = self.law.split(self.conditions.displacement(at_rest + data["start"]))[1]
         closed_at = np.append(gaps, start + data["origin"])
-        return self.chosen.T @ (closed_at - self.conditions.displacement(moved))
+        growth = np.where(self.slips, self.growth(data), 0.0)
+        pushed = self.sides.stacked(np.zeros_like(growth), growth)
+        return pushed + self.by_closed_at @ (closed_at - self.conditions.displacement(moved))
 
-    def slopes(self, zeta: np.ndarray, on_forces: np.ndarray) -> Data:
-        """Derivatives by the data of contact from those by closed_at and by given x, (n,)."""
+    @property
+    def by_closed_at(self) -> csr_matrix:
+        """- k G, shape (n, n)."""
+        return diags(-self.stiffness * self.kept) @ self.along
+
+    def slopes(self, w: np.ndarray) -> tuple[np.ndarray, Data]:
+        """Derivatives by closed_at and by the data of contact from those by ``given``, (n,)."""
+        zeta = self.by_closed_at.T @ w
         gaps, origin = self.law.split(zeta)
-        on_bound = (self.law.split(on_forces)[1] * self.sides.along).sum(axis=1)
+        on_bound = (self.law.split(w)[1] * self.sides.along).sum(axis=1)
         on_bound, grows = np.where(self.slips, on_bound, 0.0), self.sides.grows
-        return Data(
+        return zeta, Data(
             gaps=gaps,
             origin=origin,
             start=self.conditions.forces(np.append(np.zeros_like(gaps), origin)),
             cap=np.where(grows, 0.0, on_bound),
             coefficient=np.where(grows, self.state.multipliers, 0.0) * on_bound,
         )
-
-
-def frames_along(along: np.ndarray) -> np.ndarray:
-    """Orthonormal frames (m, d, d) of the tangents whose first vectors are ``along``."""
-    m, d = along.shape
-    if d < 2:
-        return np.ones((m, d, d))
-    first = np.where(along.any(axis=1)[:, None], along, [1.0, 0.0])
-    return np.stack([first, np.stack([-first[:, 1], first[:, 0]], axis=1)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,21 +1,18 @@
 """A solution linearised: the tangent of the stress, and contact that keeps its sides.
 
-    K u + C' y = force   at the free components,      R u - D y = shift   for the rows.
+    K u + R' x = force   at the free components,      x - (G + F) x - k G R u = given   for rows.
 
-C = R without friction and with Tresca's; otherwise the transposed system is another one.  With the
-multipliers z, zeta of the transposed system K z + R' zeta = F_u, C z - D zeta = E' F_x, a
-functional F changes with the data m by
+With z and w from the transposed system for F_u and F_x, a functional F changes with the data m by
 
-    dF/dm = F_m - z . r_m + zeta . shift_m + (F_u - K z - R' zeta) . values_m,
+    dF/dm = F_m - z . r_m + w . given_m + (F_u - K z - R' zeta) . values_m,      zeta = - k G w,
 
-for the prescribed values of the held components, and e . (F_x - R z) per change of a bound: one
-solve for any number of parameters.
+for the prescribed values of the held components: one solve for any number of parameters.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix, diags, eye
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from ngepc.discretisation.stiffness import Stiffness
@@ -46,11 +43,11 @@ MOST, ROUNDS = 200, 5
 class LinearStep:
     """The system at a state, factorised once; K is the derivative of the radial return there.
 
-    Rows that belong to one vertex enter the matrix as springs c = 1 / (D + 1 / stiff), so that
+    Rows that belong to one vertex enter the matrix as springs k L G, L = (Id - G + G / PENALTY)^-1:
 
-        u = (K + R' c R)^-1 (force + R' c shift),    y = c (R u - shift)
+        u = (K + R' k L G R)^-1 (force - R' L given),    x = L (given + k G R u)
 
-    misses the solution by 1 / stiff only.  Where C = R and all rows are such, it is repeated with
+    misses the solution by 1 / PENALTY only.  Where F = 0 and all rows are such, it is repeated with
     what is left; otherwise it is the preconditioner of GMRES.
 
     By default contact has the sides of the solution.  TangentError if there are no factors.
@@ -63,56 +60,61 @@ class LinearStep:
         self.radial = RadialDerivative(state)
         stiffness = discrete.stiffness.another()
         stiffness.fill(self.radial.moduli)
-        rows, soft = self.contact.rows, self.contact.soft
-        self._stiff = rows.power(2) @ discrete.stiffness_diagonal.ravel()
-        self._spring = self._add_springs(stiffness)
-        held = self._spring > 0
-        self._by_springs = self.contact.symmetric and bool(held.all())
-        self._answer_of_rows = np.where(held, self._spring, 1 / (soft + 1 / self._stiff))
+        self.soften = self._with_springs(stiffness)
         try:
             self._inverse = stiffness.matrix.Inverse(inverse="sparsecholesky")
         except SOLVER_ERRORS as error:
             raise TangentError(f"the tangent could not be factorised: {error}") from error
         self._right, self._left = (stiffness.matrix.CreateColVector() for _ in range(2))
 
-    def _add_springs(self, stiffness: Stiffness) -> np.ndarray:
-        """Add c r r' to the block of a row's vertex; c, shape (k,), 0 where it has several."""
-        rows, N = self.contact.rows, self.free.shape[1]
-        node = rows.indices // N
-        first, last = (f.reduceat(node, rows.indptr[:-1]) for f in (np.minimum, np.maximum))
-        stiff = 1 / (self.contact.soft + 1 / (PENALTY * self._stiff))
-        spring = np.where(first == last, stiff, 0.0)
-        blocks = (rows.T @ diags(spring) @ rows).tobsr((N, N))
+    def _with_springs(self, stiffness: Stiffness) -> csr_matrix:
+        """Add the springs of rows that belong to one vertex; L, shape (n, n)."""
+        contact, (nodes, N) = self.contact, self.free.shape
+        R, kept = contact.rows, contact.kept
+        row = np.repeat(np.arange(R.shape[0]), np.diff(R.indptr))
+        pairs = np.unique(row * nodes + R.indices // N)
+        single = np.bincount(pairs // nodes, minlength=R.shape[0]) <= 1
+        penalty = np.where(single, PENALTY, 1.0)
+        soften = 1 / (1 - kept + kept / penalty)
+        springs = diags(np.where(single, contact.stiffness * kept * soften, 0.0)) @ contact.along
+        blocks = (R.T @ springs @ R).tobsr((N, N))
         stiffness.entries[stiffness.diagonal_places(blocks.indices)] += blocks.data
-        return spring + self.contact.gripped  # these springs are in the matrix already
+        self.by_springs = not contact.follows.nnz and bool((single | (kept == 0)).all())
+        grip = contact.conditions.springs(contact.stiffness) / contact.stiffness
+        identity = eye(R.shape[0], format="csr")
+        return identity + diags(soften + grip - 1) @ contact.along  # grips are in the matrix
 
     def forward(self, data: Data) -> Data:
         """The changes of the solution with its data, and these."""
-        discrete, contact = self.discrete, self.contact
+        discrete, points = self.discrete, self.discrete.points
         moved = np.zeros_like(self.state.u) + data["values"]
-        known, pushed = self.radial.forward(moved, data), contact.pushed(data)
-        force = data["load"] - discrete.points.forces(known["mean"], known["stress"])
-        force = force - discrete.supports.pull(moved) - discrete.contact.forces(pushed)
-        u, y = self.solve(force, contact.shift(data, moved))
-        u = u + moved
-        found = Data(u=u, contact=contact.given @ y + pushed)
-        return data + found + self.radial.forward(u, data)
+        known = self.radial.forward(moved, data)
+        force = data["load"] - points.forces(known["mean"], known["stress"])
+        force = force - discrete.supports.pull(moved)
+        u, x = self.solve(force, self.contact.given(data, moved))
+        return data + Data(u=u + moved, contact=x) + self.radial.forward(u + moved, data)
 
     def reverse(self, by: Data) -> Data:
         """The derivative of a functional by all data, from that by the solution and the data."""
-        discrete, contact, points = self.discrete, self.contact, self.discrete.points
+        discrete, points = self.discrete, self.discrete.points
         force = np.zeros_like(self.state.u) + by["u"]
         if not by.keys().isdisjoint(("p", "stress", "mean")):
             direct = self.radial.reverse(by)
             force = force + points.forces(direct["volume"], direct["strain"])
         on_contact = np.zeros(len(discrete.contact)) + by["contact"]
-        z, y = self.solve(force, contact.given.T @ on_contact, transposed=True)
-        zeta, (volume, e) = contact.chosen @ y, points.strain(z)
+        z, w = self.solve(force, on_contact, transposed=True)
+        zeta, found = self.contact.slopes(w)
         support = force - self.internal(z) - discrete.contact.forces(zeta)
-        found = Data(load=z, values=np.where(self.free, 0.0, support))
+        found += Data(load=z, values=np.where(self.free, 0.0, support))
+        volume, e = points.strain(z)
         found += self.radial.reverse(by + Data(stress=-e, mean=-volume))
-        found += contact.slopes(zeta, on_contact - discrete.contact.displacement(z))
         return found + by.without(*SOLUTION)
+
+    def back_substituted(self, force: np.ndarray) -> np.ndarray:
+        """(K + springs)^-1 force, both (nodes N,)."""
+        self._right.FV().NumPy()[:] = force
+        self._left.data = self._inverse * self._right
+        return self._left.FV().NumPy().copy()
 
     def internal(self, u: np.ndarray) -> np.ndarray:
         """K u at all components, shape (nodes, N)."""
@@ -122,66 +124,58 @@ class LinearStep:
         return forces + self.discrete.supports.pull(u)
 
     def solve(
-        self, force: np.ndarray, shift: np.ndarray, *, transposed: bool = False
+        self, force: np.ndarray, given: np.ndarray, *, transposed: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """u (nodes, N), zero where held, and y, shape (k,); ``transposed`` exchanges C and R.
+        """u (nodes, N), zero where held, and x, shape (n,), of the system or its transpose.
 
         TangentError if corrections do not converge: the tangent is singular, or rows are dependent.
         """
-        pair = self.contact.forces, self.contact.rows
-        forces, rows = reversed(pair) if transposed else pair
-        force = np.where(self.free, force, 0.0)
-        u, y, left = np.zeros_like(force), np.zeros(len(shift)), (force, shift)
-        scale, relative = self._size(*left), np.inf
+        system = Equations(self, transposed)
+        right = np.append(np.where(self.free, force, 0.0), system.scale * given)
+        x, left, relative = np.zeros_like(right), right, np.inf
+        scale = np.linalg.norm(right)
         for _ in range(REFINEMENTS if scale > 0 else 0):
-            du, dy = self._correction(forces, rows, *left)
-            u, y = u + du, y + dy
-            pushed, apart = self._product(forces, rows, u, y)
-            left = force - pushed, shift - apart
-            before, relative = relative, self._size(*left) / scale
+            x = x + system.correction(left)
+            left = right - system.product(x)
+            before, relative = relative, np.linalg.norm(left) / scale
             if relative <= ACCURATE or relative > 0.5 * before:
                 break
         if scale > 0 and not relative <= ACCEPTED:
             raise TangentError(f"the derivative system is singular: residual {relative:.2g} left")
-        return u, y
+        return x[: force.size].reshape(force.shape), x[force.size :]
 
-    def _product(
-        self, forces: csr_matrix, rows: csr_matrix, u: np.ndarray, y: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The left sides of the equations."""
-        pushed = self.internal(u) + (forces.T @ y).reshape(u.shape)
-        return np.where(self.free, pushed, 0.0), rows @ u.ravel() - self.contact.soft * y
 
-    def _answer(self, force: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+class Equations:
+    """The system of a linearised step or its transpose, the rows' part in units of force."""
+
+    def __init__(self, step: LinearStep, transposed: bool) -> None:
+        contact, self._step, self._count = step.contact, step, step.free.size
+        kept, identity = diags(contact.kept) @ contact.along, eye(len(contact.kept), format="csr")
+        self._upper, self._lower = contact.rows.T.tocsr(), contact.by_closed_at @ contact.rows
+        self._square, self.scale = identity - kept - contact.follows, np.ones(len(contact.kept))
+        if transposed:
+            self._upper, self._lower = self._lower.T.tocsr(), contact.rows
+            self._square, self.scale = self._square.T.tocsr(), contact.stiffness
+
+    def product(self, x: np.ndarray) -> np.ndarray:
+        """The left sides."""
+        u, forces = x[: self._count], x[self._count :]
+        pushed = self._step.internal(u.reshape(self._step.free.shape)).ravel()
+        pushed = np.where(self._step.free.ravel(), pushed + self._upper @ forces, 0.0)
+        return np.append(pushed, self.scale * (self._lower @ u + self._square @ forces))
+
+    def answer(self, right: np.ndarray) -> np.ndarray:
         """The solution up to what springs miss, by one back-substitution."""
-        rows = self.contact.rows
-        self._right.FV().NumPy()[:] = force.ravel() + rows.T @ (self._spring * shift)
-        self._left.data = self._inverse * self._right
-        u = self._left.FV().NumPy().copy()
-        return u.reshape(force.shape), self._answer_of_rows * (rows @ u - shift)
+        soften = self._step.soften
+        forces = soften @ (right[self._count :] / self.scale)
+        u = self._step.back_substituted(right[: self._count] - self._upper @ forces)
+        return np.append(u, forces - soften @ (self._lower @ u))
 
-    def _correction(
-        self, forces: csr_matrix, rows: csr_matrix, force: np.ndarray, shift: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The solution for what is left, up to rounding of large answers."""
-        if self._by_springs:
-            return self._answer(force, shift)
-        count, stiff = force.size, self._stiff
-
-        def answer(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """By springs, for forces and forces of rows in one vector."""
-            return self._answer(r[:count].reshape(force.shape), r[count:] / stiff)
-
-        def product(r: np.ndarray) -> np.ndarray:
-            """What the answer makes of the left sides."""
-            pushed, apart = self._product(forces, rows, *answer(r))
-            return np.append(pushed, stiff * apart)
-
-        right = np.append(force, stiff * shift)
-        operator = LinearOperator((len(right), len(right)), matvec=product, dtype=float)
+    def correction(self, right: np.ndarray) -> np.ndarray:
+        """The solution up to rounding of large answers."""
+        if self._step.by_springs:
+            return self.answer(right)
+        shape = (len(right), len(right))
+        operator = LinearOperator(shape, lambda r: self.product(self.answer(r)), dtype=float)
         found, _ = gmres(operator, right, rtol=INNER, restart=MOST, maxiter=ROUNDS)
-        return answer(found)
-
-    def _size(self, forces: np.ndarray, distances: np.ndarray) -> float:
-        """Norm of forces and of distances of rows times their stiffness."""
-        return float(np.linalg.norm(forces) + np.linalg.norm(self._stiff * distances))
+        return self.answer(found)

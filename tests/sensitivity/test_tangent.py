@@ -9,6 +9,7 @@ from ngsolve import x
 
 from ngepc import Coulomb, Material, Problem, semismooth_newton
 from ngepc.geometries import block
+from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.functionals import Reaction
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.linear import LinearStep
@@ -42,22 +43,38 @@ def test_reverse_is_the_transpose_of_forward():
 
 
 @pytest.mark.parametrize("seed", [1, 5, 11, 19, 44])
-def test_held_rows_and_balance(seed):
+def test_balance_and_the_law_of_contact(seed):
     """Order one and two, Tresca and Coulomb in 3D, two bodies: the equations, and the transpose."""
     state = once(random_problem(seed)).state
     system, random = LinearStep(state), np.random.default_rng(seed)
-    contact, free = system.contact, state.discrete.supports.free
-    force, shift = random.normal(size=state.u.shape), random.normal(size=len(contact.soft))
-    u, y = system.solve(force, shift)
-    left = system.internal(u) + (contact.forces.T @ y).reshape(u.shape) - force
+    conditions, free = state.discrete.contact, state.discrete.supports.free
+    force, given = random.normal(size=state.u.shape), random.normal(size=len(conditions))
+    u, x = system.solve(force, given)
+    left = system.internal(u) + conditions.forces(x) - force
     assert np.abs(left[free]).max() < 1e-10 * np.abs(force).max()
-    assert contact.rows @ u.ravel() - contact.soft * y == pytest.approx(shift, rel=1e-9)
     assert not u[~free].any()
-    assert len(y) > 0
-    on_u, on_y = random.normal(size=u.shape), random.normal(size=len(y))
-    z, zeta = system.solve(on_u, on_y, transposed=True)
-    expected = np.vdot(z, force) + zeta @ shift
-    assert np.vdot(on_u, u) + on_y @ y == pytest.approx(expected, rel=1e-8)
+    on_u, on_x = random.normal(size=u.shape), random.normal(size=len(x))
+    z, w = system.solve(on_u, on_x, transposed=True)
+    expected = np.vdot(z, force) + w @ given
+    assert np.vdot(on_u, u) + on_x @ x == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize("seed", [1, 11, 16, 19])
+def test_the_law_of_contact_has_this_derivative(seed):
+    """x = P(x - k gaps) at the solution, and its change along a random change of x and of gaps."""
+    state = once(random_problem(seed)).state
+    contact, cone = LinearContact(state), state.discrete.contact.friction
+    random, k = np.random.default_rng(seed), state.discrete.row_stiffness
+    x, gaps = state.contact, state.gaps
+    assert cone.projected(x - k * gaps) == pytest.approx(x, rel=1e-8, abs=1e-9)
+    dx = random.normal(size=len(x)) * np.abs(x).max()
+    apart = random.normal(size=len(x)) * np.abs(state.u).max()
+    apart[: len(contact.closed)][contact.closed] = 0.0  # they stay closed
+    t = 1e-7
+    after, before = (cone.projected(x + s * dx - k * (gaps + s * apart)) for s in (t, -t))
+    trial = contact.kept * (contact.along @ (dx - k * apart))
+    expected = trial + contact.follows @ dx
+    assert (after - before) / (2 * t) == pytest.approx(expected, rel=1e-5, abs=1e-6)
 
 
 @pytest.mark.parametrize("seed", [0, 5, 6, 19, 33])
