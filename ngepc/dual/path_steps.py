@@ -17,7 +17,6 @@ from ngepc.dual.spaces import DualSpaces
 from ngepc.model.problem import Problem
 from ngepc.results import checkpoint
 from ngepc.results.files import check_writable
-from ngepc.results.fingerprint import work_fingerprint
 from ngepc.results.outcome import Ending, History, IterationRecord, Status
 
 LIMITS = ("max_outer_iterations", "max_iterations")
@@ -139,8 +138,10 @@ class PathStore:
         check_writable(self._path)
         kept = {k: v for k, v in asdict(options).items() if k not in LIMITS}
         kept["newton"] = {k: v for k, v in kept["newton"].items() if k not in LIMITS}
-        kept["start"] = None if start is None else checkpoint.contents_digest(arrays_of(start.v))
-        self._fingerprint = work_fingerprint("path", problem, spaces=repr(spaces), **kept)
+        kept["start"] = None if start is None else checkpoint.digest_of([start.v.FV().NumPy()])
+        self._fingerprint = checkpoint.work_fingerprint(
+            "path", problem, spaces=repr(spaces), **kept
+        )
 
     def load(self) -> tuple[list[PathStep], np.ndarray, History] | None:
         """The steps on disk, the dual variable and the history of the last; None without a file.

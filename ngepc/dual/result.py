@@ -8,7 +8,7 @@ from functools import cached_property
 from ngsolve import H1, CoefficientFunction, GridFunction, Integrate, Norm, ds
 from ngsolve.la import BaseVector
 
-from ngepc.discretisation.loads import applied_forces
+from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.dual.blocks import primal_energy
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import Iterate
@@ -114,11 +114,11 @@ class DualResult(Result):
         internal, contact = self.y.CreateVector(), self.y.CreateVector()
         internal.data = blocks.D * self.y - blocks.load
         contact.data = blocks.Lambda.T * self.v
-        applied = applied_forces(self.problem, V).T
+        applied, free = applied_forces(self.problem, V).T, Supports(self.problem).free.T
         internal, contact = (
             f.FV().NumPy()[: V.ndof].reshape(applied.shape).copy() for f in (internal, contact)
         )
-        return Equilibrium.of(self.problem, applied, contact, internal - contact)
+        return Equilibrium(self.problem, applied, contact, internal - contact, free)
 
     @property
     def plastic_dual(self) -> GridFunction:

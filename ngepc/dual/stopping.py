@@ -110,7 +110,7 @@ class RunLog:
         if records:
             unmoved = abs(record.energy - records[-1].energy) <= ROUNDING * here.magnitude
             self.drowned = self.drowned + 1 if unmoved else 0
-        self.history.append(record)
+        self.history.records.append(record)
         logger.info(
             "it:%4d residual:%.3e energy:%.12e step:%.4g",
             *(record.iteration, record.residual_norm, record.energy, record.step_length),

@@ -15,10 +15,9 @@ from ngepc.discretisation.spaces import displacement_space
 from ngepc.evolution.load_path import Schedule
 from ngepc.evolution.result import EvolutionStep, StepRecord
 from ngepc.model.problem import Problem
-from ngepc.results.checkpoint import load, save
+from ngepc.results.checkpoint import load, problem_fingerprint, save, work_fingerprint
 from ngepc.results.fields import Fields
 from ngepc.results.files import check_writable
-from ngepc.results.fingerprint import problem_fingerprint, work_fingerprint
 
 Stored = tuple[dict, dict[str, np.ndarray]]
 """The row of a step; its displacement, its plastic increment and, if known, forces of contact."""

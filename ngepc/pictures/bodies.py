@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from matplotlib import colormaps
@@ -13,37 +14,43 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap
 from matplotlib.tri import Triangulation
 
-from ngepc.checks.arguments import require_number, require_vector
-from ngepc.checks.kinds import require_flag, require_instance, require_text
-from ngepc.pictures.drawable import UnitNames, fields_of, unit_names
+from ngepc.checks.arguments import require_vector
+from ngepc.checks.declared import Check, Declared, Flag, NotNegative, Text
+from ngepc.checks.kinds import require_instance, require_text
+from ngepc.pictures.drawable import Units, fields_of, require_units
 from ngepc.pictures.sampling import Corners, boundary_corners, element_borders, obstacle_lines
 from ngepc.pictures.stills import Angles, camera, solid_image
 from ngepc.pictures.style import DEFORMED, GUIDE, OBSTACLE, OUTLINE, Picture
 
+AXES = "matplotlib Axes or None"
 SOLID = (3.8, 3.4)
 """Inches that a picture of a solid takes."""
 
 
+def require_colormap(name: str, colormap: object) -> str | Colormap:
+    """Accept colour maps, and the names of those of matplotlib."""
+    if not isinstance(colormap, Colormap):
+        require_text(name, colormap)
+        if colormap not in colormaps:
+            raise ValueError(
+                f"{name}={colormap!r}: the name of a matplotlib colour map is needed, such as "
+                "'viridis' or 'RdBu_r'"
+            )
+    return colormap
+
+
 @dataclass(frozen=True)
-class Drawing:
-    """How bodies are drawn into axes: what users choose in all figures, checked."""
+class Drawing(Declared):
+    """How bodies are drawn into axes: what users choose in all figures."""
 
-    scale: float
-    units: UnitNames | None = None
-    view: Angles | None = None
-    axes: Axes | None = None
-    title: str | None = None
-    mesh_lines: bool = False
-
-    def __post_init__(self) -> None:
-        require_number("deformation_scale", self.scale, 0.0)
-        unit_names(self.units)
-        require_flag("mesh_lines", self.mesh_lines)
-        require_text("title", self.title, optional=True)
-        if self.view is not None:
-            require_vector("view", self.view, (2,))
-        if self.axes is not None:
-            require_instance("axes", self.axes, Axes, "matplotlib Axes or None")
+    deformation_scale: NotNegative
+    units: Units = None
+    view: Annotated[Angles | None, Check(require_vector, lengths=(2,))] = None
+    axes: Annotated[Axes | None, Check(require_instance, kind=Axes, needed=AXES)] = None
+    title: Text | None = None
+    mesh_lines: Flag = False
+    label: Text | None = None
+    colormap: Annotated[str | Colormap | None, Check(require_colormap)] = None
 
     def panels(self, corners: Corners, count: int = 1, bar: bool = True) -> list[Axes]:
         """The given axes, or those of a new figure for bodies of this size, three in a row."""
@@ -51,7 +58,9 @@ class Drawing:
             return [self.axes]
         width, height = SOLID
         if corners.points.shape[2] == 2:
-            both = np.concatenate([corners.points, corners.deformed(self.scale)]).reshape(-1, 2)
+            both = np.concatenate(
+                [corners.points, corners.deformed(self.deformation_scale)]
+            ).reshape(-1, 2)
             width, height = np.ptp(both, axis=0)
             unit = min(6.0 / width, 4.0 / height)
             width, height = max(3.5, unit * width + 0.8), max(2.2, unit * height + 0.8)
@@ -75,33 +84,32 @@ class Drawing:
         title: str = "",
     ) -> None:
         """The triangles in the colours of their values, title, and what surrounds the body."""
-        fields = fields_of(source)
+        fields, scale = fields_of(source), self.deformation_scale
         axes.set_title(title or self.title or "\n".join(filter(None, (words, _method(source)))))
-        points = corners.deformed(self.scale)
-        lines = element_borders(fields).deformed(self.scale) if self.mesh_lines else None
+        points = corners.deformed(scale)
+        lines = element_borders(fields).deformed(scale) if self.mesh_lines else None
         if points.shape[2] == 3:
             axes.imshow(solid_image(points, corners.values, colours, lines, self.view))
-            return self._directions(axes)
-        triangles = Triangulation(
-            *points.reshape(-1, 2).T, np.arange(points.size // 2).reshape(-1, 3)
-        )
+            self._directions(axes)
+            return
+        x, y = points.reshape(-1, 2).T
+        triangles = Triangulation(x, y, np.arange(len(x)).reshape(-1, 3))
         shade = {"cmap": colours.cmap, "norm": colours.norm, "shading": "gouraud"}
         axes.tripcolor(triangles, corners.values.ravel(), rasterized=True, **shade)
         border = boundary_corners(fields)
-        drawn = [(border.points, OUTLINE, 0.7, 0), (border.deformed(self.scale), DEFORMED, 0.6, 3)]
+        drawn = [(border.points, OUTLINE, 0.7, 0), (border.deformed(scale), DEFORMED, 0.6, 3)]
         if lines is not None:
             drawn += [(lines, GUIDE, min(0.3, 450 / fields.problem.mesh.ne), 2)]
-        if self.scale > 0:
-            drawn += [(obstacle_lines(fields, self.scale), OBSTACLE, 1.4, 4)]
+        if scale > 0:
+            drawn += [(obstacle_lines(fields, scale), OBSTACLE, 1.4, 4)]
         for segments, colour, width, above in drawn:
             line = {"colors": colour, "linewidths": width, "zorder": above}
             axes.add_collection(LineCollection(segments, **line))
-        length = unit_names(self.units).length
+        length = require_units("units", self.units).length
         axes.set(xlabel=f"x ({length})", ylabel=f"y ({length})", aspect="equal")
         axes.grid(False)
         axes.autoscale_view()
         axes.margins(0.03)
-        return None
 
     def _directions(self, axes: Axes) -> None:
         """Arrows along x, y and z, left of the image of a solid, which needs no other axes."""
@@ -134,14 +142,3 @@ def add_bar(colours: ScalarMappable, panels: list[Axes], label: str, own: bool) 
     if bar.orientation == "vertical":  # powers of ten where numbers are small or large
         bar.formatter.set_powerlimits((-2, 4))
         bar.ax.yaxis.get_offset_text().set_fontsize(8)
-
-
-def check_colormap(colormap: object) -> None:
-    """Refuse colour maps that nobody knows."""
-    if colormap is not None and not isinstance(colormap, Colormap):
-        require_text("colormap", colormap)
-        if colormap not in colormaps:
-            raise ValueError(
-                f"colormap={colormap!r}: the name of a matplotlib colour map is needed, such as "
-                "'viridis' or 'RdBu_r'"
-            )

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spannin
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance, require_mapping
-from ngepc.pictures.drawable import UnitNames, fields_of, require_sources, unit_names
+from ngepc.pictures.drawable import UnitNames, fields_of, require_sources, require_units
 from ngepc.pictures.sampling import boundary_corners
 from ngepc.pictures.style import COLOURS, GUIDE, Picture, line_style, styled
 from ngepc.results.outcome import History
@@ -146,7 +146,7 @@ def plot_contact_pressure(
     boundaries and several results (label -> result) are separate curves.  ``axes`` are what to draw
     into, by default those of a new figure.
     """
-    units = unit_names(units)
+    units = require_units("units", units)
     if not isinstance(sources, Mapping):
         fields_of(sources, "sources")
         sources = {"": sources}

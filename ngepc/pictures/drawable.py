@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import Annotated
 
 from ngsolve import CoefficientFunction, InnerProduct, Region, sqrt
 
-from ngepc.checks.declared import Declared, Text
+from ngepc.checks.declared import Check, Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.pictures.sampling import visible
 from ngepc.results.fields import Fields
@@ -66,11 +67,13 @@ class Drawable:
     colormap: str = "viridis"
 
 
-def unit_names(units: UnitNames | None) -> UnitNames:
+def require_units(name: str, units: UnitNames | None) -> UnitNames:
     """The names of the units, the plain ones for None; TypeError for anything else."""
     units = UnitNames() if units is None else units
-    require_instance("units", units, UnitNames, "UnitNames(...) or None")
-    return units
+    return require_instance(name, units, UnitNames, "UnitNames(...) or None")
+
+
+Units = Annotated[UnitNames | None, Check(require_units)]
 
 
 def drawable(
@@ -81,7 +84,7 @@ def drawable(
     Vectors and matrices are drawn by their Euclidean and Frobenius norms, their components by
     names such as 'displacement_x' and 'stress_xy'; of solids also their 'contact_pressure'.
     """
-    units, problem = unit_names(units), fields_of(source).problem
+    units, problem = require_units("units", units), fields_of(source).problem
     if isinstance(field, CoefficientFunction):
         return Drawable(*visible(problem.mesh, norm_of(field)))
     if not isinstance(field, str):

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_attributes, require_text
-from ngepc.pictures.bodies import Drawing, add_bar, check_colormap
+from ngepc.checks.kinds import require_attributes
+from ngepc.pictures.bodies import Drawing, add_bar
 from ngepc.pictures.drawable import (
     UnitNames,
     drawable,
@@ -88,8 +88,8 @@ def plot_field(
     ImportError
         If the body is a solid and pyvista or libEGL is missing.
     """
-    drawing = Drawing(deformation_scale, units, view, axes, title, mesh_lines)
-    return _draw_fields(drawing, {"": source}, field, (vmin, vmax), label, colormap)
+    how = (deformation_scale, units, view, axes, title, mesh_lines, label, colormap)
+    return _draw_fields(Drawing(*how), {"": source}, field, (vmin, vmax))
 
 
 @styled
@@ -183,12 +183,8 @@ def _draw_fields(
     sources: Mapping[str, object],
     field: str | CoefficientFunction,
     ends: tuple[float | None, float | None],
-    label: str | None = None,
-    colormap: str | None = None,
 ) -> Figure:
     """Bodies side by side with one colour bar, in the axes of the drawing if it has some."""
-    require_text("label", label, optional=True)
-    check_colormap(colormap)
     what = {title: drawable(source, field, drawing.units) for title, source in sources.items()}
     corners = [
         sample_corners(fields_of(source), what[title].region, what[title].coefficient)
@@ -196,11 +192,11 @@ def _draw_fields(
     ]
     first = next(iter(what.values()))
     limits = colour_scale(*corners, vmin=ends[0], vmax=ends[1], symmetric=first.signed)
-    colours = ScalarMappable(limits, colormap or first.colormap)
+    colours = ScalarMappable(limits, drawing.colormap or first.colormap)
     panels = drawing.panels(corners[0], len(corners))
     for panel, (title, source), sampled in zip(panels, sources.items(), corners, strict=True):
         drawing.body(panel, source, sampled, colours, title=title)
-    add_bar(colours, panels, label or first.label, drawing.axes is None)
+    add_bar(colours, panels, drawing.label or first.label, drawing.axes is None)
     return panels[0].figure
 
 

@@ -100,7 +100,7 @@ class LivePlotMonitor:
         """Add a step, and draw if the last drawing is old enough."""
         if record.iteration == 0:
             self.runs.append(History())
-        self.runs[-1].append(replace(record, snapshot=None))
+        self.runs[-1].records.append(replace(record, snapshot=None))
         self._last = record
         done = self.tolerance is not None and record.residual_norm < self.tolerance
         if done or time.monotonic() >= self._next:

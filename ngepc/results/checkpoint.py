@@ -10,15 +10,20 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ngepc._version import __version__
+from ngepc.checks.arguments import sample
+from ngepc.model.contact import Coulomb
+from ngepc.model.places import values_at
+from ngepc.model.problem import Problem
 from ngepc.results.files import replace_contents
 
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,19 +40,10 @@ def save(path: Path, fingerprint: Mapping, record: Mapping, arrays: Mapping) -> 
     OSError if the folder is missing or full.
     """
     header = {"format": FORMAT, "fingerprint": dict(fingerprint), "record": record}
-    text = json.dumps({**header, "contents": contents_digest(arrays)})
+    header["arrays"] = sorted(arrays)
     stream = io.BytesIO()
-    np.savez(stream, header=np.array(text), **arrays)
+    np.savez(stream, header=np.array(json.dumps(header)), **arrays)
     replace_contents(path, stream.getvalue())
-
-
-def contents_digest(arrays: Mapping) -> str:
-    """A digest of names, types, shapes and values of arrays."""
-    digest = hashlib.sha256()
-    for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        digest.update(f"{name} {array.dtype.str} {array.shape};".encode() + array.tobytes())
-    return digest.hexdigest()
 
 
 def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
@@ -57,40 +53,77 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
     """
     if not path.exists():
         return None
-    header, arrays = _read(path)
-    if header.get("format") != FORMAT:
+    try:
+        if not zipfile.is_zipfile(path):
+            raise ValueError("it is no .npz file")
+        with np.load(path, allow_pickle=False) as data:  # the archive has a checksum of each array
+            arrays = {name: data[name] for name in data.files}
+        header = json.loads(str(arrays.pop("header")))
+        form, theirs, record = header["format"], dict(header["fingerprint"]), header["record"]
+        if form == FORMAT and header["arrays"] != sorted(arrays):
+            raise ValueError("it is incomplete")
+    except Exception as error:  # damaged archives make NumPy and zipfile raise almost anything
         raise ValueError(
-            f"checkpoint {path} has format {header.get('format')}, this version of ngepc reads "
-            f"{FORMAT}: move it away"
+            f"checkpoint {path} is damaged or no checkpoint ({error}): move it away"
+        ) from error
+    if form != FORMAT:
+        raise ValueError(
+            f"checkpoint {path} has format {form}, this version of ngepc reads {FORMAT}: "
+            "move it away"
         )
-    theirs, ours = header["fingerprint"], json.loads(json.dumps(dict(fingerprint)))
+    ours = json.loads(json.dumps(dict(fingerprint)))
     different = sorted(k for k in {*theirs, *ours} if theirs.get(k) != ours.get(k))
     if different:
         raise ValueError(
             f"checkpoint {path} belongs to other work: {', '.join(different)} differ; move it away"
         )
-    return Checkpoint(header["record"], arrays)
+    return Checkpoint(record, arrays)
 
 
-def _read(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
-    """Header and arrays of a file whose digest agrees.
+def work_fingerprint(kind: str, problem: Problem, **more: object) -> dict:
+    """What stored work belongs to: the version, the mesh, the data, and ``more``."""
+    mesh = problem.mesh.ngmesh
+    elements = mesh.Elements2D() if problem.N == 2 else mesh.Elements3D()
+    return {
+        "kind": kind,
+        "version": __version__,
+        "mesh": digest_of([mesh.Coordinates(), elements.NumPy()["nodes"]]),
+        "problem": problem_fingerprint(problem),
+        **more,
+    }
 
-    Damaged archives make NumPy and zipfile raise almost any exception.
-    """
-    try:
-        if not zipfile.is_zipfile(path):
-            raise ValueError("it is no .npz file")
-        with np.load(path, allow_pickle=False) as data:
-            header = json.loads(str(data["header"]))
-            arrays = {name: data[name] for name in data.files if name != "header"}
-        if header["format"] == FORMAT:
-            digest = contents_digest(arrays)
-            if header.get("contents", digest) != digest:
-                raise ValueError("its digest is wrong")
-            if not isinstance(header["fingerprint"], dict) or "record" not in header:
-                raise ValueError("it is incomplete")
-    except Exception as error:  # see above: damage shows as almost anything
-        raise ValueError(
-            f"checkpoint {path} is damaged or no checkpoint ({error}): move it away"
-        ) from error
-    return header, arrays
+
+def digest_of(parts: Iterable[str | np.ndarray]) -> str:
+    """A digest of texts and arrays in their order."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part.encode() if isinstance(part, str) else np.ascontiguousarray(part))
+    return digest.hexdigest()
+
+
+def problem_fingerprint(problem: Problem) -> str:
+    """A digest of all data of a problem but its mesh, sampled on the mesh."""
+    mesh, material, law = problem.mesh, problem.material, problem.material.law
+    names = (problem.clamped_names, problem.contact_names, *problem.contact_pairs)
+    told = [repr((*names, problem.kinematics.name, problem.order)), type(law).__qualname__]
+    body = [material.lame_lambda, material.lame_mu, material.effective_hardening]
+    body += [material.hardening, problem.beta, problem.p_0, *problem.alpha_0, problem.eps_0]
+    body += [problem.accumulated_0, problem.u_0, problem.f, *(() if law is None else law.data)]
+    told += ["none" if value is None else sample(value, mesh) for value in body]
+    for kind in (problem.tractions, problem.gaps):
+        for name, value in sorted(kind.items()):
+            told += [name, sample(value, mesh, [name])]
+    if problem.friction is not None:
+        law = problem.friction
+        value = law.coefficient if isinstance(law, Coulomb) else law
+        told.append("Tresca" if value is law else "Coulomb")
+        told.append(sample(value, mesh, list(problem.touching_names)))
+    placed = [("held", p, values) for p, values in problem.held_components.items()]
+    placed += [(f"roller {r.direction}", p, [r.value]) for p, r in problem.rollers.items()]
+    for p, k in problem.spring_constants.items():
+        placed.append(("spring", p, k if isinstance(k, Sequence | np.ndarray) else [k]))
+    placed += [("load", p, [problem.loads[p]]) for p in problem.concentrated if p in problem.loads]
+    for kind, place, values in sorted(placed, key=lambda entry: (entry[0], str(entry[1]))):
+        told.append(f"{kind} {place}")
+        told += ["free" if v is None else values_at(v, mesh, place)[1] for v in values]
+    return digest_of(told)

@@ -29,35 +29,16 @@ from ngepc.model.problem import Problem
 class Equilibrium:
     """Nodal forces on the body at a solution, arrays of shape (N, nodes).
 
-    Parameters
-    ----------
-    problem
-        The problem that was solved.
-    applied, contact
-        Forces of tractions and body force, and of the obstacles with their friction.
-    missing
-        Internal minus applied minus contact forces: reactions at the held components, what the
-        solver has left at the free ones.
-    free
-        Boolean, the components that no support holds.
-    others
-        Place of each roller and spring -> its forces; ``missing`` is without them.
+    ``missing`` are internal minus applied minus contact forces: reactions at the held components,
+    what the solver has left at the free ones.
     """
 
     problem: Problem
-    applied: np.ndarray
-    contact: np.ndarray
+    applied: np.ndarray  # forces of tractions and body force
+    contact: np.ndarray  # of the obstacles, with their friction
     missing: np.ndarray
-    free: np.ndarray
-    others: Mapping[Place, np.ndarray] = field(default_factory=dict)
-
-    @classmethod
-    def of(
-        cls, problem: Problem, applied: np.ndarray, contact: np.ndarray, missing: np.ndarray
-    ) -> Equilibrium:
-        """The equilibrium with ``free`` from the supports of the problem."""
-        free = np.array(list(displacement_space(problem).FreeDofs()), dtype=bool)
-        return cls(problem, applied, contact, missing, free.reshape(applied.shape))
+    free: np.ndarray  # boolean, the components that no support holds
+    others: Mapping[Place, np.ndarray] = field(default_factory=dict)  # of each roller and spring
 
     @property
     def reaction(self) -> np.ndarray:
@@ -94,22 +75,8 @@ class Equilibrium:
     def moment(self, forces: np.ndarray, about: Sequence[float] | None = None) -> np.ndarray:
         """Sum of (x - about) x F over the nodes (force times length).
 
-        Parameters
-        ----------
-        forces
-            Nodal forces, shape (N, nodes).
-        about
-            A point, N numbers; None for the origin.
-
-        Returns
-        -------
-        ndarray
-            Three components; for N = 2 one, positive counterclockwise.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If ``about`` is no point.
+        ``about`` is a point, None for the origin.  Three components; for N = 2 one, positive
+        counterclockwise.
         """
         mesh, processes = self.problem.mesh, self.problem.processes
         N, own = mesh.dim, processes.own

@@ -7,13 +7,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from ngsolve import H1, CoefficientFunction, GridFunction, InnerProduct, Norm, VectorH1, sqrt
+from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
 
 from ngepc.discretisation.rows import ContactRows
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
 from ngepc.model.rules import plastic_points
 from ngepc.results.equilibrium import Equilibrium
+from ngepc.results.fields import frobenius
 from ngepc.results.outcome import History, Status
 from ngepc.results.result import Result
 
@@ -29,21 +30,11 @@ SMALL_STRAIN = 0.1
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DiscreteSolution(Result):
-    """Fields, contact and message of a solution with contact rows, there whatever the status.
+    """Fields, contact and message of a solution with contact rows, there whatever the status."""
 
-    Parameters
-    ----------
-    state
-        The last iterate: displacements and forces of the rows, and what follows from them.
-    status, ending
-        How the run ended, and a sentence about it, empty for a run that converged.
-    history
-        Records of all iterates, start included.
-    """
-
-    state: Any
+    state: Any  # the last iterate: displacements and forces of the rows, and what follows
     status: Status
-    ending: str
+    ending: str  # a sentence about how the run ended, empty if it converged
     history: History
 
     @property
@@ -64,11 +55,10 @@ class DiscreteSolution(Result):
     @cached_property
     def largest_strain(self) -> float:
         """The largest |eps(u)| at the points."""
-        mesh, strain = self.problem.mesh, self.strain
+        mesh = self.problem.mesh
         rules = plastic_points(mesh, self.problem.order)
         points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
-        largest = np.asarray(sqrt(InnerProduct(strain, strain))(points))
-        return self.problem.processes.most(largest)
+        return self.problem.processes.most(np.asarray(frobenius(self.strain)(points)))
 
     @property
     def residual_norm(self) -> float:
@@ -142,10 +132,7 @@ class DiscreteSolution(Result):
 
     @cached_property
     def friction_stress(self) -> GridFunction:
-        """Friction on the body over the area that belongs to it (stress), N components.
-
-        It is P1 like ``contact_pressure``, and zero without friction.
-        """
+        """Friction on the body over the area that belongs to it (stress), N components, P1."""
         return self._density("friction_stress", self._friction_on_body)
 
     @property
@@ -155,13 +142,9 @@ class DiscreteSolution(Result):
 
     @cached_property
     def sliding(self) -> GridFunction:
-        """1 at vertices that touch the obstacle and slip, 0 elsewhere; P1 on the contact boundary.
-
-        Without friction all that touches counts as sliding.
-        """
-        size = np.linalg.norm(self.nodal_slip, axis=1)
-        largest = self.problem.processes.most(np.abs(self.state.u))
-        slips = size > SLIPPING * largest
+        """1 at vertices that touch the obstacle and slip, without friction all that touch; P1."""
+        least = SLIPPING * self.problem.processes.most(np.abs(self.state.u))
+        slips = np.linalg.norm(self.nodal_slip, axis=1) > least
         slips |= self.problem.friction is None
         vertices = self.rows.vertices[slips & (self.pressing > 0)]
         sliding = GridFunction(H1(self.problem.mesh, order=1), name="sliding")
@@ -198,11 +181,8 @@ class DiscreteSolution(Result):
     def contact_facets(self) -> int:
         """Number of contact facets all of whose vertices are pressed."""
         pressed = set(self.rows.vertices[self.pressing > 0].tolist())
-        here = sum(
-            all(vertex.nr in pressed for vertex in facet.vertices)
-            for name in self.problem.touching_names
-            for facet in self.problem.mesh.Boundaries(name).Elements()
-        )
+        facets = self.problem.mesh.Boundaries("|".join(self.problem.touching_names)).Elements()
+        here = sum(pressed.issuperset(vertex.nr for vertex in f.vertices) for f in facets)
         return self.problem.processes.total(here)
 
     @property

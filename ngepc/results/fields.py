@@ -19,14 +19,7 @@ def frobenius(A: CoefficientFunction) -> CoefficientFunction:
 class Quantities:
     """Everything that (u, p) says about the body at the end of the step, as drawable coefficients.
 
-    Attributes
-    ----------
-    problem
-        The problem that was solved.
-    displacement
-        u, vector-valued (length).
-    plastic_increment
-        Coordinates of the plastic strain p gained in this step (1), d components.
+    u (length) is a vector, p, what is gained of the plastic strain in this step, has d coordinates.
     """
 
     problem: Problem
@@ -73,8 +66,8 @@ class Quantities:
     @property
     def yield_function(self) -> CoefficientFunction:
         """Phi = |dev sigma - alpha_2|_F minus ``Material.yield_bound``, scalar (stress), <= 0."""
-        accumulated = self.accumulated_plastic_strain
-        bound = self.problem.material.yield_bound(self.hardening_variable, accumulated)
+        hardened = self.hardening_variable, self.accumulated_plastic_strain
+        bound = self.problem.material.yield_bound(*hardened)
         return frobenius(self.deviatoric_stress - self.back_stress) - bound
 
     @property

@@ -66,8 +66,17 @@ def newton_iteration(
     status, message = None, ""
     try:
         while status is None:
-            record = record_of(state, step, len(history.records), length, trials)
-            history.append(record)
+            record = IterationRecord(
+                iteration=len(history.records),
+                residual_norm=state.residual_norm,
+                contact_residual_norm=state.contact_residual_norm,
+                energy=state.energy,
+                step_length=length,
+                halvings=trials,
+                contact_active=state.frame.contact.area(state.multipliers > 0),
+                **step.numbers(state),
+            )
+            history.records.append(record)
             log.info(LINE, vars(record))
             if monitor is not None:
                 monitor(replace(record, snapshot=_snapshot(state, step, history)))
@@ -138,22 +147,6 @@ def drowned(here: ExactIterate, steps: int | None = None) -> str:
         f"{here.rounding:.2g} of it: strains as large as these cancel in the stress, the hardening "
         "is small beside the elastic moduli. "
         f"A tolerance above {1.1 * here.rounding:.2g} is within reach."
-    )
-
-
-def record_of(
-    state: ExactIterate, step: NewtonStep, iteration: int, length: float, trials: int
-) -> IterationRecord:
-    """The numbers of an iterate."""
-    return IterationRecord(
-        iteration=iteration,
-        residual_norm=state.residual_norm,
-        contact_residual_norm=state.contact_residual_norm,
-        energy=state.energy,
-        step_length=length,
-        halvings=trials,
-        contact_active=state.frame.contact.area(state.multipliers > 0),
-        **step.numbers(state),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import TypeVar
 
@@ -41,46 +41,24 @@ class Status(Enum):
 class IterationRecord:
     """One Newton iterate: what monitors receive and histories keep.
 
-    Parameters
-    ----------
-    iteration
-        Number of Newton steps done so far; 0 is the start.
-    residual_norm, contact_residual_norm, plastic_residual_norm
-        ||Psi_gamma||_{H*} and its parts on Gamma_c (z) and in Omega (q).
-    energy
-        J*_gamma(v) (dual methods) or J (primal ones), force times length.
-    step_length, halvings
-        alpha of the step that led here and the trials before it; 1 and 0 at the start.
-    back_substitutions
-        Solves with the matrix of that step; more than one with exact contact.
-    linear_iterations
-        Iterations of a Krylov solver in them; 0 with a direct solver.
-    contact_active, plastic_active, friction_active
-        Measures (length or area or volume) of the active sets: the part of Gamma_c that the
-        obstacle pushes, the part of the body that yields, the part of Gamma_c that slips.
-    snapshot
-        The result of a run that had stopped at this iterate, made when it is called.  Monitors
-        get it with the record; histories keep the numbers only.
+    The active measures (length, area, volume) are those of the part of Gamma_c that the obstacle
+    pushes, of the body that yields, of Gamma_c that slips.  ``snapshot()`` is the result of a run
+    that had stopped here; monitors get it with the record, histories keep the numbers only.
     """
 
-    iteration: int
-    residual_norm: float
-    contact_residual_norm: float = 0.0
-    plastic_residual_norm: float = 0.0
-    energy: float = float("nan")
-    step_length: float = 1.0
-    halvings: int = 0
-    back_substitutions: int = 0
-    linear_iterations: int = 0
+    iteration: int  # Newton steps done so far; 0 is the start
+    residual_norm: float  # ||Psi_gamma||_{H*}, or the relative one of the exact methods
+    contact_residual_norm: float = 0.0  # its part on Gamma_c (z)
+    plastic_residual_norm: float = 0.0  # its part in Omega (q)
+    energy: float = float("nan")  # J*_gamma(v) of dual methods, else J (force times length)
+    step_length: float = 1.0  # alpha of the step that led here
+    halvings: int = 0  # trials before it
+    back_substitutions: int = 0  # solves with the matrix of that step
+    linear_iterations: int = 0  # of a Krylov solver in them; 0 with a direct solver
     contact_active: float = 0.0
     plastic_active: float = 0.0
     friction_active: float = 0.0
     snapshot: Callable[[], Ending] | None = field(default=None, compare=False, repr=False)
-
-    def as_row(self) -> dict:
-        """The numbers by their names, for tables and files."""
-        names = [field.name for field in fields(self) if field.name != "snapshot"]
-        return {name: getattr(self, name) for name in names}
 
 
 Monitor = Callable[[IterationRecord], None]
@@ -92,10 +70,6 @@ class History:
     """The records of a run, start included; columns are lists, see ``IterationRecord``."""
 
     records: list[IterationRecord] = field(default_factory=list)
-
-    def append(self, record: IterationRecord) -> None:
-        """Add the record of the newest iterate."""
-        self.records.append(record)
 
     def column(self, name: str) -> list:
         """One field of all records."""
@@ -122,8 +96,11 @@ class History:
         return sum(self.column("halvings"))
 
     def as_rows(self) -> list[dict]:
-        """The records as dictionaries, for tables."""
-        return [record.as_row() for record in self.records]
+        """The numbers of the records by their names, for tables and files."""
+        return [
+            {name: value for name, value in vars(record).items() if name != "snapshot"}
+            for record in self.records
+        ]
 
 
 class SolverError(RuntimeError):

@@ -16,37 +16,18 @@ from ngepc.results.outcome import Ending, History
 class Result(Quantities, Ending):
     """What the results of all solvers have in common, there whatever the status says.
 
-    A result that inherits has these:
-
-    Attributes
-    ----------
-    problem, displacement, plastic_increment
-        As in ``Quantities``.
-    status, message, history
-        How the run ended, and the records of its iterates.
-    method_label
-        'exact', 'gamma = 1e4': what was solved.
-    residual_norm
-        At the end; the norm depends on the method.
-    primal_energy, dual_energy
-        J(u, p) of (2.14); J*_gamma(v), or -J by the identity that a minimum satisfies.
-    yield_excess
-        Positive where the body yields in this step: the plastic active set.
-    contact_pressure, contact_force
-        On Gamma_c, positive in compression, and its resultant.
-    equilibrium
-        Nodal forces of loads, obstacles and supports.
+    Those that inherit have the ``Quantities`` and what is declared here.
     """
 
-    history: History
-    method_label: str
-    residual_norm: float
-    primal_energy: float
-    dual_energy: float
-    yield_excess: CoefficientFunction
-    contact_pressure: CoefficientFunction
-    contact_force: float
-    equilibrium: Equilibrium
+    history: History  # the records of the iterates
+    method_label: str  # 'exact', 'gamma = 1e4': what was solved
+    residual_norm: float  # at the end; the norm depends on the method
+    primal_energy: float  # J(u, p) of (2.14)
+    dual_energy: float  # J*_gamma(v), or -J by the identity that a minimum satisfies
+    yield_excess: CoefficientFunction  # > 0 where the body yields in this step
+    contact_pressure: CoefficientFunction  # on Gamma_c, positive in compression
+    contact_force: float  # its resultant
+    equilibrium: Equilibrium  # nodal forces of loads, obstacles and supports
 
     @property
     def iterations(self) -> int:

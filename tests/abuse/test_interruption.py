@@ -479,7 +479,7 @@ def test_foreign_and_older_checkpoints_are_refused_and_kept(work):
 def test_checkpoint_of_an_earlier_version_is_refused(tmp_path, monkeypatch):
     store = tmp_path / "path.npz"
     small_path(store)
-    monkeypatch.setattr("ngepc.results.fingerprint.__version__", "99.0")
+    monkeypatch.setattr("ngepc.results.checkpoint.__version__", "99.0")
     with pytest.raises(ValueError, match="version differ"):
         small_path(store)
 

@@ -196,7 +196,7 @@ def test_checkpoint_of_another_version_is_refused(problem, tmp_path, monkeypatch
     file = tmp_path / "path.npz"
     limited = PathOptions(max_outer_iterations=1)
     follow_path(problem, limited, checkpoint=file)
-    monkeypatch.setattr("ngepc.results.fingerprint.__version__", "0.0.1")
+    monkeypatch.setattr("ngepc.results.checkpoint.__version__", "0.0.1")
     with pytest.raises(ValueError, match="version"):
         follow_path(problem, limited, checkpoint=file)
 

@@ -377,7 +377,7 @@ def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():
     from ngepc.evolution.solver import cold_start
     from ngepc.geometries import lshape
     from ngepc.model.examples import lshape_problem
-    from ngepc.results.fingerprint import problem_fingerprint
+    from ngepc.results.checkpoint import problem_fingerprint
 
     names = {cold_start(semismooth_newton, gamma=g).__qualname__ for g in (1e3, 1e4)}
     assert len(names) == 2
