@@ -89,7 +89,6 @@ OPTIONS = {
     "--figures": (None, "pictures, too"),
     "--lshape-nodes N": (count, "mesh of Example (a)"),
     "--wrench-nodes N": (count, "mesh of Example (b)"),
-    "--modes A,B": (words, "of default,order 2,primal,1e4"),
     "--solver": (("pyamg", "petsc"), "default pyamg"),
     "--counts N,M": (counts, "numbers of processes, default 1,2,4,8"),
 }
@@ -141,7 +140,7 @@ COMMANDS = {
     "notebooks": Command("copy the notebooks to a folder", ("folder", "--solutions", "--force")),
 }  # fmt: skip
 
-COUNTS = ("--levels N", "--rows A,B", "--tolerance X")
+COUNTS = ("--levels N", "--rows A,B")
 NODES = ("--lshape-nodes N", "--wrench-nodes N")
 
 STUDIES = {
@@ -152,9 +151,9 @@ STUDIES = {
     "figures": Command("Figures 2, 3, 5 and 6 at the end of paths in gamma",
                        NODES, "paths:Figures"),
     "figure4": Command("convergence quotients of the last Newton steps",
-                       ("--levels N", "--gamma G"), "convergence:Figure4"),
+                       work="convergence:Figure4"),
     "duality": Command("the duality gap and its parts along paths in gamma",
-                       ("--gamma-end G", *NODES), "paths:Duality"),
+                       NODES, "paths:Duality"),
     "differentiability": Command("the norm gap of Definition 6.1",
                                  work="convergence:Differentiability"),
     "without_tichonov": Command("Newton steps with and without Tichonov's term",
@@ -163,7 +162,7 @@ STUDIES = {
     "counts": Command("Newton steps of the default method: meshes, nested, hardening, 3D",
                       work="counts:NewtonCounts"),
     "cost": Command("what a solve costs in elastic solves: counts, ratios, scaling, memory",
-                    ("--levels N", "--modes A,B"), "cost:Cost"),
+                    work="cost:Cost"),
     "locking": Command("volume locking: three tests, orders 1 and 2", work="locking:Locking"),
     "bounds": Command("guaranteed bounds beside the error", work="bounds:Bounds"),
     "benchmarks": Command("published problems: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",

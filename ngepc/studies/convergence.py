@@ -34,7 +34,7 @@ from ngepc.theory.differentiability import difference_quotients
 LAST = 6
 """Iterates that enter the five quotients."""
 
-REFERENCE_TOLERANCE = 1e-14
+REFERENCE_TOLERANCE, GAMMA = 1e-14, 1e4
 
 
 def convergence_quotients(
@@ -105,11 +105,10 @@ class Figure4(Work):
     """Example (a) from the 417-node solution, Example (b) from v = 0, on ``levels`` meshes."""
 
     levels: int = 3
-    gamma: float = 1e4
 
     name, title = "figure4", "Figure 4: convergence quotients"
     note = (
-        "Quotients of the H norms of v^j - v* at gamma = {study.gamma:g}. v* is the solution for "
+        "Quotients of the H norms of v^j - v* at gamma = 1e4. v* is the solution for "
         "the tolerance 1e-14, or the last iterate before the residual stops falling (its residual "
         "is in the table). In parentheses: the distance is below ten times the rounding of v*, the "
         "quotient says nothing."
@@ -126,13 +125,13 @@ class Figure4(Work):
     def cells(self) -> list[dict]:
         """All meshes of both examples."""
         meshes = [(body, n) for body, f in FAMILIES.items() for n in first_of(f, self.levels)]
-        return [{"body": body, "nodes": n, "gamma": self.gamma} for body, n in meshes]
+        return [{"body": body, "nodes": n} for body, n in meshes]
 
-    def solve(self, body: str, nodes: int, gamma: float) -> dict:
+    def solve(self, body: str, nodes: int) -> dict:
         """The quotients of one run."""
         options = NewtonOptions(max_iterations=2000)
-        start = coarse_start(body, gamma, options) if body == "lshape" else None
-        return convergence_quotients(example(body, nodes), gamma, start, options)
+        start = coarse_start(body, GAMMA, options) if body == "lshape" else None
+        return convergence_quotients(example(body, nodes), GAMMA, start, options)
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """The quotients of both examples beside each other, one curve for each mesh."""

@@ -33,7 +33,7 @@ from ngepc.dual.newton import NewtonOptions
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord
 from ngepc.studies.examples import coarse_start, example, in_own_process, peak_memory, solved_by
-from ngepc.studies.work import Work, chosen, first_of, steps
+from ngepc.studies.work import Work, first_of, steps
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
 """Meshes of Example (a): the paper's from 1601 on, and the next two bisections."""
@@ -123,10 +123,9 @@ def growth(cells: Sequence[dict]) -> float:
 
 @dataclass(eq=False)
 class Cost(Work):
-    """Some of MODES on ``levels`` meshes, order 2 on two less; every run measures anew."""
+    """MODES on ``levels`` meshes, order 2 on two less; every run measures anew."""
 
     levels: int = 3
-    modes: Sequence[str] | None = None
 
     name, title, keeps = "cost", "What a solve costs", False
     columns = (
@@ -144,12 +143,12 @@ class Cost(Work):
     )
 
     def __post_init__(self) -> None:
-        self.modes, self.nodes = chosen(MODES, self.modes), first_of(NODES, self.levels)
+        self.nodes = first_of(NODES, self.levels)
 
     def cells(self) -> list[dict]:
         """The meshes of each method."""
         fewer = self.nodes[: max(1, self.levels - 2)]
-        meshes = {mode: fewer if mode == ORDER_2 else self.nodes for mode in self.modes}
+        meshes = {mode: fewer if mode == ORDER_2 else self.nodes for mode in MODES}
         return [{"mode": mode, "nodes": n} for mode, family in meshes.items() for n in family]
 
     def solve(self, mode: str, nodes: int) -> dict:
@@ -159,7 +158,7 @@ class Cost(Work):
     def notes(self, records: Sequence[dict]) -> list[str]:
         """How it was measured, growth, and the part of the primal method's time."""
         found = [NOTE]
-        for mode in self.modes:
+        for mode in MODES:
             cells = [r for r in records if r["mode"] == mode]
             if len(cells) > 1:
                 found.append(f"Time per step grows like nodes^{growth(cells):.2f} ({mode}).")

@@ -256,13 +256,15 @@ DUALITY_NOTE = (
 )
 
 
+BY_TENS = PathOptions(growth=10.0, gamma_end=1e6, inner_scale=1e-8)
+
+
 @dataclass(eq=False)
 class Duality(BothPaths):
-    """The paths of both examples to ``gamma_end`` by factors of ten, on small meshes by default."""
+    """The paths of both examples to gamma = 1e6 by factors of ten, on small meshes by default."""
 
     lshape_nodes: int = 833
     wrench_nodes: int = 873
-    gamma_end: float = 1e6
 
     name, title, note = "duality", "Duality", DUALITY_NOTE
     columns = (
@@ -272,21 +274,14 @@ class Duality(BothPaths):
         *((head, f"{{{part}:.3g}}") for part, head in TERMS.items()),
     )
 
-    def __post_init__(self) -> None:
-        self.options = PathOptions(growth=10.0, gamma_end=self.gamma_end, inner_scale=1e-8)
-
-    def cells(self) -> list[dict]:
-        """A path for each example, to the same gamma."""
-        return [{**cell, "gamma_end": self.gamma_end} for cell in super().cells()]
-
-    def solve(self, body: str, nodes: int, gamma_end: float) -> list[dict]:
+    def solve(self, body: str, nodes: int) -> list[dict]:
         """Follow the path of an example: a record for each gamma."""
         reports: list[dict] = []
 
         def note(result: DualResult) -> None:
             reports.append(asdict(duality_report(result)))
 
-        path = followed(self, body, nodes, self.options, observer=note)
+        path = followed(self, body, nodes, BY_TENS, observer=note)
         return [
             {"gamma": s.gamma, "iterations": s.iterations, "status": s.status.label, **report}
             for s, report in zip(path.steps, reports, strict=False)

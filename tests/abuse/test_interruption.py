@@ -426,7 +426,7 @@ def work(request, tmp_path_factory):
     """A way to run some work again, its checkpoint file and the contents of that."""
     folder = tmp_path_factory.mktemp("work") / "cells"
     folder.mkdir()
-    store = folder / ("table1-1e0-833-1e-10.npz" if request.param == "table" else "work.npz")
+    store = folder / ("table1-1e0-833.npz" if request.param == "table" else "work.npz")
     WORKS[request.param](store)
     return lambda: WORKS[request.param](store), store, store.read_bytes()
 

@@ -1,12 +1,14 @@
 """Small instances of the studies of Tables 2 and 3, Figures 2 to 6 and duality."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
 from ngepc import lshape_problem, semismooth_newton, wrench_problem
 from ngepc.__main__ import main
 from ngepc.geometries import lshape, wrench
+from ngepc.studies import paths
 from ngepc.studies.convergence import Figure4, convergence_quotients
 from ngepc.studies.counts import Table2
 from ngepc.studies.paths import PATHS, Duality, Figures, Table3
@@ -28,8 +30,6 @@ def test_table2_resumes_and_writes_both_counts(tmp_path):
     assert json.loads((tmp_path / "table2.json").read_text())["cells"][1]["paper"] == 12
     with pytest.raises(ValueError, match="rows"):
         Table2(tmp_path, 1, ("1e9",))
-    looser = Table2(tmp_path, 1, ("1e3",), tolerance=1e-3).run()
-    assert looser[0]["iterations"] < table[1]["iterations"]
 
 
 def test_table3_compares_path_and_direct_solve(tmp_path, monkeypatch):
@@ -86,7 +86,7 @@ def test_figure4_study(tmp_path, monkeypatch):
     monkeypatch.setattr("ngepc.studies.convergence.coarse_start", lambda *_: None)
     small = {"lshape": (113,), "wrench": (123,)}
     monkeypatch.setattr("ngepc.studies.convergence.FAMILIES", small)
-    study = Figure4(tmp_path, levels=1, gamma=1e3)
+    study = Figure4(tmp_path, levels=1)
     table = study.run()
     names = [path.name for path in study.write(table)]
     assert names == ["figure4.csv", "figure4.md", "figure4.json", "figure4.png"]
@@ -95,8 +95,9 @@ def test_figure4_study(tmp_path, monkeypatch):
         Figure4(tmp_path, 7).run()
 
 
-def test_duality_study_has_a_record_for_each_gamma(tmp_path):
-    study = Duality(tmp_path, lshape_nodes=33, wrench_nodes=75, gamma_end=1e4)
+def test_duality_study_has_a_record_for_each_gamma(tmp_path, monkeypatch):
+    monkeypatch.setattr(paths, "BY_TENS", replace(paths.BY_TENS, gamma_end=1e4))
+    study = Duality(tmp_path, lshape_nodes=33, wrench_nodes=75)
     table = [r for r in study.run() if r["body"] == "wrench"]
     assert [r["gamma"] for r in table] == [10, 100, 1000, 10000]
     assert table[-1]["tichonov"] < table[0]["tichonov"]
