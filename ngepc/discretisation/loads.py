@@ -89,12 +89,11 @@ def spring_matrix(problem: Problem, V: FESpace, place: Place, k: Coefficient) ->
         density = constants[0] * (problem.normal * u) * (problem.normal * v)
     form = BilinearForm(V)
     form += problem.kinematics.weight * density * region_measure(problem, place)
-    entries, shape = tuple(map(np.asarray, form.Assemble().mat.CSR())), (V.ndof, V.ndof)
-    by_component = csr_matrix(entries, shape=shape).tocoo()
-    node = np.arange(V.ndof).reshape(N, -1).T.ravel().argsort()
-    data, i, j = by_component.data, node[by_component.row], node[by_component.col]
-    kept = data != 0
-    return csr_matrix((data[kept], (i[kept], j[kept])), shape=shape)
+    matrix = csr_matrix(tuple(map(np.asarray, form.Assemble().mat.CSR())), shape=(V.ndof, V.ndof))
+    by_node = nodal(np.arange(V.ndof), problem).ravel()
+    matrix = matrix[by_node][:, by_node]
+    matrix.eliminate_zeros()
+    return matrix
 
 
 class Supports:

@@ -33,20 +33,21 @@ class PointFunctions:
         """The function with these values at the points, shape (points,) or (points, d)."""
         columns = values.reshape(len(values), -1)
         space = self._scalar if values.ndim == 1 else VectorValued(self._scalar, columns.shape[1])
-        coefficients = np.empty_like(columns)
-        for block, inverse in zip(self.points.blocks, self._inverses, strict=True):
-            coefficients[block.points] = inverse @ columns[block.points]
         result = GridFunction(space, name=name)
-        result.vec.FV().NumPy()[:] = coefficients.T.ravel()
+        result.vec.FV().NumPy()[:] = self._applied(self._inverses, columns).T.ravel()
         return result
 
     def transposed(self, slope: np.ndarray, components: int) -> np.ndarray:
         """Derivatives by the values at the points, (points, components), from those by ``vec``."""
-        columns = slope.reshape(components, -1).T
-        values = np.empty_like(columns)
-        for block, inverse in zip(self.points.blocks, self._inverses, strict=True):
-            values[block.points] = inverse.swapaxes(1, 2) @ columns[block.points]
-        return values
+        transposed = [inverse.swapaxes(1, 2) for inverse in self._inverses]
+        return self._applied(transposed, slope.reshape(components, -1).T)
+
+    def _applied(self, matrices: list[np.ndarray], columns: np.ndarray) -> np.ndarray:
+        """Matrices of the elements of each shape times what belongs to their points."""
+        result = np.empty_like(columns)
+        for block, matrix in zip(self.points.blocks, matrices, strict=True):
+            result[block.points] = matrix @ columns[block.points]
+        return result
 
 
 def on_children(
@@ -54,14 +55,8 @@ def on_children(
 ) -> np.ndarray:
     """The same constants or affine functions at the points of a mesh inside another, exactly.
 
-    Parameters
-    ----------
-    values
-        At the points of simplices, one or N + 1 of each, shape (points, ...).
-    before, after
-        The points of both meshes.
-    parents
-        For each cell the one that it lies in.
+    ``values`` are at the points of simplices, one or N + 1 of each; ``parents`` are the cells that
+    those of the second mesh lie in.
     """
     known, wanted = (_monomials(points) for points in (before, after))
     shares = np.matmul(wanted, np.linalg.inv(known)[parents])

@@ -149,7 +149,7 @@ class SymbolicBlocks(StiffnessBlocks):
         for function, values in zip(self._moduli, vars(moduli).values(), strict=True):
             function.vec.data = self._functions.function(values).vec
         matrix = self._form.Assemble().mat
-        return ComponentBlocks(matrix, self.free).entries(matrix)
+        return ComponentBlocks(matrix, self.free).values(matrix)
 
 
 class ComponentBlocks:
@@ -163,17 +163,12 @@ class ComponentBlocks:
 
     def values(self, matrix: BaseMatrix) -> np.ndarray:
         """The blocks of a matrix, shape (blocks, N, N)."""
-        values = self.entries(matrix)
+        whole, nodes = csr_matrix(tuple(map(np.asarray, matrix.CSR()))), len(self.free)
+        parts = [slice(first, first + nodes) for first in range(0, nodes * self.N, nodes)]
+        entries = [whole[i, j].data[self._lower] for i in parts for j in parts]
+        values = np.stack(entries, axis=1).reshape(-1, self.N, self.N)
         hold(values, self)
         return values
-
-    def entries(self, matrix: BaseMatrix) -> np.ndarray:
-        """The same as they are, also where held."""
-        whole, N = csr_matrix(tuple(map(np.asarray, matrix.CSR()))), self.N
-        cuts = np.arange(N + 1) * len(self.free)
-        parts = [slice(*cuts[c : c + 2]) for c in range(N)]
-        entries = [whole[i, j].data[self._lower] for i in parts for j in parts]
-        return np.stack(entries, axis=1).reshape(-1, N, N)
 
 
 def hold(values: np.ndarray, blocks: Blocks) -> None:

@@ -32,7 +32,6 @@ EXACT, SETTLED = 1e-13, 1e-10
 """Parts of the largest force that a step may change: for sure, and where rounding ends progress."""
 
 DIFFERENT = 1e-6  # part of the largest force by which two solutions differ
-SINGULAR = 1e10  # condition of a Jacobian whose determinant has no sign
 
 
 def exchange(
@@ -172,8 +171,7 @@ class FrictionCone:
         """Other forces than a solution's that meet the law with the compliance S.
 
         They are looked for from several starts: no contact, all rows closed and sticking, all
-        slips reversed, all tangential forces at their bound.  NaN if they exist but were not found,
-        None if nothing tells of others.
+        slips reversed, all tangential forces at their bound; None if none is found.
         """
         W, (n, t) = Compliance.of(S), self.split(forces)
         stuck = forces + _stuck(W, gaps)
@@ -186,25 +184,7 @@ class FrictionCone:
             apart, size = other - forces, np.maximum(np.abs(other), np.abs(forces))
             if found.exact and apart @ S @ apart > DIFFERENT**2 * (S.diagonal() @ size**2):
                 return other  # forces on held tangents do no work: they are no other equilibrium
-        return np.full_like(forces, np.nan) if self._turned(S, gaps, forces) else None
-
-    def _turned(self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray) -> bool:
-        """Whether the Jacobian at a solution has a negative determinant.
-
-        The signs of all solutions add up to 1, as without friction (degree of x - P(x - c g)): a
-        negative one has others beside it.  Rows at the bound that do not slip count as sticking;
-        supports across rows make it singular, and tell nothing.
-        """
-        rows = np.flatnonzero((self.split(forces)[0] > 0) | self.tied)
-        chosen, wider = self.numbers(rows), (1 + DIFFERENT) * self.coefficient
-        law = FrictionCone(self.cap, wider, self.tied, self.d).of(rows)
-        k = 1 / np.where(S.diagonal() > 0, S.diagonal(), 1.0)[chosen]
-        for tangents in k[len(rows) :].reshape(-1, self.d):
-            tangents[:] = tangents.mean()
-        scaled = k[:, None] * S[np.ix_(chosen, chosen)]
-        J, _ = law.linearised(scaled, k * gaps[chosen], forces[chosen])
-        regular = len(J) and np.linalg.cond(J) < SINGULAR
-        return bool(regular and np.linalg.slogdet(J)[0] < 0)
+        return None
 
 
 @dataclass(frozen=True, eq=False)

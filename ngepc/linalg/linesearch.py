@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Annotated, Protocol
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.declared import Check, Declared, Fraction
+from ngepc.checks.declared import Check, Declared
 
-ROUNDING = 1e-13
-
+ROUNDING = 1e-13  # part of the terms of an energy that rounding may change
+SMALLEST = 1e-12  # shorter steps count as failure
 IN_A_ROW = 3  # trials on one side of a zero after which secants are taken to creep
 FLATNESS = 0.2  # ``nearly_flat`` ends where |phi'(t)| <= FLATNESS |phi'(0)|
 EVALUATIONS = 40  # most trials of ``nearly_flat``
@@ -51,7 +51,7 @@ class LineSearch(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Armijo(Declared):
-    """phi(alpha) <= phi(0) + slope alpha phi'(0), halving from alpha = 1 (Remark 6.10).
+    """phi(alpha) <= phi(0) + slope alpha phi'(0), halving from alpha = 1 to 1e-12 (Remark 6.10).
 
     Energies that differ by less than their rounding errors cannot decide.  There the slope
     decides, phi'(alpha) <= (1 - 2 slope) |phi'(0)|, which is the same rule for a parabola.
@@ -60,32 +60,26 @@ class Armijo(Declared):
     ----------
     slope
         Fraction of the predicted decrease asked for, in (0, 1/2).
-    shrink
-        Factor from one trial to the next, in (0, 1).
-    smallest
-        Step lengths below it count as failure, in (0, 1).
 
     Raises
     ------
     TypeError, ValueError
-        If a parameter is out of its range.
+        If it is out of its range.
     """
 
     slope: Annotated[float, Check(require_number, least=0, strict=True, below=0.5)] = 1e-4
-    shrink: Fraction = 0.5
-    smallest: Fraction = 1e-12
 
     def search(self, phi: Descent) -> Step | None:
         """The first accepted step length, None if all are refused; see ``LineSearch``."""
         alpha, halvings = 1.0, 0
-        while alpha >= self.smallest:
+        while alpha >= SMALLEST:
             value = phi.energy(alpha)
             enough = value <= phi.energy_0 + self.slope * alpha * phi.slope_0
             if not enough and phi.is_rounding(value - phi.energy_0):
                 enough = phi.derivative(alpha) <= (1 - 2 * self.slope) * abs(phi.slope_0)
             if enough:
                 return Step(length=alpha, energy=value, halvings=halvings)
-            alpha, halvings = alpha * self.shrink, halvings + 1
+            alpha, halvings = alpha / 2, halvings + 1
         return None
 
 
