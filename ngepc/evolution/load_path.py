@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -47,43 +48,32 @@ class Schedule:
 
     def __post_init__(self) -> None:
         require_function("changes", self.changes, "time")
-        require_number("begin", self.begin)
-        object.__setattr__(self, "times", increasing_times(self.times, self.begin))
+        begin, times = require_number("begin", self.begin), numbers_in("times", self.times)
+        if not times:
+            raise ValueError(f"times={self.times!r}: at least one time is needed")
+        for before, after in pairwise((begin, *times)):
+            if not before < after:
+                raise ValueError(
+                    f"times={times!r}, begin={begin:g}: increasing numbers are needed, {after:g} "
+                    f"does not come after {before:g}"
+                )
+        object.__setattr__(self, "times", times)
 
 
 def as_schedule(steps: object) -> Schedule:
-    """``steps`` as a schedule: itself, or an iterable of (time, changes).
-
-    TypeError, ValueError if it is neither, or the times do not increase.
-    """
+    """``steps`` as a schedule: itself, or an iterable of (time, changes); else an error."""
     if isinstance(steps, Schedule):
         return steps
     try:
         pairs = [(time, changes) for time, changes in steps]
     except (TypeError, ValueError):
-        raise TypeError(
-            f"steps={steps!r}: a Schedule or pairs (time, changes) are needed"
-        ) from None
+        needed = "a Schedule or pairs (time, changes) are needed"
+        raise TypeError(f"steps={steps!r}: {needed}") from None
     if not pairs:
         raise ValueError(f"steps={steps!r}: at least one step is needed")
-    times = increasing_times([time for time, _ in pairs], -math.inf)
+    times = numbers_in("times", [time for time, _ in pairs])
     listed = dict(zip(times, (changes for _, changes in pairs), strict=True))
     return Schedule(times, listed.__getitem__, begin=math.nextafter(times[0], -math.inf))
-
-
-def increasing_times(times: Sequence[float], begin: float) -> tuple[float, ...]:
-    """The times as floats, at least one, each after the one before and after ``begin``."""
-    given, times = times, numbers_in("times", times)
-    if not times:
-        raise ValueError(f"times={given!r}: at least one time is needed")
-    for before, after in zip((begin, *times), times, strict=False):
-        if not before < after:
-            begins = f" (begin={begin:g})" if before == begin else ""
-            raise ValueError(
-                f"times={times!r}: increasing numbers are needed, {after:g} does not come after "
-                f"{before:g}{begins}"
-            )
-    return times
 
 
 def numbers_in(name: str, values: object) -> tuple[float, ...]:

@@ -20,8 +20,14 @@ from ngepc.model.kinematics import SOLID
 from ngepc.model.material import Material
 from ngepc.results.outcome import Status
 
-COMPONENTS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 """Names of the components of a symmetric tensor."""
+
+_SHEAR = np.sqrt([1, 1, 1, 2, 2, 2])
+_TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+_BASIS = np.zeros((6, 9))  # orthonormal tensors, each one row after the other
+_BASIS[[0, 1, 2, 3, 3, 4, 4, 5, 5], [0, 4, 8, 1, 3, 2, 6, 5, 7]] = 1
+_BASIS /= _SHEAR[:, None]
 
 Path = Mapping[str, float | Sequence[float]]
 
@@ -55,10 +61,8 @@ class PointHistory:
     @property
     def von_mises(self) -> np.ndarray:
         """(3/2)^(1/2) |dev sigma|_F, shape (increments,)."""
-        deviator = self.stress - np.trace(self.stress, axis1=1, axis2=2)[
-            :, None, None
-        ] / 3 * np.eye(3)
-        return np.sqrt(1.5) * np.linalg.norm(deviator, axis=(1, 2))
+        mean = np.trace(self.stress, axis1=1, axis2=2)[:, None, None] / 3
+        return np.sqrt(1.5) * np.linalg.norm(self.stress - mean * np.eye(3), axis=(1, 2))
 
 
 def material_point(
@@ -85,30 +89,28 @@ def material_point(
     """
     require_instance("material", material, Material, "a Material")
     steps = require_integer("steps", steps, 1)
-    strains, stresses = (_corners(n, p) for n, p in (("strain", strain), ("stress", stress)))
+    strains, stresses = _corners("strain", strain), _corners("stress", stress)
     twice = sorted(set(strains) & set(stresses))
     if twice:
         raise ValueError(f"stress={stress!r}: {twice[0]!r} is in strain too, one is needed")
-    lengths = {len(v) for v in (*strains.values(), *stresses.values()) if len(v) > 1} or {1}
+    given, held = strains | stresses, np.array([name in strains for name in COMPONENTS])
+    lengths = {len(values) for values in given.values()} - {1} or {1}
     if len(lengths) > 1:
         raise ValueError(f"strain={strain!r}, stress={stress!r}: as many corners each are needed")
-    count, held = max(lengths), np.array([name in strains for name in COMPONENTS])
-    path = np.zeros((count + 1, 6))
-    for i, name in enumerate(COMPONENTS):
-        path[1:, i] = (strains | stresses).get(name, (0.0,))
-    path *= np.where([i != j for i, j in COMPONENTS.values()], np.sqrt(2.0), 1.0)
-    times = np.arange(1, count * steps + 1) / steps
-    targets = np.array([np.interp(times, range(count + 1), column) for column in path.T]).T
+    (count,) = lengths
+    corners, times = np.arange(count + 1), np.arange(1, count * steps + 1) / steps
+    path = [np.append(0.0, np.ones(count) * given.get(name, (0.0,))) for name in COMPONENTS]
+    targets = _SHEAR * np.array([np.interp(times, corners, values) for values in path]).T
     point, e, rows = _Point(material), np.zeros(6), []
     for target in targets:
         e = point.solved(e, target, held)
         if e is None:
             break
         rows.append((e, *point.accept(e)))
-    tensors = [np.array([np.tensordot(r[k], _BASIS, 1) for r in rows]) for k in range(3)]
+    tensors = [np.array([row[k] @ _BASIS for row in rows]).reshape(-1, 3, 3) for k in range(3)]
     return PointHistory(
-        *(tensor.reshape(-1, 3, 3) for tensor in tensors),
-        accumulated_plastic_strain=np.array([r[3] for r in rows]),
+        *tensors,
+        accumulated_plastic_strain=np.array([row[3] for row in rows]),
         corners=np.arange(steps - 1, len(rows), steps),
         status=Status.LIMIT_LOAD if e is None else Status.CONVERGED,
     )
@@ -126,7 +128,7 @@ class _Point:
         self.material = material
         self.memory = Memory(SimpleNamespace(points=self), tensor, tensor, number, number)
         self.law = Law(Given(mesh, material, kinematics=SOLID), self)
-        self._deviators = np.array([[(E * B).sum() for B in _BASIS] for E in SOLID.basis])
+        self._deviators = SOLID.basis.reshape(-1, 9) @ _BASIS.T
 
     def __len__(self) -> int:
         return 1
@@ -138,8 +140,13 @@ class _Point:
     def _state(self, e: np.ndarray) -> tuple[Return, np.ndarray]:
         """The law and the stress at a strain."""
         at = self.law.returned((self._deviators @ e)[None])
-        stress = self.law.bulk * e[:3].sum() * _TRACE
+        stress = self.law.bulk * (_TRACE @ e) * _TRACE
         return at, stress + self._deviators.T @ self.law.stress(at)[0]
+
+    def _tangent(self, at: Return) -> np.ndarray:
+        moduli = self.law.moduli(at, self.law.yielding_part(at))
+        D = np.concatenate([moduli(row[None]) for row in np.eye(SOLID.d)])
+        return self.law.bulk * np.outer(_TRACE, _TRACE) + self._deviators.T @ D @ self._deviators
 
     def solved(self, e: np.ndarray, target: np.ndarray, held: np.ndarray) -> np.ndarray | None:
         """The strain with the given strains and stresses; None if there is none."""
@@ -158,22 +165,13 @@ class _Point:
                 return None
         return e
 
-    def _tangent(self, at: Return) -> np.ndarray:
-        moduli = self.law.moduli(at, self.law.yielding_part(at))
-        D = np.array([moduli(row[None])[0] for row in np.eye(5)])
-        return self.law.bulk * np.outer(_TRACE, _TRACE) + self._deviators.T @ D @ self._deviators
-
     def accept(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Stress, plastic strain and PEEQ at the end of an increment, where the next one starts."""
         law, (at, stress) = self.law, self._state(e)
         now = self.memory = self.memory.after(self.material, at.plastic_strain)
-        law.initial, law.back, law.accumulated = (
-            now.plastic_strain,
-            now.back_stress,
-            now.accumulated,
-        )
-        alpha_1, peeq = float(now.hardening_variable[0]), float(now.accumulated[0])
-        law.beta = self.at(self.material.yield_bound(alpha_1, peeq))
+        law.initial, law.back = now.plastic_strain, now.back_stress
+        law.accumulated, peeq = now.accumulated, float(now.accumulated[0])
+        law.beta = self.at(self.material.yield_bound(float(now.hardening_variable[0]), peeq))
         return stress, self._deviators.T @ now.plastic_strain[0], peeq
 
 
@@ -188,9 +186,3 @@ def _corners(name: str, given: Path | None) -> dict[str, tuple[float, ...]]:
         argument = f"{name}[{component!r}]"
         found[component] = numbers_in(argument, values if np.ndim(values) else [values])
     return found
-
-
-_TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-_BASIS = np.zeros((6, 3, 3))
-for _k, (_i, _j) in enumerate(COMPONENTS.values()):
-    _BASIS[_k, _i, _j] = _BASIS[_k, _j, _i] = 1.0 if _i == _j else 1 / np.sqrt(2.0)

@@ -147,10 +147,9 @@ class _Run:
     pending: list[tuple[float, int]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        memory = Memory.initial(self.problem)
-        self.evolution = Evolution(self.problem, [], memory)
+        self.evolution = Evolution(self.problem, [], Memory.initial(self.problem))
         for time in self.schedule.times:
-            step = self._problem_at(time, memory)
+            step = self._problem_at(time)
             if self.error is not None:
                 check_covered(step)
                 check_carried(step)
@@ -166,9 +165,8 @@ class _Run:
         """Take up the finished steps of a checkpoint, if there is one."""
         self.file, (steps, pending) = file, file.load()
         for stored in steps:
-            memory = self.evolution.memory
-            problem = self._problem_at(stored[0]["time"], memory)
-            self._append(file.step(problem, stored, memory.functions))
+            functions = self.evolution.memory.functions
+            self._append(file.step(self._problem_at(stored[0]["time"]), stored, functions))
         self.pending = pending if steps else self.pending
 
     def advance(self) -> None:
@@ -199,13 +197,13 @@ class _Run:
     def _end(self, status: Status, message: str) -> None:
         self.evolution.status, self.evolution.message = status, message
 
-    def _problem_at(self, time: float, memory: Memory) -> Problem:
+    def _problem_at(self, time: float) -> Problem:
         changes = dict(check_changes(self.schedule.changes(time), time))
         rough = changes.get("friction", self.problem.friction) is not None
         if rough and self._last is not None:
             u_0 = nodal_values(self._last.fields.displacement, self.problem)
             changes["initial_displacement"] = Supports(self.problem).function(u_0)
-        return memory.problem(self.problem, changes)
+        return self.evolution.memory.problem(self.problem, changes)
 
     def _solve(self, time: float, level: int) -> tuple[Status, str]:
         result, relative = self._solved(time, self._last and self._last.fields.displacement), None
@@ -234,7 +232,7 @@ class _Run:
 
     def _solved(self, time: float, start: GridFunction | None) -> Result:
         """A step on the mesh as it is."""
-        result = self.solver(self._problem_at(time, self.evolution.memory), start=start)
+        result = self.solver(self._problem_at(time), start=start)
         if not isinstance(result, Result):
             needed = "a function that returns a result like those of ngepc's solvers"
             raise TypeError(f"solver={self.solver!r} returned {result!r}: {needed} is needed")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -14,11 +15,10 @@ from ngepc.checks.arguments import is_number, require_integer, require_number
 from ngepc.checks.kinds import require_instance, require_mapping, require_sequence
 from ngepc.evolution.load_path import Schedule, numbers_in
 from ngepc.evolution.solver import evolve
-from ngepc.local.system import State
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
+from ngepc.sensitivity.gradient import states_of
 from ngepc.sensitivity.parameters import MATERIAL
-from ngepc.sensitivity.states import states_of
 from ngepc.sensitivity.tangent import tangents_at
 
 ILL_CONDITIONED = 1e8
@@ -62,8 +62,8 @@ class Curve:
                 f"measured={self.measured!r}: one value for each of {times} times is needed"
             )
         given = 1.0 if self.noise is None else self.noise
-        noise = (given,) if is_number(given) else numbers_in("noise", given)
-        if not is_number(given) and len(noise) != count:
+        noise = (given,) * count if is_number(given) else numbers_in("noise", given)
+        if len(noise) != count:
             raise ValueError(f"noise={given!r}: one number or {count} are needed")
         for value in noise:
             require_number("noise", value, 0, strict=True)
@@ -73,6 +73,27 @@ class Curve:
         """1 / noise of each measurement."""
         noise = 1.0 if self.noise is None else np.asarray(self.noise, dtype=float)
         return np.ones(len(self.measured)) / noise
+
+    def fit(self, problem: Problem) -> Fit:
+        """How well a problem predicts the curve; SolverError if a step does not converge."""
+        run, functional = evolve(problem, self.schedule), as_functional(self.functional)
+        states = [give_state() for give_state in states_of(run)]
+        steps = [run.times.index(time) for time in self.schedule.times]  # cuts add others
+        predicted = np.array([functional.slope(states[step]).value for step in steps])
+
+        def slopes(name: str) -> np.ndarray:
+            """The derivatives of the residuals by one material constant."""
+            found = tangents_at(states, {name: 1.0})
+            return np.array([found[step].of(functional) for step in steps]) * self.weights
+
+        return Fit((predicted - self.measured) * self.weights, slopes)
+
+
+class Fit(NamedTuple):
+    """(predicted - measured) / noise, and what gives its derivative by a material constant."""
+
+    residuals: np.ndarray
+    slopes: Callable[[str], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +137,6 @@ def calibrate(
     *,
     confidence: float = 0.95,
     max_evaluations: int = 15,
-    tolerance: float = 1e-8,
 ) -> Calibration:
     """Find material constants with which the problem reproduces measured curves.
 
@@ -135,8 +155,6 @@ def calibrate(
         Probability of the intervals, in (0, 1).
     max_evaluations
         Most solutions of the whole load path.
-    tolerance
-        Relative change of the sum of squares or of the logarithms at which the search ends.
 
     Raises
     ------
@@ -146,29 +164,36 @@ def calibrate(
         If the load path cannot be solved with some constants.
     """
     require_instance("problem", problem, Problem, "a Problem")
-    require_number("tolerance", tolerance, 0, strict=True)
     if not 0 < require_number("confidence", confidence) < 1:
         raise ValueError(f"confidence={confidence!r}: a number in (0, 1) is needed")
     limit, names = require_integer("max_evaluations", max_evaluations, 1), checked_start(start)
     curves = checked_curves(curves, len(names))
 
+    def with_constants(logarithms: Sequence[float]) -> Problem:
+        """The problem with other material constants."""
+        values = dict(zip(names, np.exp(logarithms).tolist(), strict=True))
+        return replace(problem, material=replace(problem.material, **values))
+
     @lru_cache(maxsize=1)  # the Jacobian is asked for where the residuals were found
-    def solved(*logarithms: float) -> list[Prediction]:
-        body = with_constants(problem, names, logarithms)
-        return [Prediction.along(curve, body) for curve in curves]
+    def fits(*logarithms: float) -> list[Fit]:
+        return [curve.fit(with_constants(logarithms)) for curve in curves]
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        return np.concatenate([fit.residuals for fit in fits(*x)])
+
+    def jacobian(x: np.ndarray) -> np.ndarray:
+        columns = [np.concatenate([fit.slopes(name) for fit in fits(*x)]) for name in names]
+        return np.stack(columns, axis=1) * np.exp(x)
 
     found = least_squares(
-        lambda x: np.concatenate([path.residuals() for path in solved(*x)]),
+        residuals,
         np.log([start[name] for name in names]),
-        lambda x: np.concatenate([path.slopes(names) for path in solved(*x)]) * np.exp(x),
+        jacobian,
         method="dogbox",  # shortest Gauss-Newton steps where the data do not identify a constant
         max_nfev=limit,
-        ftol=tolerance,
-        xtol=tolerance,
-        gtol=tolerance,
     )
     known = all(curve.noise is not None for curve in curves)
-    condition, (low, high) = statistics(found, confidence, known)
+    condition, ends = statistics(found, confidence, known)
     message = found.message
     if not condition <= ILL_CONDITIONED:
         message += (
@@ -177,11 +202,11 @@ def calibrate(
         )
     return Calibration(
         values=dict(zip(names, np.exp(found.x).tolist(), strict=True)),
-        intervals=dict(zip(names, zip(low, high, strict=True), strict=True)),
-        problem=with_constants(problem, names, found.x),
+        intervals=dict(zip(names, map(tuple, ends.T.tolist()), strict=True)),
+        problem=with_constants(found.x),
         residuals=found.fun,
         condition=condition,
-        evaluations=solved.cache_info().misses,
+        evaluations=fits.cache_info().misses,
         converged=bool(found.success),
         message=message,
     )
@@ -209,40 +234,6 @@ def checked_start(start: Mapping[str, float]) -> tuple[str, ...]:
             raise ValueError(f"start names {name!r}: one of {', '.join(MATERIAL)} is needed")
         require_number(f"start[{name!r}]", guess, 0, strict=True)
     return tuple(start)
-
-
-def with_constants(problem: Problem, names: Sequence[str], logarithms: Sequence[float]) -> Problem:
-    """The problem with other material constants."""
-    values = dict(zip(names, np.exp(logarithms).tolist(), strict=True))
-    return replace(problem, material=replace(problem.material, **values))
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """The states along a load path, and the steps at whose ends was measured: cuts add others."""
-
-    curve: Curve
-    states: list[State]
-    steps: list[int]
-
-    @classmethod
-    def along(cls, curve: Curve, problem: Problem) -> Prediction:
-        """Solve the load path of a curve; SolverError if a step does not converge."""
-        run = evolve(problem, curve.schedule)
-        steps = [run.times.index(time) for time in curve.schedule.times]
-        return cls(curve, [give_state() for give_state in states_of(run)], steps)
-
-    def residuals(self) -> np.ndarray:
-        """(predicted - measured) / noise."""
-        functional = as_functional(self.curve.functional)
-        predicted = [functional.slope(self.states[step]).value for step in self.steps]
-        return (np.array(predicted) - self.curve.measured) * self.curve.weights
-
-    def slopes(self, names: Sequence[str]) -> np.ndarray:
-        """The derivatives of the residuals by material constants, shape (measurements, names)."""
-        found = [tangents_at(self.states, {name: 1.0}) for name in names]
-        slopes = [[t[step].of(self.curve.functional) for t in found] for step in self.steps]
-        return np.array(slopes) * self.curve.weights[:, None]
 
 
 def statistics(found: OptimizeResult, confidence: float, known: bool) -> tuple[float, np.ndarray]:

@@ -6,17 +6,28 @@ step has inherited, p_0, dev alpha_2, alpha_1 and u_0, is carried to the step be
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 
 from ngepc.checks.arguments import require_integer
+from ngepc.checks.kinds import require_instance
+from ngepc.discretisation.loads import nodal
+from ngepc.discretisation.points import Points
+from ngepc.evolution.result import Evolution, EvolutionStep
+from ngepc.local.result import ExactResult
+from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.loading import require_linear
+from ngepc.model.problem import Problem
 from ngepc.sensitivity.contact import Biactive, biactive_set, told
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.linear import LinearStep
 from ngepc.sensitivity.parameters import Parameters, changed_data, directions
 from ngepc.sensitivity.radial import INHERITED, Data
 from ngepc.sensitivity.shape import by_the_mesh
-from ngepc.sensitivity.states import Solution, states_of
+
+Solution = ExactResult | Evolution
+"""What has derivatives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,3 +120,35 @@ def gradient(
                     derivatives[name] += by_the_mesh(functional, state, change)
         later = Data({name: by[name] for name in INHERITED})
     return Gradient(derivatives, value, tuple(found))
+
+
+def states_of(result: Solution) -> list[Callable[[], State]]:
+    """For each time step what gives its solution: states of a history are rebuilt when needed.
+
+    TypeError, ValueError for results of other solvers. SolverError if the run did not converge:
+    what is no solution has no derivative.
+    """
+    needed = "a result of semismooth_newton without gamma, or an Evolution,"
+    require_instance("result", result, Solution, needed)
+    result.raise_for_status()
+    require_linear(result.problem, "derivatives need")
+    if isinstance(result, ExactResult):
+        return [lambda: result.state]
+    problems = [step.problem for step in result.steps]
+    if not problems:
+        raise ValueError("result has no finished step: at least one is needed")
+    if any(problem.mesh != result.problem.mesh for problem in problems):
+        raise ValueError("result has steps on several meshes: one mesh is needed")
+    if any(step.contact is None for step in result.steps):
+        raise ValueError("result has steps with gamma: steps of the exact methods are needed")
+    names = ("initial_plastic_strain", "initial_hardening")
+    problems[0] = replace(problems[0], **{name: getattr(result.problem, name) for name in names})
+    points = result.memory.functions.points
+    steps = zip(problems, result.steps, strict=True)
+    return [partial(restored_state, problem, step, points) for problem, step in steps]
+
+
+def restored_state(problem: Problem, step: EvolutionStep, points: Points) -> State:
+    """The state of a finished step from its displacement and its forces of contact."""
+    u = nodal(step.fields.displacement.vec.FV().NumPy(), problem).copy()
+    return DiscreteProblem(problem, points).state(u, contact=step.contact)

@@ -23,11 +23,11 @@ from ngepc.local.factors import TangentError
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import Biactive, LinearContact, biactive_set, told
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
+from ngepc.sensitivity.gradient import Solution, states_of
 from ngepc.sensitivity.linear import LinearStep
 from ngepc.sensitivity.parameters import Direction, changed_data, directions
 from ngepc.sensitivity.radial import Data, RadialDerivative
 from ngepc.sensitivity.shape import by_the_mesh
-from ngepc.sensitivity.states import Solution, states_of
 
 EXCHANGES = 50
 """Most exchanges of sides."""
@@ -112,28 +112,21 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
 
 def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
     """The derivatives of the solutions of time steps, in time."""
+    pairs = {n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()}
+    wanted = directions({name: direction for name, (_, direction) in pairs.items()})
+    numbers = {name: require_number(f"parameters[{name!r}]", r) for name, (r, _) in pairs.items()}
     found: list[TangentResult] = []
-    inherited = Data()
-    for number, state in enumerate(states):
-        data = inherited + total_change(state, rates, number == 0)
-        before = found[-1].biactive if found else ()
-        found.append(change_of(state, data, before))
-        inherited = RadialDerivative(found[-1].state).left(found[-1].change)
+    data = Data()
+    for state in states:
+        for name, direction in wanted.items():
+            if not (found and direction.inherited):
+                data += numbers[name] * changed_data(state, direction)
+        found.append(change_of(state, data, found[-1].biactive if found else ()))
+        data = RadialDerivative(found[-1].state).left(found[-1].change)
     return found
 
 
-def total_change(state: State, rates: Mapping, first: bool) -> Data:
-    """The change of the discrete data with the rates of several parameters, in one time step."""
-    pairs = {n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()}
-    total = Data()
-    for name, direction in directions({n: d for n, (_, d) in pairs.items()}).items():
-        rate = require_number(f"parameters[{name!r}]", pairs[name][0])
-        if first or not direction.inherited:
-            total += rate * changed_data(state, direction)
-    return total
-
-
-def change_of(state: State, data: Data, before: tuple[Biactive, ...] = ()) -> TangentResult:
+def change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> TangentResult:
     """The derivative of a solution for a change of its data, with sides that fit.
 
     Newton's method for the convex energy of the change, which is quadratic for given sides.

@@ -21,11 +21,10 @@ from campaigns.random_data import (
 from ngepc.model.contact import Coulomb
 from ngepc.sensitivity.contact import LinearContact, RowSides
 from ngepc.sensitivity.functionals import as_functional
-from ngepc.sensitivity.gradient import gradient
+from ngepc.sensitivity.gradient import gradient, states_of
 from ngepc.sensitivity.parameters import Direction, changed_data
 from ngepc.sensitivity.radial import Data
 from ngepc.sensitivity.shape import STENCIL
-from ngepc.sensitivity.states import states_of
 from ngepc.studies.work import Work
 
 STEP = 3e-5

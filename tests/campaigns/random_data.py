@@ -21,8 +21,8 @@ from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import DisplacementAt, Reaction, as_functional
+from ngepc.sensitivity.gradient import states_of
 from ngepc.sensitivity.parameters import MATERIAL
-from ngepc.sensitivity.states import states_of
 
 
 def random_problem(seed):

@@ -10,7 +10,7 @@ from ngepc.bounds.bound import error_bound
 from ngepc.bounds.transfer import bisected, on_mesh, parents
 from ngepc.evolution.memory import Memory
 from ngepc.geometries import block
-from ngepc.sensitivity.states import states_of
+from ngepc.sensitivity.gradient import states_of
 
 MATERIAL = Material(
     lame_lambda=1e3,

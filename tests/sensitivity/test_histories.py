@@ -19,8 +19,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import lshape
-from ngepc.sensitivity.gradient import gradient
-from ngepc.sensitivity.states import states_of
+from ngepc.sensitivity.gradient import gradient, states_of
 from ngepc.sensitivity.tangent import tangent, tangents_at
 
 
