@@ -205,30 +205,16 @@ def solved(
 
 
 class Pause:
-    """A monitor that stops Newton's method at a small step.
+    """A monitor that stops Newton's method at a step that lowers the energy by less than ``small``.
 
-    Parameters
-    ----------
-    small
-        A smaller decrease of the energy is small.
-
-    Attributes
-    ----------
-    reached
-        Whether it has stopped a run.
+    ``reached`` says whether it has.
     """
 
     def __init__(self, small: float) -> None:
         self.small, self.reached, self._energy = small, False, math.nan
 
     def __call__(self, record: IterationRecord) -> None:
-        """Compare with the record before.
-
-        Raises
-        ------
-        StopIteration
-            At a small step.
-        """
+        """Compare with the record before; StopIteration at a small step."""
         gained, self._energy = self._energy - record.energy, record.energy
         self.reached = record.iteration > 0 and abs(gained) < self.small
         if self.reached:

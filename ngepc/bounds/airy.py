@@ -27,16 +27,10 @@ VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 class Rule:
     """The points of a triangle at which stresses are known, and those of Airy functions there.
 
-    Parameters
-    ----------
-    shares
-        Barycentric coordinates of the points of each of the three parts, shape (q, 3).
-    weights
-        Of all points; they add up to one, shape (3 q,).
-    rows
-        Stresses times det J from the n unknowns of a triangle, shape (9 q, n).
-    nodal
-        Values at the nodes of a part from those at its points, shape (q, q).
+    ``shares`` (q, 3) are barycentric coordinates of the points of each of the three parts,
+    ``weights`` (3 q,) of all points add up to one, ``rows`` (9 q, n) give stresses times det J from
+    the n unknowns of a triangle, ``nodal`` (q, q) values at the nodes of a part from those at its
+    points.
     """
 
     shares: np.ndarray
@@ -88,12 +82,8 @@ EDGE_ROWS = _edge_rows()
 class TriangleBlocks:
     """Stiffness matrices of triangles, nine unknowns of the vertices first.
 
-    Parameters
-    ----------
-    corners
-        The blocks (3, 3) of the pairs of vertices ``np.tril_indices(3)``, shape (nt, 54).
-    cross, rest
-        The rows of the n - 9 others: their first nine columns, then the rest.
+    ``corners`` (nt, 54) has the blocks (3, 3) of the pairs of vertices ``np.tril_indices(3)``,
+    ``cross`` and ``rest`` the rows of the n - 9 others: their first nine columns, then the rest.
     """
 
     corners: np.ndarray

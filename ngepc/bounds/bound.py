@@ -178,10 +178,7 @@ def state_of(setting: Setting, result: object) -> State:
 def setting_of(discrete: DiscreteProblem) -> Setting:
     """What the bounds of all states on the mesh of a discrete problem have in common.
 
-    Raises
-    ------
-    ValueError
-        For a problem that no bound covers.
+    ValueError for a problem that no bound covers.
     """
     if discrete.problem.N == 3:
         return SolidSetting(discrete)

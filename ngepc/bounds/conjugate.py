@@ -49,16 +49,10 @@ ZETA_STEPS = 6
 
 @dataclass(frozen=True, eq=False)
 class Completed:
-    """A stress with its third direction: m, d, and what of d - dev alpha_0 exceeds beta.
+    """A stress with its third direction, shapes (...) and (..., d).
 
-    Parameters
-    ----------
-    mean, deviator
-        Shapes (...) and (..., d).
-    over, direction
-        [|s| - beta]_+ and s/|s| for s = d - dev alpha_0, shapes (...) and (..., d).
-    size
-        |s|.
+    ``mean`` m and ``deviator`` d; with s = d - dev alpha_0, ``over`` is [|s| - beta]_+,
+    ``direction`` s/|s| and ``size`` |s|.
     """
 
     mean: np.ndarray
@@ -77,21 +71,9 @@ OF_LAW = ("bulk", "two_mu", "hardening", "beta", "back", "initial")
 
 
 class Conjugate:
-    """phi* on cells that carry one set of material data each.
+    """phi* on cells that carry one set of material data each: the law's at every ``each``-th point.
 
-    Parameters
-    ----------
-    law
-        The material at the points.
-    each
-        Points of each cell.
-
-    Attributes
-    ----------
-    bulk, two_mu, hardening, beta
-        As there.
-    back, initial
-        As there, for each cell at its points or the same at all of them, (cells, 1 or points, d).
+    ``back`` and ``initial`` may differ from point to point of a cell, (cells, 1 or points, d).
     """
 
     def __init__(self, law: Law, each: int = 1) -> None:

@@ -22,19 +22,9 @@ _INSIDE = {ET.TRIG: IntegrationRule(ET.TRIG, 5), ET.TET: IntegrationRule(ET.TET,
 class FacetRule:
     """Points on a boundary facet: its vertices, the middles of it and its edges, those of a rule.
 
-    Between vertices the defects of smooth obstacles are largest near the middles.
-
-    Parameters
-    ----------
-    shape, order
-        The shape of the facet, and the degree that the rule integrates.
-
-    Attributes
-    ----------
-    shares
-        Barycentric coordinates of the points.
-    weights
-        Of the points, zero at vertices and middles; they add up to one.
+    Between vertices the defects of smooth obstacles are largest near the middles. ``shares`` are
+    the barycentric coordinates of the points; ``weights``, zero at vertices and middles, add up to
+    one.
     """
 
     def __init__(self, shape: ET, order: int) -> None:
@@ -54,13 +44,7 @@ class FacetRule:
         return values - self.shares @ values[:, : self.shares.shape[1]]
 
     def check_affine(self, name: str, values: np.ndarray) -> None:
-        """Refuse what is not affine on each facet.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument.
-        """
+        """Refuse, by name, what is not affine on each facet."""
         defect = np.abs(self.affine_defect(values)).max(initial=0.0)
         if defect > CONSTANT * np.abs(values).max(initial=1e-300):
             raise ValueError(f"{name} is not affine on the boundary elements: bounds need it")
@@ -71,13 +55,7 @@ FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 5)}
 
 
 def check_covered(problem: Problem) -> None:
-    """Refuse by name what there is no guaranteed bound for.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument, its value and what is needed.
-    """
+    """Refuse by name (ValueError) what there is no guaranteed bound for."""
     if problem.kinematics.hoop:
         raise ValueError(f"kinematics={problem.kinematics.name!r}: bounds need a plane problem")
     if problem.order == 2 and problem.N == 3:
@@ -115,13 +93,7 @@ def check_covered(problem: Problem) -> None:
 
 
 def require_frictionless(problem: Problem, what: str) -> None:
-    """Refuse friction, by name, where what slips would have to be known on other data.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument and its value.
-    """
+    """Refuse friction, by name, where what slips would have to be known on other data."""
     if problem.friction is not None:
         raise ValueError(f"friction={problem.friction!r}: {what} needs contact without friction")
 

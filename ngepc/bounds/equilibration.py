@@ -30,15 +30,8 @@ PASSES = 2
 class Patches:
     """The tetrahedra around each vertex and the Laplacians of their corners; in 2D ``Fans``.
 
-    Parameters
-    ----------
-    boundary
-        Which tractions are given.
-
-    Raises
-    ------
-    ValueError
-        For a body whose parts meet in a single vertex or edge.
+    Corners are numbered vertex by vertex: the Laplacians are small blocks that factorise at once.
+    ValueError for a body whose parts meet in a single vertex or edge.
     """
 
     def __init__(self, boundary: Boundary) -> None:
@@ -83,20 +76,9 @@ class Patches:
     def repaired(self, wished: np.ndarray, needed: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The facet moments, outward of the first cell, shape (nf, N vertices, N).
 
-        Parameters
-        ----------
-        wished
-            What they shall be near to, shape (nf, N, N).
-        needed
-            Their sums at the corners of the cells, shape (nt, N + 1, N), in equilibrium at each
-            vertex.
-        given
-            Moments of the tractions on the outer boundary, shape (nf, N, N).
-
-        Raises
-        ------
-        RuntimeError
-            If rounding leaves cells out of equilibrium: there is no bound then.
+        They are near the ``wished`` ones (nf, N, N), those of tractions on the outer boundary are
+        the ``given`` ones (nf, N, N), and their sums at the corners of the cells are ``needed``
+        (nt, N + 1, N), in equilibrium at each vertex.
         """
         N = self.cells.N
         needed = needed.reshape(-1, N)[self._order]
@@ -111,13 +93,7 @@ class Patches:
 
 
 def require_balanced(left: float, size: float) -> None:
-    """Refuse stresses that rounding leaves out of equilibrium: there is no bound then.
-
-    Raises
-    ------
-    RuntimeError
-        If ``left`` is more than a small part of ``size``.
-    """
+    """Refuse (RuntimeError) stresses that rounding leaves out of equilibrium: no bound then."""
     if left > BALANCED * size:
         raise RuntimeError(f"the stress is out of equilibrium by {left / size:.1e} of its size")
 

@@ -22,15 +22,7 @@ FIRST, LAST = np.array([2, 0, 1]), np.array([1, 2, 0])
 class Fans:
     """The corners of the triangles, sorted by vertex and counterclockwise around it.
 
-    Parameters
-    ----------
-    boundary
-        Which tractions are given.
-
-    Raises
-    ------
-    ValueError
-        For a body whose parts meet in a single vertex.
+    ValueError for a body whose parts meet in a single vertex.
     """
 
     def __init__(self, boundary: Boundary) -> None:

@@ -26,17 +26,8 @@ MOST_MODES = 30
 class Held:
     """The unknowns that are held.
 
-    Parameters
-    ----------
-    boundary
-        Which tractions are given.
-
-    Attributes
-    ----------
-    free
-        Boolean, shape (3 nv + ne,): the unknowns that are not held.
-    even
-        Boolean, shape (ne,): edges along which the function is free for given values at the ends.
+    ``free`` (3 nv + ne,) are those that are not; along the edges ``even`` (ne,) the function is
+    free for given values at the ends.
     """
 
     def __init__(self, boundary: Boundary) -> None:

@@ -38,17 +38,7 @@ class Stiff(Protocol):
 class TwoLevels:
     """K x = r for Airy functions, with a direct solver for the vertices.
 
-    Parameters
-    ----------
-    space
-        The Airy functions.
-    triangles
-        The triangulation.
-
-    Attributes
-    ----------
-    free
-        Boolean: unknowns that are not held, those of the vertices first.
+    ``free`` are the unknowns that are not held, those of the vertices first.
     """
 
     def __init__(self, space: AirySpace, triangles: Triangles) -> None:

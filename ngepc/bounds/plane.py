@@ -18,13 +18,7 @@ FROM_PLANE = np.linalg.inv(TO_PLANE)
 
 
 class PlaneSetting(Setting):
-    """``Setting`` on triangles.
-
-    Parameters
-    ----------
-    discrete
-        The discrete problem.
-    """
+    """``Setting`` on triangles."""
 
     airy, effort = AirySpace, Effort()
 
@@ -60,12 +54,8 @@ class PlaneSetting(Setting):
     def admissible(self, stress: np.ndarray, moments: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).
 
-        Parameters
-        ----------
-        stress
-            In equilibrium against hat functions, in-plane coordinates, shape (points, 3).
-        moments
-            Of the given tractions, shape (ne, 2, 2).
+        It is made of one in equilibrium against hat functions, in-plane coordinates (points, 3),
+        and of the moments of the given tractions, (ne, 2, 2).
         """
         t = self.cells
         needed = corner_forces(t, tensors(self.means(stress))) - self.carried.nodal

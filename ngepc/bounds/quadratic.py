@@ -46,13 +46,7 @@ SPLIT_LEVELS = 3
 
 
 class QuadraticSetting(PlaneSetting):
-    """``PlaneSetting`` for order two, with quadratic stresses.
-
-    Parameters
-    ----------
-    discrete
-        The discrete problem.
-    """
+    """``PlaneSetting`` for order two, with quadratic stresses."""
 
     airy, effort = QuarticSpace, Effort(gain=0.01, steps=40)
 

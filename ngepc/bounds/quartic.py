@@ -92,11 +92,6 @@ class QuarticSpace(AirySpace):
     """``AirySpace`` of degree four.
 
     Unknowns are those of the vertices, bend, even and odd of the edges, three of each triangle.
-
-    Parameters
-    ----------
-    boundary
-        Which tractions are given.
     """
 
     rule = QUARTIC

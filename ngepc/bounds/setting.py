@@ -35,22 +35,10 @@ NORMAL_PASSES = 50
 
 
 class Setting(ABC):
-    """Geometry, data and spaces of a discrete problem.
+    """Geometry, data and spaces of a discrete problem in N dimensions.
 
-    Parameters
-    ----------
-    discrete
-        The discrete problem, in N dimensions.
-
-    Attributes
-    ----------
-    conjugate, at_nodes
-        phi* at the points and at the nodes of the parts of each cell.
-
-    Raises
-    ------
-    ValueError
-        For a problem that no bound covers.
+    ``conjugate`` and ``at_nodes`` are phi* at the points and at the nodes of the parts of each
+    cell. ValueError for a problem that no bound covers.
     """
 
     def __init__(self, discrete: DiscreteProblem) -> None:
@@ -71,22 +59,10 @@ class Setting(ABC):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """An admissible stress for which the bound is small, again at points, and its P.
 
-        Parameters
-        ----------
-        state
-            The displacement.
-        tangent
-            Of a state near it, or without factors.
-        P
-            The contact pressure, shape (contact facets, N).
-        effort
-            How hard to look; None for the least that is worth it.
-
-        Returns
-        -------
-        tuple
-            Stress coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2, c),
-            then those whose product with ``strain`` has the integral as its mean.
+        It is sought near a state, by a tangent of a state near it (or without factors), from the
+        contact pressure P (contact facets, N); no effort is the least that is worth it. The first
+        are coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2, c), the
+        second those whose product with ``strain`` has the integral as its mean.
         """
 
     def _rows_of_contact_ends(self) -> np.ndarray:
@@ -116,10 +92,7 @@ class Setting(ABC):
     def feasible(self, u: np.ndarray) -> np.ndarray:
         """Nodal displacements near ``u`` that meet supports and clear the obstacle everywhere.
 
-        Raises
-        ------
-        RuntimeError
-            Where supports keep a vertex from clearing it.
+        RuntimeError where supports keep a vertex from clearing it.
         """
         c, on, free = self.cells, self.boundary.contact, self.discrete.supports.free
         u = np.where(free, u, self.discrete.supports.values)
@@ -154,13 +127,7 @@ class Setting(ABC):
         return vectors - np.einsum("eac,ec->ea", vectors, n)[:, :, None] * n[:, None]
 
     def check_touching(self, state: State) -> None:
-        """Refuse friction where the gap is open: it acts elsewhere, and no minimum problem is left.
-
-        Raises
-        ------
-        ValueError
-            Naming the argument.
-        """
+        """Refuse friction where the gap is open: no minimum problem is left."""
         touches = np.append(state.multipliers > 0, True)[self.row_of]
         if (self.boundary.friction[~touches] > 0).any():
             raise ValueError(

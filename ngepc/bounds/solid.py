@@ -38,16 +38,10 @@ LOOSER = 15
 
 @dataclass(frozen=True, eq=False)
 class Displaced:
-    """The tangent at a displacement.
+    """The tangent at a displacement: its factors and its moduli at the points.
 
-    Parameters
-    ----------
-    factors, moduli
-        Its factors, and the moduli at the points.
-    strain
-        Strain coordinates, shape (nt, 1, 6).
-    rest
-        What the bound has besides the value of the dual functional.
+    ``strain`` are the strain coordinates (nt, 1, 6), ``rest`` what the bound has besides the dual
+    functional.
     """
 
     factors: Factors
@@ -58,28 +52,14 @@ class Displaced:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What conjugate gradients have found.
-
-    Parameters
-    ----------
-    delta
-        Displacements of the faces, shape (3 nf, 3).
-    gained
-        By how much they lower the quadratic energy.
-    """
+    """What conjugate gradients found: displacements of faces (3 nf, 3), the energy gained."""
 
     delta: np.ndarray
     gained: float
 
 
 class SolidSetting(Setting):
-    """``Setting`` on tetrahedra.
-
-    Parameters
-    ----------
-    discrete
-        The discrete problem.
-    """
+    """``Setting`` on tetrahedra."""
 
     def __init__(self, discrete: DiscreteProblem) -> None:
         super().__init__(discrete)
@@ -174,20 +154,8 @@ class SolidSetting(Setting):
     ) -> np.ndarray:
         """Coefficients (nt, 30) of the stress that nearly minimises x A x / 2 + pulled x.
 
-        Parameters
-        ----------
-        here
-            The tangent.
-        pulled
-            The linear term, shape (nt, 30).
-        own
-            Moments (nt, 12, 3) of what is added to x.
-        given
-            Moments of the given tractions, shape (nf, 3, 3).
-        loads
-            Coefficients of body forces, shape (nt, 6).
-        effort, start
-            How hard to look, and from where.
+        ``own`` (nt, 12, 3) are the moments of what is added to x, ``given`` (nf, 3, 3) those of the
+        given tractions, ``loads`` (nt, 6) the coefficients of body forces.
         """
         faces = self.faces
         own = own - faces.moments(faces.answer(pulled))

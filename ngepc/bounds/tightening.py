@@ -51,14 +51,9 @@ class Effort:
 
 @dataclass(frozen=True, eq=False)
 class Dual:
-    """int [phi*(sigma) - sigma : eps(u)] for stresses at the points of ``space``.
+    """int [phi*(sigma) - sigma : eps(u)] for stresses at the points of the Airy functions' space.
 
-    Parameters
-    ----------
-    space, conjugate
-        The Airy functions, and phi*.
-    strain
-        eps(u) in in-plane coordinates at one point or all of them, shape (nt, ., 3).
+    ``strain`` is eps(u) in in-plane coordinates at one point or all of them, shape (nt, ., 3).
     """
 
     space: AirySpace
@@ -86,14 +81,7 @@ OF_MODEL = ("centre", "_values", "_area", "_gradient", "_compliance", "_yields")
 class Model:
     """The dual functional to second order around stresses.
 
-    Parameters
-    ----------
-    dual
-        The functional.
-    centre
-        The stresses at one point or all of them, shape (nt, ., 3).
-    at
-        These, completed.
+    These are ``centre`` at one point or all (nt, ., 3), completed ``at``.
     """
 
     def __init__(self, dual: Dual, centre: np.ndarray, at: Completed) -> None:
@@ -161,16 +149,8 @@ def tightened(
 ) -> np.ndarray:
     """In-plane stresses at the points, shape (nt, points, 3), with a smaller dual functional.
 
-    Parameters
-    ----------
-    dual, triangles
-        What is to be small, and where.
-    z
-        The admissible stress to start from, shape (nt, points, 3).
-    centre
-        The stress of the discrete solution at one point or all of them, shape (nt, ., 3).
-    rest
-        The bound less the value of ``dual``.
+    Search begins at the admissible stress ``z`` (nt, points, 3), tangents at the stress ``centre``
+    of the discrete solution, at one point or all (nt, ., 3); ``rest`` is the bound less ``dual``.
     """
     system = TwoLevels(dual.space, triangles)
     model = Model(dual, centre, dual.conjugate.completed(centre))

@@ -85,13 +85,7 @@ def volumes(mesh: Mesh) -> np.ndarray:
 
 
 def check_carried(problem: Problem) -> None:
-    """Refuse boundary data made of finite element functions: they belong to one mesh.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument.
-    """
+    """Refuse, by name, boundary data made of finite element functions: they belong to one mesh."""
     data: dict[str, object] = {"gap": problem.gap, "traction": problem.traction}
     data |= {"prescribed": problem.prescribed, "pressure": problem.pressure}
     if problem.f is not None and varies_inside(problem, problem.f):
@@ -147,13 +141,7 @@ def parents(old: Mesh, new: Mesh) -> np.ndarray:
 
 
 class Carrier:
-    """Coefficients that are constant on the elements of one mesh, as functions on a finer one.
-
-    Parameters
-    ----------
-    old, new
-        The meshes.
-    """
+    """Coefficients that are constant on the elements of one mesh, as functions on a finer one."""
 
     def __init__(self, old: Mesh, new: Mesh) -> None:
         self.new, self._parents = new, parents(old, new)

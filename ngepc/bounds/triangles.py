@@ -14,15 +14,7 @@ PAIRS = FACETS[2]
 class Triangles(Simplices):
     """Geometry and neighbours of the triangles of a mesh with straight edges.
 
-    Parameters
-    ----------
-    mesh
-        A mesh of triangles.
-
-    Attributes
-    ----------
-    forward
-        Boolean, shape (nt, 3): edge k of the triangle runs from the lower to the higher vertex.
+    Edge k runs from the lower to the higher vertex where ``forward`` (nt, 3).
     """
 
     def __init__(self, mesh: Mesh) -> None:
