@@ -24,8 +24,6 @@ from ngepc.bounds.plane import PlaneSetting
 from ngepc.bounds.quadratic import QuadraticSetting
 from ngepc.bounds.setting import Setting
 from ngepc.bounds.solid import SolidSetting
-from ngepc.bounds.tightening import Effort
-from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.loads import nodal
 from ngepc.local.factors import Factors
 from ngepc.local.result import ExactResult
@@ -128,7 +126,7 @@ class ErrorBound:
         return result
 
 
-def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
+def error_bound(result: object) -> ErrorBound:
     """A guaranteed bound of the energy error of a result, converged or not.
 
     Parameters
@@ -137,8 +135,6 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
         What a solver of a :class:`Problem` returned.  Where its displacement violates the obstacle
         it is moved, the plastic strain is the best one for it: ``ErrorBound.state`` is what the
         bound is for.  Order two is for plane problems.
-    effort
-        How hard to look for a sharp bound; every effort gives a bound.
 
     Raises
     ------
@@ -153,12 +149,10 @@ def error_bound(result: object, effort: Effort | None = None) -> ErrorBound:
     problem = getattr(result, "problem", None)
     if not isinstance(problem, Problem):
         raise TypeError(f"result={result!r}: a result with a displacement is needed")
-    if effort is not None:
-        require_instance("effort", effort, Effort, "Effort(...)")
     exact = isinstance(result, ExactResult)
     setting = setting_of(result.discrete if exact else DiscreteProblem(problem))
     state = result.state if exact else state_of(setting, result)
-    return bound_of_state(setting, state, Factors(setting.discrete, "sparsecholesky"), effort)
+    return bound_of_state(setting, state, Factors(setting.discrete, "sparsecholesky"))
 
 
 def state_of(setting: Setting, result: object) -> State:
@@ -185,15 +179,13 @@ def setting_of(discrete: DiscreteProblem) -> Setting:
     return (PlaneSetting if discrete.problem.order == 1 else QuadraticSetting)(discrete)
 
 
-def bound_of_state(
-    setting: Setting, given: State, tangent: Factors, effort: Effort | None = None
-) -> ErrorBound:
+def bound_of_state(setting: Setting, given: State, tangent: Factors) -> ErrorBound:
     """The bound for a state on the mesh of a setting; ``tangent`` may be that of an earlier one."""
     setting.check_touching(given)
     state, moved = feasible_state(setting, given)
     algebraic = algebraic_part(setting, state, tangent)
     P = setting.pressure(state.multipliers)
-    z, mean, P = setting.best_stress(state, tangent, P, effort)
+    z, mean, P = setting.best_stress(state, tangent, P)
     contact = setting.contact_gaps(state, P)
     volume, owners = setting.cells.volume, setting.cells.owners[setting.boundary.contact, 0]
     per_cell = setting.at_nodes.integrals(z, volume, setting.gaps(state, mean))

@@ -12,11 +12,9 @@ stiffness matrix of displacements of order one: the coarse solver of conjugate g
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from ngepc.bounds.alfeld import AT_POINTS, COMPONENTS, COORDINATES, FREE, MEANS, MOMENTS
+from ngepc.bounds.alfeld import COMPONENTS, COORDINATES, FREE, MEANS, MOMENTS
 from ngepc.bounds.boundary import Boundary
 
 CHUNK = 512
@@ -49,9 +47,6 @@ class Faces:
         Stress coordinates from the components of a reference stress, shape (nt, 6, 6).
     closed
         Unit normals where delta is held along them, zero elsewhere, (3 nf, 3); None for none.
-    inverse, loaded
-        The inverses of the compliances A in single precision, and columns of A for unit body
-        forces too, shapes (nt, 30, 30) and (nt, 30, 6).
     """
 
     def __init__(self, boundary: Boundary) -> None:
@@ -62,47 +57,31 @@ class Faces:
         images = np.einsum("tij,cjk,tlk->tcil", c.jacobian, COMPONENTS, c.jacobian, optimize=True)
         flat = images.reshape(-1, 9) @ COORDINATES.reshape(6, 9).T
         self.piola = flat.reshape(-1, 6, 6) / c.det[:, None, None]
-        self.inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
+        self._inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
         self._jacobian = c.jacobian.astype(SINGLE)
-        self.loaded = np.empty((len(c.nodes), FREE, 6), dtype=SINGLE)
+        self._loaded = np.empty((len(c.nodes), FREE, 6), dtype=SINGLE)
         self._blocks = np.empty((len(c.nodes), 4, 9, 9), dtype=SINGLE)
         numbers = np.arange(4 * len(c.nodes))
         self._sides = np.full((len(c.facets), 2), -1)
         self._sides[c.facet_of.ravel(), np.where(c.sign.ravel() > 0, 0, 1)] = numbers
 
-    def fill(self, compliance: Callable[[np.ndarray], np.ndarray], chosen: np.ndarray) -> None:
-        """Take the compliances of the chosen tetrahedra.
-
-        ``compliance`` gives d2 phi*/dz2 of some of them at one point or sixteen, (n, points, 6, 6).
-        """
-        for first in range(0, len(chosen), CHUNK):
-            part = chosen[first : first + CHUNK]
-            A = self._compliances(compliance(part), part)
-            self.loaded[part] = A[:, :FREE, FREE:]
-            self.inverse[part] = np.linalg.inv(A[:, :FREE, :FREE])
-
-    def precondition(self) -> None:
-        """Take the blocks of the faces from the present compliances."""
-        for first in range(0, len(self.slot), CHUNK):
-            self._fill_blocks(slice(first, first + CHUNK))
+    def fill(self, H: np.ndarray) -> None:
+        """Take the compliances d2 phi*/dz2 of the tetrahedra, shape (nt, 6, 6)."""
+        for first in range(0, len(H), CHUNK):
+            part = slice(first, first + CHUNK)
+            P, volume = self.piola[part], self.cells.volume[part, None, None]
+            product = np.matmul(np.matmul(P, H[part]), P.transpose(0, 2, 1)) * volume
+            A = (product.astype(SINGLE).reshape(-1, 36) @ GRAM).reshape(-1, 36, 36)
+            self._loaded[part] = A[:, :FREE, FREE:]
+            self._inverse[part] = np.linalg.inv(A[:, :FREE, :FREE])
+            self._fill_blocks(part)
         self._invert_blocks()
-
-    def _compliances(self, H: np.ndarray, part: np.ndarray) -> np.ndarray:
-        """A for the basis of 36 stresses."""
-        P, volume = self.piola[part], self.cells.volume[part, None, None]
-        if H.shape[1] == 1:
-            product = np.matmul(np.matmul(P, H[:, 0]), P.transpose(0, 2, 1)) * volume
-            return (product.astype(SINGLE).reshape(-1, 36) @ GRAM).reshape(-1, 36, 36)
-        stresses = np.matmul(P[:, None].transpose(0, 1, 3, 2), AT_POINTS).astype(SINGLE)
-        strains = np.matmul((H * (volume[:, None] / 16)).astype(SINGLE), stresses)
-        columns = stresses.reshape(len(P), 96, 36).transpose(0, 2, 1)
-        return np.matmul(columns, strains.reshape(len(P), 96, 36))
 
     def _fill_blocks(self, part: slice) -> None:
         """The blocks of S of each face, its vertices in the order of the face."""
         J, place = self._jacobian[part], self.cells.place[part]
         n, own = np.arange(len(J)), OWN.astype(SINGLE)
-        half = np.matmul(self.inverse[part], own.T)
+        half = np.matmul(self._inverse[part], own.T)
         for k in range(4):
             face = slice(9 * k, 9 * k + 9)
             block = np.matmul(own[face], half[:, :, face]).reshape(-1, 9, 3, 3)
@@ -144,7 +123,11 @@ class Faces:
 
     def answer(self, strains: np.ndarray) -> np.ndarray:
         """A^-1 times vectors of the tetrahedra, both (nt, 30); in single precision."""
-        return np.matmul(self.inverse, strains.astype(SINGLE)[:, :, None])[:, :, 0]
+        return np.matmul(self._inverse, strains.astype(SINGLE)[:, :, None])[:, :, 0]
+
+    def pulled(self, loads: np.ndarray) -> np.ndarray:
+        """What loads (nt, 6) add to the linear term c, shape (nt, 30)."""
+        return np.matmul(self._loaded, loads[:, :, None].astype(SINGLE))[:, :, 0]
 
     def moments(self, x: np.ndarray, loads: np.ndarray | None = None) -> np.ndarray:
         """Outward moments (nt, 12, 3) of stresses x (nt, 30) and of loads (nt, 6)."""

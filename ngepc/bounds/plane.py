@@ -28,7 +28,7 @@ class PlaneSetting(Setting):
         self._start = rows_at(self.space.rule.shares, STRESS_MAP)
 
     def best_stress(
-        self, state: State, tangent: Factors, P: np.ndarray, effort: Effort | None
+        self, state: State, tangent: Factors, P: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """An admissible stress for which the bound is small, again at points, and its P."""
         moments, forces = self.loads(state, P)
@@ -36,7 +36,7 @@ class PlaneSetting(Setting):
         z = self.admissible(stress, moments)
         dual = Dual(self.space, self.conjugate, self.strain(state))
         rest = self.phi(state).sum() + self.contact_gaps(state, P).sum()
-        z = tightened(dual, self.cells, z, self.centre(stress), float(rest), effort or self.effort)
+        z = tightened(dual, self.cells, z, self.centre(stress), float(rest), self.effort)
         return self.space.at_nodes(z), z, P
 
     def means(self, stress: np.ndarray) -> np.ndarray:

@@ -55,14 +55,14 @@ class Setting(ABC):
 
     @abstractmethod
     def best_stress(
-        self, state: State, tangent: Factors, P: np.ndarray, effort: object | None
+        self, state: State, tangent: Factors, P: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """An admissible stress for which the bound is small, again at points, and its P.
 
         It is sought near a state, by a tangent of a state near it (or without factors), from the
-        contact pressure P (contact facets, N); no effort is the least that is worth it. The first
-        are coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2, c), the
-        second those whose product with ``strain`` has the integral as its mean.
+        contact pressure P (contact facets, N). The first are coordinates at the vertices of the
+        N + 1 parts of each cell, (nt, (N + 1)^2, c), the second those whose product with
+        ``strain`` has the integral as its mean.
         """
 
     def _rows_of_contact_ends(self) -> np.ndarray:

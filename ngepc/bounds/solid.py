@@ -6,18 +6,16 @@ and the stresses are built from them again: they are admissible after any number
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ngepc.bounds.alfeld import AT_POINTS, AT_VERTICES, FREE, FROM_MOMENTS, MOMENTS
-from ngepc.bounds.conjugate import Completed
 from ngepc.bounds.equilibration import Patches, values_of
 from ngepc.bounds.faces import Faces
 from ngepc.bounds.setting import BALANCED, PASSES, Setting, stress_coordinates
 from ngepc.bounds.simplices import FACETS
-from ngepc.bounds.tightening import SHORTEST, Effort
-from ngepc.discretisation.points import Moduli
+from ngepc.bounds.tightening import Effort
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.kinematics import SOLID
@@ -25,29 +23,8 @@ from ngepc.model.kinematics import SOLID
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
 """Which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)."""
 
-SOLID_EFFORT = Effort(newton=0, gain=3e-4, steps=60)
-"""Conjugate gradients on faces take more steps, and gain a little with each.
-
-Newton steps gain less than half a percent after them at h/mu = 0.1, 3 to 6 percent at 0.01; up to
-half the bound of iterates that are far from the solution.
-"""
-
 LOOSER = 15
-"""Times the gain at which they stop where the pressure is sought, and in a Newton step."""
-
-
-@dataclass(frozen=True, eq=False)
-class Displaced:
-    """The tangent at a displacement: its factors and its moduli at the points.
-
-    ``strain`` are the strain coordinates (nt, 1, 6), ``rest`` what the bound has besides the dual
-    functional.
-    """
-
-    factors: Factors
-    moduli: Moduli
-    strain: np.ndarray
-    rest: float
+"""Times the gain at which conjugate gradients stop where the pressure is sought."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,46 +38,30 @@ class Search:
 class SolidSetting(Setting):
     """``Setting`` on tetrahedra."""
 
+    effort = Effort(newton=0, gain=3e-4, steps=60)
+
     def __init__(self, discrete: DiscreteProblem) -> None:
         super().__init__(discrete)
         self.faces, self.inner_loads = Faces(self.boundary), self.carried.inner
         self.patches = Patches(self.boundary)
 
     def best_stress(
-        self, state: State, tangent: Factors, P: np.ndarray, effort: Effort | None
+        self, state: State, tangent: Factors, P: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """An admissible stress for which the bound is small, its mean on each cell, and P."""
-        effort, law, f = effort or SOLID_EFFORT, self.discrete.law, self.inner_loads
-        moduli = self.factorised(state, tangent)
+        law, f = self.discrete.law, self.inner_loads
+        self.factorised(state, tangent)
         z = stress_coordinates(3, law.bulk * state.volume, law.stress(state.at))
-        H = self.conjugate.compliance(self.conjugate.completed(z[:, None]))
-        self.faces.fill(lambda part: H[part], np.arange(len(z)))
-        self.faces.precondition()
+        self.faces.fill(self.conjugate.compliance(self.conjugate.completed(z[:, None]))[:, 0])
         own = self.constant_moments(z) + self.faces.moments(np.zeros((len(z), FREE)), f)
-        pulled = np.matmul(self.faces.loaded, f[:, :, None])[:, :, 0]
-        here = Displaced(tangent, moduli, self.strain(state), 0.0)
-        P, start = self.sharpened(state, here, pulled, own, P, effort)
-        rest = float(self.phi(state).sum() + self.contact_gaps(state, P).sum())
-        here = replace(here, rest=rest)
-        x = self.admissible(here, pulled, own, self.loads(state, P)[0], f, effort, start)
-        for _ in range(effort.newton):
-            at = self.conjugate.completed(self.stress(x, f, AT_POINTS))
-            if (at.over > 0).any():
-                x = self.newton(here, x, at, effort)
-        return (
-            self.stress(x, f, AT_VERTICES),
-            self.stress(x, f, AT_POINTS).mean(axis=1, keepdims=True),
-            P,
-        )
+        own -= self.faces.moments(self.faces.answer(self.faces.pulled(f)))
+        P, start = self.sharpened(state, tangent, own, P)
+        x = self.admissible(tangent, own, self.loads(state, P)[0], start)
+        stress, at_points = (self.stress(x, f, table) for table in (AT_VERTICES, AT_POINTS))
+        return stress, at_points.mean(axis=1, keepdims=True), P
 
     def sharpened(
-        self,
-        state: State,
-        here: Displaced,
-        pulled: np.ndarray,
-        own: np.ndarray,
-        P: np.ndarray,
-        effort: Effort,
+        self, state: State, tangent: Factors, own: np.ndarray, P: np.ndarray
     ) -> tuple[np.ndarray, Search | None]:
         """The pressure of a body that is held where P > 0, as far as it presses, and its search."""
         faces, on = self.faces, self.boundary.contact
@@ -110,62 +71,29 @@ class SolidSetting(Setting):
         slots, normals = 3 * on[:, None] + np.arange(3), self.cells.normal[on][:, None]
         faces.closed = np.zeros(faces.free.shape)
         faces.closed[slots] = closed[:, :, None] * normals
-        own = own - faces.moments(faces.answer(pulled))
         b = self.loads(state, P)[0].reshape(-1, 3) - faces.sums(own)
-        found = self.displacements(here, b, replace(effort, gain=LOOSER * effort.gain))
+        found = self.displacements(tangent, b, LOOSER * self.effort.gain)
         faces.closed = None
         sums = faces.sums(own + faces.moments(faces.answer(faces.work(found.delta))))
         pressed = values_of(-(sums[slots] * normals).sum(axis=2), self.cells.measure[on])
         return np.where(closed, np.maximum(pressed, 0.0), P), found
 
-    def newton(self, here: Displaced, x: np.ndarray, at: Completed, effort: Effort) -> np.ndarray:
-        """Coefficients after a Newton step for the dual functional from x, with the stresses at."""
-        value = self.value(self.stress(x, self.inner_loads, AT_POINTS), here)
-        yields = np.flatnonzero((at.over > 0).any(axis=1))
-        self.faces.fill(lambda part: self.conjugate.of(part).compliance(at.of(part)), yields)
-        pulled = self.work(self.conjugate.gradient(at) - here.strain)
-        zero = np.zeros_like(self.boundary.traction)
-        own = np.zeros((len(x), 12, 3))
-        step = self.admissible(
-            here,
-            pulled,
-            own,
-            zero,
-            0 * self.inner_loads,
-            replace(effort, gain=LOOSER * effort.gain),
-        )
-        length = 1.0
-        while length > SHORTEST:
-            trial = x + length * step
-            if self.value(self.stress(trial, self.inner_loads, AT_POINTS), here) <= value:
-                return trial
-            length /= 2
-        return x
-
     def admissible(
-        self,
-        here: Displaced,
-        pulled: np.ndarray,
-        own: np.ndarray,
-        given: np.ndarray,
-        loads: np.ndarray,
-        effort: Effort,
-        start: Search | None = None,
+        self, tangent: Factors, own: np.ndarray, given: np.ndarray, start: Search | None
     ) -> np.ndarray:
-        """Coefficients (nt, 30) of the stress that nearly minimises x A x / 2 + pulled x.
+        """Coefficients (nt, 30) of the stress for which the quadratic functional is nearly least.
 
-        ``own`` (nt, 12, 3) are the moments of what is added to x, ``given`` (nf, 3, 3) those of the
-        given tractions, ``loads`` (nt, 6) the coefficients of body forces.
+        ``own`` (nt, 12, 3) are the moments of the least one without tractions, ``given``
+        (nf, 3, 3) those of the given tractions.
         """
-        faces = self.faces
-        own = own - faces.moments(faces.answer(pulled))
-        found = self.displacements(here, given.reshape(-1, 3) - faces.sums(own), effort, start)
+        faces, b = self.faces, given.reshape(-1, 3) - self.faces.sums(own)
+        found = self.displacements(tangent, b, self.effort.gain, start)
         own = own + faces.moments(faces.answer(faces.work(found.delta)))
-        own = self.balanced_moments(here, own, given)
-        return self.coefficients(self.repaired(own, given), loads)
+        own = self.balanced_moments(tangent, own, given)
+        return self.coefficients(self.repaired(own, given))
 
     def displacements(
-        self, here: Displaced, b: np.ndarray, effort: Effort, start: Search | None = None
+        self, tangent: Factors, b: np.ndarray, gain: float, start: Search | None = None
     ) -> Search:
         """Delta of the faces that nearly solves S delta = b, by two-level conjugate gradients.
 
@@ -176,7 +104,7 @@ class SolidSetting(Setting):
 
         def coarse(r: np.ndarray) -> np.ndarray | float:
             """The part of continuous displacements."""
-            return 0.0 if torn else faces.spread(here.factors.solve(faces.at_nodes(r)))
+            return 0.0 if torn else faces.spread(tangent.solve(faces.at_nodes(r)))
 
         b = faces.kept(b)
         start = start or Search(np.zeros_like(b), 0.0)
@@ -184,7 +112,7 @@ class SolidSetting(Setting):
         delta = delta + coarse(r)
         r = b - faces.product(delta)
         total, before, p = start.gained, 0.0, np.zeros_like(r)
-        for _ in range(effort.steps):
+        for _ in range(self.effort.steps):
             s = faces.smooth(r) + coarse(r)
             rs = float(np.vdot(r, s))
             if not rs > 0:
@@ -195,11 +123,11 @@ class SolidSetting(Setting):
             delta, r = delta + length * p, r - length * Sp
             gained = length * rs / 2
             total += gained
-            if gained <= effort.gain * total:
+            if gained <= gain * total:
                 break
         return Search(delta, total)
 
-    def balanced_moments(self, here: Displaced, own: np.ndarray, given: np.ndarray) -> np.ndarray:
+    def balanced_moments(self, tangent: Factors, own: np.ndarray, given: np.ndarray) -> np.ndarray:
         """Moments whose sums at the vertices are those of the given ones: constants are added."""
         faces, points = self.faces, self.discrete.points
         size = np.abs(own).max()
@@ -207,8 +135,8 @@ class SolidSetting(Setting):
             missing = faces.at_nodes(faces.kept(given.reshape(-1, 3) - faces.sums(own)))
             if np.abs(missing).max() <= BALANCED * size:
                 break
-            volume, e = points.strain(here.factors.solve(missing))
-            z = stress_coordinates(3, here.moduli.bulk * volume, here.moduli(e))
+            volume, e = points.strain(tangent.solve(missing))
+            z = stress_coordinates(3, tangent.moduli.bulk * volume, tangent.moduli(e))
             own = own + self.constant_moments(z)
         return own
 
@@ -221,10 +149,10 @@ class SolidSetting(Setting):
         mu = self.patches.repaired(mean.reshape(-1, 3, 3), np.matmul(CORNER_SUMS, own), given)
         return mu.reshape(-1, 3)[faces.slot] * signs
 
-    def coefficients(self, moments: np.ndarray, loads: np.ndarray) -> np.ndarray:
+    def coefficients(self, moments: np.ndarray) -> np.ndarray:
         """Coefficients (nt, 30) of the stress with moments (nt, 12, 3) in equilibrium."""
         reference = np.matmul(moments, self.cells.inverse.transpose(0, 2, 1)).reshape(-1, 36)
-        return (reference - loads @ MOMENTS[:, FREE:].T) @ FROM_MOMENTS.T
+        return (reference - self.inner_loads @ MOMENTS[:, FREE:].T) @ FROM_MOMENTS.T
 
     def constant_moments(self, z: np.ndarray) -> np.ndarray:
         """Outward moments (nt, 12, 3) of constant stresses z (nt, 6)."""
@@ -236,16 +164,3 @@ class SolidSetting(Setting):
         """Stress coordinates at the sixteen places of a table, shape (nt, 16, 6)."""
         both = np.concatenate([x, loads], axis=1) @ table.reshape(96, -1).T
         return np.matmul(both.reshape(-1, 16, 6), self.faces.piola)
-
-    def work(self, strain: np.ndarray) -> np.ndarray:
-        """The transpose of ``stress`` at the points for strains (nt, 16, 6), shape (nt, 30)."""
-        turned = np.matmul(strain, self.faces.piola.transpose(0, 2, 1)).reshape(-1, 96)
-        return (turned @ AT_POINTS.reshape(96, -1)[:, :FREE]) * self.cells.volume[:, None] / 16
-
-    def value(self, stress: np.ndarray, here: Displaced) -> float:
-        """The bound by a rule of degree two."""
-        dual = self.conjugate.value(self.conjugate.completed(stress))
-        density = dual - np.einsum(
-            "tqc,tqc->tq", stress, np.broadcast_to(here.strain, stress.shape)
-        )
-        return here.rest + float(self.cells.volume @ density.mean(axis=1))

@@ -16,10 +16,11 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
-from ngepc.bounds.bound import error_bound
+from ngepc.bounds.bound import bound_of_state, error_bound, setting_of
 from ngepc.bounds.tightening import Effort
 from ngepc.geometries import block, lshape
 from ngepc.geometries.bisection import triangulated
+from ngepc.local.factors import Factors
 from ngepc.studies.bounds import LIMITS
 from ngepc.studies.examples import example
 
@@ -68,7 +69,10 @@ def test_regularised_results_are_made_feasible():
 def test_less_effort_gives_a_bound_too():
     result = semismooth_newton(example("wrench", 873))
     efforts = [Effort(newton=0, steps=1), Effort(newton=0), Effort(), Effort(newton=2, gain=1e-3)]
-    totals = [error_bound(result, effort).total for effort in efforts]
+    setting, totals = setting_of(result.discrete), []
+    for setting.effort in efforts:
+        tangent = Factors(result.discrete, "sparsecholesky")
+        totals.append(bound_of_state(setting, result.state, tangent).total)
     assert sorted(totals, reverse=True) == totals
     assert totals[-1] >= result.primal_energy - LIMITS["wrench"]
 
