@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Colormap
 from matplotlib.tri import Triangulation
 
 from ngepc.checks.arguments import require_vector
 from ngepc.checks.declared import Check, Declared, Flag, NotNegative, Text
-from ngepc.checks.kinds import require_instance, require_text
+from ngepc.checks.kinds import require_instance
 from ngepc.pictures.drawable import Units, fields_of, require_units
 from ngepc.pictures.sampling import Corners, boundary_corners, element_borders, obstacle_lines
 from ngepc.pictures.stills import Angles, camera, solid_image
@@ -25,18 +23,6 @@ from ngepc.pictures.style import DEFORMED, GUIDE, OBSTACLE, OUTLINE, Picture
 AXES = "matplotlib Axes or None"
 SOLID = (3.8, 3.4)
 """Inches that a picture of a solid takes."""
-
-
-def require_colormap(name: str, colormap: object) -> str | Colormap:
-    """Accept colour maps, and the names of those of matplotlib."""
-    if not isinstance(colormap, Colormap):
-        require_text(name, colormap)
-        if colormap not in colormaps:
-            raise ValueError(
-                f"{name}={colormap!r}: the name of a matplotlib colour map is needed, such as "
-                "'viridis' or 'RdBu_r'"
-            )
-    return colormap
 
 
 @dataclass(frozen=True)
@@ -49,8 +35,6 @@ class Drawing(Declared):
     axes: Annotated[Axes | None, Check(require_instance, kind=Axes, needed=AXES)] = None
     title: Text | None = None
     mesh_lines: Flag = False
-    label: Text | None = None
-    colormap: Annotated[str | Colormap | None, Check(require_colormap)] = None
 
     def panels(self, corners: Corners, count: int = 1, bar: bool = True) -> list[Axes]:
         """The given axes, or those of a new figure for bodies of this size, three in a row."""

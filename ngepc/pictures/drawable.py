@@ -1,19 +1,21 @@
 """What can be drawn of a solution: fields by name, their symbols and units, where they live.
 
-Shared by matplotlib figures, webgui views and VTU files; imports none of them.
+Shared by matplotlib figures, webgui views and VTU files.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Annotated
 
+from matplotlib.cm import ScalarMappable
 from ngsolve import CoefficientFunction, InnerProduct, Region, sqrt
 
 from ngepc.checks.declared import Check, Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping
-from ngepc.pictures.sampling import visible
+from ngepc.pictures.sampling import Corners, colour_scale, sample_corners, visible
 from ngepc.results.fields import Fields
 
 AXES = "xyz"
@@ -108,6 +110,22 @@ def drawable(
     label = f"{kind.title} ${symbol}$ ({getattr(units, kind.quantity, kind.quantity)})"
     colormap = "RdBu_r" if component else kind.colormap
     return Drawable(*visible(problem.mesh, coefficient), label, bool(component), colormap)
+
+
+def on_one_scale(
+    sources: Collection[object],
+    field: str | CoefficientFunction,
+    units: UnitNames | None,
+    ends: tuple[float | None, float | None],
+) -> tuple[list[Drawable], list[Corners], ScalarMappable]:
+    """What is drawn of each source, its values, and colours for all of them."""
+    what = [drawable(source, field, units) for source in sources]
+    corners = [
+        sample_corners(fields_of(source), drawn.region, drawn.coefficient)
+        for source, drawn in zip(sources, what, strict=True)
+    ]
+    limits = colour_scale(*corners, ends=ends, symmetric=what[0].signed)
+    return what, corners, ScalarMappable(limits, what[0].colormap)
 
 
 def _component(

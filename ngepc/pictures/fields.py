@@ -22,12 +22,12 @@ from ngepc.checks.kinds import require_attributes
 from ngepc.pictures.bodies import Drawing, add_bar
 from ngepc.pictures.drawable import (
     UnitNames,
-    drawable,
     fields_of,
+    on_one_scale,
     pressure_on_boundary,
     require_sources,
 )
-from ngepc.pictures.sampling import Corners, body_corners, colour_scale, sample_corners
+from ngepc.pictures.sampling import Corners, body_corners, sample_corners
 from ngepc.pictures.stills import Angles
 from ngepc.pictures.style import CONTACT, ELASTIC, PLASTIC, styled
 
@@ -42,9 +42,7 @@ def plot_field(
     deformation_scale: float = 1.0,
     vmin: float | None = None,
     vmax: float | None = None,
-    label: str | None = None,
     title: str | None = None,
-    colormap: str | None = None,
     mesh_lines: bool = False,
     units: UnitNames | None = None,
     view: Angles | None = None,
@@ -67,9 +65,8 @@ def plot_field(
     vmin, vmax
         Ends of the colour scale; by default percentiles (``colour_range``), with arrows on the
         colour bar where values lie outside.
-    label, title, colormap, mesh_lines, units
-        Text at the colour bar, title (by default how the problem was solved), matplotlib colour
-        map, whether to draw the mesh, units.
+    title, mesh_lines, units
+        Title (by default how the problem was solved), whether to draw the mesh, units.
     view
         Where solids are seen from: degrees around the z axis and above the xy plane.
     axes
@@ -83,13 +80,12 @@ def plot_field(
     Raises
     ------
     TypeError, ValueError
-        For an unknown field or colour map, a negative scale, vmin >= vmax, or an argument of the
-        wrong kind.
+        For an unknown field, a negative scale, vmin >= vmax, or an argument of the wrong kind.
     ImportError
         If the body is a solid and pyvista or libEGL is missing.
     """
-    how = (deformation_scale, units, view, axes, title, mesh_lines, label, colormap)
-    return _draw_fields(Drawing(*how), {"": source}, field, (vmin, vmax))
+    drawing = Drawing(deformation_scale, units, view, axes, title, mesh_lines)
+    return _draw_fields(drawing, {"": source}, field, (vmin, vmax))
 
 
 @styled
@@ -117,8 +113,6 @@ def plot_plastic_zone(
     threshold: float = 0.0,
     *,
     deformation_scale: float = 1.0,
-    title: str | None = None,
-    units: UnitNames | None = None,
     view: Angles | None = None,
     axes: Axes | None = None,
 ) -> Figure:
@@ -127,7 +121,7 @@ def plot_plastic_zone(
     The other arguments are those of ``plot_field``.
     """
     require_number("threshold", threshold, 0.0)
-    drawing = Drawing(deformation_scale, units, view, axes, title)
+    drawing = Drawing(deformation_scale, view=view, axes=axes)
     sampled = body_corners(fields_of(source), fields_of(source).equivalent_plastic_strain)
     words = rf"plastic zone (dark): $|p|_F > {threshold:g}$"
     dark = sampled.values.mean(axis=1) > threshold
@@ -136,21 +130,15 @@ def plot_plastic_zone(
 
 @styled
 def plot_active_sets(
-    result: object,
-    *,
-    deformation_scale: float = 0.0,
-    title: str | None = None,
-    units: UnitNames | None = None,
-    view: Angles | None = None,
-    axes: Axes | None = None,
+    result: object, *, view: Angles | None = None, axes: Axes | None = None
 ) -> Figure:
     """The active sets: dark where the body yields in this step, orange where it is in contact.
 
-    ``result`` is a result of a solver or the snapshot of an iterate.  By default it is drawn before
-    the deformation, where it stays while iterates come and go.
+    ``result`` is a result of a solver or the snapshot of an iterate.  It is drawn before the
+    deformation, where it stays while iterates come and go.
     """
     require_attributes("result", result, ("fields", "yield_excess"), "a result of a solver")
-    drawing, fields = Drawing(deformation_scale, units, view, axes, title), fields_of(result)
+    drawing, fields = Drawing(0.0, view=view, axes=axes), fields_of(result)
     mesh, contact = fields.problem.mesh, bool(fields.problem.touching_names)
     cuts = max(1, round(math.sqrt(16_000 / mesh.ne)))
     sampled = body_corners(fields, result.yield_excess, cuts)
@@ -162,17 +150,15 @@ def plot_active_sets(
     words = "yields (dark)" + ", in contact (orange)" * contact
     axes = _draw_classes(drawing, result, sampled, classes, words)
     if mesh.dim == 2:
-        lines = touching.deformed(deformation_scale)[pushed]
-        axes.add_collection(LineCollection(lines, colors=CONTACT, linewidths=3.0, zorder=5))
+        lines = LineCollection(touching.points[pushed], colors=CONTACT, linewidths=3.0, zorder=5)
+        axes.add_collection(lines)
     return axes.figure
 
 
 @styled
-def plot_mesh(
-    source: object, *, units: UnitNames | None = None, axes: Axes | None = None
-) -> Figure:
+def plot_mesh(source: object, *, axes: Axes | None = None) -> Figure:
     """The mesh before the deformation, the initial configuration of Figure 5."""
-    drawing = Drawing(0.0, units, axes=axes, mesh_lines=True)
+    drawing = Drawing(0.0, axes=axes, mesh_lines=True)
     sampled = body_corners(fields_of(source), CoefficientFunction(0.0))
     elastic = np.zeros(len(sampled.points))
     return _draw_classes(drawing, fields_of(source), sampled, elastic).figure
@@ -185,18 +171,11 @@ def _draw_fields(
     ends: tuple[float | None, float | None],
 ) -> Figure:
     """Bodies side by side with one colour bar, in the axes of the drawing if it has some."""
-    what = {title: drawable(source, field, drawing.units) for title, source in sources.items()}
-    corners = [
-        sample_corners(fields_of(source), what[title].region, what[title].coefficient)
-        for title, source in sources.items()
-    ]
-    first = next(iter(what.values()))
-    limits = colour_scale(*corners, vmin=ends[0], vmax=ends[1], symmetric=first.signed)
-    colours = ScalarMappable(limits, drawing.colormap or first.colormap)
+    what, corners, colours = on_one_scale(sources.values(), field, drawing.units, ends)
     panels = drawing.panels(corners[0], len(corners))
     for panel, (title, source), sampled in zip(panels, sources.items(), corners, strict=True):
         drawing.body(panel, source, sampled, colours, title=title)
-    add_bar(colours, panels, drawing.label or first.label, drawing.axes is None)
+    add_bar(colours, panels, what[0].label, drawing.axes is None)
     return panels[0].figure
 
 

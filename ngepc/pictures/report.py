@@ -36,28 +36,25 @@ th, td { padding: .28rem .8rem; border-bottom: 1px solid #d9dee3; text-align: ri
 td.text { text-align: left; }
 img { max-width: 100%; height: auto; }
 footer { color: #5c6873; font-size: .88rem; margin-top: 3rem; }
-</style></head><body><h1>$title</h1>$about$content<footer>$footer</footer></body></html>
+</style></head><body><h1>$title</h1>$content<footer>$footer</footer></body></html>
 """)
 
 Section = tuple[str, Sequence[object]]
 """Heading and contents: text, figures, views, problems and lists of dictionaries (tables)."""
 
 
-def write_report(
-    path: str | os.PathLike, title: str, *sections: Section, subtitle: str = "", footer: str = ""
-) -> Path:
+def write_report(path: str | os.PathLike, title: str, *sections: Section, footer: str = "") -> Path:
     """Write a report from sections to an HTML file; returns its path.
 
     Parameters
     ----------
     path
         The HTML file to write.
-    title, subtitle, footer
+    title, footer
         Text at the top and at the bottom; `code` stands between backquotes, also in the contents.
     sections
         Pairs (heading, contents); each piece of contents is text, a list of dictionaries, a
-        figure, the path of a PNG file, a ``Problem``, or what notebooks show as HTML: a result, a
-        ``View``.
+        figure, a ``Problem``, or what notebooks show as HTML: a result, a ``View``.
 
     Returns
     -------
@@ -70,12 +67,11 @@ def write_report(
         If a piece is none of these.
     """
     path = require_path("path", path)
-    for name, text in (("title", title), ("subtitle", subtitle), ("footer", footer)):
+    for name, text in (("title", title), ("footer", footer)):
         require_text(name, text)
     content = "".join(_section(number, section) for number, section in enumerate(sections))
-    about = f"<p>{_inline(subtitle)}</p>" if subtitle else ""
-    texts = {"title": html.escape(title), "about": about, "footer": _inline(footer)}
-    write_text(path, PAGE.substitute(texts, content=content))
+    texts = {"title": html.escape(title), "footer": _inline(footer), "content": content}
+    write_text(path, PAGE.substitute(texts))
     return path
 
 
@@ -120,7 +116,7 @@ def _piece(piece: object) -> str:
     """A piece of contents as HTML."""
     if isinstance(piece, str):
         return f"<p>{_inline(piece)}</p>"
-    if isinstance(piece, Figure | os.PathLike):
+    if isinstance(piece, Figure):
         return f'<p><img src="{png_address(piece)}" alt="figure"></p>'
     if hasattr(piece, "_repr_html_"):
         return piece._repr_html_()

@@ -183,8 +183,7 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
 
 def colour_scale(
     *samples: Corners,
-    vmin: float | None = None,
-    vmax: float | None = None,
+    ends: tuple[float | None, float | None] = (None, None),
     symmetric: bool = False,
 ) -> Normalize:
     """Limits that a re-entrant corner does not swallow, common to all ``samples``.
@@ -192,11 +191,12 @@ def colour_scale(
     The limits are percentiles by area over the part where the field is not zero.  An end where
     that would gain less than a quarter of the scale stays where the data end, and a scale of one
     sign that comes close to zero begins there.  ``symmetric`` fields get limits of opposite sign;
-    ``vmin`` and ``vmax`` overrule.  Its ``extend`` tells colour bars where values lie outside.
+    ``ends`` overrule.  Its ``extend`` tells colour bars where values lie outside.
     """
-    for name, end in (("vmin", vmin), ("vmax", vmax)):
-        if end is not None:
-            require_number(name, end)
+    vmin, vmax = (
+        None if end is None else require_number(name, end)
+        for name, end in zip(("vmin", "vmax"), ends, strict=True)
+    )
     if vmin is not None and vmax is not None and vmin >= vmax:
         raise ValueError(f"vmin={vmin!r}, vmax={vmax!r}: vmin < vmax is needed")
     values = np.concatenate([s.values.mean(axis=1) for s in samples])
@@ -212,7 +212,7 @@ def colour_scale(
     if symmetric:
         low, high = -max(-low, high), max(-low, high)
     low, high = (0.0 if abs(end) < 1e-9 * span else end for end in (low, high))
-    low, high = low if vmin is None else float(vmin), high if vmax is None else float(vmax)
+    low, high = low if vmin is None else vmin, high if vmax is None else vmax
     if low >= high:  # a constant field
         size = max(abs(low), abs(high)) or 1.0
         low, high = high - size if vmin is None else low, low + size if vmax is None else high

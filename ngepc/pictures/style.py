@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import functools
 import io
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -69,13 +68,11 @@ class Picture(Figure):
         return stream.getvalue()
 
 
-def png_address(picture: Figure | os.PathLike, dpi: float = 120) -> str:
-    """A figure or a PNG file as a data address, for the ``src`` of an HTML image."""
+def png_address(figure: Figure, dpi: float = 120) -> str:
+    """A figure as a data address, for the ``src`` of an HTML image."""
     stream = io.BytesIO()
-    if isinstance(picture, Figure):
-        picture.savefig(stream, format="png", dpi=dpi)
-    data = stream.getvalue() or Path(picture).read_bytes()
-    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")
+    figure.savefig(stream, format="png", dpi=dpi)
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
 def line_style(index: int, count: int) -> dict:

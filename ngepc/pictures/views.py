@@ -13,33 +13,26 @@ import html
 import importlib.util
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from string import Template
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from ngsolve import BBND, BND, CF, VOL, CoefficientFunction, Integrate
+from ngsolve import BBND, BND, CF, VOL, CoefficientFunction
 
-from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_flag, require_path, require_text
-from ngepc.model.problem import as_scalar
-from ngepc.pictures.drawable import UnitNames, drawable, fields_of, require_sources
-from ngepc.pictures.sampling import (
-    boundary_corners,
-    colour_scale,
-    is_curved,
-    obstacle_lines,
-    offset,
-    sample_corners,
-)
+from ngepc.checks.arguments import sample
+from ngepc.checks.kinds import require_path, require_text
+from ngepc.pictures.bodies import Drawing
+from ngepc.pictures.drawable import UnitNames, fields_of, on_one_scale, require_sources
+from ngepc.pictures.sampling import boundary_corners, is_curved, obstacle_lines, offset
 from ngepc.pictures.style import Picture, png_address, styled
 from ngepc.results.records import write_text
 
 EXTRA = 'pip install "ngepc[html]"'
 NOISE = 1e-3
-"""Contact pressures below this part of the yield bound are not drawn."""
+"""Contact pressures below this part of the yield bound are not drawn at full height."""
 PAGE = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
 SLIDER = (
     '<footer><button id="play" title="play">▶</button><label for="slider">{name}</label>'
@@ -47,21 +40,20 @@ SLIDER = (
     '<output id="label" for="slider"></output></footer>'
 )
 FRAME = (
-    '<iframe srcdoc="{page}" loading="lazy" title="interactive view" style="width:100%;'
-    'height:{height}px;box-sizing:border-box;border:1px solid #8884"></iframe>'
+    '<iframe srcdoc="{}" loading="lazy" title="interactive view" style="width:100%;'
+    'height:480px;box-sizing:border-box;border:1px solid #8884"></iframe>'
 )
 FIGURE = '<figure><figcaption>{}</figcaption><div class="place" id="place-{}"></div></figure>'
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """An HTML page that notebooks show in place, in a frame of a ``height`` in pixels."""
+    """An HTML page that notebooks show in place."""
 
     html: str = field(repr=False)
-    height: int = 480
 
     def _repr_html_(self) -> str:
-        return FRAME.format(page=html.escape(self.html), height=self.height)
+        return FRAME.format(html.escape(self.html))
 
     def save(self, path: str | os.PathLike) -> Path:
         """Write the page to ``path``, making its folder; returns the path."""
@@ -81,7 +73,6 @@ def show(
     vmax: float | None = None,
     mesh_lines: bool = False,
     units: UnitNames | None = None,
-    height: int = 480,
 ) -> View:
     """The deformed body coloured by a field, to turn and zoom.
 
@@ -98,8 +89,6 @@ def show(
         What the slider moves through: 'gamma', 'load step', ...; the captions stand beside it.
     deformation_scale, vmin, vmax, mesh_lines, units
         As in ``plot_field``.
-    height
-        Height of the frame in a notebook (pixels).
 
     Returns
     -------
@@ -115,23 +104,14 @@ def show(
     """
     sources = source if isinstance(source, Mapping) else {"": source}
     require_sources(sources)
-    require_text("title", title)
     require_text("name", name)
-    require_number("deformation_scale", deformation_scale, 0.0)
-    require_number("height", height, 100)
-    require_flag("mesh_lines", mesh_lines)
-    what = {key: drawable(s, field, units) for key, s in sources.items()}
-    first = next(iter(what.values()))
-    viewer = viewer_script()
-    samples = [
-        sample_corners(fields_of(sources[key]), drawn.region, drawn.coefficient)
-        for key, drawn in what.items()
-    ]
-    limits = colour_scale(*samples, vmin=vmin, vmax=vmax, symmetric=first.signed)
-    colours, peak = ScalarMappable(limits, first.colormap), _peak(sources.values())
+    require_text("title", title)
+    drawing = Drawing(deformation_scale, units, mesh_lines=mesh_lines)
+    viewer, peak = viewer_script(), _peak(sources.values())
+    what, _, colours = on_one_scale(sources.values(), field, units, (vmin, vmax))
     scenes = {
-        key: scene_data(s, what[key].coefficient, colours, deformation_scale, mesh_lines, peak)
-        for key, s in sources.items()
+        key: scene_data(sources[key], drawn.coefficient, colours, drawing, peak)
+        for key, drawn in zip(sources, what, strict=True)
     }
     panels = {"": list(scenes.values())} if name else {key: [data] for key, data in scenes.items()}
     labels = list(scenes) if name else [""]
@@ -139,13 +119,13 @@ def show(
     page = PAGE.substitute(
         title=html.escape(title or "ngepc"),
         heading=f"<h1>{html.escape(title)}</h1>" if title else "",
-        legend=legend(colours, first.label),
+        legend=legend(colours, what[0].label),
         figures="".join(FIGURE.format(html.escape(c), n) for n, c in enumerate(panels)),
         slider=SLIDER.format(name=html.escape(name), last=len(labels) - 1) if name else "",
         data=base64.b64encode(gzip.compress(data.encode(), mtime=0)).decode(),
         viewer=viewer,
     )
-    return View(page, height)
+    return View(page)
 
 
 @styled
@@ -160,19 +140,18 @@ def scene_data(
     source: object,
     coefficient: CoefficientFunction,
     colours: ScalarMappable,
-    scale: float,
-    mesh_lines: bool,
+    drawing: Drawing,
     peak: float,
 ) -> dict:
-    """What webgui needs to draw a scalar on the body deformed by ``scale`` u, ready for JSON.
+    """What webgui needs to draw a scalar on the deformed body, ready for JSON.
 
-    ``peak`` is the contact pressure drawn at full height in 2D, 0 for none.
+    ``peak`` is the contact pressure drawn at full height in 2D.
     """
     fields = fields_of(source)
     mesh, plane = fields.problem.mesh, fields.problem.N == 2
     ambient = 1.0 if plane else 0.65
     light = {"ambient": ambient, "diffuse": 1.0 - ambient, "shininess": 10, "specularity": 0.0}
-    objects = {"Wireframe": mesh_lines, "Edges": True, "Colorbar": False}
+    objects = {"Wireframe": drawing.mesh_lines, "Edges": True, "Colorbar": False}
     settings = {"Objects": objects, "Colormap": {"ncolors": 64}, "Light": light}
     if not plane:
         settings["camera"] = {"euler_angles": [-65.0, 0.0, -30.0]}
@@ -183,9 +162,9 @@ def scene_data(
         coefficient,
         order=2 if is_curved(fields) else 1,
         draw_vol=False,
-        deformation=scale * fields.displacement,
+        deformation=drawing.deformation_scale * fields.displacement,
         regions={kind: kind for kind in (VOL, BND, BBND)},
-        objects=_contact_lines(source, scale, peak),
+        objects=_contact_lines(source, drawing.deformation_scale, peak),
         settings=settings,
     ) | {
         "funcmin": colours.norm.vmin,
@@ -205,9 +184,8 @@ def _contact_lines(source: object, scale: float, peak: float) -> list[dict]:
     problem = fields.problem
     if problem.N != 2 or not problem.touching_names:
         return []
-    pressure = getattr(source, "contact_pressure", None)
     extent = np.ptp(boundary_corners(fields).points.reshape(-1, 2), axis=0).max()
-    height = CF(0.0) if pressure is None or peak <= 0 else 0.15 * extent / peak * pressure
+    height = 0.15 * extent / peak * getattr(source, "contact_pressure", CF(0.0))
     pushed = offset(fields, problem.touching_names, height, scale)
     lines = [
         ("obstacle", "#000000", obstacle_lines(fields, scale)),
@@ -220,17 +198,16 @@ def _contact_lines(source: object, scale: float, peak: float) -> list[dict]:
     ]  # fmt: skip
 
 
-def _peak(sources: Mapping[str, object]) -> float:
-    """Greatest contact pressure of all two-dimensional sources, 0 if there is none to speak of."""
-    greatest = bound = 0.0
+def _peak(sources: Iterable[object]) -> float:
+    """Greatest contact pressure of the sources, not below ``NOISE`` of the yield bound."""
+    peaks = []
     for source in sources:
         fields = fields_of(source)
-        problem, mesh = fields.problem, fields.problem.mesh
-        if problem.N == 2 and problem.touching_names and hasattr(source, "contact_pressure"):
-            touching = problem.touching_names, source.contact_pressure
-            greatest = max(greatest, boundary_corners(fields, *touching).values.max())
-            bound = max(bound, Integrate(as_scalar(problem.beta), mesh) / Integrate(1.0, mesh))
-    return float(greatest) if greatest > NOISE * bound else 0.0
+        problem = fields.problem
+        if problem.touching_names and hasattr(source, "contact_pressure"):
+            touching = boundary_corners(fields, problem.touching_names, source.contact_pressure)
+            peaks += [touching.values.max(), NOISE * sample(problem.beta, problem.mesh).mean()]
+    return float(max(peaks, default=1.0))
 
 
 def viewer_installed() -> bool:

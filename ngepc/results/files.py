@@ -12,11 +12,10 @@ ROOM = 1 << 20
 """Bytes that must fit where results will go, checked before the work."""
 
 
-def check_writable(path: Path, room: int = ROOM) -> None:
+def check_writable(path: Path) -> None:
     """Raise OSError now, not after the work, if ``path`` cannot be written.
 
-    A missing folder is made, ``room`` bytes have to fit.  A device or a pipe is left alone but for
-    its permissions.
+    A missing folder is made.  A device or a pipe is left alone but for its permissions.
     """
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder: name a file")
@@ -24,15 +23,15 @@ def check_writable(path: Path, room: int = ROOM) -> None:
         if not os.access(path, os.W_OK):
             raise PermissionError(f"{path} cannot be written")
         return
-    check_folder(path.parent, room)
+    check_folder(path.parent)
 
 
-def check_folder(folder: Path, room: int = ROOM) -> None:
-    """Make ``folder`` if it is missing, write and remove ``room`` bytes there, or raise OSError."""
+def check_folder(folder: Path) -> None:
+    """Make ``folder`` if it is missing, write and remove ``ROOM`` bytes there, or raise OSError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder, prefix=".room.") as probe:
-            probe.write(bytes(room))
+            probe.write(bytes(ROOM))
             probe.flush()
             os.fsync(probe.fileno())
     except OSError as error:

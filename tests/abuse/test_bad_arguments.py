@@ -115,7 +115,7 @@ RAMP = load_cycle(FREE, [1.0])
 CURVE = {"schedule": RAMP, "functional": "primal_energy", "measured": [-0.2]}
 SHORT_PATH = PathOptions(gamma_start=1.0, growth=10.0, gamma_end=1.0)
 
-DRAWN = {"deformation_scale": NOT_NEGATIVE, "colormap": NOTHING}
+DRAWN = {"deformation_scale": NOT_NEGATIVE}
 RANGE = {"vmin": NUMBERS, "vmax": NUMBERS}
 FIELD = {"field": COEFFICIENTS}
 

@@ -75,7 +75,7 @@ FIGURES = {
     "zone": lambda: plot_plastic_zone(lshape_primal(), 0.02),
     "mesh": lambda: plot_mesh(lshape_primal()),
     "comparison": lambda: plot_comparison({"dual": lshape_dual(), "primal": lshape_primal()}),
-    "active sets": lambda: plot_active_sets(lshape_primal(), deformation_scale=1.0),
+    "active sets": lambda: plot_active_sets(lshape_primal()),
     "active sets in 3D": lambda: plot_active_sets(block_primal()),
     "history": lambda: plot_history({"d": lshape_dual().history, "p": lshape_primal().history}),
     "pressure": lambda: plot_contact_pressure(
