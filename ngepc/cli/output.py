@@ -36,37 +36,32 @@ def name_written(paths: Iterable[Path]) -> None:
     sys.stdout.write("".join(f"wrote {path}\n" for path in paths))
 
 
-def summary(record: dict, error: str) -> dict[str, object]:
-    """What people are told of a solve: label -> value; ``error`` says how far the bound goes."""
-    return {
-        "mesh": f"{record['problem']}, {record['nodes']} nodes, {record['elements']} elements",
-        "unknowns": record["unknowns"],
-        "method": ", ".join(filter(None, (record["method"], record["label"]))),
-        "status": record["status"],
-        "steps": record["iterations"],
-        "residual": f"{record['residual_norm']:.3g}",
-        "energy J": f"{record['primal_energy']:.10g}",
-        "-J*": f"{-record['dual_energy']:.10g}",
-        "contact force": f"{record['contact_force']:.10g}",
-        "energy error": error,
-        "time": f"{record['wall_time_s']:.2f} s",
-    }
+def report(record: dict, error: str, target: Path | None, quiet: bool, **other: object) -> None:
+    """Put what people want to know of a solve on standard output, the record into ``target``.
 
-
-def report(record: dict, lines: dict[str, object], target: Path | None, quiet: bool) -> None:
-    """Labels with their values and the message of a record, all of it as JSON in ``target``.
-
-    A ``target`` '-' puts the JSON on standard output instead; ``quiet`` leaves out the lines.
+    A ``target`` '-' puts the JSON on standard output instead; ``quiet`` leaves out the rest;
+    ``error`` says how far the bound goes, ``other`` entries stand in place of those of the record.
     """
-    if str(target) == "-":
-        sys.stdout.write(records.to_json(record))
-        return
-    if target is not None:
+    if target is not None and str(target) != "-":
         records.write_text(target, records.to_json(record))
-    if quiet:
+    if quiet or str(target) == "-":
+        sys.stdout.write(records.to_json(record) if str(target) == "-" else "")
         return
-    width = max(map(len, lines))
-    printed = [f"{label:{width}s}  {value}" for label, value in lines.items()]
+    told = record | other
+    lines = {
+        "mesh": f"{told['problem']}, {told['nodes']} nodes, {told['elements']} elements",
+        "unknowns": told["unknowns"],
+        "method": ", ".join(filter(None, (told["method"], told["label"]))),
+        "status": told["status"],
+        "steps": told["iterations"],
+        "residual": f"{told['residual_norm']:.3g}",
+        "energy J": f"{told['primal_energy']:.10g}",
+        "-J*": f"{-told['dual_energy']:.10g}",
+        "contact force": f"{told['contact_force']:.10g}",
+        "energy error": error,
+        "time": f"{told['wall_time_s']:.2f} s",
+    }
+    printed = [f"{label:13s}  {value}" for label, value in lines.items()]
     printed += [record["message"]] if record["message"] else []
     sys.stdout.write("".join(f"{line}\n" for line in printed))
     name_written([] if target is None else [target])

@@ -29,8 +29,8 @@ def run(args: argparse.Namespace) -> int:
         **records.provenance(),
     }
     steps = f"{record['total_inner_iterations']} for {record['outer_iterations']} values of gamma"
-    lines = output.summary({**record, "method": "path", "iterations": steps}, "not bounded")
-    output.report(record, lines, args.json, args.quiet)
+    shown = {"method": "path", "iterations": steps}
+    output.report(record, "not bounded", args.json, args.quiet, **shown)
     kept = "give --checkpoint FILE next time to be able to go on"
     how = kept if args.checkpoint is None else "resume with the same command"
     done = f"{len(path.steps)} values of gamma"

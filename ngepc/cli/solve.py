@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         **records.provenance(),
     }
     bound = "not bounded" if error is None else f"at most {100 * error:.3g} percent, guaranteed"
-    output.report(record, output.summary(record, bound), args.json, args.quiet)
+    output.report(record, bound, args.json, args.quiet)
     written = write_files(args, record, result)
     if not args.quiet and str(args.json) != "-":
         output.name_written(written)

@@ -20,7 +20,7 @@ from ngepc.pictures.fields import plot_mesh
 from ngepc.pictures.style import COLOURS, Picture, save_figure, styled
 from ngepc.studies.examples import FAMILIES, TITLES, example, timed
 from ngepc.studies.large import indented_block
-from ngepc.studies.work import Work, first_of
+from ngepc.studies.work import Work, exponent, first_of
 
 CUBES = {
     "elastic": (1e6, {"traction": {"contact": (0.3, 0.1, -0.5)}}),
@@ -201,12 +201,8 @@ def curves_of(records: Sequence[dict]) -> dict[str, np.ndarray]:
 
 def rates_of(records: Sequence[dict]) -> dict[str, float]:
     """Minus the slope of the error over nodes, both logarithmic, from ASYMPTOTIC nodes on."""
-    late = {label: np.log(c[c[:, 0] >= ASYMPTOTIC]).T for label, c in curves_of(records).items()}
-    return {
-        label: -float(np.polyfit(nodes, error, 1)[0])
-        for label, (nodes, error, _) in late.items()
-        if len(nodes) > 1
-    }
+    late = {label: c[c[:, 0] >= ASYMPTOTIC].T for label, c in curves_of(records).items()}
+    return {label: -exponent(c[0], c[1]) for label, c in late.items() if len(c[0]) > 1}
 
 
 @styled
@@ -223,6 +219,7 @@ def draw_rates(records: Sequence[dict]) -> Picture:
             panels[body].loglog(nodes, error, "o", ms=3, **style)
     for name, axes in panels.items():
         axes.set(title=titles[name], xlabel="nodes", ylabel="bound (lines), error (dots)")
+        axes.tick_params("x", which="minor", labelbottom=False)
         axes.legend(frameon=False, loc="lower left")
     return figure
 

@@ -13,7 +13,7 @@ are no distances to the solution, and their quotients are marked.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -43,17 +43,11 @@ def convergence_quotients(
     start: DualResult | None = None,
     options: NewtonOptions | None = None,
 ) -> dict:
-    """Run Algorithm 7.1 and compare its last iterates with a more precise solution.
+    """Compare the last iterates of Algorithm 7.1 with v*; arguments as of ``semismooth_newton``.
 
-    Arguments as of ``semismooth_newton``.
-
-    Returns
-    -------
-    dict
-        ``iterations`` (omega), ``status``; ``quotients`` Q_1, ..., Q_5 (fewer for fewer steps);
-        ``distances`` ||v^j - v*||_H of the last six iterates (stress); ``meaningful``, whether
-        distances are above ten times the rounding; ``reference_residual``, ``rounding``: residual
-        of v*, ||.||_H of the correction there.
+    'iterations' is omega, 'quotients' are Q_1, ..., Q_5 (fewer for fewer steps), 'distances' those
+    ||v^j - v*||_H of the last six iterates (stress), 'meaningful' says which of them are above ten
+    times the rounding; 'reference_residual' and 'rounding' belong to v* and the correction there.
     """
     options = NewtonOptions() if options is None else options
     duals: list[np.ndarray] = []
@@ -87,17 +81,13 @@ def h_norm(result: DualResult, w: np.ndarray) -> float:
     return math.sqrt(max(0.0, functional.tichonov(v, v) * functional.weights.tichonov))
 
 
-def quotient(j: int) -> Callable[[dict], str]:
+def quotient(record: dict, j: int) -> str:
     """Q_j of a record, in parentheses where it is rounding, empty for a run with fewer steps."""
-
-    def entry(record: dict) -> str:
-        place = j - LAST + len(record["quotients"])
-        if place < 0:
-            return ""
-        q = record["quotients"][place]
-        return f"{q:.3g}" if record["meaningful"][place] else f"({q:.2g})"
-
-    return entry
+    place = j - LAST + len(record["quotients"])
+    if place < 0:
+        return ""
+    q = record["quotients"][place]
+    return f"{q:.3g}" if record["meaningful"][place] else f"({q:.2g})"
 
 
 @dataclass(eq=False)
@@ -117,7 +107,7 @@ class Figure4(Work):
         ("example", lambda r: TITLES[r["body"]]),
         ("nodes", "{nodes}"),
         ("steps", "{iterations}"),
-        *((f"Q_{j}", quotient(j)) for j in range(1, LAST)),
+        *((f"Q_{j}", partial(quotient, j=j)) for j in range(1, LAST)),
         ("residual of v*", "{reference_residual:.1e}"),
         ("rounding of v*", "{rounding:.1e}"),
     )

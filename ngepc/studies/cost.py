@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean, median
 
-import numpy as np
 from ngsolve import (  # fmt: skip
     BilinearForm,
     Grad,
@@ -33,7 +32,7 @@ from ngepc.dual.newton import NewtonOptions
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord
 from ngepc.studies.examples import coarse_start, example, in_own_process, peak_memory, solved_by
-from ngepc.studies.work import Work, first_of, steps
+from ngepc.studies.work import Work, exponent, first_of, steps
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
 """Meshes of Example (a): the paper's from 1601 on, and the next two bisections."""
@@ -113,14 +112,6 @@ def measure(mode: str, nodes: int) -> dict:
     }
 
 
-def growth(cells: Sequence[dict]) -> float:
-    """The exponent a in step_seconds ~ nodes^a, by least squares; NaN for fewer than two."""
-    if len(cells) < 2:
-        return float("nan")
-    nodes, seconds = ([c[key] for c in cells] for key in ("nodes", "step_seconds"))
-    return float(np.polyfit(np.log(nodes), np.log(seconds), 1)[0])
-
-
 @dataclass(eq=False)
 class Cost(Work):
     """MODES on ``levels`` meshes, order 2 on two less; every run measures anew."""
@@ -142,13 +133,10 @@ class Cost(Work):
         ("load average", "{load_average:.3g}"),
     )
 
-    def __post_init__(self) -> None:
-        self.nodes = first_of(NODES, self.levels)
-
     def cells(self) -> list[dict]:
         """The meshes of each method."""
-        fewer = self.nodes[: max(1, self.levels - 2)]
-        meshes = {mode: fewer if mode == ORDER_2 else self.nodes for mode in MODES}
+        nodes = first_of(NODES, self.levels)
+        meshes = {mode: nodes[: max(1, len(nodes) - 2 * (mode == ORDER_2))] for mode in MODES}
         return [{"mode": mode, "nodes": n} for mode, family in meshes.items() for n in family]
 
     def solve(self, mode: str, nodes: int) -> dict:
@@ -157,14 +145,15 @@ class Cost(Work):
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """How it was measured, growth, and the part of the primal method's time."""
-        found = [NOTE]
+        seconds, found = {}, [NOTE]
         for mode in MODES:
             cells = [r for r in records if r["mode"] == mode]
+            seconds[mode] = {r["nodes"]: r["solve_seconds"] for r in cells}
             if len(cells) > 1:
-                found.append(f"Time per step grows like nodes^{growth(cells):.2f} ({mode}).")
-        seconds = {(r["mode"], r["nodes"]): r["solve_seconds"] for r in records}
-        for (mode, nodes), primal in seconds.items():
-            if mode == "primal" and ("default", nodes) in seconds:
-                part = seconds["default", nodes] / primal
-                found.append(f"Whole solve on {nodes} nodes: {part:.2f} of the primal one.")
-        return found
+                a = exponent([r["nodes"] for r in cells], [r["step_seconds"] for r in cells])
+                found.append(f"Time per step grows like nodes^{a:.2f} ({mode}).")
+        return found + [
+            f"Whole solve on {nodes} nodes: {seconds['default'][nodes] / primal:.2f} of the primal "
+            "one."
+            for nodes, primal in seconds.get("primal", {}).items()
+        ]

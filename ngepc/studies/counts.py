@@ -73,12 +73,10 @@ class CountTable(Work):
 
     def solve(self, row: str, nodes: int) -> dict:
         """One run, and the paper's count."""
-        result = self.result(row, nodes)
+        result, paper = self.result(row, nodes), self.paper.get(row, ())
         names = ("iterations", "primal_energy", "dual_energy", "residual_norm")
         return {
-            "paper": dict(zip(FAMILIES[self.body], self.paper.get(row, ()), strict=False)).get(
-                nodes
-            ),
+            "paper": paper[FAMILIES[self.body].index(nodes)] if paper else None,
             "status": result.status.label,
             **{name: getattr(result, name) for name in names},
             "halvings": result.history.halvings,
@@ -100,12 +98,11 @@ class CountTable(Work):
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """Steps over nodes, the paper's dashed; rows of an elastic body are named in the title."""
         rows = [row for row in self.rows if gamma_of(row) > ALWAYS_ONE_STEP] or self.rows
-        curves: tuple[dict, dict] = {}, {}
-        for r in (r for r in records if r["row"] in rows):
-            for steps_of, key in zip(curves, ("iterations", "paper"), strict=True):
-                if r[key] is not None:
-                    steps_of.setdefault(label_of(r["row"]), {})[r["nodes"]] = r[key]
-        figure = plot_counts(*curves)
+        ours, paper = (
+            {label_of(row): {r["nodes"]: r[key] for r in records if r["row"] == row} for row in of}
+            for key, of in (("iterations", rows), ("paper", [r for r in rows if r in self.paper]))
+        )
+        figure = plot_counts(ours, paper)
         if left_out := [row for row in self.rows if row not in rows]:
             most = max(r["iterations"] for r in records if r["row"] in left_out)
             title = f"not drawn: gamma = {', '.join(left_out)}, at most {most} steps"
@@ -214,8 +211,12 @@ class NewtonCounts(Work):
         """Both examples, then small hardening, then blocks."""
         found = [(b, None, n) for b, f in FAMILIES.items() for n in first_of(f, self.levels)]
         found += [("lshape", ratio, n) for n in HARDENED_NODES for ratio in RATIOS]
-        blocks = [(e, n) for e, sizes in BLOCKS.items() for n in list(sizes)[: self.levels]]
-        found += [(e, ratio, n) for ratio in BLOCK_RATIOS for e, n in blocks]
+        found += [
+            (shape, ratio, n)
+            for ratio in BLOCK_RATIOS
+            for shape, sizes in BLOCKS.items()
+            for n in list(sizes)[: self.levels]
+        ]
         return [{"body": b, "hardening": ratio, "nodes": n} for b, ratio, n in found]
 
     def solve(self, body: str, hardening: float | None, nodes: int) -> dict:

@@ -21,6 +21,7 @@ from ngepc.dual.result import DualResult
 from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
 from ngepc.pictures.sampling import body_corners
 from ngepc.pictures.style import beside, save_figure
+from ngepc.results.files import check_folder
 from ngepc.studies.examples import FAMILIES, THRESHOLDS, example
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
 from ngepc.studies.work import Work, ending, first_of, steps
@@ -92,7 +93,7 @@ class Table3(Work):
 
     def solve(self, nodes: int, inner_scale: float) -> dict:
         """A path, and the direct solve at its end: Algorithm 7.1 from v = 0, as precise."""
-        store = self.folder / "cells" / f"{self.name}-{nodes}.path.npz"
+        store = self.path_of({"nodes": nodes, "kept": "path"})
         path = followed(self, "wrench", nodes, self.options, checkpoint=store)
         there = replace(self.options, gamma_start=path.gamma_end, gamma_end=path.gamma_end)
         direct = follow_path(path.last.problem, there).or_interrupted()
@@ -135,25 +136,24 @@ PATHS = {
 }
 """How gamma of the captions is reached."""
 
-CAPTIONS = {
-    2: "Example (a): |p_gamma|_F, plastic zone |p_gamma|_F > 0.1 (paper: gamma = 1.2e9)",
-    3: "Example (a): yield function (3.9) (paper: beside Figure 2)",
-    5: "Example (b): initial configuration, |p_gamma|_F (paper: gamma = 8.24e6)",
-    6: "Example (b): yield function, plastic zone |p_gamma|_F > 1e-2 (paper: gamma = 8.24e6)",
-}
-"""Figure number -> what it shows, all in the deformed configuration."""
-
-NUMBERS = {"lshape": (2, 3), "wrench": (5, 6)}
-PANELS = {2: ("strain", "zone"), 3: ("excess",), 5: ("mesh", "strain"), 6: ("excess", "zone")}
-"""Example -> figures; figure -> what it shows from left to right."""
+FIGURES = {
+    2: ("lshape", ("strain", "zone"),
+        "Example (a): |p_gamma|_F, plastic zone |p_gamma|_F > 0.1 (paper: gamma = 1.2e9)"),
+    3: ("lshape", ("excess",), "Example (a): yield function (3.9) (paper: beside Figure 2)"),
+    5: ("wrench", ("mesh", "strain"),
+        "Example (b): initial configuration, |p_gamma|_F (paper: gamma = 8.24e6)"),
+    6: ("wrench", ("excess", "zone"),
+        "Example (b): yield function, plastic zone |p_gamma|_F > 1e-2 (paper: gamma = 8.24e6)"),
+}  # fmt: skip
+"""Number -> example, what it shows from left to right in the deformed configuration, in words."""
 
 HIGHEST_STRAIN = {"lshape": 0.2, "wrench": 0.04}
 """Upper end of the colour scales; the strains at the re-entrant corners grow with refinement."""
 
 
-def drawn(number: int, body: str, result: DualResult) -> Figure:
+def drawn(number: int, result: DualResult) -> Figure:
     """Figure 2, 3, 5 or 6 from a result for its example."""
-    bound = result.problem.beta
+    bound, (body, panels, _) = result.problem.beta, FIGURES[number]
     draws = {
         "zone": lambda a: plot_plastic_zone(result, THRESHOLDS[body], axes=a),
         "strain": lambda a: plot_field(result, vmin=0.0, vmax=HIGHEST_STRAIN[body], axes=a),
@@ -161,27 +161,11 @@ def drawn(number: int, body: str, result: DualResult) -> Figure:
         "mesh": lambda a: plot_mesh(result, axes=a),
     }
     height = 4.0 if body == "lshape" else 2.6
-    figure = beside(*(draws[name] for name in PANELS[number]), height=height)
+    figure = beside(*(draws[name] for name in panels), height=height)
     if number == 5:
         before, after = figure.axes[:2]
         before.set(xlim=after.get_xlim(), ylim=after.get_ylim())
     return figure
-
-
-def field_numbers(result: DualResult, threshold: float) -> dict[str, float]:
-    """What can be read from the figures: extremes, the area of the zone, energies."""
-    mesh = result.problem.mesh
-    strain = body_corners(result.fields, result.fields.equivalent_plastic_strain).values
-    excess = body_corners(result.fields, result.yield_function).values
-    return {
-        "plastic_strain_max": float(strain.max()),
-        "zone_area": Integrate(result.fields.plastic_zone(threshold), mesh),
-        "body_area": Integrate(1.0, mesh),
-        "yield_function_max": float(excess.max()),
-        "dual_energy": result.dual_energy,
-        "primal_energy": result.primal_energy,
-        "contact_force": result.contact_force,
-    }
 
 
 @dataclass(eq=False)
@@ -209,22 +193,26 @@ class Figures(BothPaths):
 
     def solve(self, body: str, nodes: int) -> list[dict]:
         """Follow the path of an example, which keeps itself, and draw figureN.png at its end."""
-        folder = self.folder / "cells"
-        folder.mkdir(parents=True, exist_ok=True)
-        store = folder / f"figures-{body}-{nodes}.npz"
+        store = self.path_of({"body": body, "nodes": nodes})
+        check_folder(store.parent)
         path = followed(self, body, nodes, PATHS[body], checkpoint=store)
+        fields, mesh = path.last.fields, path.last.problem.mesh
+        strain = body_corners(fields, fields.equivalent_plastic_strain).values
         numbers = {
             "gamma": path.gamma_end,
             "status": path.status.label,
             "residual_norm": path.residual_norms[-1],
             "inner_iterations": path.inner_iterations,
-            **field_numbers(path.last, THRESHOLDS[body]),
+            "plastic_strain_max": float(strain.max()),
+            "zone_area": Integrate(fields.plastic_zone(THRESHOLDS[body]), mesh),
+            "body_area": Integrate(1.0, mesh),
         }
         found = []
-        for number in NUMBERS[body]:
-            file = f"figure{number}.png"
-            save_figure(drawn(number, body, path.last), self.folder / file)
-            found.append({"figure": number, "file": file, "shows": CAPTIONS[number], **numbers})
+        for number, (of, _, shows) in FIGURES.items():
+            if of == body:
+                file = f"figure{number}.png"
+                save_figure(drawn(number, path.last), self.folder / file)
+                found.append({"figure": number, "file": file, "shows": shows, **numbers})
         return found
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
@@ -232,20 +220,7 @@ class Figures(BothPaths):
         return [self.folder / record["file"] for record in records]
 
 
-TERMS = {
-    "gap": "J + J*",
-    "contact_term": "(z, u.n - psi)",
-    "plastic_term": "int beta|p| + (q, p)",
-    "contact_penalty": "M1",
-    "plastic_penalty": "M2",
-    "tichonov": "T",
-    "penetration": "[u.n - psi]+",
-    "complementarity": "int |z (u.n - psi)|",
-    "tension": "[z]+",
-    "stress_deviation": "(3.8)",
-    "yield_deviation": "(3.9)",
-}
-"""Field of DualityReport -> head."""
+BY_TENS = PathOptions(growth=10.0, gamma_end=1e6, inner_scale=1e-8)
 
 DUALITY_NOTE = (
     "The five columns after J + J* add up to it. M1, M2, T vanish with 1/gamma (Theorem 4.2); "
@@ -254,9 +229,6 @@ DUALITY_NOTE = (
     "(3.8): L2 norm of q - (h p - dev sigma), whose element means are zero to rounding; (3.9): "
     "of |q| - beta minus the yield function of the stress."
 )
-
-
-BY_TENS = PathOptions(growth=10.0, gamma_end=1e6, inner_scale=1e-8)
 
 
 @dataclass(eq=False)
@@ -271,7 +243,17 @@ class Duality(BothPaths):
         ("example", "{body}"),
         ("nodes", "{nodes}"),
         ("gamma", "{gamma:.3g}"),
-        *((head, f"{{{part}:.3g}}") for part, head in TERMS.items()),
+        ("J + J*", "{gap:.3g}"),
+        ("(z, u.n - psi)", "{contact_term:.3g}"),
+        ("int beta|p| + (q, p)", "{plastic_term:.3g}"),
+        ("M1", "{contact_penalty:.3g}"),
+        ("M2", "{plastic_penalty:.3g}"),
+        ("T", "{tichonov:.3g}"),
+        ("[u.n - psi]+", "{penetration:.3g}"),
+        ("int |z (u.n - psi)|", "{complementarity:.3g}"),
+        ("[z]+", "{tension:.3g}"),
+        ("(3.8)", "{stress_deviation:.3g}"),
+        ("(3.9)", "{yield_deviation:.3g}"),
     )
 
     def solve(self, body: str, nodes: int) -> list[dict]:

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
+
 from ngepc.results import checkpoint
 from ngepc.results.files import check_folder
 from ngepc.results.records import provenance, to_json, write_text
@@ -163,6 +165,11 @@ def chosen(known: Collection[str], rows: Sequence[str] | None) -> tuple[str, ...
     if unknown or not rows:
         raise ValueError(f"rows={unknown}: the table has {', '.join(known)}")
     return rows
+
+
+def exponent(x: Sequence[float], y: Sequence[float]) -> float:
+    """The a in y ~ x^a, by least squares."""
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
 def ending(record: Mapping) -> str:
