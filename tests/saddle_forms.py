@@ -38,7 +38,7 @@ from ngepc.discretisation.law import ROUNDING
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.loading import require_linear
+from ngepc.model.limits import require_without
 from ngepc.model.problem import as_scalar
 from ngepc.model.rules import plastic_order
 
@@ -68,7 +68,7 @@ class SaddleForms:
         self.back_substitutions = 0
         assert not discrete.added.nnz, "springs, rollers and floating parts are not in the forms"
         problem, V = discrete.problem, discrete.supports.space
-        require_linear(problem, "these forms need")
+        require_without(problem, "the saddle form", "law", "strain")
         local = L2(problem.mesh, order=plastic_order(problem.mesh, problem.order))
         Q = VectorValued(local, problem.kinematics.d)
         self.space = V * Q * Q

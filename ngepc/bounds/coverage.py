@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import BND, ET, VOL, CoefficientFunction, IntegrationRule
 
-from ngepc.model.contact import Coulomb
-from ngepc.model.loading import require_linear, require_plain
+from ngepc.model.limits import require_without
 from ngepc.model.problem import Problem
 from ngepc.model.rules import has_straight_simplices
 
@@ -56,24 +55,15 @@ FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 5)}
 
 def check_covered(problem: Problem) -> None:
     """Refuse by name (ValueError) what there is no guaranteed bound for."""
-    if problem.kinematics.hoop:
-        raise ValueError(f"kinematics={problem.kinematics.name!r}: bounds need a plane problem")
-    if problem.order == 2 and problem.N == 3:
-        needed = "displacements of order 1 in three dimensions"
-        raise ValueError(f"order={problem.order}: bounds need {needed}")
+    limits = ["revolution", "pairs", "law", "strain", "Coulomb", "places", "corner"]
+    require_without(problem, "a bound", *limits)
+    if problem.N == 3:
+        require_without(problem, "a bound in three dimensions", "order")
     if not has_straight_simplices(problem.mesh):
         raise ValueError(
             "mesh: bounds need triangles or tetrahedra with straight edges;"
             " error_indicators(result) estimates on others, without a guarantee"
         )
-    if problem.contact_pairs:
-        raise ValueError(
-            f"contact={problem.contact!r}: bounds need rigid obstacles, not two bodies"
-        )
-    require_linear(problem, "bounds need")
-    if isinstance(problem.friction, Coulomb):
-        raise ValueError(f"friction={problem.friction!r}: bounds need a given bound F of friction")
-    require_plain(problem, "bounds need loads and components of displacements on boundaries")
     material, (scalar, back) = problem.material, problem.alpha_0
     coefficients = {
         "lame_lambda": material.lame_lambda,
@@ -90,12 +80,6 @@ def check_covered(problem: Problem) -> None:
         if isinstance(value, CoefficientFunction) and varies_inside(problem, value, affine):
             needed = "affine functions" if affine else "one value"
             raise ValueError(f"{name} varies inside elements: bounds need {needed} on each element")
-
-
-def require_frictionless(problem: Problem, what: str) -> None:
-    """Refuse friction, by name, where what slips would have to be known on other data."""
-    if problem.friction is not None:
-        raise ValueError(f"friction={problem.friction!r}: {what} needs contact without friction")
 
 
 def varies_inside(problem: Problem, value: CoefficientFunction, affine: bool = False) -> bool:

@@ -23,12 +23,12 @@ import numpy as np
 
 from ngepc.bounds.adaptive import SOLVED, TOLERANCE
 from ngepc.bounds.bound import ErrorBound, error_bound
-from ngepc.bounds.coverage import require_frictionless
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.loads import applied_forces
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.given import Vector
+from ngepc.model.limits import require_without
 from ngepc.model.problem import Problem
 
 PASSES = 3
@@ -159,7 +159,7 @@ def slopes(
     slope, length
         About how steep the energy is, and a change that is large.
     """
-    require_frictionless(result.problem, "a bracket")
+    require_without(result.problem, "a bracket", "friction")
     here = error_bound(result)
     part = math.sqrt(here.total / here.strain_energy)
     first = part * min(2 * here.strain_energy / abs(slope), length) if slope else part * length

@@ -24,7 +24,7 @@ from ngepc.discretisation.spaces import displacement_space, plastic_space, presc
 from ngepc.dual.parts import dual_parts
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
-from ngepc.model.loading import require_linear, require_plain
+from ngepc.model.limits import require_without
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
 
@@ -68,23 +68,10 @@ def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
 
 def require_papers_problem(problem: Problem) -> None:
     """Refuse, by a ValueError, what the paper's method is not for."""
-    advice = "leave gamma and regularisation out"
     require_whole("gamma", problem.mesh)
-    require_linear(problem, "the paper's regularised method needs")
-    if problem.friction is not None:
-        raise ValueError(
-            f"friction={problem.friction!r}: the paper's regularised method has none; {advice}"
-        )
-    if problem.contact_pairs:
-        raise ValueError(f"contact={problem.contact!r}: rigid obstacles only with gamma, {advice}")
-    if problem.order != 1:
-        raise ValueError(f"order={problem.order}: the regularised method needs 1; {advice}")
-    if problem.kinematics.hoop:
-        raise ValueError(
-            f"kinematics={problem.kinematics.name!r}: the regularised method has no bodies of "
-            f"revolution; {advice}"
-        )
-    require_plain(problem, f"the regularised method has boundaries alone, {advice}")
+    lacks = ("law", "strain", "friction", "pairs", "order", "revolution", "places", "corner")
+    advice = "; leave gamma and regularisation out"
+    require_without(problem, "the paper's regularised method", *lacks, advice=advice)
 
 
 class LinearBlocks:

@@ -16,7 +16,7 @@ from ngsolve import GridFunction
 
 from ngepc.bounds.adaptive import Refinement, next_mesh
 from ngepc.bounds.bound import ErrorBound, error_bound
-from ngepc.bounds.coverage import check_covered, require_frictionless
+from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.transfer import check_carried, on_mesh, parents
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
@@ -27,6 +27,7 @@ from ngepc.evolution.file import EvolutionFile
 from ngepc.evolution.load_path import Schedule, as_schedule, check_changes
 from ngepc.evolution.memory import Memory, is_zero
 from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
+from ngepc.model.limits import require_without
 from ngepc.model.problem import Problem
 from ngepc.results.exact import DiscreteSolution
 from ngepc.results.fields import Fields
@@ -158,7 +159,7 @@ class _Run:
                         f"order={step.order}: error=... needs 1 with isotropic hardening, whose "
                         "variable may be negative where it is affine on cells"
                     )
-                require_frictionless(step, "error=...")
+                require_without(step, "error=...", "friction")
         self.pending = [(time, 0) for time in reversed(self.schedule.times)]
 
     def resume(self, file: EvolutionFile) -> None:

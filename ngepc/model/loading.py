@@ -13,7 +13,6 @@ from ngepc.checks.arguments import (
     require_finite,
 )
 from ngepc.checks.kinds import require_instance
-from ngepc.model.elements import vertices_of
 from ngepc.model.given import Given
 from ngepc.model.places import Place, Roller, places, require_at
 
@@ -109,30 +108,3 @@ CHECKS = {
     "springs": _check_springs,
 }
 """Arguments that give a value to each place."""
-
-
-def require_plain(problem: Given, advice: str) -> None:
-    """Refuse springs, points, edges, rollers and contact that meets a clamped boundary, by name."""
-    mesh, clamped, contact = problem.mesh, problem.clamped_names, problem.contact_names
-    for argument in CHECKS:
-        for place, value in problem.single(argument).items():
-            if argument == "springs" or isinstance(value, Roller):
-                raise ValueError(f"{argument}[{place!r}]={value!r}: {advice}")
-            if not isinstance(place, str):
-                raise ValueError(f"{argument}[{place!r}]: {advice}")
-    if contact and clamped and vertices_of(mesh, clamped) & vertices_of(mesh, contact):
-        raise ValueError(
-            f"contact={problem.contact!r} meets clamped={problem.clamped!r}, it must keep away "
-            f"from the clamped boundary, (2.2): {advice}"
-        )
-
-
-def require_linear(problem: Given, what: str) -> None:
-    """Refuse a law of hardening and an initial strain, by name: ``what`` needs problems without."""
-    refused = {
-        "material.law": (problem.material.law, "linear hardening, without a law"),
-        "initial_strain": (problem.initial_strain, "bodies without an initial strain"),
-    }
-    for name, (value, needed) in refused.items():
-        if value is not None:
-            raise ValueError(f"{name}={value!r}: {what} {needed}")

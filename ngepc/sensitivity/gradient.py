@@ -17,7 +17,7 @@ from ngepc.discretisation.points import Points
 from ngepc.evolution.result import Evolution, EvolutionStep
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.loading import require_linear
+from ngepc.model.limits import require_without
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.contact import Biactive, biactive_set, told
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
@@ -131,7 +131,7 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
     needed = "a result of semismooth_newton without gamma, or an Evolution,"
     require_instance("result", result, Solution, needed)
     result.raise_for_status()
-    require_linear(result.problem, "derivatives need")
+    require_without(result.problem, "a derivative", "law", "strain")
     if isinstance(result, ExactResult):
         return [lambda: result.state]
     problems = [step.problem for step in result.steps]

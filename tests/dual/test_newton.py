@@ -282,7 +282,7 @@ def test_gap_may_vary_and_push_in(small):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"friction": 0.5}, "friction=0.5: the paper's regularised method has none"),
+        ({"friction": 0.5}, "friction=0.5: the paper's regularised method needs contact without"),
         ({"order": 2}, "order=2"),
     ],
 )
