@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import (
     BND,
+    CF,
     BilinearForm,
     CoefficientFunction,
     FESpace,
@@ -20,7 +21,6 @@ from ngsolve import (
 from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from scipy.sparse import csr_matrix
 
-from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.spaces import displacement_space, prescribed_displacement
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.places import Edge, Place, Point, values_at
@@ -70,23 +70,19 @@ def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
     return problem.processes.summed(forces)
 
 
-def spring_matrix(problem: Problem, V: FESpace, place: Place, k: Coefficient) -> csr_matrix:
+def spring_matrix(problem: Problem, V: FESpace, place: Place, springs: list[tuple]) -> csr_matrix:
     """Forces of the springs at a place per displacement, u flattened node by node.
 
-    ``k`` is one of ``Problem.spring_constants``.
+    ``springs`` are one of ``Problem.spring_constants``.
     """
     N, (u, v) = problem.N, V.TnT()
-    several = isinstance(k, tuple | list | np.ndarray)
-    constants = [as_scalar(one) for one in (k if several else [k])]
     if isinstance(place, Point):
         vertices = place.vertices(problem.mesh)
         rows = (N * vertices[:, None] + np.arange(N)).ravel()
-        numbers = [values_at(one, problem.mesh, place)[1][:, 0] for one in constants]
+        numbers = [values_at(k, problem.mesh, place)[1][:, 0] for _, k in springs]
         return csr_matrix((np.stack(numbers, axis=1).ravel(), (rows, rows)), shape=(V.ndof, V.ndof))
-    if several:
-        density = sum(one * u[i] * v[i] for i, one in enumerate(constants))
-    else:
-        density = constants[0] * (problem.normal * u) * (problem.normal * v)
+    along = [(problem.normal if d is None else CF(tuple(d)), as_scalar(k)) for d, k in springs]
+    density = sum(k * (d * u) * (d * v) for d, k in along)
     form = BilinearForm(V)
     form += problem.kinematics.weight * density * region_measure(problem, place)
     matrix = csr_matrix(tuple(map(np.asarray, form.Assemble().mat.CSR())), shape=(V.ndof, V.ndof))

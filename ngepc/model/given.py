@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from ngsolve import CF, CoefficientFunction, Id, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number
@@ -10,7 +11,7 @@ from ngepc.model.contact import Contact, Coulomb
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.normals import outward_normal
-from ngepc.model.places import Edge, Place, Point, Roller, places
+from ngepc.model.places import Place, Roller, places
 from ngepc.model.processes import Team, processes_of
 
 Vector = CoefficientFunction | Sequence[Coefficient]
@@ -113,15 +114,14 @@ class Given:
         return {p: c for p, c in self.single("prescribed").items() if isinstance(c, Roller)}
 
     @property
-    def spring_constants(self) -> dict[Place, Coefficient | Sequence[Coefficient]]:
-        """Single place -> stiffness along the normal, or that of each component."""
-        return self.single("springs")
-
-    @property
-    def concentrated(self) -> list[Point | Edge]:
-        """The points and edges that anything acts on."""
-        given = [*self.loads, *self.single("prescribed"), *self.spring_constants]
-        return [place for place in given if not isinstance(place, str)]
+    def spring_constants(self) -> dict[Place, list[tuple]]:
+        """Single place -> (direction, stiffness along it), None for the normal."""
+        given, several = self.single("springs"), tuple | list | np.ndarray
+        axes = np.eye(self.N).tolist()
+        return {
+            place: list(zip(axes, k, strict=True)) if isinstance(k, several) else [(None, k)]
+            for place, k in given.items()
+        }
 
     def single(self, argument: str) -> dict:
         """A mapping by place with one entry for each boundary of a key 'a|b'."""

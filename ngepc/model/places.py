@@ -26,7 +26,7 @@ AT = 1e-6
 """Part of the extent of the body by which a vertex may miss the coordinates of a point."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class Point:
     """A point of the body, for ``prescribed``, ``springs`` and ``traction``, there a force.
 
@@ -50,9 +50,6 @@ class Point:
         if not isinstance(self.where, str):
             object.__setattr__(self, "where", require_vector("where", self.where, (2, 3)))
 
-    def __repr__(self) -> str:
-        return f"Point({self.where!r})"
-
     def vertices(self, mesh: Mesh) -> np.ndarray:
         """The vertex with these coordinates, or all of this name; a ValueError if there is none."""
         if isinstance(self.where, str):
@@ -70,7 +67,7 @@ class Point:
         return np.array([nearest])
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class Edge(Declared):
     """Edges of a solid, for ``prescribed``, ``springs`` and ``traction``, there force per length.
 
@@ -86,9 +83,6 @@ class Edge(Declared):
     """
 
     name: Text
-
-    def __repr__(self) -> str:
-        return f"Edge({self.name!r})"
 
     def vertices(self, mesh: Mesh) -> np.ndarray:
         """The vertices on these edges; a ValueError if the mesh is plane or has none."""

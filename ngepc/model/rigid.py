@@ -41,14 +41,8 @@ def oblique(problem: Given) -> tuple[np.ndarray, np.ndarray]:
     for place, roller in problem.rollers.items():
         found.append(directed(mesh, place, roller.direction))
     for place, k in problem.spring_constants.items():
-        if isinstance(k, tuple | list | np.ndarray):
-            parts = [(axis, one) for axis, one in zip(np.eye(problem.N), k, strict=True)]
-        else:
-            parts = [(None, k)]
-        for axis, one in parts:
-            stiff = values_at(one, mesh, place)
-            if stiff[1].max(initial=0.0) > 0:
-                found.append(directed(mesh, place, axis))
+        stiff = [d for d, one in k if values_at(one, mesh, place)[1].max(initial=0.0) > 0]
+        found += [directed(mesh, place, direction) for direction in stiff]
     vertices, directions = (np.concatenate(part) for part in zip(*found, strict=True))
     return vertices, directions
 

@@ -10,7 +10,7 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -120,9 +120,8 @@ def problem_fingerprint(problem: Problem) -> str:
         told.append(sample(value, mesh, list(problem.touching_names)))
     placed = [("held", p, values) for p, values in problem.held_components.items()]
     placed += [(f"roller {r.direction}", p, [r.value]) for p, r in problem.rollers.items()]
-    for p, k in problem.spring_constants.items():
-        placed.append(("spring", p, k if isinstance(k, Sequence | np.ndarray) else [k]))
-    placed += [("load", p, [problem.loads[p]]) for p in problem.concentrated if p in problem.loads]
+    placed += [("spring", p, [k for _, k in s]) for p, s in problem.spring_constants.items()]
+    placed += [("load", p, [g]) for p, g in problem.loads.items() if not isinstance(p, str)]
     for kind, place, values in sorted(placed, key=lambda entry: (entry[0], str(entry[1]))):
         told.append(f"{kind} {place}")
         told += ["free" if v is None else values_at(v, mesh, place)[1] for v in values]

@@ -235,7 +235,7 @@ PROBLEMS = {
     ),
     "no vertex there": (
         {"traction": {Point((0.5, 0.6)): (0, 1)}},
-        "traction: Point((0.5, 0.6)): a vertex of the mesh is needed there, the nearest one is at",
+        "traction: Point(where=(0.5, 0.6)): a vertex of the mesh is needed there, the nearest",
     ),
     "point in space": ({"springs": {Point((0, 0, 0)): (1, 1)}}, "2 coordinates are needed"),
     "unknown point": ({"springs": {Point("tip"): (1, 1)}}, "there is no such point"),

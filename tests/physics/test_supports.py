@@ -346,7 +346,7 @@ def test_what_does_not_take_them_says_so():
     for problem, named in (
         (roller, r"prescribed\['clamped'\]=Roller"),
         (springs, r"springs\['right'\]=1.0"),
-        (force, r"traction\[Point\(\(1.0, 1.0\)\)\]"),
+        (force, r"traction\[Point\(where=\(1.0, 1.0\)\)\]"),
         (corner, "contact='contact': .* contact away from the clamped boundary"),
     ):
         with pytest.raises(ValueError, match=named):
