@@ -1,9 +1,11 @@
 """Strains at the integration points as rows on nodal displacements, and what is made of them.
 
-All that the discrete problem needs of the elements are the rows of the volume strain tr eps(u) and
-of the d coordinates of dev eps(u) at the points, and the weights of the points.  Forces are their
-transposes, stiffnesses B' C B.  Arrays over the points follow the elements, rule point by rule
-point; nodal arrays have shape (nodes, N).
+A strain is its trace and the d coordinates of its deviator, a stress what they are multiplied with:
+s = 1 + d numbers.  All that the discrete problem needs of the elements are the rows B of these
+numbers at the points and the weights of the points: forces are B' times stresses, stiffnesses
+B' C B.  Gradients of the shape functions are kept; rows are five times as many numbers and are made
+where they are needed.  Arrays over the points follow the elements, rule point by rule point; nodal
+arrays have shape (nodes, N).
 """
 
 from __future__ import annotations
@@ -24,11 +26,91 @@ from ngsolve import (
     x,
 )
 
-from ngepc.discretisation.elements import Elements
 from ngepc.model.elements import element_numbers, element_vertices
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.processes import Team, processes_of
 from ngepc.model.rules import plastic_points
+
+CHUNK = 20_000  # elements whose matrices are held in memory at once
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """The elements of one shape, k nodes and p points each."""
+
+    kinematics: Kinematics
+    nodes: np.ndarray  # numbers, shape (elements, k)
+    points: np.ndarray  # numbers among all points, shape (elements, p)
+    shapes: np.ndarray  # shape functions at the points, shape (p, k)
+    gradients: np.ndarray  # of the shape functions at the points, shape (elements, p, k, N)
+    radii: np.ndarray | None  # of the points of a body of revolution, shape (elements, p)
+    mean: np.ndarray | None = None  # rows of the mean of tr eps over each, (elements, k N), or None
+
+    def part(self, chosen: slice) -> Elements:
+        """Some of the elements, as views."""
+        arrays = {n: getattr(self, n) for n in ("nodes", "points", "gradients", "radii", "mean")}
+        return replace(self, **{n: a[chosen] for n, a in arrays.items() if a is not None})
+
+    @property
+    def parts(self) -> Iterator[Elements]:
+        """The elements in chunks."""
+        firsts = range(0, len(self.nodes), CHUNK)
+        return (self.part(slice(first, first + CHUNK)) for first in firsts)
+
+    @property
+    def _basis(self) -> np.ndarray:
+        """The numbers of a strain by those of the displacement gradient, (s, N, N)."""
+        N = self.kinematics.N
+        return np.concatenate([np.eye(N)[None], self.kinematics.basis[:, :N, :N]])
+
+    @property
+    def _ring(self) -> np.ndarray:
+        """The same by the hoop strain, shape (s,)."""
+        return np.append(1.0, self.kinematics.basis[:, 2, 2])
+
+    @property
+    def _hoop(self) -> np.ndarray:
+        """Rows of the hoop strain on the radial displacements, shape (elements, p, k)."""
+        return self.shapes / self.radii[:, :, None]
+
+    def rows(self) -> np.ndarray:
+        """Rows of strains on the nodal displacements node by node, (elements, p, s, k N)."""
+        # E : eps(phi_i e_c) = E[c, :] . grad phi_i for symmetric E
+        rows = np.einsum("scj,epkj->epskc", self._basis, self.gradients, optimize=True)
+        if self.radii is not None:
+            rows[..., 0] += self._ring[:, None] * self._hoop[:, :, None]
+        rows = rows.reshape(*rows.shape[:3], -1)
+        if self.mean is not None:
+            rows[:, :, 0] = self.mean[:, None]
+        return rows
+
+    def strain(self, u: np.ndarray) -> np.ndarray:
+        """Strains, shape (elements, p, s): the rows times u, without making them."""
+        local = u[self.nodes]
+        slopes = np.matmul(local.swapaxes(1, 2)[:, None], self.gradients)
+        basis = self._basis
+        found = slopes.reshape(*slopes.shape[:2], -1) @ basis.reshape(len(basis), -1).T
+        if self.radii is not None:
+            found += np.einsum("epk,ek->ep", self._hoop, local[:, :, 0])[:, :, None] * self._ring
+        if self.mean is not None:
+            found[:, :, 0] = np.einsum("ek,ek->e", self.mean, local.reshape(len(local), -1))[
+                :, None
+            ]
+        return found
+
+    def forces(self, stress: np.ndarray) -> np.ndarray:
+        """The transposed rows times stresses (elements, p, s), shape (elements, k, N)."""
+        basis, pressure = self._basis, stress[:, :, 0].sum(axis=1)
+        if self.mean is not None:
+            stress = np.where(np.arange(len(basis)) > 0, stress, 0.0)
+        tensors = stress @ basis.reshape(len(basis), -1)
+        tensors = tensors.reshape(*tensors.shape[:2], *basis.shape[1:])
+        forces = np.matmul(self.gradients, tensors).sum(axis=1)
+        if self.radii is not None:
+            forces[:, :, 0] += np.einsum("ep,epk->ek", stress @ self._ring, self._hoop)
+        if self.mean is not None:
+            forces += (pressure[:, None] * self.mean).reshape(forces.shape)
+        return forces
 
 
 class Points:
@@ -72,29 +154,24 @@ class Points:
 
     def _blocks(self, inverses: np.ndarray, radii: np.ndarray | None) -> Iterator[Elements]:
         """The elements of each shape, from the inverse Jacobians at the points."""
-        sizes = np.zeros(self.mesh.ne, dtype=int)
-        groups = []
-        for numbers, vertices in zip(
-            element_numbers(self.mesh), element_vertices(self.mesh), strict=True
-        ):
-            element = self.scalar.GetFE(_id(numbers[0]))
+        mesh, sizes = self.mesh, np.zeros(self.mesh.ne, dtype=int)
+        numbers, vertices = element_numbers(mesh), element_vertices(mesh)
+        kinds = [self.scalar.GetFE(ElementId(VOL, int(of_shape[0]))) for of_shape in numbers]
+        for of_shape, element in zip(numbers, kinds, strict=True):
+            sizes[of_shape] = len(self.rules[element.type])
+        firsts = np.cumsum(sizes) - sizes
+        for of_shape, nodes, element in zip(numbers, vertices, kinds, strict=True):
             rule = self.rules[element.type]
-            sizes[numbers] = len(rule)
-            groups.append((numbers, vertices, element, rule))
-        firsts = np.concatenate([[0], np.cumsum(sizes)])
-        weights = np.empty(len(self.weights))
-        for numbers, vertices, element, rule in groups:
-            points = firsts[numbers][:, None] + np.arange(len(rule))
-            weights[points] = np.array(rule.weights)
-            nodes = vertices
+            points = firsts[of_shape][:, None] + np.arange(len(rule))
+            self.weights[points] *= np.array(rule.weights)
             if self.order == 2:
-                nodes = np.array([self.scalar.GetDofNrs(_id(number)) for number in numbers])
+                ids = (ElementId(VOL, number) for number in of_shape.tolist())
+                nodes = np.array([self.scalar.GetDofNrs(one) for one in ids])
             slopes = np.array([np.array(element.CalcDShape(*point)) for point in rule.points])
             values = np.array([np.array(element.CalcShape(*point)) for point in rule.points])
             gradients = np.einsum("pkj,epji->epki", slopes, inverses[points], optimize=True)
             here = None if radii is None else radii[points]
             yield Elements(self.kinematics, nodes, points, values, gradients, here)
-        self.weights *= weights
 
     def _with_mean_volume(self, block: Elements) -> Elements:
         """The same elements with the mean of tr eps over each."""
@@ -175,8 +252,3 @@ class Moduli:
         """The deviatoric stress of the deviatoric strain ``e``, both in coordinates."""
         along = self.extra * np.einsum("pd,pd->p", self.direction, e)
         return self.across[:, None] * e + along[:, None] * self.direction
-
-
-def _id(number: int) -> ElementId:
-    """An element of the body."""
-    return ElementId(VOL, int(number))

@@ -14,9 +14,8 @@ from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Trace, Vecto
 from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix, tril
 
-from ngepc.discretisation.elements import Elements
 from ngepc.discretisation.pointfunctions import PointFunctions
-from ngepc.discretisation.points import Moduli, Points
+from ngepc.discretisation.points import Elements, Moduli, Points
 from ngepc.linalg.direct import from_entries
 
 
