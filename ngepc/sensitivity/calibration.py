@@ -81,19 +81,20 @@ class Curve:
         steps = [run.times.index(time) for time in self.schedule.times]  # cuts add others
         predicted = np.array([functional.slope(states[step]).value for step in steps])
 
-        def slopes(name: str) -> np.ndarray:
-            """The derivatives of the residuals by one material constant."""
-            found = tangents_at(states, {name: 1.0})
-            return np.array([found[step].of(functional) for step in steps]) * self.weights
+        def slopes(names: Sequence[str]) -> np.ndarray:
+            """The derivatives of the residuals by material constants, (measurements, names)."""
+            found = [tangents_at(states, {name: 1.0}) for name in names]
+            slopes = [[change[step].of(functional) for change in found] for step in steps]
+            return np.array(slopes) * self.weights[:, None]
 
         return Fit((predicted - self.measured) * self.weights, slopes)
 
 
 class Fit(NamedTuple):
-    """(predicted - measured) / noise, and what gives its derivative by a material constant."""
+    """(predicted - measured) / noise, and what gives its derivatives by material constants."""
 
     residuals: np.ndarray
-    slopes: Callable[[str], np.ndarray]
+    slopes: Callable[[Sequence[str]], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,17 +179,10 @@ def calibrate(
     def fits(*logarithms: float) -> list[Fit]:
         return [curve.fit(with_constants(logarithms)) for curve in curves]
 
-    def residuals(x: np.ndarray) -> np.ndarray:
-        return np.concatenate([fit.residuals for fit in fits(*x)])
-
-    def jacobian(x: np.ndarray) -> np.ndarray:
-        columns = [np.concatenate([fit.slopes(name) for fit in fits(*x)]) for name in names]
-        return np.stack(columns, axis=1) * np.exp(x)
-
     found = least_squares(
-        residuals,
+        lambda x: np.concatenate([fit.residuals for fit in fits(*x)]),
         np.log([start[name] for name in names]),
-        jacobian,
+        lambda x: np.concatenate([fit.slopes(names) for fit in fits(*x)]) * np.exp(x),
         method="dogbox",  # shortest Gauss-Newton steps where the data do not identify a constant
         max_nfev=limit,
     )

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
@@ -83,21 +84,15 @@ class LinearContact:
         sticks = self.closed & ~self.slips & ~state.discrete.rows.tied
         kept = np.where(self.slips, self.sides.bound / np.maximum(self.sides.trial, TINY), sticks)
         across = np.where(self.slips[:, None, None], orthogonal(e), tangents[:, None] * np.eye(d))
-        self.kept = np.append(self.closed & normal, np.repeat(kept, d))
-        self.along = self._blocks(np.ones(len(e)), across)
         pressed = np.where(self.slips, self.sides.coefficient, 0.0)[:, None] * e
-        numbers, shape = np.arange(len(self.conditions)), (len(self.conditions),) * 2
-        rows, columns = numbers[len(e) :], np.repeat(numbers[: len(e)], d)
-        self.follows = csr_matrix((pressed.ravel(), (rows, columns)), shape=shape)
-
-    def _blocks(self, normal: np.ndarray, tangents: np.ndarray) -> csr_matrix:
-        """Numbers (m,) for normal forces and matrices (m, d, d) for tangential ones, (n, n)."""
-        m, d = self.sides.along.shape
-        numbers = m + np.arange(m * d).reshape(m, d)
-        row, column = np.broadcast_arrays(numbers[:, :, None], numbers[:, None])
-        where = np.append(np.arange(m), row), np.append(np.arange(m), column)
-        size = len(self.conditions)
-        return csr_matrix((np.append(normal, tangents), where), shape=(size, size))
+        self.kept = np.append(self.closed & normal, np.repeat(kept, d))
+        m, size = len(e), (len(self.conditions),) * 2
+        numbers, t = np.arange(m), m + np.arange(m * d).reshape(m, d)
+        row, column = np.broadcast_arrays(t[:, :, None], t[:, None])
+        where = np.append(numbers, row), np.append(numbers, column)
+        self.along = csr_matrix((np.append(np.ones(m), across), where), shape=size)
+        where = t.ravel(), np.repeat(numbers, d)
+        self.follows = csr_matrix((pressed.ravel(), where), shape=size)
 
     def same_sides(self, other: LinearContact) -> bool:
         """Whether all rows take the same sides in both."""
@@ -117,10 +112,15 @@ class LinearContact:
         pushed = self.sides.stacked(np.zeros_like(growth), growth)
         return pushed + self.by_closed_at @ (closed_at - self.conditions.displacement(moved))
 
-    @property
+    @cached_property
+    def kept_part(self) -> csr_matrix:
+        """G, shape (n, n)."""
+        return diags(self.kept) @ self.along
+
+    @cached_property
     def by_closed_at(self) -> csr_matrix:
         """- k G, shape (n, n)."""
-        return diags(-self.stiffness * self.kept) @ self.along
+        return diags(-self.stiffness) @ self.kept_part
 
     def slopes(self, w: np.ndarray) -> tuple[np.ndarray, Data]:
         """Derivatives by closed_at and by the data of contact from those by ``given``, (n,)."""

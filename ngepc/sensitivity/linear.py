@@ -54,13 +54,16 @@ class LinearStep:
     """
 
     def __init__(self, state: State, contact: LinearContact | None = None) -> None:
-        self.state, discrete = state, state.discrete
-        self.discrete, self.free = discrete, discrete.supports.free
-        self.contact = LinearContact(state) if contact is None else contact
-        self.radial = RadialDerivative(state)
-        stiffness = discrete.stiffness.another()
+        self.state, self.discrete, self.radial = state, state.discrete, RadialDerivative(state)
+        self.contact = contact = LinearContact(state) if contact is None else contact
+        self._free = state.discrete.free.ravel()
+        stiffness = state.discrete.stiffness.another()
         stiffness.fill(self.radial.moduli)
-        self.soften = self._with_springs(stiffness)
+        self._soften = self._with_springs(stiffness)
+        square = eye(len(contact.kept), format="csr") - contact.kept_part - contact.follows
+        blocks = contact.rows.T.tocsr(), contact.by_closed_at @ contact.rows, square
+        lower, upper, turned = (block.T.tocsr() for block in blocks)
+        self._blocks = {False: (*blocks, 1.0), True: (upper, lower, turned, contact.stiffness)}
         try:
             self._inverse = stiffness.matrix.Inverse(inverse="sparsecholesky")
         except SOLVER_ERRORS as error:
@@ -69,17 +72,18 @@ class LinearStep:
 
     def _with_springs(self, stiffness: Stiffness) -> csr_matrix:
         """Add the springs of rows that belong to one vertex; L, shape (n, n)."""
-        contact, (nodes, N) = self.contact, self.free.shape
+        contact, (nodes, N) = self.contact, self.discrete.free.shape
         R, kept = contact.rows, contact.kept
         row = np.repeat(np.arange(R.shape[0]), np.diff(R.indptr))
         pairs = np.unique(row * nodes + R.indices // N)
         single = np.bincount(pairs // nodes, minlength=R.shape[0]) <= 1
-        penalty = np.where(single, PENALTY, 1.0)
-        soften = 1 / (1 - kept + kept / penalty)
+        soften = 1 / (1 - kept + kept / np.where(single, PENALTY, 1.0))
         springs = diags(np.where(single, contact.stiffness * kept * soften, 0.0)) @ contact.along
         blocks = (R.T @ springs @ R).tobsr((N, N))
         stiffness.entries[stiffness.diagonal_places(blocks.indices)] += blocks.data
-        self.by_springs = not contact.follows.nnz and bool((single | (kept == 0)).all())
+        self._by_springs = not contact.follows.count_nonzero() and bool(
+            (single | (kept == 0)).all()
+        )
         grip = contact.conditions.springs(contact.stiffness) / contact.stiffness
         identity = eye(R.shape[0], format="csr")
         return identity + diags(soften + grip - 1) @ contact.along  # grips are in the matrix
@@ -105,16 +109,10 @@ class LinearStep:
         z, w = self.solve(force, on_contact, transposed=True)
         zeta, found = self.contact.slopes(w)
         support = force - self.internal(z) - discrete.contact.forces(zeta)
-        found += Data(load=z, values=np.where(self.free, 0.0, support))
+        found += Data(load=z, values=np.where(discrete.free, 0.0, support))
         volume, e = points.strain(z)
         found += self.radial.reverse(by + Data(stress=-e, mean=-volume))
         return found + by.without(*SOLUTION)
-
-    def back_substituted(self, force: np.ndarray) -> np.ndarray:
-        """(K + springs)^-1 force, both (nodes N,)."""
-        self._right.FV().NumPy()[:] = force
-        self._left.data = self._inverse * self._right
-        return self._left.FV().NumPy().copy()
 
     def internal(self, u: np.ndarray) -> np.ndarray:
         """K u at all components, shape (nodes, N)."""
@@ -130,52 +128,46 @@ class LinearStep:
 
         TangentError if corrections do not converge: the tangent is singular, or rows are dependent.
         """
-        system = Equations(self, transposed)
-        right = np.append(np.where(self.free, force, 0.0), system.scale * given)
-        x, left, relative = np.zeros_like(right), right, np.inf
-        scale = np.linalg.norm(right)
-        for _ in range(REFINEMENTS if scale > 0 else 0):
-            x = x + system.correction(left)
-            left = right - system.product(x)
-            before, relative = relative, np.linalg.norm(left) / scale
+        *_, scale = self._blocks[transposed]
+        right = np.append(np.where(self._free, force.ravel(), 0.0), scale * given)
+        x, left, relative, size = np.zeros_like(right), right, np.inf, np.linalg.norm(right)
+        for _ in range(REFINEMENTS if size > 0 else 0):
+            x = x + self._correction(left, transposed)
+            left = right - self._product(x, transposed)
+            before, relative = relative, np.linalg.norm(left) / size
             if relative <= ACCURATE or relative > 0.5 * before:
                 break
-        if scale > 0 and not relative <= ACCEPTED:
+        if size > 0 and not relative <= ACCEPTED:
             raise TangentError(f"the derivative system is singular: residual {relative:.2g} left")
         return x[: force.size].reshape(force.shape), x[force.size :]
 
+    def _product(self, x: np.ndarray, transposed: bool) -> np.ndarray:
+        """The left sides of the system, that of the rows in units of force."""
+        upper, lower, square, scale = self._blocks[transposed]
+        u, forces = np.split(x, [len(self._free)])
+        pushed = self.internal(u.reshape(self.state.u.shape)).ravel() + upper @ forces
+        pushed = np.where(self._free, pushed, 0.0)
+        return np.append(pushed, scale * (lower @ u + square @ forces))
 
-class Equations:
-    """The system of a linearised step or its transpose, the rows' part in units of force."""
-
-    def __init__(self, step: LinearStep, transposed: bool) -> None:
-        contact, self._step, self._count = step.contact, step, step.free.size
-        kept, identity = diags(contact.kept) @ contact.along, eye(len(contact.kept), format="csr")
-        self._upper, self._lower = contact.rows.T.tocsr(), contact.by_closed_at @ contact.rows
-        self._square, self.scale = identity - kept - contact.follows, np.ones(len(contact.kept))
-        if transposed:
-            self._upper, self._lower = self._lower.T.tocsr(), contact.rows
-            self._square, self.scale = self._square.T.tocsr(), contact.stiffness
-
-    def product(self, x: np.ndarray) -> np.ndarray:
-        """The left sides."""
-        u, forces = x[: self._count], x[self._count :]
-        pushed = self._step.internal(u.reshape(self._step.free.shape)).ravel()
-        pushed = np.where(self._step.free.ravel(), pushed + self._upper @ forces, 0.0)
-        return np.append(pushed, self.scale * (self._lower @ u + self._square @ forces))
-
-    def answer(self, right: np.ndarray) -> np.ndarray:
+    def _answer(self, right: np.ndarray, transposed: bool) -> np.ndarray:
         """The solution up to what springs miss, by one back-substitution."""
-        soften = self._step.soften
-        forces = soften @ (right[self._count :] / self.scale)
-        u = self._step.back_substituted(right[: self._count] - self._upper @ forces)
-        return np.append(u, forces - soften @ (self._lower @ u))
+        upper, lower, _, scale = self._blocks[transposed]
+        force, given = np.split(right, [len(self._free)])
+        forces = self._soften @ (given / scale)
+        self._right.FV().NumPy()[:] = force - upper @ forces
+        self._left.data = self._inverse * self._right
+        u = self._left.FV().NumPy().copy()
+        return np.append(u, forces - self._soften @ (lower @ u))
 
-    def correction(self, right: np.ndarray) -> np.ndarray:
+    def _correction(self, right: np.ndarray, transposed: bool) -> np.ndarray:
         """The solution up to rounding of large answers."""
-        if self._step.by_springs:
-            return self.answer(right)
-        shape = (len(right), len(right))
-        operator = LinearOperator(shape, lambda r: self.product(self.answer(r)), dtype=float)
+        if self._by_springs:
+            return self._answer(right, transposed)
+
+        def product(r: np.ndarray) -> np.ndarray:
+            """What the answer makes of the left sides."""
+            return self._product(self._answer(r, transposed), transposed)
+
+        operator = LinearOperator((len(right), len(right)), product, dtype=float)
         found, _ = gmres(operator, right, rtol=INNER, restart=MOST, maxiter=ROUNDS)
-        return self.answer(found)
+        return self._answer(found, transposed)

@@ -11,7 +11,7 @@ from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import Coefficient, is_number
 from ngepc.checks.declared import Declared, Text
-from ngepc.checks.kinds import require_instance, require_text
+from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.discretisation.conditions import ContactConditions, at_rows
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.rows import contact_rows
@@ -70,19 +70,16 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
     """
     if isinstance(parameters, str):
         parameters = [parameters]
-    if not isinstance(parameters, Mapping):
-        if not isinstance(parameters, list | tuple) or not parameters:
-            raise TypeError(f"parameters={parameters!r}: names of data are needed")
-        for number, name in enumerate(parameters):
-            require_text(f"parameters[{number}]", name)
-        parameters = {name: Direction(name) for name in parameters}
+    if isinstance(parameters, list | tuple) and parameters:
+        parameters = {name: Direction(require_text("parameters", name)) for name in parameters}
+    require_mapping("parameters", parameters, "names of data, or name -> Direction")
     legal = [*MATERIAL, *_CHANGES]
     for name, direction in parameters.items():
         require_instance(f"parameters[{name!r}]", direction, Direction, "a Direction")
         datum, _, boundary = direction.datum.partition(":")
         if datum not in legal:
-            needed = ", ".join(legal)
-            raise ValueError(f"parameters={direction.datum!r}: one of {needed} is needed")
+            needed = f"one of {', '.join(legal)} is needed"
+            raise ValueError(f"parameters={direction.datum!r}: {needed}")
         if boundary and datum not in BY_BOUNDARY:
             raise ValueError(f"parameters={direction.datum!r}: only {datum!r} has a derivative")
     return dict(parameters)
