@@ -18,7 +18,7 @@ from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import DualLine, Iterate
 from ngepc.dual.system import NewtonSystem
 from ngepc.geometries import lshape
-from ngepc.local.start import starting_state
+from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.studies.cost import elastic_solve
 from ngepc.studies.large import indented_block

@@ -24,8 +24,7 @@ from ngsolve import (
 
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.discretisation.spaces import prescribed_displacement
-from ngepc.dual.blocks import load_terms
-from ngepc.dual.parts import CONTACT, PLASTIC
+from ngepc.dual.blocks import CONTACT, PLASTIC, load_terms
 from ngepc.model.problem import as_scalar
 
 POINTS = 400
@@ -115,7 +114,7 @@ def dual_residual(result, points=POINTS):
         Quadrature points for M^2 on each element.
     """
     blocks, w, problem = result.functional.blocks, result.functional.weights, result.problem
-    parts = {name: GridFunction(part.space) for name, part in blocks.parts.items()}
+    parts = {name: GridFunction(space) for name, space in blocks.spaces.items()}
     for name, part in parts.items():
         part.vec.data = blocks.part_of(result.v, name)
     y, other = (
@@ -123,15 +122,26 @@ def dual_residual(result, points=POINTS):
     )
     total, rounding = 0.0, 0.0
     for name, part in parts.items():
-        inverse = blocks.B[name].Inverse(part.space.FreeDofs(), inverse="umfpack")
+        B = _product(blocks, name)
+        inverse = B.Inverse(part.space.FreeDofs(), inverse="umfpack")
         linear, penalty = _contact_terms if name == CONTACT else _plastic_terms
         r, twin = linear(problem, y, part), linear(problem, other, part)
         twin -= r
         rounding += _norm_squared(twin, inverse)
-        r.data += 1 / w.tichonov * (blocks.B[name] * part.vec)
+        r.data += 1 / w.tichonov * (B * part.vec)
         r += penalty(problem, w, part, points)
         total += _norm_squared(r, inverse)
     return WitnessedResidual(math.sqrt(total), math.sqrt(rounding))
+
+
+def _product(blocks, name):
+    """The block of B that a part of v has."""
+    tichonov, length = blocks.choice.tichonov, blocks.choice.units.length
+    v, w = blocks.spaces[name].TnT()
+    if name == CONTACT:
+        on_contact = ds("|".join(blocks.problem.contact_names))
+        return BilinearForm(tichonov.contact(v, w, length) * on_contact).Assemble().mat
+    return BilinearForm(tichonov.plastic(v, w, length) * dx).Assemble().mat
 
 
 def _norm_squared(r, inverse):

@@ -25,7 +25,7 @@ from ngepc.checks.kinds import require_function, require_instance
 from ngepc.local.factors import Factors
 from ngepc.local.newton import primal_dual_newton
 from ngepc.local.result import ExactResult
-from ngepc.local.start import starting_state
+from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord, Status

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from typing import Any
+
 import numpy as np
 from ngsolve import (
+    BND,
     CF,
     BilinearForm,
     BitArray,
@@ -14,19 +18,29 @@ from ngsolve import (
     LinearForm,
     Norm,
     Trace,
+    ds,
     dx,
 )
 from ngsolve.la import BaseVector
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.loads import work_of
-from ngepc.discretisation.spaces import displacement_space, plastic_space, prescribed_displacement
-from ngepc.dual.parts import dual_parts
-from ngepc.dual.spaces import DualSpaces
+from ngepc.discretisation.spaces import (
+    contact_space,
+    displacement_space,
+    plastic_dual_space,
+    plastic_space,
+    prescribed_displacement,
+)
+from ngepc.dual.spaces import DualSpaces, SurfaceGradient
 from ngepc.linalg.direct import symmetric_inverse
 from ngepc.model.limits import require_without
+from ngepc.model.normals import outward_normal
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
+
+CONTACT, PLASTIC = "contact", "plastic"
+"""The parts of v: z, the normal stress on Gamma_c, and q = dev H~ p - dev sigma, (3.8)."""
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -74,39 +88,82 @@ def require_papers_problem(problem: Problem) -> None:
     require_without(problem, "the paper's regularised method", *lacks, advice=advice)
 
 
+def contact_space_of(problem: Problem, product: SurfaceGradient) -> FESpace:
+    """Z_h; ValueError for (R2) where a piece of Gamma_c has no ends: B has a kernel there."""
+    Z = contact_space(problem, ends_fixed=product.fixed)
+    if product.fixed and closed_somewhere(problem, Z):
+        raise ValueError(
+            f"contact={problem.contact!r} has a closed piece without ends: the gradient "
+            "product (R2) has the constants in its kernel there; use tichonov=FullProduct()"
+        )
+    return Z
+
+
+def closed_somewhere(problem: Problem, Z: FESpace) -> bool:
+    """Whether a connected piece of Gamma_c has no fixed degree of freedom of Z."""
+    names, free = set(problem.contact_names), Z.FreeDofs()
+    elements = [
+        [dof for dof in Z.GetDofNrs(element) if dof >= 0]
+        for element in problem.mesh.Elements(BND)
+        if element.mat in names
+    ]
+    held = {dof for dof in range(Z.ndof) if not free[dof]}
+    while elements:
+        apart = [dofs for dofs in elements if held.isdisjoint(dofs)]
+        if len(apart) == len(elements):
+            return True
+        held.update(dof for dofs in elements if not held.isdisjoint(dofs) for dof in dofs)
+        elements = apart
+    return False
+
+
 class LinearBlocks:
     """Matrices and vectors of a problem that no Newton step and no gamma changes.
 
-    ``parts`` are those of v by name; Y, H and X the spaces of y = (u, p), of v and of (y, v);
-    ``saddle`` the condensed form of [[-D, Lambda*], [Lambda, 0]].  D: Y -> Y* is neither condensed
-    nor factorised, Lambda: Y -> H; ``B`` and ``B_inverse`` are by name (the Poisson solves).
-    ``load`` and ``psi`` are -l and [psi, 0] as functionals, ``residual_unit`` is that of
-    ||Psi_gamma||_{H*}, length^(N/2 + 1) of the reference units.  ValueError for a problem that the
-    paper's method is not for.
+    Y, H and X are the spaces of y = (u, p), of v = (z, q) and of (y, v), ``spaces`` the parts of H
+    by name, without contact the plastic one alone.  ``saddle`` is the condensed form of
+    [[-D, Lambda*], [Lambda, 0]], D: Y -> Y* neither condensed nor factorised, Lambda: Y -> H,
+    ``B_inverse`` does the Poisson solves.  ``load`` and ``psi`` are -l and [psi, 0] as functionals,
+    ``residual_unit`` is that of ||Psi_gamma||_{H*}, length^(N/2 + 1) of the reference units.
+    ValueError for a problem that the paper's method is not for.
     """
 
     def __init__(self, problem: Problem, choice: DualSpaces, inverse: str) -> None:
         require_papers_problem(problem)
-        self.problem, self.choice = problem, choice
+        self.problem, self.choice, product = problem, choice, choice.tichonov
         self.residual_unit = choice.units.length ** (problem.N / 2 + 1)
-        self.parts = dual_parts(problem, choice)
-        spaces = [part.space for part in self.parts.values()]
-        V, Q = displacement_space(problem), plastic_space(problem)
-        self.Y, self.H, self.X = FESpace([V, Q]), FESpace(spaces), FESpace([V, Q, *spaces])
-        lasts = np.cumsum([space.ndof for space in spaces]).tolist()
-        ranges = zip([0, *lasts], lasts, strict=False)
-        self._ranges = dict(zip(self.parts, ranges, strict=True))
+        self.on_contact = ds("|".join(problem.contact_names))
+        contact = {CONTACT: contact_space_of(problem, product)} if problem.contact_names else {}
+        plastic = plastic_dual_space(problem, boundary_fixed=product.fixed)
+        self.spaces = {**contact, PLASTIC: plastic}
+        V, Q, v = displacement_space(problem), plastic_space(problem), self.spaces.values()
+        self.Y, self.H, self.X = FESpace([V, Q]), FESpace([*v]), FESpace([V, Q, *v])
+        lasts = np.cumsum([space.ndof for space in v]).tolist()
+        self._ranges = self.by_name(zip([0, *lasts[:-1]], lasts, strict=True))
         self._assemble_saddle(inverse)
         self._assemble_primal()
-        self._assemble_coupling()
-        self.B = {name: part.tichonov() for name, part in self.parts.items()}
-        self.B_inverse = {
-            name: B.Inverse(self.parts[name].space.FreeDofs(), inverse=inverse)
-            for name, B in self.B.items()
-        }
+        self._assemble_dual(inverse)
 
-    def _couplings(self, u, p, v) -> list:
-        return [part.coupling(u, p, w) for part, w in zip(self.parts.values(), v, strict=True)]
+    def by_name(self, parts: Iterable) -> dict[str, Any]:
+        """Parts of v by their names."""
+        return dict(zip(self.spaces, parts, strict=True))
+
+    def coupling(self, u: CF, p: CF, v: Sequence[CF]) -> CF:
+        """<Lambda (u, p), v> = (tau_n u, z) on Gamma_c + (p, q)."""
+        part = self.by_name(v)
+        plastic = p * part[PLASTIC] * dx
+        if CONTACT not in part:
+            return plastic
+        return (u * outward_normal(self.problem.mesh)) * part[CONTACT] * self.on_contact + plastic
+
+    def product(self, v: Sequence[CF], w: Sequence[CF]) -> CF:
+        """b(v, w)."""
+        tichonov, length = self.choice.tichonov, self.choice.units.length
+        v, w = self.by_name(v), self.by_name(w)
+        plastic = tichonov.plastic(v[PLASTIC], w[PLASTIC], length) * dx
+        if CONTACT not in v:
+            return plastic
+        return tichonov.contact(v[CONTACT], w[CONTACT], length) * self.on_contact + plastic
 
     def _assemble_saddle(self, inverse: str) -> None:
         (u, p, *v), (du, dp, *dv) = self.X.TnT()
@@ -114,8 +171,7 @@ class LinearBlocks:
         self.saddle = BilinearForm(self.X, symmetric=True, symmetric_storage=True, condense=True)
         for term in elastic_terms(self.problem, h, u, p, du, dp):
             self.saddle += (-term).Compile() * dx
-        for term in (*self._couplings(u, p, dv), *self._couplings(du, dp, v)):
-            self.saddle += term
+        self.saddle += self.coupling(u, p, dv) + self.coupling(du, dp, v)
         self.saddle.Assemble()
         displacements = BitArray(self.X.FreeDofs(coupling=True))
         displacements[self.Y.ndof :] = False
@@ -136,16 +192,15 @@ class LinearBlocks:
         self.lift.components[0].vec.data = prescribed_displacement(self.problem, V).vec
         self.D_lift = (self.D * self.lift.vec).Evaluate()
 
-    def _assemble_coupling(self) -> None:
-        (u, p), v = self.Y.TrialFunction(), self.H.TestFunction()
+    def _assemble_dual(self, inverse: str) -> None:
+        y, (v, w) = self.Y.TrialFunction(), self.H.TnT()
         coupling, psi = BilinearForm(trialspace=self.Y, testspace=self.H), LinearForm(self.H)
-        for term in self._couplings(u, p, v):
-            coupling += term
-        for part, w in zip(self.parts.values(), v, strict=True):
-            offset = part.offset(w)
-            if offset is not None:
-                psi += offset
+        coupling += self.coupling(*y, w)
+        if CONTACT in self.spaces:
+            psi += self.problem.psi * w[0] * self.on_contact
         self.Lambda, self.psi = coupling.Assemble().mat, psi.Assemble().vec
+        self.B = BilinearForm(self.product(v, w)).Assemble().mat
+        self.B_inverse = self.B.Inverse(self.H.FreeDofs(), inverse=inverse)
 
     def Y_vector(self) -> BaseVector:
         """Zero in Y."""
@@ -159,16 +214,12 @@ class LinearBlocks:
         """View of the part of a vector on H."""
         return v.Range(*self._ranges[name])
 
-    def first_of(self, name: str) -> int:
-        """First degree of freedom of a part within X."""
-        return self.Y.ndof + self._ranges[name][0]
-
     def fields(self, y: BaseVector, v: BaseVector) -> dict[str, GridFunction]:
         """'displacement', 'plastic_strain' and the parts of v as functions on the mesh."""
         state = GridFunction(self.X)
         state.vec.Range(0, self.Y.ndof).data = y
         state.vec.Range(self.Y.ndof, self.X.ndof).data = v
-        names = ("displacement", "plastic_strain", *self.parts)
+        names = ("displacement", "plastic_strain", *self.spaces)
         return {"state": state, **dict(zip(names, state.components, strict=True))}
 
     def primal_of(self, v: BaseVector) -> BaseVector:

@@ -15,16 +15,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from functools import cached_property
 
 import numpy as np
 from ngsolve import H1, GridFunction, InnerProduct
 from ngsolve.la import BaseVector
 
 from ngepc.discretisation.prolongation import prolongate
-from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.parts import CONTACT, PLASTIC
-from ngepc.dual.penalty import AssembledState
+from ngepc.dual.blocks import CONTACT, PLASTIC, LinearBlocks
+from ngepc.dual.penalty import ActiveTerms, Penalty
 from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import as_scalar
 
@@ -44,31 +42,6 @@ class ResidualNorms(dict[str, float]):
         return ResidualNorms({name: norm + more[name] for name, norm in self.items()})
 
 
-class ActiveTerms:
-    """M^1 and M^2 at one v, by the name of the part: the active sets, and what follows."""
-
-    def __init__(self, blocks: LinearBlocks, by_part: dict[str, AssembledState]) -> None:
-        self._blocks, self.by_part = blocks, by_part
-
-    @cached_property
-    def energy(self) -> float:
-        """M^1(z) + M^2(q)."""
-        return sum(M.energy for M in self.by_part.values())
-
-    @cached_property
-    def gradient(self) -> BaseVector:
-        """M(v) as a functional on H."""
-        g = self._blocks.H_vector()
-        for name, M in self.by_part.items():
-            self._blocks.part_of(g, name).data = M.gradient
-        return g
-
-    @property
-    def measures(self) -> dict[str, float]:
-        """Part name -> measure of its active set: contact, yielding."""
-        return {name: M.active for name, M in self.by_part.items()}
-
-
 class DualFunctional:
     """J*_gamma of (D_gamma) on the discrete spaces.
 
@@ -86,19 +59,11 @@ class DualFunctional:
             )
         self.blocks, self.regularisation = blocks, regularisation
         self.weights = regularisation.weights
-        self._terms = {
-            name: part.term(self.weights, quadrature_points) for name, part in blocks.parts.items()
-        }
+        self.penalty = Penalty(blocks, self.weights, quadrature_points)
 
     def terms(self, v: BaseVector) -> ActiveTerms:
         """M^1 and M^2 at v."""
-        part_of = self.blocks.part_of
-        by_part = {name: term.at(part_of(v, name)) for name, term in self._terms.items()}
-        return ActiveTerms(self.blocks, by_part)
-
-    def patterns(self) -> dict:
-        """Part name -> a matrix with all entries that the Newton derivative of M may have."""
-        return {name: term.pattern() for name, term in self._terms.items()}
+        return ActiveTerms(self.penalty, v)
 
     def tichonov(self, v: BaseVector, w: BaseVector) -> float:
         """b(v, w) / gamma_T."""
@@ -106,10 +71,7 @@ class DualFunctional:
 
     def tichonov_gradient(self, v: BaseVector) -> BaseVector:
         """B v / gamma_T as a functional on H."""
-        g, part_of = self.blocks.H_vector(), self.blocks.part_of
-        for name, B in self.blocks.B.items():
-            part_of(g, name).data = 1 / self.weights.tichonov * (B * part_of(v, name))
-        return g
+        return (1 / self.weights.tichonov * (self.blocks.B * v)).Evaluate()
 
     def smooth_energy(self, y: BaseVector, v: BaseVector) -> float:
         """F*(Lambda* v) - (psi, z) + T(v), with y the solution of D y = Lambda* v - l."""
@@ -124,11 +86,9 @@ class DualFunctional:
 
     def residual_norms(self, r: BaseVector) -> ResidualNorms:
         """<r, B^(-1) r>^(1/2) of each part."""
-        norms = ResidualNorms()
-        for name, inverse in self.blocks.B_inverse.items():
-            part = self.blocks.part_of(r, name)
-            norms[name] = math.sqrt(max(0.0, InnerProduct((inverse * part).Evaluate(), part)))
-        return norms
+        riesz, part_of = (self.blocks.B_inverse * r).Evaluate(), self.blocks.part_of
+        squares = {n: InnerProduct(part_of(riesz, n), part_of(r, n)) for n in self.blocks.spaces}
+        return ResidualNorms({name: math.sqrt(max(0.0, s)) for name, s in squares.items()})
 
     def rounding(self, y: BaseVector) -> ResidualNorms:
         """What rounding in D y = Lambda* v - l leaves of the residual, whatever solver finds y.
@@ -154,9 +114,8 @@ class DualFunctional:
         """
         blocks, w = self.blocks, self.blocks.H_vector()
         same_mesh = old.blocks.problem.mesh is blocks.problem.mesh
-        for name, part in blocks.parts.items():
-            values = old.blocks.part_of(v, name)
-            source, target = old.blocks.parts[name].space, part.space
+        for name, target in blocks.spaces.items():
+            values, source = old.blocks.part_of(v, name), old.blocks.spaces[name]
             if same_mesh and source.ndof == target.ndof:
                 carried = values.FV().NumPy() * np.array(target.FreeDofs(), dtype=float)
             else:
@@ -173,7 +132,7 @@ class DualFunctional:
             beta.Set(as_scalar(problem.beta))
             q = self.blocks.part_of(v, PLASTIC).FV().NumPy().reshape(problem.kinematics.d, -1)
             q[:] = scaled_excess(q, beta.vec.FV().NumPy(), before.plastic / after.plastic)
-        if CONTACT in self.blocks.parts:
+        if CONTACT in self.blocks.spaces:
             z = self.blocks.part_of(v, CONTACT).FV().NumPy()
             z[z > 0] *= before.contact / after.contact
 

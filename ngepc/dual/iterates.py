@@ -13,8 +13,9 @@ from functools import cached_property
 from ngsolve import InnerProduct
 from ngsolve.la import BaseVector
 
-from ngepc.dual.functional import ActiveTerms, DualFunctional, ResidualNorms
-from ngepc.dual.parts import CONTACT, PLASTIC
+from ngepc.dual.blocks import CONTACT, PLASTIC
+from ngepc.dual.functional import DualFunctional, ResidualNorms
+from ngepc.dual.penalty import ActiveTerms
 from ngepc.linalg.linesearch import Descent, Step
 from ngepc.results.outcome import IterationRecord
 
@@ -99,13 +100,9 @@ class DualLine:
     @property
     def descent(self) -> Descent:
         """The function of alpha as line searches take it."""
-        return Descent(
-            energy=self.energy,
-            derivative=self.derivative,
-            energy_0=self.here.energy,
-            slope_0=self.slope,
-            magnitude=self.here.magnitude,
-        )
+        start = {"energy_0": self.here.energy, "slope_0": self.slope}
+        phi = {"energy": self.energy, "derivative": self.derivative}
+        return Descent(**phi, **start, magnitude=self.here.magnitude)
 
     def _at(self, alpha: float) -> tuple[BaseVector, ActiveTerms]:
         """v + alpha dv with its active sets; the last trial is kept for the next iterate."""

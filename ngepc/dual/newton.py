@@ -19,7 +19,7 @@ from ngepc.linalg.direct import require_solver
 from ngepc.linalg.linesearch import Armijo, LineSearch
 from ngepc.local.iterative import Iterative
 from ngepc.local.result import ExactResult
-from ngepc.local.solver import solve_exactly
+from ngepc.local.solver import SymbolicForms, solve_exactly
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Monitor
 
@@ -53,7 +53,7 @@ class NewtonOptions(Declared):
     max_iterations: Count = 300
     quadrature_points: Annotated[int, Check(require_integer, least=1, most=900)] = 400
     linesearch: LineSearch | None = field(default_factory=Armijo)
-    inverse: Annotated[str | Iterative, Check(require_solver)] = "sparsecholesky"
+    inverse: Annotated[str | Iterative | SymbolicForms, Check(require_solver)] = "sparsecholesky"
 
     def __post_init__(self) -> None:
         super().__post_init__()

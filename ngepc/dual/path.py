@@ -37,13 +37,12 @@ def follow_path(
     options: PathOptions | None = None,
     monitor: Callable[[PathStep], None] | None = None,
     *,
-    start: DualResult | None = None,
     spaces: DualSpaces | None = None,
     checkpoint: Path | str | None = None,
     newton_monitor: Monitor | None = None,
     observer: Callable[[DualResult], None] | None = None,
 ) -> PathResult:
-    """Follow the path of solutions of (D_gamma) by Algorithm 7.2.
+    """Follow the path of solutions of (D_gamma) by Algorithm 7.2 from v = 0.
 
     Parameters
     ----------
@@ -53,8 +52,6 @@ def follow_path(
         Start, growth, tolerances; None for those of Table 3.
     monitor
         Called with the record of each gamma; raising StopIteration stops.
-    start
-        A result on this or another mesh of the body; None starts from v = 0.
     spaces
         The Tichonov choice and the units, which stay along the path; None for (R2).
     checkpoint
@@ -81,14 +78,12 @@ def follow_path(
     spaces = DualSpaces() if spaces is None else spaces
     require_instance("problem", problem, Problem, "a Problem")
     require_instance("options", options, PathOptions, "PathOptions(...)")
-    kinds = (DualResult, type(None))
-    require_instance("start", start, kinds, "a result of semismooth_newton or None")
     require_instance("spaces", spaces, DualSpaces, "DualSpaces(...)")
     watchers = {"monitor": monitor, "newton_monitor": newton_monitor, "observer": observer}
     for name, watcher in watchers.items():
         require_function(name, watcher, "what it is shown", optional=True)
-    store = PathStore(checkpoint, problem, options, spaces, start)
-    saved, walk = store.load(), _Walk(problem, options, spaces, start)
+    store = PathStore(checkpoint, problem, options, spaces)
+    saved, walk = store.load(), _Walk(problem, options, spaces)
     if saved is not None:
         walk.resume(*saved)
     try:
@@ -110,9 +105,7 @@ def follow_path(
 class _Walk:
     """What a path has reached: steps, the last result, dual variable; one gamma at a time."""
 
-    def __init__(
-        self, problem: Problem, options: PathOptions, spaces: DualSpaces, start: DualResult | None
-    ) -> None:
+    def __init__(self, problem: Problem, options: PathOptions, spaces: DualSpaces) -> None:
         self.options, length = options, spaces.units.length
         self.blocks = LinearBlocks(problem, spaces, options.newton.inverse)
         self.h, self.h_c = mesh_width(problem.mesh) / length, contact_mesh_width(problem) / length
@@ -120,8 +113,6 @@ class _Walk:
         self.steps: list[PathStep] = []
         self.last: DualResult | None = None
         self.v = self.blocks.H_vector()
-        if start is not None:
-            self.v = self.functional(options.gamma_start).carried(start.functional, start.v)
 
     def functional(self, gamma: float) -> DualFunctional:
         """J*_gamma."""

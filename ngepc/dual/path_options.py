@@ -9,9 +9,9 @@ from typing import Annotated
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Check, Count, Declared, Fraction, Positive
 from ngepc.checks.kinds import require_instance
+from ngepc.dual.blocks import CONTACT, PLASTIC
 from ngepc.dual.functional import ResidualNorms
 from ngepc.dual.newton import NewtonOptions
-from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.stopping import ResidualBelow
 
 
@@ -24,7 +24,7 @@ class PathOptions(Declared):
     gamma_start, growth
         gamma_0 > 0 and theta > 1: gamma_k = gamma_0 theta^k.
     inner_tolerance
-        tau_in > 0.  Problem k is solved until ||Psi_z|| < c max(h_c, tau_in / sqrt(gamma_k)) and
+        tau_in > 0: problem k is solved until ||Psi_z|| < c max(h_c, tau_in / sqrt(gamma_k)) and
         ||Psi_q|| < c max(h, tau_in / sqrt(gamma_k)), after one Newton step at least.
     inner_scale
         c > 0.  With c = 1 as printed the start v = 0 of Example (b) passes; 0.1 is the plastic

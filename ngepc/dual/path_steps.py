@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from ngsolve.la import BaseVector
 
 from ngepc.checks.kinds import require_path
 from ngepc.dual.iterates import Iterate
+from ngepc.dual.path_options import PathOptions
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import DualSpaces
 from ngepc.model.problem import Problem
@@ -123,12 +122,7 @@ class PathStore:
     """
 
     def __init__(
-        self,
-        path: Path | str | None,
-        problem: Problem,
-        options: Any,
-        spaces: DualSpaces,
-        start: DualResult | None,
+        self, path: Path | str | None, problem: Problem, options: PathOptions, spaces: DualSpaces
     ) -> None:
         self._path = None if path is None else require_path("checkpoint", path)
         if self._path is None:
@@ -138,10 +132,8 @@ class PathStore:
         check_writable(self._path)
         kept = {k: v for k, v in asdict(options).items() if k not in LIMITS}
         kept["newton"] = {k: v for k, v in kept["newton"].items() if k not in LIMITS}
-        kept["start"] = None if start is None else checkpoint.digest_of([start.v.FV().NumPy()])
-        self._fingerprint = checkpoint.work_fingerprint(
-            "path", problem, spaces=repr(spaces), **kept
-        )
+        told = {"spaces": repr(spaces), **kept}
+        self._fingerprint = checkpoint.work_fingerprint("path", problem, **told)
 
     def load(self) -> tuple[list[PathStep], np.ndarray, History] | None:
         """The steps on disk, the dual variable and the history of the last; None without a file.
@@ -152,9 +144,7 @@ class PathStore:
         if saved is None:
             return None
         try:
-            steps = [
-                PathStep(**{**s, "status": Status[s["status"]]}) for s in saved.record["steps"]
-            ]
+            steps = [PathStep(**s | {"status": Status[s["status"]]}) for s in saved.record["steps"]]
             history = [IterationRecord(**record) for record in saved.record["history"]]
             return steps, saved.arrays["v"], History(history)
         except (KeyError, TypeError, ValueError) as error:
@@ -165,13 +155,7 @@ class PathStore:
     def save(self, steps: list[PathStep], last: DualResult) -> None:
         """Write the steps and the last result, whole or not at all, if it has converged."""
         if self._path is not None and last.status is Status.CONVERGED:
-            record = {
-                "steps": [{**asdict(s), "status": s.status.name} for s in steps],
-                "history": last.history.as_rows(),
-            }
-            checkpoint.save(self._path, self._fingerprint, record, arrays_of(last.v))
-
-
-def arrays_of(v: BaseVector) -> dict[str, np.ndarray]:
-    """What a checkpoint keeps of a dual variable."""
-    return {"v": np.array(v.FV().NumPy())}
+            told = [asdict(step) | {"status": step.status.name} for step in steps]
+            record = {"steps": told, "history": last.history.as_rows()}
+            arrays = {"v": np.array(last.v.FV().NumPy())}
+            checkpoint.save(self._path, self._fingerprint, record, arrays)

@@ -9,10 +9,9 @@ from ngsolve import H1, CoefficientFunction, GridFunction, Integrate, Norm, ds
 from ngsolve.la import BaseVector
 
 from ngepc.discretisation.loads import Supports, applied_forces
-from ngepc.dual.blocks import primal_energy
+from ngepc.dual.blocks import CONTACT, PLASTIC, primal_energy
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.iterates import Iterate
-from ngepc.dual.parts import CONTACT, PLASTIC
 from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.equilibrium import Equilibrium

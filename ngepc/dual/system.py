@@ -6,9 +6,10 @@ quasi-definite, so that LDL^T needs no pivoting.
 
 from __future__ import annotations
 
-from ngsolve.la import BaseVector
+from ngsolve.la import BaseMatrix, BaseVector
 
-from ngepc.dual.functional import ActiveTerms, DualFunctional
+from ngepc.dual.functional import DualFunctional
+from ngepc.dual.penalty import ActiveTerms
 from ngepc.linalg.direct import (
     FROM_LOWER_TRIANGLE,
     SOLVER_ERRORS,
@@ -27,13 +28,15 @@ class NewtonSystem:
 
     def __init__(self, functional: DualFunctional, inverse: str) -> None:
         self._solver, self._inverse, self._blocks = inverse, None, functional.blocks
-        self._B, patterns = self._placed(self._blocks.B), self._placed(functional.patterns())
-        mirrored = inverse not in FROM_LOWER_TRIANGLE
-        self._sum = SparseSum(self._blocks.saddle.mat, [*self._B, *patterns], mirrored=mirrored)
+        self._first = self._blocks.Y.ndof
+        self._B = self._placed(self._blocks.B)
+        pattern, mirrored = functional.penalty.pattern(), inverse not in FROM_LOWER_TRIANGLE
+        blocks = self._B, self._placed(pattern)
+        self._sum = SparseSum(self._blocks.saddle.mat, blocks, mirrored=mirrored)
         self.use(functional)
 
-    def _placed(self, by_part: dict) -> list[Placed]:
-        return [Placed(A, self._blocks.first_of(name)) for name, A in by_part.items()]
+    def _placed(self, A: BaseMatrix) -> Placed:
+        return Placed(A, self._first)
 
     def use(self, functional: DualFunctional) -> None:
         """Switch to another gamma.  ValueError if the functional is on other blocks."""
@@ -42,8 +45,7 @@ class NewtonSystem:
         self.functional = functional
         self._sum.values[:] = 0.0
         self._sum.add(Placed(self._blocks.saddle.mat))
-        for B in self._B:
-            self._sum.add(B, 1 / functional.weights.tichonov)
+        self._sum.add(self._B, 1 / functional.weights.tichonov)
         self._constant = self._sum.values.copy()
 
     def factorise(self, terms: ActiveTerms | None) -> None:
@@ -53,8 +55,7 @@ class NewtonSystem:
         """
         self._sum.values[:] = self._constant
         if terms is not None:
-            for block in self._placed({n: M.hessian() for n, M in terms.by_part.items()}):
-                self._sum.add(block)
+            self._sum.add(self._placed(terms.hessian()))
         matrix = self._sum.matrix()
         try:
             self._invert(matrix)

@@ -16,12 +16,12 @@ import numpy as np
 
 from ngepc.discretisation.contact_step import with_contact
 from ngepc.discretisation.rows import HELD
+from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import SHORTEST, SOFT
 from ngepc.local.closed import Closed, Rubbing
-from ngepc.local.factors import TangentError
 from ngepc.local.iterative import IterativeTangent
-from ngepc.local.step import Target
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.results.step import Target
 
 SETS = 30
 """Most active sets of one Newton step."""
@@ -57,20 +57,13 @@ class Meeting(NamedTuple):
 class InexactTarget:
     """Newton's model, minimised as exactly as the distance to the solution deserves.
 
-    Parameters
-    ----------
-    discrete
-        The discrete problem; with friction, what its rows answer is learned from step to step.
-    forcing
-        Largest relative residual of a linear system.
-    tolerance
-        Of the Newton iteration: linear systems are not solved beyond what it needs.
+    ``forcing`` is the largest relative residual of a linear system; none is solved beyond what the
+    ``tolerance`` of the Newton iteration needs.
     """
 
     def __init__(self, discrete: DiscreteProblem, forcing: float, tolerance: float) -> None:
         self._forcing, self._tolerance, self._before = forcing, tolerance, 0.0
-        self._compliance = discrete.compliance()
-        self._contact = discrete.contact
+        self._compliance, self._contact = discrete.compliance(), discrete.contact
         free, tangential = discrete.free.ravel(), discrete.rows.tangential
         moved = np.asarray(abs(tangential[:, np.flatnonzero(free)]).sum(axis=1)).ravel()
         self._movable = (moved > HELD).reshape(discrete.rows.tangents.shape[:2])
@@ -86,18 +79,12 @@ class InexactTarget:
         return max(min(self._forcing, falling), PART * self._tolerance / residual, FINEST)
 
     def __call__(self, here: State, tangent: IterativeTangent) -> Target:
-        """The change of u, and contact there.
-
-        Raises
-        ------
-        TangentError
-            If a linear system or the contact with friction is not solved.
-        """
+        """The change of u, and contact there; FactorisationError if they are not found."""
         tangent.linearise(here)
         accuracy, rough = self.accuracy(here.residual_norm), self._contact.friction.d > 0
         try:
             at, settled = self._sets(here, tangent, accuracy)
-        except TangentError:
+        except FactorisationError:
             if not rough:
                 raise
             at, settled = None, False
@@ -187,7 +174,9 @@ class InexactTarget:
         """Contact with friction by secants; what they leave of the gaps is made up for at last."""
         discrete, contact, rows = here.discrete, here.discrete.contact, here.discrete.rows
         if contact.processes.size > 1:
-            raise TangentError("friction on parts: no active set was found; try smaller load steps")
+            raise FactorisationError(
+                "friction on parts: no active set was found; try smaller load steps"
+            )
         solve = partial(tangent.solve, accuracy=min(ANSWER, accuracy))
         if at is None:
             at = Meeting(solve(-here.imbalance), here.contact, here.gaps)
@@ -195,7 +184,7 @@ class InexactTarget:
         start, slack = at.change.reshape(here.u.shape), slack / discrete.row_stiffness.max()
         found = with_contact(here, solve, start, at.forces, self._compliance, slack)
         if found is None:
-            raise TangentError(contact.unsolvable)
+            raise FactorisationError(contact.unsolvable)
         change, forces = found
         left = here.open_gap - rows.normal @ change.ravel()
         active = (contact.normal(forces) > 0) | (left < 0) | rows.tied

@@ -14,12 +14,11 @@ from scipy.sparse import bsr_matrix, csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
 from ngepc.discretisation.balance import Frame
+from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import FrictionCone, orthogonal
-from ngepc.local.factors import TangentError
 
 PARALLEL = 1e-8
 """Normals at a node that are closer count as one."""
-
 
 Linear = Callable[[np.ndarray], np.ndarray]
 
@@ -31,14 +30,8 @@ STIFFEST = 100.0
 class Rubbing:
     """What closed rows do along their tangents: stick, or slip with t = bound + slant n + k slip.
 
-    Attributes
-    ----------
-    sticks
-        Boolean, shape (m, d): tangents that are held.
-    bound, slant
-        Tangential forces that are given, and those per normal force, shape (m, d).
-    stiffness
-        k: forces that turn towards the slip, sparse, shape (m d, m d).
+    ``sticks`` tells which tangents are held, (m, d) as are bound and slant; the stiffness k, sparse
+    (m d, m d), turns forces towards the slip.
     """
 
     sticks: np.ndarray
@@ -70,26 +63,10 @@ class Rubbing:
 class Closed:
     """The displacements that keep supports and closed contact rows, and the projection onto them.
 
-    Parameters
-    ----------
-    frame
-        What has the supports and the contact rows.
-    active
-        Boolean, shape (m,): closed rows.
-    rubbing
-        What they do along their tangents; None without friction.
-
-    Attributes
-    ----------
-    numbers
-        The held rows among all forces, the tangents last.
-    slanted
-        Whether rows push obliquely, so that the projection is no orthogonal one.
-
-    Raises
-    ------
-    TangentError
-        If the closed rows are dependent.
+    ``active`` tells which rows are closed, ``rubbing`` what they do along their tangents, None
+    without friction.  ``numbers`` are the held rows among all forces, the tangents last;
+    ``slanted`` says that rows push obliquely, so that the projection is no orthogonal one.
+    FactorisationError if the closed rows are dependent.
     """
 
     def __init__(self, frame: Frame, active: np.ndarray, rubbing: Rubbing | None = None) -> None:
@@ -111,7 +88,7 @@ class Closed:
             try:
                 self._gram = splu((self.rows @ self._pushed).tocsc())
             except RuntimeError as error:
-                raise TangentError("contact rows of one node are dependent") from error
+                raise FactorisationError("contact rows of one node are dependent") from error
 
     def moved(self, amounts: np.ndarray) -> np.ndarray:
         """A displacement of nodes at the held rows that moves these by some amounts."""
@@ -153,22 +130,13 @@ class Closed:
 
         Rows over several nodes pin the one where they are largest.
         """
-        largest = _largest(self.rows)
+        rows, count = self.rows, self.rows.shape[0]
+        largest = np.asarray(abs(rows).argmax(axis=1)).ravel() if count else np.zeros(0, dtype=int)
         nodes, which = np.unique(largest // N, return_inverse=True)
-        normals = np.zeros((len(largest), N))
-        for c in range(N):
-            normals[:, c] = np.asarray(
-                self.rows[np.arange(len(largest)), (largest // N) * N + c]
-            ).ravel()
+        columns = (largest // N * N)[:, None] + np.arange(N)
+        normals = np.asarray(rows[np.arange(count)[:, None], columns].todense())
         gram = np.zeros((len(nodes), N, N))
         np.add.at(gram, which, normals[:, :, None] * normals[:, None, :])
         sizes, vectors = np.linalg.eigh(gram)
         left = (sizes <= PARALLEL * sizes[:, -1:]).astype(float)
         return nodes, np.einsum("kan,kn,kbn->kab", vectors, left, vectors)
-
-
-def _largest(rows: csr_matrix) -> np.ndarray:
-    """The column of the largest entry of each row."""
-    if not rows.shape[0]:
-        return np.zeros(0, dtype=int)
-    return np.asarray(abs(rows).argmax(axis=1)).ravel()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from scipy.sparse import diags
@@ -28,45 +27,11 @@ class TangentError(FactorisationError):
     """A linear solver that gave up on a tangent."""
 
 
-class Tangent(Protocol):
-    """What a Newton step asks of a linear solver."""
-
-    back_substitutions: int
-    linear_iterations: int
-    examined: int
-    stiffened: Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]] | None
-
-    def linearise(self, here: State) -> None:
-        """Take the tangent at a state."""
-        ...
-
-    def solve(self, forces: np.ndarray) -> np.ndarray:
-        """Displacements, zero where held, that answer nodal forces; both (nodes, N)."""
-        ...
-
-
 class Factors:
-    """Factors that are computed again for each tangent, on one sparsity pattern.
+    """A ``Tangent`` whose factors are computed again for each state, on one sparsity pattern.
 
-    Parameters
-    ----------
-    discrete
-        The discrete problem.
-    name
-        NGSolve's name of a direct solver.
-    blocks
-        What assembles the tangents; None for the fast way.
-
-    Attributes
-    ----------
-    back_substitutions
-        Solves since the last factorisation.
-    linear_iterations
-        Iterations of an iterative solver in them: none.
-    examined
-        Most solves that tell whether friction allows other equilibria.
-    moduli
-        Those of the tangent that is factorised; None before the first one.
+    ``name`` is NGSolve's of a direct solver, ``blocks`` assemble the tangents, None for the fast
+    way; ``moduli`` are those that are factorised, ``back_substitutions`` the solves since then.
     """
 
     linear_iterations, examined = 0, EXAMINED
@@ -75,30 +40,27 @@ class Factors:
     def __init__(
         self, discrete: DiscreteProblem, name: str, blocks: StiffnessBlocks | None = None
     ) -> None:
-        require_whole(f"inverse={name!r} and all that needs factors", discrete.problem.mesh)
+        problem = discrete.problem
+        require_whole(f"inverse={name!r} and all that needs factors", problem.mesh)
         self._discrete, self._free = discrete, discrete.supports.free
         self._stiffness = discrete.stiffness.another(blocks)
         self._name, self._inverse, self.back_substitutions = name, None, 0
         self._in_blocks = name in FROM_LOWER_TRIANGLE
         self._right, self._left = (self._stiffness.matrix.CreateColVector() for _ in range(2))
+        nodal = problem.order == 1 and not problem.contact_pairs
+        self.stiffened = self._stiffened if nodal else None
 
     def linearise(self, here: State) -> None:
         """Take the tangent at a state."""
         self.update(here.moduli)
 
     def update(self, moduli: Moduli) -> None:
-        """Assemble and factorise.
-
-        Raises
-        ------
-        TangentError
-            If the direct solver gives up.
-        """
+        """Assemble and factorise; FactorisationError if the direct solver gives up."""
         self._stiffness.fill(moduli)
         self.moduli, self.back_substitutions = moduli, 0
         self._factorise()
 
-    def stiffened(self, springs: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    def _stiffened(self, springs: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """``solve`` with springs of the contact rows, each of which belongs to one node."""
         discrete, R = self._discrete, self._discrete.contact.matrix
         added = discrete.added + R.T @ diags(springs) @ R
@@ -116,15 +78,14 @@ class Factors:
             else:
                 self._inverse.Update()
         except SOLVER_ERRORS as error:
-            raise TangentError(f"{self._name} could not factorise the tangent: {error}") from error
+            raise FactorisationError(
+                f"{self._name} could not factorise the tangent: {error}"
+            ) from error
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
         """Displacements, zero where held, that answer nodal forces; both (nodes, N).
 
-        Raises
-        ------
-        TangentError
-            If they are not finite.
+        FactorisationError if they are not finite.
         """
         self.back_substitutions += 1
         self._right.FV().NumPy()[:] = np.where(self._free, forces, 0.0).ravel()
@@ -135,11 +96,10 @@ class Factors:
             self._left.data = self._inverse * self._right
         u = self._left.FV().NumPy().reshape(self._free.shape).copy()
         if not np.isfinite(u).all():
-            raise TangentError(f"{self._name} found a singular tangent")
+            raise FactorisationError(f"{self._name} found a singular tangent")
         return u
 
     def _lost(self) -> bool:
         """Whether the last solve has left too much of the forces."""
-        rest = self._right.CreateVector()
-        rest.data = self._right - self._stiffness.matrix * self._left
+        rest = (self._right - self._stiffness.matrix * self._left).Evaluate()
         return rest.Norm() > LOST * self._right.Norm()

@@ -8,20 +8,26 @@ iterations see an elasticity matrix and nothing else.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Annotated, Protocol
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags
 
+from ngepc.checks.arguments import require_number
+from ngepc.checks.declared import Check, Count, Declared
 from ngepc.discretisation.balance import Frame
 from ngepc.discretisation.contact_step import FEW
 from ngepc.discretisation.stiffness import Blocks
-from ngepc.local.closed import Closed
-from ngepc.local.krylov import Projected
+from ngepc.linalg.direct import FactorisationError
+from ngepc.local.closed import Closed, Linear
 from ngepc.local.system import State
 
 ACCURACY = 1e-12
 """Relative residual of ``solve``, for callers that take it for exact."""
+
+RESTART = 60
+"""Directions that minimal residuals keep."""
 
 
 class Engine(Protocol):
@@ -44,31 +50,26 @@ class Engine(Protocol):
         ...
 
 
-class Iterative(Protocol):
-    """What ``NewtonOptions(inverse=...)`` takes beside the name of a direct solver.
+@dataclass(frozen=True, kw_only=True)
+class Iterative(Declared):
+    """What ``PETSc()`` and ``PyAMG()`` share, their arguments and the tangent."""
 
-    Attributes
-    ----------
-    forcing
-        Largest relative residual of its linear systems; None where they are solved exactly.
-    """
-
-    forcing: float | None
+    forcing: Annotated[float, Check(require_number, least=1e-12)] = 3e-3
+    max_iterations: Count = 500
 
     def tangent(self, frame: Frame, blocks: Blocks) -> IterativeTangent:
         """The tangent of a discrete problem, whose entries ``blocks`` knows."""
-        ...
+        return IterativeTangent(frame, blocks, self.engine, self.max_iterations)
+
+    def engine(self, pattern: FullPattern, frame: Frame) -> Engine:
+        """What multiplies and preconditions."""
+        raise NotImplementedError
 
 
 class FullPattern:
     """The matrix of both triangles, from blocks on and below the diagonal.
 
-    Attributes
-    ----------
-    starts, columns
-        CSR without the values.
-    blocks
-        Which nodes are coupled.
+    ``starts`` and ``columns`` are CSR without the values, ``blocks`` which nodes are coupled.
     """
 
     def __init__(self, lower: Blocks) -> None:
@@ -102,25 +103,10 @@ class FullPattern:
 
 
 class IterativeTangent:
-    """A tangent that is never factorised.
+    """A ``Tangent`` that is never factorised, with a new hierarchy for each state.
 
-    Parameters
-    ----------
-    frame, blocks
-        The discrete problem, and what has the entries of its tangents.
-    engine
-        Called with the pattern and the discrete problem: the ``Engine``.
-    patience
-        Iterations of a solve beyond which the next tangent gets a new hierarchy.
-    most
-        Iterations after which a solve gives up.
-
-    Attributes
-    ----------
-    back_substitutions, linear_iterations
-        Solves with the present tangent and the iterations in them.
-    examined
-        Most solves that tell whether friction allows other equilibria.
+    ``engine`` makes the ``Engine``; a solve gives up after ``most`` iterations.  Solves with the
+    present tangent and the iterations in them are ``back_substitutions``, ``linear_iterations``.
     """
 
     examined, stiffened = FEW, None
@@ -130,21 +116,18 @@ class IterativeTangent:
         frame: Frame,
         blocks: Blocks,
         engine: Callable[[FullPattern, Frame], Engine],
-        patience: int,
         most: int,
     ) -> None:
-        self._frame, self._patience, self._most = frame, patience, most
-        self._processes = frame.contact.processes
+        self._frame, self._most, self._processes = frame, most, frame.contact.processes
         self._blocks, self._pattern = blocks, FullPattern(blocks)
         self._engine = engine(self._pattern, frame)
-        self._stale, self._lower, self._dearest = True, np.zeros(0), 0
+        self._lower: np.ndarray | None = None
         self.back_substitutions = self.linear_iterations = 0
 
     def update(self, state: object) -> None:
-        """Assemble from what ``Blocks.values`` takes; the hierarchy stays unless it is worn out."""
+        """Assemble from what ``Blocks.values`` takes; the first solve makes a hierarchy."""
         self._lower = self._blocks.values(state)
         self._engine.take(self._pattern.values(self._lower))
-        self._stale, self._dearest = self._stale or self._dearest > self._patience, 0
         self.back_substitutions = self.linear_iterations = 0
 
     def linearise(self, here: State) -> None:
@@ -157,14 +140,13 @@ class IterativeTangent:
 
     def prepare(self, closed: Closed) -> None:
         """Make a hierarchy for the present tangent and closed rows if there is none for it."""
-        if not self._stale:
+        if self._lower is None:
             return
         nodes, projections = closed.pins(self._blocks.N)
         lower, self._lower = self._lower, None
         if len(nodes):
             self._pin(lower, nodes, projections)
         self._engine.build(self._pattern.values(lower))
-        self._stale = False
 
     def _pin(self, values: np.ndarray, nodes: np.ndarray, projections: np.ndarray) -> None:
         """Project out of the blocks what is pinned, and put the size of the diagonal there."""
@@ -182,33 +164,19 @@ class IterativeTangent:
     def minimise(
         self, closed: Closed, right: np.ndarray, start: np.ndarray, tolerance: float
     ) -> np.ndarray:
-        """The x that ``closed`` leaves free with K x = right there, flat.
+        """The x that ``closed`` leaves free with K x = right there, flat, from such a ``start``.
 
-        Parameters
-        ----------
-        closed
-            What is held.
-        right
-            Nodal forces.
-        start
-            First guess, one that ``closed`` leaves free.
-        tolerance
-            Bound for the norm of the forces that remain.
-
-        Raises
-        ------
-        TangentError
-            If that takes more than ``most`` iterations or the preconditioner is not positive.
+        ``tolerance`` bounds the norm of the forces that remain.  FactorisationError if that takes
+        more than ``most`` iterations or the preconditioner is not positive.
         """
         self.prepare(closed)
         oblique = self._processes.any(np.array(closed.slanted))
         work = self._engine.precondition, self._processes.dot, closed.project
-        system = Projected(closed.stiffened(self.multiply), *work)
+        system = ProjectedSystem(closed.stiffened(self.multiply), *work)
         iterate = system.minimal_residuals if oblique else system.conjugate_gradients
         x, iterations = iterate(right, start, tolerance, self._most)
         self.back_substitutions += 1
         self.linear_iterations += iterations
-        self._dearest = max(self._dearest, iterations)
         return x
 
     def solve(self, forces: np.ndarray, accuracy: float = ACCURACY) -> np.ndarray:
@@ -222,6 +190,66 @@ class IterativeTangent:
         return self.minimise(closed, right, np.zeros_like(right), accuracy * size).reshape(
             forces.shape
         )
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedSystem:
+    """A linear system on what a projection leaves free.
+
+    Both methods take the right side, where to start, the norm of the residual that may be left and
+    the most iterations; they return the solution and its iterations, or raise FactorisationError.
+    """
+
+    multiply: Linear
+    precondition: Linear
+    dot: Callable[[np.ndarray, np.ndarray], float]
+    project: Linear
+
+    def conjugate_gradients(
+        self, right: np.ndarray, start: np.ndarray, tolerance: float, most: int
+    ) -> tuple[np.ndarray, int]:
+        """For positive definite matrices and preconditioners (Gould, Hribar, Nocedal 2001)."""
+        moved = self.dot(start, start) > 0
+        x, r = start, self.project(right - self.multiply(start) if moved else right)
+        direction, before = np.zeros_like(r), 1.0
+        for iteration in range(most):
+            if np.sqrt(self.dot(r, r)) <= tolerance:
+                return x, iteration
+            z = self.project(self.precondition(r))
+            now = self.dot(r, z)
+            direction = z + (now / before if iteration else 0.0) * direction
+            image = self.project(self.multiply(direction))
+            curvature = self.dot(direction, image)
+            if not (now > 0 and curvature > 0):
+                raise FactorisationError("the multigrid preconditioner is not positive definite")
+            x, r, before = x + now / curvature * direction, r - now / curvature * image, now
+        raise FactorisationError(f"conjugate gradients did not converge in {most} iterations")
+
+    def minimal_residuals(
+        self, right: np.ndarray, start: np.ndarray, tolerance: float, most: int
+    ) -> tuple[np.ndarray, int]:
+        """Where the projection is oblique: restarted GMRES (Saad and Schultz 1986)."""
+        x, iterations = start, 0
+        while iterations < most:
+            r = self.project(right - self.multiply(x))
+            size = np.sqrt(self.dot(r, r))
+            if size <= tolerance:
+                return x, iterations
+            basis, H, left = [r / size], np.zeros((RESTART + 1, RESTART)), size
+            while left > 0.9 * tolerance and len(basis) <= min(RESTART, most - iterations):
+                k, z = len(basis), self.project(self.precondition(basis[-1]))
+                image = self.project(self.multiply(z))
+                for j, known in enumerate(basis):
+                    H[j, k - 1] = self.dot(known, image)
+                    image = image - H[j, k - 1] * known
+                H[k, k - 1] = np.sqrt(self.dot(image, image))
+                goal = size * np.eye(k + 1)[0]
+                y = np.linalg.lstsq(H[: k + 1, :k], goal, rcond=None)[0]
+                left = np.linalg.norm(H[: k + 1, :k] @ y - goal)
+                basis.append(image / (H[k, k - 1] or 1.0))
+            iterations += len(y)
+            x = x + self.project(self.precondition(np.tensordot(y, basis[:-1], 1)))
+        raise FactorisationError(f"minimal residuals did not converge in {most} iterations")
 
 
 def low_energy_modes(frame: Frame) -> np.ndarray:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
-from typing import Annotated
 from zlib import crc32
 
 import numpy as np
+from scipy.sparse import csr_matrix, eye
 
-from ngepc.checks.arguments import require_integer, require_number
-from ngepc.checks.declared import Check, Count, Declared, Text
+from ngepc.checks.declared import Text
 from ngepc.discretisation.balance import Frame
-from ngepc.discretisation.stiffness import Blocks
-from ngepc.local.hierarchy import interpolations, petsc
-from ngepc.local.iterative import FullPattern, IterativeTangent, low_energy_modes
+from ngepc.linalg.aggregation import COARSEST, DAMPING, aggregates, incidence, tentative
+from ngepc.local.iterative import FullPattern, Iterative, low_energy_modes
+from ngepc.model.processes import Team
+
+try:
+    from petsc4py import PETSc as petsc
+except ImportError:  # said when PETSc() is made
+    petsc = None
 
 INSTALL = (
     "PETSc() needs petsc4py: 'conda install -c conda-forge petsc4py', or on Debian and Ubuntu "
@@ -36,7 +39,7 @@ SHARED = "-mg_levels_ksp_chebyshev_eigenvalues 0.2,2.0 -mg_coarse_pc_type redund
 
 
 @dataclass(frozen=True, kw_only=True)
-class PETSc(Declared):
+class PETSc(Iterative):
     """Conjugate gradients with a preconditioner of PETSc, multigrid by default.
 
     Parameters
@@ -46,8 +49,6 @@ class PETSc(Declared):
         if it says "-pc_type", for instance "-pc_type hypre".
     forcing
         Relative residual at which the solves of the first Newton steps end.
-    patience
-        Iterations of a solve beyond which the next tangent gets a new hierarchy.
     max_iterations
         Iterations after which a solve gives up.
 
@@ -60,19 +61,15 @@ class PETSc(Declared):
     """
 
     options: Text = ""
-    forcing: Annotated[float, Check(require_number, least=1e-12)] = 3e-3
-    patience: Annotated[int, Check(require_integer, least=0)] = 0
-    max_iterations: Count = 500
 
     def __post_init__(self) -> None:
         if petsc is None:
             raise ImportError(INSTALL)
         super().__post_init__()
 
-    def tangent(self, frame: Frame, blocks: Blocks) -> IterativeTangent:
-        """The tangent of a discrete problem."""
-        engine = partial(PETScEngine, options=self.options)
-        return IterativeTangent(frame, blocks, engine, self.patience, self.max_iterations)
+    def engine(self, pattern: FullPattern, frame: Frame) -> PETScEngine:
+        """Matrix and preconditioner."""
+        return PETScEngine(pattern, frame, self.options)
 
 
 class PETScEngine:
@@ -80,13 +77,6 @@ class PETScEngine:
 
     A process multiplies by the matrix of its own elements and adds up what comes out; the
     preconditioner has the sum of these matrices, with the rows of a process on that process.
-
-    Parameters
-    ----------
-    pattern, frame
-        The blocks and the discrete problem that they come from.
-    options
-        PETSc's option string.
     """
 
     def __init__(self, pattern: FullPattern, frame: Frame, options: str) -> None:
@@ -225,3 +215,63 @@ def _applied(operator: object, vectors: tuple, x: np.ndarray) -> np.ndarray:
 def is_name(word: str) -> bool:
     """Whether a word of an option string is a name, not a value: -pc_type, but not -1e-3."""
     return word.startswith("-") and not word[1:2].isdigit() and word[1:2] != "."
+
+
+def interpolations(
+    matrix: object, modes: np.ndarray, graph: csr_matrix, processes: Team
+) -> list[object]:
+    """Interpolations from each level to the next finer one, the finest first.
+
+    The loop of ``linalg.aggregation.coarse_spaces`` with a matrix of PETSc and aggregates that end
+    at the processes; ``modes`` (own unknowns, k) and ``graph`` are of the own nodes.
+    """
+    found, spare, node = [], [], np.arange(len(modes)) // (len(modes) // graph.shape[0])
+    linear = (modes != 0).any(axis=1)
+    if processes.any(~linear):
+        chosen = eye(len(modes), format="csr")[:, np.flatnonzero(linear)]
+        found.append(spread(chosen, matrix, processes))
+        matrix, modes, node = matrix.ptap(found[0]), modes[linear], node[linear]
+        spare.append(matrix)
+    while matrix.size[0] > COARSEST:
+        number = aggregates(graph)
+        local, modes, coarse_node = tentative(number[node], modes)
+        plain, members = spread(local, matrix, processes), incidence(number)
+        if 2 * plain.size[1] > plain.size[0]:
+            break
+        image = matrix.matMult(plain)
+        coarse = plain.transposeMatMult(image)
+        smooth = jacobi_smoothed(matrix, plain, image)
+        found.append(smooth.duplicate(copy=True))  # without what products keep for the next one
+        spare += [plain, image, coarse]
+        matrix, graph, node = coarse, members.T @ graph @ members, coarse_node
+    for used in spare:
+        used.destroy()  # Python frees shared objects only when all processes do
+    return found
+
+
+def spread(local: csr_matrix, matrix: object, processes: Team) -> object:
+    """The matrix of all processes from their own rows, whose columns follow each other."""
+    rows, own = local.shape
+    sizes = ((rows, None), (own, None))
+    first = sum(processes.all(own)[: processes.rank])
+    columns = (local.indices + first).astype(petsc.IntType)
+    parts = (local.indptr.astype(petsc.IntType), columns, local.data)
+    return petsc.Mat().createAIJ(sizes, csr=parts, comm=matrix.comm)
+
+
+def jacobi_smoothed(matrix: object, plain: object, image: object) -> object:
+    """One damped Jacobi step on the columns of ``plain``; ``image`` is the matrix times it."""
+    scale = matrix.getDiagonal()
+    scale.reciprocal()
+    x, y = matrix.createVecs()
+    x.setArray(np.random.default_rng(matrix.comm.rank).standard_normal(x.local_size))
+    for _ in range(10):
+        matrix.mult(x, y)
+        y.pointwiseMult(y, scale)
+        largest = y.norm()
+        y.copy(x)
+        x.scale(1 / largest)
+    scale.scale(-DAMPING / largest)
+    image.diagonalScale(L=scale)
+    image.axpy(1.0, plain, petsc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+    return image

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from ngepc.checks.arguments import require_integer, require_number
-from ngepc.checks.declared import Check, Count, Declared
 from ngepc.discretisation.balance import Frame
-from ngepc.discretisation.stiffness import Blocks
 from ngepc.linalg.aggregation import coarse_spaces
-from ngepc.local.iterative import FullPattern, IterativeTangent, low_energy_modes
+from ngepc.local.iterative import FullPattern, Iterative, low_energy_modes
 from ngepc.model.processes import require_whole
 
 try:
@@ -21,17 +17,16 @@ try:
 except ImportError:  # said when PyAMG() is made
     pyamg = None
 
-
 SMOOTHER = ("gauss_seidel", {"sweep": "symmetric", "iterations": 2})
 
 
 @dataclass(frozen=True, kw_only=True)
-class PyAMG(Declared):
+class PyAMG(Iterative):
     """Conjugate gradients with smoothed aggregation: a wheel, one process, no compiler.
 
     Parameters
     ----------
-    forcing, patience, max_iterations
+    forcing, max_iterations
         As for ``PETSc``.
 
     Raises
@@ -42,29 +37,19 @@ class PyAMG(Declared):
         If an option is out of its range.
     """
 
-    forcing: Annotated[float, Check(require_number, least=1e-12)] = 3e-3
-    patience: Annotated[int, Check(require_integer, least=0)] = 0
-    max_iterations: Count = 500
-
     def __post_init__(self) -> None:
         if pyamg is None:
             raise ImportError("PyAMG() needs pyamg: 'pip install pyamg'")
         super().__post_init__()
 
-    def tangent(self, frame: Frame, blocks: Blocks) -> IterativeTangent:
-        """The tangent of a discrete problem."""
+    def engine(self, pattern: FullPattern, frame: Frame) -> PyAMGEngine:
+        """Matrix and preconditioner."""
         require_whole("inverse=PyAMG()", frame.problem.mesh)
-        return IterativeTangent(frame, blocks, PyAMGEngine, self.patience, self.max_iterations)
+        return PyAMGEngine(pattern, frame)
 
 
 class PyAMGEngine:
-    """Matrix of SciPy, preconditioner of PyAMG.
-
-    Parameters
-    ----------
-    pattern, frame
-        The blocks and the discrete problem that they come from.
-    """
+    """Matrix of SciPy, preconditioner of PyAMG."""
 
     def __init__(self, pattern: FullPattern, frame: Frame) -> None:
         self._pattern, self._size = pattern, frame.free.size

@@ -20,22 +20,7 @@ from ngepc.model.problem import Problem
 
 
 class DiscreteProblem(Frame):
-    """Points, law, supports, contact rows and loads of a problem: what no Newton step changes.
-
-    Parameters
-    ----------
-    problem
-        Data of the time step.
-    points
-        The integration points; None for those of the problem's mesh, kinematics and order.
-
-    Attributes
-    ----------
-    points, law, supports, contact, rows
-        What the modules of these names make of the problem.
-    load
-        Nodal forces of tractions and body force, shape (nodes, N).
-    """
+    """Points, law, supports, contact rows and loads of a problem: what no Newton step changes."""
 
     def __init__(self, problem: Problem, points: Points | None = None) -> None:
         super().__init__(problem)
@@ -49,7 +34,7 @@ class DiscreteProblem(Frame):
 
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:
-        """Diagonal of the elastic stiffness, shape (nodes, N): the size of forces per length."""
+        """Diagonal of the elastic stiffness, see ``Frame``."""
         diagonal = self.points.diagonal(self.law.bulk, self.law.two_mu)
         springs = self.supports.stiffness.diagonal().reshape(diagonal.shape)
         return diagonal + self.problem.processes.summed(springs)
@@ -60,10 +45,7 @@ class DiscreteProblem(Frame):
         return self.points.processes.norm(self.points.force_sizes(self.law.beta))
 
     def state(
-        self,
-        u: np.ndarray,
-        yielding: np.ndarray | None = None,
-        contact: np.ndarray | None = None,
+        self, u: np.ndarray, yielding: np.ndarray | None = None, contact: np.ndarray | None = None
     ) -> State:
         """The state with displacements ``u``; w = r s/|s| and no contact forces by default.
 
@@ -81,20 +63,11 @@ class DiscreteProblem(Frame):
 
 @dataclass(frozen=True, eq=False)
 class State(Balance):
-    """An iterate with everything that follows from it.
+    """An iterate, see ``Balance``: u, the forces of contact, and what follows from them.
 
-    Parameters
-    ----------
-    discrete
-        The discrete problem.
-    u
-        Nodal displacements, shape (nodes, N).
-    yielding
-        w = -q at the points, |w| <= r(|s|), a variable of its own, shape (points, d).
-    contact
-        Forces of the contact conditions: normal forces >= 0, with friction then tangential ones.
-    volume, deviator, at
-        tr eps(u) and the coordinates of dev eps(u) beyond the initial strain, and the law there.
+    ``yielding`` is w = -q at the points, |w| <= r(|s|), a variable of its own, shape (points, d);
+    ``volume`` and ``deviator`` are tr eps(u) and the coordinates of dev eps(u) beyond the initial
+    strain, ``at`` is the law there.
     """
 
     discrete: DiscreteProblem

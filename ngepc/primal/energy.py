@@ -19,10 +19,11 @@ from ngsolve import (
 )
 from scipy.sparse import csr_matrix
 
-from ngepc.discretisation.balance import Frame
+from ngepc.discretisation.balance import Balance, Frame
 from ngepc.discretisation.contact_step import EXAMINED, FEW
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.stiffness import ComponentBlocks
+from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
 from ngepc.model.rules import plastic_points
@@ -35,15 +36,11 @@ ANSWER = 1e-8
 class ReducedEnergy(Frame):
     """min over p of J(u, p), (2.14), for nodal displacements u of shape (nodes, N).
 
-    ``inverse`` is as in ``PrimalOptions``.
-
-    Attributes
-    ----------
-    displacement, mapping
-        The GridFunction that holds the displacement looked at last, and ``ReturnMapping`` there.
-    examined
-        Most solves that tell whether friction allows other equilibria.
+    Its own ``Tangent``, with a solver as in ``PrimalOptions``; ``displacement`` and ``mapping`` are
+    the GridFunction that holds the displacement looked at last, and ``ReturnMapping`` there.
     """
+
+    stiffened = None
 
     def __init__(self, problem: Problem, inverse: str | object = "sparsecholesky") -> None:
         require_whole("primal_newton", problem.mesh)
@@ -53,17 +50,14 @@ class ReducedEnergy(Frame):
         self.mapping = ReturnMapping(problem, self.displacement)
         self.rules = plastic_points(problem.mesh, problem.order)
         u, v = space.TnT()
-        self._forces = LinearForm(space)
-        self._forces += self._integral(self.mapping.power(v))
-        self._tangent = BilinearForm(space, symmetric=False)
-        self._tangent += self._integral(self.mapping.tangent(u, v))
+        self._forces = LinearForm(self._integral(self.mapping.power(v)))
+        self._tangent = BilinearForm(self._integral(self.mapping.tangent(u, v)))
         self._density = self.mapping.energy_density.Compile()
         self._plastic = self.mapping.plastic.Compile()
         self._name, self._inverse = inverse, None
         matrix = self.assemble(self.supports.stiffness)
-        self.stiffness_diagonal = nodal(
-            csr_matrix(tuple(map(np.asarray, matrix.CSR()))).diagonal(), problem
-        )
+        diagonal = csr_matrix(tuple(map(np.asarray, matrix.CSR()))).diagonal()
+        self.stiffness_diagonal = nodal(diagonal, problem)
         self.yield_forces = self._yield_forces()
         self._iterative, self.examined = None, EXAMINED
         if not isinstance(inverse, str):
@@ -85,11 +79,8 @@ class ReducedEnergy(Frame):
     def energy(self, u: np.ndarray) -> float:
         """J(u) smallest over p (force times length)."""
         self.set(u)
-        return self.integral(self._density) - self._work(u)
-
-    def _work(self, u: np.ndarray) -> float:
-        """The work of the loads less the energy of the springs."""
-        return float(np.vdot(self.load - 0.5 * self.supports.pull(u), u))
+        work = np.vdot(self.load - 0.5 * self.supports.pull(u), u)
+        return self.integral(self._density) - float(work)
 
     def internal_forces(self, u: np.ndarray) -> np.ndarray:
         """Nodal forces of the stress and on the springs, shape (nodes, N).
@@ -112,16 +103,20 @@ class ReducedEnergy(Frame):
             values[np.searchsorted(keys, i * matrix.width + j)] += springs.data
         return matrix
 
-    def factorise(self, u: np.ndarray) -> None:
-        """Assemble and factorise the tangent at ``u`` for ``solve``."""
-        self.set(u)
-        matrix = self.assemble(self.added)
+    def linearise(self, here: Balance) -> None:
+        """Assemble and factorise the tangent at a state; FactorisationError if that fails."""
+        self.set(here.u)
+        try:
+            self._factorise(self.assemble(self.added))
+        except SOLVER_ERRORS as error:
+            raise FactorisationError(f"the factorisation failed: {error}") from error
+
+    def _factorise(self, matrix: BaseMatrix) -> None:
         if self._iterative is not None:
             self._iterative.update(matrix)
         elif self._inverse is None:
             free = BitArray(self.free.T.ravel().tolist())
             self._inverse = matrix.Inverse(free, inverse=self._name)
-            self._right, self._solution = matrix.CreateColVector(), matrix.CreateRowVector()
         else:
             self._inverse.Update()
 
@@ -129,9 +124,12 @@ class ReducedEnergy(Frame):
         """Displacements, zero where held, that the last tangent answers ``forces`` with."""
         if self._iterative is not None:
             return self._iterative.solve(forces, ANSWER)
-        self._right.FV().NumPy()[:] = forces.T.ravel()
-        self._solution.data = self._inverse * self._right
-        return np.where(self.free, nodal(self._solution.FV().NumPy(), self.problem), 0.0)
+        right = self.displacement.vec.CreateVector()
+        right.FV().NumPy()[:] = forces.T.ravel()
+        u = nodal((self._inverse * right).Evaluate().FV().NumPy(), self.problem)
+        if not np.isfinite(u).all():
+            raise FactorisationError("the tangent stiffness is singular")
+        return np.where(self.free, u, 0.0)
 
     def plastic_measure(self, u: np.ndarray) -> float:
         """Area or volume of the part of the body that yields in this step."""

@@ -1,17 +1,17 @@
 """The primal reference solver: Newton on the displacement alone, exact contact, no regularisation.
 
 The plastic strain is eliminated point by point (``return_mapping``); what is left is a convex,
-differentiable energy under the contact conditions N u <= gaps.  Each step minimises Newton's model
-of it over the *feasible* set: one factorisation, and a complementarity problem on the contact rows
-that is solved exactly.  All iterates are feasible and every step goes downhill.
+differentiable energy under the contact conditions N u <= gaps.  All iterates but the start are
+feasible and every step goes downhill.
 
 Everything is assembled from symbolic forms of NGSolve: it is the independent witness of
-``ngepc.local``, with which it shares supports, loads, integration rules and contact rows only.
+``ngepc.local``, with which it shares supports, loads, integration rules and contact rows, and how a
+step ends at contact and where the energy falls (``results.step``); energy, tangent and plastic
+strain are its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -21,19 +21,14 @@ from ngsolve import GridFunction
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.discretisation.balance import EPSILON
-from ngepc.discretisation.contact_step import ROUNDING, ContactWork, rival, with_contact
 from ngepc.discretisation.prolongation import nodal_values
-from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError, require_solver
-from ngepc.linalg.linesearch import nearly_flat
+from ngepc.linalg.direct import require_solver
 from ngepc.model.problem import Problem
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.result import PrimalResult, PrimalState
 from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import Monitor
-
-SLOPE_ROUNDING = 1e-14
-"""Rounding of a slope relative to the terms that it is summed from."""
+from ngepc.results.step import ContactStep, ExactTarget, Line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,69 +57,28 @@ class PrimalOptions(Declared):
     inverse: Annotated[str | object, Check(require_solver)] = "sparsecholesky"
 
 
-class PrimalStep:
-    """A step in u alone, see ``NewtonStep``; what the rows answer is learned from step to step."""
+class PrimalLine(Line):
+    """States and work along a step in u alone."""
 
-    result = PrimalResult
+    def internal_work(self, t: float) -> float:
+        """The internal forces at u + t du times du."""
+        du = self.target.change
+        return float(np.vdot(self.here.reduced.internal_forces(self.here.u + t * du), du))
 
-    def __init__(self, reduced: ReducedEnergy) -> None:
-        self.reduced, self.contact = reduced, reduced.contact
-        self.compliance = reduced.compliance()
+    def state(self, t: float) -> PrimalState:
+        """The state at u + t du."""
+        u = self.here.u + t * self.target.change
+        return PrimalState(self.here.reduced, u, self.forces(t))
 
-    def __call__(self, here: PrimalState) -> tuple[PrimalState, float, int] | None:
-        """The next state, the step length and its trials; None if no length lowers J."""
-        change, contact = self._target(here)
-        length, trials = 1.0, 0  # a step from an infeasible u makes it feasible
-        if here.penetration <= here.touching_distance:
-            found = nearly_flat(*self._slope(here, change, contact))
-            if found is None:
-                return None
-            length, trials = found
-        if length < 1:
-            contact = here.contact + length * (contact - here.contact)
-        return PrimalState(self.reduced, here.u + length * change, contact), length, trials
 
-    def rival(self, state: PrimalState) -> tuple[bool, str]:
-        """Whether friction allows other equilibria beside a solution, see ``NewtonStep``."""
-        if not self.contact.friction.d:
-            return False, ""
-        self.reduced.factorise(state.u)
-        return rival(state, self.reduced.solve, self.reduced.examined)
+class PrimalStep(ContactStep):
+    """A step in u alone."""
+
+    line, result = PrimalLine, PrimalResult
 
     def numbers(self, state: PrimalState) -> dict[str, float]:
         """What yields."""
-        return {"plastic_active": self.reduced.plastic_measure(state.u)}
-
-    def _target(self, here: PrimalState) -> tuple[np.ndarray, np.ndarray]:
-        """The step to the solution of Newton's model with contact, and the contact forces there."""
-        reduced = self.reduced
-        try:
-            reduced.factorise(here.u)
-        except SOLVER_ERRORS as error:
-            raise FactorisationError(f"the factorisation failed: {error}") from error
-        free = reduced.solve(-here.imbalance)
-        if not np.isfinite(free).all():
-            raise FactorisationError("the tangent stiffness is singular")
-        found = with_contact(here, reduced.solve, free, here.contact, self.compliance)
-        if found is None:
-            raise FactorisationError(self.contact.unsolvable)
-        return found
-
-    def _slope(
-        self, here: PrimalState, change: np.ndarray, following: np.ndarray
-    ) -> tuple[Callable[[float], float], float]:
-        """d/dt of J(u + t du) with the work of friction, and what rounding leaves of it."""
-        reduced, work = self.reduced, ContactWork(here, change, following)
-        rest = np.where(reduced.free, work.held - reduced.load, 0.0)
-
-        def slope(t: float) -> float:
-            forces = reduced.internal_forces(here.u + t * change) + rest
-            return float(np.vdot(forces, change)) + work.slope(t)
-
-        terms = SLOPE_ROUNDING * np.abs(change) + 2 * EPSILON * np.abs(here.u)
-        answers = np.abs(following) / self.reduced.row_stiffness
-        held = ROUNDING * np.abs(following).sum() * answers.max(initial=0.0)
-        return slope, float(np.vdot(np.abs(here.internal_forces), terms) + held)
+        return {"plastic_active": state.reduced.plastic_measure(state.u)}
 
 
 def primal_newton(
@@ -170,5 +124,5 @@ def primal_newton(
         u = np.where(reduced.free, given, u)
     u = reduced.contact.on_rollers(u, reduced.free)
     state = PrimalState(reduced, u, np.zeros(len(reduced.contact)))
-    step, tolerance = PrimalStep(reduced), options.tolerance
+    step, tolerance = PrimalStep(reduced, ExactTarget(reduced)), options.tolerance
     return newton_iteration(state, step, tolerance, options.max_iterations, monitor)

@@ -14,7 +14,7 @@ from ngepc.discretisation.points import Points
 from ngepc.local.factors import Factors
 from ngepc.local.newton import primal_dual_newton
 from ngepc.local.result import ExactResult
-from ngepc.local.start import starting_state
+from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem

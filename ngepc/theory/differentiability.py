@@ -4,20 +4,11 @@ Definition 6.1 asks of M(q) = gamma [|q| - beta]^+ q/|q| that
 
     E(h) = M(q + h) - M(q) - G(q + h) h    has    ||E(h)||_Y / ||h||_X -> 0    as ||h||_X -> 0.
 
-With X = Y = L2 that is false.  Take q just inside the yield surface and let h lift it across on a
-disc of radius r: |h| stays, ||h||_L2 goes to zero with r, and E(h) is as large as h where it
-lives, so that the quotient stays.  Where X is stronger than Y it goes to zero: L6 -> L2 of
-Lemma 6.3, or H1 -> H^(-1) for H_2 = H^1_0.  Both gamma and beta scale out and are one here.
-
-Two families of directions on shrinking discs, both of fixed height:
-
-- plateau: 1 on r/2, linear to 0 at r.  Null sequence in L2 and L6; its H1 norm does not change,
-  so that H1 does not see it as a small direction at all.
-- log: min(1, log(|x|/R) / log(r/R)), null sequence in H1 as well, though only as fast as
-  log(1/r)^(-1/2).
-
-Without the Tichonov term H is L2, there is no gap, and Newton counts grow with the mesh, as
-``ngepc study differentiability`` shows.
+With X = Y = L2 that is false: h that lifts q just inside the yield surface across it on a disc of
+radius r goes to zero with r, and E(h) is as large as h.  Where X is stronger than Y, L6 -> L2 of
+Lemma 6.3 or H1 -> H^(-1) for H_2 = H^1_0, the quotient goes to zero.  gamma and beta scale out and
+are one here.  Directions on shrinking discs, of fixed height: ``plateau`` is a null sequence in L2
+and L6 alone, ``logarithmic`` in H1 as well, though only as fast as log(1/r)^(-1/2).
 """
 
 from __future__ import annotations
@@ -107,14 +98,11 @@ FAMILIES = {"plateau": plateau, "log": logarithmic}
 
 
 def difference_quotients(levels: int = 7) -> list[dict]:
-    """The quotients of Definition 6.1 along both families of shrinking directions.
+    """The quotients of Definition 6.1 along both families, radii 1/8, 1/16, ..., 2^(-2-levels).
 
     q = (0.9, 0) is constant and h = 0.5 (0.8, 0.6) times the shape, so that |q + h| > 1 where the
-    shape exceeds about a quarter.
-
-    The radii are 1/8, 1/16, ..., 2^(-2-levels), 1 <= levels <= 12.  A record has ``family`` and
-    ``radius``, the norms ``h_L2``, ``h_L6``, ``h_H1`` of h, and the quotients ``L2_L2``, ``L6_L2``,
-    ``H1_dual``.
+    shape exceeds about a quarter; 1 <= levels <= 12.  A record has ``family`` and ``radius`` beside
+    what ``NormGap.quotients`` gives.
     """
     require_integer("levels", levels, 1, 12)
     mesh = graded_mesh(levels + 3)

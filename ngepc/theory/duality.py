@@ -14,9 +14,9 @@ import math
 from dataclasses import dataclass
 
 from ngsolve import (
+    CF,
     L2,
     BoundaryFromVolumeCF,
-    CoefficientFunction,
     GridFunction,
     IfPos,
     InnerProduct,
@@ -30,7 +30,7 @@ from ngsolve import (
 from ngsolve.comp import DifferentialSymbol
 
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
-from ngepc.dual.parts import CONTACT, PLASTIC
+from ngepc.dual.blocks import CONTACT, PLASTIC
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import as_scalar
 
@@ -49,22 +49,14 @@ class DualityReport:
         (z, u.n - psi), and int beta |p| + (q, p); zero at a solution of (EPC) and (D).
     contact_penalty, plastic_penalty, tichonov
         M^1(z), M^2(q), T(v).
-    tension, overshoot
-        L2 norms of [z]^+ on Gamma_c, (2.11), and of [|q| - beta]^+ in the body (force terms).
-    penetration
-        L2 norm of [u.n - psi]^+ on Gamma_c, (2.13).
+    tension, penetration, shear, normal_stress, normal_stress_deviation
+        L2 norms on Gamma_c: of [z]^+ (2.11), of [u.n - psi]^+ (2.13), of the tangential part of
+        sigma n (2.10), of (sigma n).n and of z - (sigma n).n.
     complementarity
         int |z (u.n - psi)| on Gamma_c, (2.12).
-    shear
-        L2 norm on Gamma_c of the tangential part of sigma n, (2.10).
-    normal_stress, normal_stress_deviation
-        L2 norms on Gamma_c of (sigma n).n and of z - (sigma n).n.
-    deviatoric_stress
-        L2 norm of dev sigma.
-    stress_deviation, mean_stress_deviation
-        (3.8): L2 norm of q - (h p + dev alpha_0 - dev sigma), and of the element means of that.
-    yield_deviation
-        (3.9): L2 norm of |q| - beta minus the yield function of (sigma, alpha).
+    overshoot, deviatoric_stress, stress_deviation, mean_stress_deviation, yield_deviation
+        L2 norms in the body: of [|q| - beta]^+, of dev sigma, of q - (h p + dev (alpha_0 - sigma))
+        (3.8) and its element means, of |q| - beta minus the yield function of (sigma, alpha) (3.9).
     """
 
     primal_energy: float
@@ -115,10 +107,9 @@ def duality_report(result: DualResult) -> DualityReport:
 
 def _energies(result: DualResult) -> dict[str, float]:
     f, problem, v = result.functional, result.problem, result.v
-    part_of, image = f.blocks.part_of, v.CreateVector()
-    image.data = f.blocks.Lambda * result.y - f.blocks.psi
-    products = {n: InnerProduct(part_of(image, n), part_of(v, n)) for n in f.blocks.parts}
-    penalties = {n: M.energy for n, M in f.terms(v).by_part.items()}
+    part_of, image = f.blocks.part_of, (f.blocks.Lambda * result.y - f.blocks.psi).Evaluate()
+    products = {n: InnerProduct(part_of(image, n), part_of(v, n)) for n in f.blocks.spaces}
+    penalties = f.terms(v).energies
     size = Norm(result.plastic_increment)
     return {
         "primal_energy": result.primal_energy,
@@ -172,6 +163,6 @@ def _plasticity(result: DualResult) -> dict[str, float]:
     return {name: _size(field, measure, mesh) for name, field in fields.items()}
 
 
-def _size(field: CoefficientFunction, measure: DifferentialSymbol, mesh: Mesh) -> float:
+def _size(field: CF, measure: DifferentialSymbol, mesh: Mesh) -> float:
     """The L2 norm."""
     return math.sqrt(Integrate(InnerProduct(field, field) * measure, mesh))

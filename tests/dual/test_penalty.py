@@ -1,29 +1,34 @@
 """The plastic term M^2: which elements need which rule, and states that stay as they were."""
 
+import dataclasses
+from functools import partial
+
 import numpy as np
 import pytest
-from ngsolve import GridFunction
 
 from ngepc import lshape_problem
 from ngepc.discretisation.quadrature import SMOOTH, classify
-from ngepc.discretisation.spaces import plastic_dual_space
-from ngepc.dual.penalty import PlasticPenalty
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.penalty import ActiveTerms, Penalty
+from ngepc.dual.spaces import DualSpaces, Weights
 from ngepc.geometries import lshape
 from ngepc.model.elements import element_vertices
 
 VARIATION = "ngepc.discretisation.quadrature.SMOOTH_VARIATION"
 
 
-def penalty(problem, R, points=400):
-    return PlasticPenalty(problem, 1e4, R, points)
+def penalty(blocks, points=400):
+    """v -> M^2 there, for gamma = 1e4."""
+    return partial(ActiveTerms, Penalty(blocks, Weights(1e4, 1e4, 1e4), points))
 
 
 def field(problem, values):
-    """q with these values at the vertices, shape (2, vertices)."""
-    R = plastic_dual_space(problem)
-    q = GridFunction(R).vec
-    q.FV().NumPy()[:] = values.ravel()
-    return R, q
+    """q with these values at the vertices, shape (2, vertices), and no contact."""
+    free = dataclasses.replace(problem, contact=None, gap=None)
+    blocks = LinearBlocks(free, DualSpaces(), "sparsecholesky")
+    v = blocks.H_vector()
+    v.FV().NumPy()[:] = values.ravel()
+    return blocks, v
 
 
 def beyond(problem, noise):
@@ -42,12 +47,12 @@ def waves(problem, size, seed=1):
 
 def test_a_low_order_away_from_the_kink_agrees_with_400_points(monkeypatch):
     problem = lshape_problem(lshape.paper_mesh(833))
-    R, q = beyond(problem, 0.15)
+    blocks, q = beyond(problem, 0.15)
     (nodes,), values = element_vertices(problem.mesh), np.array(q.FV()).reshape(2, -1)
     assert (classify(values, nodes, 1.25, 1.25) == SMOOTH).sum() > 100
-    usual = penalty(problem, R).at(q)
+    usual = penalty(blocks)(q)
     monkeypatch.setattr(VARIATION, 0.0)
-    fine = penalty(problem, R).at(q)
+    fine = penalty(blocks)(q)
     assert usual.energy == pytest.approx(fine.energy, rel=1e-13)
     a, b = (np.array(state.gradient.FV()) for state in (usual, fine))
     assert np.abs(a - b).max() < 1e-12 * np.abs(b).max()
@@ -56,16 +61,16 @@ def test_a_low_order_away_from_the_kink_agrees_with_400_points(monkeypatch):
 def test_the_classifier_decides(monkeypatch):
     """Where everything counts as gentle the integrals change: the test above can fail."""
     problem = lshape_problem(lshape.paper_mesh(833))
-    R, q = beyond(problem, 1.0)
-    usual = penalty(problem, R).at(q).energy
+    blocks, q = beyond(problem, 1.0)
+    usual = penalty(blocks)(q).energy
     monkeypatch.setattr(VARIATION, 1e9)
-    assert abs(penalty(problem, R).at(q).energy / usual - 1) > 1e-9
+    assert abs(penalty(blocks)(q).energy / usual - 1) > 1e-9
 
 
 def test_elements_below_the_threshold_are_idle():
     problem = lshape_problem(lshape.paper_mesh(225))
-    R, q = waves(problem, 0.5)
-    state = penalty(problem, R).at(q)
+    blocks, q = waves(problem, 0.5)
+    state = penalty(blocks)(q)
     assert state.energy == 0
     assert state.gradient.Norm() == 0
     assert not np.asarray(state.hessian().AsVector().FV()).any()
@@ -74,15 +79,15 @@ def test_elements_below_the_threshold_are_idle():
 def test_a_state_stays_when_others_are_made():
     """Active sets belong to the state, not to the term: the order of questions does not matter."""
     problem = lshape_problem(lshape.paper_mesh(113))
-    (R, q), (_, other) = waves(problem, 1.3), waves(problem, 2.0, 5)
-    term = penalty(problem, R, 64)
+    (blocks, q), (_, other) = waves(problem, 1.3), waves(problem, 2.0, 5)
+    term = penalty(blocks, 64)
 
     def seen(state):
         matrix = np.array(state.hessian().AsVector().FV())
         return state.energy, np.array(state.gradient.FV()), matrix
 
-    expected = seen(term.at(q))
-    here, there = term.at(q), term.at(other)
+    expected = seen(term(q))
+    here, there = term(q), term(other)
     assert seen(there)[0] != expected[0]
     for a, b in zip(seen(here), expected, strict=True):
         assert (a == b).all() if isinstance(a, np.ndarray) else a == b

@@ -25,7 +25,8 @@ from ngepc.dual.stopping import ADVICE
 from ngepc.dual.system import NewtonSystem
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
-from ngepc.primal.solver import PrimalOptions, PrimalStep, primal_newton
+from ngepc.primal.energy import ReducedEnergy
+from ngepc.primal.solver import PrimalOptions, primal_newton
 
 NAN = math.nan
 
@@ -177,9 +178,7 @@ def test_failed_factorisation_is_named_with_the_last_good_state(small, monkeypat
 
 
 def test_primal_failed_factorisation_is_named(small, monkeypatch):
-    from ngepc.primal.energy import ReducedEnergy
-
-    monkeypatch.setattr(ReducedEnergy, "factorise", lambda self, u: broken_factorisation(self))
+    monkeypatch.setattr(ReducedEnergy, "_factorise", lambda self, A: broken_factorisation(self))
     result = primal_newton(small)
     assert result.status is Status.NONFINITE
     assert "singular" in result.message
@@ -324,7 +323,7 @@ def test_ctrl_c_anywhere_in_a_step_returns_the_last_state(small, monkeypatch, wh
 
 
 def test_ctrl_c_in_the_primal_solver_returns_the_last_state(small, monkeypatch):
-    calls, direction = [], PrimalStep._target
+    calls, direction = [], ReducedEnergy.linearise
 
     def interrupted(self, here):
         calls.append(None)
@@ -332,7 +331,7 @@ def test_ctrl_c_in_the_primal_solver_returns_the_last_state(small, monkeypatch):
             raise KeyboardInterrupt
         return direction(self, here)
 
-    monkeypatch.setattr(PrimalStep, "_target", interrupted)
+    monkeypatch.setattr(ReducedEnergy, "linearise", interrupted)
     result = primal_newton(small)
     assert (result.status, result.iterations) == (Status.STOPPED, 2)
     assert np.isfinite(state_of(result)).all()

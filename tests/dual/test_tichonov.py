@@ -107,9 +107,8 @@ def test_constants_have_the_length_term_alone():
     units = Units(length=3.0)
     spaces = DualSpaces(tichonov=FullProduct(), units=units)
     blocks = LinearBlocks(problem, spaces, "sparsecholesky")
-    B = blocks.B["contact"]
-    one = B.CreateColVector()
-    one[:] = 1.0
+    B, one = blocks.B, blocks.H_vector()
+    blocks.part_of(one, "contact")[:] = 1.0
     length = Integrate(CF(1.0) * ds("outer"), problem.mesh)
     assert one.InnerProduct((B * one).Evaluate()) == pytest.approx(length / 3.0, rel=1e-12)
 
@@ -128,12 +127,11 @@ def test_one_closed_piece_is_enough_to_be_refused():
 
 def test_products_are_positive_definite():
     blocks = LinearBlocks(pressed_ring(0.6), DualSpaces(tichonov=FullProduct()), "sparsecholesky")
-    for name, part in blocks.parts.items():
-        B, B_inverse, space = blocks.B[name], blocks.B_inverse[name], part.space
-        v, w = B.CreateColVector(), B.CreateColVector()
-        free = np.array(space.FreeDofs())
-        v.FV().NumPy()[:] = np.random.default_rng(1).standard_normal(len(v)) * free
-        Bv = (B * v).Evaluate()
-        w.data = B_inverse * Bv - v
-        assert w.Norm() < 1e-9 * v.Norm()
-        assert v.InnerProduct(Bv) > 0
+    v, w = blocks.H_vector(), blocks.H_vector()
+    free = np.array(blocks.H.FreeDofs())
+    v.FV().NumPy()[:] = np.random.default_rng(1).standard_normal(len(v)) * free
+    Bv = (blocks.B * v).Evaluate()
+    w.data = blocks.B_inverse * Bv - v
+    assert w.Norm() < 1e-9 * v.Norm()
+    for name in blocks.spaces:
+        assert blocks.part_of(v, name).InnerProduct(blocks.part_of(Bv, name)) > 0

@@ -100,7 +100,7 @@ def test_imports_for_hints_and_in_functions_are_seen():
     assert [target for target, _ in imports(tree)] == ["ngepc.cli.solve", "ngepc.dual.newton"]
     assert in_functions(tree) == ["ngepc.dual.newton"]
     assert not goes_down("ngepc.model.problem", "ngepc.cli.solve")
-    assert not goes_down("ngepc.local.step", "ngepc.primal.result")
+    assert not goes_down("ngepc.local.newton", "ngepc.primal.result")
     assert not goes_down("ngepc.model.problem", "ngepc.__main__")
     assert not goes_down("ngepc.pictures.curves", "ngepc")
     assert goes_down("ngepc.cli.solve", "ngepc.model.problem")

@@ -165,7 +165,7 @@ def test_without_the_library_the_message_says_how_to_install_it(monkeypatch):
 
 
 @both
-@pytest.mark.parametrize("name", ["forcing", "patience", "max_iterations"])
+@pytest.mark.parametrize("name", ["forcing", "max_iterations"])
 def test_options_out_of_range_are_named(solver, name):
     with pytest.raises(ValueError, match=name):
         solver(**{name: -1})

@@ -75,12 +75,8 @@ def functional_on_H(equation, seed, size=1.0):
 
 def derivative(equation, v, delta):
     """G_Psi(lambda) delta = delta + G_M(v) N_gamma^(-1) delta for v = v(lambda)."""
-    w, image = equation.N_inverse(delta), delta.CreateVector()
-    image.data = delta
-    part_of = equation.blocks.part_of
-    for name, M in equation.functional.terms(v).by_part.items():
-        part_of(image, name).data += M.hessian() * part_of(w, name)
-    return image
+    hessian = equation.functional.terms(v).hessian()
+    return (delta + hessian * equation.N_inverse(delta)).Evaluate()
 
 
 def dual_norm(equation, r):

@@ -116,8 +116,8 @@ def test_contact_term_is_tested_optimality(contact_path):
     """(OC1_gamma) tested with z: (z, u.n - psi) = -2 M^1 - b(z, z)/gamma."""
     path, reports = contact_path
     blocks = path.last.functional.blocks
-    z = blocks.part_of(path.last.v, "contact")
-    b = np.dot(z.FV().NumPy(), (blocks.B["contact"] * z).Evaluate().FV().NumPy())
+    v = path.last.v, (blocks.B * path.last.v).Evaluate()
+    b = np.dot(*(blocks.part_of(part, "contact").FV().NumPy() for part in v))
     expected = -2 * reports[-1].contact_penalty - b / path.last.functional.weights.tichonov
     assert reports[-1].contact_term == pytest.approx(expected, rel=1e-6)
 
