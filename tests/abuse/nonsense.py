@@ -128,10 +128,11 @@ def resolved(annotation: object, call: Callable) -> object:
     """The annotation itself for its text, where its names are known when the module runs."""
     if not isinstance(annotation, str):
         return annotation
-    function = inspect.unwrap(call)
-    module = inspect.getmodule(function)
+    function, names = inspect.unwrap(call), {}
+    for owner in reversed(getattr(function, "__mro__", (function,))):
+        names |= vars(inspect.getmodule(owner))
     try:
-        return eval(annotation, dict(vars(module)))
+        return eval(annotation, names)
     except NameError:
         return annotation
 
