@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,7 +18,6 @@ from ngepc.pictures.sampling import boundary_corners
 from ngepc.pictures.style import COLOURS, GUIDE, Picture, line_style, styled
 from ngepc.results.outcome import History
 
-EARLIER = "#a7b0b9"
 COUNT_TICKS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
@@ -57,7 +56,7 @@ def plot_history(
         (history, 0, {"label": label or None, **line_style(index, len(history.records))})
         for index, (label, history) in enumerate(histories.items())
     ]
-    _draw(left, right, drawn, tolerance)
+    draw_runs(left, right, drawn, tolerance)
     if len(histories) > 1:
         handles, labels = left.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
@@ -65,19 +64,9 @@ def plot_history(
 
 
 def draw_runs(
-    left: Axes, right: Axes, runs: Sequence[History], tolerance: float | None = None
-) -> None:
-    """Runs one after the other: residuals left, step lengths right, earlier runs grey."""
-    first = np.cumsum([0, *(len(history.step_lengths) for history in runs)])
-    styles = [line_style(0, len(history.records)) for history in runs]
-    styles[:-1] = [style | {"color": EARLIER} for style in styles[:-1]]
-    _draw(left, right, list(zip(runs, first[:-1], styles, strict=True)), tolerance)
-
-
-def _draw(
     left: Axes, right: Axes, runs: list[tuple[History, int, dict]], tolerance: float | None
 ) -> None:
-    """Histories, each with its first step and its style."""
+    """Residuals left, step lengths right, of histories, each with its first step and its style."""
     for axes in (left, right):
         axes.set_xlabel("Newton step")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))

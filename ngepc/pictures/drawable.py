@@ -69,9 +69,12 @@ class Drawable:
     colormap: str = "viridis"
 
 
+PLAIN = UnitNames()
+
+
 def require_units(name: str, units: UnitNames | None) -> UnitNames:
     """The names of the units, the plain ones for None; TypeError for anything else."""
-    units = UnitNames() if units is None else units
+    units = PLAIN if units is None else units
     return require_instance(name, units, UnitNames, "UnitNames(...) or None")
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,23 +17,30 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
 from ngsolve import CoefficientFunction
 
-from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_attributes
-from ngepc.pictures.bodies import Drawing, add_bar
+from ngepc.checks.arguments import require_number, require_vector
+from ngepc.checks.declared import Check, Declared, Flag, NotNegative, Text
+from ngepc.checks.kinds import require_attributes, require_instance
+from ngepc.pictures import sampling, style
 from ngepc.pictures.drawable import (
+    PLAIN,
     UnitNames,
+    Units,
     fields_of,
     on_one_scale,
     pressure_on_boundary,
     require_sources,
 )
-from ngepc.pictures.sampling import Corners, body_corners, sample_corners
-from ngepc.pictures.stills import Angles
-from ngepc.pictures.style import CONTACT, ELASTIC, PLASTIC, styled
+from ngepc.pictures.sampling import Corners, body_corners
+from ngepc.pictures.stills import Angles, draw_solid
+from ngepc.pictures.style import Picture, styled
 
-SET_COLOURS = (ELASTIC, PLASTIC, CONTACT)
+SET_COLOURS = (style.ELASTIC, style.PLASTIC, style.CONTACT)
+AXES = "matplotlib Axes or None"
+SOLID = (3.8, 3.4)
+"""Inches that a picture of a solid takes."""
 
 
 @styled
@@ -143,15 +152,17 @@ def plot_active_sets(
     cuts = max(1, round(math.sqrt(16_000 / mesh.ne)))
     sampled = body_corners(fields, result.yield_excess, cuts)
     classes = (sampled.values.mean(axis=1) > 0.0).astype(int)
-    touching = sample_corners(fields, mesh.Boundaries(".*"), pressure_on_boundary(result), cuts)
+    touching = sampling.sample_corners(
+        fields, mesh.Boundaries(".*"), pressure_on_boundary(result), cuts
+    )
     pushed = touching.values.mean(axis=1) > 0.0
     if mesh.dim == 3:
         classes[pushed] = 2
     words = "yields (dark)" + ", in contact (orange)" * contact
     axes = _draw_classes(drawing, result, sampled, classes, words)
     if mesh.dim == 2:
-        lines = LineCollection(touching.points[pushed], colors=CONTACT, linewidths=3.0, zorder=5)
-        axes.add_collection(lines)
+        thick = {"colors": style.CONTACT, "linewidths": 3.0, "zorder": 5}
+        axes.add_collection(LineCollection(touching.points[pushed], **thick))
     return axes.figure
 
 
@@ -180,11 +191,7 @@ def _draw_fields(
 
 
 def _draw_classes(
-    drawing: Drawing,
-    source: object,
-    sampled: Corners,
-    classes: np.ndarray,
-    words: str = "",
+    drawing: Drawing, source: object, sampled: Corners, classes: np.ndarray, words: str = ""
 ) -> Axes:
     """Each triangle in the colour of its class; returns the axes."""
     values = np.repeat(classes[:, None], 3, axis=1)
@@ -193,3 +200,93 @@ def _draw_classes(
     (axes,) = drawing.panels(corners, bar=False)
     drawing.body(axes, source, corners, colours, words)
     return axes
+
+
+@dataclass(frozen=True)
+class Drawing(Declared):
+    """How bodies are drawn into axes: what users choose in all figures."""
+
+    deformation_scale: NotNegative
+    units: Units = PLAIN
+    view: Annotated[Angles | None, Check(require_vector, lengths=(2,))] = None
+    axes: Annotated[Axes | None, Check(require_instance, kind=Axes, needed=AXES)] = None
+    title: Text | None = None
+    mesh_lines: Flag = False
+
+    def panels(self, corners: Corners, count: int = 1, bar: bool = True) -> list[Axes]:
+        """The given axes, or those of a new figure for bodies of this size, three in a row."""
+        if self.axes is not None:
+            return [self.axes]
+        width, height = SOLID
+        if corners.points.shape[2] == 2:
+            both = [corners.points, corners.deformed(self.deformation_scale)]
+            width, height = np.ptp(np.concatenate(both).reshape(-1, 2), axis=0)
+            unit = min(6.0 / width, 4.0 / height)
+            width, height = max(3.5, unit * width + 0.8), max(2.2, unit * height + 0.8)
+        rows = math.ceil(count / 3)
+        columns = math.ceil(count / rows)
+        shrink = min(1.0, 3.6 / width) if columns > 2 else 1.0
+        size = (shrink * width * columns + 0.9 * bar, shrink * height * rows)
+        figure, panels = Picture(figsize=size, layout="compressed"), []
+        for k in range(count):  # on a common scale
+            shared = dict.fromkeys(("sharex", "sharey"), panels[0] if panels else None)
+            panels.append(figure.add_subplot(rows, columns, k + 1, **shared))
+        return panels
+
+    def body(
+        self,
+        axes: Axes,
+        source: object,
+        corners: Corners,
+        colours: ScalarMappable,
+        words: str = "",
+        title: str = "",
+    ) -> None:
+        """The triangles in the colours of their values, title, and what surrounds the body."""
+        fields, scale = fields_of(source), self.deformation_scale
+        axes.set_title(title or self.title or "\n".join(filter(None, (words, _method(source)))))
+        points = corners.deformed(scale)
+        lines = sampling.element_borders(fields).deformed(scale) if self.mesh_lines else None
+        if points.shape[2] == 3:
+            draw_solid(axes, points, corners.values, colours, lines, self.view)
+            return
+        x, y = points.reshape(-1, 2).T
+        triangles = Triangulation(x, y, np.arange(len(x)).reshape(-1, 3))
+        shade = {"cmap": colours.cmap, "norm": colours.norm, "shading": "gouraud"}
+        axes.tripcolor(triangles, corners.values.ravel(), rasterized=True, **shade)
+        border = sampling.boundary_corners(fields)
+        drawn = [
+            (border.points, style.OUTLINE, 0.7, 0),
+            (border.deformed(scale), style.DEFORMED, 0.6, 3),
+        ]
+        if lines is not None:
+            drawn += [(lines, style.GUIDE, min(0.3, 450 / fields.problem.mesh.ne), 2)]
+        if scale > 0:
+            drawn += [(sampling.obstacle_lines(fields, scale), style.OBSTACLE, 1.4, 4)]
+        for segments, colour, width, above in drawn:
+            line = {"colors": colour, "linewidths": width, "zorder": above}
+            axes.add_collection(LineCollection(segments, **line))
+        length = self.units.length
+        axes.set(xlabel=f"x ({length})", ylabel=f"y ({length})", aspect="equal")
+        axes.grid(False)
+        axes.autoscale_view()
+        axes.margins(0.03)
+
+
+def _method(source: object) -> str:
+    """What solved it, for titles: 'gamma = 1e+04'; empty for solutions of the problem itself."""
+    label = getattr(source, "method_label", "")
+    return label if isinstance(label, str) and label != "exact" else ""
+
+
+def add_bar(colours: ScalarMappable, panels: list[Axes], label: str, own: bool) -> None:
+    """A colour bar beside the axes, below them where a figure of its ``own`` is wide and low."""
+    figure, place = panels[0].figure, {"shrink": 0.85, "fraction": 0.05}
+    if own and figure.get_figwidth() > 3 * figure.get_figheight():
+        figure.set_figheight(figure.get_figheight() + 0.9)
+        place = {"shrink": 0.5, "location": "bottom", "fraction": 0.5}
+    bar = figure.colorbar(colours, ax=panels, label=label, aspect=30, **place)
+    bar.outline.set_linewidth(0.4)
+    if bar.orientation == "vertical":  # powers of ten where numbers are small or large
+        bar.formatter.set_powerlimits((-2, 4))
+        bar.ax.yaxis.get_offset_text().set_fontsize(8)

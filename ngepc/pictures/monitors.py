@@ -21,9 +21,10 @@ from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_attributes, require_text
 from ngepc.pictures.curves import draw_runs
 from ngepc.pictures.fields import plot_active_sets
-from ngepc.pictures.style import Picture, styled
+from ngepc.pictures.style import Picture, line_style, styled
 from ngepc.results.outcome import History, IterationRecord, Monitor
 
+EARLIER = "#a7b0b9"
 COLUMNS = (
     ("step", "{iteration:4d}"),
     ("residual", "{residual_norm:11.3e}"),
@@ -115,7 +116,12 @@ class LivePlotMonitor:
         *body, left, right = figure.subplots(1, len(widths), width_ratios=widths)
         if snapshot is not None:
             plot_active_sets(snapshot(), axes=body[0])
-        draw_runs(left, right, self.runs, self.tolerance)
+        drawn, first = [], 0
+        for run in self.runs:  # one after the other, the newest in colour
+            style = {} if run is self.runs[-1] else {"color": EARLIER}
+            drawn.append((run, first, line_style(0, len(run.records)) | style))
+            first += len(run.step_lengths)
+        draw_runs(left, right, drawn, self.tolerance)
         return figure
 
     def draw(self) -> None:

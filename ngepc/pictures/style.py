@@ -6,11 +6,9 @@ No pyplot state is touched, so that figures work in notebooks, scripts and serve
 from __future__ import annotations
 
 import base64
-import functools
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import ParamSpec, TypeVar
 
 from matplotlib import rc_context, rc_params_from_file
 from matplotlib.axes import Axes
@@ -28,31 +26,14 @@ MARKERS = "os^Dv<>P"
 ELASTIC, PLASTIC, CONTACT = "#dfe3e8", "#26323f", "#D55E00"
 OUTLINE, DEFORMED, OBSTACLE, GUIDE = "#9aa3ad", "#3b4650", "#000000", "#6b7680"
 
-Given, Made = ParamSpec("Given"), TypeVar("Made")
-
-
-def styled(draw: Callable[Given, Made]) -> Callable[Given, Made]:
-    """The same function, drawing in the style of ``ngepc.mplstyle``."""
-
-    @functools.wraps(draw)
-    def inside(*arguments: Given.args, **options: Given.kwargs) -> Made:
-        with rc_context(RC):
-            return draw(*arguments, **options)
-
-    return inside
+styled = rc_context(RC)
+"""Decorator of functions that draw in the style of ``ngepc.mplstyle``."""
 
 
 class Picture(Figure):
     """A Figure in this style with a PNG representation, so that no pyplot is needed to see it."""
 
-    def __init__(self, *arguments: object, **options: object) -> None:
-        with rc_context(RC):
-            super().__init__(*arguments, **options)
-
-    def add_subplot(self, *arguments: object, **options: object) -> Axes:
-        """Axes in this style, also those of ``subplots``."""
-        with rc_context(RC):
-            return super().add_subplot(*arguments, **options)
+    __init__, add_subplot = styled(Figure.__init__), styled(Figure.add_subplot)
 
     def like(self, drawn: Figure) -> Picture:
         """The picture itself, its axes where a drawn one has them: a layout takes half the time."""
@@ -84,11 +65,11 @@ def line_style(index: int, count: int) -> dict:
     }
 
 
+@styled
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a figure as its ending says (png, pdf, svg), making its folder; returns the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with rc_context(RC):
-        figure.savefig(path)
+    figure.savefig(path)
     return path
 
 

@@ -24,8 +24,8 @@ from ngsolve import BBND, BND, CF, VOL, CoefficientFunction
 
 from ngepc.checks.arguments import sample
 from ngepc.checks.kinds import require_path, require_text
-from ngepc.pictures.bodies import Drawing
 from ngepc.pictures.drawable import UnitNames, fields_of, on_one_scale, require_sources
+from ngepc.pictures.fields import Drawing
 from ngepc.pictures.sampling import boundary_corners, is_curved, obstacle_lines, offset
 from ngepc.pictures.style import Picture, png_address, styled
 from ngepc.results.records import write_text
@@ -109,18 +109,18 @@ def show(
     drawing = Drawing(deformation_scale, units, mesh_lines=mesh_lines)
     viewer, peak = viewer_script(), _peak(sources.values())
     what, _, colours = on_one_scale(sources.values(), field, units, (vmin, vmax))
-    scenes = {
-        key: scene_data(sources[key], drawn.coefficient, colours, drawing, peak)
-        for key, drawn in zip(sources, what, strict=True)
-    }
-    panels = {"": list(scenes.values())} if name else {key: [data] for key, data in scenes.items()}
-    labels = list(scenes) if name else [""]
-    data = json.dumps({"labels": labels, "panels": list(panels.values())}, default=float)
+    scenes = [
+        scene_data(shown, drawn.coefficient, colours, drawing, peak)
+        for shown, drawn in zip(sources.values(), what, strict=True)
+    ]
+    captions, labels = ([""], list(sources)) if name else (list(sources), [""])
+    panels = [scenes] if name else [[scene] for scene in scenes]
+    data = json.dumps({"labels": labels, "panels": panels}, default=float)
     page = PAGE.substitute(
         title=html.escape(title or "ngepc"),
         heading=f"<h1>{html.escape(title)}</h1>" if title else "",
         legend=legend(colours, what[0].label),
-        figures="".join(FIGURE.format(html.escape(c), n) for n, c in enumerate(panels)),
+        figures="".join(FIGURE.format(html.escape(c), n) for n, c in enumerate(captions)),
         slider=SLIDER.format(name=html.escape(name), last=len(labels) - 1) if name else "",
         data=base64.b64encode(gzip.compress(data.encode(), mtime=0)).decode(),
         viewer=viewer,
