@@ -33,6 +33,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 demo: $(VENV)/.run
 	$(BIN)/ngepc study table1 --levels $(LEVELS) --rows $(ROWS) --out $(OUT)
 	$(BIN)/ngepc solve lshape --nodes $(FINEST) --figures $(OUT) --save $(OUT)/lshape.npz
+	$(BIN)/ngepc solve lshape --nodes $(FINEST) --gamma 1e4 --start coarse --figures $(OUT)/regularised
 	$(BIN)/ngepc report $(OUT)/lshape.npz
 
 check: $(VENV)/.test
