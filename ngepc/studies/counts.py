@@ -155,10 +155,7 @@ GETFEM = {833: (11, 0.1), 3201: (15, 0.8), 12545: (22, 4.7)}
 """Nodes of Example (a) -> Newton steps and CPU seconds of GetFEM 5.4.2 with its best parameter."""
 
 BLOCK_RATIOS = (1e-1, 1e-3)
-BLOCKS = {
-    "tetrahedra": {281: 1, 1745: 2, 12193: 3},
-    "hexahedra": {343: 6, 1728: 11, 12167: 22},
-}
+BLOCKS = {"tetrahedra": {281: 1, 1745: 2, 12193: 3}, "hexahedra": {343: 6, 1728: 11, 12167: 22}}
 """Elements -> nodes -> refinements of a coarse mesh, or cells along an edge."""
 
 NAMES = TITLES | {shape: f"block, {shape}" for shape in BLOCKS}

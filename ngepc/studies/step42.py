@@ -36,11 +36,7 @@ TOLERANCE = 1e-8
 """Of the runs on them."""
 
 WHOLE = {"left|right|front|back": (0, 0, None)}
-QUARTER = {
-    "side_x|side_y": (0, 0, None),
-    "mirror_x": (0, None, None),
-    "mirror_y": (None, 0, None),
-}
+QUARTER = {"side_x|side_y": (0, 0, None), "mirror_x": (0, None, None), "mirror_y": (None, 0, None)}
 METHODS = ("primal", "default")
 NOTE = (
     "Contact force F of the whole body, its change from the next coarser mesh, energy and largest "

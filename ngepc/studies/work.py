@@ -21,10 +21,6 @@ Entry = str | Callable[[dict], object]
 """What a column shows of a record: a format of it, such as "{force:.4f}", or a function."""
 
 
-def silent(line: str) -> None:
-    """Progress that nobody wants to read."""
-
-
 @dataclass(eq=False)
 class Work(ABC):
     """A study at work: ``run`` gives the records of all cells, ``write`` the files.
@@ -45,7 +41,7 @@ class Work(ABC):
     """
 
     folder: Path
-    progress: Callable[[str], None] = field(default=silent, kw_only=True)
+    progress: Callable[[str], None] = field(default=lambda line: None, kw_only=True)
 
     name: ClassVar[str]
     title: ClassVar[str] = ""
