@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import is_number
 from ngepc.discretisation.pointfunctions import PointFunctions, on_children
@@ -46,12 +45,11 @@ class Memory:
     def after(self, material: Material, p: np.ndarray) -> Memory:
         """p_0 + p, alpha_2 + k p, alpha_1 + k_1 H sigma_y |p| and PEEQ after a step."""
         at, size = self.functions.points.at, np.linalg.norm(p, axis=1)
-        factor = material.hardening_stiffness * material.hardening_modulus * material.yield_stress
         return replace(
             self,
             plastic_strain=self.plastic_strain + p,
             back_stress=self.back_stress + at(material.hardening)[:, None] * p,
-            hardening_variable=self.hardening_variable + at(factor) * size,
+            hardening_variable=self.hardening_variable + at(material.scalar_growth) * size,
             accumulated=self.accumulated + PEEQ * size,
         )
 
@@ -62,10 +60,6 @@ class Memory:
         carried = {k: on_children(v, before, points, parents) for k, v in self.arrays.items()}
         carried["accumulated"] = np.maximum(carried["accumulated"], 0.0)
         return Memory(PointFunctions(points), **carried)
-
-    def increment(self, p: CoefficientFunction) -> np.ndarray:
-        """A plastic increment at the points, shape (points, d)."""
-        return self.functions.points.at(p)
 
     def problem(self, base: Problem, changes: Mapping[str, object]) -> Problem:
         """``base`` with the changes of a step and this memory as its initial state."""

@@ -218,11 +218,11 @@ class _Run:
             result = self._solved(time, result.displacement)
         if not result.status.is_success:
             return result.status, result.message
-        memory = self.evolution.memory
-        increment = memory.functions.function(memory.increment(result.plastic_increment))
+        functions = self.evolution.memory.functions
+        increment = functions.function(functions.points.at(result.plastic_increment))
         fields = Fields(result.problem, result.displacement, increment)
         known = {"time": time, "cuts": level, "error_bound": relative}
-        record = StepRecord.of(result, fields, memory.functions.points, **known)
+        record = StepRecord.of(result, fields, functions.points, **known)
         rows = result.state.contact if isinstance(result, DiscreteSolution) else None
         self._append(EvolutionStep(fields, record, rows))
         if self.file is not None:
@@ -253,6 +253,7 @@ class _Run:
         return ""
 
     def _append(self, step: EvolutionStep) -> None:
-        memory, p = self.evolution.memory, step.fields.plastic_increment
-        self.evolution.memory = memory.after(step.problem.material, memory.increment(p))
+        memory, points = self.evolution.memory, self.evolution.memory.functions.points
+        p = points.at(step.fields.plastic_increment)
+        self.evolution.memory = memory.after(step.problem.material, p)
         self.evolution.steps.append(step)

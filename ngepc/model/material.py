@@ -122,6 +122,11 @@ class Material(Declared):
         return (H * self.yield_stress) * (H * self.yield_stress) * k1
 
     @property
+    def scalar_growth(self) -> Coefficient:
+        """k_1 H sigma_y, by which alpha_1 grows with |p| (stress)."""
+        return self.hardening_stiffness * self.hardening_modulus * self.yield_stress
+
+    @property
     def effective_hardening(self) -> Coefficient:
         """The scalar h of H~ p : p = h |p|^2 in (2.14) (stress)."""
         return self.hardening + self.isotropic_hardening

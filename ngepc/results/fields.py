@@ -58,10 +58,9 @@ class Quantities:
     @property
     def hardening_variable(self) -> CoefficientFunction:
         """Isotropic hardening variable alpha_1 = alpha_1,0 + k_1 H sigma_y |p|, scalar."""
-        m = self.problem.material
         alpha_1, _ = self.problem.alpha_0
-        factor = m.hardening_stiffness * m.hardening_modulus * m.yield_stress
-        return alpha_1 + as_scalar(factor) * Norm(self.plastic_increment)
+        growth = as_scalar(self.problem.material.scalar_growth)
+        return alpha_1 + growth * Norm(self.plastic_increment)
 
     @property
     def yield_function(self) -> CoefficientFunction:

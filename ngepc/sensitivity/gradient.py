@@ -6,8 +6,8 @@ step has inherited, p_0, dev alpha_2, alpha_1 and u_0, is carried to the step be
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 from ngepc.checks.arguments import require_integer
@@ -30,8 +30,7 @@ Solution = ExactResult | Evolution
 """What has derivatives."""
 
 
-@dataclass(frozen=True, eq=False)
-class Gradient(Mapping):
+class Gradient(dict[str, float]):
     """Name of each parameter -> derivative, and whether the functional has one.
 
     Parameters
@@ -44,18 +43,11 @@ class Gradient(Mapping):
         The weakly active rows and points of each time step that the functional depends on.
     """
 
-    derivatives: Mapping[str, float]
-    functional: float
-    biactive: tuple[Biactive, ...]
-
-    def __getitem__(self, name: str) -> float:
-        return self.derivatives[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.derivatives)
-
-    def __len__(self) -> int:
-        return len(self.derivatives)
+    def __init__(
+        self, derivatives: Mapping[str, float], functional: float, biactive: tuple[Biactive, ...]
+    ) -> None:
+        super().__init__(derivatives)
+        self.functional, self.biactive = functional, biactive
 
     @property
     def differentiable(self) -> bool:
@@ -89,7 +81,7 @@ def gradient(
     Returns
     -------
     Gradient
-        A mapping; look at ``differentiable`` or ``message``.
+        A dict; look at ``differentiable`` or ``message``.
 
     Raises
     ------

@@ -93,7 +93,7 @@ class RadialDerivative:
         material, at = self.state.discrete.problem.material, self.state.discrete.points.at
         sharper = material.yield_stress * material.hardening_modulus
         back = at(material.hardening)[:, None]
-        return at(sharper), back, at(material.hardening_stiffness * sharper)
+        return at(sharper), back, at(material.scalar_growth)
 
     def trial(self, u: np.ndarray, data: Data) -> tuple[np.ndarray, ...]:
         """The changes of tr eps and dev eps with u and the mesh, and of s."""

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
-from ngsolve import Grad, GridFunction, Mesh, Norm, VectorH1
+from ngsolve import GridFunction, Mesh, VectorH1
 
 from ngepc.checks.arguments import require_coefficient
 from ngepc.local.system import DiscreteProblem, State
@@ -24,7 +24,7 @@ STENCIL = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
 """Central difference of fourth order."""
 
 STEP = 1e-5
-"""Its step: largest change of a length in the mesh, relative."""
+"""Its step: the largest motion of a vertex over the size of the body."""
 
 
 def on_moving_mesh(old: State, motion: np.ndarray, read: Callable[[State], Data]) -> Data:
@@ -32,13 +32,9 @@ def on_moving_mesh(old: State, motion: np.ndarray, read: Callable[[State], Data]
 
     ``motion`` is V at the vertices, shape (vertices, N) (length per unit of the parameter).
     """
-    problem = old.discrete.problem
-    V, found = GridFunction(VectorH1(problem.mesh, order=1)), Data()
-    V.vec.FV().NumPy()[:] = motion.T.ravel()
-    slope = float(old.discrete.points.at(Norm(Grad(V))).max())
+    problem, found, fastest = old.discrete.problem, Data(), np.abs(motion).max()
     size = np.ptp(np.asarray(problem.mesh.ngmesh.Coordinates()), axis=0).max()
-    fastest = max(slope, float(np.abs(motion).max()) / size)
-    step = STEP / fastest if fastest > 0 else 1.0
+    step = STEP * float(size / fastest) if fastest > 0 else 1.0
     for k, weight in STENCIL.items():
         with moved_mesh(problem.mesh, k * step * motion):
             discrete = DiscreteProblem(problem)
@@ -53,11 +49,10 @@ def geometry(old: State, state: State) -> Data:
     contact, cone, material = discrete.contact, discrete.contact.friction, discrete.problem.material
     mean, stress = old.discrete.law.bulk * old.volume, old.discrete.law.stress(old.at)
     forces = points.forces(mean, stress) + discrete.supports.pull(old.u)
-    isotropic = material.hardening_stiffness * material.hardening_modulus
     names = ("two_mu", "bulk", "hardening", "beta", "back", "initial")
     return Data({name: getattr(law, name) for name in names}) + Data(
         kinematic=points.at(material.hardening),
-        isotropic=points.at(isotropic * material.yield_stress),
+        isotropic=points.at(material.scalar_growth),
         volume=state.volume,
         strain=state.deviator,
         load=discrete.load - forces - contact.forces(state.contact),

@@ -77,7 +77,7 @@ def test_memory_is_carried_to_children_exactly(order):
     problem = pulled(order)
     random = np.random.default_rng(0)
     memory = Memory.initial(problem)
-    p = memory.increment(semismooth_newton(problem).plastic_increment)
+    p = memory.functions.points.at(semismooth_newton(problem).plastic_increment)
     memory = memory.after(problem.material, p)
     finer = bisected(problem.mesh, random.random(problem.mesh.ne) < 0.4)
     carried = memory.on(on_mesh(problem, finer), parents(problem.mesh, finer))
