@@ -42,8 +42,7 @@ from ngepc.model import obstacles as obstacles
 from ngepc.model import parts as parts
 from ngepc.model.contact import Contact as Contact
 from ngepc.model.contact import Coulomb as Coulomb
-from ngepc.model.examples import lshape_problem as lshape_problem
-from ngepc.model.examples import wrench_problem as wrench_problem
+from ngepc.model.elements import outward_normal as outward_normal
 from ngepc.model.hardening import HardeningLaw as HardeningLaw
 from ngepc.model.hardening import Swift as Swift
 from ngepc.model.hardening import Tabulated as Tabulated
@@ -51,11 +50,12 @@ from ngepc.model.hardening import Voce as Voce
 from ngepc.model.kinematics import Kinematics as Kinematics
 from ngepc.model.material import Material as Material
 from ngepc.model.material import lame_parameters as lame_parameters
-from ngepc.model.normals import outward_normal as outward_normal
 from ngepc.model.places import Edge as Edge
 from ngepc.model.places import Point as Point
 from ngepc.model.places import Roller as Roller
 from ngepc.model.problem import Problem as Problem
+from ngepc.model.problem import lshape_problem as lshape_problem
+from ngepc.model.problem import wrench_problem as wrench_problem
 from ngepc.pictures.curves import plot_history as plot_history
 from ngepc.pictures.export import export_vtu as export_vtu
 from ngepc.pictures.fields import plot_field as plot_field

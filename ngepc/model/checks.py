@@ -19,6 +19,7 @@ from ngepc.checks.arguments import (
     require_components,
     require_field,
     require_finite,
+    require_in,
     sample,
 )
 from ngepc.checks.declared import declared_checks
@@ -185,11 +186,7 @@ def check_friction(problem: Given) -> None:
 
 
 def check_history(problem: Given) -> None:
-    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind.
-
-    A polynomial with alpha_1 >= 0 at the integration points, which histories carry, may fall below
-    zero between them, but not its means on the elements.
-    """
+    """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
     N, hardening = problem.kinematics.size, problem.initial_hardening
     if problem.initial_plastic_strain is not None:
         p = _symmetric("initial_plastic_strain", problem.initial_plastic_strain, problem)
@@ -207,29 +204,26 @@ def check_history(problem: Given) -> None:
             "coefficient or the pair of both is needed"
         )
     scalar, back_stress = split_hardening(hardening)
-    for name, value, needed in (
-        ("initial_hardening", scalar, "alpha_1 >= 0 is"),
-        ("initial_accumulated", problem.initial_accumulated, "values >= 0 are"),
-    ):
+    scalars = {"initial_hardening": scalar, "initial_accumulated": problem.initial_accumulated}
+    for name, value in scalars.items():
         if value is not None:
             require_field(name, value, problem.mesh)
-            if (least := _least(value, problem)) < 0:
-                raise ValueError(f"{name} falls to {least:g}: {needed} needed")
+            require_in(name, _where_histories_live(value, problem), "the body", least=0)
     if back_stress is not None:
         _symmetric("initial_hardening", back_stress, problem)
 
 
-def _least(value: Coefficient, problem: Given) -> float:
-    """The least value at the integration points, where histories live; below rounding it is 0.
+def _where_histories_live(value: Coefficient, problem: Given) -> np.ndarray:
+    """Values at the integration points, (points, 1); what is below rounding is 0.
 
     Between them the polynomials that earlier steps leave may fall below what they interpolate.
     """
     if not isinstance(value, CoefficientFunction):
-        return float(value)
+        return np.array([[float(value)]])
     mesh = problem.mesh
     points = mesh.MapToAllElements(plastic_points(mesh, problem.order), mesh.Materials(".*"))
-    values = np.ravel(value(points))
-    return 0.0 if values.min() >= -1e-14 * np.abs(values).max() else float(values.min())
+    values = np.reshape(value(points), (-1, 1))
+    return np.where(np.abs(values) > 1e-14 * np.abs(values).max(), values, 0.0)
 
 
 def _symmetric(name: str, value: CoefficientFunction, problem: Given) -> np.ndarray:

@@ -1,11 +1,21 @@
-"""Vertex numbers of elements and their facets, as arrays."""
+"""Vertex numbers of elements and their facets, as arrays, and the outer normal of a mesh."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from ngsolve import Mesh
+from ngsolve import (
+    CF,
+    BoundaryFromVolumeCF,
+    CoefficientFunction,
+    IfPos,
+    InnerProduct,
+    Mesh,
+    specialcf,
+)
+
+from ngepc.checks.kinds import require_mesh
 
 MOST_NODES = 20
 """Nodes of Netgen's largest element."""
@@ -92,3 +102,29 @@ def combine(vertices: np.ndarray, mesh: Mesh) -> np.ndarray:
     for column in vertices.T[1:]:
         keys = keys * mesh.nv + column
     return keys
+
+
+def outward_normal(mesh: Mesh) -> CoefficientFunction:
+    """The outer unit normal n of the body on its boundary, however its elements are oriented.
+
+    ``specialcf.normal`` follows the boundary elements, which Netgen's CSG turns inward on some
+    edges, on half of a hole and on a subtracted sphere.  Here the element beside it settles the
+    sign: a vector v from the boundary to an inner point of it has n . v < 0.
+
+    Returns
+    -------
+    CoefficientFunction
+        N components, to be evaluated on boundary elements (``ds``); NGSolve keeps it valid when
+        the mesh is refined or curved.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If ``mesh`` is no mesh in two or three dimensions.
+    """
+    require_mesh("mesh", mesh)
+    N = mesh.dim
+    n = specialcf.normal(N)
+    interior = CF((1 / (N + 1),) * N)
+    v = BoundaryFromVolumeCF(specialcf.JacobianMatrix(N) * (interior - specialcf.xref(N)))
+    return IfPos(InnerProduct(n, v), -1.0, 1.0) * n

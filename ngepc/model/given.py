@@ -8,9 +8,9 @@ from ngsolve import CF, CoefficientFunction, Id, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number
 from ngepc.model.contact import Contact, Coulomb
+from ngepc.model.elements import outward_normal
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
-from ngepc.model.normals import outward_normal
 from ngepc.model.places import Place, Roller, places
 from ngepc.model.processes import Team, processes_of
 

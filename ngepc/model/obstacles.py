@@ -36,8 +36,7 @@ from ngepc.checks.arguments import (
 )
 from ngepc.checks.declared import Check, Declared, Positive, Vector
 from ngepc.checks.kinds import require_instance
-from ngepc.model.elements import vertex_coordinates
-from ngepc.model.normals import outward_normal
+from ngepc.model.elements import outward_normal, vertex_coordinates
 
 COORDINATES = (x, y, z)
 

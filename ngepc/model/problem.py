@@ -1,13 +1,18 @@
-"""One time step of quasi-static elasto-plasticity with contact, (2.14): the data of a problem."""
+"""One time step of quasi-static elasto-plasticity with contact, (2.14), and those of section 7."""
 
 from dataclasses import dataclass
 
+from ngsolve import Mesh
+
 from ngepc.checks.arguments import require_integer
+from ngepc.checks.kinds import require_mesh
 from ngepc.model.checks import check_mesh, check_problem
+from ngepc.model.elements import outward_normal
 from ngepc.model.given import Given
 from ngepc.model.given import as_scalar as as_scalar
 from ngepc.model.given import as_vector as as_vector
 from ngepc.model.kinematics import kinematics_of
+from ngepc.model.material import Material
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,3 +89,41 @@ class Problem(Given):
         object.__setattr__(self, "kinematics", kinematics)
         object.__setattr__(self, "order", require_integer("order", self.order, 1, 2))
         check_problem(self)
+
+
+def lshape_problem(mesh: Mesh) -> Problem:
+    """Example (a): L-shape, kinematic hardening, pressure 10 from below, gap 0.1 at the top.
+
+    Parameters
+    ----------
+    mesh
+        A mesh of ``ngepc.geometries.lshape``; TypeError or ValueError for others.
+    """
+    metal = {"lame_lambda": 1.0e3, "lame_mu": 1.0e3, "yield_stress": 1.25, "hardening": 100.0}
+    return _paper_problem(mesh, Material.kinematic(**metal), 10.0, 0.1)
+
+
+def wrench_problem(mesh: Mesh) -> Problem:
+    """Example (b): screw wrench, isotropic hardening, pressure 6e-3 on the handle, gap 1.
+
+    Parameters
+    ----------
+    mesh
+        A mesh of ``ngepc.geometries.wrench``; TypeError or ValueError for others.
+    """
+    material = Material.isotropic(
+        lame_lambda=1.15e1,
+        lame_mu=7.69,
+        yield_stress=0.2,
+        hardening_modulus=1.0e-3,
+        hardening_stiffness=1.0e7,
+    )
+    return _paper_problem(mesh, material, 6.0e-3, 1.0)
+
+
+def _paper_problem(mesh: Mesh, material: Material, pressure: float, gap: float) -> Problem:
+    """A body of section 7, with the 2 x 2 tensors and the elements of order one of the paper."""
+    require_mesh("mesh", mesh, (2,))
+    load = {"load": -pressure * outward_normal(mesh)}
+    flat = {"kinematics": "two-dimensional", "order": 1}
+    return Problem(mesh, material, "clamped", load, contact="contact", gap=gap, **flat)

@@ -13,9 +13,8 @@ from ngsolve import Mesh
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ngepc.model.elements import element_vertices, vertex_coordinates
+from ngepc.model.elements import element_vertices, outward_normal, vertex_coordinates
 from ngepc.model.given import Given
-from ngepc.model.normals import outward_normal
 from ngepc.model.places import Place, values_at, vertices_at
 from ngepc.model.processes import processes_of
 

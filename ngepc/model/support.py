@@ -11,11 +11,11 @@ from ngepc.model.elements import (
     combine,
     element_facets,
     facets_of,
+    outward_normal,
     vertex_coordinates,
     vertices_of,
 )
 from ngepc.model.given import Given
-from ngepc.model.normals import outward_normal
 from ngepc.model.places import values_at
 from ngepc.model.rigid import (
     check_conforming,

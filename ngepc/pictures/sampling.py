@@ -28,7 +28,7 @@ from ngsolve import (
 from scipy.spatial import Delaunay
 
 from ngepc.checks.arguments import require_number
-from ngepc.model.normals import outward_normal
+from ngepc.model.elements import outward_normal
 from ngepc.model.processes import require_whole
 from ngepc.results.fields import Fields
 

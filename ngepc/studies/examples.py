@@ -12,8 +12,7 @@ from typing import ParamSpec, TypeVar
 
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.geometries import lshape, wrench
-from ngepc.model.examples import lshape_problem, wrench_problem
-from ngepc.model.problem import Problem
+from ngepc.model.problem import Problem, lshape_problem, wrench_problem
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.result import Result
 

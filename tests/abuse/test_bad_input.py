@@ -345,7 +345,7 @@ PROBLEMS = {
     "plastic coordinates": ({"initial_plastic_strain": CF((0, 0))}, "has shape (2,): shape (2, 2)"),
     "hardening variable negative": (
         {"initial_hardening": -0.1},
-        "falls to -0.1: alpha_1 >= 0 is needed",
+        "initial_hardening falls to -0.1: values >= 0 are needed",
     ),
     "hardening variable NaN": (
         {"initial_hardening": NAN},

@@ -376,7 +376,7 @@ def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():
     from ngepc import semismooth_newton
     from ngepc.evolution.solver import cold_start
     from ngepc.geometries import lshape
-    from ngepc.model.examples import lshape_problem
+    from ngepc.model.problem import lshape_problem
     from ngepc.results.checkpoint import problem_fingerprint
 
     names = {cold_start(semismooth_newton, gamma=g).__qualname__ for g in (1e3, 1e4)}
