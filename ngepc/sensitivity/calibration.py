@@ -165,8 +165,7 @@ def calibrate(
         If the load path cannot be solved with some constants.
     """
     require_instance("problem", problem, Problem, "a Problem")
-    if not 0 < require_number("confidence", confidence) < 1:
-        raise ValueError(f"confidence={confidence!r}: a number in (0, 1) is needed")
+    require_number("confidence", confidence, 0, strict=True, below=1)
     limit, names = require_integer("max_evaluations", max_evaluations, 1), checked_start(start)
     curves = checked_curves(curves, len(names))
 

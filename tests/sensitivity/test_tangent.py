@@ -7,10 +7,10 @@ import pytest
 from campaigns.random_data import functionals, once, random_problem, sizes
 from ngsolve import x
 
-from ngepc import Coulomb, Material, Problem, semismooth_newton
+from ngepc import Coulomb, Material, Problem, Roller, semismooth_newton
 from ngepc.geometries import block
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.functionals import Reaction
+from ngepc.sensitivity.functionals import DisplacementAt, Reaction
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.linear import LinearStep
 from ngepc.sensitivity.parameters import Direction
@@ -112,6 +112,22 @@ def test_springs_beside_a_support_that_moves():
     assert tangent(result, "prescribed").of(functional) == pytest.approx(force, rel=1e-9)
     slopes = gradient(result, functional, "prescribed")
     assert slopes["prescribed"] == pytest.approx(force, rel=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_oblique_rollers_that_move(order):
+    """Rows that springs hold in the tangent: displacements are linear in the rollers' values."""
+    mesh = block.structured_mesh(3, 3, simplices=True)
+    stiff = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1.0)
+    rollers = {"left": Roller((1.0, 0.5), 1e-3), "clamped": Roller(None, -2e-3)}
+    problem = Problem(mesh, stiff, None, prescribed=rollers, order=order)
+    result, functional = semismooth_newton(problem), DisplacementAt((0.6, 0.7), 0)
+    value = functional.slope(result.state).value
+    assert abs(value) > 1e-4
+    for names in ("prescribed", ["prescribed:left", "prescribed:clamped"]):
+        slopes = gradient(result, functional, names)
+        assert sum(slopes.values()) == pytest.approx(value, rel=1e-8)
+    assert tangent(result, "prescribed").of(functional) == pytest.approx(value, rel=1e-8)
 
 
 MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.0, hardening=100.0)
