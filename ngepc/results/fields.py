@@ -95,8 +95,12 @@ class Fields(Quantities):
 
     Parameters
     ----------
-    problem, displacement, plastic_increment
-        As in ``Quantities``.
+    problem
+        The problem that was solved.
+    displacement
+        u, vector-valued (length).
+    plastic_increment
+        Coordinates of the plastic strain p gained in this step (1), d components.
 
     Raises
     ------

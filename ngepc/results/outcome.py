@@ -118,25 +118,13 @@ class Ending:
     message: str
 
     def raise_for_status(self: Ended) -> Ended:
-        """Return the result itself if what was asked for was reached.
-
-        Raises
-        ------
-        SolverError
-            Otherwise; its ``result`` keeps the last state.
-        """
+        """The result itself if what was asked for was reached, else a SolverError that keeps it."""
         if not self.status.is_success:
             raise SolverError(self)
         return self
 
     def or_interrupted(self: Ended) -> Ended:
-        """Return the result itself unless it was stopped: a stop ends a series of runs as well.
-
-        Raises
-        ------
-        KeyboardInterrupt
-            If the status is STOPPED.
-        """
+        """The result itself; KeyboardInterrupt if it was stopped, which ends a series as well."""
         if self.status is Status.STOPPED:
             raise KeyboardInterrupt
         return self

@@ -352,6 +352,7 @@ def test_vectors_and_matrices_are_drawn_by_their_norms():
         (lambda r: plot_field(r, "stress_x"), "2 of the letters"),
         (lambda r: plot_field(r, "yield_function_x"), "no components"),
         (lambda r: plot_field(r, 3), "field=3"),
+        (lambda r: plot_field(r, "contact_pressure"), "a solid"),
         (lambda r: plot_field(r, deformation_scale=-1), "deformation_scale=-1"),
         (lambda r: plot_field(r, vmin=2.0, vmax=1.0), "vmin < vmax"),
         (lambda r: plot_plastic_zone(r, -0.1), "threshold=-0.1"),

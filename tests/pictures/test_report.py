@@ -63,6 +63,7 @@ def test_pictures_and_text_are_inside_the_file(tmp_path):
         ("Problem", ["see `--help` & more", lshape_primal().problem]),
         ("Pictures", [figure, figure]),
         ("Table", [ROWS]),
+        ("Result", [lshape_primal()]),
     )
     text = path.read_text(encoding="utf-8")
     read = Reader(text)
@@ -72,6 +73,7 @@ def test_pictures_and_text_are_inside_the_file(tmp_path):
     assert "A &lt; B" in text
     assert "see <code>--help</code> &amp; more" in text
     assert ["contact", "contact"] in read.rows
+    assert ["status", "converged"] in read.rows
     assert ["gap", "0.1"] in read.rows
     assert "http" not in text.replace("data:image", "")
 

@@ -82,6 +82,14 @@ def test_pictures_take_views_and_lines_and_leave_the_environment(monkeypatch):
     assert "VTK_DEFAULT_OPENGL_WINDOW" not in stills.os.environ
 
 
+def test_the_contact_pressure_of_a_solid_is_drawn_where_it_touches():
+    body, bar = plot_field(block_primal(), "contact_pressure", view=(0, 90)).axes
+    assert bar.get_ylabel() == "contact pressure (stress)"
+    image = body.images[0].get_array() / 255
+    blue = opaque(255 * image) & (image[..., 2] > image[..., 0] + 0.1)
+    assert 0.02 < blue.mean() < 0.5
+
+
 def test_what_is_missing_is_named_with_the_line_that_installs_it(monkeypatch):
     with monkeypatch.context() as bare:
         bare.setitem(sys.modules, "pyvista", None)
