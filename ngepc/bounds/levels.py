@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from ngepc.bounds.airy import AirySpace, TriangleBlocks
 from ngepc.bounds.triangles import Triangles
 from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
+from ngepc.linalg.descent import conjugate_gradients
 
 EDGE_STEPS = 6
 """Degree of the polynomial that stands for the inverse on the edges, plus one."""
@@ -169,20 +171,11 @@ class TwoLevels:
         Conjugate gradients that end after ``most`` steps, or at a step that gains less than the
         part ``gain`` of the bound.
         """
-        r, x, z = right.copy(), np.zeros_like(right), self.precondition(right)
-        p, rz = z, r @ z
-        for step in range(1, most + 1):
-            if not rz > 0:
-                break
-            Kp = self.product(p)
-            alpha = rz / (p @ Kp)
-            x += alpha * p
-            r -= alpha * Kp
-            gained = 0.5 * alpha * rz
+        x = np.zeros_like(right)
+        steps = conjugate_gradients(self.product, self.precondition, right)
+        for step in islice(steps, most):
+            x, _, gained = step
             bound -= gained
-            if step == most or gained <= gain * bound:
+            if gained <= gain * bound:
                 break
-            z = self.precondition(r)
-            rz, before = r @ z, rz
-            p = z + rz / before * p
         return x, bound

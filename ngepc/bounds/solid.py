@@ -7,6 +7,7 @@ and the stresses are built from them again: they are admissible after any number
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from ngepc.bounds.faces import Faces
 from ngepc.bounds.setting import BALANCED, PASSES, Setting, stress_coordinates
 from ngepc.bounds.simplices import FACETS
 from ngepc.bounds.tightening import Effort
+from ngepc.linalg.descent import conjugate_gradients
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.kinematics import SOLID
@@ -110,22 +112,14 @@ class SolidSetting(Setting):
         start = start or Search(np.zeros_like(b), 0.0)
         delta, r = start.delta, b - faces.product(start.delta) if start.gained else b
         delta = delta + coarse(r)
-        r = b - faces.product(delta)
-        total, before, p = start.gained, 0.0, np.zeros_like(r)
-        for _ in range(self.effort.steps):
-            s = faces.smooth(r) + coarse(r)
-            rs = float(np.vdot(r, s))
-            if not rs > 0:
-                break
-            p = s + (rs / before if before else 0.0) * p
-            Sp = faces.product(p)
-            length, before = rs / float(np.vdot(p, Sp)), rs
-            delta, r = delta + length * p, r - length * Sp
-            gained = length * rs / 2
+        r, total, change = b - faces.product(delta), start.gained, 0.0
+        steps = conjugate_gradients(faces.product, lambda r: faces.smooth(r) + coarse(r), r)
+        for step in islice(steps, self.effort.steps):
+            change, _, gained = step
             total += gained
             if gained <= gain * total:
                 break
-        return Search(delta, total)
+        return Search(delta + change, total)
 
     def balanced_moments(self, tangent: Factors, own: np.ndarray, given: np.ndarray) -> np.ndarray:
         """Moments whose sums at the vertices are those of the given ones: constants are added."""

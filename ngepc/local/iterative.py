@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 from typing import Annotated, Protocol
 
 import numpy as np
@@ -19,6 +20,7 @@ from ngepc.checks.declared import Check, Count, Declared
 from ngepc.discretisation.balance import Frame
 from ngepc.discretisation.contact_step import FEW
 from ngepc.discretisation.stiffness import Blocks
+from ngepc.linalg.descent import conjugate_gradients
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local.closed import Closed, Linear
 from ngepc.local.system import State
@@ -210,20 +212,22 @@ class ProjectedSystem:
     ) -> tuple[np.ndarray, int]:
         """For positive definite matrices and preconditioners (Gould, Hribar, Nocedal 2001)."""
         moved = self.dot(start, start) > 0
-        x, r = start, self.project(right - self.multiply(start) if moved else right)
-        direction, before = np.zeros_like(r), 1.0
-        for iteration in range(most):
+        r = self.project(right - self.multiply(start) if moved else right)
+        if np.sqrt(self.dot(r, r)) <= tolerance:
+            return start, 0
+        left = self._left_free(self.multiply), self._left_free(self.precondition)
+        taken = 0
+        for x, r, _ in islice(conjugate_gradients(*left, r, self.dot), most):
+            taken += 1
             if np.sqrt(self.dot(r, r)) <= tolerance:
-                return x, iteration
-            z = self.project(self.precondition(r))
-            now = self.dot(r, z)
-            direction = z + (now / before if iteration else 0.0) * direction
-            image = self.project(self.multiply(direction))
-            curvature = self.dot(direction, image)
-            if not (now > 0 and curvature > 0):
-                raise FactorisationError("the multigrid preconditioner is not positive definite")
-            x, r, before = x + now / curvature * direction, r - now / curvature * image, now
+                return start + x, taken
+        if taken < most:
+            raise FactorisationError("the multigrid preconditioner is not positive definite")
         raise FactorisationError(f"conjugate gradients did not converge in {most} iterations")
+
+    def _left_free(self, linear: Linear) -> Linear:
+        """The same, projected."""
+        return lambda x: self.project(linear(x))
 
     def minimal_residuals(
         self, right: np.ndarray, start: np.ndarray, tolerance: float, most: int
