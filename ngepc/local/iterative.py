@@ -212,12 +212,11 @@ class ProjectedSystem:
     ) -> tuple[np.ndarray, int]:
         """For positive definite matrices and preconditioners (Gould, Hribar, Nocedal 2001)."""
         moved = self.dot(start, start) > 0
-        r = self.project(right - self.multiply(start) if moved else right)
-        if np.sqrt(self.dot(r, r)) <= tolerance:
+        missing, taken = self.project(right - self.multiply(start) if moved else right), 0
+        if np.sqrt(self.dot(missing, missing)) <= tolerance:
             return start, 0
-        left = self._left_free(self.multiply), self._left_free(self.precondition)
-        taken = 0
-        for x, r, _ in islice(conjugate_gradients(*left, r, self.dot), most):
+        free = self._left_free(self.multiply), self._left_free(self.precondition)
+        for x, r, _ in islice(conjugate_gradients(*free, missing, self.dot), most):
             taken += 1
             if np.sqrt(self.dot(r, r)) <= tolerance:
                 return start + x, taken
