@@ -74,16 +74,12 @@ def _averages(
 
 def _jumps(problem: Problem, one: Surface, two: Surface, at: Overlap) -> csr_matrix:
     """u_1 - u_2 at the points for one component, shape (points, nodes)."""
-    space, point = H1(problem.mesh, order=problem.order), np.arange(len(at.weights))
-    sides = (one, at.first, at.lam, 1.0), (two, at.second, at.other, -1.0)
-    values, rows, columns = [], [], []
-    for surface, facets, lam, sign in sides:
+    space, points, sides = H1(problem.mesh, order=problem.order), len(at.weights), []
+    for surface, facets, lam in ((one, at.first, at.lam), (two, at.second, at.other)):
         nodes, shapes = surface.shapes(space, facets, lam)
-        values.append(sign * shapes.ravel())
-        columns.append(nodes.ravel())
-        rows.append(np.repeat(point, nodes.shape[1]))
-    where = np.concatenate(rows), np.concatenate(columns)
-    return csr_matrix((np.concatenate(values), where), shape=(len(point), space.ndof))
+        where = np.repeat(np.arange(points), nodes.shape[1]), nodes.ravel()
+        sides.append(csr_matrix((shapes.ravel(), where), shape=(points, space.ndof)))
+    return sides[0] - sides[1]
 
 
 def biorthogonal(surface: Surface, at: Overlap) -> np.ndarray:

@@ -37,16 +37,19 @@ def fine_rules(dim: int, points: int) -> dict[ET, IntegrationRule]:
     return {s: IntegrationRule(s, order_with_points(s, points)) for s in ELEMENT_TYPES[dim]}
 
 
+def rules_of(dim: int, order: int) -> dict[ET, IntegrationRule]:
+    """Rules of one order on each element shape of the dimension."""
+    return {s: IntegrationRule(s, order) for s in ELEMENT_TYPES[dim]}
+
+
 def boundary_rules(dim: int, points: int) -> dict[ET, IntegrationRule]:
     """Rules on the boundary elements, of the order that ``points`` means on a simplex."""
-    simplex = ELEMENT_TYPES[dim][0]
-    order = order_with_points(simplex, points)
-    return {s: IntegrationRule(s, order) for s in ELEMENT_TYPES[dim - 1]}
+    return rules_of(dim - 1, order_with_points(ELEMENT_TYPES[dim][0], points))
 
 
 def smooth_rules(dim: int) -> dict[ET, IntegrationRule]:
     """Rules for elements without a kink."""
-    return {s: IntegrationRule(s, SMOOTH_ORDER) for s in ELEMENT_TYPES[dim]}
+    return rules_of(dim, SMOOTH_ORDER)
 
 
 def classify(

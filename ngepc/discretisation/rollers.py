@@ -14,9 +14,9 @@ from ngsolve import BND, H1, ElementId, FESpace, GridFunction
 from scipy.sparse import csr_matrix, eye
 
 from ngepc.discretisation.loads import Supports
+from ngepc.discretisation.quadrature import rules_of
 from ngepc.discretisation.rows import (
     ContactRows,
-    facet_rules,
     meeting_faces,
     rows_along,
     surface_measure,
@@ -84,7 +84,7 @@ def _directions(
         nodes = nodes_at(scalar, place)
         return nodes, np.tile(np.array(roller.direction, dtype=float), (len(nodes), 1))
     region = problem.mesh.Boundaries(place)
-    points = problem.mesh.MapToAllElements(facet_rules(problem, 1), region)
+    points = problem.mesh.MapToAllElements(rules_of(problem.N - 1, 1), region)
     normals = surface_measure(problem, points)[:, None] * np.asarray(problem.normal(points))
     facets = [scalar.GetDofNrs(ElementId(BND, facet.nr)) for facet in region.Elements()]
     corners = np.repeat(normals, [len(nodes) for nodes in facets], axis=0)

@@ -22,8 +22,8 @@ from ngsolve import BND, H1, ElementId, FESpace, IntegrationRule, specialcf
 from scipy.sparse import csr_matrix, diags, vstack
 from scipy.sparse.linalg import norm
 
-from ngepc.checks.arguments import ELEMENT_TYPES
 from ngepc.discretisation.loads import Supports
+from ngepc.discretisation.quadrature import rules_of
 from ngepc.model.places import values_at
 from ngepc.model.problem import Problem
 
@@ -216,7 +216,7 @@ def _corners(problem: Problem) -> Iterator[_Corner]:
     """The corners of all contact facets."""
     mesh, order = problem.mesh, problem.order
     linear, scalar = H1(mesh, order=1), H1(mesh, order=order)
-    rules = facet_rules(problem, 2 if order == 1 else 6)
+    rules = rules_of(problem.N - 1, 2 if order == 1 else 6)
     for name in problem.contact_names:
         region, psi = mesh.Boundaries(name), problem.gaps[name]
         points = mesh.MapToAllElements(rules, region)
@@ -252,8 +252,3 @@ def surface_measure(problem: Problem, points: np.ndarray) -> np.ndarray:
     J = specialcf.JacobianMatrix(N, N - 1)(points).reshape(-1, N, N - 1)
     area = np.sqrt(np.linalg.det(J.transpose(0, 2, 1) @ J))
     return area * np.ravel(problem.kinematics.weight(points))
-
-
-def facet_rules(problem: Problem, order: int) -> dict:
-    """Shape of a facet -> rule of this order."""
-    return {shape: IntegrationRule(shape, order) for shape in ELEMENT_TYPES[problem.N - 1]}
