@@ -33,7 +33,12 @@ styled = rc_context(RC)
 class Picture(Figure):
     """A Figure in this style with a PNG representation, so that no pyplot is needed to see it."""
 
-    __init__, add_subplot = styled(Figure.__init__), styled(Figure.add_subplot)
+    __init__ = styled(Figure.__init__)
+
+    @styled
+    def add_subplot(self, *arguments: object, **options: object) -> Axes:
+        """Axes in this style, also those of ``subplots``."""
+        return super().add_subplot(*arguments, **options)
 
     def like(self, drawn: Figure) -> Picture:
         """The picture itself, its axes where a drawn one has them: a layout takes half the time."""
