@@ -144,8 +144,7 @@ def semismooth_newton(
     functional = prepared(problem, regularisation, options)
     rule = ResidualBelow(options.tolerance * functional.blocks.residual_unit)
     system, v = NewtonSystem(functional, options.inverse), functional.blocks.H_vector()
-    if start is not None:
-        v = functional.carried(start.functional, start.v)
+    v = v if start is None else functional.carried(start.functional, start.v)
     return algorithm_7_1(system, v, rule, options.linesearch, options.max_iterations, monitor)
 
 

@@ -22,7 +22,7 @@ from ngsolve import Integrate
 from witness import balance_residual, energy, feasible_bound
 
 from ngepc.dual.newton import semismooth_newton
-from ngepc.primal import primal_newton
+from ngepc.primal.solver import primal_newton
 from ngepc.results.outcome import Status
 from ngepc.studies.work import Work
 
