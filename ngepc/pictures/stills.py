@@ -95,7 +95,7 @@ def solid_image(
     light = {"ambient": 0.55, "diffuse": 0.5, "specular": 0.0, "show_scalar_bar": False}
     shade = {"scalars": values.ravel(), "clim": colours.get_clim(), "cmap": colours.get_cmap()}
     plotter.add_mesh(body, **shade, **light)
-    sharp = body.clean().extract_feature_edges(SHARP, manifold_edges=False)
+    sharp = body.clean(tolerance=1e-6).extract_feature_edges(SHARP, manifold_edges=False)
     line = {"color": DEFORMED, "lighting": False}
     if sharp.n_cells:
         plotter.add_mesh(sharp, line_width=2.0, **line)

@@ -7,6 +7,7 @@ import pytest
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, rgb_to_hsv
+from ngsolve import CF
 from solved import block_primal
 
 from ngepc.pictures import plot_comparison, plot_field, stills
@@ -80,6 +81,13 @@ def test_pictures_take_views_and_lines_and_leave_the_environment(monkeypatch):
     changed = (lines.get_array() != plain.get_array()).any(axis=2).mean()
     assert 0.001 < changed < 0.5
     assert "VTK_DEFAULT_OPENGL_WINDOW" not in stills.os.environ
+
+
+def test_flat_faces_have_no_sharp_edges():
+    """Corners that rounding keeps apart are one: seen from above, the middle is of one colour."""
+    body = plot_field(block_primal(), CF(1.0), view=(0, 90)).axes[0].images[0].get_array()
+    rows, columns = (slice(n // 10, -n // 10) for n in body.shape[:2])
+    assert np.ptp(body[rows, columns].astype(int), axis=(0, 1)).max() < 20
 
 
 def test_the_contact_pressure_of_a_solid_is_drawn_where_it_touches():
