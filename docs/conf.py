@@ -7,7 +7,10 @@ NGEPC_DOCS_EXECUTE=force in the environment, as ``make docs`` has it, the notebo
 import os
 import shutil
 import sys
+from dataclasses import is_dataclass
 from pathlib import Path
+from types import FunctionType
+from typing import get_type_hints
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -86,3 +89,13 @@ html_theme_options = {
 def setup(app: object) -> None:
     """Say of the extension for MathJax what it does not say: pages may be read side by side."""
     app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True
+    app.connect("autodoc-before-process-signature", without_checks)
+
+
+def without_checks(app: object, function: object, bound: bool) -> None:
+    """Signatures show the types of fields; their ranges stand in the text beside them."""
+    if isinstance(function, FunctionType):
+        owner = function.__globals__.get(function.__qualname__.rpartition(".")[0])
+        fields = get_type_hints(owner) if is_dataclass(owner) else {}
+        hints = function.__annotations__ if fields else get_type_hints(function)
+        function.__annotations__ = {name: fields.get(name, hints[name]) for name in hints}
