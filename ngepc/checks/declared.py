@@ -23,7 +23,6 @@ class Check(partial):
         return f"{self.func.__name__}({', '.join(f'{k}={v}' for k, v in self.keywords.items())})"
 
 
-Number = Annotated[float, Check(require_number)]
 NotNegative = Annotated[float, Check(require_number, least=0)]
 Positive = Annotated[float, Check(require_number, least=0, strict=True)]
 Fraction = Annotated[float, Check(require_number, least=0, strict=True, below=1)]
