@@ -68,7 +68,7 @@ def test_the_study_writes_its_table_and_resumes(example):
     table = Path("out/orders.md").read_text(encoding="utf-8")
     assert table.startswith("# Orders")
     kept = sorted(path.name for path in Path("out/cells").iterdir())
-    assert kept == sorted(f"orders-order {k}-{n}.npz" for n in (33, 65, 113) for k in (1, 2))
+    assert kept == sorted(f"orders-{k}-{n}.npz" for n in (33, 65, 113) for k in (1, 2))
     assert [r["energy"] for r in example["Orders"](Path("out")).run()] == [
         r["energy"] for r in example["records"]
     ]
