@@ -45,7 +45,7 @@ class Effort:
 
     newton: int = 2
     trust: float = 0.03
-    gain: float = 0.2
+    gain: float = 0.1
     steps: int = 12
 
 
