@@ -192,19 +192,24 @@ class AirySpace:
         return K
 
     def _in_unknowns(self, K: np.ndarray) -> None:
-        """From unknowns of the reference triangle to those of the mesh, (n, n, nt) in place."""
+        """From unknowns of the reference triangle to those of the mesh, (n, n, nt) in place.
+
+        What stands above the diagonal, beside the blocks of the corners, is not needed.
+        """
         along, across = self._along.T.copy(), self._across.T.copy()
         (a, b), (c, d) = self.jacobian.transpose(1, 2, 0).copy()
-        rows = EDGE_ROWS.T[:, :, None]
-        for k in range(3):  # first the rows, then the columns of the vertices
-            K[:9] += rows[:, k, None] * (along[k] * K[9 + k])
-        for k in range(3):
-            K[:, :9] += rows[:, k] * (along[k] * K[:, 9 + k])[:, None]
+        for k, v in ((k, v) for k in range(3) for v in PAIRS[k]):  # rows, then columns of vertices
+            own = slice(3 * v, 3 * v + 3)
+            K[own] += EDGE_ROWS[k, own, None, None] * (along[k] * K[9 + k])
+        for k, v in ((k, v) for k in range(3) for v in PAIRS[k]):
+            own = slice(3 * v, 3 * v + 3)
+            K[:, own] += EDGE_ROWS[k, own, None] * (along[k] * K[:, 9 + k])[:, None]
         K[9:12] *= across[:, None]
-        K[:, 9:12] *= across
+        K[9:, 9:12] *= across
+        corners = K[:9, :9]
         for v in (1, 4, 7):
-            x, y = K[v].copy(), K[v + 1]
-            K[v], K[v + 1] = a * x + b * y, c * x + d * y
+            x, y = corners[v].copy(), corners[v + 1]
+            corners[v], corners[v + 1] = a * x + b * y, c * x + d * y
         for v in (1, 4, 7):
             x, y = K[:, v].copy(), K[:, v + 1]
             K[:, v], K[:, v + 1] = a * x + b * y, c * x + d * y
