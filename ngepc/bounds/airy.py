@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -78,8 +79,7 @@ GRADIENTS = [slice(3 * v + 1, 3 * v + 3) for v in range(3)]
 EDGE_ROWS = _edge_rows()
 
 
-@dataclass(frozen=True, eq=False)
-class TriangleBlocks:
+class TriangleBlocks(NamedTuple):
     """Stiffness matrices of triangles, nine unknowns of the vertices first.
 
     ``corners`` (nt, 54) has the blocks (3, 3) of the pairs of vertices ``np.tril_indices(3)``,
@@ -198,11 +198,10 @@ class AirySpace:
         """
         along, across = self._along.T.copy(), self._across.T.copy()
         (a, b), (c, d) = self.jacobian.transpose(1, 2, 0).copy()
-        for k, v in ((k, v) for k in range(3) for v in PAIRS[k]):  # rows, then columns of vertices
-            own = slice(3 * v, 3 * v + 3)
+        ends = [(k, slice(3 * v, 3 * v + 3)) for k in range(3) for v in PAIRS[k]]
+        for k, own in ends:  # first the rows, then the columns of the vertices
             K[own] += EDGE_ROWS[k, own, None, None] * (along[k] * K[9 + k])
-        for k, v in ((k, v) for k in range(3) for v in PAIRS[k]):
-            own = slice(3 * v, 3 * v + 3)
+        for k, own in ends:
             K[:, own] += EDGE_ROWS[k, own, None] * (along[k] * K[:, 9 + k])[:, None]
         K[9:12] *= across[:, None]
         K[9:, 9:12] *= across

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import islice
-from typing import Protocol
 
 import numpy as np
 from ngsolve import H1, BitArray
@@ -12,7 +11,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from ngepc.bounds.airy import AirySpace, TriangleBlocks
 from ngepc.bounds.triangles import Triangles
 from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
-from ngepc.linalg.descent import conjugate_gradients
+from ngepc.linalg.descent import Linear, conjugate_gradients
 
 EDGE_STEPS = 6
 """Degree of the polynomial that stands for the inverse on the edges, plus one."""
@@ -25,16 +24,6 @@ MODES_UP_TO = 2000
 
 Those of the discrete solution converge twice as fast as its stress.
 """
-
-
-class Stiff(Protocol):
-    """A quadratic functional of Airy functions."""
-
-    def stiffness(self) -> TriangleBlocks:
-        """Its matrices on the triangles."""
-
-    def forces(self, x: np.ndarray) -> np.ndarray:
-        """Its stiffness times all unknowns, held ones too."""
 
 
 class TwoLevels:
@@ -59,12 +48,14 @@ class TwoLevels:
         self._places = np.stack(places, axis=1)
         self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
 
-    def update(self, model: Stiff, chosen: np.ndarray | slice) -> None:
-        """Take the stiffness on some triangles; unknowns of other ones are held."""
+    def update(self, blocks: TriangleBlocks, forces: Linear, chosen: np.ndarray | slice) -> None:
+        """Take the stiffness on some triangles; unknowns of other ones are held.
+
+        ``forces`` is its product with all unknowns, held ones too.
+        """
         space, part, count = self.space, self.space.of(chosen), self._count
-        self._model, blocks = model, model.stiffness()
         self._corners, self._edges = part.unknowns[:, :9], part.unknowns[:, 9:] - count
-        self._cross = blocks.cross
+        self._cross, self._forces = blocks.cross, forces
         times = np.bincount(part.unknowns.ravel(), minlength=len(space.held.free))
         self.free = space.held.free & (times == self._times)
         self._take_edges(blocks.rest)
@@ -94,7 +85,7 @@ class TwoLevels:
     def product(self, x: np.ndarray) -> np.ndarray:
         """K x; without modes x vanishes on held unknowns, and what would hold them is left out."""
         if len(self._modes):
-            return self._model.forces(x)
+            return self._forces(x)
         vertex, edge = x[: self._count], x[self._count :]
         self._right.FV().NumPy()[:] = vertex
         self._left.data = self.matrix * self._right
@@ -118,7 +109,7 @@ class TwoLevels:
     def _relax_modes(self) -> None:
         """Modes of held unknowns, with free ones that follow them, and their stiffness."""
         few = len(self._edges) == len(self.space.unknowns) <= MODES_UP_TO
-        modes, forces = self.space.held.modes() if few else [], self._model.forces
+        modes, forces = self.space.held.modes() if few else [], self._forces
         self._modes = np.array([mode - self._relaxed(forces(mode)) for mode in modes])
         self._gram = np.array([self._modes @ forces(mode) for mode in self._modes])
 

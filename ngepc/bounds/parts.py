@@ -100,7 +100,7 @@ def coefficients(nodal: np.ndarray) -> np.ndarray:
 def beyond(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """S minus the nearest point of the ball of radius beta, for s (parts, points, d)."""
     size = np.sqrt(np.einsum("tqd,tqd->tq", s, s))
-    share = np.maximum(size - beta[:, None], 0.0) / np.where(size > 0, size, 1.0)
+    share = 1 - np.minimum(beta[:, None] / np.maximum(size, np.finfo(float).tiny), 1.0)
     return share[..., None] * s
 
 

@@ -227,10 +227,10 @@ class Setting(ABC):
             missing = np.where(self.discrete.free, load - forces, 0)
             if np.abs(missing).max() <= BALANCED * np.abs(forces).max():
                 break
-            moduli = self.factorised(state, tangent)
-            volume, e = points.strain(tangent.solve(missing))
+            moduli, change = self.factorised(state, tangent), tangent.solve(missing)
+            volume, e = points.strain(change)
             mean, deviator = mean + moduli.bulk * volume, deviator + moduli(e)
-            forces = points.forces(mean, deviator)
+            forces = forces + tangent.multiply(change)
         return stress_coordinates(self.problem.N, mean, deviator)
 
 

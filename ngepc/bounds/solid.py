@@ -6,8 +6,8 @@ and the stresses are built from them again: they are admissible after any number
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +29,7 @@ LOOSER = 15
 """Times the gain at which conjugate gradients stop where the pressure is sought."""
 
 
-@dataclass(frozen=True, eq=False)
-class Search:
+class Search(NamedTuple):
     """What conjugate gradients found: displacements of faces (3 nf, 3), the energy gained."""
 
     delta: np.ndarray

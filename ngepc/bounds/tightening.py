@@ -154,7 +154,7 @@ def tightened(
     """
     system = TwoLevels(dual.space, triangles)
     model = Model(dual, centre, dual.conjugate.completed(centre))
-    system.update(model, slice(None))
+    system.update(model.stiffness(), model.forces, slice(None))
     start, right = model.linearised(z)
     x, promised = system.solve(right, rest + start, effort.gain, effort.steps)
     z = z + dual.space.stress(x)
@@ -167,7 +167,7 @@ def tightened(
         there = triangles.around(np.arange(len(z))[there][marked(np.abs(missed), BROKEN)], RINGS)
         part = dual.of(there)
         model = Model(part, z[there], part.conjugate.completed(z[there]))
-        system.update(model, there)
+        system.update(model.stiffness(), model.forces, there)
         x, promised = system.solve(
             model.linearised(z[there])[1], bound, LOCALLY * effort.gain, effort.steps
         )

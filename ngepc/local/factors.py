@@ -99,6 +99,12 @@ class Factors:
             raise FactorisationError(f"{self._name} found a singular tangent")
         return u
 
+    def multiply(self, u: np.ndarray) -> np.ndarray:
+        """The tangent times displacements that vanish where held, both (nodes, N)."""
+        self._right.FV().NumPy()[:] = u.ravel()
+        self._left.data = self._stiffness.matrix * self._right
+        return self._left.FV().NumPy().reshape(u.shape).copy()
+
     def _lost(self) -> bool:
         """Whether the last solve has left too much of the forces."""
         rest = (self._right - self._stiffness.matrix * self._left).Evaluate()
