@@ -52,9 +52,9 @@ class Frame:
     @cached_property
     def added(self) -> csr_matrix:
         """What tangents have besides the stress: springs, also those that only steer the steps."""
-        weak = self.floating.springs(self.stiffness_diagonal)
-        grip = self.contact.grip(self.row_stiffness)
-        return (self.supports.stiffness + grip + diags(weak.ravel())).tocsr()
+        weak = self.floating.springs(self.stiffness_diagonal).ravel()
+        parts = self.supports.stiffness, self.contact.grip(self.row_stiffness), diags(weak)
+        return sum((part for part in parts[1:] if part.count_nonzero()), parts[0]).tocsr()
 
     def compliance(self) -> Compliance:
         """A first guess of the compliance of all rows, which learns."""
