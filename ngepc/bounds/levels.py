@@ -19,7 +19,7 @@ EDGE_STEPS = 6
 LEAST = 0.2
 """Where the eigenvalues begin for which it is small, relative to their upper bound."""
 
-MODES_UP_TO = 2000
+MODES_UP_TO = 1000
 """Triangles up to which resultants between supports are unknowns.
 
 Those of the discrete solution converge twice as fast as its stress.
