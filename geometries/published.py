@@ -47,6 +47,7 @@ def half_block(width: float, depth: float, patch: float, fine: float, maxh: floa
     face = polygon([(0, 0), (0, -depth), (width, -depth), (width, 0), (patch, 0)])
 
     def distances(c: tuple) -> dict[str, float]:
+        """Distances of a point from the boundaries."""
         sides = {"symmetry": c.x, "bottom": c.y + depth, "right": c.x - width}
         return sides | {"contact": c.y if c.x < patch else patch}
 
@@ -70,6 +71,7 @@ def roller_on_block(fine: float) -> Mesh:
     parts += [(block * under, 1.4 * fine, "block"), (block - under, 12, "block")]
 
     def sides(c: tuple) -> dict[str, float]:
+        """Distances of a point from the boundaries."""
         return {"symmetry": c.x, "bottom": c.y + 200, "load": c.y - 50}
 
     for shape, maxh, name in parts:

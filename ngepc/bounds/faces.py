@@ -16,6 +16,7 @@ import numpy as np
 
 from ngepc.bounds.alfeld import COMPONENTS, COORDINATES, FREE, MEANS, MOMENTS
 from ngepc.bounds.boundary import Boundary
+from ngepc.bounds.parts import portions
 
 CHUNK = 512
 """Tetrahedra whose matrices are made at once: they stay in the processor's cache."""
@@ -67,8 +68,7 @@ class Faces:
 
     def fill(self, H: np.ndarray) -> None:
         """Take the compliances d2 phi*/dz2 of the tetrahedra, shape (nt, 6, 6)."""
-        for first in range(0, len(H), CHUNK):
-            part = slice(first, first + CHUNK)
+        for part in portions(len(H), CHUNK):
             P, volume = self.piola[part], self.cells.volume[part, None, None]
             product = np.matmul(np.matmul(P, H[part]), P.transpose(0, 2, 1)) * volume
             A = (product.astype(SINGLE).reshape(-1, 36) @ GRAM).reshape(-1, 36, 36)

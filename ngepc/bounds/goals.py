@@ -87,10 +87,8 @@ def contact_force_bracket(result: ExactResult) -> Between:
         """The problem with the obstacle nearer by t."""
         return replace(problem, gap={name: gap - t for name, gap in problem.gaps.items()})
 
-    def rise(here: ErrorBound, there: ErrorBound) -> float:
-        return there.energy - here.least_energy
-
-    lower, upper = slopes(result, moved, rise, force, float(np.abs(result.state.u).max()))
+    size = float(np.abs(result.state.u).max())
+    lower, upper = slopes(result, moved, lambda a, b: b.energy - a.least_energy, force, size)
     return Between(max(lower, 0.0), upper, force)
 
 
@@ -131,11 +129,8 @@ def displacement_bracket(
             problem, traction=g, body_force=sum(parts[1:], *parts[:1]) if parts else None
         )
 
-    def rise(here: ErrorBound, there: ErrorBound) -> float:
-        return here.energy - there.least_energy
-
-    work = float(np.vdot(forces, u))
-    lower, upper = slopes(result, loaded, rise, work, error_bound(result).strain_energy / size)
+    work, large = float(np.vdot(forces, u)), error_bound(result).strain_energy / size
+    lower, upper = slopes(result, loaded, lambda a, b: a.energy - b.least_energy, work, large)
     return Between(lower, upper, work)
 
 

@@ -87,9 +87,9 @@ SPLIT_LEVELS = {3: 3, 4: 2, 6: 2}
 """How often a part is split at most."""
 
 
-def portions(count: int) -> list[slice]:
-    """The slices of PORTION that cover so many cells or parts."""
-    return [slice(first, first + PORTION) for first in range(0, count, PORTION)]
+def portions(count: int, size: int = PORTION) -> list[slice]:
+    """The slices of such a size that cover so many cells or parts."""
+    return [slice(first, first + size) for first in range(0, count, size)]
 
 
 def coefficients(nodal: np.ndarray) -> np.ndarray:

@@ -6,7 +6,6 @@ one.  Forces are then projected along what the rows push, displacements onto wha
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +13,12 @@ from scipy.sparse import bsr_matrix, csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
 from ngepc.discretisation.balance import Frame
+from ngepc.linalg.descent import Linear
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import FrictionCone, orthogonal
 
 PARALLEL = 1e-8
 """Normals at a node that are closer count as one."""
-
-Linear = Callable[[np.ndarray], np.ndarray]
 
 STIFFEST = 100.0
 """Forces turn towards a slip at most so many times as fast as c would have it."""

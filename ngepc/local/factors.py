@@ -23,10 +23,6 @@ residuals of 4 instead of 1e-5.  One by one takes three times as long and loses 
 """
 
 
-class TangentError(FactorisationError):
-    """A linear solver that gave up on a tangent."""
-
-
 class Factors:
     """A ``Tangent`` whose factors are computed again for each state, on one sparsity pattern.
 

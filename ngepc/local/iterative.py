@@ -20,9 +20,9 @@ from ngepc.checks.declared import Check, Count, Declared
 from ngepc.discretisation.balance import Frame
 from ngepc.discretisation.contact_step import FEW
 from ngepc.discretisation.stiffness import Blocks
-from ngepc.linalg.descent import conjugate_gradients
+from ngepc.linalg.descent import Linear, conjugate_gradients
 from ngepc.linalg.direct import FactorisationError
-from ngepc.local.closed import Closed, Linear
+from ngepc.local.closed import Closed
 from ngepc.local.system import State
 
 ACCURACY = 1e-12

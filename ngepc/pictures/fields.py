@@ -20,10 +20,11 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from ngsolve import CoefficientFunction
 
+import ngepc.pictures.sampling as sampling
+import ngepc.pictures.style as style
 from ngepc.checks.arguments import require_number, require_vector
 from ngepc.checks.declared import Check, Declared, Flag, NotNegative, Text
 from ngepc.checks.kinds import require_attributes, require_instance
-from ngepc.pictures import sampling, style
 from ngepc.pictures.drawable import (
     PLAIN,
     UnitNames,

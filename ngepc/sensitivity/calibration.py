@@ -187,12 +187,6 @@ def calibrate(
     )
     known = all(curve.noise is not None for curve in curves)
     condition, ends = statistics(found, confidence, known)
-    message = found.message
-    if not condition <= ILL_CONDITIONED:
-        message += (
-            f" The data do not identify all of {', '.join(names)}: the Gauss-Newton matrix has "
-            f"condition {condition:.2g}."
-        )
     return Calibration(
         values=dict(zip(names, np.exp(found.x).tolist(), strict=True)),
         intervals=dict(zip(names, map(tuple, ends.T.tolist()), strict=True)),
@@ -201,8 +195,16 @@ def calibrate(
         condition=condition,
         evaluations=fits.cache_info().misses,
         converged=bool(found.success),
-        message=message,
+        message=found.message + doubt(names, condition),
     )
+
+
+def doubt(names: Sequence[str], condition: float) -> str:
+    """A sentence where the data do not identify all constants, else nothing."""
+    if condition <= ILL_CONDITIONED:
+        return ""
+    matrix = f"the Gauss-Newton matrix has condition {condition:.2g}."
+    return f" The data do not identify all of {', '.join(names)}: {matrix}"
 
 
 def checked_curves(curves: Curve | Sequence[Curve], unknowns: int) -> Sequence[Curve]:

@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix, diags, eye
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from ngepc.discretisation.stiffness import Stiffness
-from ngepc.local.factors import SOLVER_ERRORS, TangentError
+from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.radial import SOLUTION, Data, RadialDerivative
@@ -38,6 +38,10 @@ INNER = 1e-8
 
 MOST, ROUNDS = 200, 5
 """Most iterations before a restart, and most restarts."""
+
+
+class TangentError(FactorisationError):
+    """A derivative that does not exist, or that no sides of biactive rows and points give."""
 
 
 class LinearStep:

@@ -19,12 +19,11 @@ from ngsolve import GridFunction
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_mapping
-from ngepc.local.factors import TangentError
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import Biactive, LinearContact, biactive_set, told
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.gradient import Solution, states_of
-from ngepc.sensitivity.linear import LinearStep
+from ngepc.sensitivity.linear import LinearStep, TangentError
 from ngepc.sensitivity.parameters import Direction, changed_data, directions
 from ngepc.sensitivity.radial import Data, RadialDerivative
 from ngepc.sensitivity.shape import by_the_mesh

@@ -46,7 +46,9 @@ def test_what_is_asked_for_is_reached(lshaped):
     assert lshaped.bound.relative <= 0.02
     fresh = error_bound(lshaped.result)  # its stress starts from another tangent
     assert fresh.energy == lshaped.bound.energy
-    assert fresh.total == pytest.approx(lshaped.bound.total, rel=0.01)  # searches end a little early
+    assert fresh.total == pytest.approx(
+        lshaped.bound.total, rel=0.01
+    )  # searches end a little early
 
 
 def test_bounds_are_sharp_and_newton_ends_early(lshaped):

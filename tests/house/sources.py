@@ -57,13 +57,16 @@ def imports(tree):
 
 @cache
 def arrows():
-    """Pairs (module, imported module) inside the package, those for type hints included."""
-    return {
-        (name, target)
-        for name, tree in modules().items()
-        for target, _ in imports(tree)
-        if target.split(".")[0] == "ngepc"
-    }
+    """Pairs (module, imported module) inside the package, those for type hints included.
+
+    Who imports a module from its room imports the room, with all that it imports itself.
+    """
+    found = set()
+    for name, tree in modules().items():
+        for target, node in imports(tree):
+            halls = {node.module} & rooms() if isinstance(node, ast.ImportFrom) else set()
+            found |= {(name, t) for t in {target, *halls} if t.split(".")[0] == "ngepc"}
+    return found
 
 
 def circles(edges):
