@@ -15,10 +15,7 @@ from .outlines import meshed, require_mesh_width, require_sides
 
 
 def mesh(
-    maxh: float = 0.8,
-    fine: float = 0.05,
-    size: Sequence[float] = (8.0, 4.0),
-    patch: float = 1.0,
+    maxh: float = 0.8, fine: float = 0.05, size: Sequence[float] = (8.0, 4.0), patch: float = 1.0
 ) -> Mesh:
     """Triangles of width at most ``fine`` on the patch, growing to ``maxh`` away from it.
 

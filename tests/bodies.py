@@ -54,11 +54,7 @@ def pressed_body(shape, kinematics=None, order=1, material=STEEL):
         blown = {"inner": -1.4 * outward_normal(mesh)}
         sides = {"left": (0, None), "bottom": (None, 0)}
         if mesh.dim == 3:
-            sides = {
-                "left": (0, None, None),
-                "front": (None, 0, None),
-                "bottom": (None, None, 0),
-            }
+            sides = {"left": (0, None, None), "front": (None, 0, None), "bottom": (None, None, 0)}
         return Problem(
             mesh,
             clamped=None,

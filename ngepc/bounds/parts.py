@@ -57,11 +57,7 @@ _FOUR = IntegrationRule(ET.TRIG, 4)
 SIX = np.array([(x, y, 1 - x - y) for x, y, *_ in _FOUR.points])
 """Points of a rule of degree four that fix quadratic functions, barycentric."""
 
-RULE = {
-    3: (1 - np.eye(3)) / 2,
-    4: _INNER + (1 - 4 * _INNER) * np.eye(4),
-    6: quadratics(SIX),
-}
+RULE = {3: (1 - np.eye(3)) / 2, 4: _INNER + (1 - 4 * _INNER) * np.eye(4), 6: quadratics(SIX)}
 """Values at the points of rules of degree two, and of degree four for quadratic functions."""
 
 WEIGHTS = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: 2 * np.array(_FOUR.weights)}

@@ -140,12 +140,7 @@ class Model:
 
 
 def tightened(
-    dual: Dual,
-    triangles: Triangles,
-    z: np.ndarray,
-    centre: np.ndarray,
-    rest: float,
-    effort: Effort,
+    dual: Dual, triangles: Triangles, z: np.ndarray, centre: np.ndarray, rest: float, effort: Effort
 ) -> np.ndarray:
     """In-plane stresses at the points, shape (nt, points, 3), with a smaller dual functional.
 

@@ -59,10 +59,7 @@ def with_contact(
 
 
 def rival(
-    here: Balance,
-    solve: Solve,
-    most: int,
-    stiffened: Callable[[np.ndarray], Solve] | None = None,
+    here: Balance, solve: Solve, most: int, stiffened: Callable[[np.ndarray], Solve] | None = None
 ) -> tuple[bool, str]:
     """Whether Coulomb's law has other forces at a solution, and a sentence about it.
 

@@ -14,17 +14,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from ngsolve import (
-    ET,
-    H1,
-    VOL,
-    CoefficientFunction,
-    ElementId,
-    IntegrationRule,
-    Mesh,
-    specialcf,
-    x,
-)
+from ngsolve import ET, H1, VOL, CoefficientFunction, ElementId, IntegrationRule, Mesh, specialcf, x
 
 from ngepc.model.elements import element_numbers, element_vertices
 from ngepc.model.kinematics import Kinematics

@@ -15,12 +15,7 @@ from scipy.sparse import csr_matrix, eye
 
 from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.quadrature import rules_of
-from ngepc.discretisation.rows import (
-    ContactRows,
-    meeting_faces,
-    rows_along,
-    surface_measure,
-)
+from ngepc.discretisation.rows import ContactRows, meeting_faces, rows_along, surface_measure
 from ngepc.discretisation.spaces import nodes_at
 from ngepc.model.places import Place, Roller, values_at
 from ngepc.model.problem import Problem, as_scalar

@@ -9,16 +9,7 @@ order one and follows them; constant p would leave all bending of an element ela
 """
 
 import numpy as np
-from ngsolve import (
-    H1,
-    L2,
-    Compress,
-    FESpace,
-    GridFunction,
-    Mesh,
-    VectorH1,
-    VectorValued,
-)
+from ngsolve import H1, L2, Compress, FESpace, GridFunction, Mesh, VectorH1, VectorValued
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.model.places import Edge, Place, Point, values_at

@@ -6,12 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ngepc.checks.arguments import (
-    boundary_names,
-    require_components,
-    require_field,
-    require_finite,
-)
+from ngepc.checks.arguments import boundary_names, require_components, require_field, require_finite
 from ngepc.checks.kinds import require_instance
 from ngepc.model.given import Given
 from ngepc.model.places import Place, Roller, places, require_at

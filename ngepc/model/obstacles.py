@@ -68,11 +68,7 @@ class Obstacle(Declared):
         return IfPos(onward - 1e-12, IfPos(t - far, far, IfPos(-far - t, -far, t)), far)
 
     def gap(
-        self,
-        mesh: Mesh,
-        motion: Sequence[Coefficient] | None = None,
-        *,
-        far: float | None = None,
+        self, mesh: Mesh, motion: Sequence[Coefficient] | None = None, *, far: float | None = None
     ) -> CoefficientFunction:
         """The gap psi (length), a scalar coefficient for ``Problem(gap=...)``.
 

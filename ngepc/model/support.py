@@ -17,12 +17,7 @@ from ngepc.model.elements import (
 )
 from ngepc.model.given import Given
 from ngepc.model.places import values_at
-from ngepc.model.rigid import (
-    check_conforming,
-    directed,
-    free_motions,
-    part_vertices,
-)
+from ngepc.model.rigid import check_conforming, directed, free_motions, part_vertices
 
 FREE_NORMAL = 0.1
 """Least length of the free part of the unit normal where a held boundary meets contact."""

@@ -86,8 +86,7 @@ def draw_runs(
 
 @styled
 def plot_counts(
-    counts: Mapping[str, Mapping[int, int]],
-    paper: Mapping[str, Mapping[int, int]] | None = None,
+    counts: Mapping[str, Mapping[int, int]], paper: Mapping[str, Mapping[int, int]] | None = None
 ) -> Figure:
     """Newton steps over the number of nodes, with the paper's counts dashed beside them.
 

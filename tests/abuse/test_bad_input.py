@@ -11,18 +11,7 @@ from netgen.csg import Pnt as Corner
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from netgen.meshing import Element1D, Element2D, Element3D, FaceDescriptor, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
-from ngsolve import (
-    CF,
-    H1,
-    GridFunction,
-    IfPos,
-    Mesh,
-    Parameter,
-    log,
-    sqrt,
-    x,
-    y,
-)
+from ngsolve import CF, H1, GridFunction, IfPos, Mesh, Parameter, log, sqrt, x, y
 from ngsolve.meshes import Make1DMesh
 
 from ngepc import Edge, Material, Point, Problem, Roller, lame_parameters
@@ -453,10 +442,7 @@ PROBLEM_TYPES = {
     "load a number": ({"traction": {"left": 1.0}}, "a vector of 2 components is needed"),
     "load a string": ({"traction": {"left": "01"}}, "a vector of 2 components is needed"),
     "load None": ({"traction": {"left": None}}, "a vector of 2 components is needed"),
-    "load of booleans": (
-        {"traction": {"left": (True, False)}},
-        "traction['left'][0]=True",
-    ),
+    "load of booleans": ({"traction": {"left": (True, False)}}, "traction['left'][0]=True"),
     "load of strings": ({"traction": {"left": ("0", "1")}}, "traction['left'][0]='0': a number"),
     "complex load": ({"traction": {"left": (0, 1j)}}, "traction['left'][1]=1j: a number"),
     "complex coefficient": ({"body_force": CF((0, 1j))}, "body_force is complex: a real"),
@@ -482,10 +468,7 @@ FUNCTIONS = {
     "Young zero": (lambda: lame_parameters(0, 0.3), "young=0: a finite number > 0"),
     "Young negative": (lambda: lame_parameters(-1.0, 0.3), "young=-1.0: a finite number > 0"),
     "Young NaN": (lambda: lame_parameters(NAN, 0.3), "young=nan: a finite number > 0"),
-    "Poisson one half": (
-        lambda: lame_parameters(1, 0.5),
-        "poisson=0.5: a finite number > -1",
-    ),
+    "Poisson one half": (lambda: lame_parameters(1, 0.5), "poisson=0.5: a finite number > -1"),
     "Poisson minus one": (lambda: lame_parameters(1, -1), "poisson=-1: a finite number > -1"),
     "Poisson NaN": (lambda: lame_parameters(1, NAN), "poisson=nan: a finite number"),
     "mesh width zero": (lambda: lshape.mesh(0), "maxh=0: a finite number > 0"),

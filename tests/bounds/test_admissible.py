@@ -4,17 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngsolve import (
-    BND,
-    CF,
-    ET,
-    GridFunction,
-    InnerProduct,
-    IntegrationRule,
-    specialcf,
-    x,
-    y,
-)
+from ngsolve import BND, CF, ET, GridFunction, InnerProduct, IntegrationRule, specialcf, x, y
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton, wrench_problem
 from ngepc.bounds.bound import error_bound

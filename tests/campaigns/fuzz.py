@@ -57,10 +57,7 @@ def examine(draw):
     try:
         problem = build(draw)
         primal = primal_newton(problem).or_interrupted()
-        return {
-            "draw": asdict(draw),
-            **judged(primal, semismooth_newton(problem).or_interrupted()),
-        }
+        return {"draw": asdict(draw), **judged(primal, semismooth_newton(problem).or_interrupted())}
     except Exception as error:  # any exception at all is a complaint: that is what is looked for
         return EMPTY | {"draw": asdict(draw), "complaints": (f"{type(error).__name__}: {error}",)}
 

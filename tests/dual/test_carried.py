@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from ngepc import (
-    Coupled,
-    lshape_problem,
-    semismooth_newton,
-)
+from ngepc import Coupled, lshape_problem, semismooth_newton
 from ngepc.dual.functional import scaled_excess
 from ngepc.dual.newton import NewtonOptions, prepared
 from ngepc.geometries import lshape

@@ -31,10 +31,7 @@ from ngepc.dual.blocks import elastic_terms
 from ngepc.dual.iterates import Iterate
 from ngepc.geometries import block, lshape
 
-REGULARISATIONS = {
-    "coupled": Coupled(1e3),
-    "full product": Coupled(1e2, tichonov=FullProduct()),
-}
+REGULARISATIONS = {"coupled": Coupled(1e3), "full product": Coupled(1e2, tichonov=FullProduct())}
 CASES = {
     "Poisson 0.49": Case(poisson=0.49),
     "Poisson 0.4999": Case(poisson=0.4999),

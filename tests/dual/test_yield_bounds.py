@@ -102,10 +102,7 @@ def test_yield_stress_that_varies_scales_with_the_loads():
             lame_lambda=1e3, lame_mu=1e3, yield_stress=c * (1 + x * y), hardening=100.0
         )
         problem = replace(
-            hardened(None),
-            material=material,
-            traction={"left": (8.0 * c, 4.0 * c)},
-            gap=0.001 * c,
+            hardened(None), material=material, traction={"left": (8.0 * c, 4.0 * c)}, gap=0.001 * c
         )
         result = solved(problem, Coupled(1e3, tichonov=FullProduct()))
         energies.append(np.array(result.history.energies) / c**2)

@@ -73,10 +73,7 @@ def test_criss_cross_identity(level):
 
 @pytest.mark.parametrize(
     ("family", "counts"),
-    [
-        (lshape, (8, 11, 21, 33, 65, 113, 225, 417, 833)),
-        (wrench, (26, 38, 75, 123, 245, 437, 873)),
-    ],
+    [(lshape, (8, 11, 21, 33, 65, 113, 225, 417, 833)), (wrench, (26, 38, 75, 123, 245, 437, 873))],
     ids=["lshape", "wrench"],
 )
 def test_triangles_double_with_each_bisection(family, counts):

@@ -4,18 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from ngsolve import (
-    CF,
-    IfPos,
-    InnerProduct,
-    Integrate,
-    Parameter,
-    ds,
-    sqrt,
-    x,
-    y,
-    z,
-)
+from ngsolve import CF, IfPos, InnerProduct, Integrate, Parameter, ds, sqrt, x, y, z
 
 from ngepc import Material, Problem, outward_normal
 from ngepc.checks.arguments import sample

@@ -4,13 +4,7 @@ import math
 
 import pytest
 
-from ngepc import (
-    PathOptions,
-    duality_report,
-    follow_path,
-    semismooth_newton,
-    wrench_problem,
-)
+from ngepc import PathOptions, duality_report, follow_path, semismooth_newton, wrench_problem
 from ngepc.geometries import wrench
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
 

@@ -19,14 +19,7 @@ from ngsolve import CF, IfPos, InnerProduct, Integrate, Mesh, ds, x, y, z
 from pressed_shell import PressedShell
 from scipy.optimize import brentq
 
-from ngepc import (
-    Coupled,
-    FullProduct,
-    Material,
-    Problem,
-    Status,
-    outward_normal,
-)
+from ngepc import Coupled, FullProduct, Material, Problem, Status, outward_normal
 from ngepc.discretisation.spaces import plastic_dual_space
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import load_cycle
@@ -35,10 +28,7 @@ from ngepc.geometries import block, ring
 from ngepc.primal.solver import primal_newton
 
 STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
-METHODS = {
-    "primal": primal_newton,
-    "dual": lambda problem: semismooth_newton(problem),
-}
+METHODS = {"primal": primal_newton, "dual": lambda problem: semismooth_newton(problem)}
 
 
 def solve(method, problem):

@@ -14,14 +14,7 @@ from closed_forms import Ring
 from manufactured import stretched_and_pressed
 from ngsolve import Grad, InnerProduct, Integrate, Norm, Sym, dx
 
-from ngepc import (
-    Material,
-    Problem,
-    Status,
-    outward_normal,
-    primal_newton,
-    semismooth_newton,
-)
+from ngepc import Material, Problem, Status, outward_normal, primal_newton, semismooth_newton
 from ngepc.geometries import block, ring
 
 CELLS = (8, 16, 32)

@@ -12,15 +12,7 @@ from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import CF, Mesh, x, y
 
-from ngepc import (
-    Coupled,
-    Material,
-    NewtonOptions,
-    Problem,
-    Status,
-    Units,
-    semismooth_newton,
-)
+from ngepc import Coupled, Material, NewtonOptions, Problem, Status, Units, semismooth_newton
 from ngepc.geometries import lshape
 from ngepc.primal.solver import primal_newton
 

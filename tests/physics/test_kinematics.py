@@ -309,12 +309,7 @@ def test_linear_displacements_on_curved_elements_of_order_two(method, shape):
     sides = "|".join(set(mesh.GetBoundaries()))
     values = tuple(u[i] for i in range(mesh.dim))
     problem = Problem(
-        mesh,
-        STEEL,
-        clamped=None,
-        prescribed={sides: values},
-        kinematics=kinematics,
-        order=2,
+        mesh, STEEL, clamped=None, prescribed={sides: values}, kinematics=kinematics, order=2
     )
     result = solved(method, problem)
     error = Integrate(Norm(result.displacement - u), mesh) / Integrate(Norm(u), mesh)

@@ -12,14 +12,7 @@ import pytest
 from campaigns import fuzz
 from campaigns.__main__ import main
 from campaigns.fuzz import Fuzz, examine
-from campaigns.random_problems import (
-    BODIES,
-    GAPS,
-    HARDENINGS,
-    Draw,
-    build,
-    draws,
-)
+from campaigns.random_problems import BODIES, GAPS, HARDENINGS, Draw, build, draws
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from ngsolve import Integrate, Norm

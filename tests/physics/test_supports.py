@@ -283,8 +283,7 @@ def test_two_bodies_clamped_beside_their_contact(solver):
     upper.edges.Min(Y).name, upper.edges.Max(Y).name = "above", "top"
     mesh = Mesh(OCCGeometry(Compound([lower, upper]), dim=2).GenerateMesh(maxh=1))
     problem = Problem(
-        *(mesh, ELASTIC, "upper left|bottom", {"top": (0, -1.0)}),
-        contact=Contact("above", "below"),
+        *(mesh, ELASTIC, "upper left|bottom", {"top": (0, -1.0)}), contact=Contact("above", "below")
     )
     result = solver(problem)
     assert result.status is Status.CONVERGED
@@ -322,10 +321,7 @@ def test_pressure_is_the_traction_along_the_inner_normal():
 def test_contact_beside_a_clamped_part(solver, order, gap):
     """A block clamped at its left side, pressed on ground that begins there."""
     problem = Problem(
-        *(SQUARE, STEEL, "left", {"contact": (0, -1.0)}),
-        contact="clamped",
-        gap=gap,
-        order=order,
+        *(SQUARE, STEEL, "left", {"contact": (0, -1.0)}), contact="clamped", gap=gap, order=order
     )
     result = solver(problem)
     assert result.status is Status.CONVERGED

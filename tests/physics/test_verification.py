@@ -299,13 +299,7 @@ def test_energies_of_the_regularised_solution_add_up(small, gamma):
     assert gap == pytest.approx(expected, abs=1e-7 * abs(result.dual_energy))
 
 
-@pytest.mark.parametrize(
-    "regularisation",
-    [
-        Coupled(1e3),
-        Coupled(3e4, tichonov=FullProduct()),
-    ],
-)
+@pytest.mark.parametrize("regularisation", [Coupled(1e3), Coupled(3e4, tichonov=FullProduct())])
 def test_dual_solution_is_as_near_to_the_primal_one_as_the_energies_say(small, regularisation):
     """1/2 |y - y_gamma|_D^2 <= J(y) + int |p|^2 / (2 gamma_q) + adhesion + J*_gamma."""
     dual = semismooth_newton(small, regularisation=regularisation)

@@ -128,10 +128,7 @@ def test_an_older_file_survives_a_failure(tmp_path, monkeypatch):
     ("call", "message"),
     [
         (lambda p: export_vtu(lshape_primal(), p / "a.vtk"), "ends in '.vtu'"),
-        (
-            lambda p: export_vtu(lshape_primal(), p / "a.vtu", ["stres"]),
-            "at least one, of",
-        ),
+        (lambda p: export_vtu(lshape_primal(), p / "a.vtu", ["stres"]), "at least one, of"),
         (lambda p: export_series([lshape_primal()], p / "a.vtu"), "ends in '.pvd'"),
         (lambda p: export_series([], p / "a.pvd"), "at least one"),
     ],

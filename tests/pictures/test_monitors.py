@@ -5,22 +5,10 @@ import io
 import pytest
 from ngsolve import IfPos, Integrate
 
-from ngepc import (
-    PathOptions,
-    Status,
-    follow_path,
-    lshape_problem,
-    primal_newton,
-    semismooth_newton,
-)
+from ngepc import PathOptions, Status, follow_path, lshape_problem, primal_newton, semismooth_newton
 from ngepc.geometries import lshape
 from ngepc.pictures import monitors
-from ngepc.pictures.monitors import (
-    LivePlotMonitor,
-    live_plot_monitor,
-    progress_line,
-    table_monitor,
-)
+from ngepc.pictures.monitors import LivePlotMonitor, live_plot_monitor, progress_line, table_monitor
 from ngepc.results.outcome import History, IterationRecord
 
 RECORDS = [

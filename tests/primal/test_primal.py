@@ -419,8 +419,7 @@ def test_unreachable_tolerance_is_named():
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [("tolerance", 1e-20), ("max_iterations", 0), ("tolerance", 1.0)],
+    ("name", "value"), [("tolerance", 1e-20), ("max_iterations", 0), ("tolerance", 1.0)]
 )
 def test_options_out_of_range_are_refused(name, value):
     with pytest.raises(ValueError, match=name):

@@ -7,13 +7,7 @@ import pytest
 from coordinates import deviator, tensor
 from ngsolve import CF, GridFunction, Id, IfPos, Integrate, Norm, ds, x, y, z
 
-from ngepc import (
-    Material,
-    Problem,
-    lshape_problem,
-    semismooth_newton,
-    wrench_problem,
-)
+from ngepc import Material, Problem, lshape_problem, semismooth_newton, wrench_problem
 from ngepc.dual.blocks import primal_energy
 from ngepc.geometries import block, lshape, ring, wrench
 from ngepc.primal.solver import PrimalOptions, primal_newton

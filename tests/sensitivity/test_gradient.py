@@ -4,19 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns.derivatives import (
-    Derivatives,
-    compared,
-    envelope_error,
-    taylor_slopes,
-)
-from campaigns.random_data import (
-    last_state,
-    moved,
-    once,
-    random_problem,
-    sizes,
-)
+from campaigns.derivatives import Derivatives, compared, envelope_error, taylor_slopes
+from campaigns.random_data import last_state, moved, once, random_problem, sizes
 from ngsolve import CF, IfPos, InnerProduct, Integrate, ds, dx, x, y
 
 from ngepc import (

@@ -3,21 +3,9 @@
 import numpy as np
 import pytest
 from campaigns.derivatives import compared
-from campaigns.random_data import (
-    four_times,
-    functionals,
-    random_problem,
-    sizes,
-)
+from campaigns.random_data import four_times, functionals, random_problem, sizes
 
-from ngepc import (
-    cold_start,
-    evolve,
-    load_cycle,
-    lshape_problem,
-    primal_newton,
-    semismooth_newton,
-)
+from ngepc import cold_start, evolve, load_cycle, lshape_problem, primal_newton, semismooth_newton
 from ngepc.geometries import lshape
 from ngepc.sensitivity.gradient import gradient, states_of
 from ngepc.sensitivity.tangent import tangent, tangents_at
@@ -90,10 +78,7 @@ def test_one_step_is_a_history_of_one():
 def test_a_body_that_waits_is_biactive():
     problem = lshape_problem(lshape.paper_mesh(113))
     waiting = evolve(problem, [(1.0, {}), (2.0, {}), (3.0, {"gap": 0.11})])
-    slopes, yields = (
-        gradient(waiting, "contact_force", "gap"),
-        states_of(waiting)[0]().at.yields,
-    )
+    slopes, yields = (gradient(waiting, "contact_force", "gap"), states_of(waiting)[0]().at.yields)
     assert not slopes.differentiable
     assert f"Step 2: 0 contact rows and {yields.sum()} points are biactive" in slopes.message
     assert slopes.message.startswith("Step 2")

@@ -2,13 +2,7 @@
 
 import numpy as np
 import pytest
-from campaigns.random_data import (
-    four_times,
-    functionals,
-    last_state,
-    once,
-    random_problem,
-)
+from campaigns.random_data import four_times, functionals, last_state, once, random_problem
 from ngsolve import CF, sin, x, y, z
 
 from ngepc import Direction, Material, Problem, gradient, semismooth_newton, tangent

@@ -151,11 +151,7 @@ def on_the_yield_surface(factor: float = 1.0) -> Problem:
     c = factor * MATERIAL.yield_stress / (2 * MATERIAL.lame_mu * np.sqrt(2 / 3))
     held = {"left|right": (0.0, None), "contact": (None, c)}
     return Problem(
-        block.mesh(0.4, (1.0, 1.0)),
-        MATERIAL,
-        "clamped",
-        prescribed=held,
-        kinematics="plane strain",
+        block.mesh(0.4, (1.0, 1.0)), MATERIAL, "clamped", prescribed=held, kinematics="plane strain"
     )
 
 

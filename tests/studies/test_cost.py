@@ -7,11 +7,7 @@ import pytest
 from ngepc import lshape_problem, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.geometries import lshape
-from ngepc.studies.cost import (
-    NODES,
-    Cost,
-    StepClock,
-)
+from ngepc.studies.cost import NODES, Cost, StepClock
 from ngepc.studies.examples import peak_memory
 from ngepc.studies.work import exponent
 
