@@ -14,6 +14,7 @@ from ngepc.bounds.bound import error_bound as error_bound
 from ngepc.bounds.goals import Between as Between
 from ngepc.bounds.goals import contact_force_bracket as contact_force_bracket
 from ngepc.bounds.goals import displacement_bracket as displacement_bracket
+from ngepc.dual.duality import duality_report as duality_report
 from ngepc.dual.newton import NewtonOptions as NewtonOptions
 from ngepc.dual.newton import semismooth_newton as semismooth_newton
 from ngepc.dual.path import follow_path as follow_path
@@ -81,4 +82,3 @@ from ngepc.sensitivity.gradient import gradient as gradient
 from ngepc.sensitivity.parameters import Direction as Direction
 from ngepc.sensitivity.tangent import TangentResult as TangentResult
 from ngepc.sensitivity.tangent import tangent as tangent
-from ngepc.theory.duality import duality_report as duality_report

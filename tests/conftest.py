@@ -28,6 +28,8 @@ SLOW = (
     "cli",
     "contact/test_friction.py",
     "contact/test_two_bodies.py",
+    "dual/test_algorithms_66_68.py",
+    "dual/test_duality.py",
     "dual/test_honest_convergence.py",
     "dual/test_statuses.py",
     "dual/test_threads.py",
@@ -51,7 +53,6 @@ SLOW = (
     "sensitivity",
     "site",
     "studies",
-    "theory",
 )
 """Folders and files whose tests take more than about four seconds of processor time together."""
 

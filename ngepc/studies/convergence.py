@@ -27,9 +27,9 @@ from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem
 from ngepc.pictures.style import GUIDE, beside, line_style, save_figure
+from ngepc.studies.differentiability import difference_quotients
 from ngepc.studies.examples import FAMILIES, TITLES, coarse_start, example
 from ngepc.studies.work import Work, first_of
-from ngepc.theory.differentiability import difference_quotients
 
 LAST = 6
 """Iterates that enter the five quotients."""

@@ -14,6 +14,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from ngsolve import Integrate
 
+from ngepc.dual.duality import duality_report
 from ngepc.dual.path import follow_path, mesh_width
 from ngepc.dual.path_options import PathOptions
 from ngepc.dual.path_steps import PathResult
@@ -25,7 +26,6 @@ from ngepc.results.files import check_folder
 from ngepc.studies.examples import FAMILIES, THRESHOLDS, example
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
 from ngepc.studies.work import Work, ending, first_of, steps
-from ngepc.theory.duality import duality_report
 
 
 def followed(

@@ -16,7 +16,6 @@ FLOORS = (
     ("bounds",),
     ("evolution",),
     ("sensitivity",),
-    ("theory",),
     ("pictures",),
     ("studies",),
     ("cli",),

@@ -11,7 +11,7 @@ from ngepc import Coupled, NewtonOptions, lshape_problem, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.geometries import lshape
 from ngepc.studies.convergence import WITHOUT, with_and_without
-from ngepc.theory.differentiability import FAMILIES, NormGap, difference_quotients, graded_mesh
+from ngepc.studies.differentiability import FAMILIES, NormGap, difference_quotients, graded_mesh
 
 
 @pytest.fixture(scope="module")
