@@ -21,12 +21,10 @@ SHAPES = {
     "tetra": (3, 4),
     "hexahedron": (3, 8),
     "wedge": (3, 6),
-    "pyramid": (3, 5),
 }
 """Name of a cell without the number of its nodes -> dimension and corners."""
 
 _TURNED = {3: (0, 2, 1), 4: (0, 3, 2, 1), 8: (0, 3, 2, 1, 4, 7, 6, 5), 6: (0, 2, 1, 3, 5, 4)}
-_TURNED |= {5: (0, 3, 2, 1, 4)}
 _TURNED_TETRA = (0, 2, 1, 3)
 
 _SIDES = {
@@ -35,7 +33,6 @@ _SIDES = {
     (3, 4): ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
     (3, 8): ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
     (3, 6): ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
-    (3, 5): ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
 }
 
 
@@ -110,7 +107,7 @@ def _oriented(cells: np.ndarray, points: np.ndarray, N: int) -> np.ndarray:
         size = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
         turned = _TURNED[cells.shape[1]]
     else:
-        third = {4: (1, 2, 3), 8: (1, 3, 4), 6: (1, 2, 3), 5: (1, 3, 4)}[cells.shape[1]]
+        third = {4: (1, 2, 3), 8: (1, 3, 4), 6: (1, 2, 3)}[cells.shape[1]]
         size = np.linalg.det(np.stack([x[:, k] - x[:, 0] for k in third], axis=1))
         turned = _TURNED_TETRA if cells.shape[1] == 4 else _TURNED[cells.shape[1]]
     return np.where((size < 0)[:, None], cells[:, turned], cells)

@@ -38,9 +38,9 @@ from ngepc.discretisation.law import ROUNDING
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.elements import plastic_order
 from ngepc.model.limits import require_without
 from ngepc.model.problem import as_scalar
-from ngepc.model.rules import plastic_order
 
 
 class SaddleForms:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import BND, ET, VOL, CoefficientFunction, IntegrationRule
 
+from ngepc.model.elements import has_straight_simplices
 from ngepc.model.limits import require_without
 from ngepc.model.problem import Problem
-from ngepc.model.rules import has_straight_simplices
 
 CONSTANT = 1e-10
 """Part of its largest value by which a coefficient may vary on an element and count as constant."""

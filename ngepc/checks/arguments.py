@@ -15,7 +15,7 @@ from ngsolve.fem import ElementTopology
 Coefficient = float | CoefficientFunction
 """A number or an NGSolve CoefficientFunction."""
 
-ELEMENT_TYPES = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD), 3: (ET.TET, ET.HEX, ET.PRISM, ET.PYRAMID)}
+ELEMENT_TYPES = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD), 3: (ET.TET, ET.HEX, ET.PRISM)}
 """Element shapes by dimension."""
 
 EVALUATION_ERRORS = (NgException, RuntimeError, TypeError, ValueError)

@@ -6,8 +6,8 @@ import numpy as np
 from ngsolve import L2, CoefficientFunction, GridFunction, VectorValued, x, y, z
 
 from ngepc.discretisation.points import Points
+from ngepc.model.elements import plastic_order
 from ngepc.model.problem import Problem
-from ngepc.model.rules import plastic_order
 
 
 class PointFunctions:

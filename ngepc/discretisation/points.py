@@ -16,10 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from ngsolve import ET, H1, VOL, CoefficientFunction, ElementId, IntegrationRule, Mesh, specialcf, x
 
-from ngepc.model.elements import element_numbers, element_vertices
+from ngepc.model.elements import element_numbers, element_vertices, plastic_points
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.processes import Team, processes_of
-from ngepc.model.rules import plastic_points
 
 CHUNK = 20_000  # elements whose matrices are held in memory at once
 

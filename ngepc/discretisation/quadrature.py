@@ -10,8 +10,7 @@ import numpy as np
 from ngsolve import ET, VOL, IntegrationRule, Mesh
 
 from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient, is_number
-from ngepc.model.elements import element_numbers, element_vertices
-from ngepc.model.rules import SHAPE_OF
+from ngepc.model.elements import SHAPES, element_numbers, element_vertices
 
 SMOOTH_ORDER = 9
 SMOOTH_VARIATION = 0.1
@@ -87,6 +86,6 @@ def threshold_bounds(
     values = np.asarray(threshold(mesh.MapToAllElements(rules, VOL))).ravel()
     count = np.empty(mesh.ne, int)
     for nodes, numbers in zip(element_vertices(mesh), element_numbers(mesh), strict=True):
-        count[numbers] = len(rules[SHAPE_OF[mesh.dim, nodes.shape[1]]])
+        count[numbers] = len(rules[SHAPES[mesh.dim, nodes.shape[1]][0]])
     first = np.cumsum(count) - count
     return np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)

@@ -12,9 +12,9 @@ import numpy as np
 from ngsolve import H1, L2, Compress, FESpace, GridFunction, Mesh, VectorH1, VectorValued
 
 from ngepc.checks.arguments import Coefficient
+from ngepc.model.elements import plastic_order
 from ngepc.model.places import Edge, Place, Point, values_at
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.rules import plastic_order
 
 
 def displacement_space(problem: Problem) -> FESpace:

@@ -25,7 +25,7 @@ from ngepc.checks.arguments import (
 from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
 from ngepc.model.contact import Coulomb
-from ngepc.model.elements import element_nodes, vertices_of
+from ngepc.model.elements import SHAPES, element_nodes, plastic_points, vertices_of
 from ngepc.model.given import Given
 from ngepc.model.hardening import check_law
 from ngepc.model.kinematics import Kinematics
@@ -33,7 +33,6 @@ from ngepc.model.loading import CHECKS, check_acting
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Roller
 from ngepc.model.processes import require_whole
-from ngepc.model.rules import plastic_points
 from ngepc.model.support import check_support
 
 
@@ -83,6 +82,12 @@ def check_mesh(mesh: Mesh) -> None:
     if (nodes[:, 2**mesh.dim :] >= 0).any():
         raise ValueError(
             "mesh has elements of second order: leave SecondOrder() out (mesh.Curve bends elements)"
+        )
+    strange = set((nodes >= 0).sum(axis=1).tolist()) - {k for N, k in SHAPES if mesh.dim == N}
+    if strange:
+        raise ValueError(
+            f"mesh has elements with {min(strange)} corners: triangles, quadrilaterals, "
+            "tetrahedra, prisms or hexahedra are needed"
         )
     determinant = Det(specialcf.JacobianMatrix(mesh.dim))
     size = sample(determinant, mesh)

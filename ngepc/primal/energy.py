@@ -24,9 +24,9 @@ from ngepc.discretisation.contact_step import EXAMINED, FEW
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.stiffness import ComponentBlocks
 from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError
+from ngepc.model.elements import plastic_points
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
-from ngepc.model.rules import plastic_points
 from ngepc.primal.return_mapping import ReturnMapping
 
 ANSWER = 1e-8

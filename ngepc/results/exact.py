@@ -10,9 +10,8 @@ import numpy as np
 from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
 
 from ngepc.discretisation.rows import ContactRows
-from ngepc.model.elements import vertex_coordinates
+from ngepc.model.elements import plastic_points, vertex_coordinates
 from ngepc.model.problem import Problem
-from ngepc.model.rules import plastic_points
 from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.fields import frobenius
 from ngepc.results.outcome import History, Status

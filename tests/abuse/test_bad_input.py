@@ -80,6 +80,16 @@ def two_cubes_on_an_edge():
     return Mesh(netgen_mesh)
 
 
+def pyramid():
+    """One pyramid over the unit square."""
+    netgen_mesh = NetgenMesh(dim=3)
+    places = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1)]
+    corners = [netgen_mesh.Add(MeshPoint(Pnt(*place))) for place in places]
+    netgen_mesh.Add(FaceDescriptor(surfnr=1, domin=1, bc=1))
+    netgen_mesh.Add(Element3D(1, corners))
+    return Mesh(netgen_mesh)
+
+
 def layered():
     """A unit square with an interface in the middle that has a name of its own."""
 
@@ -387,6 +397,7 @@ PROBLEMS = {
         },
         "mesh has elements that overlap",
     ),
+    "a pyramid": ({"mesh": pyramid()}, "mesh has elements with 5 corners: triangles"),
     "second order": ({"mesh": second_order()}, "mesh has elements of second order"),
     "a loose part": (
         {"mesh": two_squares((3, 0))},

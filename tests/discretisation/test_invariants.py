@@ -61,13 +61,6 @@ def solid(elements, faces):
     return Mesh(mesh)
 
 
-def pyramids():
-    """Six pyramids with a common apex."""
-    faces = [(0, 2, 6, 4), (1, 5, 7, 3), (0, 4, 5, 1), (2, 3, 7, 6), (0, 1, 3, 2), (4, 6, 7, 5)]
-    names = {"clamped": faces[:1], "contact": faces[1:2], "rest": faces[2:]}
-    return solid([(face[0], *face[:0:-1], 8) for face in faces], names)
-
-
 def prisms():
     """Two prisms."""
     names = {
@@ -94,13 +87,11 @@ MESHES = {
     "tetrahedra": lambda: block.structured_mesh(2, 1, 1, simplices=True),
     "hexahedra": lambda: block.structured_mesh(1, 2, 1, size=(1.0, 2.0, 0.5)),
     "prisms": prisms,
-    "pyramids": pyramids,
 }
 PLANE = ("plane strain", "two-dimensional", "axisymmetric")
 BODIES = [
     *itertools.product(("triangles", "rectangles", "both", "curved"), PLANE, (1, 2)),
     *itertools.product(("tetrahedra", "hexahedra", "prisms"), ("solid",), (1, 2)),
-    ("pyramids", "solid", 1),
 ]
 NAMES = {"curved": {"clamped": "inner", "contact": "outer"}}
 

@@ -12,7 +12,7 @@ from ngepc.model.elements import element_facets, element_vertices
 from ngepc.model.rigid import check_conforming
 
 NAMES = {(1, 2): "line", (2, 3): "triangle", (2, 4): "quad", (3, 4): "tetra", (3, 6): "wedge"}
-NAMES |= {(3, 8): "hexahedron", (3, 5): "pyramid"}
+NAMES |= {(3, 8): "hexahedron"}
 
 
 def as_meshio(mesh, *, named=None, turned=False):

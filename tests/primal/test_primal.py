@@ -30,9 +30,9 @@ from ngepc.discretisation.pointfunctions import interpolated
 from ngepc.discretisation.rows import contact_rows
 from ngepc.geometries import block, lshape, ring
 from ngepc.linalg.linesearch import Bracket
+from ngepc.model.elements import plastic_points
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
-from ngepc.model.rules import plastic_points
 from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.outcome import SolverError, Status
