@@ -80,7 +80,7 @@ class StiffnessBlocks:
             k = block.nodes.shape[1]
             a, b = np.tril_indices(k)
             for part, (touched, which, turned) in zip(block.parts, places, strict=True):
-                K = self.points.element_stiffness(part, moduli)
+                K = part.stiffness(moduli)
                 K = K.reshape(-1, k, self.N, k, self.N)[:, a, :, b, :].swapaxes(0, 1)
                 K[turned] = K[turned].swapaxes(1, 2)
                 found = [np.bincount(which, c, len(touched)) for c in K.reshape(-1, self.N**2).T]
