@@ -5,21 +5,31 @@ each facet, int psi_i phi_j = delta_ij int phi_i over what faces the second surf
 
     N_i u = int psi_i n . (u_1 - u_2) / int psi_i,   gap_i likewise.
 
-Constant pressures pass between meshes that do not match without any error.
+Constant pressures pass between meshes that do not match without any error.  A facet of the first
+surface looks at the second one along its normals, in the plane interpolated between its nodes; what
+it sees of a facet is cut off where one of its barycentric coordinates becomes negative.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
 import numpy as np
-from ngsolve import H1
+from ngsolve import BND, ET, H1, ElementId, IntegrationRule
 from scipy.sparse import csr_matrix, diags
+from scipy.spatial import cKDTree
 
 from ngepc.checks.arguments import boundary_names
 from ngepc.discretisation.loads import Supports
-from ngepc.discretisation.rows import ContactRows, joined, means_along, rows_along
-from ngepc.discretisation.segments import Overlap, Surface, overlap
+from ngepc.discretisation.rows import ContactRows, means_along, rows_along
 from ngepc.model.contact import Contact
 from ngepc.model.problem import Problem
+
+RULES = {2: IntegrationRule(ET.SEGM, 5), 3: IntegrationRule(ET.TRIG, 4)}
+"""Space dimension -> rule on each piece: exact for products of quadratic functions in the plane."""
+
+THIN = 1e-12  # overlaps below this part of a facet are none
 
 SLIVER = 1e-8
 """Smallest condition of a facet's mass matrix, relative, that leaves biorthogonal functions."""
@@ -33,61 +43,182 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
     A ValueError if they nowhere face each other.
     """
     one, two = (
-        Surface.of(problem, boundary_names("contact", names, problem.mesh))
+        Surface(problem, boundary_names("contact", names, problem.mesh))
         for names in (pair.first, pair.second)
     )
     at = overlap(one, two)
     if not len(at.weights):
         raise ValueError(f"contact={pair!r}: the two boundaries nowhere face each other")
-    averages, vertices, area = _averages(problem, one, at)
-    jumps, free = _jumps(problem, one, two, at), supports.free[vertices]
-    given = {"vertices": vertices, "weights": area, "free": free}
-    if pair.tied:
-        parts, no = [], np.zeros(len(area))
-        for k, axis in enumerate(np.eye(problem.N)):
-            normals = np.tile(axis, (len(area), 1))
-            rows = rows_along(normals, averages @ jumps, gaps=no, tied=True, **given)
-            parts.append(rows.chosen(np.flatnonzero(free[:, k])))
-        return joined(parts)
-    normals = averages @ at.normals
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    along = averages @ means_along(jumps, at.normals)
-    rows = rows_along(normals, averages @ jumps, along, gaps=averages @ at.gaps, **given)
-    return rows.movable(supports.free)
-
-
-def _averages(
-    problem: Problem, one: Surface, at: Overlap
-) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
-    """Means over the points with the function psi of each vertex, the vertices, and int psi."""
     weights, (points, N) = at.weights, at.lam.shape
     if problem.kinematics.hoop:
         weights = 2 * np.pi * weights * (at.lam * one.corners[at.first, :, 0]).sum(axis=1)
-    share = weights[:, None] * biorthogonal(one, at)
+    share = weights[:, None] * biorthogonal(len(one.corners), at)
     vertices, row = np.unique(one.vertices[at.first], return_inverse=True)
     where = row.ravel(), np.repeat(np.arange(points), N)
     sums = csr_matrix((share.ravel(), where), shape=(len(vertices), points))
     area = np.asarray(sums.sum(axis=1)).ravel()
     kept = area > COVERED * area.max()
-    return diags(1 / area[kept]) @ sums[kept], vertices[kept], area[kept]
+    averages, vertices, area = diags(1 / area[kept]) @ sums[kept], vertices[kept], area[kept]
+    space = H1(problem.mesh, order=problem.order)
+    jumps = one.means(space, at.first, at.lam) - two.means(space, at.second, at.other)
+    means, free = averages @ jumps, supports.free[vertices]
+    if pair.tied:
+        every = np.tile(np.arange(len(area)), N)
+        given = {"vertices": vertices[every], "weights": area[every], "free": free[every]}
+        axes = np.repeat(np.eye(N), len(area), axis=0)
+        rows = rows_along(axes, means[every], gaps=np.zeros(len(every)), tied=True, **given)
+        return rows.chosen(np.flatnonzero(free.T.ravel()))
+    normals = _unit(averages @ at.normals)
+    along, given = (
+        averages @ means_along(jumps, at.normals),
+        {"vertices": vertices, "weights": area},
+    )
+    rows = rows_along(normals, means, along, gaps=averages @ at.gaps, free=free, **given)
+    return rows.movable(supports.free)
 
 
-def _jumps(problem: Problem, one: Surface, two: Surface, at: Overlap) -> csr_matrix:
-    """u_1 - u_2 at the points for one component, shape (points, nodes)."""
-    space, points, sides = H1(problem.mesh, order=problem.order), len(at.weights), []
-    for surface, facets, lam in ((one, at.first, at.lam), (two, at.second, at.other)):
-        nodes, shapes = surface.shapes(space, facets, lam)
-        where = np.repeat(np.arange(points), nodes.shape[1]), nodes.ravel()
-        sides.append(csr_matrix((shapes.ravel(), where), shape=(points, space.ndof)))
-    return sides[0] - sides[1]
+class Surface:
+    """The facets of some boundaries, straight, with N vertices each."""
+
+    vertices: np.ndarray  # numbers, shape (facets, N)
+    corners: np.ndarray  # coordinates, shape (facets, N, N)
+    normals: np.ndarray  # unit outer ones of the facets, shape (facets, N)
+    nodal: np.ndarray  # unit normals at the corners, averaged over the facets, (facets, N, N)
+    areas: np.ndarray  # or lengths, shape (facets,), as are the next ones
+    radii: np.ndarray  # largest distance of a corner from the centre
+
+    def __init__(self, problem: Problem, names: tuple[str, ...]) -> None:
+        mesh, N = problem.mesh, problem.N
+        region = mesh.Boundaries("|".join(names))
+        facets = list(region.Elements())
+        if any(len(facet.vertices) != N for facet in facets):
+            raise ValueError(f"contact between {names} and another body needs triangular facets")
+        self._numbers = [ElementId(BND, facet.nr) for facet in facets]
+        self.vertices = np.array([[v.nr for v in facet.vertices] for facet in facets])
+        self.corners = np.asarray(mesh.ngmesh.Coordinates())[self.vertices, :N]
+        self.centres = self.corners.mean(axis=1)
+        self.radii = np.linalg.norm(self.corners - self.centres[:, None], axis=2).max(axis=1)
+        middle = IntegrationRule(points=[(1 / N,) * (N - 1)], weights=[1.0])
+        shape = {2: ET.SEGM, 3: ET.TRIG}[N]
+        outward = np.asarray(problem.normal(mesh.MapToAllElements({shape: middle}, region)))
+        sides = self.corners[:, 1:] - self.corners[:, :1]
+        turned = sides[:, 0, ::-1] * [1, -1] if N == 2 else 0.5 * np.cross(*sides.swapaxes(0, 1))
+        turned *= np.sign((turned * outward.reshape(-1, N)).sum(axis=1))[:, None]
+        self.areas, self.normals = np.linalg.norm(turned, axis=1), _unit(turned)
+        sums = np.zeros((mesh.nv, N))
+        for column in self.vertices.T:
+            np.add.at(sums, column, turned)
+        self.nodal = _unit(sums)[self.vertices]
+
+    def means(self, space: H1, facets: np.ndarray, lam: np.ndarray) -> csr_matrix:
+        """A function of a space at barycentric coordinates lam (n, N), shape (n, nodes)."""
+        nodes = np.array([space.GetDofNrs(number) for number in self._numbers])[facets]
+        if nodes.shape[1] > lam.shape[1]:
+            element, N = space.GetFE(self._numbers[0]), lam.shape[1]
+            pairs = np.array([*combinations_with_replacement(range(N), 2)])
+            known = np.eye(N)[pairs].mean(axis=1)
+            values = [np.array(element.CalcShape(*point[:-1])) for point in known]
+            shapes = np.linalg.solve(known[:, pairs].prod(axis=2), values)
+            lam = lam[:, pairs].prod(axis=2) @ shapes
+        where = np.repeat(np.arange(len(lam)), nodes.shape[1]), nodes.ravel()
+        return csr_matrix((lam.ravel(), where), shape=(len(lam), space.ndof))
 
 
-def biorthogonal(surface: Surface, at: Overlap) -> np.ndarray:
-    """The values psi of the biorthogonal functions at the points, shape (points, N).
+@dataclass(frozen=True, eq=False)
+class Overlap:
+    """Points on the overlaps of the facets of two surfaces."""
+
+    first: np.ndarray  # facets, shape (points,)
+    second: np.ndarray
+    lam: np.ndarray  # barycentric coordinates in both, shape (points, N)
+    other: np.ndarray
+    weights: np.ndarray  # length or area that belongs to each point, shape (points,)
+    normals: np.ndarray  # unit ones of the first surface, shape (points, N)
+    gaps: np.ndarray  # distance along the normal (length), shape (points,)
+
+
+def overlap(one: Surface, two: Surface) -> Overlap:
+    """The points on the overlaps of two surfaces that face each other."""
+    i, j = _candidates(one, two)
+    seen, N = _seen(one, i, two.corners[j]), one.corners.shape[-1]
+    pieces = np.clip(seen, 0, 1)[:, None] if N == 2 else _fans(_clipped(seen))
+    size = np.abs(np.linalg.det(pieces))
+    pair, piece = np.nonzero(size > THIN)
+    x, w = np.array([point[: N - 1] for point in RULES[N].points]), np.array(RULES[N].weights)
+    x = np.column_stack([1 - x.sum(axis=1), x])
+    lam = (x @ pieces[pair, piece]).reshape(-1, N)
+    weights = (size[pair, piece] * one.areas[i[pair]])[:, None] * w / w.sum()
+    i, j = np.repeat(i[pair], len(w)), np.repeat(j[pair], len(w))
+    here, normals = _between(one.corners[i], lam), _unit(_between(one.nodal[i], lam))
+    other = _hit(two.corners[j], here, normals if N == 2 else one.normals[i])
+    gaps = ((_between(two.corners[j], other) - here) * normals).sum(axis=1)
+    near = gaps > -(one.radii[i] + two.radii[j])
+    parts = i, j, lam, other, weights.ravel(), normals, gaps
+    return Overlap(*(part[near] for part in parts))
+
+
+def _candidates(one: Surface, two: Surface) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of facets that are close and face each other."""
+    tree = cKDTree(two.centres)
+    nearest, _ = tree.query(one.centres)
+    found = tree.query_ball_point(one.centres, nearest + one.radii + 2 * two.radii.max())
+    i = np.repeat(np.arange(len(found)), [len(part) for part in found])
+    j = np.concatenate([np.asarray(part, dtype=int) for part in found])
+    facing = np.einsum("pc,pc->p", one.normals[i], two.normals[j]) < 0
+    return i[facing], j[facing]
+
+
+def _seen(one: Surface, i: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Barycentric coordinates in facets of points y along the normals, both (pairs, N, N)."""
+    if y.shape[-1] == 3:
+        corners, normals = (np.repeat(a[i], 3, axis=0) for a in (one.corners, one.normals))
+        return _hit(corners, y.reshape(-1, 3), normals).reshape(y.shape)
+    a, n_a = one.corners[i, :1], one.nodal[i, :1]
+    side, turn = np.diff(one.corners[i], axis=1), np.diff(one.nodal[i], axis=1)
+    t = ((y - a) * side).sum(axis=2) / (side**2).sum(axis=2)
+    for _ in range(8):  # Newton's method: a + t side - y is parallel to n_a + t turn
+        offset, normal = a + t[..., None] * side - y, n_a + t[..., None] * turn
+        t = t - _cross(offset, normal) / (_cross(side, normal) + _cross(offset, turn))
+    return np.stack([1 - t, t], axis=2)
+
+
+def _hit(corners: np.ndarray, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Barycentric coordinates (n, N) where lines from points meet facets (n, N, N)."""
+    sides = corners[:, 1:] - corners[:, :1]
+    axes = np.concatenate([sides, direction[:, None]], axis=1)
+    found = np.linalg.solve(axes.swapaxes(1, 2), (start - corners[:, 0])[..., None])[:, :-1, 0]
+    return np.column_stack([1 - found.sum(axis=1), found])
+
+
+def _clipped(polygon: np.ndarray) -> np.ndarray:
+    """Convex polygons (pairs, k, N) where no coordinate is negative; corners may be repeated."""
+    for side in range(polygon.shape[-1]):
+        following, (pairs, k, _) = np.roll(polygon, -1, axis=1), polygon.shape
+        a, b = polygon[..., side], following[..., side]
+        crosses = (a >= 0) != (b >= 0)
+        t = np.where(crosses, a / np.where(crosses, a - b, 1.0), 0.0)
+        cut = polygon + t[..., None] * (following - polygon)
+        both = np.stack([polygon, cut], axis=2).reshape(pairs, 2 * k, -1)
+        valid = np.stack([a >= 0, crosses], axis=2).reshape(pairs, 2 * k)
+        order = np.argsort(~valid, axis=1, kind="stable")[:, : k + 1]
+        order = np.where(np.take_along_axis(valid, order, axis=1), order, order[:, :1])
+        polygon = np.take_along_axis(both, order[..., None], axis=1)
+        polygon *= valid.any(axis=1)[:, None, None]
+    return polygon
+
+
+def _fans(polygon: np.ndarray) -> np.ndarray:
+    """Triangles from the first corner of polygons (pairs, k, 3), shape (pairs, k - 2, 3, 3)."""
+    first = np.broadcast_to(polygon[:, :1], polygon[:, 2:].shape)
+    return np.stack([first, polygon[:, 1:-1], polygon[:, 2:]], axis=2)
+
+
+def biorthogonal(count: int, at: Overlap) -> np.ndarray:
+    """The values psi of the biorthogonal functions of ``count`` facets at the points, (points, N).
 
     On facets of which hardly anything faces the other surface the hats take their place.
     """
-    count, N = len(surface.numbers), at.lam.shape[1]
+    N = at.lam.shape[1]
     mass = np.zeros((count, N, N))
     np.add.at(mass, at.first, at.weights[:, None, None] * at.lam[:, :, None] * at.lam[:, None, :])
     size = np.linalg.eigvalsh(mass)
@@ -95,3 +226,18 @@ def biorthogonal(surface: Surface, at: Overlap) -> np.ndarray:
     A = np.broadcast_to(np.eye(N), mass.shape).copy()
     A[good] = mass[good].sum(axis=2)[:, :, None] * np.linalg.inv(mass[good])
     return np.einsum("pij,pj->pi", A[at.first], at.lam)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """The vectors divided by their lengths."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+
+
+def _between(corners: np.ndarray, lam: np.ndarray) -> np.ndarray:
+    """Points (n, N) at barycentric coordinates (n, N) between corners (n, N, N)."""
+    return np.einsum("pk,pkc->pc", lam, corners)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The cross product of vectors in the plane."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
