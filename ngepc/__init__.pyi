@@ -65,8 +65,8 @@ from ngepc.pictures.monitors import live_plot_monitor as live_plot_monitor
 from ngepc.pictures.monitors import table_monitor as table_monitor
 from ngepc.pictures.report import write_report as write_report
 from ngepc.pictures.views import show as show
-from ngepc.primal.result import PrimalResult as PrimalResult
 from ngepc.primal.solver import PrimalOptions as PrimalOptions
+from ngepc.primal.solver import PrimalResult as PrimalResult
 from ngepc.primal.solver import primal_newton as primal_newton
 from ngepc.results.fields import Fields as Fields
 from ngepc.results.outcome import SolverError as SolverError

@@ -61,7 +61,7 @@ class SaddleForms:
         As for ``Factors``.
     """
 
-    linear_iterations, examined = 0, 600
+    linear_iterations, examined, stiffened = 0, 600, None
 
     def __init__(self, discrete: DiscreteProblem, inverse: str) -> None:
         self.discrete, self._name, self._inverse = discrete, inverse, None

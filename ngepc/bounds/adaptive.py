@@ -23,11 +23,11 @@ from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.local.factors import Factors
-from ngepc.local.newton import primal_dual_newton
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.problem import Problem
+from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import IterationRecord, Status
 
 log = logging.getLogger(__name__)
@@ -190,9 +190,8 @@ def solved(
         state, pause = carried_state(last.state, discrete), Pause(SMALL_STEP * last.total)
     steps, bound, algebraic = 0, None, 0.0
     while True:
-        result = primal_dual_newton(
-            discrete, state, tangent, TOLERANCE, options.max_iterations - steps, pause
-        )
+        limits = TOLERANCE, options.max_iterations - steps
+        result = newton_iteration(state, tangent, ExactResult, *limits, pause)
         steps += result.iterations
         if pause.reached and bound is not None:
             algebraic = algebraic_part(setting, feasible_state(setting, result.state)[0], tangent)

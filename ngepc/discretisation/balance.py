@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix, diags
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.floating import Floating
 from ngepc.discretisation.loads import Supports, applied_forces
+from ngepc.discretisation.prolongation import nodal_values
 from ngepc.linalg.secants import Compliance
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team
@@ -55,6 +56,13 @@ class Frame:
         weak = self.floating.springs(self.stiffness_diagonal).ravel()
         parts = self.supports.stiffness, self.contact.grip(self.row_stiffness), diags(weak)
         return sum((part for part in parts[1:] if part.count_nonzero()), parts[0]).tocsr()
+
+    def starting_displacement(self, start: object | None) -> np.ndarray:
+        """Prescribed displacements, and inside those of ``start`` (``nodal_values``) or zero."""
+        u = self.supports.values.copy()
+        if start is not None:
+            u = np.where(self.free, nodal_values(start, self.problem), u)
+        return self.contact.on_rollers(u, self.free)
 
     def compliance(self) -> Compliance:
         """A first guess of the compliance of all rows, which learns."""
@@ -105,6 +113,22 @@ class Balance:
     def open_gap(self) -> np.ndarray:
         """gaps - N u, negative where the obstacle is penetrated, shape (m,)."""
         return self.frame.contact.normal(self.gaps)
+
+    @property
+    def tangential_forces(self) -> np.ndarray:
+        """Tangential forces of the body on the obstacle, shape (m, N - 1)."""
+        return self.frame.contact.tangential(self.contact)
+
+    @property
+    def slip(self) -> np.ndarray:
+        """What the rows have slipped in this step (length), shape (m, N - 1)."""
+        return -self.frame.contact.tangential(self.gaps)
+
+    @property
+    def sliding(self) -> np.ndarray:
+        """Boolean, shape (m,): rows with friction that slip."""
+        bound, slip = self.frame.contact.bound(self.contact), np.linalg.norm(self.slip, axis=1)
+        return (bound > 0) & (slip > self.touching_distance)
 
     @property
     def touching_distance(self) -> float:

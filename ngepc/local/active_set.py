@@ -21,7 +21,6 @@ from ngepc.linalg.friction import SHORTEST, SOFT
 from ngepc.local.closed import Closed, Rubbing
 from ngepc.local.iterative import IterativeTangent
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.results.step import Target
 
 SETS = 30
 """Most active sets of one Newton step."""
@@ -78,7 +77,7 @@ class InexactTarget:
         falling = PART * (residual / before) ** 2 if before else 1.0
         return max(min(self._forcing, falling), PART * self._tolerance / residual, FINEST)
 
-    def __call__(self, here: State, tangent: IterativeTangent) -> Target:
+    def __call__(self, here: State, tangent: IterativeTangent) -> tuple[np.ndarray, np.ndarray]:
         """The change of u, and contact there; FactorisationError if they are not found."""
         tangent.linearise(here)
         accuracy, rough = self.accuracy(here.residual_norm), self._contact.friction.d > 0
@@ -92,7 +91,7 @@ class InexactTarget:
             return self._secants(here, tangent, accuracy, at)
         change = self._contact.processes.spread(at.change.reshape(here.u.shape))
         nothing = np.zeros_like(at.forces)
-        return Target(change, at.forces - self._contact.defect(at.forces, nothing))
+        return change, at.forces - self._contact.defect(at.forces, nothing)
 
     def _sets(
         self, here: State, tangent: IterativeTangent, accuracy: float
@@ -170,7 +169,7 @@ class InexactTarget:
 
     def _secants(
         self, here: State, tangent: IterativeTangent, accuracy: float, at: Meeting | None
-    ) -> Target:
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Contact with friction by secants; what they leave of the gaps is made up for at last."""
         discrete, contact, rows = here.discrete, here.discrete.contact, here.discrete.rows
         if contact.processes.size > 1:
@@ -189,4 +188,4 @@ class InexactTarget:
         left = here.open_gap - rows.normal @ change.ravel()
         active = (contact.normal(forces) > 0) | (left < 0) | rows.tied
         moved = Closed(discrete, active).moved(left[active])
-        return Target(change + moved.reshape(change.shape), forces)
+        return change + moved.reshape(change.shape), forces

@@ -24,7 +24,7 @@ residuals of 4 instead of 1e-5.  One by one takes three times as long and loses 
 
 
 class Factors:
-    """A ``Tangent`` whose factors are computed again for each state, on one sparsity pattern.
+    """A tangent whose factors are computed again for each state, on one sparsity pattern.
 
     ``name`` is NGSolve's of a direct solver, ``blocks`` assemble the tangents, None for the fast
     way; ``moduli`` are those that are factorised, ``back_substitutions`` the solves since then.
@@ -86,10 +86,12 @@ class Factors:
         self.back_substitutions += 1
         self._right.FV().NumPy()[:] = np.where(self._free, forces, 0.0).ravel()
         self._left.data = self._inverse * self._right
-        if self.back_substitutions == 1 and self._in_blocks and self._lost():
-            self._in_blocks = False
-            self._factorise()
-            self._left.data = self._inverse * self._right
+        if self.back_substitutions == 1 and self._in_blocks:
+            rest = (self._right - self._stiffness.matrix * self._left).Evaluate()
+            if rest.Norm() > LOST * self._right.Norm():
+                self._in_blocks = False
+                self._factorise()
+                self._left.data = self._inverse * self._right
         u = self._left.FV().NumPy().reshape(self._free.shape).copy()
         if not np.isfinite(u).all():
             raise FactorisationError(f"{self._name} found a singular tangent")
@@ -100,8 +102,3 @@ class Factors:
         self._right.FV().NumPy()[:] = u.ravel()
         self._left.data = self._stiffness.matrix * self._right
         return self._left.FV().NumPy().reshape(u.shape).copy()
-
-    def _lost(self) -> bool:
-        """Whether the last solve has left too much of the forces."""
-        rest = (self._right - self._stiffness.matrix * self._left).Evaluate()
-        return rest.Norm() > LOST * self._right.Norm()

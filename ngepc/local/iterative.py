@@ -61,7 +61,7 @@ class Iterative(Declared):
 
     def tangent(self, frame: Frame, blocks: Blocks) -> IterativeTangent:
         """The tangent of a discrete problem, whose entries ``blocks`` knows."""
-        return IterativeTangent(frame, blocks, self.engine, self.max_iterations)
+        return IterativeTangent(frame, blocks, self)
 
     def engine(self, pattern: FullPattern, frame: Frame) -> Engine:
         """What multiplies and preconditions."""
@@ -107,22 +107,17 @@ class FullPattern:
 class IterativeTangent:
     """A ``Tangent`` that is never factorised, with a new hierarchy for each state.
 
-    ``engine`` makes the ``Engine``; a solve gives up after ``most`` iterations.  Solves with the
-    present tangent and the iterations in them are ``back_substitutions``, ``linear_iterations``.
+    Solves with the present tangent and the iterations in them are ``back_substitutions`` and
+    ``linear_iterations``, ``forcing`` is that of the ``solver``.
     """
 
     examined, stiffened = FEW, None
 
-    def __init__(
-        self,
-        frame: Frame,
-        blocks: Blocks,
-        engine: Callable[[FullPattern, Frame], Engine],
-        most: int,
-    ) -> None:
-        self._frame, self._most, self._processes = frame, most, frame.contact.processes
+    def __init__(self, frame: Frame, blocks: Blocks, solver: Iterative) -> None:
+        self._frame, self._processes = frame, frame.contact.processes
+        self.forcing, self._most = solver.forcing, solver.max_iterations
         self._blocks, self._pattern = blocks, FullPattern(blocks)
-        self._engine = engine(self._pattern, frame)
+        self._engine = solver.engine(self._pattern, frame)
         self._lower: np.ndarray | None = None
         self.back_substitutions = self.linear_iterations = 0
 

@@ -33,14 +33,6 @@ class ExactResult(DiscreteSolution):
         return float(np.sqrt(self.discrete.points.processes.most(squared)))
 
     @cached_property
-    def dual_energy(self) -> float:
-        """J*(lambda, sigma), the dual functional of the discrete problem (force times length).
-
-        J + J* >= 0 bounds the energy error of any state, and is zero at the solution.
-        """
-        return dual_energy(self.state)
-
-    @cached_property
     def plastic_increment(self) -> GridFunction:
         """Coordinates of the plastic strain p gained in this step, d components."""
         return self._functions.function(self.state.at.plastic_strain, "plastic_increment")
@@ -54,31 +46,32 @@ class ExactResult(DiscreteSolution):
     def _functions(self) -> PointFunctions:
         return PointFunctions(self.discrete.points)
 
+    @cached_property
+    def dual_energy(self) -> float:
+        """J*(lambda, sigma), the dual functional (force times length), inf if no stress allows it.
 
-def dual_energy(state: State) -> float:
-    """J*(lambda, sigma) at a state (force times length), inf where no stress can be as it is.
+        J + J* >= 0 bounds the energy error of any state, and is zero at the solution.  The state's
+        stress is put into balance by an elastic solve.  For every sigma in balance, and every force
+        of contact and friction within its bounds, weak duality says that
 
-    The state's stress is put into balance by an elastic solve.  For every sigma in balance, and
-    every force of contact and friction within its bounds, weak duality says that
+            J* = int phi*(sigma) + lambda . gaps(0) - (forces of supports) . (prescribed u) >= -J,
 
-        J* = int phi*(sigma) + lambda . gaps(0) - (forces of the supports) . (prescribed u) >= -J,
-
-    where phi* is the conjugate of the density of J, smallest over p, as a function of the strain.
-    """
-    discrete, law, points = state.discrete, state.discrete.law, state.discrete.points
-    tangent = Factors(discrete, "sparsecholesky")
-    zero = np.zeros_like(law.two_mu)
-    tangent.update(Moduli(law.bulk, law.two_mu, zero, np.zeros_like(state.deviator)))
-    pressure, stress, u = law.bulk * state.volume, law.stress(state.at), state.u
-    missing = state.missing
-    for _ in range(2):
-        change = tangent.solve(-missing)
-        volume, e = points.strain(change)
-        pressure, stress = pressure + law.bulk * volume, stress + law.two_mu[:, None] * e
-        u = u + change
-        forces = points.forces(pressure, stress) + discrete.supports.pull(u)
-        missing = forces + state.contact_forces - discrete.load
-    held = np.where(discrete.free, 0.0, discrete.supports.values)
-    work = 0.5 * np.vdot(discrete.supports.pull(u), u) - np.vdot(missing, held)
-    work += state.contact @ discrete.contact.gaps(np.zeros_like(held))
-    return points.integral(law.complementary_density(pressure, stress)) + float(work)
+        with the conjugate phi* of the density of J, smallest over p, as a function of the strain.
+        """
+        state, discrete = self.state, self.discrete
+        law, points, supports = discrete.law, discrete.points, discrete.supports
+        tangent, zero = Factors(discrete, "sparsecholesky"), np.zeros_like(law.two_mu)
+        tangent.update(Moduli(law.bulk, law.two_mu, zero, np.zeros_like(state.deviator)))
+        pressure, stress, u = law.bulk * state.volume, law.stress(state.at), state.u
+        missing = state.missing
+        for _ in range(2):
+            change = tangent.solve(-missing)
+            volume, e = points.strain(change)
+            pressure, stress = pressure + law.bulk * volume, stress + law.two_mu[:, None] * e
+            u = u + change
+            forces = points.forces(pressure, stress) + supports.pull(u)
+            missing = forces + state.contact_forces - discrete.load
+        held = np.where(discrete.free, 0.0, supports.values)
+        work = 0.5 * np.vdot(supports.pull(u), u) - np.vdot(missing, held)
+        work += state.contact @ discrete.contact.gaps(np.zeros_like(held))
+        return points.integral(law.complementary_density(pressure, stress)) + float(work)

@@ -1,11 +1,20 @@
 """The discrete problem of one time step: minimise J(u, p) over nodal u with N u <= gaps.
 
 p and the dual variable q live at the integration points.  The plastic strain that is best for u is
-known in closed form there (``discretisation.law``), so that J is a function of u alone.
+known in closed form there (``discretisation.law``), so that J is a function of u alone.  With
+w = -q a variable of its own, the conditions at a point that yields,
+
+    2 mu_2 (dev eps(u) - p) = stress(s, w),    |s| w = r(|s|) s,
+
+are linearised together.  Elimination of w point by point leaves an elasticity-like matrix in u that
+is symmetric and positive definite for every w with |w| <= r (``Law.moduli``).  Far from the
+solution the w that is carried along keeps it from being too soft; on the sphere |w| = r it is the
+derivative of the radial return itself, with which convergence ends quadratically.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -54,11 +63,9 @@ class DiscreteProblem(Frame):
         volume, e = self.points.strain(u)
         volume, e = volume - self.law.swelling, e - self.law.distortion
         at = self.law.returned(e)
-        if yielding is None:
-            yielding = self.law.yielding_part(at)
-        yielding = self.law.projected(yielding, at)
+        yielding = self.law.yielding_part(at) if yielding is None else yielding
         contact = np.zeros(len(self.contact)) if contact is None else contact
-        return State(self, u, yielding, contact, volume, e, at)
+        return State(self, u, self.law.projected(yielding, at), contact, volume, e, at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +96,28 @@ class State(Balance):
         object.__setattr__(other, "yielding", self.discrete.law.yielding_part(self.at))
         return other
 
+    def along(self, change: np.ndarray) -> tuple[Callable, Callable]:
+        """The work of the stress at u + t du times du, and the state there, see ``iteration``.
+
+        Strains are affine in t; w moves along.
+        """
+        law, points, supports = self.discrete.law, self.discrete.points, self.discrete.supports
+        volume, e = points.strain(change)
+        pull, dot = supports.pull(change), points.processes.dot
+        start, rise = dot(pull, self.u), dot(pull, change)
+
+        def work(t: float) -> float:
+            stress = law.stress(law.returned(self.deviator + t * e))
+            mean = law.bulk * (self.volume + t * volume) * volume
+            return points.integral(mean + np.einsum("pd,pd->p", stress, e)) + start + t * rise
+
+        def moved(t: float, contact: np.ndarray) -> State:
+            w = law.linearised(self.at, self.yielding, law.two_mu[:, None] * e)
+            w = self.yielding + t * (w - self.yielding)
+            return self.discrete.state(self.u + t * change, w, contact)
+
+        return work, moved
+
     @cached_property
     def energy(self) -> float:
         """J(u, p) of (2.14) with the p that is best for u, and friction (force times length)."""
@@ -109,21 +138,9 @@ class State(Balance):
         return discrete.points.processes.most(discrete.law.flowing(self.at.gained))
 
     @property
-    def tangential_forces(self) -> np.ndarray:
-        """Tangential forces of the body on the obstacle, shape (m, N - 1)."""
-        return self.discrete.contact.tangential(self.contact)
-
-    @property
-    def slip(self) -> np.ndarray:
-        """What the rows have slipped in this step (length), shape (m, N - 1)."""
-        return -self.discrete.contact.tangential(self.gaps)
-
-    @property
-    def sliding(self) -> np.ndarray:
-        """Boolean, shape (m,): rows with friction that slip."""
-        return (self.discrete.contact.bound(self.contact) > 0) & (
-            np.linalg.norm(self.slip, axis=1) > self.touching_distance
-        )
+    def plastic_measure(self) -> float:
+        """Area or volume of what yields in this step."""
+        return self.discrete.points.integral(self.at.yields.astype(float))
 
     @cached_property
     def internal_forces(self) -> np.ndarray:

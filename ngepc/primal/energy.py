@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from ngsolve import (
     H1,
@@ -10,10 +14,8 @@ from ngsolve import (
     BitArray,
     CoefficientFunction,
     GridFunction,
-    InnerProduct,
     Integrate,
     LinearForm,
-    Norm,
     dx,
     specialcf,
 )
@@ -36,11 +38,11 @@ ANSWER = 1e-8
 class ReducedEnergy(Frame):
     """min over p of J(u, p), (2.14), for nodal displacements u of shape (nodes, N).
 
-    Its own ``Tangent``, with a solver as in ``PrimalOptions``; ``displacement`` and ``mapping`` are
-    the GridFunction that holds the displacement looked at last, and ``ReturnMapping`` there.
+    Its own tangent, with a solver as in ``PrimalOptions``; ``displacement`` and ``mapping`` are the
+    GridFunction that holds the displacement looked at last, and ``ReturnMapping`` there.
     """
 
-    stiffened = None
+    stiffened, back_substitutions, linear_iterations = None, 0, 0
 
     def __init__(self, problem: Problem, inverse: str | object = "sparsecholesky") -> None:
         require_whole("primal_newton", problem.mesh)
@@ -54,15 +56,16 @@ class ReducedEnergy(Frame):
         self._tangent = BilinearForm(self._integral(self.mapping.tangent(u, v)))
         self._density = self.mapping.energy_density.Compile()
         self._plastic = self.mapping.plastic.Compile()
-        self._name, self._inverse = inverse, None
         matrix = self.assemble(self.supports.stiffness)
         diagonal = csr_matrix(tuple(map(np.asarray, matrix.CSR()))).diagonal()
         self.stiffness_diagonal = nodal(diagonal, problem)
-        self.yield_forces = self._yield_forces()
-        self._iterative, self.examined = None, EXAMINED
+        test = H1(problem.mesh, order=1).TestFunction()
+        yielding = self._integral(as_scalar(problem.beta) / specialcf.mesh_size * test)
+        self.yield_forces = float(np.linalg.norm(LinearForm(yielding).Assemble().vec.FV().NumPy()))
+        self._name, self._inverse, self._iterative = inverse, None, None
         if not isinstance(inverse, str):
             self._iterative = inverse.tangent(self, ComponentBlocks(matrix, self.free))
-            self.examined = FEW
+        self.examined = EXAMINED if self._iterative is None else FEW
 
     def _integral(self, density: CoefficientFunction):
         return self.problem.kinematics.weight * density * dx(intrules=self.rules)
@@ -83,13 +86,15 @@ class ReducedEnergy(Frame):
         return self.integral(self._density) - float(work)
 
     def internal_forces(self, u: np.ndarray) -> np.ndarray:
-        """Nodal forces of the stress and on the springs, shape (nodes, N).
-
-        Minus ``load`` they are the gradient.
-        """
+        """Nodal forces of the stress and on the springs (nodes, N), the gradient plus ``load``."""
         self.set(u)
         stress = nodal(self._forces.Assemble().vec.FV().NumPy(), self.problem)
         return stress + self.supports.pull(u)
+
+    def plastic_measure(self, u: np.ndarray) -> float:
+        """Area or volume of the part of the body that yields in this step."""
+        self.set(u)
+        return self.integral(self._plastic)
 
     def assemble(self, springs: csr_matrix) -> BaseMatrix:
         """The tangent at the displacement looked at last, with springs."""
@@ -106,6 +111,7 @@ class ReducedEnergy(Frame):
     def linearise(self, here: Balance) -> None:
         """Assemble and factorise the tangent at a state; FactorisationError if that fails."""
         self.set(here.u)
+        self.back_substitutions = self.linear_iterations = 0
         try:
             self._factorise(self.assemble(self.added))
         except SOLVER_ERRORS as error:
@@ -122,8 +128,11 @@ class ReducedEnergy(Frame):
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
         """Displacements, zero where held, that the last tangent answers ``forces`` with."""
+        self.back_substitutions += 1
         if self._iterative is not None:
-            return self._iterative.solve(forces, ANSWER)
+            u = self._iterative.solve(forces, ANSWER)
+            self.linear_iterations = self._iterative.linear_iterations
+            return u
         right = self.displacement.vec.CreateVector()
         right.FV().NumPy()[:] = forces.T.ravel()
         u = nodal((self._inverse * right).Evaluate().FV().NumPy(), self.problem)
@@ -131,30 +140,52 @@ class ReducedEnergy(Frame):
             raise FactorisationError("the tangent stiffness is singular")
         return np.where(self.free, u, 0.0)
 
-    def plastic_measure(self, u: np.ndarray) -> float:
-        """Area or volume of the part of the body that yields in this step."""
-        self.set(u)
-        return self.integral(self._plastic)
 
-    def first_order_energy(self, u: np.ndarray) -> float:
-        """l(u, p) + int beta |p| of (2.15), (2.16) at the plastic strain of ``u``.
+@dataclass(frozen=True, eq=False)
+class PrimalState(Balance):
+    """An iterate: displacements and contact forces, see ``Balance``, and the discrete energy."""
 
-        With a law of hardening the last term is what makes it twice J at the solution.
-        """
-        self.set(u)
-        problem, kinematics = self.problem, self.problem.kinematics
-        p, p_0, (_, alpha_2) = self.mapping.plastic_increment, problem.p_0, problem.alpha_0
-        density = (
-            2 * self.mapping.hardening_energy
-            - self.mapping.bound * Norm(p)
-            + InnerProduct(kinematics.coordinates(alpha_2), p)
-            - 2 * as_scalar(problem.material.lame_mu) * InnerProduct(p_0, p_0)
-            - InnerProduct(self.mapping.stress, p_0 + problem.eps_0)
-        )
-        return self.integral(density.Compile()) - float(np.vdot(self.load, u))
+    reduced: ReducedEnergy
+    u: np.ndarray
+    contact: np.ndarray
 
-    def _yield_forces(self) -> float:
-        form = LinearForm(H1(self.problem.mesh, order=1))
-        density = as_scalar(self.problem.beta) / specialcf.mesh_size * form.space.TestFunction()
-        form += self._integral(density)
-        return float(np.linalg.norm(form.Assemble().vec.FV().NumPy()))
+    @property
+    def frame(self) -> ReducedEnergy:
+        """The discrete energy, see ``Balance``."""
+        return self.reduced
+
+    def on_sphere(self) -> PrimalState:
+        """The same state: its tangent always is that of the energy."""
+        return self
+
+    def along(self, change: np.ndarray) -> tuple[Callable, Callable]:
+        """The work of the stress at u + t du times du, and the state there, see ``iteration``."""
+
+        def work(t: float) -> float:
+            return float(np.vdot(self.reduced.internal_forces(self.u + t * change), change))
+
+        def moved(t: float, contact: np.ndarray) -> PrimalState:
+            return PrimalState(self.reduced, self.u + t * change, contact)
+
+        return work, moved
+
+    @cached_property
+    def energy(self) -> float:
+        """J, smallest over p, and friction (force times length)."""
+        return self.reduced.energy(self.u) + self.friction_work
+
+    @property
+    def plastic_measure(self) -> float:
+        """Area or volume of what yields in this step."""
+        return self.reduced.plastic_measure(self.u)
+
+    @property
+    def flowing(self) -> float:
+        """The largest |p| where a law hardens no more."""
+        self.reduced.set(self.u)
+        return self.reduced.mapping.flowing()
+
+    @cached_property
+    def internal_forces(self) -> np.ndarray:
+        """Nodal forces of the stress, shape (nodes, N)."""
+        return self.reduced.internal_forces(self.u)

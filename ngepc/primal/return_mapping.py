@@ -21,7 +21,11 @@ from ngepc.model.material import PEEQ
 from ngepc.model.problem import Problem, as_scalar
 
 YIELD_ROUNDING = 1e-9
-"""Part of beta by which |s| has to exceed beta, for the tangent of an elastic point to change."""
+"""Part of beta by which |s| has to exceed beta, for the tangent of an elastic point to change.
+
+A load step starts with |s| = beta wherever the last one has yielded, up to rounding.  These points
+count as elastic: unloading then needs one Newton step.
+"""
 
 SOLVED = 1e-15
 """Part of the stress to which the equation of a law of hardening is solved."""
@@ -30,128 +34,77 @@ SOLVED = 1e-15
 class ReturnMapping:
     """The closed forms of the eliminated plastic strain for the current displacement.
 
-    Every property is a coefficient that follows later changes of ``displacement``, with a law of
-    hardening after ``update``.
+    Coefficients that follow later changes of ``displacement``, with a law of hardening after
+    ``update``: ``elastic_strain_trial``, e - eps_0 - p_0, and ``stress``, C (e - eps_0 - p_0 - p),
+    tensors; ``plastic_increment``, p in coordinates; ``bound``, beta(|p|), and its integral from 0
+    to |p|, ``hardening_energy``; ``energy_density``, that of J without the loads, smallest over p;
+    ``plastic``, 1 where the body yields in this step, 0 elsewhere.
     """
 
     def __init__(self, problem: Problem, displacement: GridFunction) -> None:
-        self.problem, self.kinematics = problem, problem.kinematics
-        self.displacement = displacement
-        self._beta, self._h = as_scalar(problem.beta), problem.effective_hardening
-        self._two_mu = 2 * as_scalar(problem.material.lame_mu)
-        self._modulus = self._two_mu + self._h
-        lame_lambda = as_scalar(problem.material.lame_lambda)
-        self._bulk = lame_lambda + self._two_mu / self.kinematics.size
-        self._law, self._x = problem.material.law, problem.accumulated_0
-        if self._law is not None:
-            self._points = Points(problem.mesh, self.kinematics, problem.order)
-            self._functions = PointFunctions(self._points)
-            self._solution, self._gained = self._solved(), None
-            self.update()
+        self.kinematics, back = problem.kinematics, problem.alpha_0[1]
+        beta, h = as_scalar(problem.beta), problem.effective_hardening
+        two_mu = 2 * as_scalar(problem.material.lame_mu)
+        self._two_mu, self._h, self._modulus = two_mu, h, two_mu + h
+        lame_lambda, size = as_scalar(problem.material.lame_lambda), self.kinematics.size
+        self._bulk = lame_lambda + two_mu / size
+        e = self.kinematics.strain(displacement) - (problem.p_0 + problem.eps_0)
+        s = self.kinematics.coordinates(two_mu * e - back)
+        length = IfPos(Norm(s) - beta, Norm(s), beta)  # > 0
+        self.elastic_strain_trial, self._trial, self._length = e, s, length
+        self.plastic = IfPos(Norm(s) - (1 + YIELD_ROUNDING) * beta, 1.0, 0.0)
+        self._eliminate(problem, beta)
+        self.plastic_increment = self._gained / length * s
 
-    @property
-    def elastic_strain_trial(self) -> CoefficientFunction:
-        """e - eps_0 - p_0, a tensor; e in the formulas is beyond the initial strain eps_0."""
-        given = self.problem.p_0 + self.problem.eps_0
-        return self.kinematics.strain(self.displacement) - given
+        # what the return leaves of s; the stress without the cancellation of e and p
+        self._retained = (h + two_mu * self.bound / length) / self._modulus
+        deviator = self.kinematics.tensor(self._retained * s) + back
+        self.stress = self._bulk * Trace(e) * Id(size) + deviator
 
-    @property
-    def trial(self) -> CoefficientFunction:
-        """Coordinates of s = 2 mu_2 (dev e - p_0) - dev alpha_2 (stress)."""
-        shifted = self._two_mu * self.elastic_strain_trial - self.problem.alpha_0[1]
-        return self.kinematics.coordinates(shifted)
+        kept, back = IfPos(Norm(s) - beta, self.bound, Norm(s)), self.kinematics.coordinates(back)
+        shape = Norm(s) * Norm(s) * h / (two_mu * self._modulus) + kept * kept / self._modulus
+        given = InnerProduct(back, back + 2 * s) / two_mu
+        given -= two_mu * InnerProduct(problem.p_0, problem.p_0)
+        volume = self._bulk * Trace(e) * Trace(e)
+        self.energy_density = 0.5 * (volume + shape + 2 * self.hardening_energy + given)
 
-    @property
-    def plastic_increment(self) -> CoefficientFunction:
-        """Coordinates of p, d components (1)."""
-        s = self.trial
-        return self.gained / self._size(s) * s
+    def _eliminate(self, problem: Problem, beta: CoefficientFunction) -> None:
+        """|p|, in closed form or by Newton's method, with beta(|p|), its slope and integral."""
+        law, x, M = problem.material.law, problem.accumulated_0, self._modulus
+        self._solution, self._softest = None, 0.0
+        if law is None:
+            g = self._gained = (self._length - beta) / M
+            self.bound, self._slope, self.hardening_energy = beta, CF(0.0), beta * g
+            return
 
-    @property
-    def gained(self) -> CoefficientFunction:
-        """|p|, scalar (1)."""
-        if self._law is not None:
-            return self._gained
-        return (self._size(self.trial) - self._beta) / self._modulus
+        def bound(g: CoefficientFunction) -> CoefficientFunction:
+            """beta(g) (stress)."""
+            return beta + PEEQ * (law.stress(x + PEEQ * g) - law.stress(x))
 
-    def _solved(self) -> CoefficientFunction:
-        """The g with (2 mu_2 + h) g + beta(g) = max(|s|, beta)."""
-        g = L2(self.problem.mesh, order=0).TrialFunction()
-        equation = (self._modulus * g + self._bound(g)) / self._size(self.trial) - 1
-        return NewtonCF(equation, CF(0.0), tol=SOLVED, maxiter=50)
+        g = L2(problem.mesh, order=0).TrialFunction()
+        equation = (M * g + bound(g)) / self._length - 1
+        self._solution = NewtonCF(equation, CF(0.0), tol=SOLVED, maxiter=50)
+        self._softest = SOFTEST
+        self._points = Points(problem.mesh, self.kinematics, problem.order)
+        self._functions = PointFunctions(self._points)
+        g = self._gained = self._functions.function(self._points.at(self._solution))
+        self.bound, more = bound(g), PEEQ * g
+        self._slope = PEEQ**2 * law.slope(x + more)
+        stored = law.energy(x + more) - law.energy(x) - law.stress(x) * more
+        self.hardening_energy = beta * g + stored
 
     def update(self) -> None:
         """Solve for |p| at the points, where a law of hardening makes it no closed form."""
-        if self._law is None:
-            return
-        found = self._functions.function(self._points.at(self._solution))
-        if self._gained is None:
-            self._gained = found
-        self._gained.vec.data = found.vec
-
-    @property
-    def bound(self) -> CoefficientFunction:
-        """beta(|p|), scalar (stress)."""
-        return self._bound(self.gained)
+        if self._solution is not None:
+            found = self._functions.function(self._points.at(self._solution))
+            self._gained.vec.data = found.vec
 
     def flowing(self) -> float:
         """The largest |p| where a law hardens no more."""
-        if self._law is None:
+        if self._solution is None:
             return 0.0
         stiff = self._h + self._slope - SOFTEST * self._two_mu
         return float(self._points.at(IfPos(stiff, 0.0, self._gained)).max())
-
-    @property
-    def _slope(self) -> CoefficientFunction:
-        """beta'(|p|) (stress)."""
-        if self._law is None:
-            return CF(0.0)
-        return PEEQ**2 * self._law.slope(self._x + PEEQ * self.gained)
-
-    def _bound(self, g: CoefficientFunction) -> CoefficientFunction:
-        """beta(g) (stress)."""
-        if self._law is None:
-            return self._beta
-        gain = self._law.stress(self._x + PEEQ * g) - self._law.stress(self._x)
-        return self._beta + PEEQ * gain
-
-    @property
-    def hardening_energy(self) -> CoefficientFunction:
-        """The integral of beta from 0 to |p| (energy per volume)."""
-        if self._law is None:
-            return self._beta * self.gained
-        x, law, more = self._x, self._law, PEEQ * self.gained
-        return (
-            self._beta * self.gained + law.energy(x + more) - law.energy(x) - law.stress(x) * more
-        )
-
-    @property
-    def stress(self) -> CoefficientFunction:
-        """Sigma = C (e - p_0 - p), a tensor (stress), without the cancellation of e and p."""
-        s, mean = self.trial, self._bulk * Trace(self.elastic_strain_trial)
-        deviatoric = self.kinematics.tensor(self._retained(s) * s) + self.problem.alpha_0[1]
-        return mean * Id(self.kinematics.size) + deviatoric
-
-    @property
-    def energy_density(self) -> CoefficientFunction:
-        """The density of J without the loads, smallest over p (energy per volume), (2.14)."""
-        two_mu, M, s = self._two_mu, self._modulus, self.trial
-        m = Norm(s)
-        b = IfPos(m - self._beta, self.bound, m)
-        volume = Trace(self.elastic_strain_trial)
-        shape = m * m * self._h / (two_mu * M) + b * b / M + 2 * self.hardening_energy
-        p_0, back = self.problem.p_0, self.kinematics.coordinates(self.problem.alpha_0[1])
-        shift = InnerProduct(back, back + 2 * s) / two_mu - two_mu * InnerProduct(p_0, p_0)
-        return 0.5 * (self._bulk * volume * volume + shape + shift)
-
-    @property
-    def plastic(self) -> CoefficientFunction:
-        """1 where the body yields in this step, 0 elsewhere.
-
-        A load step starts with |s| = beta wherever the last one has yielded, up to rounding.  These
-        points count as elastic: unloading then needs one Newton step.
-        """
-        return IfPos(Norm(self.trial) - (1 + YIELD_ROUNDING) * self._beta, 1.0, 0.0)
 
     def power(self, v: ProxyFunction) -> CoefficientFunction:
         """Sigma : eps(v), the integrand of the internal forces."""
@@ -159,26 +112,15 @@ class ReturnMapping:
 
     def tangent(self, u: ProxyFunction, v: ProxyFunction) -> CoefficientFunction:
         """The slant derivative of ``power``: radial return differentiated where |s| > beta."""
-        two_mu, s, size = self._two_mu, self.trial, self.kinematics.size
-        length, slope = self._size(s), self._slope
-        softer = (1.0 if self._law is None else 1 - SOFTEST) * (
-            self.bound / length - slope / (self._modulus + slope)
-        )
-        across = cached(two_mu * self._retained(s))
-        along = cached(two_mu * two_mu / self._modulus * self.plastic * softer)
-        direction = cached(self.kinematics.tensor(s / length))
+        two_mu, M, length, slope = self._two_mu, self._modulus, self._length, self._slope
+        softer = (1 - self._softest) * (self.bound / length - slope / (M + slope))
+        across = cached(two_mu * self._retained)
+        along = cached(two_mu * two_mu / M * self.plastic * softer)
+        direction = cached(self.kinematics.tensor(self._trial / length))
         e, d = self.kinematics.strain(u), self.kinematics.strain(v)
-        volume = (self._bulk - across / size) * Trace(e) * Trace(d)
+        volume = (self._bulk - across / self.kinematics.size) * Trace(e) * Trace(d)
         shape = across * InnerProduct(e, d)
         return volume + shape - along * InnerProduct(direction, e) * InnerProduct(direction, d)
-
-    def _size(self, s: CoefficientFunction) -> CoefficientFunction:
-        """max(|s|, beta) > 0."""
-        return IfPos(Norm(s) - self._beta, Norm(s), self._beta)
-
-    def _retained(self, s: CoefficientFunction) -> CoefficientFunction:
-        """The part of s that the return leaves, (h + 2 mu_2 beta(g)/|s|) / (2 mu_2 + h) or 1."""
-        return (self._h + self._two_mu * self.bound / self._size(s)) / self._modulus
 
 
 def cached(coefficient: CoefficientFunction) -> CoefficientFunction:

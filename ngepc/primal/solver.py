@@ -5,30 +5,29 @@ differentiable energy under the contact conditions N u <= gaps.  All iterates bu
 feasible and every step goes downhill.
 
 Everything is assembled from symbolic forms of NGSolve: it is the independent witness of
-``ngepc.local``, with which it shares supports, loads, integration rules and contact rows, and how a
-step ends at contact and where the energy falls (``results.step``); energy, tangent and plastic
-strain are its own.
+``ngepc.local``, with which it shares supports, loads, integration rules, contact rows and the loop
+(``results.iteration``); energy, tangent and plastic strain are its own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from ngsolve import GridFunction
+from ngsolve import GridFunction, InnerProduct, Norm
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.discretisation.prolongation import nodal_values
+from ngepc.discretisation.pointfunctions import interpolated
 from ngepc.linalg.direct import require_solver
-from ngepc.model.problem import Problem
-from ngepc.primal.energy import ReducedEnergy
-from ngepc.primal.result import PrimalResult, PrimalState
+from ngepc.model.problem import Problem, as_scalar
+from ngepc.primal.energy import PrimalState, ReducedEnergy
+from ngepc.results.exact import DiscreteSolution
 from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import Monitor
-from ngepc.results.step import ContactStep, ExactTarget, Line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,28 +56,42 @@ class PrimalOptions(Declared):
     inverse: Annotated[str | object, Check(require_solver)] = "sparsecholesky"
 
 
-class PrimalLine(Line):
-    """States and work along a step in u alone."""
+class PrimalResult(DiscreteSolution):
+    """The last state of ``primal_newton``, see ``DiscreteSolution``."""
 
-    def internal_work(self, t: float) -> float:
-        """The internal forces at u + t du times du."""
-        du = self.target.change
-        return float(np.vdot(self.here.reduced.internal_forces(self.here.u + t * du), du))
+    state: PrimalState
+    method_label = "exact (primal)"
 
-    def state(self, t: float) -> PrimalState:
-        """The state at u + t du."""
-        u = self.here.u + t * self.target.change
-        return PrimalState(self.here.reduced, u, self.forces(t))
+    @cached_property
+    def dual_energy(self) -> float:
+        """-J at the solution by an identity that only the solution satisfies.
 
+        J = 1/2 (l(u, p) + int beta |p| - contact forces . N u + <reactions, prescribed u>), (2.15),
+        (2.16), without friction; with friction its work is added.  With a law of hardening the
+        integral is what makes the sum twice J.  The sum with ``primal_energy`` is a measure of what
+        is left.
+        """
+        state, problem, reduced = self.state, self.problem, self.state.reduced
+        reduced.set(state.u)
+        mapping, p_0 = reduced.mapping, problem.p_0
+        p, back = mapping.plastic_increment, problem.kinematics.coordinates(problem.alpha_0[1])
+        density = (
+            2 * mapping.hardening_energy
+            - mapping.bound * Norm(p)
+            + InnerProduct(back, p)
+            - 2 * as_scalar(problem.material.lame_mu) * InnerProduct(p_0, p_0)
+            - InnerProduct(mapping.stress, p_0 + problem.eps_0)
+        )
+        fixed = np.where(reduced.free, 0.0, state.missing)
+        work = float(np.vdot(fixed - state.contact_forces - reduced.load, state.u))
+        friction = -state.contact @ state.gaps + state.multipliers @ state.open_gap
+        return -0.5 * (reduced.integral(density.Compile()) + work) - friction
 
-class PrimalStep(ContactStep):
-    """A step in u alone."""
-
-    line, result = PrimalLine, PrimalResult
-
-    def numbers(self, state: PrimalState) -> dict[str, float]:
-        """What yields."""
-        return {"plastic_active": state.reduced.plastic_measure(state.u)}
+    @cached_property
+    def plastic_increment(self) -> GridFunction:
+        """Coordinates of the plastic strain p gained in this step, d components."""
+        self.state.reduced.set(self.state.u)
+        return interpolated(self.problem, self.state.reduced.mapping.plastic_increment)
 
 
 def primal_newton(
@@ -117,12 +130,8 @@ def primal_newton(
     require_function("monitor", monitor, "a record", optional=True)
     options = PrimalOptions() if options is None else options
     require_instance("options", options, PrimalOptions, "PrimalOptions(...)")
-    given = None if start is None else nodal_values(start, problem)
     reduced = ReducedEnergy(problem, options.inverse)
-    u = reduced.supports.values
-    if given is not None:
-        u = np.where(reduced.free, given, u)
-    u = reduced.contact.on_rollers(u, reduced.free)
+    u = reduced.starting_displacement(start)
     state = PrimalState(reduced, u, np.zeros(len(reduced.contact)))
-    step, tolerance = PrimalStep(reduced, ExactTarget(reduced)), options.tolerance
-    return newton_iteration(state, step, tolerance, options.max_iterations, monitor)
+    limits = options.tolerance, options.max_iterations
+    return newton_iteration(state, reduced, PrimalResult, *limits, monitor)

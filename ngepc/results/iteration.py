@@ -1,19 +1,28 @@
 """The Newton loop of both exact methods: tests first, each with its reason, then a step.
 
-What a method puts into it is one object, its step; the state is a value with everything in it.
+A step goes towards the minimum of Newton's model over N u <= gaps, friction included, as far as the
+energy falls.  States are values, a ``Balance`` with ``energy``, ``flowing`` (the largest |p| where
+a law hardens no more), ``plastic_measure`` (what yields) and ``on_sphere()`` (the state whose
+tangent is that of the energy); ``along(du)`` has the work of the stress at u + t du times du, and
+makes the state there with forces of the rows.  A tangent has ``linearise(state)`` and
+``solve(forces)``, both (nodes, N); ``examined`` are the most solves that tell whether friction
+allows other equilibria, ``stiffened``, if there is one, makes ``solve`` with springs of the rows.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from ngepc.discretisation.balance import Balance
+from ngepc.discretisation.balance import EPSILON, Balance, Frame
+from ngepc.discretisation.contact_step import ROUNDING, ContactWork, rival, with_contact
 from ngepc.linalg.direct import FactorisationError
+from ngepc.linalg.linesearch import nearly_flat
 from ngepc.results.outcome import History, IterationRecord, Monitor, Status
 
 log = logging.getLogger(__name__)
@@ -26,44 +35,48 @@ FREE = 100.0
 SETTLED = 0.5
 """Within rounding, a step that leaves more than this part of the residual ends the run."""
 
+QUADRATIC = 5.0
+"""After a full step that divides the residual by more, convergence ends on the sphere."""
 
-class ExactIterate(Balance):
-    """An iterate: what is left of balance, its energy, the largest |p| where nothing hardens."""
+NOISE = 1e-14
+"""Rounding of a slope relative to the terms that it is summed from."""
 
-    energy: float
-    flowing: float
+Target = Callable[[Any, Any], tuple[np.ndarray, np.ndarray]]
+"""State and tangent -> where Newton's model is smallest: du, (nodes, N), and forces of the rows."""
 
 
-class NewtonStep(Protocol):
-    """What one method puts into the loop."""
+class ExactTarget:
+    """Newton's model solved exactly; what the rows answer is learned from step to step."""
 
-    def __call__(self, here: Any) -> tuple[Any, float, int] | None:
-        """The next state, the step length and its trials; None if no length lowers the energy."""
+    def __init__(self, frame: Frame) -> None:
+        self._compliance = frame.compliance()
 
-    def numbers(self, state: Any) -> dict[str, float]:
-        """Fields of ``IterationRecord`` that this method alone knows."""
-
-    def rival(self, state: Any) -> tuple[bool, str]:
-        """Whether friction allows other equilibria beside a solution, and a sentence about it."""
-
-    def result(self, state: Any, status: Status, message: str, history: History) -> Any:
-        """The result of a run that ends with a state."""
+    def __call__(self, here: Any, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Take the tangent at a state and solve; FactorisationError if that cannot be done."""
+        tangent.linearise(here)
+        change = tangent.solve(-here.imbalance)
+        found = with_contact(here, tangent.solve, change, here.contact, self._compliance)
+        if found is None:
+            raise FactorisationError(here.frame.contact.unsolvable)
+        return found
 
 
 def newton_iteration(
-    state: ExactIterate,
-    step: NewtonStep,
+    state: Any,
+    tangent: Any,
+    result: Callable[..., Any],
     tolerance: float,
     max_iterations: int,
     monitor: Monitor | None = None,
+    target: Target | None = None,
 ) -> Any:
     """Newton steps from a state until its residual is within the tolerance or something stops them.
 
-    The monitor gets the record of each iterate and may raise StopIteration.  What is returned is
-    the method's ``result`` with the last state, whatever its status says.
+    The monitor gets the record of each iterate and may raise StopIteration; ``target`` is exact by
+    default.  What is returned is ``result`` of the last state, whatever its status says.
     """
     history, before, length, trials = History(), None, 1.0, 0
-    status, message = None, ""
+    status, message, target = None, "", target or ExactTarget(state.frame)
     try:
         while status is None:
             record = IterationRecord(
@@ -73,19 +86,23 @@ def newton_iteration(
                 energy=state.energy,
                 step_length=length,
                 halvings=trials,
+                back_substitutions=tangent.back_substitutions,
+                linear_iterations=tangent.linear_iterations,
                 contact_active=state.frame.contact.area(state.multipliers > 0),
-                **step.numbers(state),
+                plastic_active=state.plastic_measure,
+                friction_active=state.frame.contact.area(state.sliding),
             )
             history.records.append(record)
             log.info(LINE, vars(record))
             if monitor is not None:
-                monitor(replace(record, snapshot=_snapshot(state, step, history)))
+                seen, ending = History(list(history.records)), f"after {record.iteration} steps"
+                snapshot = partial(result, state, Status.STOPPED, ending, seen)
+                monitor(replace(record, snapshot=snapshot))
             status, message = end_of(state, before, history, tolerance, max_iterations)
-            if status is Status.CONVERGED:
-                several, message = step.rival(state)
-                status = Status.NOT_UNIQUE if several else status
+            if status is Status.CONVERGED and state.frame.contact.friction.d:
+                status, message = uniqueness(state.on_sphere(), tangent)
             if status is None:
-                before, following = state.residual_norm, step(state)
+                before, following = state.residual_norm, newton_step(state, tangent, target)
                 if following is None:
                     status, message = stuck(state)
                 else:
@@ -94,15 +111,52 @@ def newton_iteration(
         status, message = Status.NONFINITE, f"{error}."
     except (StopIteration, KeyboardInterrupt):
         status, message = Status.STOPPED, f"after {len(history.records) - 1} steps"
-    return step.result(state, status, message, history)
+    return result(state, status, message, history)
+
+
+def newton_step(here: Any, tangent: Any, target: Target) -> tuple[Any, float, int] | None:
+    """The next state, the step length and its trials; None if no length lowers the energy."""
+    change, contact = target(here, tangent)
+    internal_work, moved = here.along(change)
+    rows, frame = ContactWork(here, change, contact), here.frame
+    outer_work = frame.contact.processes.dot(frame.load - rows.held, change)
+
+    def slope(t: float) -> float:
+        """d/dt of J(u + t du), friction with the bounds of the target included."""
+        return internal_work(t) + rows.slope(t) - outer_work
+
+    if here.penetration > here.touching_distance:
+        return moved(1.0, contact), 1.0, 0  # the first step makes u feasible
+    found = nearly_flat(slope, slope_rounding(here, change, contact))
+    if found is None:
+        return None
+    if found[0] < 1.0:
+        return moved(found[0], here.contact + found[0] * (contact - here.contact)), *found
+    state = moved(1.0, contact)
+    falls = here.residual_norm > QUADRATIC * state.residual_norm
+    return (state.on_sphere() if falls else state), *found
+
+
+def slope_rounding(here: Balance, change: np.ndarray, contact: np.ndarray) -> float:
+    """What rounding leaves of a slope, also where du is nothing but rounding of u itself."""
+    frame, processes = here.frame, here.frame.contact.processes
+    size, forces = np.abs(here.u), np.abs(contact)
+    terms = NOISE * np.abs(change) + 2 * EPSILON * size
+    summed = processes.dot(np.abs(here.internal_forces), terms)
+    pressing = processes.total(float(forces[frame.contact.own].sum()))
+    answers = processes.most(forces / frame.row_stiffness)
+    return summed + pressing * ROUNDING * max(processes.most(size), answers)
+
+
+def uniqueness(here: Balance, tangent: Any) -> tuple[Status, str]:
+    """Whether friction allows other equilibria beside a solution, and a sentence about it."""
+    tangent.linearise(here)
+    several, message = rival(here, tangent.solve, tangent.examined, tangent.stiffened)
+    return Status.NOT_UNIQUE if several else Status.CONVERGED, message
 
 
 def end_of(
-    here: ExactIterate,
-    before: float | None,
-    history: History,
-    tolerance: float,
-    max_iterations: int,
+    here: Any, before: float | None, history: History, tolerance: float, max_iterations: int
 ) -> tuple[Status | None, str]:
     """Whether the run ends with a state, the residual before it, and why; None to go on."""
     steps, residual = len(history.records) - 1, here.residual_norm
@@ -117,9 +171,8 @@ def end_of(
             f"After {steps} steps |p| reaches {here.flowing:.2g} where nothing hardens any "
             "more: the loads are at or beyond the limit load."
         )
-    settled = before is not None and residual > SETTLED * before
-    if settled and residual <= here.rounding:
-        return Status.STAGNATED, drowned(here, steps)
+    if before is not None and residual > SETTLED * before and residual <= here.rounding:
+        return Status.STAGNATED, drowned(here, f"After {steps} steps the")
     if steps == max_iterations:
         return Status.ITERATION_LIMIT, (
             f"{steps} steps, relative residual {residual:.3g}, last step length "
@@ -128,29 +181,21 @@ def end_of(
     return None, ""
 
 
-def stuck(here: ExactIterate) -> tuple[Status, str]:
+def stuck(here: Balance) -> tuple[Status, str]:
     """Why no step length lowers the energy."""
     if here.residual_norm <= here.rounding:
-        return Status.STAGNATED, drowned(here)
-    return (
-        Status.LINESEARCH_FAILED,
+        return Status.STAGNATED, drowned(here, "The")
+    return Status.LINESEARCH_FAILED, (
         f"No step length lowers the energy at the relative residual {here.residual_norm:.3g}; try "
-        "a smaller load step.",
+        "a smaller load step."
     )
 
 
-def drowned(here: ExactIterate, steps: int | None = None) -> str:
+def drowned(here: Balance, after: str) -> str:
     """The sentences for a tolerance that rounding does not let any iterate meet."""
-    after = "The" if steps is None else f"After {steps} steps the"
     return (
         f"{after} relative residual is {here.residual_norm:.3g}. Rounding alone leaves about "
         f"{here.rounding:.2g} of it: strains as large as these cancel in the stress, the hardening "
-        "is small beside the elastic moduli. "
-        f"A tolerance above {1.1 * here.rounding:.2g} is within reach."
+        f"is small beside the elastic moduli. A tolerance above {1.1 * here.rounding:.2g} is "
+        "within reach."
     )
-
-
-def _snapshot(state: ExactIterate, step: NewtonStep, history: History) -> partial:
-    """What makes the result of a run that had stopped here."""
-    seen = History(list(history.records))
-    return partial(step.result, state, Status.STOPPED, f"after {len(seen.records) - 1} steps", seen)

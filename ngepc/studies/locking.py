@@ -12,12 +12,12 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc.discretisation.points import Points
 from ngepc.local.factors import Factors
-from ngepc.local.newton import primal_dual_newton
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
+from ngepc.results.iteration import newton_iteration
 from ngepc.studies.examples import timed
 from ngepc.studies.work import Work, ending, first_of, pivoted
 
@@ -93,7 +93,7 @@ def solve_with(problem: Problem, mean_volume: bool) -> ExactResult:
     parts = problem.mesh, problem.kinematics, problem.order
     discrete = DiscreteProblem(problem, Points(*parts, mean_volume=mean_volume))
     factors = Factors(discrete, "sparsecholesky")
-    return primal_dual_newton(discrete, starting_state(discrete, None), factors, 1e-10, 300)
+    return newton_iteration(starting_state(discrete, None), factors, ExactResult, 1e-10, 300)
 
 
 NOTE = (

@@ -11,10 +11,11 @@ from ngepc.linalg.direct import FactorisationError
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.closed import Closed, Rubbing
 from ngepc.local.factors import Factors
-from ngepc.local.iterative import FullPattern, IterativeTangent, ProjectedSystem
-from ngepc.local.newton import primal_dual_newton
+from ngepc.local.iterative import FullPattern, Iterative, IterativeTangent, ProjectedSystem
+from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly, starting_state
 from ngepc.local.system import DiscreteProblem
+from ngepc.results.iteration import newton_iteration
 from ngepc.studies.large import indented_block
 
 
@@ -37,6 +38,12 @@ class Dense:
         return r / self._diagonal
 
 
+class Plain(Iterative):
+    """Conjugate gradients with nothing but the diagonal."""
+
+    engine = Dense
+
+
 def dense(pattern, values, size):
     return csr_matrix((values, pattern.columns, pattern.starts), shape=(size, size)).toarray()
 
@@ -48,7 +55,7 @@ def discrete(request):
 
 def tangent_of(discrete, most=2000):
     blocks = StiffnessBlocks(discrete.points, discrete.free, discrete.added)
-    return IterativeTangent(discrete, blocks, Dense, most)
+    return IterativeTangent(discrete, blocks, Plain(max_iterations=most))
 
 
 def elastic(discrete):
@@ -168,7 +175,8 @@ def test_an_indefinite_preconditioner_is_said(discrete):
 def test_active_sets_find_the_solution_of_the_direct_method(discrete):
     start, tolerance = starting_state(discrete, None), 1e-10
     target = InexactTarget(discrete, 1e-2, tolerance)
-    found = primal_dual_newton(discrete, start, tangent_of(discrete), tolerance, 20, None, target)
+    limits = tolerance, 20, None, target
+    found = newton_iteration(start, tangent_of(discrete), ExactResult, *limits)
     exact = solve_exactly(discrete.problem, None, tolerance, 20, "sparsecholesky", None)
     assert found.status.label == exact.status.label == "converged"
     assert found.primal_energy == pytest.approx(exact.primal_energy, rel=1e-10)
