@@ -3,27 +3,41 @@
 The forces x of the rows stand one after the other: the normal forces n of all rows, with friction
 then the tangential forces t.  R maps displacements to the normal displacements N u and, with
 friction, to the tangential ones; the gaps are what it leaves open, (gaps - N u, slip origin - T u).
+
+Supports along oblique directions are rows d . u = value with forces of either sign.  Every node has
+a row of its own, those of quadratic displacements between the vertices as well, so that a roller
+along an axis is the same support as a prescribed component.  Normals of facets that differ little
+are averaged at their nodes; faces that meet at an angle have a row each.
 """
 
 from __future__ import annotations
 
-from functools import cached_property
+from itertools import chain, repeat
 
 import numpy as np
-from ngsolve import H1, GridFunction
-from scipy.sparse import csr_matrix, diags, vstack
+from ngsolve import BND, H1, ElementId, FESpace, GridFunction
+from scipy.sparse import csr_matrix, diags, eye, vstack
 from scipy.sparse.linalg import spsolve
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.loads import Supports, nodal
 from ngepc.discretisation.mortar import mortar_rows
-from ngepc.discretisation.rollers import roller_rows
-from ngepc.discretisation.rows import ContactRows, contact_rows, joined
+from ngepc.discretisation.quadrature import rules_of
+from ngepc.discretisation.rows import (
+    ContactRows,
+    contact_rows,
+    joined,
+    meeting_faces,
+    rows_along,
+    surface_measure,
+)
+from ngepc.discretisation.spaces import nodes_at
 from ngepc.linalg.friction import FrictionCone
 from ngepc.model.contact import Coulomb
-from ngepc.model.places import Place
+from ngepc.model.places import Place, Roller, values_at
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import Team
+from ngepc.model.support import FREE_NORMAL, HELD_NORMAL
 
 STEEPEST = 100.0
 """Friction with a given bound is at most so many times the normal force.
@@ -65,15 +79,11 @@ class ContactConditions:
         if self.friction.d:
             self.matrix = vstack([rows.normal, rows.tangential], format="csr")
             origin = rows.slip(initial_displacements(problem, supports))
-            self._closed_at = np.concatenate([rows.gaps, origin.ravel()])
+            self._closed_at = np.append(rows.gaps, origin)
+        self._transposed = self.matrix.T.tocsr()
 
     def __len__(self) -> int:
         return len(self._closed_at)
-
-    @property
-    def N(self) -> int:
-        """Components of a displacement."""
-        return self.rows.normals.shape[1]
 
     @property
     def unsolvable(self) -> str:
@@ -85,10 +95,6 @@ class ContactConditions:
             " or several; try a smaller load step"
         )
 
-    @cached_property
-    def _transposed(self) -> csr_matrix:
-        return self.matrix.T.tocsr()
-
     def displacement(self, u: np.ndarray) -> np.ndarray:
         """R u for nodal displacements (nodes, N)."""
         return self.matrix @ u.ravel()
@@ -99,7 +105,7 @@ class ContactConditions:
 
     def forces(self, x: np.ndarray) -> np.ndarray:
         """R' x, the nodal forces of the body on the obstacle, shape (nodes, N)."""
-        return (self._transposed @ x).reshape(-1, self.N)
+        return (self._transposed @ x).reshape(-1, self.rows.normals.shape[1])
 
     def springs(self, row_stiffness: np.ndarray) -> np.ndarray:
         """Stiffness of springs that hold rollers in the tangent, 0 for other rows, shape (n,).
@@ -113,23 +119,21 @@ class ContactConditions:
 
     def grip(self, row_stiffness: np.ndarray) -> csr_matrix:
         """These springs between displacements flattened node by node."""
-        on = self.roller_part
-        R, springs = self.rows.normal[on], self.springs(row_stiffness)[on]
-        return (R.T @ R.multiply(springs[:, None])).tocsr()
+        R, springs = self.rows.normal[self.roller_part], self.springs(row_stiffness)
+        return (R.T @ diags(springs[self.roller_part]) @ R).tocsr()
 
     def on_rollers(self, u: np.ndarray, free: np.ndarray) -> np.ndarray:
         """The displacement nearest to ``u`` that the rollers allow, both (nodes, N)."""
-        R, gaps = self.rows.normal[self.roller_part], self.rows.gaps[self.roller_part]
-        if not R.shape[0]:
+        R, gaps = self.rows.normal[self.roller_part], self.gaps(u)[self.roller_part]
+        if not len(gaps):
             return u
         movable = R @ diags(free.ravel().astype(float))
-        missing = spsolve((movable @ movable.T).tocsc(), gaps - R @ u.ravel())
-        return u + (movable.T @ missing).reshape(u.shape)
+        return u + (movable.T @ spsolve((movable @ movable.T).tocsc(), gaps)).reshape(u.shape)
 
     def roller_forces(self, x: np.ndarray) -> dict[Place, np.ndarray]:
         """Nodal forces of the body on each roller, shape (nodes, N)."""
-        normal, rows = self.normal(x), self.rows.normal
-        return {p: (rows[on].T @ normal[on]).reshape(-1, self.N) for p, on in self.rollers.items()}
+        normal, (_, N) = self.rows.normal, self.rows.normals.shape
+        return {p: (normal[on].T @ x[on]).reshape(-1, N) for p, on in self.rollers.items()}
 
     def sum_of(self, forces: np.ndarray) -> np.ndarray:
         """The sum over all rows of forces, shape (m, ...)."""
@@ -146,7 +150,7 @@ class ContactConditions:
     def tangential(self, x: np.ndarray) -> np.ndarray:
         """The tangential ones, shape (m, N - 1), zero without friction."""
         t = self.friction.split(x)[1]
-        return t if self.friction.d else np.zeros((len(t), self.N - 1))
+        return t if self.friction.d else np.zeros(self.rows.tangents.shape[:2])
 
     def bound(self, x: np.ndarray) -> np.ndarray:
         """The bound of the tangential forces, shape (m,)."""
@@ -209,3 +213,62 @@ def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:
         given = GridFunction(space)
         given.Set(problem.u_0)
     return problem.processes.spread(nodal(given.vec.FV().NumPy(), problem))
+
+
+def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows]:
+    """The rows of each roller, but for directions that other supports hold already.
+
+    A ValueError if two supports give a node different displacements along one direction.
+    """
+    scalar, held, result = H1(problem.mesh, order=problem.order), {}, {}
+    for place, roller in problem.rollers.items():
+        nodes, directions = _directions(problem, scalar, place, roller)
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        values, new = _nodal_values(problem, scalar, place, roller)[nodes], []
+        for node, d, value in zip(nodes.tolist(), directions, values, strict=True):
+            if node not in held:
+                fixed = np.flatnonzero(~supports.free[node])
+                held[node] = np.eye(problem.N)[fixed], supports.values[node, fixed]
+            basis, known = held[node]  # directions that supports hold, orthonormal
+            shares = basis @ d
+            rest, left = d - shares @ basis, value - shares @ known
+            size = np.linalg.norm(rest)
+            if size < HELD_NORMAL and abs(left) > 1e-8 * max(1e-300, *np.abs(known)):
+                raise ValueError(
+                    f"prescribed[{place!r}] and another support give a node different displacements"
+                    f" along {d.round(6).tolist()}: the values must agree, {left:g} is left"
+                )
+            new.append(size >= FREE_NORMAL)
+            if new[-1]:
+                held[node] = np.vstack([basis, rest / size]), np.append(known, left / size)
+        means, no = csr_matrix(eye(scalar.ndof))[nodes[new]], np.zeros(sum(new))
+        given = {"vertices": no.astype(int), "gaps": values[new], "weights": no}  # no contact area
+        result[place] = rows_along(directions[new], means, tied=True, **given)
+    return result
+
+
+def _directions(
+    problem: Problem, scalar: FESpace, place: Place, roller: Roller
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and directions of any length: the given one, or the normals of the faces there."""
+    if roller.direction is not None:
+        nodes = nodes_at(scalar, place)
+        return nodes, np.tile(np.array(roller.direction, dtype=float), (len(nodes), 1))
+    region = problem.mesh.Boundaries(place)
+    points = problem.mesh.MapToAllElements(rules_of(problem.N - 1, 1), region)
+    normals = surface_measure(problem, points)[:, None] * np.asarray(problem.normal(points))
+    facets = [scalar.GetDofNrs(ElementId(BND, facet.nr)) for facet in region.Elements()]
+    corners = np.repeat(normals, [len(nodes) for nodes in facets], axis=0)
+    nodes, sums = meeting_faces(chain.from_iterable(facets), repeat(place, len(corners)), corners)
+    return nodes, sums @ corners
+
+
+def _nodal_values(problem: Problem, scalar: FESpace, place: Place, roller: Roller) -> np.ndarray:
+    """Coefficients of the given displacement along the direction, shape (nodes,)."""
+    values = GridFunction(scalar)
+    if isinstance(place, str):
+        values.Set(as_scalar(roller.value), definedon=problem.mesh.Boundaries(place))
+    else:
+        vertices, given = values_at(roller.value, problem.mesh, place)
+        values.vec.FV().NumPy()[vertices] = given[:, 0]
+    return values.vec.FV().NumPy().copy()

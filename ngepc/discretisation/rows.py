@@ -11,11 +11,9 @@ every dimension, which those of the nodal values of quadratic triangles are not.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
 from functools import cached_property
-from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 from ngsolve import BND, H1, ElementId, FESpace, IntegrationRule, specialcf
@@ -30,8 +28,6 @@ from ngepc.model.problem import Problem
 SAME_FACE = 0.7  # cosine above which facets of one boundary at a vertex belong to one face
 SAME_FACE_ACROSS = 0.985  # the same for facets of two boundaries
 HELD = 1e-8  # a row with a smaller free part is held by the support: no contact can happen there
-
-_ARRAYS = ("gaps", "weights", "vertices", "normals", "tied")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +54,9 @@ class ContactRows:
         """Some of the rows, by their numbers."""
         d = self.normals.shape[1] - 1
         tangents = (d * rows[:, None] + np.arange(d)).ravel()
-        return ContactRows(
-            normal=self.normal[rows],
-            tangential=self.tangential[tangents],
-            **{name: getattr(self, name)[rows] for name in _ARRAYS},
-        )
+        parts = {field.name: getattr(self, field.name) for field in fields(self)}
+        chosen = {name: a[tangents if name == "tangential" else rows] for name, a in parts.items()}
+        return ContactRows(**chosen)
 
     def movable(self, free: np.ndarray) -> ContactRows:
         """The rows that supports do not hold, given the free components (nodes, N)."""
@@ -129,11 +123,9 @@ def tangent_frames(normals: np.ndarray) -> np.ndarray:
 
 def joined(parts: list[ContactRows]) -> ContactRows:
     """The rows of several parts, one after the other."""
-    return ContactRows(
-        normal=vstack([part.normal for part in parts], format="csr"),
-        tangential=vstack([part.tangential for part in parts], format="csr"),
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS},
-    )
+    arrays = {f.name: [getattr(part, f.name) for part in parts] for f in fields(ContactRows)}
+    sparse = {n: vstack(arrays.pop(n), format="csr") for n in ("normal", "tangential")}
+    return ContactRows(**sparse, **{n: np.concatenate(each) for n, each in arrays.items()})
 
 
 def meeting_faces(
@@ -162,61 +154,34 @@ def meeting_faces(
     return found[:, 0], csr_matrix((np.ones(len(places)), where), shape=shape)
 
 
-class _Corner(NamedTuple):
-    """One corner of one contact facet: integrals with the hat function of the vertex.
-
-    They are those of 1, the gap and the unit normal; for order two ``means`` are those of the shape
-    functions of the ``nodes``.
-    """
-
-    name: str
-    vertex: int
-    integrals: np.ndarray
-    nodes: np.ndarray
-    means: np.ndarray
-
-
 def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
     N, nodes = problem.N, supports.space.ndof // problem.N
-    corners = list(_shared(_corners(problem), problem))
-    integrals = np.reshape([c.integrals for c in corners], (-1, 2 + N))
-    at, names = [c.vertex for c in corners], [c.name for c in corners]
+    corners, means = _corners(problem)
+    corners = _shared(corners, problem)
+    integrals = np.reshape([given for *_, given in corners], (-1, 2 + N))
+    at, names = ([corner[k] for corner in corners] for k in (1, 0))
     vertices, sums = meeting_faces(at, names, integrals[:, 2:])
     m, integrals = len(vertices), sums @ integrals
     weights, gaps, normals = integrals[:, 0], integrals[:, 1], integrals[:, 2:]
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    means = csr_matrix((np.ones(m), (np.arange(m), vertices)), shape=(m, nodes))
-    if problem.order == 2 and m:
-        entries = np.concatenate([c.means for c in corners])
-        corner = np.repeat(np.arange(len(corners)), [len(c.nodes) for c in corners])
-        where = corner, np.concatenate([c.nodes for c in corners])
-        means = diags(1 / weights) @ sums @ csr_matrix((entries, where), (len(corners), nodes))
+    if means is None:
+        means = csr_matrix((np.ones(m), (np.arange(m), vertices)), shape=(m, nodes))
+    else:
+        means = diags(1 / weights) @ sums @ means
     rows = rows_along(normals, means, vertices=vertices, gaps=gaps / weights, weights=weights)
     return rows.movable(supports.free)
 
 
-def _shared(corners: Iterable[_Corner], problem: Problem) -> Iterable[_Corner]:
-    """The corners with those that other processes have at common vertices, in one order on all."""
-    processes = problem.processes
-    if processes.size == 1:
-        return corners
-    corners, sent = list(corners), {}
-    for rank, nodes in processes.copies.items():
-        place = {node: k for k, node in enumerate(nodes.tolist())}
-        sent[rank] = [c._replace(vertex=place[c.vertex]) for c in corners if c.vertex in place]
-    found = {processes.rank: corners}
-    for rank, theirs in processes.traded(sent).items():
-        nodes = processes.copies[rank]
-        found[rank] = [c._replace(vertex=int(nodes[c.vertex])) for c in theirs]
-    return chain.from_iterable(found[rank] for rank in sorted(found))
+Corner = tuple[str, int, np.ndarray]
+"""A corner of a contact facet: boundary, vertex, integrals with its hat of 1, gap and normal."""
 
 
-def _corners(problem: Problem) -> Iterator[_Corner]:
-    """The corners of all contact facets."""
+def _corners(problem: Problem) -> tuple[list[Corner], csr_matrix | None]:
+    """The corners of all contact facets; for order two means of functions too, (corners, nodes)."""
     mesh, order = problem.mesh, problem.order
     linear, scalar = H1(mesh, order=1), H1(mesh, order=order)
-    rules = rules_of(problem.N - 1, 2 if order == 1 else 6)
+    rules, found, entries = rules_of(problem.N - 1, 2 if order == 1 else 6), [], []
     for name in problem.contact_names:
         region, psi = mesh.Boundaries(name), problem.gaps[name]
         points = mesh.MapToAllElements(rules, region)
@@ -224,20 +189,42 @@ def _corners(problem: Problem) -> Iterator[_Corner]:
             continue
         normals, gaps = np.asarray(problem.normal(points)), np.ravel(psi(points))
         given = np.column_stack([np.ones(len(points)), gaps, normals.reshape(len(points), -1)])
-        area, gaps_there = surface_measure(problem, points), values_at(psi, mesh, name)[1][:, 0]
-        first = corner = 0
+        given *= surface_measure(problem, points)[:, None]
+        first, gaps = 0, iter(values_at(psi, mesh, name)[1][:, 0])
         for facet in region.Elements():
             number = ElementId(BND, facet.nr)
             rule = rules[linear.GetFE(number).type]
-            here = slice(first, first + len(rule))
-            hats = _shapes(linear, number, rule).T * (area[here] * np.array(rule.weights))
-            integrals, first = hats @ given[here], here.stop
-            if order == 1:
-                integrals[:, 1] = integrals[:, 0] * gaps_there[corner : corner + len(hats)]
-            corner += len(hats)
-            means, nodes = hats @ _shapes(scalar, number, rule), scalar.GetDofNrs(number)
-            for vertex, *each in zip(facet.vertices, integrals, means, strict=True):
-                yield _Corner(name, vertex.nr, each[0], np.array(nodes), each[1])
+            here, first = given[first : first + len(rule)], first + len(rule)
+            hats = _shapes(linear, number, rule).T * np.array(rule.weights)
+            means, nodes = (
+                (hats * here[:, 0]) @ _shapes(scalar, number, rule),
+                scalar.GetDofNrs(number),
+            )
+            for vertex, integrals, row in zip(facet.vertices, hats @ here, means, strict=True):
+                if order == 1:
+                    integrals[1] = integrals[0] * next(gaps)
+                else:
+                    entries += [(len(found), *e) for e in zip(nodes, row, strict=True)]
+                found.append((name, vertex.nr, integrals))
+    if not entries:
+        return found, None
+    row, column, values = np.transpose(entries)
+    return found, csr_matrix((values, (row, column)), shape=(len(found), scalar.ndof))
+
+
+def _shared(corners: list[Corner], problem: Problem) -> list[Corner]:
+    """The corners with those that other processes have at common vertices, in one order on all."""
+    processes, sent = problem.processes, {}
+    if processes.size == 1:
+        return corners
+    for rank, nodes in processes.copies.items():
+        place = {node: k for k, node in enumerate(nodes.tolist())}
+        sent[rank] = [(name, place[v], given) for name, v, given in corners if v in place]
+    found = {processes.rank: corners}
+    for rank, theirs in processes.traded(sent).items():
+        nodes = processes.copies[rank].tolist()
+        found[rank] = [(name, nodes[v], given) for name, v, given in theirs]
+    return [corner for rank in sorted(found) for corner in found[rank]]
 
 
 def _shapes(space: FESpace, number: ElementId, rule: IntegrationRule) -> np.ndarray:
