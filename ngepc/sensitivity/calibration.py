@@ -17,9 +17,8 @@ from ngepc.evolution.load_path import Schedule, numbers_in
 from ngepc.evolution.solver import evolve
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
-from ngepc.sensitivity.gradient import states_of
+from ngepc.sensitivity.gradient import states_of, tangents_at
 from ngepc.sensitivity.parameters import MATERIAL
-from ngepc.sensitivity.tangent import tangents_at
 
 ILL_CONDITIONED = 1e8
 """Condition of the Gauss-Newton matrix above which the data do not identify all constants."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from inspect import signature
 from types import SimpleNamespace
 from typing import Annotated, NamedTuple, Protocol
@@ -30,8 +31,9 @@ from ngepc.checks.kinds import require_attributes, require_instance, require_tex
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.local.system import State
-from ngepc.sensitivity.contact import RowSides
-from ngepc.sensitivity.radial import Data
+from ngepc.sensitivity.contact import LinearContact
+from ngepc.sensitivity.parameters import geometry, on_moving_mesh
+from ngepc.sensitivity.radial import Data, radial_return
 
 
 class Slope(NamedTuple):
@@ -46,7 +48,6 @@ class Functional(Protocol):
 
     def slope(self, state: State) -> Slope:
         """Value and derivatives at a state."""
-        ...
 
 
 def _contact_force(state: State) -> Slope:
@@ -61,48 +62,52 @@ def _primal_energy(state: State) -> Slope:
 
     p is best for u, so that J depends on u and on the data.
     """
-    law, at = state.discrete.law, state.at
+    law, at, weights = state.discrete.law, state.at, state.discrete.points.weights
     elastic = law.stress(at) / law.two_mu[:, None]
-    sides, still = RowSides(state), np.zeros(len(state.multipliers))
-    slip, bound = (np.where(sides.slips, a, 0.0) for a in (sides.slip, sides.bound))
-    dragged = state.discrete.contact.forces(sides.stacked(still, bound))
-    by = Data(
-        u=state.internal_forces - state.discrete.load + dragged,
-        contact=sides.stacked(sides.coefficient * slip, still),
+    contact, still = LinearContact(state), np.zeros(len(state.multipliers))
+    slip, bound = (np.where(contact.slips, a, 0.0) for a in (contact.slip, contact.bound))
+    dragged = state.discrete.contact.forces(contact.stacked(still, bound))
+    by = weights * Data(
         two_mu=0.5 * ((elastic**2).sum(1) - (law.initial**2).sum(1)),
         bulk=0.5 * state.volume**2,
         hardening=0.5 * at.gained**2,
         beta=at.gained,
         back=at.plastic_strain,
         initial=-law.two_mu[:, None] * (elastic + law.initial),
+    )
+    by += Data(
+        u=state.internal_forces - state.discrete.load + dragged,
+        contact=contact.stacked(contact.coefficient * slip, still),
         load=-state.u,
         start=-dragged,
-        cap=np.where(sides.grows, 0.0, slip),
-        coefficient=np.where(sides.grows, state.multipliers * slip, 0.0),
+        cap=np.where(contact.grows, 0.0, slip),
+        coefficient=np.where(contact.grows, state.multipliers * slip, 0.0),
     )
     return Slope(state.energy, by)
 
 
 def _elastic_energy(state: State) -> Slope:
     """1/2 int sigma : (eps(u) - p_0 - p), what the body gives back (force times length)."""
-    law = state.discrete.law
+    law, points = state.discrete.law, state.discrete.points
     elastic = law.stress(state.at) / law.two_mu[:, None]
     shapes, volumes = 0.5 * (elastic**2).sum(axis=1), 0.5 * state.volume**2
-    energy = state.discrete.points.integral(law.bulk * volumes + law.two_mu * shapes)
     by = Data(stress=elastic, mean=state.volume, bulk=-volumes, two_mu=-shapes)
-    return Slope(energy, by)
+    return Slope(points.integral(law.bulk * volumes + law.two_mu * shapes), points.weights * by)
 
 
 def _dissipation(state: State) -> Slope:
     """Int beta |p|, what the plastic strain of the step costs (force times length)."""
-    beta, at = state.discrete.law.beta, state.at
-    value = state.discrete.points.integral(beta * at.gained)
-    return Slope(value, Data(p=beta[:, None] * at.direction, beta=at.gained))
+    beta, at, points = state.discrete.law.beta, state.at, state.discrete.points
+    by = Data(p=beta[:, None] * at.direction, beta=at.gained)
+    return Slope(points.integral(beta * at.gained), points.weights * by)
 
 
-_SLOPES = (_contact_force, _primal_energy, _elastic_energy, _dissipation)
-NAMES = {slope.__name__[1:]: SimpleNamespace(slope=slope) for slope in _SLOPES}
-"""Functionals that a name is enough for."""
+NAMES = {
+    "contact_force": _contact_force,
+    "primal_energy": _primal_energy,
+    "elastic_energy": _elastic_energy,
+    "dissipation": _dissipation,
+}
 
 
 Component = Annotated[int, Check(require_integer, least=0, most=2)]
@@ -124,13 +129,7 @@ class DisplacementAt(Declared):
     component: Component
 
     def slope(self, state: State) -> Slope:
-        """Value and derivatives at a state.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If the point is not in the body, or there is no such component.
-        """
+        """See ``Functional``; ValueError if the point is not in the body."""
         points, N = state.discrete.points, state.discrete.problem.N
         place = require_vector("point", self.point, (N,))
         component = require_integer("component", self.component, 0, N - 1)
@@ -160,12 +159,9 @@ class Reaction(Declared):
     component: Component
 
     def slope(self, state: State) -> Slope:
-        """Value and derivatives at a state: the work of all forces in a motion of the support.
+        """See ``Functional``: the work of all forces in a motion of the support.
 
-        Raises
-        ------
-        TypeError, ValueError
-            If there is no such support or component.
+        ValueError if there is no such support or component.
         """
         discrete, problem = state.discrete, state.discrete.problem
         component = require_integer("component", self.component, 0, problem.N - 1)
@@ -178,73 +174,62 @@ class Reaction(Declared):
         if not motion.any():
             raise ValueError(f"support={self.support!r}: it does not hold component {component}")
         volume, e = discrete.points.strain(motion)
-        by = Data(u=discrete.supports.pull(motion), stress=e, mean=volume, load=-motion)
+        by = discrete.points.weights * Data(stress=e, mean=volume)
+        by += Data(u=discrete.supports.pull(motion), load=-motion)
         by["contact"] = discrete.contact.displacement(motion)
         return Slope(float(np.vdot(motion, state.missing)), by)
 
 
 Form = Callable[..., SumOfIntegrals]
-"""(u, plastic strain p_0 + p, stress) -> integrals of them; a fourth argument is the pressure."""
+"""(u, plastic strain, stress) or (u, plastic strain, stress, pressure) -> integrals of them.
+
+u is the displacement, then the plastic strain p_0 + p and the stress, two tensors, and the
+``contact_pressure`` of results; integrals are such as ``InnerProduct(u, u) * ds("contact")``.
+Plastic strain and stress are the polynomials through their values at the points; they have no
+values on boundaries.
+"""
 
 
-@dataclass(frozen=True, eq=False)
-class FormFunctional:
-    """Integrals of displacement, plastic strain, stress and contact pressure.
-
-    The form is called with the displacement u, the plastic strain p_0 + p and the stress, two
-    tensors, and the ``contact_pressure`` of results if it takes four arguments; it returns
-    integrals such as ``InnerProduct(u, u) * ds("contact")``.  Plastic strain and stress are the
-    polynomials through their values at the points; they have no values on boundaries.
-    """
-
-    form: Form
-
-    def slope(self, state: State) -> Slope:
-        """Value and derivatives at a state, by ``Variation`` of the form.
-
-        TypeError if the form does not return integrals.
-        """
-        discrete, rows, mesh = state.discrete, state.discrete.rows, state.discrete.problem.mesh
-        points, law = discrete.points, discrete.law
-        functions, kinematics = PointFunctions(points), points.kinematics
-        stress = law.stress(state.at), law.bulk * state.volume
-        parts = [functions.function(v) for v in (law.initial + state.at.plastic_strain, *stress)]
-        area = np.bincount(rows.vertices, rows.weights, mesh.nv)[rows.vertices]
-        share = np.where(rows.tied, 0.0, 1 / area)
-        pressure = np.bincount(rows.vertices, share * state.multipliers, mesh.nv)
-        space = discrete.supports.space
-        for part in (*(part.space for part in parts), H1(mesh, order=1)):
-            space = space * part
-        (u, p, tau, mean, on_contact), _ = space.TnT()
-        sigma = mean * Id(kinematics.size) + kinematics.tensor(tau)
-        given = (u, kinematics.tensor(p), sigma, on_contact)
-        integrals = self.form(*given[: len(signature(self.form).parameters)])
-        if not isinstance(integrals, SumOfIntegrals):
-            raise TypeError(f"functional returned {integrals!r}: integrals are needed")
-        form, here, slope = BilinearForm(space), GridFunction(space), GridFunction(space)
-        form += Variation(integrals)
-        values = [state.u.T.ravel(), *(part.vec.FV().NumPy() for part in parts), pressure]
-        for field, numbers in zip(here.components, values, strict=True):
-            field.vec.FV().NumPy()[:] = numbers
-        form.Apply(here.vec, slope.vec)
-        of_u, *of_points, of_pressure = (c.vec.FV().NumPy() for c in slope.components)
-        contact = np.zeros_like(state.contact)
-        contact[: len(rows)] = share * of_pressure[rows.vertices]
-        of_p, of_tau, of_mean = (
-            functions.transposed(v, k) / points.weights[:, None]
-            for v, k in zip(of_points, (kinematics.d, kinematics.d, 1), strict=True)
-        )
-        by = Data(u=nodal(of_u, discrete.problem).copy(), contact=contact)
-        by += Data(p=of_p, initial=of_p, stress=of_tau, mean=of_mean[:, 0])
-        return Slope(float(form.Energy(here.vec)), by)
+def _of_form(form: Form, state: State) -> Slope:
+    """A form by its ``Variation``; TypeError if it does not return integrals."""
+    discrete, rows, mesh = state.discrete, state.discrete.rows, state.discrete.problem.mesh
+    law, functions = discrete.law, PointFunctions(discrete.points)
+    kinematics, total = discrete.points.kinematics, law.initial + state.at.plastic_strain
+    values = {"p": total, "stress": law.stress(state.at), "mean": law.bulk * state.volume}
+    parts = {name: functions.function(value) for name, value in values.items()}
+    area = np.bincount(rows.vertices, rows.weights, mesh.nv)[rows.vertices]
+    share = np.where(rows.tied, 0.0, 1 / area)
+    pressure = np.bincount(rows.vertices, share * state.multipliers, mesh.nv)
+    space = discrete.supports.space
+    for part in (*(part.space for part in parts.values()), H1(mesh, order=1)):
+        space = space * part
+    (u, p, tau, mean, on_contact), _ = space.TnT()
+    sigma = mean * Id(kinematics.size) + kinematics.tensor(tau)
+    given = (u, kinematics.tensor(p), sigma, on_contact)
+    integrals = form(*given[: len(signature(form).parameters)])
+    if not isinstance(integrals, SumOfIntegrals):
+        raise TypeError(f"functional returned {integrals!r}: integrals are needed")
+    varied, here, slope = BilinearForm(space), GridFunction(space), GridFunction(space)
+    varied += Variation(integrals)
+    vectors = (part.vec.FV().NumPy() for part in parts.values())
+    for field, vector in zip(here.components, (state.u.T.ravel(), *vectors, pressure), strict=True):
+        field.vec.FV().NumPy()[:] = vector
+    varied.Apply(here.vec, slope.vec)
+    of_u, *of_points, of_pressure = (c.vec.FV().NumPy() for c in slope.components)
+    contact = np.zeros_like(state.contact)
+    contact[: len(rows)] = share * of_pressure[rows.vertices]
+    by = Data(u=nodal(of_u, discrete.problem).copy(), contact=contact)
+    for (name, value), of in zip(values.items(), of_points, strict=True):
+        by[name] = functions.transposed(of, value.size // len(value)).reshape(value.shape)
+    return Slope(float(varied.Energy(here.vec)), by + Data(initial=by["p"]))
 
 
-def misfit(observed: CoefficientFunction, boundary: str | None = None) -> FormFunctional:
+def misfit(observed: CoefficientFunction, boundary: str | None = None) -> Form:
     """Int |u - observed|^2 over a boundary, or over the body."""
     require_instance("observed", observed, CoefficientFunction, "a vector coefficient")
     require_text("boundary", boundary, optional=True)
     measure = dx if boundary is None else ds(boundary)
-    return FormFunctional(lambda u, p, stress: InnerProduct(u - observed, u - observed) * measure)
+    return lambda u, p, stress: InnerProduct(u - observed, u - observed) * measure
 
 
 def as_functional(functional: object) -> Functional:
@@ -255,8 +240,26 @@ def as_functional(functional: object) -> Functional:
     if isinstance(functional, str):
         if functional not in NAMES:
             raise ValueError(f"functional={functional!r}: one of {', '.join(NAMES)} is needed")
-        return NAMES[functional]
+        return SimpleNamespace(slope=NAMES[functional])
     if callable(functional):
-        return FormFunctional(functional)
+        return SimpleNamespace(slope=partial(_of_form, functional))
     require_attributes("functional", functional, ["slope"], "a name, a form or a functional")
     return functional
+
+
+def along(functional: Functional, state: State, by: Data, change: Data) -> float:
+    """The derivative of a functional along a change, with what moves with the mesh.
+
+    ``by`` are its derivatives by all that is in the change but the mesh.
+    """
+    slope = by.paired(change)
+    if "shape" not in change:
+        return slope
+
+    def read(there: State) -> Data:
+        """What carries the rest, and the value of the functional."""
+        return geometry(state, there) + Data(value=functional.slope(there).value)
+
+    found = on_moving_mesh(state, change["shape"], read)
+    direct = functional.slope(state).by.paired(radial_return(state).forward(found))
+    return slope + float(found["value"]) - direct

@@ -1,30 +1,41 @@
-"""Gradients of functionals by the adjoint, backwards through the time steps.
+"""Derivatives of solutions: backwards through the time steps, or forwards in one direction.
 
-One step is a history of one.  Backwards from the last one the derivative with respect to what a
-step has inherited, p_0, dev alpha_2, alpha_1 and u_0, is carried to the step before.
+One step is a history of one.  Backwards the derivative with respect to what a step has inherited,
+p_0, dev alpha_2, alpha_1 and u_0, is carried to the step before.
+
+Forwards the biactive rows and points choose their side: the derivative of the solution has
+
+    N u' <= gaps',  lambda' >= 0  with equality in one of them    for biactive rows,
+    p' = [s' . s/|s| - beta']_+ / (2 mu_2 + h) s/|s|              for biactive points,
+
+and rows where friction is at its bound without slip stick or slip.  Without friction it is the
+minimiser of a strictly convex, piecewise quadratic energy.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 
-from ngepc.checks.arguments import require_integer
-from ngepc.checks.kinds import require_instance
+import numpy as np
+from ngsolve import GridFunction
+
+from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.discretisation.loads import nodal
-from ngepc.discretisation.points import Points
-from ngepc.evolution.result import Evolution, EvolutionStep
+from ngepc.evolution.result import Evolution
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.limits import require_without
-from ngepc.model.problem import Problem
-from ngepc.sensitivity.contact import Biactive, biactive_set, told
-from ngepc.sensitivity.functionals import Form, Functional, as_functional
-from ngepc.sensitivity.linear import LinearStep
-from ngepc.sensitivity.parameters import Parameters, changed_data, directions
+from ngepc.sensitivity.contact import Biactive, LinearContact, biactive_set, told
+from ngepc.sensitivity.functionals import Form, Functional, along, as_functional
+from ngepc.sensitivity.linear import LinearStep, TangentError
+from ngepc.sensitivity.parameters import Direction, Parameters, changed_data, directions
 from ngepc.sensitivity.radial import INHERITED, Data
-from ngepc.sensitivity.shape import by_the_mesh
+
+EXCHANGES = 50  # most exchanges of sides
+NEUTRAL = 1e-9  # relative change below which either side is right, as for a body that waits
 
 Solution = ExactResult | Evolution
 """What has derivatives."""
@@ -52,7 +63,7 @@ class Gradient(dict[str, float]):
     @property
     def differentiable(self) -> bool:
         """Whether no row and no point is biactive; if False the numbers are those of one side."""
-        return not any(len(found) for found in self.biactive)
+        return not self.message
 
     @property
     def message(self) -> str:
@@ -71,7 +82,8 @@ def gradient(
         A converged result of ``semismooth_newton`` without gamma, or of ``evolve``.
     functional
         "contact_force", "primal_energy", "elastic_energy", "dissipation", ``DisplacementAt``,
-        ``Reaction``, ``misfit``, or a form, see ``FormFunctional``.
+        ``Reaction``, ``misfit``, or a function of displacement, plastic strain, stress and, if it
+        takes a fourth argument, contact pressure, that returns integrals of them.
     parameters
         Names such as ["hardening", "traction"], or name -> ``Direction``.  In a history a load or
         gap changes in all steps, an initial plastic strain at the begin.
@@ -95,22 +107,20 @@ def gradient(
     wanted, functional = directions(parameters), as_functional(functional)
     steps = states_of(result)
     last = range(len(steps))[require_integer("step", step, -len(steps), len(steps) - 1)]
-    derivatives, found, later = dict.fromkeys(wanted, 0.0), [], Data()
+    derivatives, found, by = dict.fromkeys(wanted, 0.0), [], Data()
     for number in range(last, -1, -1):
         linear = LinearStep(steps[number]())
-        state = linear.state
-        found.insert(0, biactive_set(state))
-        by = linear.radial.returned(later)
+        found.insert(0, biactive_set(linear.contact))
+        by = Data({f"next_{name}": by[name] for name in INHERITED if name in by})
         if number == last:
-            value, by = functional.slope(state)
+            value, by = functional.slope(linear.state)
         by = linear.reverse(by)
         for name, direction in wanted.items():
             if number == 0 or not direction.inherited:
-                change = changed_data(state, direction)
-                derivatives[name] += by.paired(change, state.discrete.points)
-                if number == last:
-                    derivatives[name] += by_the_mesh(functional, state, change)
-        later = Data({name: by[name] for name in INHERITED})
+                change = changed_data(linear.state, direction)
+                at_end = number == last
+                slope = along(functional, linear.state, by, change) if at_end else by.paired(change)
+                derivatives[name] += slope
     return Gradient(derivatives, value, tuple(found))
 
 
@@ -135,12 +145,155 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
         raise ValueError("result has steps with gamma: steps of the exact methods are needed")
     names = ("initial_plastic_strain", "initial_hardening")
     problems[0] = replace(problems[0], **{name: getattr(result.problem, name) for name in names})
-    points = result.memory.functions.points
-    steps = zip(problems, result.steps, strict=True)
-    return [partial(restored_state, problem, step, points) for problem, step in steps]
+
+    def restored(number: int) -> State:
+        """The state of a finished step from its displacement and its forces of contact."""
+        problem, step = problems[number], result.steps[number]
+        u = nodal(step.fields.displacement.vec.FV().NumPy(), problem).copy()
+        discrete = DiscreteProblem(problem, result.memory.functions.points)
+        return discrete.state(u, contact=step.contact)
+
+    return [partial(restored, number) for number in range(len(problems))]
 
 
-def restored_state(problem: Problem, step: EvolutionStep, points: Points) -> State:
-    """The state of a finished step from its displacement and its forces of contact."""
-    u = nodal(step.fields.displacement.vec.FV().NumPy(), problem).copy()
-    return DiscreteProblem(problem, points).state(u, contact=step.contact)
+@dataclass(frozen=True, eq=False)
+class TangentResult:
+    """The derivative of a solution in one direction.
+
+    Parameters
+    ----------
+    state, rows
+        The solution with the sides that biactive points (``state.at.yields``) and rows take.
+    change
+        Name -> change: "u" of nodal displacements (nodes, N), "contact" of the forces of contact
+        and friction, "p" and "stress" of the plastic strain and the deviatoric stress at the
+        points (points, d), "mean" of the mean stress (points,), and those of the data.
+    biactive
+        The rows and points that chose their side, in this time step and those before.
+    """
+
+    state: State
+    rows: LinearContact
+    change: Data
+    biactive: tuple[Biactive, ...]
+
+    @property
+    def message(self) -> str:
+        """What is one-sided; empty where the solution is differentiable."""
+        return told(self.biactive)
+
+    @property
+    def displacement(self) -> GridFunction:
+        """The change of u."""
+        return self.state.discrete.supports.function(self.change["u"], "displacement_change")
+
+    @property
+    def contact_force(self) -> float:
+        """The change of the resultant contact force."""
+        return self.of("contact_force")
+
+    def of(self, functional: str | Form | Functional) -> float:
+        """The derivative of a functional, see ``gradient``."""
+        functional = as_functional(functional)
+        return along(functional, self.state, functional.slope(self.state).by, self.change)
+
+
+Rates = str | Mapping[str, float | tuple[float, Direction]]
+"""Name of a datum, or name -> rate: {"gap": -1.0, "hardening": 5.0}, or -> (rate, Direction)."""
+
+
+def tangent(result: Solution, parameters: Rates) -> TangentResult:
+    """The derivative of the solution in a direction; at biactive solutions the one-sided one.
+
+    Parameters
+    ----------
+    result
+        A converged result of ``semismooth_newton`` without gamma, or of ``evolve``, of which the
+        derivative of the last step is returned.
+    parameters
+        The name of a datum, or name -> rate, or name -> (rate, Direction), then the name is free.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not legal, or the problem lacks such data.
+    SolverError
+        If the result is not that of a converged run.
+    TangentError
+        If the tangent is singular, or the sides of biactive rows and points were not found.
+    """
+    states = (give_state() for give_state in states_of(result))
+    rates = {parameters: 1.0} if isinstance(parameters, str) else parameters
+    require_mapping("parameters", rates, "the name of a datum, or name -> rate")
+    return tangents_at(states, rates)[-1]
+
+
+def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
+    """The derivatives of the solutions of time steps, in time."""
+    pairs = {n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()}
+    wanted = directions({name: direction for name, (_, direction) in pairs.items()})
+    numbers = {name: require_number(f"parameters[{name!r}]", r) for name, (r, _) in pairs.items()}
+    found: list[TangentResult] = []
+    data = Data()
+    for state in states:
+        for name, direction in wanted.items():
+            if not (found and direction.inherited):
+                data += numbers[name] * changed_data(state, direction)
+        found.append(_change_of(state, data, found[-1].biactive if found else ()))
+        change = found[-1].change
+        data = Data({n: change[f"next_{n}"] for n in INHERITED if f"next_{n}" in change})
+    return found
+
+
+def _change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> TangentResult:
+    """The derivative of a solution for a change of its data, with sides that fit.
+
+    Newton's method for the convex energy of the change, which is quadratic for given sides.
+    """
+    contact = LinearContact(state)
+    biactive = (*before, biactive_set(contact))
+    for _ in range(EXCHANGES):
+        change = LinearStep(state, contact).forward(data)
+        found = TangentResult(state, contact, change, biactive)
+        chosen, yields = _chosen_rows(found), _chosen_points(found)
+        if chosen.same_sides(contact) and (yields == state.at.yields).all():
+            return found
+        contact, state = chosen, replace(state, at=replace(state.at, yields=yields))
+    raise TangentError(f"the sides of biactive rows and points did not settle: {found.message}")
+
+
+def _chosen_rows(found: TangentResult) -> LinearContact:
+    """The sides that the change asks for: biactive rows may change theirs.
+
+    TangentError if a row that comes into contact would slip from where it is: no derivative is
+    known then.
+    """
+    contact, change, (rows, kinks, _) = found.rows, found.change, found.biactive[-1]
+    closed, slips, mu = contact.closed.copy(), contact.slips.copy(), contact.coefficient
+    split, moved = contact.law.split, contact.conditions.displacement
+    (normal, tangential), (across, along) = split(change["contact"]), split(moved(change["u"]))
+    least = -NEUTRAL * np.abs(normal).max(initial=0.0)
+    moves = NEUTRAL * np.abs(change["u"]).max()
+    apart = split(np.zeros_like(found.state.contact) + change["gaps"])[0] - across
+    closed[rows] = np.where(closed[rows], normal[rows] >= least, apart[rows] < -moves)
+    slips[rows] = contact.beyond[rows]
+    n = found.state.multipliers
+    growth = np.where(contact.grows, n * change["coefficient"], change["cap"]) + mu * normal
+    over = (tangential * contact.along).sum(axis=1) - growth
+    start = split(moved(np.zeros_like(change["u"]) + change["start"]))[1]
+    way = ((along - start) * contact.along).sum(axis=1)
+    slips[kinks] = np.where(slips[kinks], way[kinks] >= -moves, over[kinks] > -least)
+    stuck = rows[closed[rows] & ~slips[rows]]
+    if (np.linalg.norm(tangential[stuck], axis=1) > mu[stuck] * normal[stuck] - least).any():
+        raise TangentError("a row that comes into contact slips from rest: " + found.message)
+    return LinearContact(found.state, closed, slips)
+
+
+def _chosen_points(found: TangentResult) -> np.ndarray:
+    """The yielding points that the change asks for: biactive ones may change side."""
+    state, change, points = found.state, found.change, found.biactive[-1].points
+    yields, two_mu = state.at.yields.copy(), state.discrete.law.two_mu
+    over = np.einsum("pd,pd->p", state.at.direction, change["trial"]) - change["beta"]
+    neutral = np.abs(over) <= NEUTRAL * np.abs(two_mu[:, None] * change["strain"]).max()
+    yields[points] = np.where(neutral, yields, over > 0)[points]
+    return yields

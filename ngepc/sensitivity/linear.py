@@ -4,44 +4,42 @@
 
 With z and w from the transposed system for F_u and F_x, a functional F changes with the data m by
 
-    dF/dm = F_m - z . r_m + w . given_m + (F_u - K z - R' zeta) . values_m,      zeta = - k G w,
+    dF/dm = F_m - z . r_m + w . given_m + (F_u - K z - R'zeta) . values_m,      zeta = - k G w,
 
 for the prescribed values of the held components: one solve for any number of parameters.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.sparse import csr_matrix, diags, eye
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.radial import SOLUTION, Data, RadialDerivative
+from ngepc.sensitivity.radial import Data, Tape, radial_return
 
-PENALTY = 1e6
-"""Stiffness of a row's spring over that of its vertex: each refinement gains so much."""
-
-REFINEMENTS = 12
-"""Most corrections of a solution."""
-
-ACCURATE = 1e-13
-"""Relative residual at which corrections end."""
-
-ACCEPTED = 1e-9
-"""Relative residual above which the solution is refused."""
-
-INNER = 1e-8
-"""Part of the residual that a correction by GMRES leaves."""
-
-MOST, ROUNDS = 200, 5
-"""Most iterations before a restart, and most restarts."""
+PENALTY = 1e6  # stiffness of a row's spring over that of its vertex: each refinement gains so much
+REFINEMENTS = 12  # most corrections of a solution
+ACCURATE, ACCEPTED = 1e-13, 1e-9  # relative residuals that end corrections, and that are refused
+INNER, MOST, ROUNDS = 1e-8, 200, 5  # GMRES: residual, iterations before a restart, restarts
 
 
 class TangentError(FactorisationError):
     """A derivative that does not exist, or that no sides of biactive rows and points give."""
+
+
+class _Blocks(NamedTuple):
+    """The system (K, upper; lower, square) or its transpose, rows in units of force, and L."""
+
+    upper: csr_matrix
+    lower: csr_matrix
+    square: csr_matrix
+    soften: csr_matrix
+    scale: float | np.ndarray
 
 
 class LinearStep:
@@ -58,71 +56,79 @@ class LinearStep:
     """
 
     def __init__(self, state: State, contact: LinearContact | None = None) -> None:
-        self.state, self.discrete, self.radial = state, state.discrete, RadialDerivative(state)
+        self.state, self.discrete = state, state.discrete
         self.contact = contact = LinearContact(state) if contact is None else contact
+        self.tape = Tape([*radial_return(state), *contact.given()])
+        law, k = state.discrete.law, contact.stiffness
+        self.moduli = law.moduli(state.at, law.yielding_part(state.at))
         self._free = state.discrete.free.ravel()
-        stiffness = state.discrete.stiffness.another()
-        stiffness.fill(self.radial.moduli)
-        self._soften = self._with_springs(stiffness)
-        square = eye(len(contact.kept), format="csr") - contact.kept_part - contact.follows
-        blocks = contact.rows.T.tocsr(), contact.by_closed_at @ contact.rows, square
-        lower, upper, turned = (block.T.tocsr() for block in blocks)
-        self._blocks = {False: (*blocks, 1.0), True: (upper, lower, turned, contact.stiffness)}
+        self._stiffness = state.discrete.stiffness.another()
+        self._stiffness.fill(self.moduli)
+        soften = self._with_springs()
+        G = diags(contact.kept) @ contact.across
+        square = (eye(len(k), format="csr") - G - contact.follows).tocsr()
+        upper, lower, per_k = contact.rows.T.tocsr(), contact.pushed @ contact.rows, diags(1 / k)
+        turned = (diags(k) @ contact.rows, diags(k) @ square.T, soften @ per_k)
+        self._ways = (
+            _Blocks(upper, lower, square, soften, 1.0),
+            _Blocks(lower.T.tocsr(), *(block.tocsr() for block in turned), k),
+        )
         try:
-            self._inverse = stiffness.matrix.Inverse(inverse="sparsecholesky")
+            self._inverse = self._stiffness.matrix.Inverse(inverse="sparsecholesky")
         except SOLVER_ERRORS as error:
             raise TangentError(f"the tangent could not be factorised: {error}") from error
-        self._right, self._left = (stiffness.matrix.CreateColVector() for _ in range(2))
 
-    def _with_springs(self, stiffness: Stiffness) -> csr_matrix:
+    def _with_springs(self) -> csr_matrix:
         """Add the springs of rows that belong to one vertex; L, shape (n, n)."""
-        contact, (nodes, N) = self.contact, self.discrete.free.shape
-        R, kept = contact.rows, contact.kept
+        contact, stiffness, (nodes, N) = self.contact, self._stiffness, self.discrete.free.shape
+        R, kept, across = contact.rows, contact.kept, contact.across
         row = np.repeat(np.arange(R.shape[0]), np.diff(R.indptr))
         pairs = np.unique(row * nodes + R.indices // N)
         single = np.bincount(pairs // nodes, minlength=R.shape[0]) <= 1
         soften = 1 / (1 - kept + kept / np.where(single, PENALTY, 1.0))
-        springs = diags(np.where(single, contact.stiffness * kept * soften, 0.0)) @ contact.along
+        springs = diags(np.where(single, contact.stiffness * kept * soften, 0.0)) @ across
         blocks = (R.T @ springs @ R).tobsr((N, N))
         stiffness.entries[stiffness.diagonal_places(blocks.indices)] += blocks.data
-        self._by_springs = not contact.follows.count_nonzero() and bool(
-            (single | (kept == 0)).all()
-        )
+        self._by_springs = not contact.follows.count_nonzero() and (single | (kept == 0)).all()
         grip = contact.conditions.springs(contact.stiffness) / contact.stiffness
-        identity = eye(R.shape[0], format="csr")
-        return identity + diags(soften + grip - 1) @ contact.along  # grips are in the matrix
+        return eye(R.shape[0], format="csr") + diags(soften + grip - 1) @ across
 
     def forward(self, data: Data) -> Data:
         """The changes of the solution with its data, and these."""
-        discrete, points = self.discrete, self.discrete.points
-        moved = np.zeros_like(self.state.u) + data["values"]
-        known = self.radial.forward(moved, data)
-        force = data["load"] - points.forces(known["mean"], known["stress"])
+        discrete, at_rest = self.discrete, np.zeros_like(self.state.u)
+        moved = at_rest + data["values"]
+        known = self.tape.forward(data + self._strain(moved))
+        force = data["load"] - discrete.points.forces(known["mean"], known["stress"])
         force = force - discrete.supports.pull(moved)
-        u, x = self.solve(force, self.contact.given(data, moved))
-        return data + Data(u=u + moved, contact=x) + self.radial.forward(u + moved, data)
+        u, x = self.solve(force, np.zeros(len(discrete.contact)) + known["given"])
+        u = u + moved
+        return self.tape.forward(data + self._strain(u) + Data(u=u, contact=x))
 
     def reverse(self, by: Data) -> Data:
         """The derivative of a functional by all data, from that by the solution and the data."""
-        discrete, points = self.discrete, self.discrete.points
-        force = np.zeros_like(self.state.u) + by["u"]
-        if not by.keys().isdisjoint(("p", "stress", "mean")):
-            direct = self.radial.reverse(by)
-            force = force + points.forces(direct["volume"], direct["strain"])
-        on_contact = np.zeros(len(discrete.contact)) + by["contact"]
-        z, w = self.solve(force, on_contact, transposed=True)
-        zeta, found = self.contact.slopes(w)
-        support = force - self.internal(z) - discrete.contact.forces(zeta)
-        found += Data(load=z, values=np.where(discrete.free, 0.0, support))
-        volume, e = points.strain(z)
-        found += self.radial.reverse(by + Data(stress=-e, mean=-volume))
-        return found + by.without(*SOLUTION)
+        discrete, weights = self.discrete, self.discrete.points.weights
+        direct = self.tape.backward(by)
+        force = np.zeros_like(self.state.u) + direct["u"]
+        if "strain" in direct or "volume" in direct:
+            strain = np.zeros_like(self.state.deviator) + direct["strain"]
+            density = (np.zeros(len(weights)) + direct["volume"]) / weights
+            force = force + discrete.points.forces(density, strain / weights[:, None])
+        z, w = self.solve(force, np.zeros(len(discrete.contact)) + by["contact"], transposed=True)
+        strained = -weights * self._strain(z)
+        stress = Data(mean=strained["volume"], stress=strained["strain"], given=w, load=z)
+        found = self.tape.backward(by + stress)
+        support = found["values"] + force - self.internal(z)
+        found["values"] = np.where(discrete.free, 0.0, support)
+        return found
+
+    def _strain(self, u: np.ndarray) -> Data:
+        volume, strain = self.discrete.points.strain(u)
+        return Data(volume=volume, strain=strain)
 
     def internal(self, u: np.ndarray) -> np.ndarray:
         """K u at all components, shape (nodes, N)."""
         volume, e = self.discrete.points.strain(u)
-        moduli = self.radial.moduli
-        forces = self.discrete.points.forces(moduli.bulk * volume, moduli(e))
+        forces = self.discrete.points.forces(self.moduli.bulk * volume, self.moduli(e))
         return forces + self.discrete.supports.pull(u)
 
     def solve(
@@ -132,12 +138,12 @@ class LinearStep:
 
         TangentError if corrections do not converge: the tangent is singular, or rows are dependent.
         """
-        *_, scale = self._blocks[transposed]
-        right = np.append(np.where(self._free, force.ravel(), 0.0), scale * given)
+        blocks = self._ways[transposed]
+        right = np.append(np.where(self._free, force.ravel(), 0.0), blocks.scale * given)
         x, left, relative, size = np.zeros_like(right), right, np.inf, np.linalg.norm(right)
         for _ in range(REFINEMENTS if size > 0 else 0):
-            x = x + self._correction(left, transposed)
-            left = right - self._product(x, transposed)
+            x = x + self._correction(blocks, left)
+            left = right - self._product(blocks, x)
             before, relative = relative, np.linalg.norm(left) / size
             if relative <= ACCURATE or relative > 0.5 * before:
                 break
@@ -145,33 +151,26 @@ class LinearStep:
             raise TangentError(f"the derivative system is singular: residual {relative:.2g} left")
         return x[: force.size].reshape(force.shape), x[force.size :]
 
-    def _product(self, x: np.ndarray, transposed: bool) -> np.ndarray:
-        """The left sides of the system, that of the rows in units of force."""
-        upper, lower, square, scale = self._blocks[transposed]
+    def _product(self, blocks: _Blocks, x: np.ndarray) -> np.ndarray:
         u, forces = np.split(x, [len(self._free)])
-        pushed = self.internal(u.reshape(self.state.u.shape)).ravel() + upper @ forces
+        pushed = self.internal(u.reshape(self.state.u.shape)).ravel() + blocks.upper @ forces
         pushed = np.where(self._free, pushed, 0.0)
-        return np.append(pushed, scale * (lower @ u + square @ forces))
+        return np.append(pushed, blocks.lower @ u + blocks.square @ forces)
 
-    def _answer(self, right: np.ndarray, transposed: bool) -> np.ndarray:
+    def _answer(self, blocks: _Blocks, right: np.ndarray) -> np.ndarray:
         """The solution up to what springs miss, by one back-substitution."""
-        upper, lower, _, scale = self._blocks[transposed]
         force, given = np.split(right, [len(self._free)])
-        forces = self._soften @ (given / scale)
-        self._right.FV().NumPy()[:] = force - upper @ forces
-        self._left.data = self._inverse * self._right
-        u = self._left.FV().NumPy().copy()
-        return np.append(u, forces - self._soften @ (lower @ u))
+        forces, pushed = blocks.soften @ given, self._stiffness.matrix.CreateColVector()
+        pushed.FV().NumPy()[:] = force - blocks.upper @ forces
+        u = (self._inverse * pushed).Evaluate().FV().NumPy()
+        return np.append(u, forces - blocks.soften @ (blocks.lower @ u))
 
-    def _correction(self, right: np.ndarray, transposed: bool) -> np.ndarray:
+    def _correction(self, blocks: _Blocks, right: np.ndarray) -> np.ndarray:
         """The solution up to rounding of large answers."""
         if self._by_springs:
-            return self._answer(right, transposed)
-
-        def product(r: np.ndarray) -> np.ndarray:
-            """What the answer makes of the left sides."""
-            return self._product(self._answer(r, transposed), transposed)
-
-        operator = LinearOperator((len(right), len(right)), product, dtype=float)
+            return self._answer(blocks, right)
+        operator = LinearOperator(
+            (len(right),) * 2, lambda r: self._product(blocks, self._answer(blocks, r)), dtype=float
+        )
         found, _ = gmres(operator, right, rtol=INNER, restart=MOST, maxiter=ROUNDS)
-        return self._answer(found, transposed)
+        return self._answer(blocks, found)

@@ -1,29 +1,44 @@
-"""What derivatives are taken with respect to: directions in which the data of a problem change."""
+"""What derivatives are taken with respect to: directions in which the data of a problem change.
+
+Where the shape changes, the mesh moves with a field V.  With nodal displacements and forces of the
+rows kept, everything else of the discrete problem is an explicit function of the vertices x + t V.
+It is built for a few small t, and differences of fourth order give the change of its data: no
+solution is differenced.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass, fields, replace
-from functools import partial
 
 import numpy as np
-from ngsolve import CoefficientFunction
+from ngsolve import GridFunction, Mesh, VectorH1
 
-from ngepc.checks.arguments import Coefficient, is_number
+from ngepc.checks.arguments import Coefficient, is_number, require_coefficient
 from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.discretisation.conditions import ContactConditions, at_rows
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.rows import contact_rows
 from ngepc.evolution.load_path import scaled
-from ngepc.local.system import State
+from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.contact import Coulomb
 from ngepc.model.given import Given
-from ngepc.model.material import Material, split_hardening
+from ngepc.model.material import Material
 from ngepc.model.places import places
-from ngepc.model.problem import Problem
+from ngepc.model.problem import Problem, as_vector
 from ngepc.sensitivity.radial import Data
-from ngepc.sensitivity.shape import shape_data
+
+MATERIAL = tuple(field.name for field in fields(Material) if field.name != "law")
+LOADS = ("traction", "pressure", "body_force")
+BY_BOUNDARY = ("traction", "pressure", "gap", "prescribed")  # a colon and a boundary may follow
+LEGAL = (*MATERIAL, *LOADS, "gap", "prescribed", "friction", "initial_plastic_strain", "shape")
+
+COMPLEX = 1e-100  # length of a complex step, whose square is nothing
+STENCIL = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}  # central difference of fourth order
+STEP = 1e-5  # of differences: the largest motion of a vertex over the size of the body
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +68,6 @@ class Direction(Declared):
         return self.datum.startswith("initial")
 
 
-MATERIAL = tuple(field.name for field in fields(Material) if field.name != "law")
-"""Names of the material constants."""
-
-BY_BOUNDARY = ("traction", "pressure", "gap", "prescribed")
-"""Data that a colon and the name of a boundary may follow."""
-
 Parameters = str | Sequence[str] | Mapping[str, Direction]
 """Names of data with their natural change, or name of the answer -> ``Direction``."""
 
@@ -73,12 +82,11 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
     if isinstance(parameters, list | tuple) and parameters:
         parameters = {name: Direction(require_text("parameters", name)) for name in parameters}
     require_mapping("parameters", parameters, "names of data, or name -> Direction")
-    legal = [*MATERIAL, *_CHANGES]
     for name, direction in parameters.items():
         require_instance(f"parameters[{name!r}]", direction, Direction, "a Direction")
         datum, _, boundary = direction.datum.partition(":")
-        if datum not in legal:
-            needed = f"one of {', '.join(legal)} is needed"
+        if datum not in LEGAL:
+            needed = f"one of {', '.join(LEGAL)} is needed"
             raise ValueError(f"parameters={direction.datum!r}: {needed}")
         if boundary and datum not in BY_BOUNDARY:
             raise ValueError(f"parameters={direction.datum!r}: only {datum!r} has a derivative")
@@ -90,35 +98,27 @@ def changed_data(state: State, direction: Direction) -> Data:
 
     ValueError if the problem has no such datum.
     """
-    problem, at = state.discrete.problem, state.discrete.points.at
+    discrete, problem = state.discrete, state.discrete.problem
     datum, _, boundary = direction.datum.partition(":")
     change = _natural(problem, datum) if direction.change is None else direction.change
-    if datum in MATERIAL:
-        slopes, amount = by_material(problem)[datum], at(change)
-        return Data({name: at(slope) * amount for name, slope in slopes.items()})
     if datum in BY_BOUNDARY:
         change = _by_boundary(problem, datum, boundary, change)
-    return _CHANGES[datum](state, change)
-
-
-def by_material(problem: Problem) -> dict[str, dict[str, Coefficient]]:
-    """Material constant -> derivatives of 2 mu_2, h, beta, ... with respect to it."""
-    m, (alpha_1, _) = problem.material, split_hardening(problem.initial_hardening)
-    H, k_1, sigma_y = m.hardening_modulus, m.hardening_stiffness, m.yield_stress
-    alpha_1 = 0.0 if alpha_1 is None else alpha_1
-    by_H, by_sigma_y = 2 * H * sigma_y * sigma_y * k_1, 2 * H * H * sigma_y * k_1
-    return {
-        "lame_lambda": {"bulk": 1.0},
-        "lame_mu": {"two_mu": 2.0, "bulk": 2.0 / problem.kinematics.size},
-        "yield_stress": {"hardening": by_sigma_y, "beta": 1 + H * alpha_1, "isotropic": k_1 * H},
-        "hardening": {"hardening": 1.0, "kinematic": 1.0},
-        "hardening_modulus": {
-            "hardening": by_H,
-            "beta": sigma_y * alpha_1,
-            "isotropic": k_1 * sigma_y,
-        },
-        "hardening_stiffness": {"hardening": H * H * sigma_y * sigma_y, "isotropic": H * sigma_y},
-    }
+    if datum in MATERIAL:
+        return _material(state, datum, change)
+    if datum in LOADS:  # forces are linear in a load
+        body = {"kinematics": problem.kinematics, datum: change}
+        alone = Given(problem.mesh, problem.material, **body)
+        return Data(load=applied_forces(alone, discrete.supports.space))
+    if datum == "initial_plastic_strain":
+        return Data(initial=discrete.points.at(problem.kinematics.coordinates(change)))
+    if datum == "friction":
+        if problem.friction is None:
+            raise ValueError("parameters='friction': the problem has none")
+        values = at_rows(problem, discrete.rows, change)
+        if isinstance(problem.friction, Coulomb):
+            return Data(coefficient=values)
+        return Data(cap=discrete.rows.weights * values)
+    return {"gap": _gap, "prescribed": _prescribed, "shape": _shape}[datum](state, change)
 
 
 def _natural(problem: Problem, datum: str) -> object:
@@ -126,10 +126,9 @@ def _natural(problem: Problem, datum: str) -> object:
     given = getattr(problem.material if datum in MATERIAL else problem, datum, None)
     if datum == "gap":
         return 1.0
-    if isinstance(given, Coulomb):
-        given = given.coefficient
     if datum != "shape" and (given is None or given == {}):
         raise ValueError(f"parameters={datum!r}: the problem has none")
+    given = given.coefficient if isinstance(given, Coulomb) else given
     return 1.0 if is_number(given) else given
 
 
@@ -146,16 +145,27 @@ def _by_boundary(problem: Problem, datum: str, boundary: str, change: object) ->
     return {boundary: single[boundary]} if boundary else single
 
 
-def _load(name: str, state: State, change: object) -> Data:
-    """The forces of a load alone, in which they are linear."""
-    problem = state.discrete.problem
-    alone = Given(problem.mesh, problem.material, kinematics=problem.kinematics, **{name: change})
-    return Data(load=applied_forces(alone, state.discrete.supports.space))
+def _material(state: State, datum: str, change: Coefficient) -> Data:
+    """By a complex step in the formulas of the material, exact to rounding."""
+    problem, at = state.discrete.problem, state.discrete.points.at
+    m = copy(problem.material)
+    vars(m).update({name: at(value) for name, value in vars(m).items() if name in MATERIAL})
+    vars(m)[datum] = vars(m)[datum] + COMPLEX * 1j * at(change)
+    found = {
+        "two_mu": 2 * m.lame_mu,
+        "bulk": m.lame_lambda + 2 * m.lame_mu / problem.kinematics.size,
+        "hardening": m.effective_hardening,
+        "beta": m.yield_bound(at(problem.alpha_0[0])),
+        "kinematic": m.hardening,
+        "isotropic": m.scalar_growth,
+    }
+    slopes = {name: np.imag(value) / COMPLEX for name, value in found.items()}
+    return Data({name: slope for name, slope in slopes.items() if slope.any()})
 
 
 def _gap(state: State, change: dict) -> Data:
     discrete, problem = state.discrete, state.discrete.problem
-    gaps, part = np.zeros(len(discrete.rows)), discrete.contact.on_obstacles
+    gaps, part = np.zeros(len(discrete.contact)), discrete.contact.on_obstacles
     moved = dict.fromkeys(problem.contact_names, 0.0) | change
     if all(is_number(value) and value == 1 for value in moved.values()):
         gaps[part] = 1.0
@@ -167,34 +177,92 @@ def _gap(state: State, change: dict) -> Data:
 def _prescribed(state: State, change: dict) -> Data:
     discrete, problem = state.discrete, state.discrete.problem
     other = replace(problem, prescribed=scaled(problem.single("prescribed"), 0.0) | change)
-    supports, gaps = Supports(other), np.zeros(len(discrete.rows))
+    supports, gaps = Supports(other), np.zeros(len(discrete.contact))
     part = discrete.contact.roller_part
     gaps[part] = ContactConditions(other, supports).rows.gaps[part]
     return Data(values=supports.values, gaps=gaps)
 
 
-def _friction(state: State, change: Coefficient) -> Data:
-    law, rows = state.discrete.problem.friction, state.discrete.rows
-    if law is None:
-        raise ValueError("parameters='friction': the problem has none")
-    values = at_rows(state.discrete.problem, rows, change)
-    if isinstance(law, Coulomb):
-        return Data(coefficient=values)
-    return Data(cap=rows.weights * values)
+def _shape(state: State, change: object) -> Data:
+    motion = vertex_motion(state.discrete.problem, change)
+    return on_moving_mesh(state, motion, lambda there: geometry(state, there)) + Data(shape=motion)
 
 
-def _initial_strain(state: State, change: CoefficientFunction) -> Data:
-    points = state.discrete.points
-    return Data(initial=points.at(points.kinematics.coordinates(change)))
+def on_moving_mesh(old: State, motion: np.ndarray, read: Callable[[State], Data]) -> Data:
+    """d/dt of what is read off a state on the mesh x + t V; displacements and forces stay.
+
+    ``motion`` is V at the vertices, shape (vertices, N) (length per unit of the parameter).
+    """
+    problem, found, fastest = old.discrete.problem, Data(), np.abs(motion).max()
+    size = np.ptp(np.asarray(problem.mesh.ngmesh.Coordinates()), axis=0).max()
+    step = STEP * float(size / fastest) if fastest > 0 else 1.0
+    for k, weight in STENCIL.items():
+        with moved_mesh(problem.mesh, k * step * motion):
+            discrete = DiscreteProblem(problem)
+            state = discrete.state(old.u, contact=_turned(old.contact, old.discrete, discrete))
+            found += weight / step * read(state)
+    return found
 
 
-_CHANGES: dict[str, Callable[[State, object], Data]] = {
-    "traction": partial(_load, "traction"),
-    "pressure": partial(_load, "pressure"),
-    "body_force": partial(_load, "body_force"),
-    "gap": _gap,
-    "prescribed": _prescribed,
-    "friction": _friction,
-    "initial_plastic_strain": _initial_strain,
-    "shape": shape_data,
-}
+def geometry(old: State, state: State) -> Data:
+    """Data on a moved mesh, strains of the same displacements, forces and gaps that they leave."""
+    discrete, law, points = state.discrete, state.discrete.law, state.discrete.points
+    contact, cone, material = discrete.contact, discrete.contact.friction, discrete.problem.material
+    mean, stress = old.discrete.law.bulk * old.volume, old.discrete.law.stress(old.at)
+    forces = points.forces(mean, stress) + discrete.supports.pull(old.u)
+    names = ("two_mu", "bulk", "hardening", "beta", "back", "initial")
+    return Data({name: getattr(law, name) for name in names}) + Data(
+        kinematic=points.at(material.hardening),
+        isotropic=points.at(material.scalar_growth),
+        volume=state.volume,
+        strain=state.deviator,
+        load=discrete.load - forces - contact.forces(state.contact),
+        gaps=_turned(state.gaps, discrete, old.discrete),
+        values=discrete.supports.values,
+        cap=np.where(np.isfinite(cone.cap), cone.cap, 0.0),
+        coefficient=cone.coefficient,
+    )
+
+
+def _turned(x: np.ndarray, here: DiscreteProblem, there: DiscreteProblem) -> np.ndarray:
+    """Forces or gaps of rows on one mesh in the tangents of the same rows on a mesh close by."""
+    if not here.contact.friction.d:
+        return x
+    corner = np.einsum("mik,mjk->mij", here.rows.tangents, there.rows.tangents)
+    left, _, right = np.linalg.svd(corner)
+    n, t = here.contact.friction.split(x)
+    return np.append(n, np.einsum("mi,mij->mj", t, left @ right))
+
+
+@contextmanager
+def moved_mesh(mesh: Mesh, motion: np.ndarray) -> Iterator[None]:
+    """The mesh with its vertices moved, and back where they were afterwards."""
+    vertices = np.asarray(mesh.ngmesh.Coordinates())
+    before = vertices.copy()
+    vertices += motion
+    try:
+        yield
+    finally:
+        vertices[:] = before
+
+
+def vertex_motion(problem: Problem, change: object) -> np.ndarray:
+    """V at the vertices, shape (vertices, N).
+
+    TypeError, ValueError if V is missing or not a vector of N components, the mesh is curved, or
+    the axis of a body of revolution would move.
+    """
+    mesh = problem.mesh
+    if change is None:
+        raise ValueError("parameters='shape': Direction('shape', V) with a vector V is needed")
+    if mesh.GetCurveOrder() > 1:
+        raise ValueError(f"mesh: curved of order {mesh.GetCurveOrder()}, a straight one is needed")
+    V = as_vector(change)
+    require_coefficient("change", V, [(mesh.dim,)])
+    nodal = GridFunction(VectorH1(mesh, order=1))
+    nodal.Set(V, dual=True)
+    motion = nodal.vec.FV().NumPy().reshape(mesh.dim, -1).T.copy()
+    radii = np.asarray(mesh.ngmesh.Coordinates())[:, 0]
+    if problem.kinematics.hoop and np.abs(motion[radii <= 1e-12 * radii.max(), 0]).any():
+        raise ValueError(f"change={change!r}: a field that keeps the axis x = 0 is needed")
+    return motion

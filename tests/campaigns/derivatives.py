@@ -19,12 +19,11 @@ from campaigns.random_data import (
 )
 
 from ngepc.model.contact import Coulomb
-from ngepc.sensitivity.contact import LinearContact, RowSides
+from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.functionals import as_functional
 from ngepc.sensitivity.gradient import gradient, states_of
-from ngepc.sensitivity.parameters import Direction, changed_data
+from ngepc.sensitivity.parameters import STENCIL, Direction, changed_data
 from ngepc.sensitivity.radial import Data
-from ngepc.sensitivity.shape import STENCIL
 from ngepc.studies.work import Work
 
 STEP = 3e-5
@@ -102,14 +101,14 @@ def envelope_error(problem):
     """
     result, names = once(problem), list(sizes(problem))
     state, energy = result.state, as_functional("primal_energy")
-    sides, held = RowSides(state), ~state.discrete.free
-    if (sides.closed & sides.slips & (sides.coefficient > 0)).any():
+    contact, held = LinearContact(state), ~state.discrete.free
+    if (contact.slips & (contact.coefficient > 0)).any():
         return None
-    partial = energy.slope(state).by.without("u", "contact")
-    partial += Data(gaps=-state.multipliers, values=np.where(held, state.missing, 0.0))
-    points = state.discrete.points
+    partial = energy.slope(state).by
+    gaps = np.where(np.arange(len(state.contact)) < len(state.multipliers), -state.contact, 0.0)
+    partial += Data(gaps=gaps, values=np.where(held, state.missing, 0.0))
     slopes = gradient(result, energy, names)
-    expected = {n: partial.paired(changed_data(state, Direction(n)), points) for n in names}
+    expected = {n: partial.paired(changed_data(state, Direction(n))) for n in names}
     amounts = sizes(problem)
     size = max(abs(slopes[n] * amounts[n]) for n in names)
     return max(abs(slopes[n] - expected[n]) * amounts[n] for n in names) / size

@@ -7,8 +7,7 @@ from campaigns.random_data import four_times, functionals, random_problem, sizes
 
 from ngepc import cold_start, evolve, load_cycle, lshape_problem, primal_newton, semismooth_newton
 from ngepc.geometries import lshape
-from ngepc.sensitivity.gradient import gradient, states_of
-from ngepc.sensitivity.tangent import tangent, tangents_at
+from ngepc.sensitivity.gradient import gradient, states_of, tangent, tangents_at
 
 
 @pytest.mark.parametrize("seed", [1, 9, 17])

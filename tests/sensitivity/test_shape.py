@@ -7,7 +7,7 @@ from ngsolve import CF, sin, x, y, z
 
 from ngepc import Direction, Material, Problem, gradient, semismooth_newton, tangent
 from ngepc.geometries import block
-from ngepc.sensitivity.shape import STENCIL, moved_mesh, vertex_motion
+from ngepc.sensitivity.parameters import STENCIL, moved_mesh, vertex_motion
 
 STEP = 1e-5
 
