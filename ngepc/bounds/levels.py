@@ -10,8 +10,9 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from ngepc.bounds.airy import AirySpace, TriangleBlocks
 from ngepc.bounds.triangles import Triangles
-from ngepc.discretisation.stiffness import lower_pattern, pattern_matrix
+from ngepc.discretisation.stiffness import pattern_matrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
+from ngepc.linalg.direct import lower_triangle
 
 EDGE_STEPS = 6
 """Degree of the polynomial that stands for the inverse on the edges, plus one."""
@@ -36,7 +37,7 @@ class TwoLevels:
         self.space, t, self._count = space, triangles, space.vertices
         self._times = np.bincount(space.unknowns.ravel(), minlength=len(space.held.free))
         self.matrix = pattern_matrix(H1(t.mesh, order=1, dim=3))
-        self._rows, self._columns = lower_pattern(self.matrix)
+        self._rows, self._columns, _ = lower_triangle(self.matrix)
         a, b = np.tril_indices(3)
         i, j = t.nodes[:, a], t.nodes[:, b]
         self._local, self._turned, nv = (a, b), i < j, np.int64(len(t.points))

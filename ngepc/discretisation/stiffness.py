@@ -12,11 +12,11 @@ from typing import Protocol
 import numpy as np
 from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Trace, VectorH1, dx
 from ngsolve.la import SparseMatrixd
-from scipy.sparse import bsr_matrix, csr_matrix, tril
+from scipy.sparse import bsr_matrix, csr_matrix
 
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.discretisation.points import Elements, Moduli, Points
-from ngepc.linalg.direct import from_entries
+from ngepc.linalg.direct import both_triangles, lower_triangle
 
 
 class Blocks(Protocol):
@@ -41,25 +41,22 @@ class StiffnessBlocks:
 
     def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
         self.points, self.free, self.N = points, free, points.kinematics.N
-        rows, columns = lower_pattern(pattern_matrix(points.scalar))
-        keys = rows * points.scalar.ndof + columns
+        rows, columns, _ = lower_triangle(pattern_matrix(points.scalar))
         self.rows, self.columns = rows.astype(np.int32), columns.astype(np.int32)
+        keys, self._added = rows * len(free) + columns, None
         self._places = [[self._places_of(p, keys) for p in block.parts] for block in points.blocks]
-        self._added = None if added is None else self._placed(added, keys)
-
-    def _placed(self, matrix: csr_matrix, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of blocks on and below the diagonal, and their entries in a matrix."""
-        blocks = matrix.tobsr((self.N, self.N))
-        rows = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr))
-        lower = rows >= blocks.indices
-        wanted = rows[lower] * np.int64(self.points.scalar.ndof) + blocks.indices[lower]
-        return np.searchsorted(keys, wanted), blocks.data[lower]
+        if added is not None:
+            blocks = added.tobsr((self.N, self.N))
+            i = np.repeat(np.arange(len(free)), np.diff(blocks.indptr))
+            lower = i >= blocks.indices
+            wanted = i[lower] * np.int64(len(free)) + blocks.indices[lower]
+            self._added = np.searchsorted(keys, wanted), blocks.data[lower]
 
     def _places_of(self, part: Elements, keys: np.ndarray) -> tuple[np.ndarray, ...]:
         """Blocks that some elements touch, which of these each pair is, and where to transpose."""
         a, b = np.tril_indices(part.nodes.shape[1])
         i, j = part.nodes[:, a], part.nodes[:, b]
-        wanted = np.maximum(i, j) * np.int64(self.points.scalar.ndof) + np.minimum(i, j)
+        wanted = np.maximum(i, j) * np.int64(len(self.free)) + np.minimum(i, j)
         touched, which = np.unique(wanted, return_inverse=True)
         touched = np.searchsorted(keys, touched)
         return touched.astype(np.int32), which.astype(np.int32).ravel(), i < j
@@ -114,9 +111,7 @@ class Stiffness:
         blocks, nodes = self._blocks, len(self._blocks.free)
         starts = np.searchsorted(blocks.rows, np.arange(nodes + 1))
         shape = (blocks.N * nodes,) * 2
-        lower = tril(bsr_matrix((self.entries, blocks.columns, starts), shape=shape))
-        both = (lower + tril(lower, -1).T).tocoo()
-        return from_entries(both.row, both.col, both.data, *shape)
+        return both_triangles(bsr_matrix((self.entries, blocks.columns, starts), shape=shape))
 
     def diagonal_places(self, nodes: np.ndarray) -> np.ndarray:
         """Where in ``entries`` the diagonal blocks of these nodes are."""
@@ -172,21 +167,10 @@ class ComponentBlocks:
 
 def hold(values: np.ndarray, blocks: Blocks) -> None:
     """Rows and columns of held components become those of the identity."""
-    free_rows, free_columns = blocks.free[blocks.rows], blocks.free[blocks.columns]
-    touched = np.flatnonzero(~(free_rows & free_columns).all(axis=1))
-    free_rows, free_columns = free_rows[touched], free_columns[touched]
-    held = values[touched]
-    held[~(free_rows[:, :, None] & free_columns[:, None, :])] = 0.0
-    same = (blocks.rows[touched] == blocks.columns[touched])[:, None, None]
-    held[same & ~free_rows[:, :, None] & np.eye(blocks.N, dtype=bool)] = 1.0
-    values[touched] = held
-
-
-def lower_pattern(matrix: BaseMatrix) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the entries on and below the diagonal, row by row."""
-    _, columns, starts = (np.asarray(a) for a in matrix.CSR())
-    rows = np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts.astype(np.int64)))
-    return rows, columns.astype(np.int64)
+    free = blocks.free
+    values[~(free[blocks.rows][:, :, None] & free[blocks.columns][:, None])] = 0.0
+    nodes, components = np.nonzero(~free)
+    values[np.flatnonzero(blocks.rows == blocks.columns)[nodes], components, components] = 1.0
 
 
 def pattern_matrix(space: H1) -> BaseMatrix:

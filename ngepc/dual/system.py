@@ -6,17 +6,11 @@ quasi-definite, so that LDL^T needs no pivoting.
 
 from __future__ import annotations
 
-from ngsolve.la import BaseMatrix, BaseVector
+from ngsolve.la import BaseVector
 
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.penalty import ActiveTerms
-from ngepc.linalg.direct import (
-    FROM_LOWER_TRIANGLE,
-    SOLVER_ERRORS,
-    FactorisationError,
-    Placed,
-    SparseSum,
-)
+from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError, SparseSum
 
 
 class NewtonSystem:
@@ -29,14 +23,10 @@ class NewtonSystem:
     def __init__(self, functional: DualFunctional, inverse: str) -> None:
         self._solver, self._inverse, self._blocks = inverse, None, functional.blocks
         self._first = self._blocks.Y.ndof
-        self._B = self._placed(self._blocks.B)
-        pattern, mirrored = functional.penalty.pattern(), inverse not in FROM_LOWER_TRIANGLE
-        blocks = self._B, self._placed(pattern)
-        self._sum = SparseSum(self._blocks.saddle.mat, blocks, mirrored=mirrored)
+        blocks, mirrored = self._blocks, inverse not in FROM_LOWER_TRIANGLE
+        parts = blocks.B, functional.penalty.pattern()
+        self._sum = SparseSum(blocks.saddle.mat, parts, self._first, mirrored=mirrored)
         self.use(functional)
-
-    def _placed(self, A: BaseMatrix) -> Placed:
-        return Placed(A, self._first)
 
     def use(self, functional: DualFunctional) -> None:
         """Switch to another gamma.  ValueError if the functional is on other blocks."""
@@ -44,8 +34,8 @@ class NewtonSystem:
             raise ValueError("functional has blocks of its own: one on the same blocks is needed")
         self.functional = functional
         self._sum.values[:] = 0.0
-        self._sum.add(Placed(self._blocks.saddle.mat))
-        self._sum.add(self._B, 1 / functional.weights.tichonov)
+        self._sum.add(self._blocks.saddle.mat)
+        self._sum.add(self._blocks.B, self._first, 1 / functional.weights.tichonov)
         self._constant = self._sum.values.copy()
 
     def factorise(self, terms: ActiveTerms | None) -> None:
@@ -55,7 +45,7 @@ class NewtonSystem:
         """
         self._sum.values[:] = self._constant
         if terms is not None:
-            self._sum.add(self._placed(terms.hessian()))
+            self._sum.add(terms.hessian(), self._first)
         matrix = self._sum.matrix()
         try:
             self._invert(matrix)

@@ -7,13 +7,13 @@ alone and are added in place, so that the pattern and its symbolic factorisation
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from netgen.meshing import NgException
 from ngsolve import BitArray
 from ngsolve.la import BaseMatrix, SparseMatrixd
 from pyngcore import Array_D_S, Array_I_S
+from scipy.sparse import coo_matrix, csr_matrix, tril
 
 SHIPPED = ("sparsecholesky", "umfpack")  # those that come with NGSolve's wheels
 
@@ -39,9 +39,8 @@ def require_solver(name: str, value: object) -> object:
         raise ValueError(f"{name}={value!r}: one of {', '.join(DIRECT_SOLVERS)} is needed")
     if value in SHIPPED:
         return value
-    one = SparseMatrixd.CreateFromCOO([0], [0], [1.0], 1, 1)
     try:
-        one.Inverse(inverse=value)
+        SparseMatrixd.CreateFromCOO([0], [0], [1.0], 1, 1).Inverse(inverse=value)
     except SOLVER_ERRORS as error:
         raise ValueError(
             f"{name}={value!r}: this installation lacks it ({error}); {' and '.join(SHIPPED)} "
@@ -53,26 +52,24 @@ def require_solver(name: str, value: object) -> object:
 def symmetric_inverse(matrix: BaseMatrix, free: BitArray, name: str) -> BaseMatrix:
     """The inverse of some rows and columns of a matrix in symmetric storage, zero elsewhere."""
     if name not in FROM_LOWER_TRIANGLE:
-        whole = SparseSum(matrix, mirrored=True)
-        whole.add(Placed(matrix))
-        matrix = whole.matrix()
+        matrix = both_triangles(csr_matrix(tuple(map(np.asarray, matrix.CSR()))))
     return matrix.Inverse(free, inverse=name)
 
 
-@dataclass(frozen=True)
-class Placed:
-    """A symmetric block whose row and column 0 stand at ``first`` in the large matrix."""
+def lower_triangle(matrix: BaseMatrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, columns and values of the entries on and below the diagonal, row by row."""
+    values, columns, starts = (np.asarray(a) for a in matrix.CSR())
+    rows = np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts.astype(np.int64)))
+    columns, lower = columns.astype(np.int64), columns <= rows
+    return (rows, columns, values) if lower.all() else (rows[lower], columns[lower], values[lower])
 
-    matrix: BaseMatrix
-    first: int = 0
 
-    def lower_triangle(self, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Keys row * size + column and values of the entries on and below the diagonal."""
-        values, columns, starts = (np.asarray(a) for a in self.matrix.CSR())
-        rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts.astype(np.int64)))
-        keys = (rows + self.first) * np.int64(size) + (columns + self.first)
-        lower = columns <= rows
-        return (keys, values) if lower.all() else (keys[lower], values[lower])
+def both_triangles(lower: csr_matrix) -> SparseMatrixd:
+    """The symmetric matrix with this lower triangle, all entries stored."""
+    lower = tril(lower).tocoo()
+    strict = lower.row > lower.col
+    rows, columns = np.append(lower.row, lower.col[strict]), np.append(lower.col, lower.row[strict])
+    return from_entries(rows, columns, np.append(lower.data, lower.data[strict]), *lower.shape)
 
 
 def from_entries(
@@ -90,35 +87,46 @@ def from_entries(
 
 
 class SparseSum:
-    """The sum of placed symmetric blocks in one fixed pattern.
+    """The sum of symmetric blocks in one fixed pattern.
 
-    ``largest`` has the size of the sum and symmetric storage; its pattern and those of the blocks
-    make that of the sum.  ``mirrored`` asks for both triangles in any case; ``values`` are the
-    entries of the lower one, row by row.
+    ``largest`` has the size of the sum and symmetric storage; its pattern and those of the blocks,
+    whose row and column 0 stand at ``first`` in the sum, make that of the sum.  ``mirrored`` asks
+    for both triangles in any case; ``values`` are the entries of the lower one, row by row.
     """
 
     def __init__(
-        self, largest: BaseMatrix, blocks: Sequence[Placed] = (), *, mirrored: bool = False
+        self,
+        largest: BaseMatrix,
+        blocks: Sequence[BaseMatrix] = (),
+        first: int = 0,
+        *,
+        mirrored: bool = False,
     ) -> None:
         size = self._size = largest.height
-        self._keys, _ = Placed(largest).lower_triangle(size)
-        found = (block.lower_triangle(size)[0] for block in blocks)
+        self._keys, _ = self._entries(largest, 0)
+        found = (self._entries(block, first)[0] for block in blocks)
         more = [keys[~self._places(keys)[1]] for keys in found]
+        self._matrix, self._source = largest.CreateMatrix(), slice(None)
         if mirrored or any(len(keys) for keys in more):
             self._keys = np.unique(np.concatenate([self._keys, *more]))
-            self._matrix, self._source = _both_triangles(self._keys, size)
-        else:
-            self._matrix, self._source = largest.CreateMatrix(), slice(None)
+            numbers, where = np.arange(len(self._keys)), np.divmod(self._keys, size)
+            self._matrix = both_triangles(coo_matrix((numbers, where), shape=(size, size)))
+            self._source = self._matrix.AsVector().FV().NumPy().astype(np.int64)
         self.values = np.zeros(len(self._keys))
+
+    def _entries(self, block: BaseMatrix, first: int) -> tuple[np.ndarray, np.ndarray]:
+        """Keys row * size + column in the sum and values of a block's lower triangle."""
+        rows, columns, values = lower_triangle(block)
+        return (rows + first) * self._size + columns + first, values
 
     def _places(self, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the keys are among those of the sum, and which of them are there."""
         where = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
         return where, self._keys[where] == keys
 
-    def add(self, block: Placed, factor: float = 1.0) -> None:
+    def add(self, block: BaseMatrix, first: int = 0, factor: float = 1.0) -> None:
         """Add ``factor`` times a block; a ValueError if it has entries outside of the pattern."""
-        keys, values = block.lower_triangle(self._size)
+        keys, values = self._entries(block, first)
         where, known = self._places(keys)
         if not known.all():
             raise ValueError("block has entries outside of the pattern of the sum")
@@ -128,12 +136,3 @@ class SparseSum:
         """The matrix with the present values; always the same object."""
         self._matrix.AsVector().FV().NumPy()[:] = self.values[self._source]
         return self._matrix
-
-
-def _both_triangles(keys: np.ndarray, size: int) -> tuple[SparseMatrixd, np.ndarray]:
-    """A matrix with a lower triangle and its mirror image, and which key each entry stands for."""
-    rows, columns = np.divmod(keys, size)
-    number, strict = np.arange(len(keys)), np.flatnonzero(rows > columns)
-    i, j = np.append(rows, columns[strict]), np.append(columns, rows[strict])
-    matrix = from_entries(i, j, np.append(number, strict), size, size)
-    return matrix, matrix.AsVector().FV().NumPy().astype(np.int64)

@@ -14,14 +14,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import lshape
-from ngepc.linalg.direct import (
-    SHIPPED,
-    Placed,
-    SparseSum,
-    from_entries,
-    require_solver,
-    symmetric_inverse,
-)
+from ngepc.linalg.direct import SHIPPED, SparseSum, from_entries, require_solver, symmetric_inverse
 
 SIZE, FIRST = 12, 5
 
@@ -56,9 +49,9 @@ def laplacian():
 def test_blocks_are_added_where_they_stand():
     """Outside the pattern of the large matrix too; both triangles are there then."""
     (large, dense), (block, small) = symmetric(SIZE, 1), symmetric(4, 2)
-    total = SparseSum(large, [Placed(block, FIRST)])
-    total.add(Placed(large))
-    total.add(Placed(block, FIRST), 3.0)
+    total = SparseSum(large, [block], FIRST)
+    total.add(large)
+    total.add(block, FIRST, 3.0)
     dense[FIRST : FIRST + 4, FIRST : FIRST + 4] += 3.0 * small
     assert stored(total) == pytest.approx(dense)
 
@@ -68,14 +61,14 @@ def test_a_block_that_was_not_announced_is_refused(first):
     diagonal = from_entries(np.arange(SIZE), np.arange(SIZE), np.ones(SIZE), SIZE, SIZE)
     total = SparseSum(diagonal, [])
     with pytest.raises(ValueError, match="outside of the pattern"):
-        total.add(Placed(symmetric(4, 2)[0], first))
+        total.add(symmetric(4, 2)[0], first)
     assert not total.values.any()
 
 
 def test_the_matrix_follows_the_values():
     (large, dense), (block, _) = symmetric(SIZE, 1), symmetric(4, 2)
-    total = SparseSum(large, [Placed(block, FIRST)])
-    total.add(Placed(large))
+    total = SparseSum(large, [block], FIRST)
+    total.add(large)
     first = total.matrix()
     total.values *= 2.0
     assert total.matrix() is first
