@@ -151,7 +151,7 @@ STUDIES = {
     "figures": Command("Figures 2, 3, 5 and 6, ends of paths in gamma", NODES, "paths:Figures"),
     "figure4": Command("quotients of the last Newton steps", work="convergence:Figure4"),
     "duality": Command("the duality gap along paths in gamma", NODES, "paths:Duality"),
-    "differentiability": Command("the norm gap", work="convergence:Differentiability"),
+    "differentiability": Command("the norm gap", work="differentiability:Differentiability"),
     "without_tichonov": Command("Newton steps with and without Tichonov's term",
                                 ("--nodes N", "--gamma G"), "convergence:WithoutTichonov"),
     "step42": Command("the body of step-42 by two methods", work="step42:Step42"),

@@ -16,11 +16,17 @@ from ngepc.model.contact import Contact, Coulomb
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.results.exact import DiscreteSolution
-from ngepc.studies.solid_problems import Quantity, Solved, metal
+from ngepc.studies.solid_problems import ELASTIC, Quantity, Solved, metal
 from ngepc.studies.step42 import equal_cells, step42_problem
 
-ELASTIC = 1e9
-"""A yield stress that nothing reaches."""
+
+def step42() -> Solved:
+    """Step-42 of deal.II on its own mesh of equal hexahedra, a quarter of it.
+
+    One node touches: the number is the mesh's. Finer ones: `ngepc study step42`.
+    """
+    result = semismooth_newton(step42_problem(equal_cells(4))).raise_for_status()
+    return result, [Quantity("contact force", 37.3058, "P", 1e-5, 4 * result.contact_force)]
 
 
 def abscissas(result: DiscreteSolution) -> np.ndarray:
@@ -40,42 +46,25 @@ def roller(fine: float, order: int) -> Problem:
     """Half of a roller of radius 50 on a block, NAFEMS R94: 35 kN/mm, E = 210 and 70 GPa."""
     mesh = roller_on_block(fine)
     young = mesh.MaterialCF({"roller": 210e3, "block": 70e3})
-    material = Material.kinematic(
-        lame_lambda=young * 0.3 / (1.3 * 0.4), lame_mu=young / 2.6, yield_stress=1e9, hardening=1e3
-    )
-    return Problem(
-        mesh,
-        material,
-        None,
-        {"load": (0, -17500 / 50)},
-        prescribed={"symmetry": (0, None), "bottom": (0, 0)},
-        contact=Contact("flat", "arc"),
-        order=order,
-    )
+    elastic = {"lame_lambda": young * 0.3 / (1.3 * 0.4), "lame_mu": young / 2.6}
+    material = Material.kinematic(**elastic, yield_stress=ELASTIC, hardening=1e3)
+    held, push = {"symmetry": (0, None), "bottom": (0, 0)}, {"load": (0, -17500 / 50)}
+    pair = Contact("flat", "arc")
+    return Problem(mesh, material, None, push, prescribed=held, contact=pair, order=order)
 
 
 def r94() -> Solved:
     """NAFEMS R94: an elastic cylinder on an elastic block."""
     result = semismooth_newton(roller(0.4, 2)).raise_for_status()
     peak, width = fitted(result)
-    return result, [
-        Quantity("peak pressure", 3585.37, "P", 0.02, peak),
-        Quantity("half width", 6.21, "P", 0.02, width),
-    ]
+    pressure = Quantity("peak pressure", 3585.37, "P", 0.02, peak)
+    return result, [pressure, Quantity("half width", 6.21, "P", 0.02, width)]
 
 
 def indented(body: Mesh, material: Material, gap: CF, kinematics: str) -> Problem:
     """Half a block under a rigid obstacle, order two."""
-    return Problem(
-        body,
-        material,
-        "bottom",
-        contact="contact",
-        gap=gap,
-        prescribed={"symmetry": (0, None)},
-        kinematics=kinematics,
-        order=2,
-    )
+    how = {"prescribed": {"symmetry": (0, None)}, "kinematics": kinematics, "order": 2}
+    return Problem(body, material, "bottom", contact="contact", gap=gap, **how)
 
 
 def hertz(kinematics: str) -> Solved:
@@ -100,61 +89,46 @@ def hertz(kinematics: str) -> Solved:
     ]
 
 
-MU = 0.3
-
-
 def mindlin(fine: float = 0.05) -> Solved:
-    """Cattaneo and Mindlin: equal cylinders pressed, then sheared with friction; P, Q as found."""
-    E, nu, R = 1e3, 0.3, 40.0
-    problem = Problem(
-        rounded_blocks(fine),
-        metal(E, nu, ELASTIC),
-        "lower end",
-        prescribed={"upper end": (0, -0.04)},
-        contact=Contact("upper arc", "lower arc"),
-        order=2,
-    )
+    """Cattaneo and Mindlin: equal cylinders pressed, then sheared with friction; P, Q as found.
+
+    The tolerance of the stick half width is a cell; tractions in the mean square.
+    """
+    E, nu, R, mu = 1e3, 0.3, 40.0, 0.3
+    pair, down = Contact("upper arc", "lower arc"), {"upper end": (0, -0.04)}
+    blocks, steel = rounded_blocks(fine), metal(E, nu, ELASTIC)
+    problem = Problem(blocks, steel, "lower end", prescribed=down, contact=pair, order=2)
     pressed = semismooth_newton(problem).raise_for_status()
-    sheared = replace(
-        problem,
-        prescribed={"upper end": (0.01, -0.04)},
-        friction=Coulomb(MU),
-        initial_displacement=pressed.displacement,
-    )
+    aside = {"prescribed": {"upper end": (0.01, -0.04)}, "friction": Coulomb(mu)}
+    sheared = replace(problem, **aside, initial_displacement=pressed.displacement)
     result = semismooth_newton(sheared, start=pressed).raise_for_status()
-    return result, stick_and_slip(result, E / (2 * (1 - nu**2)), R)
-
-
-def stick_and_slip(result: DiscreteSolution, stiffness: float, R: float) -> list[Quantity]:
-    """The stick half width and the tractions beside those of Cattaneo and Mindlin."""
     P, Q, place = result.contact_force, abs(result.friction_force[0]), abscissas(result)
-    a = math.sqrt(4 * P * R / (math.pi * stiffness))
-    c, peak = a * math.sqrt(1 - Q / (MU * P)), 2 * P / (math.pi * a)
+    a = math.sqrt(4 * P * R / (math.pi * E / (2 * (1 - nu**2))))
+    c, peak = a * math.sqrt(1 - Q / (mu * P)), 2 * P / (math.pi * a)
     disc = [np.sqrt(np.maximum(1 - (place / r) ** 2, 0)) for r in (a, c)]
-    closed = MU * peak * (disc[0] - c / a * disc[1])
+    closed = mu * peak * (disc[0] - c / a * disc[1])
     forces, shear = result.nodal_contact_forces, np.abs(result.nodal_friction_forces[:, 0])
-    touching, held = forces > 0, shear < (1 - 1e-9) * MU * forces
-    sticks = place[touching & held]
-    cell = float(np.diff(np.unique(place)).min())
+    touching, held = forces > 0, shear < (1 - 1e-9) * mu * forces
+    sticks, cell = place[touching & held], float(np.diff(np.unique(place)).min())
     apart = np.sqrt(np.mean((shear / result.rows.weights - closed)[touching] ** 2)) / closed.max()
-    width = (sticks.max() - sticks.min() + cell) / 2
-    return [
-        Quantity("stick half width", c, "C", cell / c, float(width)),
+    width = float(sticks.max() - sticks.min() + cell) / 2
+    return result, [
+        Quantity("stick half width", c, "C", cell / c, width),
         Quantity("rms error of the tractions / peak", 0.0, "C", 0.03, float(apart)),
     ]
 
 
 def shrink_fit() -> Solved:
-    """A ring shrunk on another one of the same metal, plane strain: the pressure between them."""
+    """A ring shrunk on another one of the same metal, plane strain: the pressure between them.
+
+    The mean pressure. Facets of the two circles do not match: their gaps, of size h^2/8R, leave
+    local errors of the pressure like E h/R, 8 percent rms here.
+    """
     a, b, c, delta, E, nu = 1.0, 2.0, 3.0, 0.01, 1e3, 0.3
-    problem = Problem(
-        shrunk_rings(0.05, a, b, c, delta),
-        metal(E, nu, ELASTIC),
-        None,
-        prescribed={"left": (0, None), "bottom": (None, 0)},
-        contact=Contact("inner outside", "outer inside"),
-        order=2,
-    )
+    rings, pair = shrunk_rings(0.05, a, b, c, delta), Contact("inner outside", "outer inside")
+    held = {"left": (0, None), "bottom": (None, 0)}
+    steel = metal(E, nu, ELASTIC)
+    problem = Problem(rings, steel, None, prescribed=held, contact=pair, order=2)
     result = semismooth_newton(problem).raise_for_status()
     stiff, poisson = E / (1 - nu**2), nu / (1 - nu)
     soft = (c**2 + b**2) / (c**2 - b**2) + poisson + (b**2 + a**2) / (b**2 - a**2) - poisson
@@ -182,9 +156,11 @@ def pressed_sphere(
 def flattened_sphere() -> Solved:
     """A sphere and a rigid flat up to 20 times the depth of first yield: Jackson and Green's fit.
 
-    Load (27), hardness (28), critical load (29), depth (5), C (6) and radius (23) as printed by
-    Ghaednia, Brake, Berryhill and Jackson (J. Tribology, 2019) for perfect plasticity.
+    A fit to finite elements. Ours is a rigid sphere in a block, the same linearised problem. The
+    fit of Kogut and Etsion is left out: its constants were not at hand in print.
     """
+    # load (27), hardness (28), critical load (29), depth (5), C (6) and radius (23) as printed by
+    # Ghaednia, Brake, Berryhill and Jackson (J. Tribology, 2019) for perfect plasticity
     E, nu, strength, R = 200e3, 0.3, 400.0, 1.0
     stiffness, C = E / (1 - nu**2), 1.295 * math.exp(0.736 * nu)
     critical = (math.pi * C * strength / (2 * stiffness)) ** 2 * R
@@ -203,18 +179,20 @@ def flattened_sphere() -> Solved:
 
 
 def ssnv506() -> Solved:
-    """Code_Aster SSNV506: a rigid sphere of radius 500 in a steel block, force per radian."""
+    """Code_Aster SSNV506: a rigid sphere of radius 500 in a steel block, force per radian.
+
+    The reference is an estimate linear in the depth; Code_Aster's own values are +1.5, -0.7 and
+    -4.7 percent. Ours, with the gap linearised, comes to lie above it at every depth: on half the
+    mesh size -5.6, -0.1, +3.1 percent with steps of 5 mm, +0.1, +3.1, +5.3 with 2.5 mm, +3.2, +5.8,
+    +5.4 with 1.25 mm, +3.2, +7.2, +5.4 with 0.625 mm, a mean pressure of 3.05 yield stresses on
+    1.41 times the area of the undeformed cut. The picture draws displacements along the surface as
+    well, which the linearised gap does not see. The size of the block, 2000 mm, is ours and does
+    not matter: 1000 and 4000 change half a percent.
+    """
     depths = [2.5 * number for number in range(1, 25)]
     results = pressed_sphere(500.0, depths, 330.0, 2000.0, metal(210e3, 0.3, 50.0))
-    forces = {depth: result.contact_force / (2 * math.pi) for depth, result in results.items()}
     published = {20.0: 2.03804e6, 40.0: 4.07608e6, 60.0: 6.11412e6}
     return results[depths[-1]], [
-        Quantity(f"force at {depth:g} mm", force, "P", 0.05, forces[depth])
-        for depth, force in published.items()
+        Quantity(f"force at {d:g} mm", F, "P", 0.05, results[d].contact_force / (2 * math.pi))
+        for d, F in published.items()
     ]
-
-
-def step42() -> Solved:
-    """Step-42 of deal.II on its own mesh of equal hexahedra, a quarter of it."""
-    result = semismooth_newton(step42_problem(equal_cells(4))).raise_for_status()
-    return result, [Quantity("contact force", 37.3058, "P", 1e-5, 4 * result.contact_force)]

@@ -1,4 +1,4 @@
-"""Section 6 in numbers: Figure 4, the norm gap of Definition 6.1, the Tichonov term left out.
+"""Section 6 in numbers: Figure 4, and Newton steps where the Tichonov term is left out.
 
 Figure 4 has convergence quotients of the last Newton steps on several meshes of both examples,
 
@@ -27,13 +27,11 @@ from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem
 from ngepc.pictures.style import GUIDE, beside, line_style, save_figure
-from ngepc.studies.differentiability import difference_quotients
 from ngepc.studies.examples import FAMILIES, TITLES, coarse_start, example
 from ngepc.studies.work import Work, first_of
 
 LAST = 6
 """Iterates that enter the five quotients."""
-
 REFERENCE_TOLERANCE, GAMMA = 1e-14, 1e4
 
 
@@ -81,15 +79,6 @@ def h_norm(result: DualResult, w: np.ndarray) -> float:
     return math.sqrt(max(0.0, functional.tichonov(v, v) * functional.weights.tichonov))
 
 
-def quotient(record: dict, j: int) -> str:
-    """Q_j of a record, in parentheses where it is rounding, empty for a run with fewer steps."""
-    place = j - LAST + len(record["quotients"])
-    if place < 0:
-        return ""
-    q = record["quotients"][place]
-    return f"{q:.3g}" if record["meaningful"][place] else f"({q:.2g})"
-
-
 @dataclass(eq=False)
 class Figure4(Work):
     """Example (a) from the 417-node solution, Example (b) from v = 0, on ``levels`` meshes."""
@@ -97,19 +86,14 @@ class Figure4(Work):
     levels: int = 3
 
     name, title = "figure4", "Figure 4: convergence quotients"
+    columns = """example = {example} | nodes = {nodes} | steps = {iterations} | Q_1 = {Q_1}
+        | Q_2 = {Q_2} | Q_3 = {Q_3} | Q_4 = {Q_4} | Q_5 = {Q_5}
+        | residual of v* = {reference_residual:.1e} | rounding of v* = {rounding:.1e}"""
     note = (
         "Quotients of the H norms of v^j - v* at gamma = 1e4. v* is the solution for "
         "the tolerance 1e-14, or the last iterate before the residual stops falling (its residual "
         "is in the table). In parentheses: the distance is below ten times the rounding of v*, the "
         "quotient says nothing."
-    )
-    columns = (
-        ("example", lambda r: TITLES[r["body"]]),
-        ("nodes", "{nodes}"),
-        ("steps", "{iterations}"),
-        *((f"Q_{j}", partial(quotient, j=j)) for j in range(1, LAST)),
-        ("residual of v*", "{reference_residual:.1e}"),
-        ("rounding of v*", "{rounding:.1e}"),
     )
 
     def cells(self) -> list[dict]:
@@ -123,63 +107,37 @@ class Figure4(Work):
         start = coarse_start(body, GAMMA, options) if body == "lshape" else None
         return convergence_quotients(example(body, nodes), GAMMA, start, options)
 
+    def told(self, records: Sequence[dict]) -> list[dict]:
+        """The records with Q_j, in parentheses where it is rounding; fewer for fewer steps."""
+        told = []
+        for r in records:
+            pairs = zip(r["quotients"], r["meaningful"], strict=True)
+            said = [f"{q:.3g}" if good else f"({q:.2g})" for q, good in pairs]
+            Q = {f"Q_{j}": text for j, text in enumerate(said, LAST - len(said))}
+            told.append(r | Q | {"example": TITLES[r["body"]]})
+        return told
+
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """The quotients of both examples beside each other, one curve for each mesh."""
-        panels = [
-            partial(draw_quotients, body, [r for r in records if r["body"] == body])
-            for body in dict.fromkeys(r["body"] for r in records)
-        ]
+        bodies = dict.fromkeys(r["body"] for r in records)
+        panels = [partial(draw_quotients, [r for r in records if r["body"] == b]) for b in bodies]
         return [save_figure(beside(*panels, width=4.2, height=3.2), self.folder / "figure4.png")]
 
 
-def draw_quotients(name: str, records: Sequence[dict], axes: Axes) -> None:
+def draw_quotients(records: Sequence[dict], axes: Axes) -> None:
     """Curves of the quotients of an example, without those that say nothing."""
     for index, record in enumerate(records):
         quotients = np.where(record["meaningful"], record["quotients"], np.nan)
-        j = np.arange(LAST - len(quotients), LAST)
-        axes.plot(j, quotients, label=f"{record['nodes']} nodes", **line_style(index, LAST))
+        j, label = np.arange(LAST - len(quotients), LAST), f"{record['nodes']} nodes"
+        axes.plot(j, quotients, label=label, **line_style(index, LAST))
     axes.axhline(1.0, color=GUIDE, linewidth=0.8, linestyle=":")
-    axes.set(
-        yscale="log",
-        xticks=range(1, LAST),
-        xlabel=r"$j$, Newton step $\omega - 5 + j$",
-        ylabel=r"convergence quotient $Q_j$",
-        title=TITLES[name],
-    )
+    axes.set(yscale="log", xticks=range(1, LAST), title=TITLES[records[0]["body"]])
+    axes.set_xlabel(r"$j$, Newton step $\omega - 5 + j$")
+    axes.set_ylabel(r"convergence quotient $Q_j$")
     axes.legend()
 
 
-PAIRS = ("L2_L2", "L6_L2", "H1_dual")
-"""Between which spaces."""
-
-
-@dataclass(eq=False)
-class Differentiability(Work):
-    """Difference quotients for directions on discs of ``levels`` radii."""
-
-    levels: int = 7
-
-    name, title, keeps = "differentiability", "Difference quotients of Definition 6.1", False
-    note = (
-        "||M(q+h) - M(q) - G(q+h) h|| / ||h|| for directions h on shrinking discs: it tends to "
-        "zero between spaces with a norm gap and does not from L2 to L2, docs/differentiability.md."
-    )
-    columns = (
-        ("family", "{family}"),
-        *((key, f"{{{key}:.3g}}") for key in ("radius", "h_L2", "h_L6", "h_H1", *PAIRS)),
-    )
-
-    def cells(self) -> list[dict]:
-        """All radii in one."""
-        return [{"levels": self.levels}]
-
-    def solve(self, levels: int) -> list[dict]:
-        """All quotients."""
-        return difference_quotients(levels)
-
-
 COARSER = (113, 225, 417)
-
 WITHOUT = 1e12
 """gamma_T of a Tichonov term that no longer acts: what is left is the Moreau-Yosida
 regularisation alone, whose max functions map L2 to L2."""
@@ -206,11 +164,9 @@ class WithoutTichonov(Work):
 
     name, title = "without_tichonov", "Newton steps with and without the Tichonov term"
     note = "Example (a) from v = 0; without the term the counts grow with the mesh."
-    columns = tuple(
-        (head, f"{{{head}}}")
-        for head in ("nodes", "iterations", "halvings", "status", "iterations_without",
-                     "halvings_without", "status_without")
-    )  # fmt: skip
+    columns = """nodes = {nodes} | iterations = {iterations} | halvings = {halvings}
+        | status = {status} | iterations_without = {iterations_without}
+        | halvings_without = {halvings_without} | status_without = {status_without}"""
 
     def cells(self) -> list[dict]:
         """The meshes."""

@@ -31,8 +31,15 @@ from ngsolve import (  # fmt: skip
 from ngepc.dual.newton import NewtonOptions
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord
-from ngepc.studies.examples import coarse_start, example, in_own_process, peak_memory, solved_by
-from ngepc.studies.work import Work, exponent, first_of, steps
+from ngepc.studies.examples import (  # fmt: skip
+    METHODS,
+    coarse_start,
+    example,
+    in_own_process,
+    peak_memory,
+    solved_by,
+)
+from ngepc.studies.work import Work, exponent, first_of
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
 """Meshes of Example (a): the paper's from 1601 on, and the next two bisections."""
@@ -40,14 +47,6 @@ ORDER_2 = "order 2"
 MODES = ("default", ORDER_2, "primal", "1e4")
 """The default method, with displacements of order 2 too (a fourth of the nodes), the primal one,
 all cold; the paper's at gamma = 1e4 from 417 nodes."""
-NOTE = (
-    "Example (a), tolerance 1e-10. Times are processor times of one thread, medians over a run; "
-    "every step is compared with the linear-elastic solves (assembly, sparsecholesky, solution) "
-    "right before and after it. A step is assembly, factorisation, contact, line search and "
-    "residual norms. Largest is the dearest step of the run, set-up everything before the first, "
-    "the whole solve both and the result; peak memory is that of the process, NGSolve, mesh and "
-    "elastic solves included. The load average counts everything that ran on the machine."
-)
 
 
 def elastic_solve(problem: Problem) -> float:
@@ -67,11 +66,10 @@ def elastic_solve(problem: Problem) -> float:
 
 
 class StepClock:
-    """A monitor that times each Newton step and solves the elastic problem between them."""
+    """A monitor that times set-up and each Newton step and solves elastic problems between them."""
 
     def __init__(self, problem: Problem) -> None:
-        self._problem = problem
-        self.elastic, self.spans = [elastic_solve(problem)], []
+        self._problem, self.elastic, self.spans = problem, [elastic_solve(problem)], []
         self._begin = time.process_time()
 
     def __call__(self, record: IterationRecord) -> None:
@@ -93,7 +91,7 @@ def measure(mode: str, nodes: int) -> dict:
     problem, options, start = example("lshape", nodes), NewtonOptions(), None
     if mode == ORDER_2:
         problem, mode = replace(problem, order=2), "default"
-    elif mode not in ("default", "primal"):
+    elif mode not in METHODS:
         start = coarse_start("lshape", float(mode), options)
     clock = StepClock(problem)
     result = solved_by(mode, problem, start, options, clock)
@@ -119,18 +117,19 @@ class Cost(Work):
     levels: int = 3
 
     name, title, keeps = "cost", "What a solve costs", False
-    columns = (
-        ("method", "{mode}"),
-        ("nodes", "{nodes}"),
-        ("Newton steps", steps),
-        ("whole solve (s)", "{solve_seconds:.3g}"),
-        ("elastic solve (s)", "{elastic_seconds:.3g}"),
-        ("step (s)", "{step_seconds:.3g}"),
-        ("step / elastic: median", "{step_ratio:.3g}"),
-        ("largest", "{largest_ratio:.3g}"),
-        ("set-up / elastic", "{setup_ratio:.3g}"),
-        ("peak memory (MB)", "{peak_megabytes:.0f}"),
-        ("load average", "{load_average:.3g}"),
+    columns = """method = {mode} | nodes = {nodes} | Newton steps = {steps}
+        | whole solve (s) = {solve_seconds:.3g} | elastic solve (s) = {elastic_seconds:.3g}
+        | step (s) = {step_seconds:.3g} | step / elastic: median = {step_ratio:.3g}
+        | largest = {largest_ratio:.3g} | set-up / elastic = {setup_ratio:.3g}
+        | peak memory (MB) = {peak_megabytes:.0f} | load average = {load_average:.3g}"""
+    note = (
+        "Example (a), tolerance 1e-10. Times are processor times of one thread, medians over a "
+        "run; every step is compared with the linear-elastic solves (assembly, sparsecholesky, "
+        "solution) right before and after it. A step is assembly, factorisation, contact, line "
+        "search and residual norms. Largest is the dearest step of the run, set-up everything "
+        "before the first, the whole solve both and the result; peak memory is that of the "
+        "process, NGSolve, mesh and elastic solves included. The load average counts everything "
+        "that ran on the machine."
     )
 
     def cells(self) -> list[dict]:
@@ -145,7 +144,7 @@ class Cost(Work):
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """How it was measured, growth, and the part of the primal method's time."""
-        seconds, found = {}, [NOTE]
+        seconds, found = {}, [self.note]
         for mode in MODES:
             cells = [r for r in records if r["mode"] == mode]
             seconds[mode] = {r["nodes"]: r["solve_seconds"] for r in cells}

@@ -7,7 +7,6 @@ the default method has small hardening and solids beside, and GetFEM 5.4.2 as it
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,10 +17,10 @@ from ngepc.geometries import block
 from ngepc.model.problem import Problem
 from ngepc.pictures.curves import plot_counts
 from ngepc.pictures.style import save_figure
-from ngepc.results.result import Result
-from ngepc.studies.examples import (
+from ngepc.studies.examples import (  # fmt: skip
     BODIES,
     FAMILIES,
+    METHODS,
     TITLES,
     coarse_start,
     example,
@@ -31,12 +30,12 @@ from ngepc.studies.examples import (
 )
 from ngepc.studies.large import LAME_MU, indented_block, pressed
 from ngepc.studies.paper import TABLE_1, TABLE_2
-from ngepc.studies.work import Work, chosen, ending, first_of, pivoted, steps
+from ngepc.studies.work import Work, chosen, first_of, pivoted
 
 OWN_ROWS = ("default", "default*", "primal", "primal*")
 OPTIONS = NewtonOptions(max_iterations=2000)
-ALWAYS_ONE_STEP = 1e2
-"""Up to this gamma Example (a) is elastic and takes one step on every mesh."""
+FEW = 5
+"""Rows that take no more steps on any mesh are not drawn."""
 
 
 @dataclass(eq=False)
@@ -63,8 +62,9 @@ class CountTable(Work):
     def __post_init__(self) -> None:
         self.nodes = first_of(FAMILIES[self.body], self.levels)
         self.example, self.title = TITLES[self.body], f"Table {self.name[-1]}"
-        heads = [f"{n} nodes" for n in self.nodes]
-        self.columns = [("gamma", "{row}"), *((head, f"{{{head}}}") for head in heads)]
+        self.columns = "gamma = {row}" + "".join(
+            f" | {n} nodes = {{{n} nodes}}" for n in self.nodes
+        )
         self.rows = chosen([*self.paper, *OWN_ROWS], self.rows or [*self.paper, "default"])
 
     def cells(self) -> list[dict]:
@@ -72,40 +72,42 @@ class CountTable(Work):
         return [{"row": row, "nodes": nodes} for nodes in self.nodes for row in self.rows]
 
     def solve(self, row: str, nodes: int) -> dict:
-        """One run, and the paper's count."""
-        result, paper = self.result(row, nodes), self.paper.get(row, ())
+        """One run, nested or from where the paper starts, and the paper's count."""
+        method, paper = row.rstrip("*"), self.paper.get(row)
+        if row.endswith("*"):
+            result = nested(self.body, method, nodes, OPTIONS)
+        else:
+            coarse = self.body == "lshape" and method not in METHODS
+            start = coarse_start(self.body, method, OPTIONS) if coarse else None
+            result = solved_by(method, example(self.body, nodes), start, OPTIONS).or_interrupted()
         names = ("iterations", "primal_energy", "dual_energy", "residual_norm")
         return {
-            "paper": paper[FAMILIES[self.body].index(nodes)] if paper else None,
+            "paper": paper and paper[FAMILIES[self.body].index(nodes)],
             "status": result.status.label,
             **{name: getattr(result, name) for name in names},
             "halvings": result.history.halvings,
         }
 
-    def result(self, row: str, nodes: int) -> Result:
-        """Nested, or from where the paper starts."""
-        method, problem = row.rstrip("*"), example(self.body, nodes)
-        if row.endswith("*"):
-            return nested(self.body, method, nodes, OPTIONS)
-        coarse = self.body == "lshape" and math.isfinite(gamma_of(row))
-        start = coarse_start(self.body, method, OPTIONS) if coarse else None
-        return solved_by(method, problem, start, OPTIONS).or_interrupted()
-
     def told(self, records: Sequence[dict]) -> list[dict]:
-        """Rows over meshes."""
-        return pivoted(records, ("row",), "{nodes} nodes", beside_paper)
+        """Rows over meshes, ours (paper)."""
+        beside = [r | {"beside": f" ({r['paper']})" if r["paper"] else ""} for r in records]
+        return pivoted(beside, ("row",), "{nodes} nodes", "{iterations}{beside}{ending}")
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
-        """Steps over nodes, the paper's dashed; rows of an elastic body are named in the title."""
-        rows = [row for row in self.rows if gamma_of(row) > ALWAYS_ONE_STEP] or self.rows
-        ours, paper = (
-            {label_of(row): {r["nodes"]: r[key] for r in records if r["row"] == row} for row in of}
-            for key, of in (("iterations", rows), ("paper", [r for r in rows if r in self.paper]))
-        )
+        """Steps over nodes, the paper's dashed; rows with few steps are named in the title."""
+        many = {r["row"] for r in records if max(r["iterations"], r["paper"] or 0) > FEW}
+        ours: dict[str, dict[int, int]] = {}
+        paper: dict[str, dict[int, int]] = {}
+        for r in (r for r in records if r["row"] in many or not many):
+            method = r["row"].rstrip("*")
+            label = f"{method} method" if method in METHODS else f"gamma = {method}"
+            label += ", nested" if r["row"].endswith("*") else ""
+            ours.setdefault(label, {})[r["nodes"]] = r["iterations"]
+            if r["paper"]:
+                paper.setdefault(label, {})[r["nodes"]] = r["paper"]
         figure = plot_counts(ours, paper)
-        if left_out := [row for row in self.rows if row not in rows]:
-            most = max(r["iterations"] for r in records if r["row"] in left_out)
-            title = f"not drawn: gamma = {', '.join(left_out)}, at most {most} steps"
+        if many and (left := [row for row in self.rows if row not in many]):
+            title = f"not drawn: gamma = {', '.join(left)}, at most {FEW} steps"
             figure.axes[0].set_title(title, loc="left", fontsize="medium")
         return [save_figure(figure, self.folder / f"{self.name}_steps.png")]
 
@@ -130,25 +132,6 @@ class Table2(CountTable):
     )
 
 
-def beside_paper(record: dict) -> str:
-    """Ours (paper), with the status where the run did not converge."""
-    paper = "" if record["paper"] is None else f" ({record['paper']})"
-    return f"{record['iterations']}{paper}{ending(record)}"
-
-
-def gamma_of(row: str) -> float:
-    """Gamma of a row, infinity for the methods without one."""
-    method = row.rstrip("*")
-    return math.inf if method in ("default", "primal") else float(method)
-
-
-def label_of(row: str) -> str:
-    """What a row is called in pictures."""
-    method = row.rstrip("*")
-    name = f"{method} method" if math.isinf(gamma_of(row)) else f"gamma = {method}"
-    return f"{name}, nested" if row.endswith("*") else name
-
-
 RATIOS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 HARDENED_NODES = (833, 3201)
 GETFEM = {833: (11, 0.1), 3201: (15, 0.8), 12545: (22, 4.7)}
@@ -157,8 +140,6 @@ GETFEM = {833: (11, 0.1), 3201: (15, 0.8), 12545: (22, 4.7)}
 BLOCK_RATIOS = (1e-1, 1e-3)
 BLOCKS = {"tetrahedra": {281: 1, 1745: 2, 12193: 3}, "hexahedra": {343: 6, 1728: 11, 12167: 22}}
 """Elements -> nodes -> refinements of a coarse mesh, or cells along an edge."""
-
-NAMES = TITLES | {shape: f"block, {shape}" for shape in BLOCKS}
 
 NOTE = (
     "Cold starts, nested ones from the next coarser mesh, and the primal method; tolerance 1e-10 "
@@ -169,18 +150,17 @@ NOTE = (
 )
 
 
-def problem_of(body: str, nodes: int, ratio: float | None = None) -> Problem:
-    """An example, with the kinematic hardening ``ratio`` mu if given, or a block of BLOCKS."""
-    if body in FAMILIES:
-        problem = example(body, nodes)
-        if ratio is None:
-            return problem
-        hardening = ratio * problem.material.lame_mu
-        return replace(problem, material=replace(problem.material, hardening=hardening))
-    size = BLOCKS[body][nodes]
+def problem_of(body: str, nodes: int, ratio: float | None) -> Problem:
+    """An example, its hardening ``ratio`` times mu if that is given, or a block of elements."""
     if body == "tetrahedra":
-        return indented_block(size, ratio * LAME_MU)
-    return pressed(block.structured_mesh(size, size, size), ratio * LAME_MU)
+        return indented_block(BLOCKS[body][nodes], ratio * LAME_MU)
+    if body == "hexahedra":
+        return pressed(block.structured_mesh(*[BLOCKS[body][nodes]] * 3), ratio * LAME_MU)
+    problem = example(body, nodes)
+    if ratio is None:
+        return problem
+    harder = replace(problem.material, hardening=ratio * problem.material.lame_mu)
+    return replace(problem, material=harder)
 
 
 @dataclass(eq=False)
@@ -190,42 +170,34 @@ class NewtonCounts(Work):
     levels: int = 3
 
     name, title = "counts", "Newton steps of the default method"
-    columns = (
-        ("problem", lambda r: NAMES[r["body"]]),
-        ("h / mu", "{hardening:g}"),
-        ("nodes", "{nodes}"),
-        ("steps", lambda r: steps(r["default"])),
-        ("CPU s", "{default[cpu_s]:.2f}"),
-        ("nested: steps", lambda r: steps(r["nested"]) if "nested" in r else ""),
-        ("CPU s", "{nested[cpu_s]:.2f}"),
-        ("primal: steps", lambda r: steps(r["primal"])),
-        ("CPU s", "{primal[cpu_s]:.2f}"),
-        ("GetFEM: steps", "{getfem[0]}"),
-        ("CPU s", "{getfem[1]}"),
-    )
+    columns = """problem = {problem} | h / mu = {hardening:g} | nodes = {nodes}
+        | steps = {default[steps]} | CPU s = {default[cpu_s]:.2f}
+        | nested: steps = {nested[steps]} | CPU s = {nested[cpu_s]:.2f}
+        | primal: steps = {primal[steps]} | CPU s = {primal[cpu_s]:.2f}
+        | GetFEM: steps = {getfem[0]} | CPU s = {getfem[1]}"""
 
     def cells(self) -> list[dict]:
         """Both examples, then small hardening, then blocks."""
         found = [(b, None, n) for b, f in FAMILIES.items() for n in first_of(f, self.levels)]
         found += [("lshape", ratio, n) for n in HARDENED_NODES for ratio in RATIOS]
-        found += [
-            (shape, ratio, n)
-            for ratio in BLOCK_RATIOS
-            for shape, sizes in BLOCKS.items()
-            for n in list(sizes)[: self.levels]
-        ]
+        meshes = [(shape, n) for shape, f in BLOCKS.items() for n in list(f)[: self.levels]]
+        found += [(shape, ratio, n) for ratio in BLOCK_RATIOS for shape, n in meshes]
         return [{"body": b, "hardening": ratio, "nodes": n} for b, ratio, n in found]
 
     def solve(self, body: str, hardening: float | None, nodes: int) -> dict:
         """By all methods that the table shows for it."""
         problem = problem_of(body, nodes, hardening)
-        found = {m: timed(lambda m=m: solved_by(m, problem))[1] for m in ("default", "primal")}
+        found = {m: timed(solved_by, m, problem)[1] for m in METHODS}
         if hardening is None:
             family = (BODIES[body].COARSE_NODES, *FAMILIES[body])
             nested(body, "default", family[family.index(nodes) - 1])
-            found["nested"] = timed(lambda: nested(body, "default", nodes))[1]
+            found["nested"] = timed(nested, body, "default", nodes)[1]
             found["getfem"] = GETFEM.get(nodes) if body == "lshape" else None
         return found
+
+    def told(self, records: Sequence[dict]) -> list[dict]:
+        """The records with the names of their problems."""
+        return [r | {"problem": TITLES.get(r["body"], f"block, {r['body']}")} for r in records]
 
     def succeeded(self, records: Sequence[dict]) -> bool:
         """Runs that do not converge are part of what is shown."""

@@ -14,6 +14,7 @@ and L6 alone, ``logarithmic`` in H1 as well, though only as fast as log(1/r)^(-1
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from ngsolve import (
@@ -34,6 +35,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 from ngepc.checks.arguments import require_integer
 from ngepc.discretisation.quadrature import fine_rules
 from ngepc.dual.penalty import RadialLaw
+from ngepc.studies.work import Work
 
 CELLS = 8
 POINTS = 100
@@ -117,3 +119,26 @@ def difference_quotients(levels: int = 7) -> list[dict]:
             h.vec.FV().NumPy()[:] = np.concatenate([0.8 * values, 0.6 * values])
             rows.append({"family": family, "radius": radius, **gap.quotients(q, h)})
     return rows
+
+
+@dataclass(eq=False)
+class Differentiability(Work):
+    """Difference quotients for directions on discs of ``levels`` radii."""
+
+    levels: int = 7
+
+    name, title, keeps = "differentiability", "Difference quotients of Definition 6.1", False
+    columns = """family = {family} | radius = {radius:.3g} | h_L2 = {h_L2:.3g} | h_L6 = {h_L6:.3g}
+        | h_H1 = {h_H1:.3g} | L2_L2 = {L2_L2:.3g} | L6_L2 = {L6_L2:.3g} | H1_dual = {H1_dual:.3g}"""
+    note = (
+        "||M(q+h) - M(q) - G(q+h) h|| / ||h|| for directions h on shrinking discs: it tends to "
+        "zero between spaces with a norm gap and does not from L2 to L2, docs/differentiability.md."
+    )
+
+    def cells(self) -> list[dict]:
+        """All radii in one."""
+        return [{"levels": self.levels}]
+
+    def solve(self, levels: int) -> list[dict]:
+        """All quotients."""
+        return difference_quotients(levels)

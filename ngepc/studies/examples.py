@@ -22,6 +22,8 @@ TITLES = {"lshape": "Example (a)", "wrench": "Example (b)"}
 THRESHOLDS = {"lshape": 0.1, "wrench": 1e-2}
 """The |p|_F above which the paper's Figures 2 and 6 show the plastic zone."""
 FAMILIES = {name: body.PAPER_NODES for name, body in BODIES.items()}
+METHODS = ("default", "primal")
+"""Those without a gamma."""
 
 Given, Made = ParamSpec("Given"), TypeVar("Made")
 
@@ -36,8 +38,7 @@ def example(name: str, nodes: int | None = None, maxh: float | None = None) -> P
     if nodes and maxh:
         raise ValueError(f"nodes={nodes} and maxh={maxh:g}: leave one of them out")
     body = BODIES[name]
-    mesh = body.mesh(maxh) if maxh else body.paper_mesh(nodes or FAMILIES[name][0])
-    return PROBLEMS[name](mesh)
+    return PROBLEMS[name](body.mesh(maxh) if maxh else body.paper_mesh(nodes or FAMILIES[name][0]))
 
 
 def solved_by(
@@ -60,7 +61,7 @@ def solved_by(
 def coarse_start(name: str, method: str | float, options: NewtonOptions | None = None) -> Result:
     """The solution on the coarse mesh of an example; a gamma is reached in factors of ten."""
     problem, result, ways = example(name, BODIES[name].COARSE_NODES), None, [method]
-    if method not in ("default", "primal"):
+    if method not in METHODS:
         ways = [*(10.0**k for k in range(3, 10) if 10.0**k < float(method)), float(method)]
     for way in ways:
         result = solved_by(way, problem, result, options).or_interrupted()
@@ -79,10 +80,12 @@ def nested(
     return solved_by(method, example(name, nodes), start, options).or_interrupted()
 
 
-def timed(solve: Callable[[], Result]) -> tuple[Result, dict]:
-    """A result with its status, Newton steps, energy J and processor time (s), set-up included."""
+def timed(
+    solve: Callable[Given, Result], *given: Given.args, **more: Given.kwargs
+) -> tuple[Result, dict]:
+    """What a solver gives, and its status, steps, energy J and processor time (s), with set-up."""
     begin = time.process_time()
-    result = solve().or_interrupted()
+    result = solve(*given, **more).or_interrupted()
     seconds = time.process_time() - begin
     return result, {
         "status": result.status.label,

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,24 +27,17 @@ from ngepc.local.pyamg import PyAMG
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.material import Material
-from ngepc.model.parts import INSTALL, MPI, distribute
+from ngepc.model.parts import INSTALL, MPI, MeshPart, distribute
 from ngepc.model.problem import Problem
 from ngepc.studies.examples import in_own_process, peak_memory
-from ngepc.studies.work import Work, steps
+from ngepc.studies.work import Work
 
 LAME_MU = 1e3
-
 DIRECT_NODES = 2000
 """The largest mesh on which the direct solver runs beside."""
-
 TOLERANCE, MAX_STEPS = 1e-8, 50
-
-HARDENINGS = (1.0, 0.1, 0.01, 0.001)
-"""Values of h/mu."""
-
-SHARED_HARDENING = 0.1
-"""That of bodies which processes share."""
-
+HARDENINGS, SHARED_HARDENING = (1.0, 0.1, 0.01, 0.001), 0.1
+"""Values of h/mu, and that of bodies which processes share."""
 SOLVERS = {"pyamg": PyAMG, "petsc": PETSc}
 
 
@@ -61,11 +54,35 @@ def indented_block(refinements: int, hardening: float = 100.0, order: int = 1) -
 
 def pressed(mesh: Mesh, hardening: float, order: int = 1) -> Problem:
     """The same on another mesh of the unit cube."""
-    steel = Material.kinematic(
-        lame_lambda=1e3, lame_mu=LAME_MU, yield_stress=5.0, hardening=hardening
-    )
+    elastic = {"lame_lambda": 1e3, "lame_mu": LAME_MU, "yield_stress": 5.0}
+    steel = Material.kinematic(**elastic, hardening=hardening)
     gap = 1.0 - sqrt(1.0 - (x - 0.5) ** 2 - (y - 0.5) ** 2) - 0.03
     return Problem(mesh, steel, "clamped", contact="contact", gap=gap, order=order)
+
+
+def ever_finer(mesh: Mesh | MeshPart, levels: int) -> Iterator[Mesh | MeshPart]:
+    """The mesh refined once, twice and so on."""
+    for _ in range(levels):
+        if isinstance(mesh, MeshPart):
+            mesh = mesh.refined()
+        else:
+            mesh = Mesh(mesh.ngmesh.Copy())
+            mesh.Refine()
+        yield mesh
+
+
+def solved_in_a_row(
+    meshes: Iterable[Mesh], hardening: float, inverse: Iterative
+) -> Iterator[tuple[ExactResult, dict]]:
+    """The result on each mesh, started from the one before, and its numbers; h/mu is given."""
+    result = None
+    for mesh in meshes:
+        problem = pressed(mesh, hardening * LAME_MU)
+        result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, inverse, None)
+        numbers = {"status": result.status.label, "iterations": result.iterations}
+        numbers["solves"] = result.history.column("back_substitutions")[1:]
+        numbers["linear_iterations"] = result.history.column("linear_iterations")[1:]
+        yield result, numbers | {"energy": result.primal_energy}
 
 
 def solve_large(levels: int, inverse: Iterative, hardening: float = 0.1) -> list[dict]:
@@ -73,43 +90,25 @@ def solve_large(levels: int, inverse: Iterative, hardening: float = 0.1) -> list
 
     'difference' is the relative one of the energy to the direct solver's, on small meshes.
     """
-    begin, result, records = time.process_time(), None, []
-    mesh = block.mesh(maxh=0.4)
-    for _ in range(levels):
-        mesh.Refine()
-        problem = pressed(Mesh(mesh.ngmesh.Copy()), hardening * LAME_MU)
-        result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, inverse, None)
-        about = {"nodes": problem.mesh.nv, **numbers_of(result)}
+    begin, records = time.process_time(), []
+    meshes = ever_finer(block.mesh(maxh=0.4), levels)
+    for result, numbers in solved_in_a_row(meshes, hardening, inverse):
+        about = {"nodes": result.problem.mesh.nv, **numbers}
         about |= {"cpu_s": time.process_time() - begin, "memory_mb": peak_memory()}
-        if problem.mesh.nv <= DIRECT_NODES:
-            clock = time.process_time()
-            direct = solve_exactly(problem, None, TOLERANCE, MAX_STEPS, "sparsecholesky", None)
-            about["difference"] = abs(result.primal_energy / direct.primal_energy - 1)
+        if about["nodes"] <= DIRECT_NODES:
+            clock, start = time.process_time(), (None, TOLERANCE, MAX_STEPS)
+            direct = solve_exactly(result.problem, *start, "sparsecholesky", None)
+            about["difference"] = abs(about["energy"] / direct.primal_energy - 1)
             begin += time.process_time() - clock  # not part of the method
         records.append(about)
     return records
 
 
-def numbers_of(result: ExactResult) -> dict:
-    """Status, counts and energy of a solve."""
-    return {
-        "status": result.status.label,
-        "iterations": result.iterations,
-        "solves": result.history.column("back_substitutions")[1:],
-        "linear_iterations": result.history.column("linear_iterations")[1:],
-        "energy": result.primal_energy,
-    }
-
-
-def mean_iterations(record: dict) -> str:
-    """Linear iterations of a solve, in the mean of a run."""
-    return f"{sum(record['linear_iterations']) / max(1, sum(record['solves'])):.1f}"
-
-
-def most_iterations(record: dict) -> str:
-    """The same for the dearest Newton step."""
-    pairs = zip(record["linear_iterations"], record["solves"], strict=True)
-    return f"{max((n / max(1, k) for n, k in pairs), default=0.0):.0f}"
+def with_means(record: dict) -> dict:
+    """A record with its linear iterations for a solve, in the mean and of the dearest step."""
+    n, solves = record["linear_iterations"], record["solves"]
+    most = max((k / max(1, m) for k, m in zip(n, solves, strict=True)), default=0.0)
+    return record | {"mean": sum(n) / max(1, sum(solves)), "most": most}
 
 
 @dataclass(eq=False)
@@ -120,21 +119,13 @@ class Large(Work):
     solver: str = "pyamg"
 
     name, title = "large", "A sphere pressed into a block, by iterative solvers"
+    columns = """h/mu = {hardening:g} | nodes = {nodes:,} | Newton steps = {steps}
+        | CG for a solve: mean = {mean:.1f} | most = {most:.0f} | CPU s = {cpu_s:.1f}
+        | MB = {memory_mb:.0f} | J = {energy:.10f} | direct = {difference:.0e}"""
     note = (
         f"Solver {{study.solver}}, tolerance {TOLERANCE:g}, nested from 281 nodes; CPU seconds "
         "from the coarsest mesh on, meshes included; MB: the most that the process has held so "
         "far; direct: difference of the energies."
-    )
-    columns = (
-        ("h/mu", "{hardening:g}"),
-        ("nodes", "{nodes:,}"),
-        ("Newton steps", steps),
-        ("CG for a solve: mean", mean_iterations),
-        ("most", most_iterations),
-        ("CPU s", "{cpu_s:.1f}"),
-        ("MB", "{memory_mb:.0f}"),
-        ("J", "{energy:.10f}"),
-        ("direct", "{difference:.0e}"),
     )
 
     def cells(self) -> list[dict]:
@@ -146,6 +137,10 @@ class Large(Work):
         """All meshes for one hardening."""
         return in_own_process(solve_large, levels, SOLVERS[solver](), hardening)
 
+    def told(self, records: Sequence[dict]) -> list[dict]:
+        """The records with iterations for a solve."""
+        return list(map(with_means, records))
+
 
 LAUNCH = ("mpiexec", "--allow-run-as-root", "--oversubscribe", "-n")
 """As root and with more processes than cores, as in containers; both are Open MPI's."""
@@ -156,22 +151,14 @@ CHILD = "import sys; from ngepc.studies.large import child; child(sys.argv[1], s
 def child(levels: str, path: str) -> None:
     """What each process of a cell does; process 0 writes the records of all meshes to a file."""
     world, begin, clock = MPI.COMM_WORLD, time.process_time(), time.perf_counter()
-    mesh, result, records = distribute(block.mesh(maxh=0.4) if world.rank == 0 else None), None, []
-    for _ in range(int(levels)):
-        mesh = mesh.refined()
-        problem = pressed(mesh, SHARED_HARDENING * LAME_MU)
-        result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, PETSc(), None)
-        seconds, wall = time.process_time() - begin, time.perf_counter() - clock
-        own = world.allgather((mesh.nv, seconds, peak_memory()))
-        records.append(
-            {
-                "nodes": mesh.processes.count,
-                **numbers_of(result),
-                "force": result.contact_force,
-                "wall_s": wall,
-                **dict(zip(("own", "cpu_s", "mb"), map(list, zip(*own, strict=True)), strict=True)),
-            }
-        )
+    records, whole = [], distribute(block.mesh(maxh=0.4) if world.rank == 0 else None)
+    runs = solved_in_a_row(ever_finer(whole, int(levels)), SHARED_HARDENING, PETSc())
+    for result, numbers in runs:
+        mesh, seconds, wall = result.problem.mesh, time.process_time(), time.perf_counter() - clock
+        own = world.allgather((mesh.nv, seconds - begin, peak_memory()))
+        each = dict(zip(("own", "cpu_s", "mb"), map(list, zip(*own, strict=True)), strict=True))
+        about = {"force": result.contact_force, "wall_s": wall, **each}
+        records.append({"nodes": mesh.processes.count, **numbers, **about})
     if world.rank == 0:
         Path(path).write_text(json.dumps(records), encoding="utf-8")
 
@@ -184,18 +171,11 @@ class Processes(Work):
     counts: Sequence[int] = (1, 2, 4, 8)
 
     name, title = "processes", "A sphere pressed into a block that processes share"
-    columns = (
-        ("nodes", "{nodes:,}"),
-        ("processes", "{processes}"),
-        ("nodes of the largest part", lambda r: f"{max(r['own']):,}"),
-        ("Newton steps", steps),
-        ("CG for a solve", mean_iterations),
-        ("CPU s of a process", lambda r: f"{max(r['cpu_s']):.1f}"),
-        ("of one process", "{ratio:.2f}"),
-        ("wall s", "{wall_s:.0f}"),
-        ("MB of a process", lambda r: f"{max(r['mb']):.0f}"),
-        ("J", "{energy:.12f}"),
-    )
+    columns = """nodes = {nodes:,} | processes = {processes}
+        | nodes of the largest part = {largest:,} | Newton steps = {steps}
+        | CG for a solve = {mean:.1f} | CPU s of a process = {dearest:.1f}
+        | of one process = {ratio:.2f} | wall s = {wall_s:.0f} | MB of a process = {most_mb:.0f}
+        | J = {energy:.12f}"""
 
     def cells(self) -> list[dict]:
         """One for each number of processes."""
@@ -220,11 +200,13 @@ class Processes(Work):
     def told(self, records: Sequence[dict]) -> list[dict]:
         """A row for each mesh and number of processes, mesh by mesh."""
         alone = {r["nodes"]: max(r["cpu_s"]) for r in records if r["processes"] == 1}
-        told = [
-            r | ({"ratio": max(r["cpu_s"]) / alone[r["nodes"]]} if r["nodes"] in alone else {})
-            for r in records
-        ]
-        return sorted(told, key=lambda r: (r["nodes"], r["processes"]))
+        told = []
+        for r in sorted(records, key=lambda r: (r["nodes"], r["processes"])):
+            most = {"largest": max(r["own"]), "dearest": max(r["cpu_s"]), "most_mb": max(r["mb"])}
+            if r["nodes"] in alone:
+                most["ratio"] = most["dearest"] / alone[r["nodes"]]
+            told.append(with_means(r) | most)
+        return told
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What the numbers mean."""

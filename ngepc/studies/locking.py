@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from ngsolve import CoefficientFunction, IfPos, Mesh, x, y
+from ngsolve import IfPos, Mesh, x, y
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc.discretisation.points import Points
@@ -15,11 +15,12 @@ from ngepc.local.factors import Factors
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem
-from ngepc.model.material import Material, lame_parameters
+from ngepc.model.material import lame_parameters
 from ngepc.model.problem import Problem
 from ngepc.results.iteration import newton_iteration
 from ngepc.studies.examples import timed
-from ngepc.studies.work import Work, ending, first_of, pivoted
+from ngepc.studies.solid_problems import ELASTIC, metal
+from ngepc.studies.work import Work, first_of, pivoted
 
 POISSON = 0.4999
 MEAN = ", mean volume"
@@ -31,24 +32,28 @@ def cantilever(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
     """10 x 1 cells of 1/n, nearly incompressible, held at the left, sheared at the right."""
     body = mesh(nx=5 * n, ny=n, mapping=lambda s, t: (10 * s, t - 0.5))
     shear = {"right": (0, 1.5 * (1 - 4 * y * y))}
-    return Problem(body, _material(1000.0, POISSON), "left", shear, order=order)
-
-
-def deflection(result: ExactResult) -> float:
-    """That of the tip over beam theory (plane strain)."""
-    young, nu = 1000.0 / (1 - POISSON**2), POISSON / (1 - POISSON)
-    beam = ((4 + 5 * nu) * 10 / 4 + 2 * 10**3) / (6 * young / 12)
-    return _upwards(result, 10 - 1e-9, 0.0) / beam
+    return Problem(body, metal(1e3, POISSON, ELASTIC), "left", shear, order=order)
 
 
 def punch(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
     """Half of a smooth punch of width 1, 0.06 down into a block 4 deep, hardly any hardening."""
     body = mesh(nx=n, ny=n, mapping=lambda s, t: (4 * s, 4 * t - 4))
-    mu = lame_parameters(1000.0, 0.3)[1]
-    soft = _material(1000.0, 0.3, yield_stress=math.sqrt(2), hardening=1e-3 * mu)
-    walls = {"left": (0, None), "right": (0, None)}
-    gap: CoefficientFunction = IfPos(x - 0.5 - 1e-6, 10.0, -0.06)
-    return Problem(body, soft, "bottom", prescribed=walls, contact="top", gap=gap, order=order)
+    clay = metal(1e3, 0.3, math.sqrt(3), kinematic=1.5e-3 * lame_parameters(1e3, 0.3)[1])
+    walls, gap = {"left|right": (0, None)}, IfPos(x - 0.5 - 1e-6, 10.0, -0.06)
+    return Problem(body, clay, "bottom", prescribed=walls, contact="top", gap=gap, order=order)
+
+
+def cook(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
+    """Cook's membrane with E = 1, nearly incompressible, sheared by 1/16 at the right."""
+    body = mesh(nx=n, ny=n, mapping=lambda s, t: (48 * s, 44 * s + t * (44 - 28 * s)))
+    return Problem(body, metal(1.0, POISSON, ELASTIC), "left", {"right": (0, 1 / 16)}, order=order)
+
+
+def deflection(result: ExactResult) -> float:
+    """That of the tip of the cantilever over beam theory (plane strain)."""
+    young, nu = 1000.0 / (1 - POISSON**2), POISSON / (1 - POISSON)
+    beam = ((4 + 5 * nu) * 10 / 4 + 2 * 10**3) / (6 * young / 12)
+    return float(result.displacement(result.problem.mesh(10 - 1e-9, 0.0))[1]) / beam
 
 
 def pressure(result: ExactResult) -> float:
@@ -56,15 +61,9 @@ def pressure(result: ExactResult) -> float:
     return result.contact_force / 0.5 / (2 + math.pi)
 
 
-def cook(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
-    """Cook's membrane with E = 1, nearly incompressible, sheared by 1/16 at the right."""
-    body = mesh(nx=n, ny=n, mapping=lambda s, t: (48 * s, 44 * s + t * (44 - 28 * s)))
-    return Problem(body, _material(1.0, POISSON), "left", {"right": (0, 1 / 16)}, order=order)
-
-
 def tip(result: ExactResult) -> float:
-    """The displacement of its upper right corner."""
-    return _upwards(result, 48 - 1e-9, 60 - 1e-6)
+    """The displacement of the upper right corner of the membrane."""
+    return float(result.displacement(result.problem.mesh(48 - 1e-9, 60 - 1e-6))[1])
 
 
 TESTS = {
@@ -75,19 +74,6 @@ TESTS = {
 """Name and what is shown -> the problem, its number, cells along a side."""
 
 
-def _material(
-    young: float, nu: float, yield_stress: float = 1e6, hardening: float = 1.0
-) -> Material:
-    lame_lambda, lame_mu = lame_parameters(young, nu)
-    return Material.kinematic(
-        lame_lambda=lame_lambda, lame_mu=lame_mu, yield_stress=yield_stress, hardening=hardening
-    )
-
-
-def _upwards(result: ExactResult, at_x: float, at_y: float) -> float:
-    return float(result.displacement(result.problem.mesh(at_x, at_y))[1])
-
-
 def solve_with(problem: Problem, mean_volume: bool) -> ExactResult:
     """The default method at points whose volume strain may be averaged over each element."""
     parts = problem.mesh, problem.kinematics, problem.order
@@ -96,26 +82,26 @@ def solve_with(problem: Problem, mean_volume: bool) -> ExactResult:
     return newton_iteration(starting_state(discrete, None), factors, ExactResult, 1e-10, 300)
 
 
-NOTE = (
-    "Triangles (P) and quadrilaterals (Q) of order 1 and 2, plane strain; mean volume averages tr "
-    "eps over each element (for order 2 that is one number too few). Cantilever 10 x 1 and Cook's "
-    "membrane: elastic, Poisson's ratio 0.4999; cells over the height, along a side. Punch: half "
-    "of a smooth one of width 1 in a block 4 x 4, Poisson's ratio 0.3, h / mu = 1e-3; the limit "
-    "without hardening is 1."
-)
-
-
 @dataclass(eq=False)
 class Locking(Work):
     """All kinds of elements on ``levels`` meshes, 1 to 4, of each problem."""
 
     levels: int = 3
 
-    name, title, note = "locking", "Volume locking", NOTE
-    columns = (
-        ("problem, what is shown", "{problem}"),
-        ("cells", "{cells}"),
-        *((kind, f"{{{kind}}}") for kind in KINDS),
+    name, title = "locking", "Volume locking"
+    columns = " | ".join(
+        [
+            "problem, what is shown = {problem}",
+            "cells = {cells}",
+            *(f"{k} = {{{k}}}" for k in KINDS),
+        ]
+    )
+    note = (
+        "Triangles (P) and quadrilaterals (Q) of order 1 and 2, plane strain; mean volume averages "
+        "tr eps over each element (for order 2 that is one number too few). Cantilever 10 x 1 and "
+        "Cook's membrane: elastic, Poisson's ratio 0.4999; cells over the height, along a side. "
+        "Punch: half of a smooth one of width 1 in a block 4 x 4, Poisson's ratio 0.3, h / mu = "
+        "1e-3; the limit without hardening is 1."
     )
 
     def cells(self) -> list[dict]:
@@ -128,11 +114,9 @@ class Locking(Work):
         build, number, _ = TESTS[problem]
         mesh = partial(MakeStructured2DMesh, quads=elements.startswith("Q"))
         body = build(mesh, cells, int(elements[1]))
-        result, found = timed(lambda: solve_with(body, elements.endswith(MEAN)))
+        result, found = timed(solve_with, body, elements.endswith(MEAN))
         return {"nodes": body.mesh.nv, **found, "value": number(result)}
 
     def told(self, records: Sequence[dict]) -> list[dict]:
         """One row for each problem and mesh, one column for each kind of element."""
-        return pivoted(
-            records, ("problem", "cells"), "{elements}", lambda r: f"{r['value']:.3f}{ending(r)}"
-        )
+        return pivoted(records, ("problem", "cells"), "{elements}", "{value:.3f}{ending}")

@@ -25,7 +25,7 @@ from ngepc.pictures.style import beside, save_figure
 from ngepc.results.files import check_folder
 from ngepc.studies.examples import FAMILIES, THRESHOLDS, example
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
-from ngepc.studies.work import Work, ending, first_of, steps
+from ngepc.studies.work import Work, first_of
 
 
 def followed(
@@ -44,18 +44,6 @@ PATH = ("outer_iterations", "total_inner_iterations", "inner_iterations", "gamma
         "path_values", "residual_norms")  # fmt: skip
 """What is recorded of a path."""
 
-NOTE_3 = (
-    "Outer (total inner) iterations of Algorithm 7.2 for Example (b) from v = 0, gamma_0 = "
-    "{study.options.gamma_start:g}, theta = {study.options.growth:g}, tau_out = "
-    "{study.options.outer_tolerance:g}, tau_in = {study.options.inner_tolerance:g}; inner "
-    "tolerances times c = {study.inner_scale:g}, at least one Newton step for each gamma, h the "
-    "smallest altitude of a triangle (docs/reading.md says why). The path ends when the quotient "
-    "in the sixth column falls below 1.\n\n"
-    "Directly: Newton steps of Algorithm 7.1 from v = 0 at gamma_end to the same precision; the "
-    "paper reports more than double the iterations of the path for the finest mesh, the column "
-    "beside it is what we count."
-)
-
 
 @dataclass(eq=False)
 class Table3(Work):
@@ -64,22 +52,23 @@ class Table3(Work):
     levels: int = 3
     inner_scale: float = PathOptions().inner_scale
 
-    name, title, note = "table3", "Table 3", NOTE_3
-    columns = (
-        ("nodes", "{nodes}"),
-        ("iterations",
-         lambda r: f"{r['outer_iterations']}({r['total_inner_iterations']}){ending(r)}"),
-        ("paper", "{paper}"),
-        ("gamma_end", "{gamma_end:.3g}"),
-        ("inner", lambda r: " ".join(map(str, r["inner_iterations"]))),
-        ("last two changes / (tau_out h)",
-         lambda r: ", ".join(f"{c / r['outer_bound']:.3f}" for c in r["changes"][-2:] if c)),
-        ("directly at gamma_end", lambda r: steps(r["direct"])),
-        ("directly / path",
-         lambda r: f"{r['direct']['iterations'] / r['total_inner_iterations']:.2f}"),
-        ("residual", lambda r: f"{r['residual_norms'][-1]:.1e}"),
-        ("V", lambda r: f"{r['path_values'][-1]:.6f}"),
-    )  # fmt: skip
+    name, title = "table3", "Table 3"
+    columns = """nodes = {nodes} | iterations = {outer_iterations}({total_inner_iterations}){ending}
+        | paper = {paper} | gamma_end = {gamma_end:.3g} | inner = {inner}
+        | last two changes / (tau_out h) = {last} | directly at gamma_end = {direct[steps]}
+        | directly / path = {ratio:.2f} | residual = {residual:.1e}
+        | V = {V:.6f}"""
+    note = (
+        "Outer (total inner) iterations of Algorithm 7.2 for Example (b) from v = 0, gamma_0 = "
+        "{study.options.gamma_start:g}, theta = {study.options.growth:g}, tau_out = "
+        "{study.options.outer_tolerance:g}, tau_in = {study.options.inner_tolerance:g}; inner "
+        "tolerances times c = {study.inner_scale:g}, at least one Newton step for each gamma, h "
+        "the smallest altitude of a triangle (docs/reading.md says why). The path ends when the "
+        "quotient in the sixth column falls below 1.\n\n"
+        "Directly: Newton steps of Algorithm 7.1 from v = 0 at gamma_end to the same precision; "
+        "the paper reports more than double the iterations of the path for the finest mesh, the "
+        "column beside it is what we count."
+    )
 
     def __post_init__(self) -> None:
         self.options, c = PathOptions(inner_scale=self.inner_scale), self.inner_scale
@@ -113,6 +102,19 @@ class Table3(Work):
                 "halvings": direct.steps[-1].halvings,
             },
         }
+
+    def told(self, records: Sequence[dict]) -> list[dict]:
+        """The records with their ends, and the direct solve beside the path."""
+        return [
+            r | {
+                "inner": " ".join(map(str, r["inner_iterations"])),
+                "last": ", ".join(f"{c / r['outer_bound']:.3f}" for c in r["changes"][-2:] if c),
+                "ratio": r["direct"]["iterations"] / r["total_inner_iterations"],
+                "residual": r["residual_norms"][-1],
+                "V": r["path_values"][-1],
+            }
+            for r in records
+        ]  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -176,15 +178,9 @@ class Figures(BothPaths):
     wrench_nodes: int = 6353
 
     name, title, keeps = "figures", "Figures 2, 3, 5 and 6", False
-    columns = (
-        ("figure", "[{figure}]({file})"),
-        ("shows", "{shows}"),
-        ("nodes", "{nodes}"),
-        ("gamma", lambda r: f"{r['gamma']:.3g}{ending(r)}"),
-        ("Newton steps", lambda r: sum(r["inner_iterations"])),
-        ("max |p|_F", "{plastic_strain_max:.4g}"),
-        ("zone / body", lambda r: f"{r['zone_area'] / r['body_area']:.4f}"),
-    )
+    columns = """figure = [{figure}]({file}) | shows = {shows} | nodes = {nodes}
+        | gamma = {gamma:.3g}{ending} | Newton steps = {iterations}
+        | max |p|_F = {plastic_strain_max:.4g} | zone / body = {zone:.4f}"""
     note = (
         "Deformed configurations, displacement not scaled; lengths and stresses in the units of "
         "the examples. max |p|_F of Example (a) grows without bound under refinement (re-entrant "
@@ -208,12 +204,18 @@ class Figures(BothPaths):
             "body_area": Integrate(1.0, mesh),
         }
         found = []
-        for number, (of, _, shows) in FIGURES.items():
-            if of == body:
-                file = f"figure{number}.png"
-                save_figure(drawn(number, path.last), self.folder / file)
-                found.append({"figure": number, "file": file, "shows": shows, **numbers})
+        for number in (n for n, (of, *_) in FIGURES.items() if of == body):
+            file = f"figure{number}.png"
+            save_figure(drawn(number, path.last), self.folder / file)
+            found.append({"figure": number, "file": file, "shows": FIGURES[number][2], **numbers})
         return found
+
+    def told(self, records: Sequence[dict]) -> list[dict]:
+        """The records with all Newton steps and the part of the body that yields."""
+        return [
+            r | {"iterations": sum(r["inner_iterations"]), "zone": r["zone_area"] / r["body_area"]}
+            for r in records
+        ]
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """The pictures that ``solve`` has drawn."""
@@ -221,14 +223,6 @@ class Figures(BothPaths):
 
 
 BY_TENS = PathOptions(growth=10.0, gamma_end=1e6, inner_scale=1e-8)
-
-DUALITY_NOTE = (
-    "The five columns after J + J* add up to it. M1, M2, T vanish with 1/gamma (Theorem 4.2); "
-    "what is left of the gap on a fixed mesh comes from z = 0 at the ends of Gamma_c and "
-    "q = 0 on the boundary. Brackets [.]+: L2 norms of what violates (2.13) and (2.11). "
-    "(3.8): L2 norm of q - (h p - dev sigma), whose element means are zero to rounding; (3.9): "
-    "of |q| - beta minus the yield function of the stress."
-)
 
 
 @dataclass(eq=False)
@@ -238,22 +232,18 @@ class Duality(BothPaths):
     lshape_nodes: int = 833
     wrench_nodes: int = 873
 
-    name, title, note = "duality", "Duality", DUALITY_NOTE
-    columns = (
-        ("example", "{body}"),
-        ("nodes", "{nodes}"),
-        ("gamma", "{gamma:.3g}"),
-        ("J + J*", "{gap:.3g}"),
-        ("(z, u.n - psi)", "{contact_term:.3g}"),
-        ("int beta|p| + (q, p)", "{plastic_term:.3g}"),
-        ("M1", "{contact_penalty:.3g}"),
-        ("M2", "{plastic_penalty:.3g}"),
-        ("T", "{tichonov:.3g}"),
-        ("[u.n - psi]+", "{penetration:.3g}"),
-        ("int |z (u.n - psi)|", "{complementarity:.3g}"),
-        ("[z]+", "{tension:.3g}"),
-        ("(3.8)", "{stress_deviation:.3g}"),
-        ("(3.9)", "{yield_deviation:.3g}"),
+    name, title = "duality", "Duality"
+    columns = """example = {body} | nodes = {nodes} | gamma = {gamma:.3g} | J + J* = {gap:.3g}
+        | (z, u.n - psi) = {contact_term:.3g} | int beta|p| + (q, p) = {plastic_term:.3g}
+        | M1 = {contact_penalty:.3g} | M2 = {plastic_penalty:.3g} | T = {tichonov:.3g}
+        | [u.n - psi]+ = {penetration:.3g} | int |z (u.n - psi)| = {complementarity:.3g}
+        | [z]+ = {tension:.3g} | (3.8) = {stress_deviation:.3g} | (3.9) = {yield_deviation:.3g}"""
+    note = (
+        "The five columns after J + J* add up to it. M1, M2, T vanish with 1/gamma (Theorem 4.2); "
+        "what is left of the gap on a fixed mesh comes from z = 0 at the ends of Gamma_c and "
+        "q = 0 on the boundary. Brackets [.]+: L2 norms of what violates (2.13) and (2.11). "
+        "(3.8): L2 norm of q - (h p - dev sigma), whose element means are zero to rounding; (3.9): "
+        "of |q| - beta minus the yield function of the stress."
     )
 
     def solve(self, body: str, nodes: int) -> list[dict]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from ngsolve import Mesh
@@ -22,31 +21,21 @@ from ngepc.model.material import Material, lame_parameters
 from ngepc.model.obstacles import Sphere
 from ngepc.model.problem import Problem
 from ngepc.results.result import Result
-from ngepc.studies.examples import peak_memory, solved_by, timed
-from ngepc.studies.work import Work, first_of, steps
+from ngepc.studies.examples import METHODS, peak_memory, solved_by, timed
+from ngepc.studies.work import Work, first_of
 
-DEPTH, BOUND = 0.01, 400.0
+BOUND = 400.0
 CELLS = {"tetrahedra": (4, 6, 8, 12, 16), "hexahedra": (4, 6, 8, 12)}
 """Cells along each edge of the graded quarter."""
 OWN = "hexahedra of step-42"
 """Equal cells, 8 x 8 x 8 on the whole body."""
-REFINED, HALVED = "hexahedra of step-42, refined", (8, 16, 32)
+REFINED, HALVED = f"{OWN}, refined", (8, 16, 32)
 """The same halved everywhere, so many along an edge of the quarter, for the default method."""
 TOLERANCE = 1e-8
 """Of the runs on them."""
 
 WHOLE = {"left|right|front|back": (0, 0, None)}
 QUARTER = {"side_x|side_y": (0, 0, None), "mirror_x": (0, None, None), "mirror_y": (None, 0, None)}
-METHODS = ("primal", "default")
-NOTE = (
-    "Contact force F of the whole body, its change from the next coarser mesh, energy and largest "
-    "contact pressure, nodes in contact on the quarter, Newton steps. Step-42's own mesh has 8 x 8 "
-    "x 8 cells on the whole body, where one node touches; its documentation prints F = 37.3058 "
-    "there, and F = 56.794 after three adaptive refinements (52,497 unknowns, 38.4 s on 16 cores), "
-    "whose finest cells are those of 64^3. Refined: with PyAMG(), each mesh started from the one "
-    f"before, tolerance {TOLERANCE:g}; CPU s from the coarsest mesh on, MB: the most that the "
-    "process has held."
-)
 
 
 def step42_problem(mesh: Mesh, prescribed: dict | None = None) -> Problem:
@@ -54,17 +43,12 @@ def step42_problem(mesh: Mesh, prescribed: dict | None = None) -> Problem:
 
     For the whole cube, ``geometries.block``, with ``prescribed=WHOLE``.
     """
-    lame_lambda, lame_mu = lame_parameters(2e5, 0.3)
-    material = Material.isotropic(
-        lame_lambda=lame_lambda,
-        lame_mu=lame_mu,
-        yield_stress=BOUND,
-        hardening_modulus=1 / BOUND,
-        hardening_stiffness=2 * lame_mu * 0.01 / 0.99,
-    )
-    gap = Sphere((0.5, 0.5, 1.6), 0.6).gap(mesh, motion=(0.0, 0.0, -DEPTH))
-    supports = QUARTER if prescribed is None else prescribed
-    return Problem(mesh, material, contact="contact", gap=gap, prescribed=supports)
+    lame_lambda, mu = lame_parameters(2e5, 0.3)
+    elastic = {"lame_lambda": lame_lambda, "lame_mu": mu, "yield_stress": BOUND}
+    hardening = {"hardening_modulus": 1 / BOUND, "hardening_stiffness": 2 * mu * 0.01 / 0.99}
+    steel, supports = Material.isotropic(**elastic, **hardening), prescribed or QUARTER
+    gap = Sphere((0.5, 0.5, 1.6), 0.6).gap(mesh, motion=(0.0, 0.0, -0.01))
+    return Problem(mesh, steel, contact="contact", gap=gap, prescribed=supports)
 
 
 def equal_cells(n: int) -> Mesh:
@@ -80,52 +64,44 @@ def multigrid_run(cells: int) -> Result:
     return result
 
 
-def mesh_name(record: dict) -> str:
-    """What a mesh is called."""
-    n = record["cells"]
-    if record["mesh"] == REFINED:
-        return f"{2 * n}^3 equal cells on the whole body, {3 * record['nodes']:,} unknowns"
-    return OWN if record["mesh"] == OWN else f"{n}^3 cells on the quarter, {record['mesh']}"
-
-
 @dataclass(eq=False)
 class Step42(Work):
     """``levels`` meshes of each shape, 1 to 5 (hexahedra: at most 4), and that of step-42."""
 
     levels: int = 3
 
-    name, title, note = "step42", "Step-42: the default method and the primal one", NOTE
-    columns = (
-        ("mesh", mesh_name),
-        ("nodes", "{nodes}"),
-        ("method", "{method}"),
-        ("steps", steps),
-        ("touching", "{touching}"),
-        ("F", "{contact_force:.8f}"),
-        ("change", "{change:.1e}"),
-        ("J", "{energy:.12f}"),
-        ("peak", "{peak_pressure:.6f}"),
-        ("CPU s", "{cpu_s:.1f}"),
-        ("MB", "{memory_mb:.0f}"),
+    name, title = "step42", "Step-42: the default method and the primal one"
+    columns = """mesh = {label} | nodes = {nodes} | method = {method} | steps = {steps}
+        | touching = {touching} | F = {contact_force:.8f} | change = {change:.1e}
+        | J = {energy:.12f} | peak = {peak_pressure:.6f} | CPU s = {cpu_s:.1f}
+        | MB = {memory_mb:.0f}"""
+    note = (
+        "Contact force F of the whole body, its change from the next coarser mesh, energy and "
+        "largest contact pressure, nodes in contact on the quarter, Newton steps. Step-42's own "
+        "mesh has 8 x 8 x 8 cells on the whole body, where one node touches; its documentation "
+        "prints F = 37.3058 there, and F = 56.794 after three adaptive refinements (52,497 "
+        "unknowns, 38.4 s on 16 cores), whose finest cells are those of 64^3. Refined: with "
+        f"PyAMG(), each mesh started from the one before, tolerance {TOLERANCE:g}; CPU s from the "
+        "coarsest mesh on, MB: the most that the process has held."
     )
 
     def cells(self) -> list[dict]:
         """Tetrahedra, hexahedra, and the mesh of step-42 itself by both methods; refined."""
         first_of(CELLS["tetrahedra"], self.levels)
         meshes = [(shape, n) for shape, family in CELLS.items() for n in family[: self.levels]]
-        runs = [(*mesh, method) for mesh in (*meshes, (OWN, 4)) for method in METHODS]
+        runs = [(*mesh, method) for mesh in (*meshes, (OWN, 4)) for method in METHODS[::-1]]
         runs += [(REFINED, n, "default") for n in HALVED[: max(0, self.levels - 2)]]
         return [{"mesh": shape, "cells": n, "method": method} for shape, n, method in runs]
 
     def solve(self, mesh: str, cells: int, method: str) -> dict:
         """Forces and energies are those of the whole body, four times those of the quarter."""
         if mesh == REFINED:
-            result, found = timed(partial(multigrid_run, cells))
+            result, found = timed(multigrid_run, cells)
             found["memory_mb"] = peak_memory()
         else:
             graded = quarter_cube.mesh(cells, simplices=mesh == "tetrahedra")
             problem = step42_problem(equal_cells(cells) if mesh == OWN else graded)
-            result, found = timed(partial(solved_by, method, problem))
+            result, found = timed(solved_by, method, problem)
         forces = result.nodal_contact_forces
         return found | {
             "nodes": result.problem.mesh.nv,
@@ -136,11 +112,15 @@ class Step42(Work):
         }
 
     def told(self, records: Sequence[dict]) -> list[dict]:
-        """The records with the change of F from the next coarser mesh."""
+        """The records with what meshes are called and the change of F from the coarser one."""
         told, before = [], {}
-        for record in records:
-            family = (record["mesh"].removesuffix(", refined"), record["method"])
-            last, force = before.get(family), record["contact_force"]
-            told.append(record | {"change": None if last is None else abs(force / last - 1)})
+        for r in records:
+            n, force = r["cells"], r["contact_force"]
+            label = OWN if r["mesh"] == OWN else f"{n}^3 cells on the quarter, {r['mesh']}"
+            if r["mesh"] == REFINED:
+                label = f"{2 * n}^3 equal cells on the whole body, {3 * r['nodes']:,} unknowns"
+            family = (r["mesh"].removesuffix(", refined"), r["method"])
+            change = abs(force / before[family] - 1) if family in before else None
+            told.append(r | {"label": label, "change": change})
             before[family] = force
         return told

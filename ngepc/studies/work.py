@@ -17,9 +17,6 @@ from ngepc.results import checkpoint
 from ngepc.results.files import check_folder
 from ngepc.results.records import provenance, to_json, write_text
 
-Entry = str | Callable[[dict], object]
-"""What a column shows of a record: a format of it, such as "{force:.4f}", or a function."""
-
 
 @dataclass(eq=False)
 class Work(ABC):
@@ -35,7 +32,9 @@ class Work(ABC):
     name
         File name of the results without ending.
     title, columns, note
-        Of the table: (head, entry) for each column; {study.gamma:g} in the note is an option.
+        Of the table.  Columns are 'head = format', separated by ' | '; a format is one of the
+        record, such as {nodes}, of a run in it, {direct[steps]}, or of what ``spoken`` adds.
+        {study.gamma:g} in the note is an option.
     keeps
         Whether cells are kept on disk.
     """
@@ -45,7 +44,7 @@ class Work(ABC):
 
     name: ClassVar[str]
     title: ClassVar[str] = ""
-    columns: ClassVar[Sequence[tuple[str, Entry]]] = ()
+    columns: ClassVar[str] = ""
     note: ClassVar[str] = ""
     keeps: ClassVar[bool] = True
 
@@ -59,8 +58,8 @@ class Work(ABC):
 
     def line(self, record: dict) -> str:
         """What progress says about a record: the first of its numbers and texts."""
-        plain = [(key, value) for key, value in _flat(record).items() if value not in ("", None)]
-        return ", ".join(f"{key} {_short(value)}" for key, value in plain[:8])
+        flat = _flat(record).items()
+        return ", ".join([f"{k} {_short(v)}" for k, v in flat if v not in ("", None)][:8])
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What is said below the table."""
@@ -106,44 +105,58 @@ class Work(ABC):
             checkpoint.save(path, about, {"records": records}, {})
         return records
 
-    def entries(self, records: Sequence[dict]) -> list[list[str]]:
-        """The entries of the table, row by row."""
-        return [[str(shown(e, record)) for _, e in self.columns] for record in self.told(records)]
+    def table(self, records: Sequence[dict]) -> list[list[str]]:
+        """The heads of the table, then its entries, row by row."""
+        columns = [c.partition("=") for c in " ".join(self.columns.split()).split(" | ")]
+        heads, entries = ([c[k].strip() for c in columns] for k in (0, 2))
+        return [heads, *([shown(e, record) for e in entries] for record in self.told(records))]
 
     def write(self, records: Sequence[dict]) -> list[Path]:
         """Write what ``run`` has returned as NAME.csv, .md and .json, and pictures; the paths."""
+        heads, *rows = self.table(records)
+        escaped = [[entry.replace("|", "\\|") for entry in row] for row in (heads, *rows)]
+        escaped.insert(1, ["---"] * len(heads))
         made_with = provenance()
-        heads = [head for head, _ in self.columns]
-        lines = [_line(row) for row in (heads, ["---"] * len(heads), *self.entries(records))]
-        notes = [*self.notes(records), "", *(f"- {k}: {v}" for k, v in made_with.items()), ""]
-        texts = {
-            "csv": _csv([_flat(record) for record in records]),
-            "md": "\n".join([f"# {self.title}", "", *lines, "", *notes]),
-            "json": to_json({**made_with, "cells": list(records)}),
-        }
-        paths = [self.folder / f"{self.name}.{kind}" for kind in texts]
-        for path, text in zip(paths, texts.values(), strict=True):
-            write_text(path, text)
-        return [*paths, *self.draw(records)]
+        lines = [f"# {self.title}", "", *(f"| {' | '.join(row)} |" for row in escaped), ""]
+        lines += [*self.notes(records), "", *(f"- {k}: {v}" for k, v in made_with.items()), ""]
+        flat, stream = [_flat(record) for record in records], io.StringIO()
+        names = list(dict.fromkeys(name for row in flat for name in row))
+        writer = csv.DictWriter(stream, names, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(flat)
+        data = to_json({**made_with, "cells": list(records)})
+        texts = {"csv": stream.getvalue(), "md": "\n".join(lines), "json": data}
+        for kind, text in texts.items():
+            write_text(self.folder / f"{self.name}.{kind}", text)
+        return [*(self.folder / f"{self.name}.{kind}" for kind in texts), *self.draw(records)]
 
 
-def shown(entry: Entry, record: dict) -> object:
-    """What a column shows of a record; empty where it has no such number, or None."""
-    if not isinstance(entry, str):
-        return entry(record)
+def spoken(record: Mapping) -> dict:
+    """A record with words for each run in it: ``steps``, and ``ending``, ' status' if it failed."""
+    said = {key: spoken(v) if isinstance(v, dict) else v for key, v in record.items()}
+    status = said.get("status", "converged")
+    said["ending"] = "" if status == "converged" else f" {status.replace('_', ' ')}"
+    if "iterations" in said:
+        said["steps"] = f"{said['iterations']}{said['ending']}"
+    return said
+
+
+def shown(entry: str, record: Mapping) -> str:
+    """What a format says about a record; nothing where it has no such number, or None."""
     try:
-        return entry.format(**record)
+        return entry.format(**spoken(record))
     except (KeyError, TypeError):
         return ""
 
 
-def pivoted(records: Sequence[dict], keys: Sequence[str], column: str, entry: Entry) -> list[dict]:
+def pivoted(records: Sequence[dict], keys: Sequence[str], column: str, entry: str) -> list[dict]:
     """A record for each combination of ``keys``; entries stand under their ``column``."""
     found: dict[tuple, dict] = {}
     for record in records:
         about = {key: record[key] for key in keys}
-        row = found.setdefault(tuple(about.values()), about)
-        row[shown(column, record)] = shown(entry, record)
+        found.setdefault(tuple(about.values()), about)[column.format(**record)] = shown(
+            entry, record
+        )
     return list(found.values())
 
 
@@ -166,31 +179,6 @@ def chosen(known: Collection[str], rows: Sequence[str] | None) -> tuple[str, ...
 def exponent(x: Sequence[float], y: Sequence[float]) -> float:
     """The a in y ~ x^a, by least squares."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
-
-
-def ending(record: Mapping) -> str:
-    """' status' for a run that has not converged, nothing for one that has."""
-    status = record["status"]
-    return "" if status == "converged" else f" {status.replace('_', ' ')}"
-
-
-def steps(record: Mapping) -> str:
-    """The Newton steps of a run, with its status if it has not converged."""
-    return f"{record['iterations']}{ending(record)}"
-
-
-def _line(row: Sequence[str]) -> str:
-    escaped = (entry.replace("|", "\\|") for entry in row)
-    return f"| {' | '.join(escaped)} |"
-
-
-def _csv(rows: Sequence[dict]) -> str:
-    stream = io.StringIO()
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    writer = csv.DictWriter(stream, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return stream.getvalue()
 
 
 def _flat(cell: dict) -> dict:

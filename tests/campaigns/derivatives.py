@@ -121,15 +121,9 @@ class Derivatives(Work):
     count: int = 200
 
     name, title = "derivatives", "Derivatives against differences"
-    columns = (
-        ("", "{group}"),
-        ("problems", "{problems}"),
-        ("numbers", "{compared}"),
-        ("across a kink", "{kinks}"),
-        ("largest error", "{error:.1e}"),
-        ("Taylor slope", "{slope:.3f}"),
-        ("envelope", "{envelope:.1e}"),
-    )
+    columns = """ = {group} | problems = {problems} | numbers = {compared}
+        | across a kink = {kinks} | largest error = {error:.1e} | Taylor slope = {slope:.3f}
+        | envelope = {envelope:.1e}"""
     note = (
         "Gradients of contact force, energy, a displacement, a reaction and integrals of u, p and "
         "stress by all data, beside central differences of fourth order with the relative step "

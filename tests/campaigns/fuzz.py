@@ -14,7 +14,6 @@ Runs that end in another status are honest but counted.
 import math
 from dataclasses import asdict, dataclass
 from itertools import islice
-from operator import itemgetter
 
 import numpy as np
 from campaigns.random_problems import BODIES, GAPS, HARDENINGS, build, draws
@@ -31,8 +30,8 @@ SLACK = 1e-8
 RESIDUAL = 2e-10
 """Forces out of balance, relative, that a converged run may leave: twice its tolerance."""
 
-HEAD = ("", "problems", "complaints", "primal converged", "default converged", "other statuses",
-        "median gap", "worst gap")  # fmt: skip
+HEAD = ("group", "problems", "complaints", "primal converged", "default converged",
+        "other statuses", "median gap", "worst gap")  # fmt: skip
 
 EMPTY = {
     "complaints": (),
@@ -119,7 +118,7 @@ class Fuzz(Work):
     seed: int = 1
 
     name, title = "fuzz", "Random problems"
-    columns = tuple((head, itemgetter(head)) for head in HEAD)
+    columns = " | ".join([" = {group}", *(f"{head} = {{{head}}}" for head in HEAD[1:])])
 
     def cells(self):
         """The problems by number."""

@@ -48,7 +48,7 @@ def test_second_run_solves_nothing_and_gives_the_same_table(finished, monkeypatc
     def refuse(*arguments, **options):
         raise AssertionError("a stored cell was solved again")
 
-    monkeypatch.setattr(Table1, "result", refuse)
+    monkeypatch.setattr(Table1, "solve", refuse)
     first = json.loads((finished / "table1.json").read_text())["cells"]
     assert [r["dual_energy"] for r in small_table(finished).run()] == [
         r["dual_energy"] for r in first
@@ -98,7 +98,7 @@ def test_starts_are_those_of_the_paper(tmp_path, monkeypatch):
     monkeypatch.setattr("ngepc.studies.counts.solved_by", seen)
     for study, row in ((Table1, "1e1"), (Table1, "default"), (Table2, "1e4")):
         with pytest.raises(KeyboardInterrupt):
-            study(tmp_path).result(row, study(tmp_path).nodes[1])
+            study(tmp_path).solve(row, study(tmp_path).nodes[1])
     assert starts == {"1e1": 417, "default": None, "1e4": None}
 
 

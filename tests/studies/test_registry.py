@@ -31,7 +31,7 @@ def test_success_looks_at_every_status(tmp_path):
 class Bars(Work):
     """A study whose names and records need care."""
 
-    name, title, note, columns = "t", "T", "note", (("|u|", "{a}|b"), ("none", "{missing:.3f}"))
+    name, title, note, columns = "t", "T", "note", "|u| = {a}|b | none = {missing:.3f}"
 
     def cells(self):
         return [{"a": 1}, {"a": "1/2*"}]
