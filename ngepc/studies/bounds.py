@@ -1,7 +1,5 @@
 """Guaranteed bounds measured: beside the error, on uniform meshes and on those that follow them."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -50,7 +48,6 @@ of the last two meshes are extrapolated, in proportion to their bounds.
 
 KINDS = ("uniform", "adaptive", "order 2", "order 2 adaptive")
 """Of rows, each with its colour: meshes that are halved or follow the bound, order one or two."""
-
 TARGETS = {
     ("lshape", "adaptive"): 3.71e-4,
     ("wrench", "adaptive"): 2.28e-5,
@@ -59,28 +56,12 @@ TARGETS = {
     ("wrench", "order 2 adaptive"): 5e-8,
 }
 """Errors where adaptive runs end: of order one in the plane those on the finest uniform meshes."""
-
-STRAIN_ENERGIES = {"lshape": 0.1366, "wrench": 0.0026, "sphere": 0.238}
-"""What relative errors are relative to: bounds below TARGETS are asked for."""
-
-STARTS = {"lshape": 225, "wrench": 245, "sphere": 55}
-"""Nodes of the meshes where they begin."""
-
+STARTS = {"lshape": (225, 0.1366), "wrench": (245, 0.0026), "sphere": (55, 0.238)}
+"""Nodes where they begin, and the strain energy: parts of it below TARGETS are asked for."""
 ASYMPTOTIC = 400
 """Nodes from which rates are measured."""
-
-PICTURED = (0.2, 0.1, 0.04, 0.015)
-"""Relative errors whose meshes are drawn."""
-
-COARSEST = {"lshape": 33, "wrench": 75}
-"""Nodes of the meshes where the runs begin that are drawn."""
-
-
-def beside_limit(body: str, nodes: int, energy: float, bound: object, **more: object) -> dict:
-    """A bound, ``error_bound`` or a mesh of ``solve_to``, beside the error J - inf J."""
-    error = energy - LIMITS[body]
-    parts = {"error": error, "bound": bound.total, "effectivity": bound.total / error}
-    return {"nodes": nodes, **parts, "relative": bound.relative, **more}
+COARSEST, PICTURED = {"lshape": 33, "wrench": 75}, (0.2, 0.1, 0.04, 0.015)
+"""Nodes of the meshes where the runs begin that are drawn, and their relative errors."""
 
 
 def bounded_example(body: str, kind: str, nodes: int) -> Problem:
@@ -96,33 +77,6 @@ def bounded_example(body: str, kind: str, nodes: int) -> Problem:
     return Problem(mesh, Material.kinematic(**elastic, hardening=1e2), **data)
 
 
-def on_uniform_mesh(body: str, kind: str, nodes: int) -> dict:
-    """The record of a mesh of a family."""
-    problem = bounded_example(body, kind, nodes)
-    result, told = timed(semismooth_newton, problem)
-    solved = time.process_time()
-    bound = error_bound(result)
-    spent = {"cpu_s": told["cpu_s"], "bound_cpu_s": time.process_time() - solved}
-    return beside_limit(body, nodes, bound.energy, bound, steps=result.iterations, **spent)
-
-
-def on_adaptive_meshes(body: str, kind: str, nodes: int) -> list[dict]:
-    """A run to the error in ``TARGETS``: a record for each mesh, steps and time from the first."""
-    run: list[dict] = []
-    target, begin = TARGETS[body, kind], time.process_time()
-
-    def note(mesh: MeshRecord) -> None:
-        steps = mesh.iterations + (run[-1]["steps"] if run else 0)
-        seconds = time.process_time() - begin
-        run.append(beside_limit(body, mesh.nodes, mesh.energy, mesh, steps=steps, cpu_s=seconds))
-        if run[-1]["error"] <= target:
-            raise StopIteration
-
-    asked = target / STRAIN_ENERGIES[body]
-    solve_to(bounded_example(body, kind, nodes), asked, monitor=note)
-    return run
-
-
 def label_of_row(record: dict) -> str:
     """What a row of the table is called."""
     return f"{record['body']} {record['kind']}".removesuffix(" uniform")
@@ -130,7 +84,7 @@ def label_of_row(record: dict) -> str:
 
 @dataclass(eq=False)
 class Bounds(Work):
-    """All examples on ``levels`` meshes of their families, and on meshes that follow the bound."""
+    """Bound and error on ``levels`` meshes of each family and on adaptive ones."""
 
     levels: int = 3
 
@@ -142,31 +96,48 @@ class Bounds(Work):
 
     def cells(self) -> list[dict]:
         """Families of meshes, in space three at most, and adaptive runs from a coarse one."""
-        rows = [
-            (body, kind, nodes)
-            for kind in ("uniform", "order 2")
-            for body in FAMILIES
-            for nodes in first_of(FAMILIES[body], self.levels)
-        ]
-        rows += [(b, "uniform", n) for b, family in SOLIDS.items() for n in family[: self.levels]]
-        rows += [(body, kind, STARTS[body]) for body, kind in TARGETS]
+        plane = [(body, n) for body, f in FAMILIES.items() for n in first_of(f, self.levels)]
+        space = [(body, n) for body, f in SOLIDS.items() for n in f[: self.levels]]
+        rows = [(b, "uniform", n) for b, n in plane] + [(b, "order 2", n) for b, n in plane]
+        rows += [(b, "uniform", n) for b, n in space]
+        rows += [(body, kind, STARTS[body][0]) for body, kind in TARGETS]
         return [{"body": body, "kind": kind, "nodes": nodes} for body, kind, nodes in rows]
 
-    def solve(self, body: str, kind: str, nodes: int) -> dict | list[dict]:
-        """One mesh, or a run of adaptive ones."""
-        solve = on_adaptive_meshes if (body, kind) in TARGETS else on_uniform_mesh
-        return solve(body, kind, nodes)
+    def solve(self, body: str, kind: str, nodes: int) -> list[dict]:
+        """One mesh, or a record for each of an adaptive run, steps and time from the first one."""
+        problem, begin, run = bounded_example(body, kind, nodes), time.process_time(), []
+
+        def note(nodes: int, energy: float, bound: object, **more: float) -> None:
+            error = energy - LIMITS[body]
+            found = {"error": error, "bound": bound.total, "effectivity": bound.total / error}
+            run.append({"nodes": nodes, **found, "relative": bound.relative, **more})
+
+        def adapted(mesh: MeshRecord) -> None:
+            steps = mesh.iterations + (run[-1]["steps"] if run else 0)
+            spent = time.process_time() - begin
+            note(mesh.nodes, mesh.energy, mesh, steps=steps, cpu_s=spent)
+            if run[-1]["error"] <= TARGETS[body, kind]:
+                raise StopIteration
+
+        if (body, kind) in TARGETS:
+            solve_to(problem, TARGETS[body, kind] / STARTS[body][1], monitor=adapted)
+            return run
+        result, told = timed(semismooth_newton, problem)
+        solved = time.process_time()
+        bound = error_bound(result)
+        spent = {"cpu_s": told["cpu_s"], "bound_cpu_s": time.process_time() - solved}
+        note(nodes, bound.energy, bound, steps=result.iterations, **spent)
+        return run
 
     def told(self, records: Sequence[dict]) -> list[dict]:
         """Uniform meshes, and the last one of adaptive runs."""
         last = {label_of_row(r): r for r in records if "bound_cpu_s" not in r}
-        told = [*(r for r in records if "bound_cpu_s" in r), *last.values()]
-        return [
-            r
-            | {"example": label_of_row(r), "percent": 100 * r["relative"]}
-            | {"apart": f"{r['bound_cpu_s']:.2f}" if "bound_cpu_s" in r else "with it"}
-            for r in told
-        ]
+        told = []
+        for r in (*(r for r in records if "bound_cpu_s" in r), *last.values()):
+            apart = f"{r['bound_cpu_s']:.2f}" if "bound_cpu_s" in r else "with it"
+            more = {"percent": 100 * r["relative"], "apart": apart}
+            told.append(r | {"example": label_of_row(r)} | more)
+        return told
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """Where the errors come from, and how fast they fall."""
@@ -191,16 +162,16 @@ class Bounds(Work):
 
 
 def curves_of(records: Sequence[dict]) -> dict[str, np.ndarray]:
-    """Columns nodes, error and bound for each family of meshes."""
+    """Rows nodes, error and bound for each family of meshes."""
     curves: dict[str, list] = {}
     for r in records:
         curves.setdefault(label_of_row(r), []).append([r["nodes"], r["error"], r["bound"]])
-    return {label: np.array(curve) for label, curve in curves.items() if len(curve) > 1}
+    return {label: np.transpose(curve) for label, curve in curves.items() if len(curve) > 1}
 
 
 def rates_of(records: Sequence[dict]) -> dict[str, float]:
     """Minus the slope of the error over nodes, both logarithmic, from ASYMPTOTIC nodes on."""
-    late = {label: c[c[:, 0] >= ASYMPTOTIC].T for label, c in curves_of(records).items()}
+    late = {label: c[:, c[0] >= ASYMPTOTIC] for label, c in curves_of(records).items()}
     return {label: -exponent(c[0], c[1]) for label, c in late.items() if len(c[0]) > 1}
 
 
@@ -209,15 +180,14 @@ def draw_rates(records: Sequence[dict]) -> Picture:
     """Bound and error over nodes, uniform and adaptive, one panel for each example."""
     figure = Picture(figsize=(12.0, 3.6), layout="constrained")
     titles = TITLES | {"sphere": "Sphere on a block"}
-    panels = dict(zip(titles, figure.subplots(1, 3), strict=True))
-    for label, (nodes, error, bound) in ((n, c.T) for n, c in curves_of(records).items()):
-        body, _, kind = label.partition(" ")
-        if body in panels:
-            style = {"color": COLOURS[KINDS.index(kind or "uniform")]}
-            panels[body].loglog(nodes, bound, "-", marker="", label=kind or "uniform", **style)
-            panels[body].loglog(nodes, error, "o", ms=3, **style)
-    for name, axes in panels.items():
-        axes.set(title=titles[name], xlabel="nodes", ylabel="bound (lines), error (dots)")
+    for (name, title), axes in zip(titles.items(), figure.subplots(1, 3), strict=True):
+        for label, (nodes, error, bound) in curves_of(records).items():
+            body, _, kind = label.partition(" ")
+            if body == name:
+                style = {"color": COLOURS[KINDS.index(kind or "uniform")]}
+                axes.loglog(nodes, bound, "-", marker="", label=kind or "uniform", **style)
+                axes.loglog(nodes, error, "o", ms=3, **style)
+        axes.set(title=title, xlabel="nodes", ylabel="bound (lines), error (dots)")
         axes.tick_params("x", which="minor", labelbottom=False)
         axes.legend(frameon=False, loc="lower left")
     return figure
