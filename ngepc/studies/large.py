@@ -61,14 +61,14 @@ def pressed(mesh: Mesh, hardening: float, order: int = 1) -> Problem:
 
 
 def ever_finer(mesh: Mesh | MeshPart, levels: int) -> Iterator[Mesh | MeshPart]:
-    """The mesh refined once, twice and so on."""
+    """The mesh refined once, twice and so on; a copy would forget which edges to bisect next."""
     for _ in range(levels):
         if isinstance(mesh, MeshPart):
             mesh = mesh.refined()
+            yield mesh
         else:
-            mesh = Mesh(mesh.ngmesh.Copy())
             mesh.Refine()
-        yield mesh
+            yield Mesh(mesh.ngmesh.Copy())
 
 
 def solved_in_a_row(

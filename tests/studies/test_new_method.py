@@ -3,13 +3,16 @@
 import json
 from functools import partial
 
+import numpy as np
 import pytest
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc import semismooth_newton
 from ngepc.__main__ import main
+from ngepc.geometries import block
 from ngepc.studies.counts import BLOCKS, NewtonCounts, problem_of
 from ngepc.studies.examples import nested, timed
+from ngepc.studies.large import ever_finer, indented_block
 from ngepc.studies.locking import KINDS, Locking, cantilever, deflection, solve_with
 
 
@@ -28,6 +31,13 @@ def test_blocks_have_the_nodes_they_are_called_by():
     for elements, sizes in BLOCKS.items():
         smallest = min(sizes)
         assert problem_of(elements, smallest, 0.1).mesh.nv == smallest
+
+
+def test_meshes_in_a_row_are_those_of_the_indented_block():
+    """Copies forget where tetrahedra are to be bisected next, with as many nodes elsewhere."""
+    *_, fine = ever_finer(block.mesh(maxh=0.4), 2)
+    places = (np.array(mesh.ngmesh.Coordinates()) for mesh in (fine, indented_block(2).mesh))
+    assert np.array_equal(*places)
 
 
 def test_hardening_is_the_ratio_to_mu():
