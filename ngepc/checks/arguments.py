@@ -6,6 +6,7 @@ Each failure, a TypeError or a ValueError, names the argument, its value and wha
 import math
 import numbers
 from collections.abc import Iterable, Sequence
+from math import inf
 
 import numpy as np
 from netgen.meshing import NgException
@@ -15,11 +16,16 @@ from ngsolve.fem import ElementTopology
 Coefficient = float | CoefficientFunction
 """A number or an NGSolve CoefficientFunction."""
 
+Names = Sequence[str] | None
+"""Names of boundaries, None for the body."""
+
+Shapes = Iterable[tuple[int, ...]]
+"""Legal shapes of a coefficient; () is a scalar."""
+
+SCALAR: Shapes = ((),)
+
 ELEMENT_TYPES = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD), 3: (ET.TET, ET.HEX, ET.PRISM)}
 """Element shapes by dimension."""
-
-EVALUATION_ERRORS = (NgException, RuntimeError, TypeError, ValueError)
-"""What the evaluation of a coefficient raises: NGSolve's own exception or one of Python's."""
 
 _REGEX_SIGNS = frozenset("\\^$.*+?()[]{}|")
 
@@ -32,11 +38,11 @@ def is_number(value: object) -> bool:
 def require_number(
     name: str,
     value: object,
-    least: float = -math.inf,
+    least: float = -inf,
     *,
     strict: bool = False,
-    most: float = math.inf,
-    below: float = math.inf,
+    most: float = inf,
+    below: float = inf,
 ) -> float:
     """``value`` as a float, finite, >= ``least`` (> if ``strict``), <= ``most``, < ``below``."""
     if not is_number(value):
@@ -44,7 +50,7 @@ def require_number(
     try:
         number = float(value)
     except OverflowError:
-        number = math.inf
+        number = inf
     legal = math.isfinite(number) and least <= number <= most and number < below
     if not legal or (strict and number == least):
         bounds = {">" if strict else ">=": least, "<=": most, "<": below}
@@ -54,13 +60,12 @@ def require_number(
     return number
 
 
-def require_integer(name: str, value: object, least: int, most: float = math.inf) -> int:
+def require_integer(name: str, value: object, least: int, most: float = inf) -> int:
     """``value`` as an int when it is integral and within [least, most]."""
-    number = require_number(name, value)
-    if int(number) != number:
+    if int(require_number(name, value)) != value:
         raise TypeError(f"{name}={value!r}: an integer is needed")
     if not least <= value <= most:
-        upper = "" if most == math.inf else f" and <= {most}"
+        upper = "" if most == inf else f" and <= {most}"
         raise ValueError(f"{name}={value!r}: an integer >= {least}{upper} is needed")
     return int(value)
 
@@ -76,26 +81,31 @@ def require_vector(name: str, value: object, lengths: Iterable[int]) -> tuple[fl
     return tuple(require_number(f"{name}[{i}]", x) for i, x in enumerate(value))
 
 
-def require_coefficient(
-    name: str, value: object, shapes: Iterable[tuple[int, ...]] = ((),)
-) -> None:
-    """Accept finite numbers and CoefficientFunctions of one of the given shapes; () is a scalar."""
+def require_direction(name: str, value: object, lengths: Iterable[int]) -> tuple[float, ...]:
+    """``require_vector`` of any length but zero."""
+    vector = require_vector(name, value, lengths)
+    if not any(vector):
+        raise ValueError(f"{name}={value!r}: a vector other than zero is needed")
+    return vector
+
+
+def require_coefficient(name: str, value: object, shapes: Shapes = SCALAR) -> None:
+    """Accept finite numbers and CoefficientFunctions of one of the given shapes."""
+    shape, legal = (), [tuple(s) for s in shapes]
     if is_number(value):
         require_number(name, value)
-        shape: tuple[int, ...] = ()
-    elif isinstance(value, CoefficientFunction):
-        if value.is_complex:
-            raise TypeError(f"{name} is complex: a real coefficient is needed")
-        shape = tuple(value.dims)
-    else:
+    elif not isinstance(value, CoefficientFunction):
         raise TypeError(f"{name}={value!r}: a number or a CoefficientFunction is needed")
-    legal = [tuple(s) for s in shapes]
+    elif value.is_complex:
+        raise TypeError(f"{name} is complex: a real coefficient is needed")
+    else:
+        shape = tuple(value.dims)
     if shape not in legal and not (shape == (1,) and () in legal):
         text = " or ".join("a scalar" if s == () else f"shape {s}" for s in legal)
         raise ValueError(f"{name} has shape {shape or 'scalar'}: {text} is needed")
 
 
-def require_datum(name: str, value: object, least: float = -math.inf, **bounds: float) -> object:
+def require_datum(name: str, value: object, least: float = -inf, **bounds: float) -> object:
     """``value``, a scalar coefficient, or a number in its range as a float."""
     if is_number(value):
         return require_number(name, value, least, **bounds)
@@ -117,38 +127,27 @@ def require_components(name: str, value: object, N: int) -> CoefficientFunction:
 
 def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
     """The names in ``value`` ('a', 'a|b' or a sequence), each an existing boundary of ``mesh``."""
-    parts = value.split("|") if isinstance(value, str) else value
-    if (
-        not isinstance(parts, Sequence)
-        or isinstance(parts, bytes)
-        or not all(isinstance(part, str) for part in parts)
-    ):
-        raise TypeError(
-            f"{argument}={value!r}: a boundary name or several ('left|right') are needed"
-        )
+    parts, asked = value.split("|") if isinstance(value, str) else value, f"{argument}={value!r}: "
+    listed = isinstance(parts, Sequence) and not isinstance(parts, bytes)
+    if not listed or not all(isinstance(part, str) for part in parts):
+        raise TypeError(f"{asked}a boundary name or several ('left|right') are needed")
     known = sorted(set(mesh.GetBoundaries()))
     for part in parts:
-        if part in known and _REGEX_SIGNS & set(part):
-            raise ValueError(
-                f"{argument}={value!r}: the name {part!r} has one of the signs "
-                f"{''.join(sorted(_REGEX_SIGNS))}, which NGSolve reads as a pattern: rename it"
-            )
         if part not in known:
+            legal = ", ".join(map(repr, known))
+            raise ValueError(f"{asked}there is no boundary {part!r}; this mesh has {legal}")
+        if _REGEX_SIGNS & set(part):
             raise ValueError(
-                f"{argument}={value!r}: there is no boundary {part!r}; "
-                f"this mesh has {', '.join(map(repr, known))}"
+                f"{asked}the name {part!r} has one of the signs {''.join(sorted(_REGEX_SIGNS))}, "
+                "which NGSolve reads as a pattern: rename it"
             )
     if not parts:
-        raise ValueError(f"{argument}={value!r}: at least one boundary name is needed")
+        raise ValueError(f"{asked}at least one boundary name is needed")
     return tuple(dict.fromkeys(parts))
 
 
 def sample(
-    value: Coefficient,
-    mesh: Mesh,
-    boundaries: Sequence[str] | None = None,
-    *,
-    corners: bool = False,
+    value: Coefficient, mesh: Mesh, boundaries: Names = None, *, corners: bool = False
 ) -> np.ndarray:
     """Values of a coefficient, shape (points, components); a number is its own single sample.
 
@@ -156,66 +155,51 @@ def sample(
     """
     if not isinstance(value, CoefficientFunction):
         return np.array([[float(value)]])
-    dim = mesh.dim if boundaries is None else mesh.dim - 1
+    dim, rules = mesh.dim - (boundaries is not None), {}
+    for shape in ELEMENT_TYPES[dim]:
+        vertices = [tuple(v[:dim]) for v in ElementTopology(shape).vertices]
+        at_corners = IntegrationRule(points=vertices, weights=[0.0] * len(vertices))
+        rules[shape] = at_corners if corners else IntegrationRule(shape, 2)
     region = VOL if boundaries is None else mesh.Boundaries("|".join(boundaries))
-    rules = {t: _corner_rule(t) if corners else IntegrationRule(t, 2) for t in ELEMENT_TYPES[dim]}
     points = mesh.MapToAllElements(rules, region)
     found = np.asarray(value(points), dtype=float)
     return found.reshape(len(points), math.prod(found.shape[1:]))
 
 
-def _corner_rule(shape: ET) -> IntegrationRule:
-    dim = {ET.SEGM: 1, ET.TRIG: 2, ET.QUAD: 2}.get(shape, 3)
-    points = [tuple(v[:dim]) for v in ElementTopology(shape).vertices]
-    return IntegrationRule(points=points, weights=[0.0] * len(points))
-
-
 def require_finite(
-    name: str,
-    value: Coefficient,
-    mesh: Mesh,
-    boundaries: Sequence[str] | None = None,
-    *,
-    corners: bool = False,
-    least: float = -math.inf,
-    strict: bool = False,
+    name: str, value: Coefficient, mesh: Mesh, boundaries: Names = None, **how: float
 ) -> np.ndarray:
-    """The samples of ``value``, with ``corners`` at vertices too: finite, >= ``least`` or > it."""
-    where = "the body" if boundaries is None else "|".join(boundaries)
+    """The samples of ``value``, with ``corners`` at vertices too: ``require_in`` for the rest."""
+    where, corners = "|".join(boundaries or ["the body"]), how.pop("corners", False)
     try:
         samples = sample(value, mesh, boundaries)
         if corners:
             samples = np.vstack([samples, sample(value, mesh, boundaries, corners=True)])
-    except EVALUATION_ERRORS as error:
+    except (NgException, RuntimeError, TypeError, ValueError) as error:  # NGSolve's and Python's
         raise ValueError(f"{name} cannot be evaluated on {where}: {error}") from error
-    require_in(name, samples, where, least, strict=strict)
-    return samples
+    return require_in(name, samples, where, **how)
 
 
 def require_in(
-    name: str, samples: np.ndarray, where: str, least: float, *, strict: bool = False
-) -> None:
-    """Refuse samples, (points, components), that are not finite, or below ``least``."""
-    if not np.isfinite(samples).all():
+    name: str, samples: np.ndarray, where: str, least: float = -inf, *, strict: bool = False
+) -> np.ndarray:
+    """Refuse samples, (points, components), that are not finite, < ``least`` or, ``strict``, =."""
+    wrong = ~np.isfinite(samples).all(axis=1)
+    if wrong.any():
         raise ValueError(
-            f"{name} is NaN or infinite at {np.count_nonzero(~np.isfinite(samples).all(1))} "
+            f"{name} is NaN or infinite at {np.count_nonzero(wrong)} "
             f"of {len(samples)} sampled points of {where}: finite values are needed"
         )
-    found = float(samples.min(initial=math.inf))
+    found = float(samples.min(initial=inf))
     if found < least or (strict and found == least):
         sign = ">" if strict else ">="
         raise ValueError(f"{name} falls to {found:g}: values {sign} {least:g} are needed")
+    return samples
 
 
 def require_field(
-    name: str,
-    value: object,
-    mesh: Mesh,
-    boundaries: Sequence[str] | None = None,
-    *,
-    shapes: Iterable[tuple[int, ...]] = ((),),
-    **bounds: float,
+    name: str, value: object, mesh: Mesh, boundaries: Names = None, **how: object
 ) -> np.ndarray:
-    """``require_coefficient`` and ``require_finite``; returns the samples."""
-    require_coefficient(name, value, shapes)
-    return require_finite(name, value, mesh, boundaries, **bounds)
+    """``require_coefficient`` with its ``shapes``, and ``require_finite``; returns the samples."""
+    require_coefficient(name, value, how.pop("shapes", SCALAR))
+    return require_finite(name, value, mesh, boundaries, **how)

@@ -9,6 +9,7 @@ from typing import Annotated, get_args, get_type_hints
 from ngepc.checks.arguments import (
     Coefficient,
     require_datum,
+    require_direction,
     require_integer,
     require_number,
     require_vector,
@@ -28,6 +29,7 @@ Positive = Annotated[float, Check(require_number, least=0, strict=True)]
 Fraction = Annotated[float, Check(require_number, least=0, strict=True, below=1)]
 Count = Annotated[int, Check(require_integer, least=1)]
 Vector = Annotated[Sequence[float], Check(require_vector, lengths=(2, 3))]
+Along = Annotated[Sequence[float], Check(require_direction, lengths=(2, 3))]
 Text = Annotated[str, Check(require_text)]
 Flag = Annotated[bool, Check(require_flag)]
 Datum = Annotated[Coefficient, Check(require_datum)]
@@ -58,4 +60,4 @@ class Declared:
         for name, check in declared_checks(type(self)).items():
             value = getattr(self, name)
             if value is not None or getattr(type(self), name, 0) is not None:
-                object.__setattr__(self, name, check(name, value))
+                vars(self)[name] = check(name, value)

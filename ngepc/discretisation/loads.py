@@ -23,7 +23,7 @@ from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.spaces import displacement_space, prescribed_displacement
 from ngepc.model.elements import vertex_coordinates
-from ngepc.model.places import Edge, Place, Point, values_at
+from ngepc.model.places import Edge, Place, Point, values_at, vertices_at
 from ngepc.model.problem import Problem, as_scalar
 
 BONUS_ORDER = 3  # order by which the rules of loads exceed that of the displacements
@@ -77,7 +77,7 @@ def spring_matrix(problem: Problem, V: FESpace, place: Place, springs: list[tupl
     """
     N, (u, v) = problem.N, V.TnT()
     if isinstance(place, Point):
-        vertices = place.vertices(problem.mesh)
+        vertices = vertices_at(place, problem.mesh)
         rows = (N * vertices[:, None] + np.arange(N)).ravel()
         numbers = [values_at(k, problem.mesh, place)[1][:, 0] for _, k in springs]
         return csr_matrix((np.stack(numbers, axis=1).ravel(), (rows, rows)), shape=(V.ndof, V.ndof))

@@ -13,7 +13,7 @@ from ngsolve import H1, L2, Compress, FESpace, GridFunction, Mesh, VectorH1, Vec
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.model.elements import plastic_order
-from ngepc.model.places import Edge, Place, Point, values_at
+from ngepc.model.places import Edge, Place, Point, values_at, vertices_at
 from ngepc.model.problem import Problem, as_scalar
 
 
@@ -43,7 +43,7 @@ def _prescribed(problem: Problem) -> list[tuple[Place, int, Coefficient]]:
 def nodes_at(scalar: FESpace, place: Place) -> np.ndarray:
     """Degrees of freedom of one displacement component that belong to a place."""
     if isinstance(place, Point):
-        return place.vertices(scalar.mesh)
+        return vertices_at(place, scalar.mesh)
     on_edges = isinstance(place, Edge)
     region = scalar.mesh.BBoundaries(place.name) if on_edges else scalar.mesh.Boundaries(place)
     return np.flatnonzero(np.array(scalar.GetDofs(region), dtype=bool))

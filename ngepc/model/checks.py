@@ -17,6 +17,7 @@ from ngepc.checks.arguments import (
     boundary_names,
     require_coefficient,
     require_components,
+    require_datum,
     require_field,
     require_finite,
     require_in,
@@ -26,46 +27,45 @@ from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
 from ngepc.model.contact import Coulomb
 from ngepc.model.elements import SHAPES, element_nodes, plastic_points, vertices_of
-from ngepc.model.given import Given
+from ngepc.model.given import ACTING, Components, Given
 from ngepc.model.hardening import check_law
-from ngepc.model.kinematics import Kinematics
-from ngepc.model.loading import CHECKS, check_acting
 from ngepc.model.material import Material, split_hardening
-from ngepc.model.places import Roller
+from ngepc.model.places import Place, Roller, places, values_at
 from ngepc.model.processes import require_whole
 from ngepc.model.support import check_support
 
 
 def check_problem(problem: Given) -> None:
     """Raise TypeError or ValueError for the first thing that is wrong with ``problem``."""
-    problem.processes.together(partial(check_data, problem))
+    problem.processes.together(partial(_check_data, problem))
     check_support(problem)
 
 
-def check_data(problem: Given) -> None:
+def _check_data(problem: Given) -> None:
     """What is wrong with the data on this process's part of the mesh."""
+    check_material(problem)
+    check_places(problem)
+    for argument, place, value in problem.acting:
+        check_acting(problem, argument, place, value)
     check_shared(problem)
-    check_material(problem.material, problem.mesh, problem.kinematics)
-    check_axis(problem)
-    check_acting(problem)
-    check_pairs(problem)
-    check_gap(problem)
+    if problem.body_force is not None:
+        f = require_components("body_force", problem.body_force, problem.N)
+        require_finite("body_force", f, problem.mesh)
+    check_contact(problem)
     check_friction(problem)
     check_history(problem)
 
 
 def check_shared(problem: Given) -> None:
     """What several processes cannot do."""
-    given = (getattr(problem, name) for name in CHECKS)
-    acting = [item for g in given if isinstance(g, Mapping) for item in g.items()]
-    there = {
+    for what, there in {
         "order=2": problem.order == 2,
-        "contact of two bodies": bool(problem.contact_pairs),
-        "points and edges": not all(isinstance(place, str) for place, _ in acting),
-        "rollers": any(isinstance(value, Roller) for _, value in acting),
-    }
-    for what in (name for name, is_there in there.items() if is_there):
-        require_whole(what, problem.mesh)
+        "contact of two bodies": problem.contact_pairs,
+        "points and edges": any(not isinstance(place, str) for _, place, _ in problem.acting),
+        "rollers": problem.rollers,
+    }.items():
+        if there:
+            require_whole(what, problem.mesh)
 
 
 def check_mesh(mesh: Mesh) -> None:
@@ -100,24 +100,15 @@ def check_mesh(mesh: Mesh) -> None:
         raise ValueError("mesh has inverted elements (Jacobian determinants of both signs)")
 
 
-def check_axis(problem: Given) -> None:
-    """An axisymmetric body lies at radii x >= 0."""
-    radii = np.asarray(problem.mesh.ngmesh.Coordinates())[:, 0]
-    if problem.kinematics.hoop and radii.min() < -1e-12 * np.abs(radii).max():
-        raise ValueError(
-            f'kinematics="axisymmetric": the mesh reaches to x = {radii.min():g}, radii x >= 0 are '
-            "needed"
-        )
-
-
-def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> None:
-    """Elliptic elasticity, positive yield stress and hardening everywhere on the mesh."""
+def check_material(problem: Given) -> None:
+    """Elliptic elasticity, positive yield stress and hardening everywhere; radii x >= 0."""
+    material, mesh, N = problem.material, problem.mesh, problem.kinematics.size
     require_instance("material", material, Material, "a Material")
     for name, check in declared_checks(Material).items():
-        require_finite(name, getattr(material, name), mesh, **check.keywords)
-    N = kinematics.size
-    name = f"{N} lame_lambda + 2 lame_mu"
-    bulk = require_finite(name, N * material.lame_lambda + 2 * material.lame_mu, mesh).min()
+        if check.func is require_datum:
+            require_finite(name, getattr(material, name), mesh, **check.keywords)
+    bulk = N * material.lame_lambda + 2 * material.lame_mu
+    bulk = require_finite(f"{N} lame_lambda + 2 lame_mu", bulk, mesh).min()
     if bulk <= 0:
         raise ValueError(
             f"lame_lambda={material.lame_lambda!r}: the elasticity is not elliptic, "
@@ -132,14 +123,86 @@ def check_material(material: Material, mesh: Mesh, kinematics: Kinematics) -> No
             f"{name} falls to {h:g}: > 0 is needed, "
             "the method is for hardening plasticity (perfect plasticity is a Tabulated law)"
         )
+    radii = np.asarray(mesh.ngmesh.Coordinates())[:, 0]
+    if problem.kinematics.hoop and radii.min() < -1e-12 * np.abs(radii).max():
+        raise ValueError(
+            f'kinematics="axisymmetric": the mesh reaches to x = {radii.min():g}, radii x >= 0 are '
+            "needed"
+        )
 
 
-def check_pairs(problem: Given) -> None:
-    """Existing names, two different boundaries in each pair, none of them a rigid obstacle's."""
-    mesh, rigid = problem.mesh, set(problem.contact_names)
+def check_places(problem: Given) -> None:
+    """Existing places for all that acts, each once, none of them clamped, nor contact."""
+    named = {"contact": problem.contact_names}
+    for argument in ACTING:
+        given, legal = (
+            getattr(problem, argument),
+            boundary_names if argument == "pressure" else places,
+        )
+        if given is not None:
+            require_instance(argument, given, Mapping, "a mapping of boundary name -> value")
+        named[argument] = [p for key in given or {} for p in legal(argument, key, problem.mesh)]
+    for argument, keys in named.items():
+        twice = sorted({str(place) for place in keys if keys.count(place) > 1})
+        if twice:
+            raise ValueError(f"{argument} names {', '.join(twice)} more than once")
+        both = sorted(set(problem.clamped_names) & set(keys))
+        if both:
+            raise ValueError(
+                f"{argument} and clamped overlap in {', '.join(both)}: "
+                "a clamped boundary carries nothing else"
+            )
+
+
+def check_acting(problem: Given, argument: str, place: Place, value: object) -> None:
+    """One load, given displacement or spring; a load may have a pole at a vertex."""
+    mesh, N, name = problem.mesh, problem.N, f"{argument}[{place!r}]"
+    several, on_boundary = isinstance(value, Components), isinstance(place, str)
+    load, shape, values, least = argument in ("traction", "pressure"), (), [value], -np.inf
+    if argument == "traction":
+        shape, values = (N,), [require_components(name, value, N)]
+    elif argument == "prescribed":
+        values = _prescribed(problem, name, place, value)
+    elif argument == "springs":
+        values, least = list(value) if several else [value], 0.0
+        if len(values) != N and (several or not on_boundary):
+            raise ValueError(f"{name}={value!r}: {N} numbers are needed")
+    for one in values:
+        require_coefficient(name, one, [shape])
+        if on_boundary:
+            require_finite(name, one, mesh, [place], corners=not load, least=least)
+        else:
+            require_in(name, values_at(one, mesh, place)[1], repr(place), least)
+
+
+def _prescribed(problem: Given, name: str, place: Place, given: object) -> list:
+    """The values of N components, some of them None, or of a displacement along a direction."""
+    N, direction = problem.N, getattr(given, "direction", None)
+    if isinstance(given, Roller):
+        if direction is None and not isinstance(place, str):
+            raise ValueError(
+                f"{name}=Roller(): a direction is needed, only boundaries have normals"
+            )
+        if direction is not None and len(direction) != N:
+            raise ValueError(f"{name}: direction={direction!r}: {N} numbers are needed")
+        return [given.value]
+    if not isinstance(given, Components) or len(given) != N:
+        raise ValueError(f"{name}={given!r}: {N} components are needed, None for a free one")
+    values = [component for component in given if component is not None]
+    if place in problem.loads and len(values) == N:
+        raise ValueError(
+            f"traction and prescribed overlap in {place}: all components are held there, a "
+            "load would do nothing"
+        )
+    return values
+
+
+def check_contact(problem: Given) -> None:
+    """Pairs of two different boundaries; a finite gap on rigid obstacles, and none without one."""
+    mesh, names, given = problem.mesh, problem.contact_names, problem.gap
     for pair in problem.contact_pairs:
         one, two = (boundary_names("contact", n, mesh) for n in (pair.first, pair.second))
-        if set(one) & set(two) or (set(one) | set(two)) & rigid:
+        if {*one} & {*two} or {*one, *two} & {*names}:
             raise ValueError(
                 f"contact={pair!r}: two different boundaries are needed, and no obstacle on them"
             )
@@ -147,17 +210,10 @@ def check_pairs(problem: Given) -> None:
             raise ValueError(
                 f"contact={pair!r}: the bodies share nodes; mesh them apart (without Glue)"
             )
-
-
-def check_gap(problem: Given) -> None:
-    """A finite gap on the contact boundary, and none without one."""
-    names, given = problem.contact_names, problem.gap
-    if not names:
-        if given is not None:
-            raise ValueError(f"gap={given!r}: name the contact boundary too, or leave gap out")
-        return
-    if given is None:
+    if names and given is None:
         raise ValueError(f"contact={problem.contact!r} needs a gap: a number or coefficient")
+    if given is not None and not names:
+        raise ValueError(f"gap={given!r}: name the contact boundary too, or leave gap out")
     several = isinstance(given, Mapping)
     if several and set(given) != set(names):
         raise ValueError(
@@ -165,28 +221,27 @@ def check_gap(problem: Given) -> None:
         )
     for name in names:
         argument, gap = (f"gap[{name!r}]", given[name]) if several else ("gap", given)
-        require_field(argument, gap, problem.mesh, [name], corners=True)
+        require_field(argument, gap, mesh, [name], corners=True)
 
 
 def check_friction(problem: Given) -> None:
     """A finite friction law >= 0, none without contact; no u_0 without friction."""
-    if problem.friction is None:
-        if problem.initial_displacement is not None:
+    friction, u_0 = problem.friction, problem.initial_displacement
+    if friction is None:
+        if u_0 is not None:
             raise ValueError(
                 "initial_displacement matters for friction alone: give friction too, or leave "
                 "initial_displacement out"
             )
         return
     if problem.contact is None:
-        raise ValueError(
-            f"friction={problem.friction!r}: name the contact boundary too, or leave friction out"
-        )
-    name, value = "friction", problem.friction
+        raise ValueError(f"friction={friction!r}: name the contact boundary too, or leave it out")
+    name, value = "friction", friction
     if isinstance(value, Coulomb):
         name, value = "friction.coefficient", value.coefficient
     require_field(name, value, problem.mesh, problem.touching_names, least=0)
-    if problem.initial_displacement is not None:
-        u_0 = require_components("initial_displacement", problem.initial_displacement, problem.N)
+    if u_0 is not None:
+        u_0 = require_components("initial_displacement", u_0, problem.N)
         require_finite("initial_displacement", u_0, problem.mesh, problem.touching_names)
 
 

@@ -17,6 +17,11 @@ from ngepc.model.processes import Team, processes_of
 Vector = CoefficientFunction | Sequence[Coefficient]
 """A vector-valued CoefficientFunction, or a sequence of N numbers and scalar coefficients."""
 
+Components = tuple | list | np.ndarray
+
+ACTING = ("traction", "pressure", "prescribed", "springs")
+"""Arguments that give a value to each place."""
+
 
 @dataclass(frozen=True, eq=False)
 class Given:
@@ -62,18 +67,21 @@ class Given:
         return () if self.clamped is None else boundary_names("clamped", self.clamped, self.mesh)
 
     @property
-    def contact_names(self) -> tuple[str, ...]:
-        """Names of Gamma_c, where rigid obstacles are; empty without."""
-        pairs = self.contact_pairs
-        names = [part for part in self._contact_parts if not isinstance(part, Contact)]
-        if self.contact is None or (pairs and not names):
-            return ()
-        return boundary_names("contact", names if pairs else self.contact, self.mesh)
-
-    @property
     def contact_pairs(self) -> tuple[Contact, ...]:
         """The pairs of boundaries of two bodies that touch or are tied."""
-        return tuple(part for part in self._contact_parts if isinstance(part, Contact))
+        several = isinstance(self.contact, Sequence) and not isinstance(self.contact, str | bytes)
+        parts = self.contact if several else (self.contact,)
+        return tuple(part for part in parts if isinstance(part, Contact))
+
+    @property
+    def contact_names(self) -> tuple[str, ...]:
+        """Names of Gamma_c, where rigid obstacles are; empty without."""
+        names, pairs = self.contact, self.contact_pairs
+        if pairs:
+            names = [] if isinstance(names, Contact) else [n for n in names if n not in pairs]
+        if names is None or (pairs and not names):
+            return ()
+        return boundary_names("contact", names, self.mesh)
 
     @property
     def touching_names(self) -> tuple[str, ...]:
@@ -81,12 +89,15 @@ class Given:
         firsts = [boundary_names("contact", p.first, self.mesh) for p in self.contact_pairs]
         return tuple(dict.fromkeys(sum(firsts, self.contact_names)))
 
+    def single(self, argument: str) -> dict:
+        """A mapping by place with one entry for each boundary of a key 'a|b'."""
+        given = getattr(self, argument) or {}
+        return {p: v for key, v in given.items() for p in places(argument, key, self.mesh)}
+
     @property
-    def _contact_parts(self) -> tuple:
-        if self.contact is None:
-            return ()
-        several = isinstance(self.contact, Sequence) and not isinstance(self.contact, str | bytes)
-        return tuple(self.contact) if several else (self.contact,)
+    def acting(self) -> list[tuple[str, Place, object]]:
+        """(argument, single place, value) of all loads, given displacements and springs."""
+        return [(name, *item) for name in ACTING for item in self.single(name).items()]
 
     @property
     def loads(self) -> dict[Place, CoefficientFunction]:
@@ -116,17 +127,11 @@ class Given:
     @property
     def spring_constants(self) -> dict[Place, list[tuple]]:
         """Single place -> (direction, stiffness along it), None for the normal."""
-        given, several = self.single("springs"), tuple | list | np.ndarray
-        axes = np.eye(self.N).tolist()
+        axes, given = np.eye(self.N).tolist(), self.single("springs")
         return {
-            place: list(zip(axes, k, strict=True)) if isinstance(k, several) else [(None, k)]
+            place: list(zip(axes, k, strict=True)) if isinstance(k, Components) else [(None, k)]
             for place, k in given.items()
         }
-
-    def single(self, argument: str) -> dict:
-        """A mapping by place with one entry for each boundary of a key 'a|b'."""
-        given = getattr(self, argument) or {}
-        return {p: v for key, v in given.items() for p in places(argument, key, self.mesh)}
 
     @property
     def gaps(self) -> dict[str, CoefficientFunction]:
@@ -142,13 +147,12 @@ class Given:
     @property
     def f(self) -> CoefficientFunction | None:
         """Body force as a vector-valued coefficient, or None."""
-        return None if self.body_force is None else as_vector(self.body_force)
+        return as_vector(self.body_force)
 
     @property
     def u_0(self) -> CoefficientFunction | None:
         """Displacement at the begin of the step as a vector-valued coefficient, or None."""
-        u_0 = self.initial_displacement
-        return None if u_0 is None else as_vector(u_0)
+        return as_vector(self.initial_displacement)
 
     @property
     def p_0(self) -> CoefficientFunction:
@@ -159,22 +163,23 @@ class Given:
     @property
     def eps_0(self) -> CoefficientFunction:
         """Initial strain, a tensor."""
-        given, size = self.initial_strain, self.kinematics.size
+        given = self.initial_strain
         if given is None:
             return self.kinematics.zero()
-        return given if len(getattr(given, "dims", ())) == 2 else as_scalar(given) * Id(size)
+        tensor = len(getattr(given, "dims", ())) == 2
+        return given if tensor else as_scalar(given) * Id(self.kinematics.size)
 
     @property
     def alpha_0(self) -> tuple[CoefficientFunction, CoefficientFunction]:
         """Initial hardening (alpha_1, dev alpha_2): a scalar and a tensor."""
         scalar, back_stress = split_hardening(self.initial_hardening)
         back_stress = self.kinematics.zero() if back_stress is None else back_stress
-        return as_scalar(0.0 if scalar is None else scalar), self.kinematics.deviator(back_stress)
+        return as_scalar(scalar or 0.0), self.kinematics.deviator(back_stress)
 
     @property
     def accumulated_0(self) -> CoefficientFunction:
         """PEEQ at the begin of the step, scalar."""
-        return as_scalar(0.0 if self.initial_accumulated is None else self.initial_accumulated)
+        return as_scalar(self.initial_accumulated or 0.0)
 
     @property
     def effective_hardening(self) -> CoefficientFunction:
@@ -185,8 +190,7 @@ class Given:
     def beta(self) -> Coefficient:
         """The yield bound, a number whenever the data are numbers."""
         scalar, _ = split_hardening(self.initial_hardening)
-        given = scalar, self.initial_accumulated
-        return self.material.yield_bound(*(0.0 if value is None else value for value in given))
+        return self.material.yield_bound(scalar or 0.0, self.initial_accumulated or 0.0)
 
 
 def as_scalar(value: Coefficient) -> CoefficientFunction:
@@ -194,6 +198,7 @@ def as_scalar(value: Coefficient) -> CoefficientFunction:
     return CF(float(value)) if is_number(value) else value
 
 
-def as_vector(value: Vector) -> CoefficientFunction:
-    """A vector coefficient from itself or from a sequence of its components."""
-    return value if isinstance(value, CoefficientFunction) else CF(tuple(map(as_scalar, value)))
+def as_vector(value: Vector | None) -> CoefficientFunction | None:
+    """A vector coefficient from itself or a sequence of its components; None for None."""
+    whole = value is None or isinstance(value, CoefficientFunction)
+    return value if whole else CF(tuple(map(as_scalar, value)))

@@ -20,7 +20,7 @@ from ngepc.checks.kinds import require_mesh
 from ngepc.geometries.outlines import netgen_mesh
 from ngepc.model.elements import combine, element_facets, element_nodes, vertex_coordinates
 from ngepc.model.processes import Team
-from ngepc.model.rigid import check_conforming, connected
+from ngepc.model.support import check_conforming, connected
 
 try:
     from mpi4py import MPI

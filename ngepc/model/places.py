@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from ngsolve import Mesh
 
-from ngepc.checks.arguments import (
-    Coefficient,
-    boundary_names,
-    is_number,
-    require_coefficient,
-    require_field,
-    require_in,
-    require_vector,
-    sample,
-)
-from ngepc.checks.declared import Datum, Declared, Text
-from ngepc.model.elements import corner_vertices, vertex_coordinates, vertices_of
+from ngepc.checks.arguments import Coefficient, boundary_names, is_number, require_vector, sample
+from ngepc.checks.declared import Along, Datum, Declared, Text
+from ngepc.model.elements import corner_vertices, vertex_coordinates
 
 AT = 1e-6
 """Part of the extent of the body by which a vertex may miss the coordinates of a point."""
@@ -48,23 +38,7 @@ class Point:
 
     def __post_init__(self) -> None:
         if not isinstance(self.where, str):
-            object.__setattr__(self, "where", require_vector("where", self.where, (2, 3)))
-
-    def vertices(self, mesh: Mesh) -> np.ndarray:
-        """The vertex with these coordinates, or all of this name; a ValueError if there is none."""
-        if isinstance(self.where, str):
-            return _named(self, self.where, "BBBoundaries"[3 - mesh.dim :], mesh)
-        if len(self.where) != mesh.dim:
-            raise ValueError(f"{self!r}: {mesh.dim} coordinates are needed on this mesh")
-        x = vertex_coordinates(mesh)
-        away = np.linalg.norm(x - np.array(self.where), axis=1)
-        nearest = int(away.argmin())
-        if away[nearest] > AT * np.ptp(x, axis=0).max():
-            raise ValueError(
-                f"{self!r}: a vertex of the mesh is needed there, the nearest one is at "
-                f"{tuple(x[nearest].round(6).tolist())}"
-            )
-        return np.array([nearest])
+            vars(self)["where"] = require_vector("where", self.where, (2, 3))
 
 
 @dataclass(frozen=True)
@@ -83,12 +57,6 @@ class Edge(Declared):
     """
 
     name: Text
-
-    def vertices(self, mesh: Mesh) -> np.ndarray:
-        """The vertices on these edges; a ValueError if the mesh is plane or has none."""
-        if mesh.dim != 3:
-            raise ValueError(f"{self!r}: edges are needed, which are boundaries by name in 2D")
-        return _named(self, self.name, "BBoundaries", mesh)
 
 
 Place = str | Point | Edge
@@ -112,16 +80,8 @@ class Roller(Declared):
         If an argument is not legal.
     """
 
-    direction: Sequence[float] | None = None
+    direction: Along | None = None
     value: Datum = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.direction is not None:
-            given = require_vector("direction", self.direction, (2, 3))
-            if not any(given):
-                raise ValueError(f"direction={self.direction!r}: a vector other than 0 is needed")
-            object.__setattr__(self, "direction", given)
 
 
 def places(argument: str, key: object, mesh: Mesh) -> tuple[Place, ...]:
@@ -129,17 +89,46 @@ def places(argument: str, key: object, mesh: Mesh) -> tuple[Place, ...]:
     if not isinstance(key, Point | Edge):
         return boundary_names(argument, key, mesh)
     try:
-        key.vertices(mesh)
+        vertices_at(key, mesh)
     except ValueError as error:
         raise ValueError(f"{argument}: {error}") from None
     return (key,)
 
 
 def vertices_at(place: Place, mesh: Mesh) -> np.ndarray:
-    """Sorted numbers of the vertices of a place."""
+    """Sorted numbers of the vertices of a place; a ValueError if the mesh has no such place."""
     if isinstance(place, str):
-        return np.array(sorted(vertices_of(mesh, (place,))), dtype=int)
-    return place.vertices(mesh)
+        return np.unique(corner_vertices(mesh, [place]))
+    edges = isinstance(place, Edge)
+    if edges and mesh.dim != 3:
+        raise ValueError(f"{place!r}: edges are needed, which are boundaries by name in 2D")
+    where, kind = (place.name, "edge") if edges else (place.where, "point")
+    if not isinstance(where, str):
+        return _nearest(place, mesh)
+    regions = "BBoundaries" if edges else "BBBoundaries"[3 - mesh.dim :]
+    known = getattr(mesh, f"Get{regions}")()
+    if where not in known:
+        raise ValueError(
+            f"{place!r}: there is no such {kind}; this mesh has "
+            f"{', '.join(map(repr, sorted(set(known)))) or 'none'}"
+        )
+    elements = getattr(mesh, regions)(where).Elements()
+    return np.unique([vertex.nr for element in elements for vertex in element.vertices])
+
+
+def _nearest(point: Point, mesh: Mesh) -> np.ndarray:
+    """The vertex with the coordinates of a point; a ValueError if there is none."""
+    if len(point.where) != mesh.dim:
+        raise ValueError(f"{point!r}: {mesh.dim} coordinates are needed on this mesh")
+    x = vertex_coordinates(mesh)
+    away = np.linalg.norm(x - np.array(point.where), axis=1)
+    nearest = int(away.argmin())
+    if away[nearest] > AT * np.ptp(x, axis=0).max():
+        raise ValueError(
+            f"{point!r}: a vertex of the mesh is needed there, the nearest one is at "
+            f"{tuple(x[nearest].round(6).tolist())}"
+        )
+    return np.array([nearest])
 
 
 def values_at(value: Coefficient, mesh: Mesh, place: Place) -> tuple[np.ndarray, np.ndarray]:
@@ -152,35 +141,6 @@ def values_at(value: Coefficient, mesh: Mesh, place: Place) -> tuple[np.ndarray,
         return vertices, np.full((len(vertices), 1), float(value))
     if isinstance(place, str):
         return corner_vertices(mesh, [place]), sample(value, mesh, [place], corners=True)
-    vertices = place.vertices(mesh)
+    vertices = vertices_at(place, mesh)
     found = value(mesh(*vertex_coordinates(mesh)[vertices].T))
     return vertices, np.asarray(found, dtype=float).reshape(len(vertices), -1)
-
-
-def require_at(
-    argument: str,
-    value: Coefficient,
-    mesh: Mesh,
-    place: Place,
-    *,
-    shapes: Sequence[tuple[int, ...]] = ((),),
-    least: float = -math.inf,
-) -> None:
-    """Refuse values that are not finite, or < ``least``, at the vertices of a place, or on it."""
-    if isinstance(place, str):
-        require_field(argument, value, mesh, [place], shapes=shapes, corners=True, least=least)
-    else:
-        require_coefficient(argument, value, shapes)
-        require_in(argument, values_at(value, mesh, place)[1], repr(place), least)
-
-
-def _named(place: Point | Edge, name: str, kind: str, mesh: Mesh) -> np.ndarray:
-    """The vertices of what has this name among the ``BBoundaries`` or ``BBBoundaries``."""
-    known = getattr(mesh, f"Get{kind}")()
-    if name not in known:
-        raise ValueError(
-            f"{place!r}: there is no such {type(place).__name__.lower()}; this mesh has "
-            f"{', '.join(map(repr, sorted(set(known)))) or 'none'}"
-        )
-    elements = getattr(mesh, kind)(name).Elements()
-    return np.unique([vertex.nr for element in elements for vertex in element.vertices])

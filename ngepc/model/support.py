@@ -1,22 +1,31 @@
-"""What holds a body: boundary values that agree, a contact normal that is free, no rigid motion."""
+"""What holds a body: boundary values that agree, a contact normal that is free, no rigid motion.
+
+On a conforming P1 mesh eps(u) = 0 leaves rigid motions of each part of the mesh whose elements hang
+together by facets.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
+from ngsolve import Mesh
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from ngepc.checks.arguments import boundary_names
 from ngepc.model.elements import (
     element_facets,
+    element_vertices,
     facets_of,
     outward_normal,
     vertex_coordinates,
     vertices_of,
 )
 from ngepc.model.given import Given
-from ngepc.model.places import values_at
-from ngepc.model.rigid import check_conforming, directed, free_motions, part_vertices
+from ngepc.model.places import Place, values_at, vertices_at
+from ngepc.model.processes import processes_of
 
 FREE_NORMAL = 0.1
 """Least length of the free part of the unit normal where a held boundary meets contact."""
@@ -26,119 +35,17 @@ HELD_NORMAL = 1e-8
 
 
 def check_support(problem: Given) -> None:
-    """A conforming mesh, boundary values that agree, a free normal on contact, no rigid motion."""
-    held, pairs = problem.processes.together(partial(_held, problem))
-    check_rigid_motions(problem, held, pairs)
-
-
-def _held(problem: Given) -> tuple[np.ndarray, np.ndarray]:
-    """The held components and the parts of this process."""
-    keys, owners = element_facets(problem.mesh)
-    a, b = check_conforming(keys, owners)
-    check_outer(problem, keys)
-    held = held_values(problem)
-    check_free_normal(problem, held)
-    return ~np.isnan(held), part_vertices(problem.mesh, a, b)
-
-
-def check_outer(problem: Given, keys: np.ndarray) -> None:
-    """Contact takes place on the outer boundary, not on an interface inside the body."""
-    mesh = problem.mesh
-    for name in problem.contact_names:
-        wanted = facets_of(mesh, name)
-        if not np.isin(wanted, keys).all():
-            raise ValueError(f"contact={name!r} is not a boundary of elements of the mesh")
-        inside = np.isin(keys, wanted).sum() > len(np.unique(wanted))
-        if inside or name in getattr(mesh, "interfaces", ()):
-            raise ValueError(
-                f"contact={name!r} lies inside the body: a part of its outer boundary is needed"
-            )
-
-
-def held_values(problem: Given) -> np.ndarray:
-    """The given displacements at the vertices, shape (vertices, N), NaN where free."""
-    mesh, N = problem.mesh, problem.N
-    given = [("clamped", name, i, 0.0) for name in problem.clamped_names for i in range(N)]
-    given += [
-        (f"prescribed[{place!r}]", place, i, value)
-        for place, components in problem.held_components.items()
-        for i, value in enumerate(components)
-        if value is not None
-    ]
-    held = np.full((mesh.nv, N), np.nan)
-    owner = np.full((mesh.nv, N), "", dtype=object)
-    for argument, place, i, value in given:
-        vertices, values = values_at(value, mesh, place)
-        values = values[:, 0]
-        old = held[vertices, i]
-        scale = max(np.abs(values).max(initial=0.0), np.nanmax(np.abs(old), initial=0.0))
-        clash = np.abs(values - old) > 1e-8 * scale  # False where old is NaN
-        if clash.any():
-            k = int(np.flatnonzero(clash)[0])
-            raise ValueError(
-                f"{argument} gives u_{'xyz'[i]} = {values[k]:g} at a vertex where "
-                f"{owner[vertices[k], i]} gives {old[k]:g}: the values must agree"
-            )
-        held[vertices, i], owner[vertices, i] = values, argument
-    return held
-
-
-def check_free_normal(problem: Given, held: np.ndarray) -> None:
-    """Where a support meets contact, the normal displacement is free, or all held and in the gap.
-
-    ``held`` has the values of ``held_values``.
-    """
-    mesh = problem.mesh
-    rollers = {p: directed(mesh, p, r.direction) for p, r in problem.rollers.items()}
-    for name in problem.contact_names:
-        vertices, normal = values_at(outward_normal(mesh), mesh, name)
-        _check_normals(problem, name, vertices, normal, held[vertices])
-        for place, (nodes, directions) in rollers.items():
-            for i in np.flatnonzero(np.isin(vertices, nodes)):
-                here = directions[nodes == vertices[i]]
-                if (np.abs(here @ normal[i]) > np.sqrt(1 - FREE_NORMAL**2)).any():
-                    raise ValueError(
-                        f"prescribed[{place!r}] holds the normal displacement of contact={name!r}: "
-                        "where they meet, the normal component must be free"
-                    )
-
-
-def _check_normals(
-    problem: Given, name: str, vertices: np.ndarray, normal: np.ndarray, held: np.ndarray
-) -> None:
-    """At the vertices of a contact boundary a free part of the normal, or none in the gap."""
-    fixed, u = ~np.isnan(held), np.nan_to_num(held)
-    gap = values_at(problem.gaps[name], problem.mesh, name)[1][:, 0]
-    free = np.linalg.norm(np.where(fixed, 0.0, normal), axis=1)
-    size = max(np.abs(a[fixed.any(axis=1)]).max(initial=0.0) for a in (u, gap))
-    partly = (free > HELD_NORMAL) & (free < FREE_NORMAL)
-    if (free < FREE_NORMAL).all():
-        partly[:] = True
-    pushed = (free <= HELD_NORMAL) & (np.einsum("ki,ki->k", u, normal) - gap > 1e-8 * size)
-    for bad, why in (
-        (partly, "where they meet, the normal component must be free (None)"),
-        (pushed, "the given displacement there must not exceed the gap, a larger gap is needed"),
-    ):
-        if bad.any():
-            k = int(np.flatnonzero(bad)[0])
-            where = vertex_coordinates(problem.mesh)[vertices[k]].round(6).tolist()
-            raise ValueError(
-                f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} hold the "
-                f"normal displacement of contact={name!r} at {where}, gap={gap[k]:g}: {why}"
-            )
-
-
-def check_rigid_motions(problem: Given, held: np.ndarray, pairs: np.ndarray) -> None:
-    """The held components rule out every rigid motion of every connected part.
+    """A conforming mesh, boundary values that agree, a free normal on contact, no rigid motion.
 
     A part that may touch another body can be held by contact alone: whether it is shows in the
-    solution.  ``pairs`` are those of ``part_vertices``.
+    solution.
     """
+    pairs = problem.processes.together(partial(_parts, problem))
     touching = set()
     for pair in problem.contact_pairs:
         for names in (pair.first, pair.second):
             touching |= vertices_of(problem.mesh, boundary_names("contact", names, problem.mesh))
-    for motions, vertices in free_motions(problem, held, pairs):
+    for motions, vertices in free_motions(problem, pairs):
         if touching.isdisjoint(vertices.tolist()):
             x, processes = vertex_coordinates(problem.mesh)[vertices], problem.processes
             centre = processes.total(x.sum(axis=0)) / processes.total(len(x))
@@ -150,10 +57,182 @@ def check_rigid_motions(problem: Given, held: np.ndarray, pairs: np.ndarray) -> 
             )
 
 
+def _parts(problem: Given) -> np.ndarray:
+    """``part_vertices`` of this process, after all checks that need no other one."""
+    keys, owners = element_facets(problem.mesh)
+    a, b = check_conforming(keys, owners)
+    for name in problem.contact_names:
+        wanted = facets_of(problem.mesh, name)
+        if not np.isin(wanted, keys).all():
+            raise ValueError(f"contact={name!r} is not a boundary of elements of the mesh")
+        inside = np.isin(keys, wanted).sum() > len(np.unique(wanted))
+        if inside or name in getattr(problem.mesh, "interfaces", ()):
+            raise ValueError(
+                f"contact={name!r} lies inside the body: a part of its outer boundary is needed"
+            )
+    check_free_normal(problem, held_values(problem))
+    return part_vertices(problem.mesh, a, b)
+
+
+def check_conforming(keys: np.ndarray, owners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The pairs of elements that share a facet; at most two do, and at most one facet."""
+    order = np.argsort(keys, kind="stable")
+    keys, owners = keys[order], owners[order]
+    same = keys[1:] == keys[:-1]
+    if (same[1:] & same[:-1]).any():
+        raise ValueError("mesh has elements that overlap: a facet belongs to more than two")
+    a, b = owners[:-1][same], owners[1:][same]
+    if len(np.unique(np.sort(a * (owners.max() + 1) + b))) < len(a):
+        raise ValueError("mesh has elements that overlap: two of them share several facets")
+    return a, b
+
+
+def held_values(problem: Given) -> np.ndarray:
+    """The given displacements at the vertices, shape (vertices, N), NaN where free."""
+    mesh, N = problem.mesh, problem.N
+    given = [("clamped", name, (0.0,) * N) for name in problem.clamped_names]
+    given += [(f"prescribed[{p!r}]", p, each) for p, each in problem.held_components.items()]
+    held, owner = np.full((mesh.nv, N), np.nan), np.full((mesh.nv, N), "", dtype=object)
+    for argument, place, components in given:
+        for i, value in enumerate(components):
+            if value is None:
+                continue
+            vertices, values = values_at(value, mesh, place)
+            values, old = values[:, 0], held[vertices, i]
+            scale = max(np.abs(values).max(initial=0.0), np.nanmax(np.abs(old), initial=0.0))
+            clash = np.flatnonzero(np.abs(values - old) > 1e-8 * scale)  # none where old is NaN
+            if len(clash):
+                k = clash[0]
+                raise ValueError(
+                    f"{argument} gives u_{'xyz'[i]} = {values[k]:g} at a vertex where "
+                    f"{owner[vertices[k], i]} gives {old[k]:g}: the values must agree"
+                )
+            held[vertices, i], owner[vertices, i] = values, argument
+    return held
+
+
+def check_free_normal(problem: Given, held: np.ndarray) -> None:
+    """Where a support meets contact, the normal displacement is free, or all held and in the gap.
+
+    ``held`` has the values of ``held_values``.
+    """
+    mesh = problem.mesh
+    rollers = {p: directed(mesh, p, r.direction) for p, r in problem.rollers.items()}
+    for name in problem.contact_names:
+        vertices, normal = values_at(problem.normal, mesh, name)
+        gap = values_at(problem.gaps[name], mesh, name)[1][:, 0]
+        fixed, u = ~np.isnan(held[vertices]), np.nan_to_num(held[vertices])
+        free = np.linalg.norm(np.where(fixed, 0.0, normal), axis=1)
+        size = max(np.abs(a[fixed.any(axis=1)]).max(initial=0.0) for a in (u, gap))
+        partly = (free > HELD_NORMAL) & (free < FREE_NORMAL) | (free < FREE_NORMAL).all()
+        beyond = np.einsum("ki,ki->k", u, normal) - gap > 1e-8 * size
+        for bad, why in (
+            (partly, "where they meet, the normal component must be free (None)"),
+            (
+                (free <= HELD_NORMAL) & beyond,
+                "the given displacement there must not exceed the gap, a larger gap is needed",
+            ),
+        ):
+            if bad.any():
+                k = int(bad.argmax())
+                where = vertex_coordinates(mesh)[vertices[k]].round(6).tolist()
+                raise ValueError(
+                    f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} hold the "
+                    f"normal displacement of contact={name!r} at {where}, gap={gap[k]:g}: {why}"
+                )
+        for place, (nodes, directions) in rollers.items():
+            both = np.isin(vertices, nodes)
+            for node, n in zip(vertices[both], normal[both], strict=True):
+                if (np.abs(directions[nodes == node] @ n) > np.sqrt(1 - FREE_NORMAL**2)).any():
+                    raise ValueError(
+                        f"prescribed[{place!r}] holds the normal displacement of contact={name!r}: "
+                        "where they meet, the normal component must be free"
+                    )
+
+
+def directed(
+    mesh: Mesh, place: Place, direction: Sequence[float] | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices of a place, with one unit vector or the normals of the boundary elements there."""
+    if direction is None:
+        return values_at(outward_normal(mesh), mesh, place)
+    vertices = vertices_at(place, mesh)
+    return vertices, np.tile(np.array(direction) / np.linalg.norm(direction), (len(vertices), 1))
+
+
+def constraints(problem: Given) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices that supports and springs hold, (k,), and along which unit vectors, (k, N)."""
+    mesh, axes = problem.mesh, np.eye(problem.N)
+    along = [(name, d) for name in problem.clamped_names for d in axes]
+    for place, components in problem.held_components.items():
+        along += [(place, d) for d, c in zip(axes, components, strict=True) if c is not None]
+    along += [(place, roller.direction) for place, roller in problem.rollers.items()]
+    for place, springs in problem.spring_constants.items():
+        stiff = (values_at(k, mesh, place)[1].max(initial=0.0) > 0 for _, k in springs)
+        along += [(place, d) for (d, _), held in zip(springs, stiff, strict=True) if held]
+    found = [directed(mesh, *one) for one in along]
+    if problem.kinematics.hoop:  # u_r / r is a strain: only the motion along the axis is free
+        found.append((np.arange(mesh.nv), np.tile(axes[0], (mesh.nv, 1))))
+    vertices = [np.zeros(0, dtype=int), *(vertices for vertices, _ in found)]
+    return np.concatenate(vertices), np.vstack([np.zeros((0, problem.N)), *(d for _, d in found)])
+
+
+def free_motions(problem: Given, pairs: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Free rigid motions of each part that has any, (vertices of the mesh, N, k), and its vertices.
+
+    ``pairs`` are those of ``part_vertices``.  Each part is looked at alone, also one that shares a
+    vertex or an edge with others.
+    """
+    x, processes = vertex_coordinates(problem.mesh), problem.processes
+    vertices, directions = constraints(problem)
+    scaled = x / processes.most(np.ptp(x[pairs[:, 1]], axis=0))
+    rows = np.einsum("nj,njk->nk", directions, rigid_motions(scaled[vertices]))
+    for part in range(pairs[-1, 0] + 1):
+        own = pairs[pairs[:, 0] == part, 1]
+        columns, here = rows.shape[1], processes.all(rows[np.isin(vertices, own)])
+        R = np.linalg.qr(np.vstack([*here, np.zeros((columns, columns))]), mode="r")
+        _, size, motion = np.linalg.svd(R)
+        free = motion[size <= 1e-8]
+        if len(free):
+            motions = np.zeros((*x.shape, len(free)))
+            motions[own] = rigid_motions(scaled[own]) @ free.T
+            yield motions, own
+
+
+def rigid_motions(x: np.ndarray) -> np.ndarray:
+    """All rigid motions at points (n, N): (n, N, N(N+1)/2), translations first."""
+    n, N = x.shape
+    planes = [(a, b) for a in range(N) for b in range(a + 1, N)]
+    motions = np.zeros((n, N, N + len(planes)))
+    motions[:, :, :N] = np.eye(N)
+    for k, (a, b) in enumerate(planes, start=N):
+        motions[:, a, k], motions[:, b, k] = x[:, b], -x[:, a]
+    return motions
+
+
+def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Sorted pairs (part, vertex): the vertices of each part that hangs together by facets.
+
+    ``a`` and ``b`` are the pairs of elements that share a facet, as ``element_facets`` counts.
+    """
+    if processes_of(mesh).size > 1:  # one part: distribute() sees to that
+        return np.column_stack([np.zeros(mesh.nv, dtype=int), np.arange(mesh.nv)])
+    elements, count = element_vertices(mesh), mesh.nv
+    _, part = np.unique(connected(sum(map(len, elements)), a, b), return_inverse=True)
+    corners = np.repeat(part, np.concatenate([[v.shape[1]] * len(v) for v in elements]))
+    pairs = corners * count + np.concatenate([vertices.ravel() for vertices in elements])
+    return np.column_stack(np.divmod(np.unique(pairs), count))
+
+
+def connected(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """For each of ``count`` items the number of the group that the pairs (a, b) connect it to."""
+    pairs = coo_matrix((np.ones(len(a)), (a, b)), shape=(count, count))
+    return connected_components(pairs, directed=False)[1]
+
+
 def floating_motions(problem: Given) -> list[tuple[np.ndarray, np.ndarray]]:
     """``free_motions`` of the parts that contact with others has to hold; mostly none."""
     if not problem.contact_pairs:
         return []
-    a, b = check_conforming(*element_facets(problem.mesh))
-    held = ~np.isnan(held_values(problem))
-    return list(free_motions(problem, held, part_vertices(problem.mesh, a, b)))
+    pairs = check_conforming(*element_facets(problem.mesh))
+    return list(free_motions(problem, part_vertices(problem.mesh, *pairs)))

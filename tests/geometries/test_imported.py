@@ -9,7 +9,7 @@ from ngsolve.meshes import MakeStructured3DMesh
 from ngepc import Problem, semismooth_newton
 from ngepc.geometries import block, imported
 from ngepc.model.elements import element_facets, element_vertices
-from ngepc.model.rigid import check_conforming
+from ngepc.model.support import check_conforming
 
 NAMES = {(1, 2): "line", (2, 3): "triangle", (2, 4): "quad", (3, 4): "tetra", (3, 6): "wedge"}
 NAMES |= {(3, 8): "hexahedron"}
