@@ -82,11 +82,11 @@ def require_vector(name: str, value: object, lengths: Iterable[int]) -> tuple[fl
 
 
 def require_direction(name: str, value: object, lengths: Iterable[int]) -> tuple[float, ...]:
-    """``require_vector`` of any length but zero."""
-    vector = require_vector(name, value, lengths)
-    if not any(vector):
+    """``value``, a vector other than zero, as one of length 1."""
+    vector = np.array(require_vector(name, value, lengths))
+    if not vector.any():
         raise ValueError(f"{name}={value!r}: a vector other than zero is needed")
-    return vector
+    return tuple((vector / np.linalg.norm(vector)).tolist())
 
 
 def require_coefficient(name: str, value: object, shapes: Shapes = SCALAR) -> None:

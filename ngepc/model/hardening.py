@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -51,16 +51,15 @@ class HardeningLaw(Declared, ABC):
     @property
     def data(self) -> list[Coefficient]:
         """All numbers and coefficients of the law."""
-        given = (getattr(self, field.name) for field in fields(self))
-        return [v for value in given for v in (value if isinstance(value, tuple) else (value,))]
+        several = (v if isinstance(v, tuple) else (v,) for v in vars(self).values())
+        return [one for values in several for one in values]
 
     def at(self, values: Callable[[Coefficient], np.ndarray]) -> HardeningLaw:
         """The law with the values of its data at some points."""
         other = copy(self)
-        for field in fields(self):
-            given = getattr(self, field.name)
-            found = tuple(map(values, given)) if isinstance(given, tuple) else values(given)
-            object.__setattr__(other, field.name, found)
+        for name, given in vars(self).items():
+            several = isinstance(given, tuple)
+            vars(other)[name] = tuple(map(values, given)) if several else values(given)
         return other
 
 
@@ -153,21 +152,20 @@ class Tabulated(HardeningLaw):
         if len(there) != len(x):
             raise ValueError(f"stress_there={there!r}: {len(x)} values are needed, one for each x")
         R = tuple(require_datum("stress_there", value, 0, strict=True) for value in there)
-        object.__setattr__(self, "plastic_strain", x)
-        object.__setattr__(self, "stress_there", R)
+        vars(self).update(plastic_strain=x, stress_there=R)
 
     def energy(self, x: Value) -> Value:
         """See ``HardeningLaw``."""
-        bends = (c / 2 * _positive(x - k) ** 2 for k, c in self._bends)
+        bends = (c / 2 * _from_zero(x - k, x - k) ** 2 for k, c in self._bends)
         return self.stress_there[0] * x + sum(bends)
 
     def stress(self, x: Value) -> Value:
         """See ``HardeningLaw``."""
-        return self.stress_there[0] + sum(c * _positive(x - k) for k, c in self._bends)
+        return self.stress_there[0] + sum(c * _from_zero(x - k, x - k) for k, c in self._bends)
 
     def slope(self, x: Value) -> Value:
         """See ``HardeningLaw``."""
-        return 0.0 * x + sum(c * _reached(x - k) for k, c in self._bends)
+        return 0.0 * x + sum(_from_zero(x - k, c) for k, c in self._bends)
 
     @property
     def _bends(self) -> list[tuple]:
@@ -199,11 +197,7 @@ def _exp(x: Value) -> Value:
     return exp(x) if isinstance(x, CoefficientFunction) else np.exp(x)
 
 
-def _positive(x: Value) -> Value:
-    """max(x, 0)."""
-    return IfPos(x, x, 0.0) if isinstance(x, CoefficientFunction) else np.maximum(x, 0.0)
-
-
-def _reached(x: Value) -> Value:
-    """1 where x >= 0, 0 elsewhere."""
-    return 1 - IfPos(-x, 1.0, 0.0) if isinstance(x, CoefficientFunction) else 1.0 * (x >= 0)
+def _from_zero(x: Value, value: Value) -> Value:
+    """``value`` where x >= 0, 0 elsewhere."""
+    of_space = isinstance(x, CoefficientFunction)
+    return IfPos(-x, 0.0, value) if of_space else np.where(x >= 0, value, 0.0)

@@ -83,23 +83,19 @@ class Kinematics:
         e = Sym(Grad(u))
         if self.size == self.N:
             return e
-        hoop = self._hoop(u, e) if self.hoop else CF(0.0)
-        zero = CF(0.0)
+        hoop = zero = CF(0.0)
+        if self.hoop and isinstance(u, GridFunction):  # drawn on the axis too: the radial strain
+            off = x * x - 1e-24
+            hoop = IfPos(off, u[0] / IfPos(off, x, 1.0), e[0, 0])
+        elif self.hoop:
+            hoop = u[0] / x
         return CF((e[0, 0], e[0, 1], zero, e[1, 0], e[1, 1], zero, zero, zero, hoop), dims=(3, 3))
-
-    def _hoop(self, u: CoefficientFunction, e: CoefficientFunction) -> CoefficientFunction:
-        """u_r / r; fields are drawn on the axis too, where that tends to the radial strain."""
-        if not isinstance(u, GridFunction):
-            return u[0] / x
-        off = x * x - 1e-24
-        return IfPos(off, u[0] / IfPos(off, x, 1.0), e[0, 0])
 
     def coordinates(self, A: CoefficientFunction) -> CoefficientFunction:
         """The d coordinates of dev A, for a symmetric tensor ``A``."""
         dims = (self.size, self.size)
-        return CF(
-            tuple(InnerProduct(CF(tuple(E.ravel().tolist()), dims=dims), A) for E in self.basis)
-        )
+        basis = (CF(tuple(E.ravel().tolist()), dims=dims) for E in self.basis)
+        return CF(tuple(InnerProduct(E, A) for E in basis))
 
     def tensor(self, p: CoefficientFunction) -> CoefficientFunction:
         """The trace-free symmetric tensor P(p) with the d coordinates ``p``."""
@@ -131,9 +127,9 @@ def kinematics_of(name: Kinematics | str | None, dimension: int) -> Kinematics:
     """The kinematics with a name, or itself; None is plane strain in 2D and solid in 3D."""
     if name is None:
         return PLANE_STRAIN if dimension == 2 else SOLID
-    legal = [k.name for k in KINEMATICS.values() if dimension == k.N]
     if isinstance(name, Kinematics) and dimension == name.N:
         return name
+    legal = [k.name for k in KINEMATICS.values() if dimension == k.N]
     if not isinstance(name, Kinematics | str):
         raise TypeError(f"kinematics={name!r}: one of {legal} is needed")
     if name not in legal:

@@ -19,18 +19,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import Coefficient, require_number
-from ngepc.checks.declared import Datum, Declared, NotNegativeDatum, PositiveDatum
+from ngepc.checks.declared import Check, Datum, Declared, NotNegativeDatum, PositiveDatum
 from ngepc.checks.kinds import require_instance
 from ngepc.model.hardening import HardeningLaw
 
 PEEQ = math.sqrt(2 / 3)
 """|p|_F times it is the equivalent plastic strain of engineers: the axial one of a bar."""
 
-LAW = HardeningLaw, "a HardeningLaw such as Voce(...)"
+LAW = {"kind": HardeningLaw, "needed": "a HardeningLaw such as Voce(...)"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,55 +64,37 @@ class Material(Declared):
     hardening: NotNegativeDatum = 0.0
     hardening_modulus: NotNegativeDatum = 0.0
     hardening_stiffness: NotNegativeDatum = 0.0
-    law: HardeningLaw | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.law is not None:
-            require_instance("law", self.law, *LAW)
+    law: Annotated[HardeningLaw, Check(require_instance, **LAW)] | None = None
 
     @classmethod
     def kinematic(
-        cls,
-        *,
-        lame_lambda: Coefficient,
-        lame_mu: Coefficient,
-        yield_stress: Coefficient,
-        hardening: Coefficient,
+        cls, *, lame_lambda: Datum, lame_mu: Datum, yield_stress: Datum, hardening: Datum
     ) -> Material:
         """Linear kinematic hardening: back stress ``hardening`` times p, see (2.16)."""
-        return cls(
-            lame_lambda=lame_lambda, lame_mu=lame_mu, yield_stress=yield_stress, hardening=hardening
-        )
+        elastic = {"lame_lambda": lame_lambda, "lame_mu": lame_mu}
+        return cls(**elastic, yield_stress=yield_stress, hardening=hardening)
 
     @classmethod
     def isotropic(
         cls,
         *,
-        lame_lambda: Coefficient,
-        lame_mu: Coefficient,
-        yield_stress: Coefficient,
-        hardening_modulus: Coefficient,
-        hardening_stiffness: Coefficient,
+        lame_lambda: Datum,
+        lame_mu: Datum,
+        yield_stress: Datum,
+        hardening_modulus: Datum,
+        hardening_stiffness: Datum,
     ) -> Material:
         """Linear isotropic hardening with the paper's H and k_1, see (2.15)."""
-        elastic = {"lame_lambda": lame_lambda, "lame_mu": lame_mu}
+        elastic = {"lame_lambda": lame_lambda, "lame_mu": lame_mu, "yield_stress": yield_stress}
         H, k_1 = hardening_modulus, hardening_stiffness
-        return cls(
-            **elastic, yield_stress=yield_stress, hardening_modulus=H, hardening_stiffness=k_1
-        )
+        return cls(**elastic, hardening_modulus=H, hardening_stiffness=k_1)
 
     @classmethod
     def with_law(
-        cls,
-        *,
-        lame_lambda: Coefficient,
-        lame_mu: Coefficient,
-        law: HardeningLaw,
-        hardening: Coefficient = 0.0,
+        cls, *, lame_lambda: Datum, lame_mu: Datum, law: HardeningLaw, hardening: Datum = 0.0
     ) -> Material:
         """Isotropic hardening by the flow stress of a bar, and linear kinematic hardening."""
-        yield_stress = PEEQ * require_instance("law", law, *LAW).stress(0.0)
+        yield_stress = PEEQ * require_instance("law", law, **LAW).stress(0.0)
         elastic = {"lame_lambda": lame_lambda, "lame_mu": lame_mu}
         return cls(**elastic, yield_stress=yield_stress, hardening=hardening, law=law)
 

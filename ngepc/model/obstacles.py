@@ -30,11 +30,12 @@ from ngepc.checks.arguments import (
     Coefficient,
     require_coefficient,
     require_components,
+    require_direction,
     require_finite,
     require_number,
     require_vector,
 )
-from ngepc.checks.declared import Check, Declared, Positive, Vector
+from ngepc.checks.declared import Along, Check, Declared, Positive, Vector
 from ngepc.checks.kinds import require_instance
 from ngepc.model.elements import outward_normal, vertex_coordinates
 
@@ -88,14 +89,13 @@ class Obstacle(Declared):
             For a mesh of the wrong dimension or data out of their ranges.
         """
         require_instance("mesh", mesh, Mesh, "an ngsolve.Mesh")
-        N = mesh.dim
+        N, X = mesh.dim, CF(COORDINATES[: mesh.dim])
         if N not in self.dimensions():
             legal = " or ".join(map(str, self.dimensions()))
             raise ValueError(f"{self!r} needs a mesh of dimension {legal}, this one has {N}")
         if far is None:
             far = 10 * float(np.ptp(vertex_coordinates(mesh), axis=0).max())
         far = require_number("far", far, 0, strict=True)
-        X = CF(COORDINATES[:N])
         if motion is not None:
             X = X - require_components("motion", motion, N)
         self._check_data(X, mesh)
@@ -105,25 +105,17 @@ class Obstacle(Declared):
         """Raise ValueError where the data of the obstacle at ``X`` make no gap."""
         require_finite("motion", X, mesh, sorted(set(mesh.GetBoundaries())))
 
-    def _keep_unit(self, name: str, N: int) -> None:
-        """Replace a vector by the one of length 1 along it."""
-        given = getattr(self, name)
-        vector = np.array(require_vector(name, given, (N,)))
-        if not vector.any():
-            raise ValueError(f"{name}={given!r}: a vector other than zero is needed")
-        object.__setattr__(self, name, tuple((vector / np.linalg.norm(vector)).tolist()))
-
 
 @dataclass(frozen=True)
 class Plane(Obstacle):
     """The half-space behind the plane through ``point`` whose ``normal`` points at the body."""
 
     point: Vector
-    normal: Sequence[float]
+    normal: Along
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._keep_unit("normal", len(self.point))
+        require_vector("normal", self.normal, (len(self.point),))
 
     def level(self, X: Field, n: Field) -> tuple[float, Field, Field]:
         """That of the height over the plane."""
@@ -151,12 +143,8 @@ class Cylinder(Obstacle):
     """An infinite round cylinder around the line through ``point`` along ``axis``, in 3D."""
 
     point: Annotated[Sequence[float], Check(require_vector, lengths=(3,))]
-    axis: Sequence[float]
+    axis: Annotated[Sequence[float], Check(require_direction, lengths=(3,))]
     radius: Positive
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._keep_unit("axis", 3)
 
     def level(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
         """As for ``Sphere``, across the axis."""
@@ -205,20 +193,16 @@ class SignedDistance(Obstacle):
 
     def level(self, X: Field, n: Field) -> tuple[float, Field, Field]:
         """That of phi + t grad phi . n."""
-        phi, gradient = self._at(X)
-        return 0.0, InnerProduct(gradient, n) / 2, phi
-
-    def _at(self, X: Field) -> tuple[Field, Field]:
-        """Phi and grad phi at ``X``."""
         moved = {c: X[i] for i, c in enumerate(COORDINATES[: X.dim])}
         gradient = CF(tuple(self.distance.Diff(c).Replace(moved) for c in moved))
-        return self.distance.Replace(moved), gradient
+        return 0.0, InnerProduct(gradient, n) / 2, self.distance.Replace(moved)
 
     def _check_data(self, X: Field, mesh: Mesh) -> None:
         super()._check_data(X, mesh)
-        names = sorted(set(mesh.GetBoundaries()))
-        _, gradient = (require_finite("distance", f, mesh, names) for f in self._at(X))
-        if not gradient.any():
+        names, axes = sorted(set(mesh.GetBoundaries())), np.eye(mesh.dim).tolist()
+        require_finite("distance", self.level(X, X)[2], mesh, names)
+        gradient = CF(tuple(self.level(X, CF(tuple(axis)))[1] for axis in axes))
+        if not require_finite("distance", gradient, mesh, names).any():
             raise ValueError(
                 "distance has no gradient on the boundary: the signed distance to the obstacle "
                 "in the coordinates x, y, z is needed"

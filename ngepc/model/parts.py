@@ -36,24 +36,12 @@ INSTALL = (
 Numbered = tuple[np.ndarray, np.ndarray]
 """Vertices of simplices, shape (k, corners), and the number of the region of each."""
 
-_CHILDREN = {
-    2: (("0", "01"), ("01", "1")),
-    3: (("0", "01", "02"), ("01", "1", "12"), ("02", "12", "2"), ("01", "12", "02")),
-    4: (
-        ("0", "01", "02", "03"),
-        ("01", "1", "12", "13"),
-        ("02", "12", "2", "23"),
-        ("03", "13", "23", "3"),
-    ),
-}
-"""Children of a simplex by its corners, with their corners; 01 is the middle of corners 0 and 1."""
-
-_RINGS = {
-    ("01", "23"): ("02", "12", "13", "03"),
-    ("02", "13"): ("01", "12", "23", "03"),
-    ("03", "12"): ("01", "13", "23", "02"),
-}
-"""Diagonals of the octahedron that is left inside a tetrahedron, and the corners around each."""
+_RINGS = (
+    ((0, 1), (2, 3), (0, 2), (1, 2), (1, 3), (0, 3)),
+    ((0, 2), (1, 3), (0, 1), (1, 2), (2, 3), (0, 3)),
+    ((0, 3), (1, 2), (0, 1), (1, 3), (2, 3), (0, 2)),
+)
+"""Middles of edges of a tetrahedron: two that a diagonal inside joins, and those around it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +70,8 @@ class Piece:
     def refined(self) -> tuple[Piece, np.ndarray]:
         """The piece with all edges halved, and the ends of each edge, in the order of middles."""
         corners, count = self.elements[0], len(self.points)
-        pairs = list(combinations(range(corners.shape[1]), 2))
-        ends = np.sort(np.concatenate([corners[:, pair] for pair in pairs]), axis=1)
+        ends = [corners[:, pair] for pair in combinations(range(corners.shape[1]), 2)]
+        ends = np.sort(np.concatenate(ends), axis=1)
         keys = np.unique(ends[:, 0] * count + ends[:, 1])
         parents = np.column_stack(np.divmod(keys, count))
         points = np.concatenate([self.points, self.points[parents].mean(axis=1)])
@@ -93,40 +81,35 @@ class Piece:
 
 
 def _halved(corners: np.ndarray, index: np.ndarray, keys: np.ndarray, points: np.ndarray) -> tuple:
-    """Simplices cut at the middles of their edges: the middle of edge k is vertex count + k."""
+    """Simplices cut at the middles of their edges: the middle of edge k is vertex count + k.
+
+    Inside a tetrahedron an octahedron is left, cut along its shortest diagonal (Bey, 1995).
+    """
     k, count = corners.shape[1], len(points) - len(keys)
-    at = {str(i): corners[:, i] for i in range(k)}
+    at = {(i, i): corners[:, i] for i in range(k)}
     for a, b in combinations(range(k), 2):
         low, high = np.sort(corners[:, [a, b]], axis=1).T
-        at[f"{a}{b}"] = count + np.searchsorted(keys, low * count + high)
-    children = [np.stack([at[name] for name in child], axis=1) for child in _CHILDREN[k]]
+        at[a, b] = at[b, a] = count + np.searchsorted(keys, low * count + high)
+    children = [np.stack([at[i, j] for j in range(k)], axis=1) for i in range(k)]
+    if k == 3:
+        children.append(np.stack([at[0, 1], at[1, 2], at[0, 2]], axis=1))
     if k == 4:
-        children += _inner(at, points)
-        sign = np.sign(_volume(points[corners]))
-        children = [_turned(child, _volume(points[child]) * sign < 0) for child in children]
+        cuts, lengths = [], []
+        for a, b, *ring in _RINGS:
+            around = zip(ring, (*ring[1:], ring[0]), strict=True)
+            cuts.append([np.stack([at[e] for e in (a, b, *pair)], axis=1) for pair in around])
+            lengths.append(np.linalg.norm(points[at[a]] - points[at[b]], axis=1))
+        shortest = np.argmin(np.round(lengths, 12), axis=0)[:, None]
+        children += [np.choose(shortest, cut) for cut in zip(*cuts, strict=True)]
+        for child in children:
+            turned = _volume(points[child]) * _volume(points[corners]) < 0
+            child[turned, :2] = child[turned, 1::-1]
     return np.concatenate(children), np.tile(index, len(children))
-
-
-def _inner(at: dict[str, np.ndarray], points: np.ndarray) -> list[np.ndarray]:
-    """The four tetrahedra inside, around the shortest diagonal of the octahedron (Bey, 1995)."""
-    choices, lengths = [], []
-    for (a, b), ring in _RINGS.items():
-        around = zip(ring, (*ring[1:], ring[0]), strict=True)
-        choices.append([np.stack([at[name] for name in (a, b, c, d)], axis=1) for c, d in around])
-        lengths.append(np.linalg.norm(points[at[a]] - points[at[b]], axis=1))
-    shortest = np.argmin(np.round(lengths, 12), axis=0)[:, None]
-    return [np.choose(shortest, [choice[i] for choice in choices]) for i in range(4)]
 
 
 def _volume(x: np.ndarray) -> np.ndarray:
     """Six times the signed volume of tetrahedra, corners (k, 4, 3)."""
     return np.linalg.det(x[:, 1:] - x[:, :1])
-
-
-def _turned(corners: np.ndarray, where: np.ndarray) -> np.ndarray:
-    """Simplices with two corners exchanged where asked."""
-    corners[where, :2] = corners[where, 1::-1]
-    return corners
 
 
 class MeshPart(Mesh):
@@ -158,30 +141,21 @@ class MeshPart(Mesh):
         return self.piece.interfaces
 
     def refined(self) -> MeshPart:
-        """The part of the mesh with all edges halved; the processes refine at the same time."""
-        piece, parents = self.piece.refined()
-        processes = Team(self.processes.comm, self._common(parents), len(piece.points))
-        return MeshPart(piece, processes, self, parents)
+        """The part of the mesh with all edges halved; the processes refine at the same time.
 
-    def _common(self, parents: np.ndarray) -> dict[int, np.ndarray]:
-        """The vertices of the refined mesh that each neighbour has as well.
-
-        An edge whose ends are on both processes need not be: they tell each other which ones are.
+        An edge whose ends are on two processes need not be: they tell each other which ones are.
         """
-        processes, near = self.processes, {}
+        (piece, parents), processes = self.piece.refined(), self.processes
         pairs = np.sort(processes.numbers[parents], axis=1)
         keys = pairs[:, 0] * processes.count + pairs[:, 1]
-        for rank, nodes in processes.copies.items():
-            there = np.zeros(self.nv, dtype=bool)
-            there[nodes] = True
-            near[rank] = np.flatnonzero(there[parents].all(axis=1))
+        near = {r: np.isin(parents, nodes).all(axis=1) for r, nodes in processes.copies.items()}
         others = processes.traded({rank: keys[edges] for rank, edges in near.items()})
-        common = {}
+        copies = {}
         for rank, edges in near.items():
             _, which, _ = np.intersect1d(keys[edges], others[rank], return_indices=True)
-            added = self.nv + edges[which]
-            common[rank] = np.concatenate([processes.copies[rank], added])
-        return common
+            added = self.nv + np.flatnonzero(edges)[which]
+            copies[rank] = np.concatenate([processes.copies[rank], added])
+        return MeshPart(piece, Team(processes.comm, copies, len(piece.points)), self, parents)
 
 
 def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:

@@ -157,7 +157,7 @@ def directed(
     if direction is None:
         return values_at(outward_normal(mesh), mesh, place)
     vertices = vertices_at(place, mesh)
-    return vertices, np.tile(np.array(direction) / np.linalg.norm(direction), (len(vertices), 1))
+    return vertices, np.tile(np.array(direction), (len(vertices), 1))
 
 
 def constraints(problem: Given) -> tuple[np.ndarray, np.ndarray]:
