@@ -17,8 +17,9 @@ from ngepc.model.problem import Problem
 Changes = Mapping[str, object]
 """Field of ``Problem`` -> its value in the step; what is not named is as in the problem."""
 
+# The body, and what earlier steps decide, do not change; a load cycle scales its loads
 CARRIED = ("mesh", "material", "initial_plastic_strain", "initial_hardening")
-"""Fields of ``Problem`` that a step may not change: the body, and what earlier steps decide."""
+LOADS = ("traction", "pressure", "body_force", "initial_strain", "prescribed")
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,18 @@ class Schedule:
                 )
         object.__setattr__(self, "times", times)
 
+    def at(self, time: float) -> Changes:
+        """The changes at a time; refuses what is no mapping or names what no step may change."""
+        changes = self.changes(time)
+        if not isinstance(changes, Mapping):
+            raise TypeError(f"changes at time {time:g} are {changes!r}: a mapping is needed")
+        legal = [f.name for f in fields(Problem) if f.name not in CARRIED]
+        for name in changes:
+            if name not in legal:
+                told = f"changes at time {time:g} name {name!r}"
+                raise ValueError(f"{told}: a step can change {', '.join(legal)}")
+        return changes
+
 
 def as_schedule(steps: object) -> Schedule:
     """``steps`` as a schedule: itself, or an iterable of (time, changes); else an error."""
@@ -83,19 +96,6 @@ def numbers_in(name: str, values: object) -> tuple[float, ...]:
     return tuple(require_number(f"{name}[{i}]", value) for i, value in enumerate(values))
 
 
-def check_changes(changes: object, time: float) -> Changes:
-    """Refuse changes that are no mapping or name what a step may not change."""
-    if not isinstance(changes, Mapping):
-        raise TypeError(f"changes at time {time:g} are {changes!r}: a mapping is needed")
-    legal = [f.name for f in fields(Problem) if f.name not in CARRIED]
-    for name in changes:
-        if name not in legal:
-            raise ValueError(
-                f"changes at time {time:g} name {name!r}: a step can change {', '.join(legal)}"
-            )
-    return changes
-
-
 def load_cycle(
     problem: Problem, factors: Sequence[float], steps: int = 1, begin: float = 0.0
 ) -> Schedule:
@@ -103,7 +103,7 @@ def load_cycle(
 
     The factor is ``factors[0]`` at time begin + 1, ``factors[1]`` at begin + 2, and so on:
     ``load_cycle(problem, [1, -1, 1], steps=4)`` loads, reverses and reloads in 4 steps each.
-    Loads, pressures and prescribed displacements are scaled; gaps are not.
+    Loads, pressures, initial strains and prescribed displacements are scaled; gaps are not.
 
     Parameters
     ----------
@@ -128,21 +128,12 @@ def load_cycle(
         raise ValueError(f"factors={factors!r}: at least one number is needed")
     knots = begin + np.arange(len(corners))
     times = begin + np.arange(1, steps * (len(corners) - 1) + 1) / steps
+    loads = {name: getattr(problem, name) for name in LOADS}
 
     def changes(time: float) -> Changes:
-        return scaled_loads(problem, float(np.interp(time, knots, corners)))
+        return scaled(loads, float(np.interp(time, knots, corners)))
 
     return Schedule(tuple(times.tolist()), changes, begin)
-
-
-LOADS = ("traction", "pressure", "body_force", "initial_strain", "prescribed")
-"""Data that a load cycle scales."""
-
-
-def scaled_loads(problem: Problem, factor: float) -> Changes:
-    """Changes that multiply loads, prescribed displacements, initial strains by ``factor``."""
-    given = {name: getattr(problem, name) for name in LOADS}
-    return {name: scaled(data, factor) for name, data in given.items() if data is not None}
 
 
 def scaled(data: object, factor: float) -> object:

@@ -11,9 +11,9 @@ from scipy.optimize import root
 
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_instance
-from ngepc.discretisation.law import Law, Return
+from ngepc.discretisation.law import Law
 from ngepc.evolution.load_path import numbers_in
-from ngepc.evolution.memory import Memory
+from ngepc.evolution.result import Memory
 from ngepc.geometries import block
 from ngepc.model.given import Given
 from ngepc.model.kinematics import SOLID
@@ -23,11 +23,10 @@ from ngepc.results.outcome import Status
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 """Names of the components of a symmetric tensor."""
 
-_SHEAR = np.sqrt([1, 1, 1, 2, 2, 2])
-_TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-_BASIS = np.zeros((6, 9))  # orthonormal tensors, each one row after the other
-_BASIS[[0, 1, 2, 3, 3, 4, 4, 5, 5], [0, 4, 8, 1, 3, 2, 6, 5, 7]] = 1
-_BASIS /= _SHEAR[:, None]
+_PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # number of each entry of a tensor
+_UNITS = (np.arange(6)[:, None, None] == _PLACES).astype(float)  # the tensor of each component
+_ENTRIES, _TRACES = _UNITS.sum(axis=(1, 2)), np.trace(_UNITS, axis1=1, axis2=2)
+_DEVIATORS = np.einsum("kij,dij->kd", _UNITS, SOLID.basis)  # and its deviatoric coordinates
 
 Path = Mapping[str, float | Sequence[float]]
 
@@ -100,35 +99,33 @@ def material_point(
     (count,) = lengths
     corners, times = np.arange(count + 1), np.arange(1, count * steps + 1) / steps
     path = [np.append(0.0, np.ones(count) * given.get(name, (0.0,))) for name in COMPONENTS]
-    targets = _SHEAR * np.array([np.interp(times, corners, values) for values in path]).T
-    point, e, rows = _Point(material), np.zeros(6), []
-    for target in targets:
+    point, e, found = _Point(material), np.zeros(6), []
+    for target in np.array([np.interp(times, corners, values) for values in path]).T:
         e = point.solved(e, target, held)
         if e is None:
             break
-        rows.append((e, *point.accept(e)))
-    tensors = [np.array([row[k] @ _BASIS for row in rows]).reshape(-1, 3, 3) for k in range(3)]
+        found.append((e, *point.accept(e)))
+    *tensors, peeq = zip(*found, strict=True) if found else ((), (), (), ())
     return PointHistory(
-        *tensors,
-        accumulated_plastic_strain=np.array([row[3] for row in rows]),
-        corners=np.arange(steps - 1, len(rows), steps),
+        *(np.reshape(values, (-1, 6))[:, _PLACES] for values in tensors),
+        accumulated_plastic_strain=np.array(peeq),
+        corners=np.arange(steps - 1, len(found), steps),
         status=Status.LIMIT_LOAD if e is None else Status.CONVERGED,
     )
 
 
 class _Point:
-    """``Law`` at one point, in orthonormal coordinates of the symmetric tensors."""
+    """``Law`` at one point; strains and stresses by their six ``COMPONENTS``."""
 
     kinematics = SOLID
 
     def __init__(self, material: Material) -> None:
         mesh = block.structured_mesh(1, 1, 1)
-        self._middle = mesh(0.5, 0.5, 0.5)
-        tensor, number = np.zeros((1, SOLID.d)), np.zeros(1)
-        self.material = material
-        self.memory = Memory(SimpleNamespace(points=self), tensor, tensor, number, number)
+        self._middle, self.material = mesh(0.5, 0.5, 0.5), material
         self.law = Law(Given(mesh, material, kinematics=SOLID), self)
-        self._deviators = SOLID.basis.reshape(-1, 9) @ _BASIS.T
+        zero = {"plastic_strain": np.zeros((1, SOLID.d)), "back_stress": np.zeros((1, SOLID.d))}
+        zero |= {"hardening_variable": np.zeros(1), "accumulated": np.zeros(1)}
+        self.memory = Memory(SimpleNamespace(points=self), zero)
 
     def __len__(self) -> int:
         return 1
@@ -137,16 +134,15 @@ class _Point:
         """A number or a coefficient at the point, shape (1,)."""
         return np.array([float(value(self._middle) if callable(value) else value)])
 
-    def _state(self, e: np.ndarray) -> tuple[Return, np.ndarray]:
-        """The law and the stress at a strain."""
-        at = self.law.returned((self._deviators @ e)[None])
-        stress = self.law.bulk * (_TRACE @ e) * _TRACE
-        return at, stress + self._deviators.T @ self.law.stress(at)[0]
-
-    def _tangent(self, at: Return) -> np.ndarray:
-        moduli = self.law.moduli(at, self.law.yielding_part(at))
+    def stress(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The stress at a strain, its derivative, and the plastic strain gained, (1, d)."""
+        law, bulk = self.law, self.law.bulk[0]
+        at = law.returned((e @ _DEVIATORS)[None])
+        moduli = law.moduli(at, law.yielding_part(at))
         D = np.concatenate([moduli(row[None]) for row in np.eye(SOLID.d)])
-        return self.law.bulk * np.outer(_TRACE, _TRACE) + self._deviators.T @ D @ self._deviators
+        tangent = bulk * np.outer(_TRACES, _TRACES) + _DEVIATORS @ D @ _DEVIATORS.T
+        stress = bulk * (_TRACES @ e) * _TRACES + _DEVIATORS @ law.stress(at)[0]
+        return stress / _ENTRIES, tangent / _ENTRIES[:, None], at.plastic_strain
 
     def solved(self, e: np.ndarray, target: np.ndarray, held: np.ndarray) -> np.ndarray | None:
         """The strain with the given strains and stresses; None if there is none."""
@@ -156,8 +152,8 @@ class _Point:
         def missing(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             """What the stresses miss with these free strains, and its derivative."""
             e[free] = part
-            at, stress = self._state(e)
-            return (stress - target)[free] / scale, self._tangent(at)[np.ix_(free, free)] / scale
+            stress, tangent, _ = self.stress(e)
+            return (stress - target)[free] / scale, tangent[np.ix_(free, free)] / scale
 
         if free.any():
             found = root(missing, e[free], jac=True, tol=EXACT)
@@ -167,12 +163,12 @@ class _Point:
 
     def accept(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Stress, plastic strain and PEEQ at the end of an increment, where the next one starts."""
-        law, (at, stress) = self.law, self._state(e)
-        now = self.memory = self.memory.after(self.material, at.plastic_strain)
-        law.initial, law.back = now.plastic_strain, now.back_stress
-        law.accumulated, peeq = now.accumulated, float(now.accumulated[0])
-        law.beta = self.at(self.material.yield_bound(float(now.hardening_variable[0]), peeq))
-        return stress, self._deviators.T @ now.plastic_strain[0], peeq
+        law, (stress, _, p) = self.law, self.stress(e)
+        self.memory = self.memory.after(self.material, p)
+        law.initial, law.back, alpha_1, law.accumulated = self.memory.arrays.values()
+        peeq = float(law.accumulated[0])
+        law.beta = self.at(self.material.yield_bound(float(alpha_1[0]), peeq))
+        return stress, _DEVIATORS @ law.initial[0] / _ENTRIES, peeq
 
 
 def _corners(name: str, given: Path | None) -> dict[str, tuple[float, ...]]:

@@ -1,37 +1,108 @@
-"""What several time steps leave: fields and numbers of each, and how the run ended."""
+"""What time steps leave: to the next step, of each its fields and numbers, and in a file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from operator import itemgetter
+from pathlib import Path
 
 import numpy as np
 from ngsolve import InnerProduct, Norm
 
+from ngepc.checks.arguments import is_number
+from ngepc.discretisation.pointfunctions import PointFunctions, on_children
 from ngepc.discretisation.points import Points
-from ngepc.evolution.memory import Memory
+from ngepc.evolution.load_path import Schedule
+from ngepc.model.material import PEEQ, Material
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import nodes_of
+from ngepc.results.checkpoint import load, problem_fingerprint, save, work_fingerprint
 from ngepc.results.fields import Fields
+from ngepc.results.files import check_writable
 from ngepc.results.outcome import Ending, Status
 from ngepc.results.result import Result
 
-Force = list[float]
-"""N components."""
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What a body remembers, p_0 and alpha_0 of (2.15) and (2.16), at the integration points.
+
+    ``arrays`` are coordinates of "plastic_strain" p_0 (1) and "back_stress" dev alpha_2,0 (stress),
+    shape (points, d), "hardening_variable" alpha_1,0 >= 0 (1) and "accumulated", PEEQ (1), shape
+    (points,); ``functions`` are the points, and the polynomials through them.
+    """
+
+    functions: PointFunctions
+    arrays: dict[str, np.ndarray]
+
+    @classmethod
+    def initial(cls, problem: Problem) -> Memory:
+        """The initial state that ``problem`` was given."""
+        points = Points(problem.mesh, problem.kinematics, problem.order)
+        (alpha_1, alpha_2), coordinates = problem.alpha_0, problem.kinematics.coordinates
+        given = {
+            "plastic_strain": coordinates(problem.p_0),
+            "back_stress": coordinates(alpha_2),
+            "hardening_variable": alpha_1,
+            "accumulated": problem.accumulated_0,
+        }
+        return cls(PointFunctions(points), {name: points.at(v) for name, v in given.items()})
+
+    def after(self, material: Material, p: np.ndarray) -> Memory:
+        """p_0 + p, alpha_2 + k p, alpha_1 + k_1 H sigma_y |p| and PEEQ after a step."""
+        at, size = self.functions.points.at, np.linalg.norm(p, axis=1)
+        gained = {
+            "plastic_strain": p,
+            "back_stress": at(material.hardening)[:, None] * p,
+            "hardening_variable": at(material.scalar_growth) * size,
+            "accumulated": PEEQ * size,
+        }
+        return replace(self, arrays={name: v + gained[name] for name, v in self.arrays.items()})
+
+    def on(self, problem: Problem, parents: np.ndarray) -> Memory:
+        """The same functions on a mesh whose simplices lie in these ones; PEEQ stays >= 0."""
+        points = Points(problem.mesh, problem.kinematics, problem.order)
+        before = self.functions.points
+        carried = {k: on_children(v, before, points, parents) for k, v in self.arrays.items()}
+        carried["accumulated"] = np.maximum(carried["accumulated"], 0.0)
+        return Memory(PointFunctions(points), carried)
+
+    def problem(self, base: Problem, changes: Mapping[str, object]) -> Problem:
+        """``base`` with the changes of a step and this memory as its initial state."""
+        material, tensor = base.material, base.kinematics.tensor
+        given = {name: self.functions.function(v) for name, v in self.arrays.items()}
+        hardening = back_stress = tensor(given["back_stress"])
+        if not is_zero(material.isotropic_hardening):
+            scalar = given["hardening_variable"]
+            hardening = scalar if is_zero(material.hardening) else (scalar, back_stress)
+        return replace(
+            base,
+            **changes,
+            initial_plastic_strain=tensor(given["plastic_strain"]),
+            initial_hardening=hardening,
+            initial_accumulated=given["accumulated"],
+        )
+
+
+def is_zero(value: object) -> bool:
+    """Whether a coefficient is the number 0."""
+    return is_number(value) and value == 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepRecord:
-    """Numbers of one step, for hysteresis curves and tables."""
+    """Numbers of one step, for hysteresis curves and tables; forces have N components."""
 
     time: float  # end of the step
     cuts: int  # how often the interval was halved to get here
     iterations: int  # Newton steps
     contact_force: float  # resultant of the normal contact pressure, positive in compression
-    contact_resultant: Force  # of the obstacles on the body, with friction
-    reaction: Force  # of all supports on the body
-    reactions: dict[str, Force]  # str(place) of each support -> its force on the body
-    applied_force: Force  # of the loads on the body
+    contact_resultant: list[float]  # of the obstacles on the body, with friction
+    reaction: list[float]  # of all supports on the body
+    reactions: dict[str, list[float]]  # str(place) of each support -> its force on the body
+    applied_force: list[float]  # of the loads on the body
     primal_energy: float  # J(u, p) of the step, (2.14)
     elastic_energy: float  # 1/2 int C (eps(u) - p) : (eps(u) - p) with the total plastic strain
     dissipation: float  # int beta |p| with the plastic strain gained in the step
@@ -46,13 +117,12 @@ class StepRecord:
         elastic = fields.strain - problem.eps_0 - fields.plastic_strain
         stored = 0.5 * InnerProduct(fields.stress, elastic)
         lost = as_scalar(problem.beta) * Norm(fields.plastic_increment)
+        vectors = ("contact_resultant", "reaction", "applied_force")
         return cls(
+            **{name: getattr(result, name).tolist() for name in vectors},
             iterations=result.iterations,
             contact_force=float(result.contact_force),
-            contact_resultant=result.contact_resultant.tolist(),
-            reaction=result.reaction.tolist(),
             reactions={str(place): force.tolist() for place, force in forces.items()},
-            applied_force=result.applied_force.tolist(),
             primal_energy=float(result.primal_energy),
             elastic_energy=points.integral(points.at(stored)),
             dissipation=points.integral(points.at(lost)),
@@ -131,13 +201,63 @@ class Evolution(Ending):
         ValueError
             If a step has no such support.
         """
-        forces = []
         for step in self.steps:
             told, time = step.record.reactions, step.record.time
             if support not in told:
-                names = ", ".join(sorted(told)) or "none"
-                raise ValueError(
-                    f"support={support!r}: the step to time {time:g} tells the reactions of {names}"
-                )
-            forces.append(told[support])
+                needed = f"the reactions of {', '.join(sorted(told)) or 'none'}"
+                raise ValueError(f"support={support!r}: the step to time {time:g} tells {needed}")
+        forces = [told[support] for told in self.column("reactions")]
         return np.array(forces).reshape(len(forces), self.problem.N)
+
+
+class EvolutionFile:
+    """The checkpoint of one evolution, all finished steps, written whole; OSError if it cannot be.
+
+    Processes that share the mesh have one each, '<stem>_0000<suffix>', ..., with what is on their
+    parts.
+    """
+
+    def __init__(self, path: Path, problem: Problem, schedule: Schedule, solver: object) -> None:
+        self._processes, self._rows = problem.processes, []
+        name = getattr(solver, "__qualname__", type(solver).__qualname__)
+        told = {"times": list(schedule.times), "solver": name, "keeps": "forces of contact"}
+        if self._processes.size > 1:
+            path = path.with_name(f"{path.stem}_{self._processes.rank:04d}{path.suffix}")
+            told["processes"] = self._processes.size
+        self._processes.together(partial(check_writable, path))
+        self.path, self.fingerprint = path, work_fingerprint("evolution", problem, **told)
+
+    def load(self) -> tuple[list[tuple[dict, dict]], list[tuple[float, int]]]:
+        """Rows and arrays of the steps that an earlier run left, and what was pending.
+
+        ValueError if the file is damaged or belongs to other work.
+        """
+        stored = self._processes.together(partial(load, self.path, self.fingerprint))
+        found = {"steps": [], "pending": []} if stored is None else stored.record
+        reached = self._processes.all((len(found["steps"]), found["pending"]))
+        count, pending = min(reached, key=itemgetter(0))  # a run may end between two files
+        names, rows = ("u", "p", "contact"), found["steps"][:count]
+        arrays = [{n: stored.arrays.get(f"{n}{i}") for n in names} for i in range(count)]
+        return list(zip(rows, arrays, strict=True)), [(time, level) for time, level in pending]
+
+    def check(self, problem: Problem, row: dict) -> None:
+        """ValueError if ``problem`` is not what the step of a row was solved for."""
+        differs = problem_fingerprint(problem) != row.pop("fingerprint")
+        if self._processes.any(np.array(differs)):
+            raise ValueError(
+                f"checkpoint {self.path} belongs to other work: the step to time "
+                f"{row['time']:g} had other data; move it away"
+            )
+
+    def save(self, steps: list[EvolutionStep], pending: list[tuple[float, int]]) -> None:
+        """Write all finished steps and the pending times."""
+        arrays = {}
+        for i, step in enumerate(steps):
+            u, p = step.fields.displacement, step.fields.plastic_increment
+            arrays |= {f"u{i}": u.vec.FV().NumPy(), f"p{i}": p.vec.FV().NumPy()}
+            arrays |= {} if step.contact is None else {f"contact{i}": step.contact}
+        for step in steps[len(self._rows) :]:
+            digest = problem_fingerprint(step.problem)
+            self._rows.append(vars(step.record) | {"fingerprint": digest})
+        record = {"steps": self._rows, "pending": pending}
+        self._processes.together(partial(save, self.path, self.fingerprint, record, arrays))

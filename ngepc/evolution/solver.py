@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
+import numpy as np
 from ngsolve import GridFunction
 
 from ngepc.bounds.adaptive import Refinement, next_mesh
@@ -22,11 +22,17 @@ from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
 from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.prolongation import nodal_values
+from ngepc.discretisation.spaces import displacement_space
 from ngepc.dual.newton import semismooth_newton
-from ngepc.evolution.file import EvolutionFile
-from ngepc.evolution.load_path import Schedule, as_schedule, check_changes
-from ngepc.evolution.memory import Memory, is_zero
-from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
+from ngepc.evolution.load_path import Schedule, as_schedule
+from ngepc.evolution.result import (
+    Evolution,
+    EvolutionFile,
+    EvolutionStep,
+    Memory,
+    StepRecord,
+    is_zero,
+)
 from ngepc.model.limits import require_without
 from ngepc.model.problem import Problem
 from ngepc.results.exact import DiscreteSolution
@@ -36,15 +42,10 @@ from ngepc.results.result import Result
 
 log = logging.getLogger(__name__)
 
-UNCUT = (Status.STOPPED, Status.MESH_LIMIT)
-"""Ends of a step that a shorter one would not change."""
+UNCUT = (Status.STOPPED, Status.MESH_LIMIT)  # ends of a step that a shorter one would not change
 
-
-class StepSolver(Protocol):
-    """What solves one step: ``semismooth_newton``, ``primal_newton``, or ``cold_start`` of one."""
-
-    def __call__(self, problem: Problem, start: GridFunction | None) -> Result:
-        """The solution, or how far it came."""
+StepSolver = Callable[..., Result]
+"""Called as solver(problem, start=displacement of the last step or None)."""
 
 
 def cold_start(solver: Callable, **settings: object) -> StepSolver:
@@ -145,7 +146,7 @@ class _Run:
     error: float | None
     refinement: Refinement
     file: EvolutionFile | None = None
-    pending: list[tuple[float, int]] = field(default_factory=list)
+    start: GridFunction | None = None  # the displacement of the last step
 
     def __post_init__(self) -> None:
         self.evolution = Evolution(self.problem, [], Memory.initial(self.problem))
@@ -154,70 +155,73 @@ class _Run:
             if self.error is not None:
                 check_covered(step)
                 check_carried(step)
-                if step.order == 2 and not is_zero(step.material.isotropic_hardening):
-                    raise ValueError(
-                        f"order={step.order}: error=... needs 1 with isotropic hardening, whose "
-                        "variable may be negative where it is affine on cells"
-                    )
                 require_without(step, "error=...", "friction")
-        self.pending = [(time, 0) for time in reversed(self.schedule.times)]
+                if step.order == 2 and not is_zero(step.material.isotropic_hardening):
+                    reason = "whose variable may be negative where it is affine on cells"
+                    raise ValueError(f"order=2: error= needs 1 with isotropic hardening, {reason}")
+        self.pending = [(time, 0) for time in reversed(self.schedule.times)]  # (end, halvings)
 
     def resume(self, file: EvolutionFile) -> None:
         """Take up the finished steps of a checkpoint, if there is one."""
         self.file, (steps, pending) = file, file.load()
-        for stored in steps:
-            functions = self.evolution.memory.functions
-            self._append(file.step(self._problem_at(stored[0]["time"]), stored, functions))
+        for row, arrays in steps:
+            problem, functions = self._problem_at(row["time"]), self.evolution.memory.functions
+            file.check(problem, row)
+            u = GridFunction(displacement_space(problem), name="displacement")
+            p = functions.function(np.zeros((len(functions.points), problem.kinematics.d)))
+            for function, values in ((u, arrays["u"]), (p, arrays["p"])):
+                function.vec.FV().NumPy()[:] = values
+            fields = Fields(problem, u, p)
+            self._append(EvolutionStep(fields, StepRecord(**row), arrays["contact"]))
         self.pending = pending if steps else self.pending
 
     def advance(self) -> None:
         """Solve the pending steps, cutting those that fail."""
+        evolution = self.evolution
         try:
             while self.pending:
                 time, level = self.pending.pop()
                 status, message = self._solve(time, level)
-                where = f"In the step to time {time:g}: {message}"
-                if status.is_success:
-                    if status is not Status.CONVERGED:
-                        self._end(status, where)
-                elif status in UNCUT or level >= self.cuts:
-                    self.pending.append((time, level))
-                    return self._end(status, where)
-                else:
-                    begin = self._last.record.time if self._last else self.schedule.begin
-                    middle = 0.5 * (begin + time)
+                if not status.is_success and status not in UNCUT and level < self.cuts:
+                    middle = 0.5 * ((evolution.times or [self.schedule.begin])[-1] + time)
                     log.info("step to time %g failed (%s): cut at %g", time, status.label, middle)
                     self.pending += [(time, level + 1), (middle, level + 1)]
+                    continue
+                if status is not Status.CONVERGED:
+                    evolution.status = status
+                    evolution.message = f"In the step to time {time:g}: {message}"
+                if not status.is_success:
+                    return
         except (StopIteration, KeyboardInterrupt):
-            self._end(Status.STOPPED, f"After {len(self.evolution.steps)} steps.")
-
-    @property
-    def _last(self) -> EvolutionStep | None:
-        return self.evolution.steps[-1] if self.evolution.steps else None
-
-    def _end(self, status: Status, message: str) -> None:
-        self.evolution.status, self.evolution.message = status, message
+            evolution.status = Status.STOPPED
+            evolution.message = f"After {len(evolution.steps)} steps."
 
     def _problem_at(self, time: float) -> Problem:
-        changes = dict(check_changes(self.schedule.changes(time), time))
+        changes = dict(self.schedule.at(time))
         rough = changes.get("friction", self.problem.friction) is not None
-        if rough and self._last is not None:
-            u_0 = nodal_values(self._last.fields.displacement, self.problem)
+        if rough and self.start is not None:
+            u_0 = nodal_values(self.start, self.problem)
             changes["initial_displacement"] = Supports(self.problem).function(u_0)
         return self.evolution.memory.problem(self.problem, changes)
 
     def _solve(self, time: float, level: int) -> tuple[Status, str]:
-        result, relative = self._solved(time, self._last and self._last.fields.displacement), None
-        while result.status.is_success and self.error is not None:
-            bound = error_bound(result)
+        """One step, on meshes that follow its bound; how it ended."""
+        start, relative = self.start, None
+        while True:
+            result = self.solver(self._problem_at(time), start=start)
+            if not isinstance(result, Result):
+                needed = "a function that returns a result like those of ngepc's solvers"
+                raise TypeError(f"solver={self.solver!r} returned {result!r}: {needed} is needed")
+            if not result.status.is_success:
+                return result.status, result.message
+            if self.error is None:
+                break
+            bound, start = error_bound(result), result.displacement
             relative = bound.relative
             if relative <= self.error:
                 break
             if message := self._refine(bound, time):
                 return Status.MESH_LIMIT, message
-            result = self._solved(time, result.displacement)
-        if not result.status.is_success:
-            return result.status, result.message
         functions = self.evolution.memory.functions
         increment = functions.function(functions.points.at(result.plastic_increment))
         fields = Fields(result.problem, result.displacement, increment)
@@ -228,16 +232,8 @@ class _Run:
         if self.file is not None:
             self.file.save(self.evolution.steps, self.pending)
         if self.monitor is not None:
-            self.monitor(self._last)
+            self.monitor(self.evolution.steps[-1])
         return result.status, result.message
-
-    def _solved(self, time: float, start: GridFunction | None) -> Result:
-        """A step on the mesh as it is."""
-        result = self.solver(self._problem_at(time), start=start)
-        if not isinstance(result, Result):
-            needed = "a function that returns a result like those of ngepc's solvers"
-            raise TypeError(f"solver={self.solver!r} returned {result!r}: {needed} is needed")
-        return result
 
     def _refine(self, bound: ErrorBound, time: float) -> str:
         """Go on with a finer mesh and the history on it; or why not."""
@@ -253,7 +249,8 @@ class _Run:
         return ""
 
     def _append(self, step: EvolutionStep) -> None:
-        memory, points = self.evolution.memory, self.evolution.memory.functions.points
-        p = points.at(step.fields.plastic_increment)
+        memory = self.evolution.memory
+        p = memory.functions.points.at(step.fields.plastic_increment)
         self.evolution.memory = memory.after(step.problem.material, p)
         self.evolution.steps.append(step)
+        self.start = step.fields.displacement

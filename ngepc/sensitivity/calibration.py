@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -20,8 +19,10 @@ from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.gradient import states_of, tangents_at
 from ngepc.sensitivity.parameters import MATERIAL
 
-ILL_CONDITIONED = 1e8
-"""Condition of the Gauss-Newton matrix above which the data do not identify all constants."""
+ILL_CONDITIONED = 1e8  # condition of J' J above which the data do not identify all constants
+
+Fit = tuple[np.ndarray, Callable[[Sequence[str]], np.ndarray]]
+"""(predicted - measured) / noise, and what gives its derivatives by material constants."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,18 +61,15 @@ class Curve:
             raise ValueError(
                 f"measured={self.measured!r}: one value for each of {times} times is needed"
             )
-        given = 1.0 if self.noise is None else self.noise
-        noise = (given,) * count if is_number(given) else numbers_in("noise", given)
-        if len(noise) != count:
-            raise ValueError(f"noise={given!r}: one number or {count} are needed")
-        for value in noise:
+        noise = self._noise if is_number(self._noise) else numbers_in("noise", self._noise)
+        if np.size(noise) not in (1, count):
+            raise ValueError(f"noise={self.noise!r}: one number or {count} are needed")
+        for value in np.ravel(noise).tolist():
             require_number("noise", value, 0, strict=True)
 
     @property
-    def weights(self) -> np.ndarray:
-        """1 / noise of each measurement."""
-        noise = 1.0 if self.noise is None else np.asarray(self.noise, dtype=float)
-        return np.ones(len(self.measured)) / noise
+    def _noise(self) -> float | Sequence[float]:
+        return 1.0 if self.noise is None else self.noise
 
     def fit(self, problem: Problem) -> Fit:
         """How well a problem predicts the curve; SolverError if a step does not converge."""
@@ -79,21 +77,15 @@ class Curve:
         states = [give_state() for give_state in states_of(run)]
         steps = [run.times.index(time) for time in self.schedule.times]  # cuts add others
         predicted = np.array([functional.slope(states[step]).value for step in steps])
+        weights = np.ones(len(steps)) / self._noise
 
         def slopes(names: Sequence[str]) -> np.ndarray:
-            """The derivatives of the residuals by material constants, (measurements, names)."""
+            """Shape (measurements, names)."""
             found = [tangents_at(states, {name: 1.0}) for name in names]
             slopes = [[change[step].of(functional) for change in found] for step in steps]
-            return np.array(slopes) * self.weights[:, None]
+            return weights[:, None] * slopes
 
-        return Fit((predicted - self.measured) * self.weights, slopes)
-
-
-class Fit(NamedTuple):
-    """(predicted - measured) / noise, and what gives its derivatives by material constants."""
-
-    residuals: np.ndarray
-    slopes: Callable[[Sequence[str]], np.ndarray]
+        return weights * (predicted - self.measured), slopes
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,8 +157,8 @@ def calibrate(
     """
     require_instance("problem", problem, Problem, "a Problem")
     require_number("confidence", confidence, 0, strict=True, below=1)
-    limit, names = require_integer("max_evaluations", max_evaluations, 1), checked_start(start)
-    curves = checked_curves(curves, len(names))
+    limit = require_integer("max_evaluations", max_evaluations, 1)
+    names, curves = _checked(start, [curves] if isinstance(curves, Curve) else curves)
 
     def with_constants(logarithms: Sequence[float]) -> Problem:
         """The problem with other material constants."""
@@ -178,14 +170,18 @@ def calibrate(
         return [curve.fit(with_constants(logarithms)) for curve in curves]
 
     found = least_squares(
-        lambda x: np.concatenate([fit.residuals for fit in fits(*x)]),
+        lambda x: np.concatenate([residuals for residuals, _ in fits(*x)]),
         np.log([start[name] for name in names]),
-        lambda x: np.concatenate([fit.slopes(names) for fit in fits(*x)]) * np.exp(x),
+        lambda x: np.concatenate([slopes(names) for _, slopes in fits(*x)]) * np.exp(x),
         method="dogbox",  # shortest Gauss-Newton steps where the data do not identify a constant
         max_nfev=limit,
     )
     known = all(curve.noise is not None for curve in curves)
-    condition, ends = statistics(found, confidence, known)
+    condition, ends = _statistics(found, confidence, known)
+    doubt = (
+        f" The data do not identify all of {', '.join(names)}: the Gauss-Newton matrix has "
+        f"condition {condition:.2g}."
+    )
     return Calibration(
         values=dict(zip(names, np.exp(found.x).tolist(), strict=True)),
         intervals=dict(zip(names, map(tuple, ends.T.tolist()), strict=True)),
@@ -194,43 +190,27 @@ def calibrate(
         condition=condition,
         evaluations=fits.cache_info().misses,
         converged=bool(found.success),
-        message=found.message + doubt(names, condition),
+        message=found.message + (doubt if condition > ILL_CONDITIONED else ""),
     )
 
 
-def doubt(names: Sequence[str], condition: float) -> str:
-    """A sentence where the data do not identify all constants, else nothing."""
-    if condition <= ILL_CONDITIONED:
-        return ""
-    matrix = f"the Gauss-Newton matrix has condition {condition:.2g}."
-    return f" The data do not identify all of {', '.join(names)}: {matrix}"
-
-
-def checked_curves(curves: Curve | Sequence[Curve], unknowns: int) -> Sequence[Curve]:
-    """At least one curve, and as many measurements as there are unknown constants."""
-    curves = [curves] if isinstance(curves, Curve) else curves
-    require_sequence("curves", curves, "Curve objects")
-    if not len(curves):
-        raise ValueError(f"curves={curves!r}: at least one Curve is needed")
-    for number, curve in enumerate(curves):
-        require_instance(f"curves[{number}]", curve, Curve, "Curve(...)")
-    count = sum(len(curve.measured) for curve in curves)
-    if count < unknowns:
-        raise ValueError(f"{count} measurements: at least {unknowns} are needed")
-    return curves
-
-
-def checked_start(start: Mapping[str, float]) -> tuple[str, ...]:
-    """The names in ``start``; refuses what is no material constant with a positive guess."""
+def _checked(start: Mapping, curves: Sequence[Curve]) -> tuple[tuple[str, ...], Sequence[Curve]]:
+    """Names of material constants with positive guesses, and curves that have as many values."""
     require_mapping("start", start, "material constant -> first guess")
     for name, guess in start.items():
         if name not in MATERIAL:
             raise ValueError(f"start names {name!r}: one of {', '.join(MATERIAL)} is needed")
         require_number(f"start[{name!r}]", guess, 0, strict=True)
-    return tuple(start)
+    require_sequence("curves", curves, "Curve objects")
+    for number, curve in enumerate(curves):
+        require_instance(f"curves[{number}]", curve, Curve, "Curve(...)")
+    count = sum(len(curve.measured) for curve in curves)
+    if count < len(start):
+        raise ValueError(f"curves: {count} measurements, at least {len(start)} are needed")
+    return tuple(start), curves
 
 
-def statistics(found: OptimizeResult, confidence: float, known: bool) -> tuple[float, np.ndarray]:
+def _statistics(found: OptimizeResult, confidence: float, known: bool) -> tuple[float, np.ndarray]:
     """Condition of J' J, and the ends of the confidence intervals, shape (2, constants).
 
     Those of the linearised problem at the end of the search; where the noise is not ``known`` it is

@@ -15,7 +15,7 @@ from ngsolve import IfPos, InnerProduct, Integrate, ds, specialcf, x
 
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule, load_cycle
-from ngepc.evolution.memory import Memory
+from ngepc.evolution.result import Memory
 from ngepc.evolution.solver import cold_start, evolve
 from ngepc.geometries import block, lshape
 from ngepc.model.material import Material
@@ -171,7 +171,7 @@ def test_work_balances_energy_as_steps_shrink():
             new = step.record.time
             work, force, end = work + 0.5 * (force + new) * (moved - end), new, moved
         stored = evolution.column("elastic_energy")[-1] + sum(evolution.column("dissipation"))
-        p = evolution.memory.functions.function(evolution.memory.plastic_strain)
+        p = evolution.memory.functions.function(evolution.memory.arrays["plastic_strain"])
         back = 0.5 * K * Integrate(InnerProduct(p, p), mesh)
         errors.append(abs(work - stored - back) / work)
     assert errors[1] < 0.6 * errors[0] < 0.05

@@ -8,7 +8,7 @@ from ngepc import Material, Problem, Schedule, evolve, load_cycle, semismooth_ne
 from ngepc.bounds.adaptive import Refinement
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.transfer import bisected, on_mesh, parents
-from ngepc.evolution.memory import Memory
+from ngepc.evolution.result import Memory
 from ngepc.geometries import block
 from ngepc.sensitivity.gradient import states_of
 
