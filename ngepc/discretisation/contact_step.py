@@ -13,8 +13,7 @@ ROUNDING = 3e-14  # gaps of closed rows below this part of the displacements are
 BESIDE = 1e-3  # where the slope of friction is taken beside a kink, as a part of the step length
 
 EXAMINED, FEW = 600, 60
-"""Most forces of rows among which other equilibria are looked for: a solve with factors for each,
-or one by iterations."""
+"""Most forces of rows among which other equilibria are looked for, by factors or by iterations."""
 
 SPRINGS = 1e4
 """Springs of rows beside their stiffness, which turn a compliance round (Woodbury's formula)."""
@@ -152,27 +151,27 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
     return False
 
 
-class ContactWork:
+def contact_work(
+    here: Balance, change: np.ndarray, following: np.ndarray
+) -> tuple[Callable[[float], float], np.ndarray]:
     """What contact adds to the slope of the energy along a step ``change`` to other forces.
 
-    Normal forces of rows that stay closed and tangential ones of rows that stick do no work; rows
-    that slip dissipate their bound, taken at the end of the step, times the way.  Gaps and slips
-    that count as rounding are none; ``held`` are nodal forces of the rows that do no work.
+    The slope at t of the sum of bound times |slip|, and the nodal forces of rows that do no work:
+    normal ones of rows that stay closed and tangential ones of rows that stick; rows that slip
+    dissipate their bound, taken at the end of the step, times the way.  Gaps and slips that count
+    as rounding are none.
     """
+    conditions, slip, touching = here.frame.contact, here.slip, here.touching_distance
+    way = conditions.tangential(conditions.displacement(change))
+    moves = np.linalg.norm(np.stack([slip, slip + way]), axis=2).max(axis=0) > touching
+    way, bound = np.where(moves[:, None], way, 0.0), conditions.bound(following)
+    closed = (here.open_gap <= touching) & (conditions.normal(following) > 0)
+    idle = np.append(closed | conditions.rows.tied, np.repeat(~moves, conditions.friction.d))
 
-    def __init__(self, here: Balance, change: np.ndarray, following: np.ndarray) -> None:
-        conditions, gaps, touching = here.frame.contact, here.gaps, here.touching_distance
-        self._sum, self._slip = conditions.sum_of, -conditions.tangential(gaps)
-        way = conditions.tangential(conditions.displacement(change))
-        ends = np.linalg.norm(np.stack([self._slip, self._slip + way]), axis=2)
-        moves = ends.max(axis=0) > touching
-        self._way, self._bound = np.where(moves[:, None], way, 0.0), conditions.bound(following)
-        closed = (here.open_gap <= touching) & (conditions.normal(following) > 0)
-        idle = np.append(closed | conditions.rows.tied, np.repeat(~moves, conditions.friction.d))
-        self.held = conditions.forces(np.where(idle, here.contact, 0.0))
+    def slope(t: float) -> float:
+        """Just before t (just after 0)."""
+        there = slip + max(t * (1 - BESIDE), BESIDE) * way
+        along, size = np.einsum("ij,ij->i", there, way), np.linalg.norm(there, axis=1)
+        return float(conditions.sum_of(bound * along / np.where(size > 0, size, 1.0)))
 
-    def slope(self, t: float) -> float:
-        """d/dt of the sum of bound times |slip|, just before t (just after 0)."""
-        slip = self._slip + max(t * (1 - BESIDE), BESIDE) * self._way
-        along, size = np.einsum("ij,ij->i", slip, self._way), np.linalg.norm(slip, axis=1)
-        return float(self._sum(self._bound * along / np.where(size > 0, size, 1.0)))
+    return slope, conditions.forces(np.where(idle, here.contact, 0.0))

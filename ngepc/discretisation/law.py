@@ -95,20 +95,14 @@ class Law:
         """The law at the coordinates ``e`` of dev eps, shape (points, d)."""
         s = self.two_mu[:, None] * (e - self.initial) - self.back
         size = np.sqrt(np.einsum("pd,pd->p", s, s))
-        yields = size > (1 + ROUNDING) * self.beta
-        return Return(s, size, yields, *self._flow(size, yields))
-
-    def _flow(
-        self, size: np.ndarray, yields: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """|p|, r(|s|) and r'(|s|)."""
-        M = self.two_mu + self.hardening
+        yields, M = size > (1 + ROUNDING) * self.beta, self.two_mu + self.hardening
         if self.isotropic is None:
-            gained = np.where(yields, (size - self.beta) / M, 0.0)
-            return gained, self.beta, np.zeros_like(size)
-        gained = self.gained_at(np.where(yields, size, self.beta), M)
-        slope = self._slope(gained)
-        return gained, self.bound(gained), np.where(yields, slope / (M + slope), 0.0)
+            gained, slope = np.where(yields, (size - self.beta) / M, 0.0), np.zeros_like(size)
+        else:
+            gained = self.gained_at(np.where(yields, size, self.beta), M)
+            slope = self._slope(gained)
+            slope = np.where(yields, slope / (M + slope), 0.0)
+        return Return(s, size, yields, gained, self.bound(gained), slope)
 
     def bound(self, gained: np.ndarray) -> np.ndarray:
         """beta(g) for |p| = g (stress), shape (points,)."""

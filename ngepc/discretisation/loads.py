@@ -108,8 +108,13 @@ class Supports:
         self.free = holding == 0
         lift = nodal(prescribed_displacement(problem, self.space).vec.FV().NumPy(), problem)
         self.values = problem.processes.summed(lift.copy()) / np.maximum(holding, 1)
-        if problem.kinematics.hoop:
-            self.free[_on_axis(problem, self.space), 0] = False
+        if problem.kinematics.hoop:  # on the axis the radial displacement vanishes
+            radii, scalar = np.abs(vertex_coordinates(problem.mesh)[:, 0]), self.space.components[0]
+            there = radii <= 1e-12 * radii.max()
+            self.free[: len(there)][there, 0] = False
+            for facet in problem.mesh.Elements(BND):
+                if all(there[vertex.nr] for vertex in facet.vertices):
+                    self.free[list(scalar.GetDofNrs(facet)), 0] = False
         self.springs = {
             place: spring_matrix(problem, self.space, place, k)
             for place, k in problem.spring_constants.items()
@@ -126,15 +131,3 @@ class Supports:
         result = GridFunction(self.space, name=name)
         result.vec.FV().NumPy()[:] = u.T.ravel()
         return result
-
-
-def _on_axis(problem: Problem, V: FESpace) -> list[int]:
-    """Nodes on the axis of revolution, where the radial displacement vanishes."""
-    radii = vertex_coordinates(problem.mesh)[:, 0]
-    there = np.abs(radii) <= 1e-12 * np.abs(radii).max()
-    component = V.components[0]
-    nodes = set(np.flatnonzero(there).tolist())
-    for facet in problem.mesh.Elements(BND):
-        if all(there[vertex.nr] for vertex in facet.vertices):
-            nodes |= set(component.GetDofNrs(facet))
-    return sorted(nodes)

@@ -16,18 +16,14 @@ class PointFunctions:
     def __init__(self, points: Points) -> None:
         self.points = points
         self._scalar = L2(points.mesh, order=plastic_order(points.mesh, points.order))
-        self._inverses = [self._inverse(block.points) for block in points.blocks]
-
-    def _inverse(self, numbers: np.ndarray) -> np.ndarray:
-        """Values at the points -> coefficients, for each element, shape (elements, k, k)."""
-        count = numbers.shape[1]
-        values = np.empty((*numbers.shape, count))
-        shape = GridFunction(self._scalar)
-        for k in range(count):
-            shape.vec[:] = 0.0
-            shape.vec.FV().NumPy()[numbers[:, k]] = 1.0  # they follow each other as the points do
-            values[:, :, k] = self.points.at(shape)[numbers]
-        return np.linalg.inv(values)
+        self._inverses, shape = [], GridFunction(self._scalar)
+        for numbers in (block.points for block in points.blocks):
+            values = np.empty((*numbers.shape, numbers.shape[1]))
+            for k, those in enumerate(numbers.T):
+                shape.vec[:] = 0.0
+                shape.vec.FV().NumPy()[those] = 1.0  # they follow each other as the points do
+                values[:, :, k] = points.at(shape)[numbers]
+            self._inverses.append(np.linalg.inv(values))
 
     def function(self, values: np.ndarray, name: str = "gfu") -> GridFunction:
         """The function with these values at the points, shape (points,) or (points, d)."""
@@ -58,17 +54,14 @@ def on_children(
     ``values`` are at the points of simplices, one or N + 1 of each; ``parents`` are the cells that
     those of the second mesh lie in.
     """
-    known, wanted = (_monomials(points) for points in (before, after))
-    shares = np.matmul(wanted, np.linalg.inv(known)[parents])
-    carried = np.matmul(shares, values.reshape(*known.shape[:2], -1)[parents])
+    known, wanted = (
+        np.stack([points.at(v) for v in (1.0, x, y, z)], axis=1).reshape(points.mesh.ne, -1, 4)
+        for points in (before, after)
+    )
+    q = known.shape[1]  # as many of 1, x, y, z
+    shares = np.matmul(wanted[:, :, :q], np.linalg.inv(known[:, :, :q])[parents])
+    carried = np.matmul(shares, values.reshape(len(known), q, -1)[parents])
     return carried.reshape(len(after), *values.shape[1:])
-
-
-def _monomials(points: Points) -> np.ndarray:
-    """1, or 1, x, y, (z), as many as each simplex has points, at these, (cells, q, q)."""
-    where = np.stack([points.at(v) for v in (1.0, x, y, z)], axis=1)
-    each = len(points) // points.mesh.ne
-    return where.reshape(points.mesh.ne, each, -1)[:, :, :each]
 
 
 def interpolated(problem: Problem, value: CoefficientFunction) -> GridFunction:

@@ -12,14 +12,13 @@ from ngepc.model.problem import Problem
 from ngepc.model.processes import require_whole
 
 
-def vertex_dofs(space: FESpace, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices that carry a degree of freedom of a scalar P1 space, and these degrees."""
+def vertex_dofs(space: FESpace, mesh: Mesh) -> np.ndarray:
+    """Vertices that carry a degree of freedom of a scalar P1 space, and these degrees, (2, k)."""
     if space.ndof == mesh.nv:
-        return np.arange(mesh.nv), np.arange(mesh.nv)
+        return np.tile(np.arange(mesh.nv), (2, 1))
     on_boundary = sorted({v.nr for element in mesh.Elements(BND) for v in element.vertices})
     pairs = [(v, space.GetDofNrs(NodeId(VERTEX, v))[0]) for v in on_boundary]
-    vertices, dofs = np.array([pair for pair in pairs if pair[1] >= 0], dtype=int).reshape(-1, 2).T
-    return vertices, dofs
+    return np.array([pair for pair in pairs if pair[1] >= 0], dtype=int).reshape(-1, 2).T
 
 
 def at_points(mesh: Mesh, vertex_values: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -67,12 +66,10 @@ def nodal_values(start: object, problem: Problem) -> np.ndarray:
         raise ValueError(f"start has {source.dim} components: a displacement of {N} is needed")
     given = np.stack([part.vec.FV().NumPy() for part in source.components], axis=1)
     count = H1(mesh, order=problem.order).ndof
-    points, here = vertex_coordinates(mesh), vertex_coordinates(own)
-    same = np.array_equal(points, here)
+    same = np.array_equal(vertex_coordinates(mesh), vertex_coordinates(own))
     if same and len(given) == count:
         return given
-    values = np.zeros((count, N))
-    there = given[: own.nv]
+    there, values = given[: own.nv], np.zeros((count, N))
     values[: mesh.nv] = there if same else at_vertices(own, there, mesh, np.arange(mesh.nv))
     return values
 

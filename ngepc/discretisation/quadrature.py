@@ -46,11 +46,6 @@ def boundary_rules(dim: int, points: int) -> dict[ET, IntegrationRule]:
     return rules_of(dim - 1, order_with_points(ELEMENT_TYPES[dim][0], points))
 
 
-def smooth_rules(dim: int) -> dict[ET, IntegrationRule]:
-    """Rules for elements without a kink."""
-    return rules_of(dim, SMOOTH_ORDER)
-
-
 def classify(
     q: np.ndarray, nodes: np.ndarray, low: np.ndarray | float, high: np.ndarray | float
 ) -> np.ndarray:

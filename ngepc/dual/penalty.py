@@ -27,10 +27,11 @@ from ngepc.checks.arguments import is_number
 from ngepc.discretisation.quadrature import (
     KINKED,
     SMOOTH,
+    SMOOTH_ORDER,
     boundary_rules,
     classify,
     fine_rules,
-    smooth_rules,
+    rules_of,
     threshold_bounds,
 )
 from ngepc.dual.blocks import CONTACT, PLASTIC, LinearBlocks
@@ -91,7 +92,7 @@ class Penalty:
         problem = self.blocks.problem
         mesh, N = problem.mesh, problem.N
         beta = float(problem.beta) if is_number(problem.beta) else problem.beta
-        fine, smooth = fine_rules(N, points), smooth_rules(N)
+        fine, smooth = fine_rules(N, points), rules_of(N, SMOOTH_ORDER)
         self._elements = list(zip(element_vertices(mesh), element_numbers(mesh), strict=True))
         self._low, self._high = threshold_bounds(mesh, beta, fine)
         self._of_kind = {SMOOTH: BitArray(mesh.ne), KINKED: BitArray(mesh.ne)}

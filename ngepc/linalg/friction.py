@@ -14,11 +14,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
-from ngepc.linalg.secants import Compliance, SmallAnswer
+from ngepc.linalg.secants import Compliance
 
 PATIENCE = 10  # exchanges without progress before those of Murty's rule take over
 
@@ -36,13 +35,13 @@ DIFFERENT = 1e-6  # part of the largest force by which two solutions differ
 
 def exchange(
     W: Compliance, gaps: np.ndarray, forces: np.ndarray, tied: np.ndarray | bool = False
-) -> SmallAnswer:
+) -> tuple[np.ndarray, bool]:
     """The change of the forces x after which x >= 0, w >= 0 and x . w = 0; w = 0 where tied.
 
-    w = gaps + W (x - forces) with W positive definite; close to the solution the forces to start
-    from keep cancellation out of the result.  All indices on the wrong side change sides at once;
-    when that stops making progress the exchanges of Murty's rule follow, which end after finitely
-    many steps.
+    A ``SmallProblem``: w = gaps + W (x - forces) with W positive definite; close to the solution
+    the forces to start from keep cancellation out of the result.  All indices on the wrong side
+    change sides at once; when that stops making progress the exchanges of Murty's rule follow,
+    which end after finitely many steps.
     """
     active = (forces > 0) | tied
     fewest, patience = len(gaps) + 1, PATIENCE
@@ -57,23 +56,13 @@ def exchange(
         wrong &= np.logical_not(tied)
         count = np.count_nonzero(wrong)
         if count == 0:
-            return SmallAnswer(np.where((x > 0) | tied, change, -forces), True)
+            return np.where((x > 0) | tied, change, -forces), True
         fewest, patience = (count, PATIENCE) if count < fewest else (fewest, patience - 1)
         if patience > 0:
             active ^= wrong
         else:
             active[np.flatnonzero(wrong)[-1]] ^= True
-    return SmallAnswer(change, False)
-
-
-class Slipping(NamedTuple):
-    """What rows do by a trial force y = x - c g; shapes (m,) but for the direction."""
-
-    slips: np.ndarray  # boolean
-    direction: np.ndarray  # e = y_t / |y_t|, shape (m, d)
-    bound: np.ndarray  # b(y_n)
-    size: np.ndarray  # |y_t|, 1 where it is zero
-    grows: np.ndarray  # derivative of the bound
+    return change, False
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,13 +78,23 @@ class FrictionCone:
         """b(n), shape (m,)."""
         return np.minimum(self.cap, self.coefficient * np.maximum(n, 0.0))
 
-    def projected(self, y: np.ndarray) -> np.ndarray:
-        """The point of |t| <= b(n) closest to y_t, with n = [y_n]_+; both stacked."""
+    def slipping(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
+        """What rows do by a trial force y = x - c g, all of shape (m,) but for the direction.
+
+        Whether they slip; e = y_t / |y_t|, shape (m, d); b(y_n); |y_t|, 1 where it is zero; b'.
+        """
         n, t = self.split(y)
         b, size = self.bound(n), np.linalg.norm(t, axis=1)
-        kept = np.where(size > b, b / np.where(size > 0, size, 1.0), 1.0)
+        slips = (size > b) | (b <= 0)
+        size = np.where(size > 0, size, 1.0)
+        grows = np.where(self.coefficient * n < self.cap, self.coefficient, 0.0)
+        return slips, t / size[:, None], b, size, grows
+
+    def projected(self, y: np.ndarray) -> np.ndarray:
+        """The point of |t| <= b(n) closest to y_t, with n = [y_n]_+; both stacked."""
+        (n, t), (slips, e, b, *_) = self.split(y), self.slipping(y)
         n = np.where(self.tied, n, np.maximum(n, 0.0))
-        return np.concatenate([n, (kept[:, None] * t).ravel()])
+        return np.append(n, np.where(slips[:, None], b[:, None] * e, t))
 
     def of(self, rows: np.ndarray) -> FrictionCone:
         """The law of some rows."""
@@ -109,9 +108,11 @@ class FrictionCone:
     def numbers(self, rows: np.ndarray) -> np.ndarray:
         """Numbers of the forces of some rows, n first."""
         tangents = len(self.cap) + self.d * rows[:, None] + np.arange(self.d)
-        return np.concatenate([rows, tangents.ravel()])
+        return np.append(rows, tangents)
 
-    def __call__(self, W: Compliance, gaps: np.ndarray, forces: np.ndarray) -> SmallAnswer:
+    def __call__(
+        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray
+    ) -> tuple[np.ndarray, bool]:
         """The change of the forces that meets the law, a ``SmallProblem`` of ``secants``.
 
         Where Newton's method does not converge it is the best one seen, and not exact.
@@ -119,24 +120,15 @@ class FrictionCone:
         if not self.d:
             return exchange(W, gaps, forces, self.tied)
         n, t = self.split(W.diagonal)
-        compliance = np.concatenate([n, np.repeat(t.mean(axis=1), self.d)])
+        compliance = np.append(n, np.repeat(t.mean(axis=1), self.d))
         best, zero = (np.inf, np.zeros_like(forces)), np.zeros_like(forces)
         for start, soft in product((lambda: zero, lambda: _stuck(W, gaps)), SOFT):
             equation = _Equation(self, W, gaps, forces, soft / compliance)
             left, change, exact = equation.solved(start())
             if exact:
-                return SmallAnswer(change, True)
+                return change, True
             best = min(best, (left / soft, change), key=lambda found: found[0])
-        return SmallAnswer(self.projected(forces + best[1]) - forces, False)
-
-    def slipping(self, y: np.ndarray) -> Slipping:
-        """Which rows slip by a trial y = x - c g, and where to."""
-        n, t = self.split(y)
-        b, size = self.bound(n), np.linalg.norm(t, axis=1)
-        slips = (size > b) | (b <= 0)
-        size = np.where(size > 0, size, 1.0)
-        grows = np.where(self.coefficient * n < self.cap, self.coefficient, 0.0)
-        return Slipping(slips, t / size[:, None], b, size, grows)
+        return self.projected(forces + best[1]) - forces, False
 
     def linearised(
         self, J: np.ndarray, slack: np.ndarray, x: np.ndarray
@@ -177,12 +169,12 @@ class FrictionCone:
         stuck = forces + _stuck(W, gaps)
         bounds = np.tile(self.bound(stuck[: len(n)])[:, None], self.d)
         tangents = -t, bounds, -bounds
-        starts = [np.concatenate([np.maximum(n, stuck[: len(n)]), y.ravel()]) for y in tangents]
+        starts = [np.append(np.maximum(n, stuck[: len(n)]), y) for y in tangents]
         for start in map(self.projected, (np.zeros_like(forces), stuck, *starts)):
-            found = self(W, gaps + S @ (start - forces), start)
-            other = start + found.change
+            change, exact = self(W, gaps + S @ (start - forces), start)
+            other = start + change
             apart, size = other - forces, np.maximum(np.abs(other), np.abs(forces))
-            if found.exact and apart @ S @ apart > DIFFERENT**2 * (S.diagonal() @ size**2):
+            if exact and apart @ S @ apart > DIFFERENT**2 * (S.diagonal() @ size**2):
                 return other  # forces on held tangents do no work: they are no other equilibrium
         return None
 

@@ -10,7 +10,6 @@ there are rows, and in practice after about as many as the conjugate gradient me
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -78,15 +77,8 @@ class Compliance:
         return True
 
 
-class SmallAnswer(NamedTuple):
-    """The change of the forces that meets the conditions, and whether it does so to rounding."""
-
-    change: np.ndarray
-    exact: bool
-
-
-SmallProblem = Callable[[Compliance, np.ndarray, np.ndarray], SmallAnswer]
-"""(W, gaps, forces) -> the change of the forces."""
+SmallProblem = Callable[[Compliance, np.ndarray, np.ndarray], tuple[np.ndarray, bool]]
+"""(W, gaps, forces) -> the change of the forces that meets the conditions, whether to rounding."""
 
 
 def solve_by_secants(

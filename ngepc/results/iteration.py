@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ngepc.discretisation.balance import EPSILON, Balance, Frame
-from ngepc.discretisation.contact_step import ROUNDING, ContactWork, rival, with_contact
+from ngepc.discretisation.contact_step import ROUNDING, contact_work, rival, with_contact
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.linesearch import nearly_flat
 from ngepc.results.outcome import History, IterationRecord, Monitor, Status
@@ -118,12 +118,12 @@ def newton_step(here: Any, tangent: Any, target: Target) -> tuple[Any, float, in
     """The next state, the step length and its trials; None if no length lowers the energy."""
     change, contact = target(here, tangent)
     internal_work, moved = here.along(change)
-    rows, frame = ContactWork(here, change, contact), here.frame
-    outer_work = frame.contact.processes.dot(frame.load - rows.held, change)
+    (rows_slope, held), frame = contact_work(here, change, contact), here.frame
+    outer_work = frame.contact.processes.dot(frame.load - held, change)
 
     def slope(t: float) -> float:
         """d/dt of J(u + t du), friction with the bounds of the target included."""
-        return internal_work(t) + rows.slope(t) - outer_work
+        return internal_work(t) + rows_slope(t) - outer_work
 
     if here.penetration > here.touching_distance:
         return moved(1.0, contact), 1.0, 0  # the first step makes u feasible

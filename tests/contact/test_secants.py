@@ -58,7 +58,7 @@ def test_exchange_finds_the_solution_among_all_active_sets(rng):
     for _ in range(40):
         A, q, x0 = rng.normal(size=(6, 6)), rng.normal(size=6), rng.normal(size=6)
         S, x0 = A @ A.T + 1e-3 * np.eye(6), np.maximum(x0, 0)
-        found = x0 + exchange(known(S), q + S @ x0, x0).change
+        found = x0 + exchange(known(S), q + S @ x0, x0)[0]
         candidates = []
         for active in itertools.product([False, True], repeat=6):
             s, z = np.array(active), np.zeros(6)
