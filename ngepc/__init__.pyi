@@ -62,7 +62,7 @@ from ngepc.pictures.export import export_vtu as export_vtu
 from ngepc.pictures.fields import plot_field as plot_field
 from ngepc.pictures.fields import plot_plastic_zone as plot_plastic_zone
 from ngepc.pictures.monitors import live_plot_monitor as live_plot_monitor
-from ngepc.pictures.monitors import table_monitor as table_monitor
+from ngepc.pictures.monitors import progress_line as progress_line
 from ngepc.pictures.report import write_report as write_report
 from ngepc.pictures.views import show as show
 from ngepc.primal.solver import PrimalOptions as PrimalOptions

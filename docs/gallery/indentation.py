@@ -13,7 +13,7 @@ from shared import check, run, save
 
 from ngepc import primal_newton, semismooth_newton
 from ngepc.geometries import block, quarter_cube
-from ngepc.pictures import plot_comparison
+from ngepc.pictures import plot_field
 from ngepc.studies.step42 import WHOLE, step42_problem
 
 DOCUMENTED = 37.3058
@@ -34,7 +34,7 @@ def main(out: Path, coarse: bool = False) -> str:
 
     bodies = {"step-42, hexahedra": whole, "a quarter, graded tetrahedra": graded_result}
     onto_the_planes_of_symmetry = (-135, 25)
-    figure = plot_comparison(bodies, vmin=0, vmax=0.1, view=onto_the_planes_of_symmetry)
+    figure = plot_field(bodies, vmin=0, vmax=0.1, view=onto_the_planes_of_symmetry)
     save(figure, out, "indentation")
     return f"indentation: {line} (primal)"
 

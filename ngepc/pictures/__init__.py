@@ -5,7 +5,6 @@ from ngepc.pictures.curves import plot_counts as plot_counts
 from ngepc.pictures.curves import plot_history as plot_history
 from ngepc.pictures.drawable import UnitNames as UnitNames
 from ngepc.pictures.fields import plot_active_sets as plot_active_sets
-from ngepc.pictures.fields import plot_comparison as plot_comparison
 from ngepc.pictures.fields import plot_field as plot_field
 from ngepc.pictures.fields import plot_mesh as plot_mesh
 from ngepc.pictures.fields import plot_plastic_zone as plot_plastic_zone

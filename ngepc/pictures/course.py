@@ -5,8 +5,7 @@ from __future__ import annotations
 import html
 import json
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -14,7 +13,7 @@ from ngsolve import CoefficientFunction
 
 from ngepc.checks.kinds import require_function
 from ngepc.pictures import views
-from ngepc.pictures.fields import plot_comparison, plot_field
+from ngepc.pictures.fields import plot_field
 
 QUIZZES = Path(__file__).parents[1] / "notebooks" / "quizzes.json"
 
@@ -30,8 +29,6 @@ def look(
     """What ``views.show`` shows; without the viewer a still picture, which has no slider."""
     if views.viewer_installed():
         return views.show(source, field, title=title, name=name, **drawn)
-    if isinstance(source, Mapping):
-        return plot_comparison(source, field, **drawn)
     return plot_field(source, field, title=title or None, **drawn)
 
 
@@ -58,18 +55,23 @@ class Answers:
         sys.stdout.write(f"{word} {question}\n")
 
 
-@dataclass(frozen=True)
-class Quiz:
+class Quiz(tuple):
     """Questions at the end of a lecture; a click on a choice says whether it is right, and why.
 
     Each has a 'text', 'choices' (the first is right, they are shown in alphabetical order) and
     'why', which is said with the right one.  Plain HTML, which works on pages without network.
     """
 
-    questions: tuple[dict, ...]
-
     def _repr_html_(self) -> str:
-        return "".join(map(_form, self.questions))
+        parts = []
+        for question in self:
+            right = question["choices"][0]
+            parts.append(f"<p>{html.escape(question['text'])}</p>")
+            for choice in sorted(question["choices"]):
+                said = f"Right. {question['why']}" if choice == right else "No. Try another."
+                choice, said = html.escape(choice), html.escape(said)
+                parts.append(f"<details><summary>{choice}</summary>{said}</details>")
+        return "".join(parts)
 
 
 def quiz(lecture: str) -> Quiz:
@@ -77,14 +79,4 @@ def quiz(lecture: str) -> Quiz:
     quizzes = json.loads(QUIZZES.read_text(encoding="utf-8"))
     if lecture not in quizzes:
         raise ValueError(f"lecture={lecture!r}: one of {', '.join(quizzes)} is needed")
-    return Quiz(tuple(quizzes[lecture]))
-
-
-def _form(question: dict) -> str:
-    """A question as HTML, its choices to be unfolded."""
-    right, *_ = question["choices"]
-    said = {choice: "No. Try another." for choice in sorted(question["choices"])}
-    said[right] = f"Right. {question['why']}"
-    unfold = "<details><summary>{}</summary>{}</details>"
-    choices = (unfold.format(html.escape(c), html.escape(words)) for c, words in said.items())
-    return f"<p>{html.escape(question['text'])}</p>{''.join(choices)}"
+    return Quiz(quizzes[lecture])

@@ -13,12 +13,10 @@ from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spannin
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance, require_mapping
-from ngepc.pictures.drawable import UnitNames, fields_of, require_sources, require_units
-from ngepc.pictures.sampling import boundary_corners
+from ngepc.pictures.drawable import UnitNames, fields_of, require_units, sources_of
+from ngepc.pictures.sampling import corners_of
 from ngepc.pictures.style import COLOURS, GUIDE, Picture, line_style, styled
 from ngepc.results.outcome import History
-
-COUNT_TICKS = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
 @styled
@@ -113,7 +111,8 @@ def plot_counts(
     axes.set(xscale="log", xlabel="nodes of the mesh")
     axes.set_ylabel("Newton steps" + (" (dashed: paper)" if paper else ""))
     axes.set_yscale("symlog", linthresh=1.0, linscale=0.3)
-    axes.set(ylim=(0, most), yticks=[tick for tick in COUNT_TICKS if tick <= most])
+    ticks = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+    axes.set(ylim=(0, most), yticks=[tick for tick in ticks if tick <= most])
     axes.set_xticks(nodes, list(map(str, nodes)))
     axes.minorticks_off()
     axes.yaxis.set_major_formatter("{x:g}")
@@ -135,10 +134,7 @@ def plot_contact_pressure(
     into, by default those of a new figure.
     """
     units = require_units("units", units)
-    if not isinstance(sources, Mapping):
-        fields_of(sources, "sources")
-        sources = {"": sources}
-    require_sources(sources)
+    sources = sources_of("sources", sources)
     axes = Picture(figsize=(5.6, 3.2)).subplots() if axes is None else axes
     require_instance("axes", axes, Axes, "matplotlib Axes or None")
     for index, (label, source) in enumerate(sources.items()):
@@ -148,10 +144,8 @@ def plot_contact_pressure(
             axes.fill_between(s, pressure, color=colour, alpha=0.12, linewidth=0)
     axes.axhline(0.0, color=GUIDE, linewidth=0.6)
     axes.margins(x=0)
-    axes.set(
-        xlabel=f"position along the contact boundary ({units.length})",
-        ylabel=f"contact pressure ({units.stress})",
-    )
+    axes.set_xlabel(f"position along the contact boundary ({units.length})")
+    axes.set_ylabel(f"contact pressure ({units.stress})")
     if any(sources):
         axes.legend()
     return axes.figure
@@ -159,15 +153,15 @@ def plot_contact_pressure(
 
 def pressure_curves(source: object) -> list[tuple[np.ndarray, np.ndarray]]:
     """Arc length and contact pressure at the ends of the segments, for each connected curve."""
-    problem = fields_of(source).problem
-    if not problem.touching_names:
+    fields = fields_of(source)
+    if not fields.problem.touching_names:
         raise ValueError("sources: a problem with a contact boundary is needed, one has none")
-    if problem.N != 2:
+    if fields.problem.N != 2:
         raise ValueError(
             "sources: bodies of dimension 2 are needed, one is 3D: plot_field(result, "
             "'contact_pressure') and show(result, 'contact_pressure') draw those"
         )
-    corners = boundary_corners(fields_of(source), problem.touching_names, source.contact_pressure)
+    corners = corners_of(fields, source.contact_pressure, "|".join(fields.problem.touching_names))
     s, curves = arc_lengths(corners.points)
     along = np.argsort(s, axis=1)
     s, p = (np.take_along_axis(values, along, axis=1) for values in (s, corners.values))

@@ -6,19 +6,37 @@ Shared by matplotlib figures, webgui views and VTU files.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from matplotlib.cm import ScalarMappable
-from ngsolve import CoefficientFunction, InnerProduct, Region, sqrt
+from ngsolve import CoefficientFunction, InnerProduct, sqrt
 
 from ngepc.checks.declared import Check, Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping
-from ngepc.pictures.sampling import Corners, colour_scale, sample_corners, visible
+from ngepc.pictures.sampling import Corners, colour_scale, corners_of, visible
 from ngepc.results.fields import Fields
 
-AXES = "xyz"
+SIGNED = "RdBu_r"
+"""Colours of fields whose signs are equally welcome: components of vectors and matrices."""
+KINDS = {
+    "equivalent_plastic_strain": ("|p|_F", "plastic strain", "1", "YlGnBu"),
+    "accumulated_plastic_strain": (r"\bar p", "accumulated plastic strain", "1", "YlGnBu"),
+    "von_mises": (r"\sigma_\mathrm{vM}", "von Mises stress", "stress", "viridis"),
+    "yield_function": (r"\phi", "yield function", "stress", "cividis"),
+    "displacement": ("u", "displacement", "length", "viridis"),
+    "stress": (r"\sigma", "stress", "stress", "viridis"),
+    "deviatoric_stress": (r"\mathrm{dev}\,\sigma", "deviatoric stress", "stress", "viridis"),
+    "plastic_strain": ("p", "plastic strain", "1", "YlGnBu"),
+    "strain": (r"\varepsilon", "strain", "1", "viridis"),
+    "back_stress": (r"\alpha_2", "back stress", "stress", "viridis"),
+    "hardening_variable": (r"\alpha_1", "hardening variable", "1", "viridis"),
+}
+"""Field of the body that can be drawn -> symbol, title, unit (or 'length', 'stress'), colours.
+
+Single components have names such as 'stress_xy'.
+"""
 
 
 @dataclass(frozen=True)
@@ -27,46 +45,6 @@ class UnitNames(Declared):
 
     length: Text = "length"
     stress: Text = "stress"
-
-
-@dataclass(frozen=True)
-class FieldKind:
-    """A field that has a name: its symbol, title, unit ('length', 'stress' or '1'), colours."""
-
-    symbol: str
-    title: str
-    quantity: str = "stress"
-    colormap: str = "viridis"
-
-
-KINDS = {
-    "equivalent_plastic_strain": FieldKind("|p|_F", "plastic strain", "1", "YlGnBu"),
-    "accumulated_plastic_strain": FieldKind(r"\bar p", "accumulated plastic strain", "1", "YlGnBu"),
-    "von_mises": FieldKind(r"\sigma_\mathrm{vM}", "von Mises stress"),
-    "yield_function": FieldKind(r"\phi", "yield function", colormap="cividis"),
-    "displacement": FieldKind("u", "displacement", "length"),
-    "stress": FieldKind(r"\sigma", "stress"),
-    "deviatoric_stress": FieldKind(r"\mathrm{dev}\,\sigma", "deviatoric stress"),
-    "plastic_strain": FieldKind("p", "plastic strain", "1", "YlGnBu"),
-    "strain": FieldKind(r"\varepsilon", "strain", "1"),
-    "back_stress": FieldKind(r"\alpha_2", "back stress"),
-    "hardening_variable": FieldKind(r"\alpha_1", "hardening variable", "1"),
-}
-"""Fields of the body that can be drawn by name, with 'stress_xy' for single components."""
-
-
-@dataclass(frozen=True, eq=False)
-class Drawable:
-    """A scalar coefficient on the region where it is drawn, its label, and its colour map.
-
-    ``signed`` says whether both signs are equally welcome (components of vectors and matrices).
-    """
-
-    region: Region
-    coefficient: CoefficientFunction
-    label: str = "value"
-    signed: bool = False
-    colormap: str = "viridis"
 
 
 PLAIN = UnitNames()
@@ -81,6 +59,14 @@ def require_units(name: str, units: UnitNames | None) -> UnitNames:
 Units = Annotated[UnitNames | None, Check(require_units)]
 
 
+class Drawable(NamedTuple):
+    """A scalar coefficient on the body, in 3D on its surface, its label, and its colour map."""
+
+    coefficient: CoefficientFunction
+    label: str = "value"
+    colormap: str = "viridis"
+
+
 def drawable(
     source: object, field: str | CoefficientFunction, units: UnitNames | None = None
 ) -> Drawable:
@@ -89,30 +75,33 @@ def drawable(
     Vectors and matrices are drawn by their Euclidean and Frobenius norms, their components by
     names such as 'displacement_x' and 'stress_xy'; of solids also their 'contact_pressure'.
     """
-    units, problem = require_units("units", units), fields_of(source).problem
+    units, fields = require_units("units", units), fields_of(source)
     if isinstance(field, CoefficientFunction):
-        return Drawable(*visible(problem.mesh, norm_of(field)))
+        return Drawable(visible(fields, norm_of(field)))
     if not isinstance(field, str):
         raise TypeError(f"field={field!r}: the name of a field or a CoefficientFunction is needed")
     if field == "contact_pressure":
-        return _pressure(source, f"contact pressure ({units.stress})")
+        if not fields.problem.touching_names or fields.problem.N == 2:
+            raise ValueError("field='contact_pressure': a solid with a contact boundary is needed")
+        label = f"contact pressure ({units.stress})"
+        return Drawable(pressure_on_boundary(source), label, "YlGnBu")
     match = re.fullmatch(r"(.+)_([xyz]{1,2})", field)
-    name, component = match.groups() if match else (field, "")
+    name, letters = match.groups() if match else (field, "")
     if name not in KINDS:
         raise ValueError(
             f"field={field!r}: the fields are {', '.join(KINDS)}, "
             "and components such as displacement_x and stress_xy"
         )
-    kind, coefficient = KINDS[name], field_of(source, name)
-    symbol, rank = kind.symbol, len(coefficient.dims) if coefficient.dim > 1 else 0
-    if component:
-        coefficient = _component(field, coefficient, component, rank)
-        symbol = f"{symbol}_{{{component}}}"
+    symbol, title, unit, colormap = KINDS[name]
+    coefficient = field_of(source, name)
+    rank = len(coefficient.dims) if coefficient.dim > 1 else 0
+    if letters:
+        symbol, colormap = f"{symbol}_{{{letters}}}", SIGNED
+        coefficient = _component(field, coefficient, letters, rank)
     elif rank:
         coefficient, symbol = norm_of(coefficient), f"|{symbol}|" + "_F" * (rank == 2)
-    label = f"{kind.title} ${symbol}$ ({getattr(units, kind.quantity, kind.quantity)})"
-    colormap = "RdBu_r" if component else kind.colormap
-    return Drawable(*visible(problem.mesh, coefficient), label, bool(component), colormap)
+    label = f"{title} ${symbol}$ ({getattr(units, unit, unit)})"
+    return Drawable(visible(fields, coefficient), label, colormap)
 
 
 def on_one_scale(
@@ -124,34 +113,27 @@ def on_one_scale(
     """What is drawn of each source, its values, and colours for all of them."""
     what = [drawable(source, field, units) for source in sources]
     corners = [
-        sample_corners(fields_of(source), drawn.region, drawn.coefficient)
+        corners_of(fields_of(source), drawn.coefficient)
         for source, drawn in zip(sources, what, strict=True)
     ]
-    limits = colour_scale(*corners, ends=ends, symmetric=what[0].signed)
-    return what, corners, ScalarMappable(limits, what[0].colormap)
+    colormap = what[0].colormap
+    limits = colour_scale(*corners, ends=ends, symmetric=colormap == SIGNED)
+    return what, corners, ScalarMappable(limits, colormap)
 
 
 def _component(
-    field: str, coefficient: CoefficientFunction, component: str, rank: int
+    field: str, coefficient: CoefficientFunction, letters: str, rank: int
 ) -> CoefficientFunction:
     """A component by the letters of its axes."""
     if not rank:
         raise ValueError(f"field={field!r}: this field is a scalar and has no components")
-    index, size = [AXES.index(letter) for letter in component], coefficient.dims[0]
-    if len(index) != rank or max(index) >= size:
+    axes = "xyz"[: coefficient.dims[0]]
+    if len(letters) != rank or not set(letters) <= set(axes):
         raise ValueError(
-            f"field={field!r}: {rank} of the letters {AXES[:size]!r} name a component of this field"
+            f"field={field!r}: {rank} of the letters {axes!r} name a component of this field"
         )
-    return coefficient[tuple(index)] if rank == 2 else coefficient[index[0]]
-
-
-def _pressure(source: object, label: str) -> Drawable:
-    """The contact pressure on the surface of a solid."""
-    problem = fields_of(source).problem
-    if not problem.touching_names or problem.N == 2:
-        raise ValueError("field='contact_pressure': a solid with a contact boundary is needed")
-    region, pressure = problem.mesh.Boundaries(".*"), pressure_on_boundary(source)
-    return Drawable(region, pressure, label, colormap="YlGnBu")
+    index = tuple(map(axes.index, letters))
+    return coefficient[index if rank == 2 else index[0]]
 
 
 def pressure_on_boundary(source: object) -> CoefficientFunction:
@@ -172,11 +154,14 @@ def fields_of(source: object, name: str = "source") -> Fields:
     return fields
 
 
-def require_sources(sources: object) -> None:
-    """Accept a mapping of text -> result or ``Fields``, with at least one entry."""
-    require_mapping("sources", sources, "text -> result")
-    for label, source in sources.items():
-        fields_of(source, f"sources[{label!r}]")
+def sources_of(name: str, source: object, caption: str = "") -> Mapping[str, object]:
+    """``source``, text -> result or ``Fields``, or one of these under its caption; checked."""
+    several = isinstance(source, Mapping)
+    sources = source if several else {caption: source}
+    require_mapping(name, sources, "text -> result")
+    for label, one in sources.items():
+        fields_of(one, f"{name}[{label!r}]" if several else name)
+    return sources
 
 
 def field_of(source: object, name: str) -> CoefficientFunction:
@@ -190,6 +175,4 @@ def field_of(source: object, name: str) -> CoefficientFunction:
 
 def norm_of(coefficient: CoefficientFunction) -> CoefficientFunction:
     """A scalar as it is; the Euclidean or Frobenius norm of anything else."""
-    if coefficient.dim == 1:
-        return coefficient
-    return sqrt(InnerProduct(coefficient, coefficient))
+    return sqrt(InnerProduct(coefficient, coefficient)) if coefficient.dim > 1 else coefficient

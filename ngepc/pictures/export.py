@@ -13,46 +13,41 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
 
 from ngsolve import CF, CoefficientFunction, VTKOutput
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_path
-from ngepc.model.processes import Team
+from ngepc.checks.kinds import require_mapping, require_path
 from ngepc.pictures.drawable import KINDS, field_of, fields_of
 from ngepc.results.records import write_text
 
-FIELDS = (
-    "displacement",
-    "plastic_strain",
-    "equivalent_plastic_strain",
-    "accumulated_plastic_strain",
-    "stress",
-    "von_mises",
-    "yield_function",
-)
+FIELDS = ("displacement", "plastic_strain", "equivalent_plastic_strain",
+          "accumulated_plastic_strain", "stress", "von_mises", "yield_function")  # fmt: skip
 
 
-def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = FIELDS) -> Path:
-    """Write the fields of a result to a VTU file; returns its path.
+def export_vtu(
+    source: object | Mapping[float, object], path: str | os.PathLike, fields: Sequence[str] = FIELDS
+) -> Path:
+    """Write the fields of a result to a VTU file, or a load history to one for each step.
 
-    Where processes share the mesh each writes its part, '<stem>_0000.vtu', ..., and the path is
-    that of '<stem>.pvd', which lists them.
+    The steps of a history stand beside the PVD file that lists them, as '<stem>_0000.vtu', ...
+    Where processes share the mesh each writes its part, '<stem>_0000.vtu', ..., and a PVD file
+    lists the parts.
 
     Parameters
     ----------
     source
-        Result of a solver, or ``Fields``.
+        Result of a solver, or ``Fields``; or time -> one of these.
     path
-        The file, ending in '.vtu'; its folder is made.
+        The file, ending in '.vtu', that of a history in '.pvd'; its folder is made.
     fields
         Names of fields, see ``drawable.KINDS``.
 
     Returns
     -------
     Path
-        What ParaView opens.
+        What ParaView opens: ``path``, of shared meshes '<stem>.pvd'.
 
     Raises
     ------
@@ -61,76 +56,50 @@ def export_vtu(source: object, path: str | os.PathLike, fields: Sequence[str] = 
     OSError
         If NGSolve, which does not say so, wrote no file.
     """
-    path = require_path("path", path, ".vtu")
-    check_names(fields)
-    parts = _write(source, path, fields)
-    if len(parts) == 1:
+    history = isinstance(source, Mapping)
+    steps = source if history else {0: source}
+    require_mapping("source", steps, "time -> result")
+    for time, state in steps.items():
+        require_number("times in source", time)
+        fields_of(state, f"source[{time!r}]" if history else "source")
+    path = require_path("path", path, ".pvd" if history else ".vtu")
+    texts = isinstance(fields, Sequence) and not isinstance(fields, str | bytes)
+    if not texts or not all(isinstance(name, str) for name in fields):
+        raise TypeError(f"fields={fields!r}: a sequence of names of fields is needed")
+    if not fields or not set(fields) <= set(KINDS):
+        raise ValueError(f"fields={fields!r}: at least one, of {', '.join(KINDS)}, is needed")
+    processes, listed = fields_of(state).problem.processes, []
+    for number, (time, state) in enumerate(steps.items()):
+        stem = f"{path.stem}_{number:04d}" if history else path.stem
+        parts = [f"{stem}_{rank:04d}.vtu" for rank in range(processes.size)]
+        parts = parts if processes.size > 1 else [f"{stem}.vtu"]
+        own = path.with_name(parts[processes.rank])
+        processes.together(partial(_write_part, state, own, fields))
+        listed += [
+            f'<DataSet timestep="{float(time)!r}" part="{rank}" file={quoteattr(part)}/>'
+            for rank, part in enumerate(parts)
+        ]
+    if not history and processes.size == 1:
         return path
-    return _collect(path.with_suffix(".pvd"), {0: parts}, fields_of(source).problem.processes)
-
-
-def export_series(
-    sources: Sequence[object] | Mapping[float, object],
-    path: str | os.PathLike,
-    fields: Sequence[str] = FIELDS,
-) -> Path:
-    """Write a load history: a PVD file that lists the VTU file of each step; returns its path.
-
-    The sources are results in order, at times 0, 1, 2, ..., or time -> result; the steps stand
-    beside the collection as '<stem>_0000.vtu', ...
-    """
-    path = require_path("path", path, ".pvd")
-    check_names(fields)
-    if not isinstance(sources, Mapping | Sequence) or isinstance(sources, str | bytes):
-        raise TypeError(f"sources={sources!r}: a sequence or mapping of results is needed")
-    if not sources:
-        raise ValueError(f"sources={sources!r}: at least one result is needed")
-    steps = dict(sources) if isinstance(sources, Mapping) else dict(enumerate(sources))
-    for time, source in steps.items():
-        require_number("times in sources", time)
-        fields_of(source, f"sources[{time!r}]")
-    written = {
-        time: _write(source, path.with_name(f"{path.stem}_{number:04d}.vtu"), fields)
-        for number, (time, source) in enumerate(steps.items())
-    }
-    return _collect(path, written, fields_of(source).problem.processes)
-
-
-def _write(source: object, path: Path, fields: Sequence[str]) -> list[Path]:
-    """Write the fields, each process those of its part; the paths of all parts."""
-    processes, parts = fields_of(source).problem.processes, [path]
-    if processes.size > 1:
-        parts = [path.with_name(f"{path.stem}_{r:04d}.vtu") for r in range(processes.size)]
-    processes.together(partial(_write_part, source, parts[processes.rank], fields))
-    return parts
+    path, text = path.with_suffix(".pvd"), f"<Collection>{''.join(listed)}</Collection>"
+    if processes.rank == 0:
+        head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">'
+        write_text(path, f"{head}{text}</VTKFile>\n")
+    processes.all(None)  # no process goes on before the list is there
+    return path
 
 
 def _write_part(source: object, path: Path, fields: Sequence[str]) -> None:
     """Write the fields on the mesh of this process."""
-    mesh = fields_of(source).problem.mesh
     coefficients = [in_space(field_of(source, name)) for name in fields]
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        stem = Path(folder) / "out"
+        mesh, stem = fields_of(source).problem.mesh, Path(folder) / "out"
         VTKOutput(mesh, coefs=coefficients, names=list(fields), filename=str(stem)).Do()
         written = stem.with_suffix(".vtu")
         if not written.is_file():
             raise OSError(f"{path}: NGSolve wrote no file")
         written.replace(path)
-
-
-def _collect(path: Path, written: Mapping[float, Sequence[Path]], processes: Team) -> Path:
-    """Write a PVD file that lists the parts of each time; no process goes on before it is there."""
-    root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
-    collection = ElementTree.SubElement(root, "Collection")
-    for time, parts in written.items():
-        for number, part in enumerate(parts):
-            place = {"timestep": repr(float(time)), "part": str(number), "file": part.name}
-            ElementTree.SubElement(collection, "DataSet", place)
-    if processes.rank == 0:
-        write_text(path, f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}')
-    processes.all(None)
-    return path
 
 
 def in_space(coefficient: CoefficientFunction) -> CoefficientFunction:
@@ -139,12 +108,3 @@ def in_space(coefficient: CoefficientFunction) -> CoefficientFunction:
         return coefficient
     n, rank = coefficient.dims[0], len(coefficient.dims)
     return CF(tuple(coefficient[i] if max(i) < n else 0.0 for i in product(range(3), repeat=rank)))
-
-
-def check_names(fields: object) -> None:
-    """Refuse anything but a sequence of at least one name of a field."""
-    texts = isinstance(fields, Sequence) and not isinstance(fields, str | bytes)
-    if not texts or not all(isinstance(name, str) for name in fields):
-        raise TypeError(f"fields={fields!r}: a sequence of names of fields is needed")
-    if not fields or not set(fields) <= set(KINDS):
-        raise ValueError(f"fields={fields!r}: at least one, of {', '.join(KINDS)}, is needed")

@@ -7,8 +7,8 @@ SVG.  Curved elements are drawn curved.  Curves over something are in ``ngepc.pi
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -17,10 +17,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.tri import Triangulation
 from ngsolve import CoefficientFunction
 
-import ngepc.pictures.sampling as sampling
 import ngepc.pictures.style as style
 from ngepc.checks.arguments import require_number, require_vector
 from ngepc.checks.declared import Check, Declared, Flag, NotNegative, Text
@@ -32,14 +30,15 @@ from ngepc.pictures.drawable import (
     fields_of,
     on_one_scale,
     pressure_on_boundary,
-    require_sources,
+    sources_of,
 )
-from ngepc.pictures.sampling import Corners, body_corners
+from ngepc.pictures.sampling import Corners, corners_of, obstacle_lines, visible
 from ngepc.pictures.stills import Angles, draw_solid
 from ngepc.pictures.style import Picture, styled
 
-SET_COLOURS = (style.ELASTIC, style.PLASTIC, style.CONTACT)
-AXES = "matplotlib Axes or None"
+SETS = ScalarMappable(
+    Normalize(0, 2), ListedColormap((style.ELASTIC, style.PLASTIC, style.CONTACT))
+)
 SOLID = (3.8, 3.4)
 """Inches that a picture of a solid takes."""
 
@@ -66,7 +65,7 @@ def plot_field(
     Parameters
     ----------
     source
-        Result of a solver, or ``Fields``.
+        Result of a solver, or ``Fields``; or title -> either, drawn side by side on one scale.
     field
         Name of a field ('equivalent_plastic_strain', 'yield_function', 'stress_xy', ...) or a
         coefficient.
@@ -80,7 +79,7 @@ def plot_field(
     view
         Where solids are seen from: degrees around the z axis and above the xy plane.
     axes
-        Axes to draw into; by default those of a new figure.
+        Axes to draw one result into; by default those of a new figure.
 
     Returns
     -------
@@ -95,26 +94,19 @@ def plot_field(
         If the body is a solid and pyvista or libEGL is missing.
     """
     drawing = Drawing(deformation_scale, units, view, axes, title, mesh_lines)
-    return _draw_fields(drawing, {"": source}, field, (vmin, vmax))
-
-
-@styled
-def plot_comparison(
-    sources: Mapping[str, object],
-    field: str | CoefficientFunction = "equivalent_plastic_strain",
-    *,
-    deformation_scale: float = 1.0,
-    vmin: float | None = None,
-    vmax: float | None = None,
-    units: UnitNames | None = None,
-    view: Angles | None = None,
-) -> Figure:
-    """The same field of several results (title -> result) side by side on one colour scale.
-
-    The other arguments are those of ``plot_field``.
-    """
-    require_sources(sources)
-    return _draw_fields(Drawing(deformation_scale, units, view), sources, field, (vmin, vmax))
+    sources = sources_of("source", source, title or "")
+    what, corners, colours = on_one_scale(sources.values(), field, units, (vmin, vmax))
+    panels = drawing.bodies(sources, corners, colours, bar=True)
+    figure, place = panels[0].figure, {"shrink": 0.85, "fraction": 0.05}
+    if axes is None and figure.get_figwidth() > 3 * figure.get_figheight():
+        figure.set_figheight(figure.get_figheight() + 0.9)
+        place = {"shrink": 0.5, "location": "bottom", "fraction": 0.5}
+    bar = figure.colorbar(colours, ax=panels, label=what[0].label, aspect=30, **place)
+    bar.outline.set_linewidth(0.4)
+    if bar.orientation == "vertical":  # powers of ten where numbers are small or large
+        bar.formatter.set_powerlimits((-2, 4))
+        bar.ax.yaxis.get_offset_text().set_fontsize(8)
+    return figure
 
 
 @styled
@@ -131,11 +123,10 @@ def plot_plastic_zone(
     The other arguments are those of ``plot_field``.
     """
     require_number("threshold", threshold, 0.0)
-    drawing = Drawing(deformation_scale, view=view, axes=axes)
-    sampled = body_corners(fields_of(source), fields_of(source).equivalent_plastic_strain)
+    drawing, fields = Drawing(deformation_scale, view=view, axes=axes), fields_of(source)
+    sampled = corners_of(fields, visible(fields, fields.equivalent_plastic_strain))
     words = rf"plastic zone (dark): $|p|_F > {threshold:g}$"
-    dark = sampled.values.mean(axis=1) > threshold
-    return _draw_classes(drawing, source, sampled, dark, words).figure
+    return _draw_sets(drawing, source, sampled, sampled.values.mean(axis=1) > threshold, words)
 
 
 @styled
@@ -149,58 +140,41 @@ def plot_active_sets(
     """
     require_attributes("result", result, ("fields", "yield_excess"), "a result of a solver")
     drawing, fields = Drawing(0.0, view=view, axes=axes), fields_of(result)
-    mesh, contact = fields.problem.mesh, bool(fields.problem.touching_names)
-    cuts = max(1, round(math.sqrt(16_000 / mesh.ne)))
-    sampled = body_corners(fields, result.yield_excess, cuts)
-    classes = (sampled.values.mean(axis=1) > 0.0).astype(int)
-    touching = sampling.sample_corners(
-        fields, mesh.Boundaries(".*"), pressure_on_boundary(result), cuts
-    )
+    cuts = max(1, round(math.sqrt(16_000 / fields.problem.mesh.ne)))
+    sampled = corners_of(fields, visible(fields, result.yield_excess), cuts=cuts)
+    sets = (sampled.values.mean(axis=1) > 0.0).astype(int)
+    touching = corners_of(fields, pressure_on_boundary(result), ".*", cuts)
     pushed = touching.values.mean(axis=1) > 0.0
-    if mesh.dim == 3:
-        classes[pushed] = 2
-    words = "yields (dark)" + ", in contact (orange)" * contact
-    axes = _draw_classes(drawing, result, sampled, classes, words)
-    if mesh.dim == 2:
+    if fields.problem.N == 3:
+        sets[pushed] = 2
+    words = "yields (dark)" + ", in contact (orange)" * bool(fields.problem.touching_names)
+    figure = _draw_sets(drawing, result, sampled, sets, words)
+    if fields.problem.N == 2:
         thick = {"colors": style.CONTACT, "linewidths": 3.0, "zorder": 5}
-        axes.add_collection(LineCollection(touching.points[pushed], **thick))
-    return axes.figure
+        (axes or figure.axes[0]).add_collection(LineCollection(touching.points[pushed], **thick))
+    return figure
 
 
 @styled
 def plot_mesh(source: object, *, axes: Axes | None = None) -> Figure:
     """The mesh before the deformation, the initial configuration of Figure 5."""
-    drawing = Drawing(0.0, axes=axes, mesh_lines=True)
-    sampled = body_corners(fields_of(source), CoefficientFunction(0.0))
-    elastic = np.zeros(len(sampled.points))
-    return _draw_classes(drawing, fields_of(source), sampled, elastic).figure
+    sampled, drawing = corners_of(fields_of(source)), Drawing(0.0, axes=axes, mesh_lines=True)
+    return _draw_sets(drawing, fields_of(source), sampled, np.zeros(len(sampled.points)))
 
 
-def _draw_fields(
-    drawing: Drawing,
-    sources: Mapping[str, object],
-    field: str | CoefficientFunction,
-    ends: tuple[float | None, float | None],
+def _draw_sets(
+    drawing: Drawing, source: object, sampled: Corners, sets: np.ndarray, words: str = ""
 ) -> Figure:
-    """Bodies side by side with one colour bar, in the axes of the drawing if it has some."""
-    what, corners, colours = on_one_scale(sources.values(), field, drawing.units, ends)
-    panels = drawing.panels(corners[0], len(corners))
-    for panel, (title, source), sampled in zip(panels, sources.items(), corners, strict=True):
-        drawing.body(panel, source, sampled, colours, title=title)
-    add_bar(colours, panels, what[0].label, drawing.axes is None)
-    return panels[0].figure
+    """Each triangle in the colour of the set, 0, 1 or 2, that it belongs to."""
+    corners = replace(sampled, values=np.repeat(sets[:, None], 3, axis=1))
+    title = "\n".join(filter(None, (words, _method(source))))
+    return drawing.bodies({title: source}, [corners], SETS)[0].figure
 
 
-def _draw_classes(
-    drawing: Drawing, source: object, sampled: Corners, classes: np.ndarray, words: str = ""
-) -> Axes:
-    """Each triangle in the colour of its class; returns the axes."""
-    values = np.repeat(classes[:, None], 3, axis=1)
-    corners = Corners(sampled.points, sampled.displacement, values)
-    colours = ScalarMappable(Normalize(0, len(SET_COLOURS) - 1), ListedColormap(SET_COLOURS))
-    (axes,) = drawing.panels(corners, bar=False)
-    drawing.body(axes, source, corners, colours, words)
-    return axes
+def _method(source: object) -> str:
+    """What solved it, for titles: 'gamma = 1e+04'; empty for solutions of the problem itself."""
+    label = getattr(source, "method_label", "")
+    return label if isinstance(label, str) and label != "exact" else ""
 
 
 @dataclass(frozen=True)
@@ -210,84 +184,65 @@ class Drawing(Declared):
     deformation_scale: NotNegative
     units: Units = PLAIN
     view: Annotated[Angles | None, Check(require_vector, lengths=(2,))] = None
-    axes: Annotated[Axes | None, Check(require_instance, kind=Axes, needed=AXES)] = None
+    axes: Annotated[
+        Axes | None, Check(require_instance, kind=Axes, needed="matplotlib Axes or None")
+    ] = None
     title: Text | None = None
     mesh_lines: Flag = False
 
-    def panels(self, corners: Corners, count: int = 1, bar: bool = True) -> list[Axes]:
-        """The given axes, or those of a new figure for bodies of this size, three in a row."""
-        if self.axes is not None:
-            return [self.axes]
+    def bodies(
+        self,
+        sources: Mapping[str, object],
+        corners: Sequence[Corners],
+        colours: ScalarMappable,
+        bar: bool = False,
+    ) -> list[Axes]:
+        """Draw title -> body side by side in the colours of its values, with room for a ``bar``."""
+        panels = [self.axes] if self.axes else self._panels(corners[0], len(corners), bar)
+        scale, length = self.deformation_scale, self.units.length
+        for axes, (title, source), sampled in zip(panels, sources.items(), corners, strict=True):
+            axes.set_title(title or _method(source))
+            fields, points = fields_of(source), sampled.deformed(scale)
+            mesh = corners_of(fields, border=True).deformed(scale) if self.mesh_lines else None
+            if fields.problem.N == 3:
+                draw_solid(axes, points, sampled.values, colours, mesh, self.view)
+                continue
+            triangles = np.arange(points.size // 2).reshape(-1, 3)
+            shade = {"cmap": colours.cmap, "norm": colours.norm, "shading": "gouraud"}
+            shade |= {"triangles": triangles, "rasterized": True}
+            axes.tripcolor(*points.reshape(-1, 2).T, sampled.values.ravel(), **shade)
+            border = corners_of(fields, where=".*")
+            lines = [
+                (border.points, style.OUTLINE, 0.7, 0),
+                (border.deformed(scale), style.DEFORMED, 0.6, 3),
+            ]
+            if mesh is not None:
+                lines += [(mesh, style.GUIDE, min(0.3, 450 / fields.problem.mesh.ne), 2)]
+            if scale > 0:
+                lines += [(obstacle_lines(fields, scale), style.OBSTACLE, 1.4, 4)]
+            for segments, colour, width, above in lines:
+                line = {"colors": colour, "linewidths": width, "zorder": above}
+                axes.add_collection(LineCollection(segments, **line))
+            axes.set(xlabel=f"x ({length})", ylabel=f"y ({length})", aspect="equal")
+            axes.grid(False)
+            axes.autoscale_view()
+            axes.margins(0.03)
+        return panels
+
+    def _panels(self, corners: Corners, count: int, bar: bool) -> list[Axes]:
+        """Axes of a new figure for bodies of this size, three in a row, on a common scale."""
         width, height = SOLID
         if corners.points.shape[2] == 2:
-            both = [corners.points, corners.deformed(self.deformation_scale)]
-            width, height = np.ptp(np.concatenate(both).reshape(-1, 2), axis=0)
+            both = np.concatenate([corners.points, corners.deformed(self.deformation_scale)])
+            width, height = np.ptp(both.reshape(-1, 2), axis=0)
             unit = min(6.0 / width, 4.0 / height)
             width, height = max(3.5, unit * width + 0.8), max(2.2, unit * height + 0.8)
         rows = math.ceil(count / 3)
         columns = math.ceil(count / rows)
         shrink = min(1.0, 3.6 / width) if columns > 2 else 1.0
         size = (shrink * width * columns + 0.9 * bar, shrink * height * rows)
-        figure, panels = Picture(figsize=size, layout="compressed"), []
-        for k in range(count):  # on a common scale
-            shared = dict.fromkeys(("sharex", "sharey"), panels[0] if panels else None)
-            panels.append(figure.add_subplot(rows, columns, k + 1, **shared))
-        return panels
-
-    def body(
-        self,
-        axes: Axes,
-        source: object,
-        corners: Corners,
-        colours: ScalarMappable,
-        words: str = "",
-        title: str = "",
-    ) -> None:
-        """The triangles in the colours of their values, title, and what surrounds the body."""
-        fields, scale = fields_of(source), self.deformation_scale
-        axes.set_title(title or self.title or "\n".join(filter(None, (words, _method(source)))))
-        points = corners.deformed(scale)
-        lines = sampling.element_borders(fields).deformed(scale) if self.mesh_lines else None
-        if points.shape[2] == 3:
-            draw_solid(axes, points, corners.values, colours, lines, self.view)
-            return
-        x, y = points.reshape(-1, 2).T
-        triangles = Triangulation(x, y, np.arange(len(x)).reshape(-1, 3))
-        shade = {"cmap": colours.cmap, "norm": colours.norm, "shading": "gouraud"}
-        axes.tripcolor(triangles, corners.values.ravel(), rasterized=True, **shade)
-        border = sampling.boundary_corners(fields)
-        drawn = [
-            (border.points, style.OUTLINE, 0.7, 0),
-            (border.deformed(scale), style.DEFORMED, 0.6, 3),
-        ]
-        if lines is not None:
-            drawn += [(lines, style.GUIDE, min(0.3, 450 / fields.problem.mesh.ne), 2)]
-        if scale > 0:
-            drawn += [(sampling.obstacle_lines(fields, scale), style.OBSTACLE, 1.4, 4)]
-        for segments, colour, width, above in drawn:
-            line = {"colors": colour, "linewidths": width, "zorder": above}
-            axes.add_collection(LineCollection(segments, **line))
-        length = self.units.length
-        axes.set(xlabel=f"x ({length})", ylabel=f"y ({length})", aspect="equal")
-        axes.grid(False)
-        axes.autoscale_view()
-        axes.margins(0.03)
-
-
-def _method(source: object) -> str:
-    """What solved it, for titles: 'gamma = 1e+04'; empty for solutions of the problem itself."""
-    label = getattr(source, "method_label", "")
-    return label if isinstance(label, str) and label != "exact" else ""
-
-
-def add_bar(colours: ScalarMappable, panels: list[Axes], label: str, own: bool) -> None:
-    """A colour bar beside the axes, below them where a figure of its ``own`` is wide and low."""
-    figure, place = panels[0].figure, {"shrink": 0.85, "fraction": 0.05}
-    if own and figure.get_figwidth() > 3 * figure.get_figheight():
-        figure.set_figheight(figure.get_figheight() + 0.9)
-        place = {"shrink": 0.5, "location": "bottom", "fraction": 0.5}
-    bar = figure.colorbar(colours, ax=panels, label=label, aspect=30, **place)
-    bar.outline.set_linewidth(0.4)
-    if bar.orientation == "vertical":  # powers of ten where numbers are small or large
-        bar.formatter.set_powerlimits((-2, 4))
-        bar.ax.yaxis.get_offset_text().set_fontsize(8)
+        figure, first = Picture(figsize=size, layout="compressed"), None
+        for k in range(count):
+            axes = figure.add_subplot(rows, columns, k + 1, sharex=first, sharey=first)
+            first = first or axes
+        return figure.axes

@@ -2,7 +2,7 @@
 
 Any ``record -> None`` will do; raising StopIteration in one ends the run with Status.STOPPED and
 keeps the state.  ``record.snapshot()`` is the result of a run that had stopped at that iterate; it
-costs nothing until it is called.  Those here print a table or a progress line, or draw the run.
+costs nothing until it is called.  Those here keep a line up to date, or draw the run.
 """
 
 from __future__ import annotations
@@ -25,54 +25,27 @@ from ngepc.pictures.style import Picture, line_style, styled
 from ngepc.results.outcome import History, IterationRecord, Monitor
 
 EARLIER = "#a7b0b9"
-COLUMNS = (
-    ("step", "{iteration:4d}"),
-    ("residual", "{residual_norm:11.3e}"),
-    ("on contact", "{contact_residual_norm:11.3e}"),
-    ("in body", "{plastic_residual_norm:11.3e}"),
-    ("energy", "{energy:19.10e}"),
-    ("length", "{step_length:9.2e}"),
-    ("halved", "{halvings:6d}"),
-    ("in contact", "{contact_active:10.4g}"),
-    ("plastic", "{plastic_active:10.4g}"),
-)
-"""Heading and format of the columns of the table."""
-
-
-def _stream(stream: object) -> TextIO:
-    """An open text file, standard error for None; TypeError for what cannot be written to."""
-    stream = sys.stderr if stream is None else stream
-    require_attributes("stream", stream, ("write", "flush"), "an open text file or None")
-    return stream
-
-
-def table_monitor(stream: TextIO | None = None) -> Monitor:
-    """A monitor that writes one aligned line for each iterate, with a heading at the start.
-
-    ``stream`` is where to; standard error by default.
-    """
-    _stream(stream)
-
-    def write(record: IterationRecord) -> None:
-        out, lines = _stream(stream), []
-        cells = [form.format(**vars(record)) for _, form in COLUMNS]
-        if record.iteration == 0:
-            lines = [[head.rjust(len(c)) for (head, _), c in zip(COLUMNS, cells, strict=True)]]
-        out.writelines("  ".join(line) + "\n" for line in [*lines, cells])
-        out.flush()
-
-    return write
 
 
 @contextmanager
 def progress_line(label: str = "", stream: TextIO | None = None) -> Iterator[Monitor]:
     """A monitor that keeps one line up to date on a terminal; nothing is written to other files.
 
-    ``label`` stands in front; at the end of ``with`` the line goes away.
+    At the end of ``with progress_line() as monitor:`` the line goes away.  Lines that stay, one for
+    each step, are logged: ``logging.basicConfig(level="INFO")``.
+
+    Parameters
+    ----------
+    label
+        What stands in front.
+    stream
+        An open text file; standard error by default.
     """
     require_text("label", label)
-    bar = tqdm(desc=label or None, file=_stream(stream), leave=False, disable=None,
-               bar_format="{desc}{postfix} [{elapsed}]")  # fmt: skip
+    stream = sys.stderr if stream is None else stream
+    require_attributes("stream", stream, ("write", "flush"), "an open text file or None")
+    form = "{desc}{postfix} [{elapsed}]"
+    bar = tqdm(desc=label or None, file=stream, leave=False, disable=None, bar_format=form)
 
     def write(record: IterationRecord) -> None:
         bar.set_postfix_str(
@@ -85,9 +58,18 @@ def progress_line(label: str = "", stream: TextIO | None = None) -> Iterator[Mon
 
 
 class LivePlotMonitor:
-    """A monitor whose figure grows in a notebook, see ``live_plot_monitor``.
+    """A figure that grows while the solver runs, for notebooks: active sets, residuals, steps.
 
-    ``runs`` are the histories of the runs seen.
+    A run that begins while the monitor is in use goes on where the last one ended, so that as
+    ``newton_monitor`` of ``follow_path`` it shows the whole path; ``with`` begins anew, and draws
+    the last step at its end.  ``runs`` are the histories of the runs seen.
+
+    Parameters
+    ----------
+    interval
+        Least time between two drawings (seconds); drawing takes a fifth of the time at most.
+    tolerance
+        Drawn as a line; the step that falls below it is drawn at once.
     """
 
     def __init__(self, interval: float = 0.3, tolerance: float | None = None) -> None:
@@ -108,9 +90,9 @@ class LivePlotMonitor:
             self.draw()
 
     @styled
-    def figure(self) -> Figure:
-        """The active sets on the body if the record shows them, residuals and step lengths."""
-        snapshot = None if self._last is None else self._last.snapshot
+    def draw(self) -> None:
+        """Show the active sets, if the record has them, and the runs, in one place."""
+        begin, snapshot = time.monotonic(), self._last.snapshot
         widths = (1.0, 1.0) if snapshot is None else (1.2, 1.0, 1.0)
         figure = Picture(figsize=(3 * sum(widths), 3.0))
         *body, left, right = figure.subplots(1, len(widths), width_ratios=widths)
@@ -122,11 +104,6 @@ class LivePlotMonitor:
             drawn.append((run, first, line_style(0, len(run.records)) | style))
             first += len(run.step_lengths)
         draw_runs(left, right, drawn, self.tolerance)
-        return figure
-
-    def draw(self) -> None:
-        """Show the figure, in the place where it was shown first."""
-        begin, figure = time.monotonic(), self.figure()
         if self._handle is None:
             self._handle = _display(figure)
         else:
@@ -137,8 +114,7 @@ class LivePlotMonitor:
     def __enter__(self) -> LivePlotMonitor:
         """The monitor itself, with nothing seen."""
         self.runs: list[History] = []
-        self._last: IterationRecord | None = None
-        self._handle, self._next = None, float("-inf")
+        self._last, self._handle, self._next = None, None, float("-inf")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -148,22 +124,7 @@ class LivePlotMonitor:
             self._last = None
 
 
-def live_plot_monitor(interval: float = 0.3, tolerance: float | None = None) -> LivePlotMonitor:
-    """A figure that grows while the solver runs, for notebooks: active sets, residuals, steps.
-
-    A run that begins while the monitor is in use goes on where the last one ended, so that as
-    ``newton_monitor`` of ``follow_path`` it shows the whole path; ``with`` begins anew, and draws
-    the last step at its end.
-
-    Parameters
-    ----------
-    interval
-        Least time between two drawings (seconds); drawing takes a fifth of the time at most.
-    tolerance
-        Drawn as a line; the step that falls below it is drawn at once.
-
-    """
-    return LivePlotMonitor(interval, tolerance)
+live_plot_monitor = LivePlotMonitor
 
 
 def _display(figure: Figure) -> object:

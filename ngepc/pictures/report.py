@@ -66,17 +66,23 @@ def write_report(path: str | os.PathLike, title: str, *sections: Section, footer
     TypeError
         If a piece is none of these.
     """
-    path = require_path("path", path)
+    path, content = require_path("path", path), []
     for name, text in (("title", title), ("footer", footer)):
         require_text(name, text)
-    content = "".join(_section(number, section) for number, section in enumerate(sections))
-    texts = {"title": html.escape(title), "footer": _inline(footer), "content": content}
+    for number, section in enumerate(sections):
+        pair = isinstance(section, tuple | list) and len(section) == 2
+        if not pair or isinstance(section[1], str) or not isinstance(section[1], Iterable):
+            needed = "a pair of a heading and a list of contents is needed"
+            raise TypeError(f"sections[{number}]={section!r}: {needed}")
+        require_text(f"sections[{number}][0]", section[0])
+        content += [f"<h2>{html.escape(section[0])}</h2>", *map(_piece, section[1])]
+    texts = {"title": html.escape(title), "footer": _inline(footer), "content": "".join(content)}
     write_text(path, PAGE.substitute(texts))
     return path
 
 
 def standard_figures(result: object, threshold: float = 0.0) -> dict[str, Figure]:
-    """Name -> figure: deformed body with |p|_F, yield function, plastic zone, residuals, pressure.
+    """Name -> figure: deformed body with |p|_F, yield function, plastic zone, pressure, residuals.
 
     The plastic zone is dark where |p|_F exceeds ``threshold``.
     """
@@ -84,32 +90,17 @@ def standard_figures(result: object, threshold: float = 0.0) -> dict[str, Figure
         "plastic_strain": plot_field(result, "equivalent_plastic_strain"),
         "yield_function": plot_field(result, "yield_function"),
         "plastic_zone": plot_plastic_zone(result, threshold),
-        "residuals": plot_history(result.history),
     }
     if result.problem.touching_names and result.problem.N == 2:
         figures["contact_pressure"] = plot_contact_pressure(result)
-    return figures
+    return figures | {"residuals": plot_history(result.history)}
 
 
 def solution_sections(result: object, heading: str, threshold: float = 0.0) -> list[Section]:
     """The sections of a report about one result: its pictures, and a view if there is a viewer."""
-    figures = standard_figures(result, threshold)
-    residuals = figures.pop("residuals")
-    absent = f"For a view to turn and zoom: {EXTRA}"
-    view = show(result) if viewer_installed() else absent
-    body = (heading, [view, *figures.values()])
-    return [body, ("How the solver got there", [residuals])]
-
-
-def _section(number: int, section: object) -> str:
-    """A section as HTML."""
-    pair = isinstance(section, tuple | list) and len(section) == 2
-    if not pair or isinstance(section[1], str) or not isinstance(section[1], Iterable):
-        raise TypeError(
-            f"sections[{number}]={section!r}: a pair of a heading and a list of contents is needed"
-        )
-    require_text(f"sections[{number}][0]", section[0])
-    return f"<h2>{html.escape(section[0])}</h2>{''.join(map(_piece, section[1]))}"
+    view = show(result) if viewer_installed() else f"For a view to turn and zoom: {EXTRA}"
+    *figures, residuals = standard_figures(result, threshold).values()
+    return [(heading, [view, *figures]), ("How the solver got there", [residuals])]
 
 
 def _piece(piece: object) -> str:
@@ -128,40 +119,32 @@ def _piece(piece: object) -> str:
     )
 
 
+def _inline(text: str) -> str:
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", html.escape(text))
+
+
 def html_table(rows: Sequence[Mapping[str, object]]) -> str:
     """A table whose columns are the keys in order of appearance, numbers with four digits."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    lines = [f"<tr>{''.join(f'<th>{html.escape(str(c))}</th>' for c in columns)}</tr>"]
+    lines = ["".join(f"<th>{html.escape(str(column))}</th>" for column in columns)]
     for row in rows:
         cells = []
         for value in map(row.get, columns):
             shown = f"{value:.4g}".replace("-", "−") if isinstance(value, float) else value
             kind = ' class="text"' if isinstance(value, str) else ""
             cells.append(f"<td{kind}>{'' if shown is None else html.escape(str(shown))}</td>")
-        lines.append(f"<tr>{''.join(cells)}</tr>")
-    return f'<div class="wide"><table>{"".join(lines)}</table></div>'
-
-
-def _inline(text: str) -> str:
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", html.escape(text))
+        lines.append("".join(cells))
+    return f'<div class="wide"><table><tr>{"</tr><tr>".join(lines)}</tr></table></div>'
 
 
 def describe_problem(problem: Problem) -> list[dict[str, str]]:
     """The data of a problem as rows 'what', 'value', for a table."""
-
-    def data(value: object) -> str:
-        return f"{value:g}" if is_number(value) else "none" if value is None else "varies"
-
-    mesh, m = problem.mesh, problem.material
-    rows = {
-        "body": f"{problem.N} dimensions, {mesh.nv} nodes, {mesh.ne} elements",
-        "elasticity": f"mu_1 = {data(m.lame_lambda)}, mu_2 = {data(m.lame_mu)}",
-        "yield stress": data(m.yield_stress),
-        "hardening": f"kinematic {data(m.hardening)}, isotropic H = {data(m.hardening_modulus)}, "
-        f"k_1 = {data(m.hardening_stiffness)}",
-        "clamped": ", ".join(problem.clamped_names),
-        "loaded": ", ".join(map(str, problem.loads)),
-        "contact": ", ".join(problem.touching_names),
-        "gap": data(problem.gap),
-    }
-    return [{"what": key, "value": value or "none"} for key, value in rows.items()]
+    mesh = problem.mesh
+    rows = {"body": f"{problem.N} dimensions, {mesh.nv} nodes, {mesh.ne} elements"}
+    for name, value in {**vars(problem.material), "gap": problem.gap}.items():
+        number = f"{value:g}" if is_number(value) else "none" if value is None else "varies"
+        rows[name.replace("_", " ")] = number
+    parts = (problem.clamped_names, problem.loads, problem.touching_names)
+    for name, names in zip(("clamped", "loaded", "contact"), parts, strict=True):
+        rows[name] = ", ".join(map(str, names)) or "none"
+    return [{"what": key, "value": value} for key, value in rows.items()]

@@ -11,20 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.colors import Normalize
-from ngsolve import (
-    BND,
-    CF,
-    ET,
-    VOL,
-    BoundaryFromVolumeCF,
-    CoefficientFunction,
-    IntegrationRule,
-    Mesh,
-    Region,
-    x,
-    y,
-    z,
-)
+from ngsolve import CF, ET, BoundaryFromVolumeCF, CoefficientFunction, IntegrationRule, x, y, z
 from scipy.spatial import Delaunay
 
 from ngepc.checks.arguments import require_number
@@ -60,24 +47,7 @@ class Corners:
         """Length or area of each segment or triangle."""
         edges = self.points[:, 1:] - self.points[:, :1]
         gram = np.einsum("tik,tjk->tij", edges, edges)
-        return np.sqrt(np.maximum(np.linalg.det(gram), 0.0)) / max(1, edges.shape[1])
-
-
-def _pieces(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a reference element whose edges are cut into n parts, and its pieces by number."""
-    t = np.arange(n + 1)
-    if shape is ET.SEGM:
-        return t[:, None] / n, t[:-1, None] + [0, 1]
-    points = np.array([(i, j) for j in t for i in t if shape is ET.QUAD or i + j <= n])
-    return points / n, Delaunay(points).simplices
-
-
-def _border(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same for the segments of its border: the sides of one piece alone."""
-    points, pieces = _pieces(shape, n)
-    sides = np.sort(pieces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2))
-    found, count = np.unique(sides, axis=0, return_counts=True)
-    return points, found[count == 1]
+        return np.sqrt(np.maximum(np.linalg.det(gram), 0.0)) / edges.shape[1]
 
 
 def is_curved(fields: Fields) -> bool:
@@ -85,72 +55,67 @@ def is_curved(fields: Fields) -> bool:
     return max(fields.problem.mesh.GetCurveOrder(), fields.displacement.space.globalorder) > 1
 
 
-def visible(mesh: Mesh, coefficient: CoefficientFunction) -> tuple[Region, CoefficientFunction]:
-    """What pictures show of a body and a field: all of it in 2D, surface and trace in 3D."""
-    require_whole("pictures", mesh)
-    if mesh.dim == 2:
-        return mesh.Materials(".*"), coefficient
-    return mesh.Boundaries(".*"), BoundaryFromVolumeCF(coefficient)
+def visible(fields: Fields, coefficient: CoefficientFunction) -> CoefficientFunction:
+    """What pictures show of a field of the body: all of it in 2D, its trace in 3D."""
+    return coefficient if fields.problem.N == 2 else BoundaryFromVolumeCF(coefficient)
 
 
-def body_corners(
-    fields: Fields, coefficient: CoefficientFunction, cuts: int | None = None
-) -> Corners:
-    """The field on the triangles of the body (2D) or of its surface (3D)."""
-    return sample_corners(fields, *visible(fields.problem.mesh, coefficient), cuts)
-
-
-def boundary_corners(
-    fields: Fields, names: tuple[str, ...] | None = None, coefficient: CoefficientFunction = None
-) -> Corners:
-    """A field at the ends (2D) or corners (3D) of the elements of the named boundaries."""
-    region = fields.problem.mesh.Boundaries(".*" if names is None else "|".join(names))
-    return sample_corners(fields, region, CF(0.0) if coefficient is None else coefficient)
-
-
-def element_borders(fields: Fields) -> Corners:
-    """The borders of what is visible of the elements in segments, for the lines of the mesh."""
-    return sample_corners(fields, visible(fields.problem.mesh, CF(0.0))[0], CF(0.0), cut=_border)
-
-
-def sample_corners(
+def corners_of(
     fields: Fields,
-    region: Region,
-    coefficient: CoefficientFunction,
+    coefficient: CoefficientFunction | None = None,
+    where: str | None = None,
     cuts: int | None = None,
-    cut: object = _pieces,
+    border: bool = False,
 ) -> Corners:
-    """Position, displacement and a coefficient at the corners of the pieces of ``region``.
+    """A coefficient, zero for None, at the corners of what is drawn of elements.
 
-    Each edge is cut into ``cuts`` parts; None for as many as bodies need to look as they are.
+    That are those of the body, in 3D of its surface, or of the boundaries ``where`` (a pattern);
+    with ``border`` their borders in segments.  Each edge is cut into ``cuts`` parts; None for as
+    many as bodies need to look as they are.
     """
-    mesh, types = fields.problem.mesh, np.array([e.type for e in region.Elements()])
+    mesh = fields.problem.mesh
+    require_whole("pictures", mesh)
+    body = where is None and mesh.dim == 2
+    region = mesh.Materials(".*") if body else mesh.Boundaries(where or ".*")
+    types = np.array([element.type for element in region.Elements()])
     if cuts is None:
         bent = is_curved(fields) or ET.QUAD in types or mesh.dim == 3
-        most = math.sqrt(MOST_TRIANGLES / mesh.GetNE(VOL if mesh.dim == 2 else BND))
-        cuts = max(1, min(CURVED_CUTS, int(most))) if bent else 1
-    legal = (ET.TRIG, ET.QUAD) if set(types) <= {ET.TRIG, ET.QUAD} else (ET.SEGM,)
-    parts = {shape: cut(shape, cuts) for shape in legal}
+        cuts = max(1, min(CURVED_CUTS, math.isqrt(MOST_TRIANGLES // len(types)))) if bent else 1
+    parts = {shape: _pieces(shape, cuts, border) for shape in set(types)}
     rules = {shape: IntegrationRule(p.tolist(), [0.0] * len(p)) for shape, (p, _) in parts.items()}
     mapped = mesh.MapToAllElements(rules, region)
     counts = np.array([len(parts[shape][0]) for shape in types])
     first = np.cumsum(counts) - counts
-    pieces = np.vstack([
+    pieces = np.concatenate([
         (first[types == shape][:, None, None] + corners).reshape(-1, corners.shape[1])
         for shape, (_, corners) in parts.items()
     ])  # fmt: skip
+    coefficient = CF(0.0) if coefficient is None else coefficient
     sampled = (CF((x, y, z)[: mesh.dim]), fields.displacement, coefficient)
     found = (np.asarray(c(mapped), float).reshape(len(mapped), -1)[pieces] for c in sampled)
     points, displacement, values = found
     return Corners(points, displacement, values[..., 0] if coefficient.dim == 1 else values)
 
 
+def _pieces(shape: ET, n: int, border: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a reference element whose edges are cut into n parts, and its pieces by number."""
+    t = np.arange(n + 1)
+    if shape == ET.SEGM:
+        return t[:, None] / n, t[:-1, None] + [0, 1]
+    points = np.array([(i, j) for j in t for i in t if shape == ET.QUAD or i + j <= n])
+    pieces = Delaunay(points).simplices
+    if border:
+        sides = np.sort(pieces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2))
+        sides, count = np.unique(sides, axis=0, return_counts=True)
+        pieces = sides[count == 1]
+    return points / n, pieces
+
+
 def offset(
     fields: Fields, names: tuple[str, ...], distance: CoefficientFunction, scale: float
 ) -> np.ndarray:
     """Segments of boundaries in 2D, deformed by ``scale`` u, moved by ``distance`` n."""
-    reach = distance * outward_normal(fields.problem.mesh)
-    corners = boundary_corners(fields, names, reach)
+    corners = corners_of(fields, distance * outward_normal(fields.problem.mesh), "|".join(names))
     return corners.deformed(scale) + corners.values
 
 
@@ -163,8 +128,8 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
     psi, names = fields.problem.psi, fields.problem.contact_names
     if not names:
         return np.empty((0, 2, 2))
-    gaps = boundary_corners(fields, names, psi).values.max(axis=1)
-    border = boundary_corners(fields)
+    gaps = corners_of(fields, psi, "|".join(names)).values.max(axis=1)
+    border = corners_of(fields, where=".*")
     extent = np.ptp(border.points.reshape(-1, 2), axis=0).max()
     room = max(0.25 * extent, 1.2 * scale * gaps.min())
     shown = (scale * gaps <= room) & (gaps < NO_OBSTACLE * extent)
@@ -199,12 +164,10 @@ def colour_scale(
     )
     if vmin is not None and vmax is not None and vmin >= vmax:
         raise ValueError(f"vmin={vmin!r}, vmax={vmax!r}: vmin < vmax is needed")
-    values = np.concatenate([s.values.mean(axis=1) for s in samples])
-    areas = np.concatenate([s.measures for s in samples])
-    lowest = min(float(s.values.min()) for s in samples)
-    highest = max(float(s.values.max()) for s in samples)
+    corners = np.concatenate([s.values for s in samples])
+    lowest, highest = float(corners.min()), float(corners.max())
     span = highest - lowest
-    low, high = _percentiles(values, areas)
+    low, high = _percentiles(corners.mean(axis=1), np.concatenate([s.measures for s in samples]))
     low = lowest if low - lowest <= 0.25 * span else low
     high = highest if highest - high <= 0.25 * span else high
     low = 0.0 if lowest >= 0.0 and low <= 0.2 * high else low

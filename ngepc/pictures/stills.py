@@ -5,13 +5,12 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from types import ModuleType
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from scipy.spatial.transform import Rotation
 
 from ngepc.pictures.style import DEFORMED, GUIDE
 
@@ -20,9 +19,7 @@ VIEW: Angles = (-60.0, 25.0)
 """Where solids are seen from, in degrees: around the z axis from x, and above the xy plane."""
 PIXELS, SHARP = 1400, 30.0
 """Width of the square window; edges where the surface turns by more degrees are drawn."""
-INSTALL = 'pictures of solids need pyvista: pip install "ngepc[stills]"'
-LIBRARY, SYSTEM = "libEGL.so.1", "pictures of solids need libEGL, in Debian: apt install libegl1"
-WINDOW, NO_SCREEN = "VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow"
+LIBRARY, WINDOW = "libEGL.so.1", "VTK_DEFAULT_OPENGL_WINDOW"
 
 
 def renderer() -> ModuleType:
@@ -30,26 +27,15 @@ def renderer() -> ModuleType:
     try:
         import pyvista
     except ImportError as error:
-        raise ImportError(INSTALL) from error
+        needed = 'pictures of solids need pyvista: pip install "ngepc[stills]"'
+        raise ImportError(needed) from error
     if sys.platform == "linux" and WINDOW not in os.environ:
         try:
             ctypes.CDLL(LIBRARY)
         except OSError as error:  # VTK itself would end in a segmentation fault
-            raise ImportError(SYSTEM) from error
+            needed = "pictures of solids need libEGL, in Debian: apt install libegl1"
+            raise ImportError(needed) from error
     return pyvista
-
-
-@contextmanager
-def without_screen() -> Iterator[None]:
-    """Inside, VTK does not look for a screen first, unless its variable says otherwise."""
-    if sys.platform != "linux" or WINDOW in os.environ:
-        yield
-        return
-    os.environ[WINDOW] = NO_SCREEN
-    try:
-        yield
-    finally:
-        os.environ.pop(WINDOW, None)
 
 
 def draw_solid(
@@ -70,7 +56,7 @@ def draw_solid(
     axes.set_axis_off()
     arrow = {"arrowstyle": "<|-", "color": GUIDE, "shrinkB": 0, "linewidth": 0.8}
     at = {"ha": "center", "va": "center", "color": GUIDE, "fontsize": 8}
-    for letter, along in zip("xyz", camera(view)[:2].T * (size, -size), strict=True):
+    for letter, along in zip("xyz", camera(view)[1:].T * (size, -size), strict=True):
         if np.linalg.norm(along) > 0.2 * size:
             axes.annotate(letter, start, start + 1.25 * along, arrowprops=arrow, **at)
 
@@ -89,8 +75,13 @@ def solid_image(
     pyvista = renderer()
     faces = np.arange(points.size // 3).reshape(-1, 3)
     body = pyvista.PolyData.from_regular_faces(points.reshape(-1, 3), faces)
-    with without_screen():
+    blind = sys.platform == "linux" and WINDOW not in os.environ
+    try:  # else VTK looks for a screen first
+        os.environ |= {WINDOW: "vtkEGLRenderWindow"} if blind else {}
         plotter = pyvista.Plotter(off_screen=True, window_size=(PIXELS, PIXELS))
+    finally:
+        if blind:
+            del os.environ[WINDOW]
     plotter.enable_anti_aliasing("msaa", multi_samples=8)
     light = {"ambient": 0.55, "diffuse": 0.5, "specular": 0.0, "show_scalar_bar": False}
     shade = {"scalars": values.ravel(), "clim": colours.get_clim(), "cmap": colours.get_cmap()}
@@ -102,7 +93,7 @@ def solid_image(
     if segments is not None:
         lines = pyvista.line_segments_from_points(segments.reshape(-1, 3))
         plotter.add_mesh(lines, line_width=1.0, **line)
-    _, up, eye = camera(view)
+    eye, _, up = camera(view)
     plotter.enable_parallel_projection()
     plotter.view_vector(eye, viewup=up)
     image = plotter.screenshot(transparent_background=True, return_img=True)
@@ -111,10 +102,7 @@ def solid_image(
     return image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 
 
-def camera(view: Angles | None = None) -> np.ndarray:
-    """Where the picture's right and up, and the eye, are in space: the rows of a rotation."""
-    around, above = np.radians(VIEW if view is None else view)
-    level = np.array([np.cos(around), np.sin(around), 0.0])
-    right, top = np.array([-level[1], level[0], 0.0]), np.array([0.0, 0.0, 1.0])
-    rise, reach = np.sin(above), np.cos(above)
-    return np.array([right, reach * top - rise * level, reach * level + rise * top])
+def camera(view: Angles | None) -> np.ndarray:
+    """Where the eye, the picture's right and up are in space: the rows of a rotation."""
+    around, above = VIEW if view is None else view
+    return Rotation.from_euler("ZY", (around, -above), degrees=True).as_matrix().T

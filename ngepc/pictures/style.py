@@ -12,7 +12,6 @@ from pathlib import Path
 
 from matplotlib import rc_context, rc_params_from_file
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ngepc.checks.arguments import require_number
@@ -21,7 +20,6 @@ from ngepc.checks.kinds import require_function, require_instance
 RC = rc_params_from_file(Path(__file__).with_name("ngepc.mplstyle"), use_default_template=False)
 COLOURS = tuple(entry["color"] for entry in RC["axes.prop_cycle"])
 """Okabe and Ito's colours and a wine red, which people with any colour vision tell apart."""
-MARKERS = "os^Dv<>P"
 
 ELASTIC, PLASTIC, CONTACT = "#dfe3e8", "#26323f", "#D55E00"
 OUTLINE, DEFORMED, OBSTACLE, GUIDE = "#9aa3ad", "#3b4650", "#000000", "#6b7680"
@@ -49,25 +47,25 @@ class Picture(Figure):
         return self
 
     def _repr_png_(self) -> bytes:
-        stream = io.BytesIO()
-        FigureCanvasAgg(self).print_png(stream)
-        return stream.getvalue()
+        return png(self)
+
+
+def png(figure: Figure, dpi: float | str = "figure") -> bytes:
+    """A figure as the contents of a PNG file."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=dpi)
+    return stream.getvalue()
 
 
 def png_address(figure: Figure, dpi: float = 120) -> str:
     """A figure as a data address, for the ``src`` of an HTML image."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi)
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    return f"data:image/png;base64,{base64.b64encode(png(figure, dpi)).decode()}"
 
 
 def line_style(index: int, count: int) -> dict:
     """Colour and marker of the curve number ``index`` with ``count`` points."""
-    return {
-        "color": COLOURS[index % len(COLOURS)],
-        "marker": MARKERS[index % len(MARKERS)],
-        "markevery": max(1, count // 20),
-    }
+    colour, marker = COLOURS[index % len(COLOURS)], "os^Dv<>P"[index % 8]
+    return {"color": colour, "marker": marker, "markevery": max(1, count // 20)}
 
 
 @styled

@@ -13,7 +13,7 @@ import html
 import importlib.util
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from string import Template
@@ -24,9 +24,9 @@ from ngsolve import BBND, BND, CF, VOL, CoefficientFunction
 
 from ngepc.checks.arguments import sample
 from ngepc.checks.kinds import require_path, require_text
-from ngepc.pictures.drawable import UnitNames, fields_of, on_one_scale, require_sources
+from ngepc.pictures.drawable import UnitNames, fields_of, on_one_scale, sources_of
 from ngepc.pictures.fields import Drawing
-from ngepc.pictures.sampling import boundary_corners, is_curved, obstacle_lines, offset
+from ngepc.pictures.sampling import corners_of, is_curved, obstacle_lines, offset
 from ngepc.pictures.style import Picture, png_address, styled
 from ngepc.results.records import write_text
 
@@ -34,16 +34,10 @@ EXTRA = 'pip install "ngepc[html]"'
 NOISE = 1e-3
 """Contact pressures below this part of the yield bound are not drawn at full height."""
 PAGE = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
-SLIDER = (
-    '<footer><button id="play" title="play">▶</button><label for="slider">{name}</label>'
-    '<input type="range" id="slider" min="0" max="{last}" value="0">'
-    '<output id="label" for="slider"></output></footer>'
-)
 FRAME = (
     '<iframe srcdoc="{}" loading="lazy" title="interactive view" style="width:100%;'
     'height:480px;box-sizing:border-box;border:1px solid #8884"></iframe>'
 )
-FIGURE = '<figure><figcaption>{}</figcaption><div class="place" id="place-{}"></div></figure>'
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +56,7 @@ class View:
         return path
 
 
+@styled
 def show(
     source: object,
     field: str | CoefficientFunction = "equivalent_plastic_strain",
@@ -102,41 +97,34 @@ def show(
     ImportError
         If the viewer is not installed; the message says what to install.
     """
-    sources = source if isinstance(source, Mapping) else {"": source}
-    require_sources(sources)
+    sources = sources_of("source", source)
     require_text("name", name)
     require_text("title", title)
-    drawing = Drawing(deformation_scale, units, mesh_lines=mesh_lines)
-    viewer, peak = viewer_script(), _peak(sources.values())
+    drawing, viewer = Drawing(deformation_scale, units, mesh_lines=mesh_lines), viewer_script()
     what, _, colours = on_one_scale(sources.values(), field, units, (vmin, vmax))
+    peak = _peak(sources.values())
     scenes = [
-        scene_data(shown, drawn.coefficient, colours, drawing, peak)
-        for shown, drawn in zip(sources.values(), what, strict=True)
+        _scene(one, drawn.coefficient, colours, drawing, peak)
+        for one, drawn in zip(sources.values(), what, strict=True)
     ]
     captions, labels = ([""], list(sources)) if name else (list(sources), [""])
     panels = [scenes] if name else [[scene] for scene in scenes]
-    data = json.dumps({"labels": labels, "panels": panels}, default=float)
-    page = PAGE.substitute(
-        title=html.escape(title or "ngepc"),
-        heading=f"<h1>{html.escape(title)}</h1>" if title else "",
-        legend=legend(colours, what[0].label),
-        figures="".join(FIGURE.format(html.escape(c), n) for n, c in enumerate(captions)),
-        slider=SLIDER.format(name=html.escape(name), last=len(labels) - 1) if name else "",
-        data=base64.b64encode(gzip.compress(data.encode(), mtime=0)).decode(),
+    page = {"captions": captions, "labels": labels, "panels": panels}
+    data = gzip.compress(json.dumps(page, default=float).encode(), mtime=0)
+    legend = Picture(figsize=(3.6, 0.6))
+    axes = legend.add_subplot()
+    legend.colorbar(colours, cax=axes, orientation="horizontal", label=what[0].label)
+    text = PAGE.substitute(
+        title=html.escape(title),
+        name=html.escape(name),
+        legend=png_address(legend, 200),
+        data=base64.b64encode(data).decode(),
         viewer=viewer,
     )
-    return View(page)
+    return View(text)
 
 
-@styled
-def legend(colours: ScalarMappable, label: str) -> str:
-    """The colour scale as an image of HTML."""
-    figure = Picture(figsize=(3.6, 0.6))
-    figure.colorbar(colours, cax=figure.add_subplot(), orientation="horizontal", label=label)
-    return f'<img class="legend" src="{png_address(figure, 200)}" alt="colour scale">'
-
-
-def scene_data(
+def _scene(
     source: object,
     coefficient: CoefficientFunction,
     colours: ScalarMappable,
@@ -145,67 +133,56 @@ def scene_data(
 ) -> dict:
     """What webgui needs to draw a scalar on the deformed body, ready for JSON.
 
-    ``peak`` is the contact pressure drawn at full height in 2D.
+    In 2D the obstacle and the contact pressure over the deformed boundary are lines, ``peak`` is
+    drawn 0.15 times as high as the body is large.  Every scene of a slider has the same lines:
+    webgui keeps the list of the first one.
     """
-    fields = fields_of(source)
-    mesh, plane = fields.problem.mesh, fields.problem.N == 2
+    fields, scale, lines = fields_of(source), drawing.deformation_scale, []
+    names, plane = fields.problem.touching_names, fields.problem.N == 2
+    if plane and names:
+        extent = np.ptp(corners_of(fields, where=".*").points.reshape(-1, 2), axis=0).max()
+        height = 0.15 * extent / peak * getattr(source, "contact_pressure", CF(0.0))
+        lines = [
+            ("obstacle", "#000000", obstacle_lines(fields, scale)),
+            ("contact pressure", "#0072B2", offset(fields, names, height, scale)),
+        ]
     ambient = 1.0 if plane else 0.65
-    light = {"ambient": ambient, "diffuse": 1.0 - ambient, "shininess": 10, "specularity": 0.0}
-    objects = {"Wireframe": drawing.mesh_lines, "Edges": True, "Colorbar": False}
-    settings = {"Objects": objects, "Colormap": {"ncolors": 64}, "Light": light}
+    settings = {
+        "Objects": {"Wireframe": drawing.mesh_lines, "Edges": True, "Colorbar": False},
+        "Colormap": {"ncolors": 64},
+        "Light": {"ambient": ambient, "diffuse": 1 - ambient, "shininess": 10, "specularity": 0.0},
+    }
     if not plane:
         settings["camera"] = {"euler_angles": [-65.0, 0.0, -30.0]}
     with np.errstate():  # its import changes numpy's error state
         from ngsolve.webgui import BuildRenderData
-    return BuildRenderData(
-        mesh,
+    data = BuildRenderData(
+        fields.problem.mesh,
         coefficient,
         order=2 if is_curved(fields) else 1,
         draw_vol=False,
-        deformation=drawing.deformation_scale * fields.displacement,
+        deformation=scale * fields.displacement,
         regions={kind: kind for kind in (VOL, BND, BBND)},
-        objects=_contact_lines(source, drawing.deformation_scale, peak),
+        objects=[
+            {"type": "lines", "name": name, "color": colour,
+             "position": np.pad(segments, ((0, 0), (0, 0), (0, 1))).ravel().tolist()}
+            for name, colour, segments in lines
+        ],
         settings=settings,
-    ) | {
-        "funcmin": colours.norm.vmin,
-        "funcmax": colours.norm.vmax,
-        "autoscale": False,
-        "deformation_scale": 1.0,
-        "colors": colours.cmap(np.linspace(0.0, 1.0, 64))[:, :3].tolist(),
-    }
-
-
-def _contact_lines(source: object, scale: float, peak: float) -> list[dict]:
-    """The obstacle and the pressure curve over the deformed contact boundary of a 2D body.
-
-    Every scene of a slider has the same lines: webgui keeps the list of the first one.
-    """
-    fields = fields_of(source)
-    problem = fields.problem
-    if problem.N != 2 or not problem.touching_names:
-        return []
-    extent = np.ptp(boundary_corners(fields).points.reshape(-1, 2), axis=0).max()
-    height = 0.15 * extent / peak * getattr(source, "contact_pressure", CF(0.0))
-    pushed = offset(fields, problem.touching_names, height, scale)
-    lines = [
-        ("obstacle", "#000000", obstacle_lines(fields, scale)),
-        ("contact pressure", "#0072B2", pushed),
-    ]
-    return [
-        {"type": "lines", "name": name, "color": colour,
-         "position": np.pad(segments, ((0, 0), (0, 0), (0, 1))).ravel().tolist()}
-        for name, colour, segments in lines
-    ]  # fmt: skip
+    )  # fmt: skip
+    limits = {"funcmin": colours.norm.vmin, "funcmax": colours.norm.vmax, "autoscale": False}
+    colors = colours.cmap(np.linspace(0.0, 1.0, 64))[:, :3].tolist()
+    return data | limits | {"deformation_scale": 1.0, "colors": colors}
 
 
 def _peak(sources: Iterable[object]) -> float:
     """Greatest contact pressure of the sources, not below ``NOISE`` of the yield bound."""
     peaks = []
     for source in sources:
-        fields = fields_of(source)
-        problem = fields.problem
+        problem = fields_of(source).problem
         if problem.touching_names and hasattr(source, "contact_pressure"):
-            touching = boundary_corners(fields, problem.touching_names, source.contact_pressure)
+            where = "|".join(problem.touching_names)
+            touching = corners_of(fields_of(source), source.contact_pressure, where)
             peaks += [touching.values.max(), NOISE * sample(problem.beta, problem.mesh).mean()]
     return float(max(peaks, default=1.0))
 

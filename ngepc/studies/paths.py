@@ -20,7 +20,7 @@ from ngepc.dual.path_options import PathOptions
 from ngepc.dual.path_steps import PathResult
 from ngepc.dual.result import DualResult
 from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
-from ngepc.pictures.sampling import body_corners
+from ngepc.pictures.sampling import corners_of
 from ngepc.pictures.style import beside, save_figure
 from ngepc.results.files import check_folder
 from ngepc.studies.examples import FAMILIES, THRESHOLDS, example
@@ -193,7 +193,7 @@ class Figures(BothPaths):
         check_folder(store.parent)
         path = followed(self, body, nodes, PATHS[body], checkpoint=store)
         fields, mesh = path.last.fields, path.last.problem.mesh
-        strain = body_corners(fields, fields.equivalent_plastic_strain).values
+        strain = corners_of(fields, fields.equivalent_plastic_strain).values
         numbers = {
             "gamma": path.gamma_end,
             "status": path.status.label,

@@ -74,10 +74,10 @@ from ngepc import (
     plot_history,
     plot_plastic_zone,
     primal_newton,
+    progress_line,
     semismooth_newton,
     show,
     solve_to,
-    table_monitor,
     tangent,
     wrench_problem,
     write_report,
@@ -88,13 +88,10 @@ from ngepc.pictures import (
     UnitNames,
     beside,
     plot_active_sets,
-    plot_comparison,
     plot_contact_pressure,
     plot_counts,
     plot_mesh,
 )
-from ngepc.pictures.export import export_series
-from ngepc.pictures.monitors import progress_line
 from ngepc.pictures.views import View, viewer_installed
 
 PROBLEM = lshape_problem(MESH)
@@ -219,7 +216,6 @@ USES = {
     ),
     "cold_start": Use(cold_start, {"solver": primal_newton}, {"solver": CALLABLE}, ("settings",)),
     # monitors
-    "table_monitor": Use(table_monitor),
     "progress_line": Use(
         lambda label="", stream=None: progress_line(label, stream).__enter__(), may={"label": TEXTS}
     ),
@@ -229,7 +225,7 @@ USES = {
     "plot_plastic_zone": Use(
         plot_plastic_zone, {"source": DUAL}, DRAWN | {"threshold": NOT_NEGATIVE}
     ),
-    "plot_comparison": Use(plot_comparison, {"sources": {"one": DUAL}}, DRAWN | RANGE | FIELD),
+    "plot_field, several": Use(plot_field, {"source": {"one": DUAL}}, DRAWN | RANGE | FIELD),
     "plot_mesh": Use(plot_mesh, {"source": DUAL}),
     "plot_active_sets": Use(plot_active_sets, {"result": DUAL}, DRAWN),
     "plot_history": Use(plot_history, {"histories": DUAL.history}),
@@ -243,8 +239,8 @@ USES = {
     "show": Use(show, {"source": DUAL}, DRAWN | RANGE | FIELD),
     # files
     "export_vtu": Use(export_vtu, {"source": DUAL, "path": "fields.vtu"}, {"path": NOTHING}),
-    "export_series": Use(
-        export_series, {"sources": [DUAL], "path": "series.pvd"}, {"path": NOTHING}
+    "export_vtu, several": Use(
+        export_vtu, {"source": {0.5: DUAL}, "path": "series.pvd"}, {"path": NOTHING}
     ),
     "write_report": Use(write_report, {"path": "page.html", "title": "title"}, skip=("sections",)),
     "View.save": Use(lambda path: View("").save(path), {"path": "v.html"}, {"path": {"a text"}}),

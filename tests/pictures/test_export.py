@@ -9,7 +9,7 @@ from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc.model.processes import Team
 from ngepc.pictures import export
-from ngepc.pictures.export import FIELDS, export_series, export_vtu, in_space
+from ngepc.pictures.export import FIELDS, export_vtu, in_space
 from ngepc.results.records import l2_norm
 
 meshio = pytest.importorskip("meshio", reason="meshio reads the files back (extra 'test')")
@@ -69,7 +69,7 @@ def test_chosen_fields_only(tmp_path):
 
 def test_series_lists_its_steps_beside_it(tmp_path):
     steps = {0.5: lshape_dual(), 1.5: lshape_primal()}
-    path = export_series(steps, tmp_path / "load.pvd")
+    path = export_vtu(steps, tmp_path / "load.pvd")
     listed = ElementTree.parse(path).getroot().findall("./Collection/DataSet")
     assert [float(entry.get("timestep")) for entry in listed] == [0.5, 1.5]
     for entry, result in zip(listed, steps.values(), strict=True):
@@ -129,8 +129,8 @@ def test_an_older_file_survives_a_failure(tmp_path, monkeypatch):
     [
         (lambda p: export_vtu(lshape_primal(), p / "a.vtk"), "ends in '.vtu'"),
         (lambda p: export_vtu(lshape_primal(), p / "a.vtu", ["stres"]), "at least one, of"),
-        (lambda p: export_series([lshape_primal()], p / "a.vtu"), "ends in '.pvd'"),
-        (lambda p: export_series([], p / "a.pvd"), "at least one"),
+        (lambda p: export_vtu({0: lshape_primal()}, p / "a.vtu"), "ends in '.pvd'"),
+        (lambda p: export_vtu({}, p / "a.pvd"), "at least one"),
     ],
 )
 def test_bad_input_is_named(call, message, tmp_path):

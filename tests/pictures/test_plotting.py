@@ -23,7 +23,6 @@ from ngepc.pictures import (
     beside,
     monitors,
     plot_active_sets,
-    plot_comparison,
     plot_contact_pressure,
     plot_counts,
     plot_field,
@@ -35,14 +34,7 @@ from ngepc.pictures.curves import arc_lengths, pressure_curves
 from ngepc.pictures.drawable import KINDS, UnitNames, drawable
 from ngepc.pictures.monitors import live_plot_monitor
 from ngepc.pictures.report import standard_figures
-from ngepc.pictures.sampling import (
-    Corners,
-    body_corners,
-    boundary_corners,
-    colour_scale,
-    element_borders,
-    obstacle_lines,
-)
+from ngepc.pictures.sampling import Corners, colour_scale, corners_of, obstacle_lines, visible
 from ngepc.pictures.style import COLOURS, CONTACT, ELASTIC, PLASTIC, RC, save_figure
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
@@ -74,7 +66,7 @@ FIGURES = {
     "component": lambda: plot_field(lshape_primal(), "stress_xy", mesh_lines=True),
     "zone": lambda: plot_plastic_zone(lshape_primal(), 0.02),
     "mesh": lambda: plot_mesh(lshape_primal()),
-    "comparison": lambda: plot_comparison({"dual": lshape_dual(), "primal": lshape_primal()}),
+    "comparison": lambda: plot_field({"dual": lshape_dual(), "primal": lshape_primal()}),
     "active sets": lambda: plot_active_sets(lshape_primal()),
     "active sets in 3D": lambda: plot_active_sets(block_primal()),
     "history": lambda: plot_history({"d": lshape_dual().history, "p": lshape_primal().history}),
@@ -153,7 +145,7 @@ def test_obstacle_stays_outside_on_meshes_with_turned_edges():
 def test_a_straight_obstacle_is_as_long_as_the_body_below_it():
     result = lshape_primal()
     lines = obstacle_lines(result.fields, 1.0)
-    body = body_corners(result.fields, CF(0.0)).deformed(1.0)[..., 0]
+    body = corners_of(result.fields, CF(0.0)).deformed(1.0)[..., 0]
     assert body.max() > 1.05, "the body leans over its contact boundary"
     assert lines[..., 0].max() == pytest.approx(body.max(), rel=1e-12)
     assert lines[..., 0].min() == pytest.approx(min(0.0, body.min()), abs=1e-12)
@@ -175,7 +167,7 @@ def test_obstacle_is_left_out_where_there_is_none():
 def test_dark_area_is_the_measure_of_the_plastic_zone(threshold):
     result = lshape_primal()
     body = plot_plastic_zone(result, threshold, deformation_scale=0.0).axes[0].collections[0]
-    corners = body_corners(result.fields, result.fields.equivalent_plastic_strain)
+    corners = corners_of(result.fields, result.fields.equivalent_plastic_strain)
     dark = body.get_array().reshape(-1, 3)[:, 0] > 0.5
     expected = Integrate(result.fields.plastic_zone(threshold), result.problem.mesh)
     assert corners.measures[dark].sum() == pytest.approx(expected, rel=1e-12)
@@ -183,7 +175,7 @@ def test_dark_area_is_the_measure_of_the_plastic_zone(threshold):
 
 def test_corners_carry_areas_positions_and_values():
     result = lshape_primal()
-    corners = body_corners(result.fields, 2 * x - y)
+    corners = corners_of(result.fields, 2 * x - y)
     assert corners.measures.sum() == pytest.approx(0.75, rel=1e-13)
     expected = corners.points @ [2.0, -1.0]
     np.testing.assert_allclose(corners.values, expected, atol=1e-14)
@@ -192,7 +184,7 @@ def test_corners_carry_areas_positions_and_values():
 @pytest.mark.parametrize("cuts", [2, 3, 5])
 def test_cut_triangles_cover_the_same_body_with_the_same_values(cuts):
     result = lshape_primal()
-    corners, finer = (body_corners(result.fields, 2 * x - y, n) for n in (1, cuts))
+    corners, finer = (corners_of(result.fields, 2 * x - y, cuts=n) for n in (1, cuts))
     assert len(finer.points) == cuts**2 * len(corners.points)
     assert finer.measures.sum() == pytest.approx(corners.measures.sum(), rel=1e-12)
     assert np.ptp(finer.measures * cuts**2) == pytest.approx(np.ptp(corners.measures), abs=1e-12)
@@ -201,7 +193,7 @@ def test_cut_triangles_cover_the_same_body_with_the_same_values(cuts):
 
 def test_quadrilaterals_are_cut_and_bordered():
     fields = zero_fields(block.structured_mesh(3, 2, size=(1.0, 0.5), simplices=False))
-    corners, borders = body_corners(fields, x * y, 4), element_borders(fields)
+    corners, borders = corners_of(fields, x * y, cuts=4), corners_of(fields, border=True)
     assert len(corners.points) == 6 * 2 * 16
     assert corners.measures.sum() == pytest.approx(0.5, rel=1e-12)
     expected = corners.points[..., 0] * corners.points[..., 1]
@@ -215,11 +207,9 @@ def test_curved_elements_are_drawn_curved():
     mesh.Curve(3)
     fields = zero_fields(mesh, "inner")
     exact = math.pi * 3 / 4
-    straight, curved = (
-        abs(body_corners(fields, CF(1.0), n).measures.sum() - exact) for n in (1, None)
-    )
+    straight, curved = (abs(corners_of(fields, cuts=n).measures.sum() - exact) for n in (1, None))
     assert curved < 0.1 * straight
-    for borders in (element_borders(fields), boundary_corners(fields, ("outer",))):
+    for borders in (corners_of(fields, border=True), corners_of(fields, where="outer")):
         radii = np.linalg.norm(borders.points, axis=2)
         assert radii.max() == pytest.approx(2.0, rel=1e-3)
     assert radii.min() == pytest.approx(2.0, rel=1e-3)
@@ -227,7 +217,7 @@ def test_curved_elements_are_drawn_curved():
 
 def test_surface_of_a_block_has_its_area_and_the_stress_from_inside():
     fields = block_primal().fields
-    corners = body_corners(fields, fields.stress[2, 2])
+    corners = corners_of(fields, visible(fields, fields.stress[2, 2]))
     assert corners.measures.sum() == pytest.approx(6.0, rel=1e-12)
     assert np.abs(corners.values).max() > 0.1
 
@@ -301,7 +291,7 @@ def test_colour_range_settles_under_refinement_while_the_maximum_grows():
         fields = Fields(problem, zero, GridFunction(plastic_space(problem)))
         singular = GridFunction(L2(problem.mesh, order=0))
         singular.Set(1 / sqrt(sqrt((x - 0.5) ** 2 + (y - 0.5) ** 2) + 1e-9))
-        corners = body_corners(fields, singular)
+        corners = corners_of(fields, singular)
         most.append(colour_scale(corners).vmax)
         peak.append(corners.values.max())
     assert peak[2] > 1.5 * peak[0]
@@ -328,7 +318,7 @@ def test_every_named_field_is_a_finite_scalar(name):
             drawable(result, name)
         return
     what = drawable(result, name)
-    values = body_corners(result.fields, what.coefficient).values
+    values = corners_of(result.fields, what.coefficient).values
     assert what.coefficient.dim == 1
     assert np.isfinite(values).all()
 
@@ -356,7 +346,7 @@ def test_vectors_and_matrices_are_drawn_by_their_norms():
         (lambda r: plot_field(r, deformation_scale=-1), "deformation_scale=-1"),
         (lambda r: plot_field(r, vmin=2.0, vmax=1.0), "vmin < vmax"),
         (lambda r: plot_plastic_zone(r, -0.1), "threshold=-0.1"),
-        (lambda r: plot_comparison({}), "at least one"),
+        (lambda r: plot_field({}), "at least one"),
         (lambda r: plot_history({"run": History()}), "no records"),
         (lambda r: plot_history({}), "at least one"),
         (lambda r: beside(), "at least one"),
@@ -456,11 +446,7 @@ def test_words_stay_inside_wide_low_pictures_and_those_of_monitors(monkeypatch):
         monitor(replace(lshape_dual().history.records[0], snapshot=lshape_dual))
     flat = zero_fields(block.structured_mesh(16, 1, size=(16.0, 1.0)))
     panels = dict.fromkeys("abc", zero_fields(block.structured_mesh(4, 2, size=(2.0, 1.0))))
-    drawn = [
-        plot_field(flat, CF(x)),
-        plot_comparison(panels, "accumulated_plastic_strain"),
-        watched[0],
-    ]
+    drawn = [plot_field(flat, CF(x)), plot_field(panels, "accumulated_plastic_strain"), watched[0]]
     assert [len(figure.axes) for figure in drawn] == [2, 4, 3]
     assert [beyond(figure) for figure in drawn] == [[], [], []]
     narrow = plot_field(flat, CF(x), title="words " * 99)

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize, rgb_to_hsv
 from ngsolve import CF
 from solved import block_primal
 
-from ngepc.pictures import plot_comparison, plot_field, stills
+from ngepc.pictures import plot_field, stills
 from ngepc.pictures.stills import solid_image
 
 pytestmark = pytest.mark.usefixtures("draws_solids")
@@ -74,7 +74,7 @@ def test_pictures_take_views_and_lines_and_leave_the_environment(monkeypatch):
     result = block_primal()
     above, aside = (plot_field(result, "displacement_z", view=v).axes[0] for v in ((0, 90), None))
     assert above.images[0].get_size() != aside.images[0].get_size()
-    assert len(plot_comparison({"a": result, "b": result}, view=(20, 10)).axes) == 3
+    assert len(plot_field({"a": result, "b": result}, view=(20, 10)).axes) == 3
     lines, plain = (
         plot_field(result, mesh_lines=drawn).axes[0].images[0] for drawn in (True, False)
     )
@@ -104,7 +104,6 @@ def test_what_is_missing_is_named_with_the_line_that_installs_it(monkeypatch):
         with pytest.raises(ImportError, match=r'pip install "ngepc\[stills\]"'):
             plot_field(block_primal())
     monkeypatch.setattr(stills, "LIBRARY", "libthatisnothere.so.1")
-    monkeypatch.setattr(stills, "NO_SCREEN", {"NGEPC_TRIES": "no screen"})
     with pytest.raises(ImportError, match="apt install libegl1"):
         plot_field(block_primal())
 

@@ -125,7 +125,7 @@ def test_all_imports_stand_in_the_first_cell(path):
 @pytest.mark.parametrize("path", LECTURES, ids=name)
 def test_every_lecture_ends_with_its_quiz(path):
     assert code_cells(path)[-1].source == f'quiz("{path.stem}")'
-    questions = quiz(path.stem).questions
+    questions = quiz(path.stem)
     assert len(questions) >= 3
     for question in questions:
         assert len(set(question["choices"])) == len(question["choices"]) >= 2
