@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags
@@ -24,6 +24,7 @@ from ngepc.linalg.descent import Linear, conjugate_gradients
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local.closed import Closed
 from ngepc.local.system import State
+from ngepc.model.elements import vertex_coordinates
 
 ACCURACY = 1e-12
 """Relative residual of ``solve``, for callers that take it for exact."""
@@ -31,25 +32,12 @@ ACCURACY = 1e-12
 RESTART = 60
 """Directions that minimal residuals keep."""
 
+Preconditioner = Callable[[csr_matrix, csr_matrix], Linear]
+"""A tangent, and the same with closed rows pinned -> a symmetric positive definite map of vectors.
 
-class Engine(Protocol):
-    """What multiplies by the matrix of the tangent and preconditions it."""
-
-    def take(self, values: np.ndarray) -> None:
-        """Take the values of a new matrix in the order of the pattern."""
-        ...
-
-    def build(self, values: np.ndarray) -> None:
-        """Make the preconditioner from these values."""
-        ...
-
-    def multiply(self, x: np.ndarray) -> np.ndarray:
-        """The matrix times a vector, into a new one."""
-        ...
-
-    def precondition(self, r: np.ndarray) -> np.ndarray:
-        """The preconditioner, symmetric and positive definite, times a vector."""
-        ...
+The first tangent chooses coarse spaces, the pinned one is what is preconditioned; a process has the
+matrices of its own elements.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,15 +51,15 @@ class Iterative(Declared):
         """The tangent of a discrete problem, whose entries ``blocks`` knows."""
         return IterativeTangent(frame, blocks, self)
 
-    def engine(self, pattern: FullPattern, frame: Frame) -> Engine:
-        """What multiplies and preconditions."""
+    def preconditioner(self, pattern: FullPattern, frame: Frame) -> Preconditioner:
+        """What makes preconditioners for matrices with a pattern, nodes coupled as by ``graph``."""
         raise NotImplementedError
 
 
 class FullPattern:
-    """The matrix of both triangles, from blocks on and below the diagonal.
+    """The CSR matrix of both triangles, from blocks on and below the diagonal.
 
-    ``starts`` and ``columns`` are CSR without the values, ``blocks`` which nodes are coupled.
+    ``blocks`` says which nodes are coupled, ``graph`` without those that are held altogether.
     """
 
     def __init__(self, lower: Blocks) -> None:
@@ -85,27 +73,23 @@ class FullPattern:
         turned = order >= len(i)
         source[turned] = source[turned].swapaxes(1, 2)
         columns = columns[order].astype(np.int32)
-        self.blocks = csr_matrix(
-            (np.ones(len(columns), dtype=np.int32), columns, starts), shape=(nodes, nodes)
-        )
-        whole = bsr_matrix((source, columns, starts), shape=(N * nodes, N * nodes)).tocsr()
-        self.starts, self.columns, self._source = whole.indptr, whole.indices, whole.data
+        ones = np.ones(len(columns), dtype=np.int32)
+        self.blocks = csr_matrix((ones, columns, starts), shape=(nodes, nodes))
+        self._source = bsr_matrix((source, columns, starts), shape=(N * nodes, N * nodes)).tocsr()
+        kept = diags(lower.free.any(axis=1), dtype=np.int32)
+        self.graph = (kept @ self.blocks @ kept).tocsr()
+        self.graph.eliminate_zeros()
+        self.graph.sort_indices()
 
-    def graph(self, held: np.ndarray) -> csr_matrix:
-        """Which nodes are coupled, those of a mask left out."""
-        kept = diags(~held, dtype=np.int32)
-        graph = (kept @ self.blocks @ kept).tocsr()
-        graph.eliminate_zeros()
-        graph.sort_indices()
-        return graph
-
-    def values(self, lower: np.ndarray) -> np.ndarray:
-        """The values of the CSR matrix from the blocks, (blocks, N, N)."""
-        return lower.ravel()[self._source]
+    def matrix(self, lower: np.ndarray) -> csr_matrix:
+        """The matrix from its blocks, (blocks, N, N)."""
+        source = self._source
+        values = lower.ravel()[source.data]
+        return csr_matrix((values, source.indices, source.indptr), shape=source.shape)
 
 
 class IterativeTangent:
-    """A ``Tangent`` that is never factorised, with a new hierarchy for each state.
+    """A tangent that is never factorised, with a new hierarchy for each state.
 
     Solves with the present tangent and the iterations in them are ``back_substitutions`` and
     ``linear_iterations``, ``forcing`` is that of the ``solver``.
@@ -117,14 +101,14 @@ class IterativeTangent:
         self._frame, self._processes = frame, frame.contact.processes
         self.forcing, self._most = solver.forcing, solver.max_iterations
         self._blocks, self._pattern = blocks, FullPattern(blocks)
-        self._engine = solver.engine(self._pattern, frame)
+        self._preconditioner = solver.preconditioner(self._pattern, frame)
         self._lower: np.ndarray | None = None
         self.back_substitutions = self.linear_iterations = 0
 
     def update(self, state: object) -> None:
         """Assemble from what ``Blocks.values`` takes; the first solve makes a hierarchy."""
         self._lower = self._blocks.values(state)
-        self._engine.take(self._pattern.values(self._lower))
+        self.matrix = self._pattern.matrix(self._lower)
         self.back_substitutions = self.linear_iterations = 0
 
     def linearise(self, here: State) -> None:
@@ -133,22 +117,18 @@ class IterativeTangent:
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """The tangent times nodal displacements, flat."""
-        return self._engine.multiply(x)
+        return self._processes.summed((self.matrix @ x).reshape(self._frame.free.shape)).ravel()
 
     def prepare(self, closed: Closed) -> None:
-        """Make a hierarchy for the present tangent and closed rows if there is none for it."""
+        """Make a hierarchy for the present tangent and closed rows if there is none for it.
+
+        What is pinned is projected out of the blocks, the size of the diagonal is put there.
+        """
         if self._lower is None:
             return
         nodes, projections = closed.pins(self._blocks.N)
-        lower, self._lower = self._lower, None
-        if len(nodes):
-            self._pin(lower, nodes, projections)
-        self._engine.build(self._pattern.values(lower))
-
-    def _pin(self, values: np.ndarray, nodes: np.ndarray, projections: np.ndarray) -> None:
-        """Project out of the blocks what is pinned, and put the size of the diagonal there."""
-        rows, columns, N = self._blocks.rows, self._blocks.columns, projections.shape[1]
-        place = np.full(len(self._blocks.free), -1)
+        rows, columns, N = self._blocks.rows, self._blocks.columns, self._blocks.N
+        place, values = np.full(len(self._blocks.free), -1), self._lower
         place[nodes] = np.arange(len(nodes))
         padded = np.concatenate([projections, np.eye(N)[None]])  # number -1: not pinned
         hit = np.flatnonzero((place[rows] >= 0) | (place[columns] >= 0))
@@ -157,6 +137,18 @@ class IterativeTangent:
         size = np.trace(before[same], axis1=1, axis2=2)[:, None, None] / N
         after[same] += size * (np.eye(N) - padded[place[rows[hit[same]]]])
         values[hit] = after
+        self._lower, pinned = None, self._pattern.matrix(values)
+        self._precondition = self._preconditioner(self.matrix, pinned)
+
+    def solve(self, forces: np.ndarray, accuracy: float = ACCURACY) -> np.ndarray:
+        """Displacements, zero where held, that answer nodal forces; both (nodes, N).
+
+        ``accuracy`` is a relative residual.
+        """
+        closed = Closed(self._frame, np.zeros(len(self._frame.contact.rows), dtype=bool))
+        right = closed.project(forces.ravel())
+        tolerance = accuracy * self._processes.norm(right)
+        return self.minimise(closed, right, np.zeros_like(right), tolerance).reshape(forces.shape)
 
     def minimise(
         self, closed: Closed, right: np.ndarray, start: np.ndarray, tolerance: float
@@ -167,87 +159,64 @@ class IterativeTangent:
         more than ``most`` iterations or the preconditioner is not positive.
         """
         self.prepare(closed)
-        oblique = self._processes.any(np.array(closed.slanted))
-        work = self._engine.precondition, self._processes.dot, closed.project
-        system = ProjectedSystem(closed.stiffened(self.multiply), *work)
-        iterate = system.minimal_residuals if oblique else system.conjugate_gradients
-        x, iterations = iterate(right, start, tolerance, self._most)
         self.back_substitutions += 1
-        self.linear_iterations += iterations
-        return x
+        oblique = self._processes.any(np.array(closed.slanted))
+        iterate = self._minimal_residuals if oblique else self._conjugate_gradients
+        multiply = closed.stiffened(self.multiply)
 
-    def solve(self, forces: np.ndarray, accuracy: float = ACCURACY) -> np.ndarray:
-        """Displacements, zero where held, that answer nodal forces; both (nodes, N).
+        def image(x: np.ndarray) -> np.ndarray:
+            """The tangent times x, projected."""
+            return closed.project(multiply(x))
 
-        ``accuracy`` is a relative residual.
-        """
-        closed = Closed(self._frame, np.zeros(len(self._frame.contact.rows), dtype=bool))
-        right = closed.project(forces.ravel())
-        size = self._processes.norm(right)
-        return self.minimise(closed, right, np.zeros_like(right), accuracy * size).reshape(
-            forces.shape
-        )
+        def precondition(r: np.ndarray) -> np.ndarray:
+            """The preconditioner times r, projected."""
+            return closed.project(self._precondition(r))
 
+        moved = self._processes.dot(start, start) > 0
+        left = closed.project(right - multiply(start) if moved else right)
+        if self._processes.norm(left) <= tolerance:
+            return start
+        return start + iterate(image, precondition, left, tolerance)
 
-@dataclass(frozen=True, eq=False)
-class ProjectedSystem:
-    """A linear system on what a projection leaves free.
-
-    Both methods take the right side, where to start, the norm of the residual that may be left and
-    the most iterations; they return the solution and its iterations, or raise FactorisationError.
-    """
-
-    multiply: Linear
-    precondition: Linear
-    dot: Callable[[np.ndarray, np.ndarray], float]
-    project: Linear
-
-    def conjugate_gradients(
-        self, right: np.ndarray, start: np.ndarray, tolerance: float, most: int
-    ) -> tuple[np.ndarray, int]:
-        """For positive definite matrices and preconditioners (Gould, Hribar, Nocedal 2001)."""
-        moved = self.dot(start, start) > 0
-        missing, taken = self.project(right - self.multiply(start) if moved else right), 0
-        if np.sqrt(self.dot(missing, missing)) <= tolerance:
-            return start, 0
-        free = self._left_free(self.multiply), self._left_free(self.precondition)
-        for x, r, _ in islice(conjugate_gradients(*free, missing, self.dot), most):
-            taken += 1
-            if np.sqrt(self.dot(r, r)) <= tolerance:
-                return start + x, taken
-        if taken < most:
+    def _conjugate_gradients(
+        self, multiply: Linear, precondition: Linear, right: np.ndarray, tolerance: float
+    ) -> np.ndarray:
+        """For positive definite maps (Gould, Hribar, Nocedal 2001)."""
+        taken, dot = 0, self._processes.dot
+        steps = conjugate_gradients(multiply, precondition, right, dot)
+        for taken, (x, r, _) in enumerate(islice(steps, self._most), start=1):
+            if np.sqrt(dot(r, r)) <= tolerance:
+                self.linear_iterations += taken
+                return x
+        if taken < self._most:
             raise FactorisationError("the multigrid preconditioner is not positive definite")
-        raise FactorisationError(f"conjugate gradients did not converge in {most} iterations")
+        raise FactorisationError(f"conjugate gradients did not converge in {taken} iterations")
 
-    def _left_free(self, linear: Linear) -> Linear:
-        """The same, projected."""
-        return lambda x: self.project(linear(x))
-
-    def minimal_residuals(
-        self, right: np.ndarray, start: np.ndarray, tolerance: float, most: int
-    ) -> tuple[np.ndarray, int]:
+    def _minimal_residuals(
+        self, multiply: Linear, precondition: Linear, right: np.ndarray, tolerance: float
+    ) -> np.ndarray:
         """Where the projection is oblique: restarted GMRES (Saad and Schultz 1986)."""
-        x, iterations = start, 0
-        while iterations < most:
-            r = self.project(right - self.multiply(x))
-            size = np.sqrt(self.dot(r, r))
+        dot, x, r, iterations = self._processes.dot, np.zeros_like(right), right, 0
+        while iterations < self._most:
+            left = size = np.sqrt(dot(r, r))
             if size <= tolerance:
-                return x, iterations
-            basis, H, left = [r / size], np.zeros((RESTART + 1, RESTART)), size
-            while left > 0.9 * tolerance and len(basis) <= min(RESTART, most - iterations):
-                k, z = len(basis), self.project(self.precondition(basis[-1]))
-                image = self.project(self.multiply(z))
+                self.linear_iterations += iterations
+                return x
+            basis, H = [r / size], np.zeros((RESTART + 1, RESTART))
+            while left > 0.9 * tolerance and len(basis) <= min(RESTART, self._most - iterations):
+                k, image = len(basis), multiply(precondition(basis[-1]))
                 for j, known in enumerate(basis):
-                    H[j, k - 1] = self.dot(known, image)
+                    H[j, k - 1] = dot(known, image)
                     image = image - H[j, k - 1] * known
-                H[k, k - 1] = np.sqrt(self.dot(image, image))
+                H[k, k - 1] = np.sqrt(dot(image, image))
                 goal = size * np.eye(k + 1)[0]
                 y = np.linalg.lstsq(H[: k + 1, :k], goal, rcond=None)[0]
                 left = np.linalg.norm(H[: k + 1, :k] @ y - goal)
                 basis.append(image / (H[k, k - 1] or 1.0))
             iterations += len(y)
-            x = x + self.project(self.precondition(np.tensordot(y, basis[:-1], 1)))
-        raise FactorisationError(f"minimal residuals did not converge in {most} iterations")
+            x = x + precondition(np.tensordot(y, basis[:-1], 1))
+            r = right - multiply(x)
+        raise FactorisationError(f"minimal residuals did not converge in {iterations} iterations")
 
 
 def low_energy_modes(frame: Frame) -> np.ndarray:
@@ -255,15 +224,14 @@ def low_energy_modes(frame: Frame) -> np.ndarray:
 
     Nodes that are no vertices carry what is not linear: zero.
     """
-    problem = frame.problem
-    N, free = problem.N, frame.free
-    x = np.asarray(problem.mesh.ngmesh.Coordinates())[: problem.mesh.nv, :N]
-    own, processes = x[problem.processes.own], problem.processes
+    problem, N = frame.problem, frame.problem.N
+    x, processes = vertex_coordinates(problem.mesh), problem.processes
+    own = x[processes.own]
     x = x - processes.total(own.sum(axis=0)) / processes.total(len(own))
     pairs = [(0, 1)] if N == 2 else [(0, 1), (1, 2), (2, 0)]
-    modes = np.zeros((*free.shape, N + len(pairs)))
+    modes = np.zeros((*frame.free.shape, N + len(pairs)))
     for c in range(N):
         modes[: len(x), c, c] = 1.0
     for k, (a, b) in enumerate(pairs, start=N):
         modes[: len(x), a, k], modes[: len(x), b, k] = -x[:, b], x[:, a]
-    return modes.reshape(free.size, -1)
+    return modes.reshape(frame.free.size, -1)

@@ -11,7 +11,8 @@ from scipy.sparse import csr_matrix, eye
 from ngepc.checks.declared import Text
 from ngepc.discretisation.balance import Frame
 from ngepc.linalg.aggregation import COARSEST, DAMPING, aggregates, incidence, tentative
-from ngepc.local.iterative import FullPattern, Iterative, low_energy_modes
+from ngepc.linalg.descent import Linear
+from ngepc.local.iterative import FullPattern, Iterative, Preconditioner, low_energy_modes
 from ngepc.model.processes import Team
 
 try:
@@ -67,16 +68,15 @@ class PETSc(Iterative):
             raise ImportError(INSTALL)
         super().__post_init__()
 
-    def engine(self, pattern: FullPattern, frame: Frame) -> PETScEngine:
-        """Matrix and preconditioner."""
-        return PETScEngine(pattern, frame, self.options)
+    def preconditioner(self, pattern: FullPattern, frame: Frame) -> Preconditioner:
+        """A preconditioner of PETSc that is set up anew for each matrix."""
+        return PETScPreconditioner(pattern, frame, self.options).updated
 
 
-class PETScEngine:
-    """Matrix and preconditioner of PETSc.
+class PETScPreconditioner:
+    """A preconditioner of PETSc for the sum of the matrices that the processes have.
 
-    A process multiplies by the matrix of its own elements and adds up what comes out; the
-    preconditioner has the sum of these matrices, with the rows of a process on that process.
+    The rows of a process are on that process; multigrid keeps its coarse spaces.
     """
 
     def __init__(self, pattern: FullPattern, frame: Frame, options: str) -> None:
@@ -84,26 +84,25 @@ class PETScEngine:
         self._shared, own = self._processes.size > 1, self._processes.own
         self._comm = self._processes.comm if self._shared else petsc.COMM_SELF
         petsc.garbage_cleanup(self._comm)  # Python frees shared objects only when all do
-        self._rows, self._size = (pattern.starts, pattern.columns), len(pattern.starts) - 1
-        self._values, self._matrix = self._wrapped()
-        if self._shared:
-            self._pinned = self._total(pattern)
-        else:
-            self._entries, self._pinned = self._wrapped()
-        self._pc, self._levels = None, "-pc_type" not in options.split()
+        self._matrix = self._total(pattern) if self._shared else None
+        self._levels, self._pc = "-pc_type" not in options.split(), None
+        self._spaces: list[object] | None = None
         usual = MULTIGRID + (SHARED if self._shared else ALONE)
-        self._prefix = self._set(usual + options if self._levels else options)
-        self._graph = pattern.graph(~frame.free.any(axis=1))[own][:, own]
+        self._options = usual + options if self._levels else options
+        self._graph = pattern.graph[own][:, own]
         self._modes = self._orthonormal(low_energy_modes(frame))
-        self._pair = tuple(petsc.Vec().createSeq(self._size, bsize=self._N) for _ in range(2))
 
-    def _wrapped(self) -> tuple[np.ndarray, object]:
-        """Values and a matrix of this process that has them."""
-        values = np.zeros(len(self._rows[1]))
-        rows = (*self._rows, values)
-        matrix = petsc.Mat().createAIJWithArrays(self._size, rows, comm=petsc.COMM_SELF)
-        matrix.setBlockSize(self._N)
-        return values, matrix
+    def updated(self, matrix: csr_matrix, pinned: csr_matrix) -> Linear:
+        """The preconditioner for a pinned tangent, see ``Preconditioner``."""
+        if self._levels and self._spaces is None:
+            self._fill(matrix)
+            given = self._matrix, self._modes.T, self._graph, self._processes
+            self._spaces = interpolations(*given)
+        self._fill(pinned)
+        if self._pc is None or not self._levels:
+            self._create()
+        self._pc.setUp()
+        return self._precondition
 
     def _total(self, pattern: FullPattern) -> object:
         """Room for the sum of the matrices of all processes, by global numbers."""
@@ -122,79 +121,55 @@ class PETScEngine:
         matrix.setPreallocationNNZ(counts)
         return matrix
 
-    def _fill(self, values: np.ndarray) -> None:
-        """The preconditioner's matrix with the sum of these values of all processes."""
+    def _fill(self, matrix: csr_matrix) -> None:
+        """Take the sum of these matrices of all processes."""
+        rows = matrix.indptr, matrix.indices
         if self._shared:
-            self._pinned.zeroEntries()
-            self._pinned.setValuesLocalIJV(*self._rows, values, addv=True)
-        else:
-            self._entries[:] = values
-        self._pinned.assemble()
+            self._matrix.zeroEntries()
+            self._matrix.setValuesLocalIJV(*rows, matrix.data, addv=True)
+        elif self._matrix is None:
+            self._values = np.empty_like(matrix.data)
+            arrays = *rows, self._values
+            self._matrix = petsc.Mat().createAIJWithArrays(
+                len(rows[0]) - 1, arrays, comm=self._comm
+            )
+            self._matrix.setBlockSize(self._N)
+        if not self._shared:
+            self._values[:] = matrix.data
+        self._matrix.assemble()
 
-    def _set(self, options: str) -> str:
-        """The prefix of these options in PETSc's data base, which has room for 512 in all."""
-        words, prefix = options.split(), f"ngepc{crc32(options.encode()):x}_"
-        base = petsc.Options(prefix)
-        for word, following in zip(words, [*words[1:], "-"], strict=True):
-            if is_name(word):
-                base[word.lstrip("-")] = None if is_name(following) else following
-        return prefix
-
-    def take(self, values: np.ndarray) -> None:
-        """The matrix for multiplication."""
-        self._values[:] = values
-        self._matrix.stateIncrease()
-
-    def build(self, values: np.ndarray) -> None:
-        """A new preconditioner; multigrid keeps its coarse spaces."""
-        spaces = None
-        if self._pc is None and self._levels:
-            self._fill(self._values)
-            spaces = interpolations(self._pinned, self._modes.T, self._graph, self._processes)
-        self._fill(values)
-        if self._pc is None or not self._levels:
-            self._create(spaces)
-        self._pc.setUp()
-
-    def _create(self, spaces: list[object] | None) -> None:
+    def _create(self) -> None:
         if self._pc is not None:
             self._pc.destroy()  # one that is set up again keeps parts of its old hierarchy
-        self._pc, self._sides = petsc.PC().create(self._comm), self._pinned.createVecs()
-        self._pc.setOptionsPrefix(self._prefix)
-        self._pc.setOperators(self._pinned, self._pinned)
+        prefix, known = f"ngepc{crc32(self._options.encode()):x}_", petsc.Options()
+        known.prefixPush(prefix)  # the data base has room for 512 options in all
+        known.insertString(self._options)
+        known.prefixPop()
+        self._pc, self._sides = petsc.PC().create(self._comm), self._matrix.createVecs()
+        self._pc.setOptionsPrefix(prefix)
+        self._pc.setOperators(self._matrix, self._matrix)
         self._pc.setFromOptions()
-        if self._levels:
-            self._coarsen(spaces)
-        else:
+        if not self._levels:
             kind = {"bsize": self._N, "comm": self._comm}
             vectors = [petsc.Vec().createWithArray(mode, **kind) for mode in self._modes]
             space = petsc.NullSpace().create(vectors=vectors, comm=self._comm)
-            self._pinned.setNearNullSpace(space)
-
-    def _coarsen(self, spaces: list[object]) -> None:
-        """Give multigrid its levels; a body that is small enough is solved directly."""
-        if not spaces:
+            self._matrix.setNearNullSpace(space)
+        elif not self._spaces:  # small enough to be solved directly
             self._pc.setType("redundant")
-            return
-        self._pc.setMGLevels(len(spaces) + 1)
-        for level, space in enumerate(reversed(spaces), start=1):
-            self._pc.setMGInterpolation(level, space)
-        self._pc.setFromOptions()
+        else:
+            self._pc.setMGLevels(len(self._spaces) + 1)
+            for level, space in enumerate(reversed(self._spaces), start=1):
+                self._pc.setMGInterpolation(level, space)
+            self._pc.setFromOptions()
 
-    def multiply(self, x: np.ndarray) -> np.ndarray:
-        """The matrix times x."""
-        return self._processes.summed(
-            _applied(self._matrix.mult, self._pair, self._nodal(x))
-        ).ravel()
-
-    def precondition(self, r: np.ndarray) -> np.ndarray:
+    def _precondition(self, r: np.ndarray) -> np.ndarray:
         """The preconditioner times r."""
         z, own = np.empty((len(r) // self._N, self._N)), self._processes.own
-        z[own] = _applied(self._pc.apply, self._sides, self._nodal(r)[own])
+        left, right = self._sides
+        left.getArray()[:] = r.reshape(z.shape)[own].ravel()
+        self._pc.apply(left, right)
+        z[own] = right.getArray().reshape(-1, self._N)
         return self._processes.spread(z).ravel()
-
-    def _nodal(self, x: np.ndarray) -> np.ndarray:
-        return x.reshape(-1, self._N)
 
     def _orthonormal(self, modes: np.ndarray) -> np.ndarray:
         """The own entries of an orthonormal basis of the modes, one mode in each row."""
@@ -202,19 +177,6 @@ class PETScEngine:
         own = modes.reshape(-1, N, k)[self._processes.own].reshape(-1, k)
         R = np.vstack(self._processes.all(np.linalg.qr(own, mode="r")))
         return np.ascontiguousarray(np.linalg.solve(np.linalg.qr(R, mode="r").T, own.T))
-
-
-def _applied(operator: object, vectors: tuple, x: np.ndarray) -> np.ndarray:
-    """A linear operator of PETSc, with a vector for each side, applied to a nodal array."""
-    left, right = vectors
-    left.getArray()[:] = x.ravel()
-    operator(left, right)
-    return right.getArray().reshape(x.shape).copy()
-
-
-def is_name(word: str) -> bool:
-    """Whether a word of an option string is a name, not a value: -pc_type, but not -1e-3."""
-    return word.startswith("-") and not word[1:2].isdigit() and word[1:2] != "."
 
 
 def interpolations(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.balance import Frame
 from ngepc.linalg.aggregation import coarse_spaces
-from ngepc.local.iterative import FullPattern, Iterative, low_energy_modes
+from ngepc.linalg.descent import Linear
+from ngepc.local.iterative import FullPattern, Iterative, Preconditioner, low_energy_modes
 from ngepc.model.processes import require_whole
 
 try:
@@ -42,49 +42,24 @@ class PyAMG(Iterative):
             raise ImportError("PyAMG() needs pyamg: 'pip install pyamg'")
         super().__post_init__()
 
-    def engine(self, pattern: FullPattern, frame: Frame) -> PyAMGEngine:
-        """Matrix and preconditioner."""
+    def preconditioner(self, pattern: FullPattern, frame: Frame) -> Preconditioner:
+        """V-cycles on the coarse spaces of the first tangent."""
         require_whole("inverse=PyAMG()", frame.problem.mesh)
-        return PyAMGEngine(pattern, frame)
+        modes, spaces = low_energy_modes(frame), []
 
+        def prepared(matrix: csr_matrix, pinned: csr_matrix) -> Linear:
+            if not spaces:
+                spaces.extend([*coarse_spaces(matrix, modes, pattern.graph), None])
+            levels = []
+            for space in spaces:
+                level = pyamg.multilevel.MultilevelSolver.Level()
+                level.A = pinned
+                if space is not None:
+                    level.P, level.R = space, space.T.tocsr()
+                    pinned = (level.R @ pinned @ space).tocsr()
+                levels.append(level)
+            solver = pyamg.multilevel.MultilevelSolver(levels, coarse_solver="splu")
+            pyamg.relaxation.smoothing.change_smoothers(solver, SMOOTHER, SMOOTHER)
+            return solver.aspreconditioner().matvec
 
-class PyAMGEngine:
-    """Matrix of SciPy, preconditioner of PyAMG."""
-
-    def __init__(self, pattern: FullPattern, frame: Frame) -> None:
-        self._pattern, self._size = pattern, frame.free.size
-        self._graph = pattern.graph(~frame.free.any(axis=1))
-        self._modes = low_energy_modes(frame)
-        self._matrix = self._cycle = self._spaces = None
-
-    def _scalar_matrix(self, values: np.ndarray) -> csr_matrix:
-        rows = (values, self._pattern.columns, self._pattern.starts)
-        return csr_matrix(rows, shape=(self._size, self._size))
-
-    def take(self, values: np.ndarray) -> None:
-        """The matrix for multiplication."""
-        self._matrix = self._scalar_matrix(values)
-
-    def build(self, values: np.ndarray) -> None:
-        """A new preconditioner on the coarse spaces of the first one."""
-        if self._spaces is None:
-            self._spaces = coarse_spaces(self._matrix, self._modes, self._graph)
-        matrix, levels = self._scalar_matrix(values), []
-        for space in [*self._spaces, None]:
-            level = pyamg.multilevel.MultilevelSolver.Level()
-            level.A = matrix
-            if space is not None:
-                level.P, level.R = space, space.T.tocsr()
-                matrix = (level.R @ matrix @ space).tocsr()
-            levels.append(level)
-        solver = pyamg.multilevel.MultilevelSolver(levels, coarse_solver="splu")
-        pyamg.relaxation.smoothing.change_smoothers(solver, SMOOTHER, SMOOTHER)
-        self._cycle = solver.aspreconditioner()
-
-    def multiply(self, x: np.ndarray) -> np.ndarray:
-        """The matrix times x."""
-        return self._matrix @ x
-
-    def precondition(self, r: np.ndarray) -> np.ndarray:
-        """The preconditioner times r."""
-        return self._cycle @ r
+        return prepared
