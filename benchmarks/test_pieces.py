@@ -13,10 +13,9 @@ from ngsolve import SetNumThreads
 
 from ngepc import Coupled, lshape_problem, primal_newton, semismooth_newton
 from ngepc.discretisation.stiffness import StiffnessBlocks, SymbolicBlocks
+from ngepc.dual.algorithm import DualLine, NewtonSystem
 from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.functional import DualFunctional
-from ngepc.dual.iterates import DualLine, Iterate
-from ngepc.dual.system import NewtonSystem
+from ngepc.dual.functional import DualFunctional, Iterate
 from ngepc.geometries import lshape
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem
@@ -41,9 +40,9 @@ class Pieces:
 
     def __init__(self, problem):
         result = semismooth_newton(problem, regularisation=COUPLED)
-        self.functional, self.here = result.functional, Iterate.at(result.functional, result.v)
-        self.system = NewtonSystem(self.functional, "sparsecholesky")
-        self.system.factorise(self.here.terms)
+        self.functional, self.here = result.functional, Iterate(result.functional, result.v)
+        self.system = NewtonSystem(self.functional.blocks, "sparsecholesky")
+        self.system.factorise(self.functional, self.here.hessian())
         self.dy, self.dv = self.system.solve(self.here.residual)
 
 
@@ -65,24 +64,25 @@ def test_assembly_in_space(benchmark, kind):
 
 
 def test_linear_blocks(benchmark, problem):
-    benchmark(LinearBlocks, problem, COUPLED.spaces, "sparsecholesky")
+    benchmark(LinearBlocks, problem, COUPLED, "sparsecholesky")
 
 
 def test_functional_on_given_blocks(benchmark, pieces):
     f = pieces.functional
-    benchmark(DualFunctional, f.blocks, COUPLED, 400)
+    benchmark(DualFunctional, f.blocks, COUPLED.gamma, None, 400)
 
 
 def test_nonsmooth_energy(benchmark, pieces):
-    benchmark(lambda: pieces.functional.terms(pieces.here.v).energy)
+    benchmark(lambda: Iterate(pieces.functional, pieces.here.v).penalties)
 
 
 def test_nonsmooth_gradient(benchmark, pieces):
-    benchmark(lambda: pieces.functional.terms(pieces.here.v).gradient)
+    benchmark(lambda: Iterate(pieces.functional, pieces.here.v).multipliers)
 
 
 def test_assembly_and_factorisation(benchmark, pieces):
-    benchmark(pieces.system.factorise, pieces.here.terms)
+    f, here = pieces.functional, pieces.here
+    benchmark(lambda: pieces.system.factorise(f, here.hessian()))
 
 
 def test_direction_with_given_factors(benchmark, pieces):

@@ -17,8 +17,8 @@ from ngepc.bounds.goals import displacement_bracket as displacement_bracket
 from ngepc.dual.duality import duality_report as duality_report
 from ngepc.dual.newton import NewtonOptions as NewtonOptions
 from ngepc.dual.newton import semismooth_newton as semismooth_newton
+from ngepc.dual.path import PathOptions as PathOptions
 from ngepc.dual.path import follow_path as follow_path
-from ngepc.dual.path_options import PathOptions as PathOptions
 from ngepc.dual.path_steps import PathResult as PathResult
 from ngepc.dual.result import DualResult as DualResult
 from ngepc.dual.spaces import Coupled as Coupled

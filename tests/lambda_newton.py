@@ -8,8 +8,9 @@ with the primal variable as a further unknown, so that no inverse of D is needed
 
 import math
 
+from ngepc.dual.algorithm import NewtonSystem
+from ngepc.dual.functional import Iterate, total
 from ngepc.dual.newton import NewtonOptions, prepared, semismooth_newton
-from ngepc.dual.system import NewtonSystem
 
 FULL_STEPS = NewtonOptions(linesearch=None)
 
@@ -19,8 +20,8 @@ class MultiplierEquation:
 
     def __init__(self, functional, inverse):
         self.functional, self.blocks = functional, functional.blocks
-        self._linear, self._newton = (NewtonSystem(functional, inverse) for _ in range(2))
-        self._linear.factorise(None)
+        self._linear, self._newton = (NewtonSystem(self.blocks, inverse) for _ in range(2))
+        self._linear.factorise(functional, None)
         self._minus_w_hat = self._affine(self.blocks.H_vector())
 
     def _affine(self, v):
@@ -47,11 +48,11 @@ class MultiplierEquation:
 
     def psi(self, multiplier, v):
         """Psi_gamma(lambda) = lambda - M(v) for v = v(lambda)."""
-        return (multiplier - self.functional.terms(v).gradient).Evaluate()
+        return (multiplier - Iterate(self.functional, v).multipliers).Evaluate()
 
     def step(self, multiplier, v):
         """delta of (6.4), from G_Psi = (N_gamma + G_M) N_gamma^(-1) as in Lemma 6.5."""
-        self._newton.factorise(self.functional.terms(v))
+        self._newton.factorise(self.functional, Iterate(self.functional, v).hessian())
         return self.N(self._newton.solve((-1 * self.psi(multiplier, v)).Evaluate())[1])
 
 
@@ -61,7 +62,7 @@ def newton_in_lambda(functional, v, options=FULL_STEPS):
     multiplier = equation.multiplier(v)
     while True:
         v = equation.dual(multiplier)
-        norm = functional.residual_norms(equation.psi(multiplier, v)).total
+        norm = total(functional.residual_norms(equation.psi(multiplier, v)))
         iterates.append((v, norm))
         small = norm < options.tolerance * functional.blocks.residual_unit
         if small or not math.isfinite(norm) or len(iterates) > options.max_iterations:

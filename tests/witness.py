@@ -24,7 +24,7 @@ from ngsolve import (
 
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.discretisation.spaces import prescribed_displacement
-from ngepc.dual.blocks import CONTACT, PLASTIC, load_terms
+from ngepc.dual.blocks import load_terms
 from ngepc.model.problem import as_scalar
 
 POINTS = 400
@@ -114,17 +114,17 @@ def dual_residual(result, points=POINTS):
         Quadrature points for M^2 on each element.
     """
     blocks, w, problem = result.functional.blocks, result.functional.weights, result.problem
-    parts = {name: GridFunction(space) for name, space in blocks.spaces.items()}
-    for name, part in parts.items():
-        part.vec.data = blocks.part_of(result.v, name)
+    parts = [GridFunction(space) for space in blocks.H.components]
+    for part, values in zip(parts, blocks.parts(result.v), strict=True):
+        part.vec.data = values
     y, other = (
         _primal_of(problem, blocks.Y, parts, solver) for solver in ("umfpack", "sparsecholesky")
     )
     total, rounding = 0.0, 0.0
-    for name, part in parts.items():
-        B = _product(blocks, name)
+    for number, part in enumerate(parts):
+        B = _product(blocks, number)
         inverse = B.Inverse(part.space.FreeDofs(), inverse="umfpack")
-        linear, penalty = _contact_terms if name == CONTACT else _plastic_terms
+        linear, penalty = (_contact_terms, _plastic_terms)[number]
         r, twin = linear(problem, y, part), linear(problem, other, part)
         twin -= r
         rounding += _norm_squared(twin, inverse)
@@ -134,12 +134,17 @@ def dual_residual(result, points=POINTS):
     return WitnessedResidual(math.sqrt(total), math.sqrt(rounding))
 
 
-def _product(blocks, name):
-    """The block of B that a part of v has."""
+def _contact(problem):
+    """Gamma_c, empty without contact."""
+    return problem.mesh.Boundaries("|".join(problem.contact_names))
+
+
+def _product(blocks, number):
+    """The block of B that z or q has."""
     tichonov, length = blocks.choice.tichonov, blocks.choice.units.length
-    v, w = blocks.spaces[name].TnT()
-    if name == CONTACT:
-        on_contact = ds("|".join(blocks.problem.contact_names))
+    v, w = blocks.H.components[number].TnT()
+    if number == 0:
+        on_contact = ds(definedon=blocks.contact)
         return BilinearForm(tichonov.contact(v, w, length) * on_contact).Assemble().mat
     return BilinearForm(tichonov.plastic(v, w, length) * dx).Assemble().mat
 
@@ -158,9 +163,8 @@ def _primal_of(problem, Y, parts, solver):
     right = LinearForm(Y)
     for term in load_terms(problem, du, dp):
         right += term
-    right += parts[PLASTIC] * dp * dx
-    if CONTACT in parts:
-        right += parts[CONTACT] * (du * problem.normal) * ds("|".join(problem.contact_names))
+    right += parts[1] * dp * dx
+    right += parts[0] * (du * problem.normal) * ds(definedon=_contact(problem))
     right.Assemble()
     y = GridFunction(Y)
     V = Y.components[0]
@@ -173,7 +177,7 @@ def _primal_of(problem, Y, parts, solver):
 
 def _overlap(problem, y, z):
     """(u.n - psi, w)."""
-    w, on_contact = z.space.TestFunction(), ds("|".join(problem.contact_names))
+    w, on_contact = z.space.TestFunction(), ds(definedon=_contact(problem))
     overlap = y.components[0] * problem.normal - problem.psi
     return LinearForm(overlap * w * on_contact).Assemble().vec
 
@@ -181,7 +185,7 @@ def _overlap(problem, y, z):
 def _pull(problem, w, z, points):
     """(M^1)'(z)."""
     rules = boundary_rules(problem.N, points)
-    on_contact = ds("|".join(problem.contact_names), intrules=rules)
+    on_contact = ds(definedon=_contact(problem), intrules=rules)
     tension = w.contact * z
     pull = IfPos(tension, tension, 0.0) * z.space.TestFunction()
     return LinearForm(pull * on_contact).Assemble().vec

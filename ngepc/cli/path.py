@@ -5,8 +5,7 @@ import time
 
 from ngepc.cli import output
 from ngepc.cli.commands import PATH, given
-from ngepc.dual.path import follow_path
-from ngepc.dual.path_options import PathOptions
+from ngepc.dual.path import PathOptions, follow_path
 from ngepc.results import records
 from ngepc.studies.examples import example
 

@@ -89,10 +89,8 @@ def outer_boundaries(mesh: Mesh) -> set[str]:
     }
 
 
-def contact_space(problem: Problem, *, ends_fixed: bool = True) -> FESpace | None:
-    """Z_h: P1 on Gamma_c, by default zero at its ends; None without contact."""
-    if not problem.contact_names:
-        return None
+def contact_space(problem: Problem, *, ends_fixed: bool = True) -> FESpace:
+    """Z_h: P1 on Gamma_c, by default zero at its ends; empty without contact."""
     region = problem.mesh.Boundaries("|".join(problem.contact_names))
     rest = "|".join(sorted(outer_boundaries(problem.mesh) - set(problem.contact_names)))
     conditions = {"dirichlet": rest} if ends_fixed and rest else {}

@@ -1,28 +1,37 @@
-"""Algorithm 7.1: the globalised semismooth Newton method for one regularised dual problem."""
+"""Algorithm 7.1: the globalised semismooth Newton method for one regularised dual problem.
+
+The first row of the Newton system (7.1) is negated: the second derivative of the saddle function S
+is then symmetric and quasi-definite, so that LDL^T needs no pivoting.  That row is linear: once
+D y = Lambda* v - l holds it holds along the whole step, so that J*_gamma(v + t dv) is a parabola
+plus the nonsmooth terms and no trial needs a solve.
+"""
 
 from __future__ import annotations
 
+import logging
 import math
+from dataclasses import replace
+from functools import partial
 
 from ngsolve import InnerProduct
-from ngsolve.la import BaseVector
+from ngsolve.la import BaseMatrix, BaseVector
 
-from ngepc.dual.iterates import DualLine, Iterate
+from ngepc.dual.blocks import LinearBlocks
+from ngepc.dual.functional import DualFunctional, Iterate
 from ngepc.dual.result import DualResult
-from ngepc.dual.stopping import End, ResidualBelow, RunLog, final_check
-from ngepc.dual.system import NewtonSystem
-from ngepc.linalg.direct import FactorisationError
-from ngepc.linalg.linesearch import ROUNDING, FullSteps, LineSearch, Step
-from ngepc.results.outcome import Monitor, Status
+from ngepc.dual.stopping import Tolerances, ended, judged
+from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError, SparseSum
+from ngepc.linalg.linesearch import ROUNDING, Descent, FullSteps, LineSearch, Step
+from ngepc.results.outcome import History, IterationRecord, Monitor, Status
 
-ROUNDING_STEPS = 8
-"""Steps in a row that change the energy by no more than rounding end a run."""
+logger = logging.getLogger(__name__)
 
 
 def algorithm_7_1(
     system: NewtonSystem,
+    functional: DualFunctional,
     v: BaseVector,
-    rule: ResidualBelow,
+    rule: Tolerances,
     search: LineSearch | None,
     max_iterations: int,
     monitor: Monitor | None = None,
@@ -31,51 +40,147 @@ def algorithm_7_1(
 
     The Newton system may have been used before; without a line search all steps are full ones.
     """
-    log, search = RunLog(rule, monitor), FullSteps() if search is None else search
-    here = before = Iterate.at(system.functional, v)
+    search, history = FullSteps() if search is None else search, History()
+    step, status, cause = Step(length=1.0, energy=math.nan, halvings=0), None, ""
+    here = before = Iterate(functional, v)
     try:
-        while True:
-            log.note(here)
-            here = tested(system, here, before, log, max_iterations)
-            system.factorise(here.terms)
+        while status is None:
+            note(here, step, history, monitor)
+            here, status, cause = judged(here, before, history, rule, max_iterations, system.solve)
+            if status is not None:
+                break
+            system.factorise(functional, here.hessian())
             dy, dv = system.solve((-here.residual).Evaluate())  # (a) the Newton system (7.1)
             line = DualLine(here, dy, dv)
-            step = step_along(line, search)  # (b) Armijo's rule for J*_gamma
-            before, here = here, line.iterate(step)  # (c) the update of y and v
-    except End as end:
-        return log.result(end.here, end.status, end.cause)
-    except (StopIteration, KeyboardInterrupt):
-        return log.result(here, Status.STOPPED)
+            step = search.search(line.phi) if line.slope < 0 else None  # (b) Armijo's rule
+            if step is None:
+                status = line.fault()
+            else:
+                before, here = here, line.at(step.length)  # (c) the update of y and v
     except FactorisationError as error:
-        return log.result(here, Status.NONFINITE, f"{error}.")
+        status, cause = Status.NONFINITE, f"{error}."
+    except (StopIteration, KeyboardInterrupt):
+        status, cause = Status.STOPPED, f"after {len(history.records) - 1} steps"
+    return ended(here, status, cause, history, rule)
 
 
-def tested(
-    system: NewtonSystem, here: Iterate, before: Iterate, log: RunLog, max_iterations: int
-) -> Iterate:
-    """The iterate to go on from, test by test; ``End`` if the iteration is over."""
-    if not math.isfinite(here.norms.total + here.energy):
-        raise End(Status.NONFINITE, before)
-    if log.rule.met(here.norms, here.number):
-        here = final_check(system, here, log.rule)
-    if here.number == max_iterations:
-        raise End(Status.ITERATION_LIMIT, here)
-    if log.drowned >= ROUNDING_STEPS:
-        raise End(Status.STAGNATED, here)
-    return here
+def note(here: Iterate, step: Step, history: History, monitor: Monitor | None) -> None:
+    """Record an iterate and the step that led to it, log it and show it to the monitor."""
+    (contact, plastic), (pressed, yielding) = here.norms, here.active
+    record = IterationRecord(
+        iteration=len(history.records),
+        residual_norm=here.residual_norm,
+        contact_residual_norm=float(contact),
+        plastic_residual_norm=float(plastic),
+        energy=here.energy,
+        step_length=step.length,
+        halvings=step.halvings,
+        back_substitutions=int(len(history.records) > 0),
+        contact_active=pressed,
+        plastic_active=yielding,
+    )
+    history.records.append(record)
+    logger.info("it:%(iteration)4d residual:%(residual_norm).3e energy:%(energy).12e", vars(record))
+    if monitor is not None:
+        state = here.functional, here.y, here.v, Status.STOPPED, ""
+        snapshot = partial(DualResult, *state, History(list(history.records)))
+        monitor(replace(record, snapshot=snapshot))
 
 
-def step_along(line: DualLine, search: LineSearch) -> Step:
-    """The step length along a Newton direction; ``End`` if there is none."""
-    here, slope = line.here, line.slope
-    if not math.isfinite(slope):
-        raise End(Status.NONFINITE, here)
-    if slope >= 0:
-        rounding = slope <= ROUNDING * here.magnitude
-        raise End(Status.STAGNATED if rounding else Status.LINESEARCH_FAILED, here)
-    step = search.search(line.descent)
-    if step is None:
-        terms = here.functional.terms(here.v)  # the data may have changed
-        sane = math.isfinite(terms.energy + InnerProduct(terms.gradient, line.dv))
-        raise End(Status.LINESEARCH_FAILED if sane else Status.NONFINITE, here)
-    return step
+class NewtonSystem:
+    """(7.1) in one fixed sparsity pattern: constant part, B / gamma_T, Newton derivatives.
+
+    ``inverse`` is NGSolve's name of the direct solver.
+    """
+
+    def __init__(self, blocks: LinearBlocks, inverse: str) -> None:
+        self._blocks, self._solver, self._first = blocks, inverse, blocks.Y.ndof
+        mirrored = inverse not in FROM_LOWER_TRIANGLE
+        self._sum = SparseSum(blocks.saddle.mat, [blocks.B], self._first, mirrored=mirrored)
+        self._functional = self._inverse = None
+
+    def factorise(self, functional: DualFunctional, hessian: BaseMatrix | None) -> None:
+        """Assemble and factorise the Newton matrix; None leaves the nonsmooth terms out.
+
+        FactorisationError if the direct solver gives up; ValueError for other blocks.
+        """
+        if functional.blocks is not self._blocks:
+            raise ValueError("functional has blocks of its own: one on the same blocks is needed")
+        if functional is not self._functional:
+            self._sum.values[:] = 0.0
+            self._sum.add(self._blocks.saddle.mat)
+            self._sum.add(self._blocks.B, self._first, 1 / functional.weights.tichonov)
+            self._functional, self._constant = functional, self._sum.values.copy()
+        self._sum.values[:] = self._constant
+        if hessian is not None:
+            self._sum.add(hessian, self._first)
+        matrix = self._sum.matrix()
+        try:
+            self._invert(matrix)
+        except SOLVER_ERRORS as error:
+            raise FactorisationError(
+                f"{self._solver} could not factorise the Newton matrix: {error}"
+            ) from error
+
+    def _invert(self, matrix: BaseMatrix) -> None:
+        if self._inverse is None:
+            free = self._blocks.X.FreeDofs(coupling=True)
+            self._inverse = matrix.Inverse(free, inverse=self._solver)
+        else:
+            self._inverse.Update()
+
+    def solve(self, r: BaseVector) -> tuple[BaseVector, BaseVector]:
+        """(delta y, delta v) of (7.1) for the right hand side (0, r), with the last factors."""
+        saddle, ends = self._blocks.saddle, self._blocks.X.ndof
+        right, x = (saddle.mat.CreateColVector() for _ in range(2))
+        right[:] = 0.0
+        right.Range(self._first, ends).data = r
+        x.data = self._inverse * right
+        x.data += saddle.harmonic_extension * x
+        dy, dv = x.Range(0, self._first), x.Range(self._first, ends)
+        return (1.0 * dy).Evaluate(), (1.0 * dv).Evaluate()
+
+
+class DualLine:
+    """J*_gamma along (y + t dy, v + t dv); ``slope`` is its derivative at t = 0."""
+
+    def __init__(self, here: Iterate, dy: BaseVector, dv: BaseVector) -> None:
+        self.here, self.dy, self.dv, functional = here, dy, dv, here.functional
+        self.slope = InnerProduct(here.residual, dv)
+        image = (functional.blocks.Lambda * dy).Evaluate()
+        self._smooth_slope = InnerProduct(functional.linear_residual(here.y, here.v), dv)
+        self._curvature = InnerProduct(image, dv) + functional.tichonov(dv, dv)
+        self._last = 0.0, here
+
+    @property
+    def phi(self) -> Descent:
+        """The function of t as line searches take it."""
+        start = {"energy_0": self.here.energy, "slope_0": self.slope}
+        phi = {"energy": self.energy, "derivative": self.derivative}
+        return Descent(**phi, **start, magnitude=self.here.magnitude)
+
+    def at(self, t: float) -> Iterate:
+        """The iterate at a step length; the last one is kept."""
+        if self._last[0] != t:
+            here, y, v = self.here, self.here.y + t * self.dy, self.here.v + t * self.dv
+            self._last = t, Iterate(here.functional, v.Evaluate(), y.Evaluate())
+        return self._last[1]
+
+    def energy(self, t: float) -> float:
+        """J*_gamma(v + t dv)."""
+        parabola = t * self._smooth_slope + t**2 / 2 * self._curvature
+        return self.here.smooth_energy + parabola + sum(self.at(t).penalties)
+
+    def derivative(self, t: float) -> float:
+        """d/dt J*_gamma(v + t dv)."""
+        smooth = self._smooth_slope + t * self._curvature
+        return smooth + InnerProduct(self.at(t).multipliers, self.dv)
+
+    def fault(self) -> Status:
+        """Why there is no step length; the data may have changed."""
+        again = Iterate(self.here.functional, self.here.v, self.here.y)
+        values = self.slope, *again.penalties, InnerProduct(again.multipliers, self.dv)
+        if not math.isfinite(sum(values)):
+            return Status.NONFINITE
+        drowned = 0 <= self.slope <= ROUNDING * self.here.magnitude
+        return Status.STAGNATED if drowned else Status.LINESEARCH_FAILED

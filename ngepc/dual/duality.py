@@ -30,7 +30,7 @@ from ngsolve import (
 from ngsolve.comp import DifferentialSymbol
 
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
-from ngepc.dual.blocks import CONTACT, PLASTIC
+from ngepc.dual.functional import Iterate
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import as_scalar
 
@@ -107,18 +107,18 @@ def duality_report(result: DualResult) -> DualityReport:
 
 def _energies(result: DualResult) -> dict[str, float]:
     f, problem, v = result.functional, result.problem, result.v
-    part_of, image = f.blocks.part_of, (f.blocks.Lambda * result.y - f.blocks.psi).Evaluate()
-    products = {n: InnerProduct(part_of(image, n), part_of(v, n)) for n in f.blocks.spaces}
-    penalties = f.terms(v).energies
-    size = Norm(result.plastic_increment)
+    overlap = (f.blocks.Lambda * result.y - f.blocks.psi).Evaluate()
+    pairs = zip(f.blocks.parts(overlap), f.blocks.parts(v), strict=True)
+    contact, plastic = (InnerProduct(*pair) for pair in pairs)
+    penalties, size = Iterate(f, v, result.y).penalties, Norm(result.plastic_increment)
     return {
         "primal_energy": result.primal_energy,
         "dual_energy": result.dual_energy,
         "gap": result.primal_energy + result.dual_energy,
-        "contact_term": products.get(CONTACT, 0.0),
-        "plastic_term": Integrate(as_scalar(problem.beta) * size, problem.mesh) + products[PLASTIC],
-        "contact_penalty": penalties.get(CONTACT, 0.0),
-        "plastic_penalty": penalties[PLASTIC],
+        "contact_term": contact,
+        "plastic_term": Integrate(as_scalar(problem.beta) * size, problem.mesh) + plastic,
+        "contact_penalty": penalties[0],
+        "plastic_penalty": penalties[1],
         "tichonov": f.tichonov(v, v) / 2,
     }
 

@@ -1,10 +1,10 @@
-"""The regularised dual functional J*_gamma and its residual.
+"""The regularised dual functional J*_gamma with its derivatives, and iterates of Newton's method.
 
 With y = (u, p) and v = (z, q) everything comes from the saddle function
 
     S(y, v) = -1/2 <D y, y> - l(y) + <Lambda y - [psi, 0], v> + M^1(z) + M^2(q) + T(v),
 
-    M^1(z) = gamma_z/2 |[z]^+|^2,   M^2(q) = gamma_q/2 |[|q| - beta]^+|^2,
+    M^1(z) = gamma_z/2 |[z]^+|^2,   M^2(q) = gamma_q/2 |[|q| - beta]^+|^2,   Lemmas 6.2 and 6.3,
     T(v) = b(v, v) / (2 gamma_T),
 
 concave in y, convex in v:  J*_gamma(v) = max_y S(y, v), attained where D y = Lambda* v - l, and
@@ -14,56 +14,134 @@ Psi_gamma = Lambda y - [psi, 0] + M(v) + B v / gamma_T there.  The paper takes o
 from __future__ import annotations
 
 import math
-from collections import Counter
+from functools import cached_property
 
 import numpy as np
-from ngsolve import H1, GridFunction, InnerProduct
-from ngsolve.la import BaseVector
+from ngsolve import (
+    CF,
+    BilinearForm,
+    BitArray,
+    GridFunction,
+    Id,
+    IfPos,
+    InnerProduct,
+    Integrate,
+    LinearForm,
+    Norm,
+    OuterProduct,
+    ds,
+    dx,
+)
+from ngsolve.la import BaseMatrix, BaseVector
 
+from ngepc.checks.arguments import is_number
 from ngepc.discretisation.prolongation import prolongate
-from ngepc.dual.blocks import CONTACT, PLASTIC, LinearBlocks
-from ngepc.dual.penalty import ActiveTerms, Penalty
+from ngepc.discretisation.quadrature import (
+    KINKED,
+    SMOOTH,
+    SMOOTH_ORDER,
+    boundary_rules,
+    classify,
+    fine_rules,
+    rules_of,
+    threshold_bounds,
+)
+from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.spaces import Coupled
-from ngepc.model.problem import as_scalar
+from ngepc.model.elements import element_numbers, element_vertices
 
 ROUNDING_SAMPLES = 2
 
+EPSILON = float(np.finfo(float).eps)
 
-class ResidualNorms(dict[str, float]):
-    """||Psi_gamma||_{H*} of the parts of v by name, 'contact' and 'plastic'."""
+TINY = 1e-290
+"""What is added to |q|: q / |q| is zero at q = 0."""
 
-    @property
-    def total(self) -> float:
-        """Norm of the whole residual."""
-        return math.sqrt(sum(norm**2 for norm in self.values()))
 
-    def plus(self, more: ResidualNorms) -> ResidualNorms:
-        """The sums, part by part."""
-        return ResidualNorms({name: norm + more[name] for name, norm in self.items()})
+class RadialLaw:
+    """([s]^+)^2 / 2 with s = |q| - t, t > 0, and its derivatives (6.1); NaN where the data are NaN.
+
+    ``density``, ``gradient`` and ``curvature`` are s^2 / 2, rho q and rho Id + (1 - rho) d d^T
+    where s > 0, with rho = s / |q|, d = q / |q|; ``inside`` is 1 there.
+    """
+
+    def __init__(self, q: CF, threshold: CF | float) -> None:
+        norm = Norm(q)
+        size, excess = norm + TINY, norm - threshold
+        self.inside = IfPos(excess, 1.0, 0.0)
+        rho, direction = self.inside * excess / size, q / size
+        across = self.inside * threshold / size
+        self.density, self.gradient = self.inside * excess * excess / 2, rho * q
+        self.curvature = rho * Id(q.dim) + across * OuterProduct(direction, direction)
 
 
 class DualFunctional:
-    """J*_gamma of (D_gamma) on the discrete spaces.
+    """J*_gamma of (D_gamma) on the discrete spaces, with blocks that a path in gamma shares.
 
-    The blocks can be shared along a path in gamma; ValueError if they were assembled for another
-    product or other units.  ``quadrature_points`` are those of elements that a kink crosses.
+    ``gamma_tichonov`` is that of ``Coupled``.  Elements that a kink crosses have so many
+    quadrature ``points``, others a few or none; the rule of the boundary has the order that gives
+    so many on a cell.
     """
 
     def __init__(
-        self, blocks: LinearBlocks, regularisation: Coupled, quadrature_points: int
+        self, blocks: LinearBlocks, gamma: float, gamma_tichonov: float | None, points: int
     ) -> None:
-        if regularisation.spaces != blocks.choice:
-            raise ValueError(
-                f"regularisation={regularisation!r}: tichonov and units of the blocks are needed, "
-                f"{blocks.choice!r}"
-            )
-        self.blocks, self.regularisation = blocks, regularisation
-        self.weights = regularisation.weights
-        self.penalty = Penalty(blocks, self.weights, quadrature_points)
+        self.blocks, fixed = blocks, blocks.choice
+        self.regularisation = Coupled(
+            gamma, gamma_tichonov=gamma_tichonov, tichonov=fixed.tichonov, units=fixed.units
+        )
+        self.weights = self.regularisation.weights
+        self.v = GridFunction(blocks.H)  # where the forms are
+        self.gradient = LinearForm(blocks.H)
+        self.hessian = BilinearForm(blocks.H, symmetric=True, symmetric_storage=True)
+        (z, q), ((dz, dq), (w, r)) = self.v.components, blocks.H.TnT()
+        parts = self._add_contact(z, dz, w, points), self._add_plastic(q, dq, r, points)
+        self.penalties, self.active = zip(*parts, strict=True)
 
-    def terms(self, v: BaseVector) -> ActiveTerms:
-        """M^1 and M^2 at v."""
-        return ActiveTerms(self.penalty, v)
+    def _add_contact(self, z: CF, dz: CF, w: CF, points: int) -> tuple[CF, CF]:
+        """M^1 and its derivatives; the integrals of the energy and of contact, z < 0."""
+        rules, gamma = boundary_rules(self.blocks.problem.N, points), self.weights.contact
+        on_contact = ds(definedon=self.blocks.contact, intrules=rules)
+        mu = gamma * z  # (OC2_gamma): mu = [gamma z]^+
+        self.gradient += IfPos(mu, mu, 0) * w * on_contact
+        self.hessian += IfPos(mu, gamma, 0.0) * dz * w * on_contact
+        energy = IfPos(mu, mu * mu, 0) / (2 * gamma) * on_contact
+        return energy, IfPos(-mu, 1.0, 0.0) * on_contact
+
+    def _add_plastic(self, q: CF, dq: CF, r: CF, points: int) -> tuple[CF, CF]:
+        """M^2 and its derivatives; the integrals of the energy and, by a low order, of yielding."""
+        mesh, beta = self.blocks.problem.mesh, self.blocks.problem.beta
+        beta = float(beta) if is_number(beta) else beta
+        fine, smooth = fine_rules(mesh.dim, points), rules_of(mesh.dim, SMOOTH_ORDER)
+        self._elements = list(zip(element_vertices(mesh), element_numbers(mesh), strict=True))
+        self._bounds = np.array(threshold_bounds(mesh, beta, fine))
+        self._of_kind = {SMOOTH: BitArray(mesh.ne), KINKED: BitArray(mesh.ne)}
+        few = dx(definedonelements=self._of_kind[SMOOTH], intrules=smooth)
+        low = dx(definedonelements=self._of_kind[KINKED], intrules=smooth)
+        many = dx(definedonelements=self._of_kind[KINKED], intrules=fine)
+        law, gamma = RadialLaw(q, beta), self.weights.plastic
+        density, slope, curvature = (
+            (gamma * f).Compile() for f in (law.density, law.gradient, law.curvature)
+        )
+        for measure in (few, many):
+            self.gradient += InnerProduct(slope, r) * measure
+            self.hessian += InnerProduct(curvature * dq, r) * measure
+        return density * few + density * many, law.inside * few + law.inside * low
+
+    def kinds(self, v: BaseVector) -> np.ndarray:
+        """The kinds of the elements at v, ``ngepc.discretisation.quadrature``."""
+        q, kind = np.array(self.blocks.parts(v)[1].FV()), np.empty(self._bounds.shape[1], int)
+        q = q.reshape(self.blocks.problem.kinematics.d, -1)
+        for nodes, numbers in self._elements:
+            kind[numbers] = classify(q, nodes, *self._bounds[:, numbers])
+        return kind
+
+    def enter(self, v: BaseVector, kind: np.ndarray) -> None:
+        """Make v and the kinds of the elements those of the forms."""
+        self.v.vec.data = v
+        for number, elements in self._of_kind.items():
+            elements.Clear()
+            elements |= BitArray((kind == number).tolist())
 
     def tichonov(self, v: BaseVector, w: BaseVector) -> float:
         """b(v, w) / gamma_T."""
@@ -73,72 +151,126 @@ class DualFunctional:
         """B v / gamma_T as a functional on H."""
         return (1 / self.weights.tichonov * (self.blocks.B * v)).Evaluate()
 
-    def smooth_energy(self, y: BaseVector, v: BaseVector) -> float:
-        """F*(Lambda* v) - (psi, z) + T(v), with y the solution of D y = Lambda* v - l."""
-        conjugate = self.blocks.conjugate(y, v) - InnerProduct(self.blocks.psi, v)
-        return conjugate + self.tichonov(v, v) / 2
-
     def linear_residual(self, y: BaseVector, v: BaseVector) -> BaseVector:
         """Lambda y - [psi, 0] + B v / gamma_T."""
         r = (self.blocks.Lambda * y - self.blocks.psi).Evaluate()
         r += self.tichonov_gradient(v)
         return r
 
-    def residual_norms(self, r: BaseVector) -> ResidualNorms:
-        """<r, B^(-1) r>^(1/2) of each part."""
-        riesz, part_of = (self.blocks.B_inverse * r).Evaluate(), self.blocks.part_of
-        squares = {n: InnerProduct(part_of(riesz, n), part_of(r, n)) for n in self.blocks.spaces}
-        return ResidualNorms({name: math.sqrt(max(0.0, s)) for name, s in squares.items()})
+    def residual_norms(self, r: BaseVector) -> np.ndarray:
+        """<r, B^(-1) r>^(1/2) of the parts on Gamma_c and in Omega, (2,)."""
+        parts = self.blocks.parts((self.blocks.B_inverse * r).Evaluate()), self.blocks.parts(r)
+        return np.sqrt([max(0.0, InnerProduct(*pair)) for pair in zip(*parts, strict=True)])
 
-    def rounding(self, y: BaseVector) -> ResidualNorms:
-        """What rounding in D y = Lambda* v - l leaves of the residual, whatever solver finds y.
+    def rounding(self, y: BaseVector) -> np.ndarray:
+        """What rounding in D y = Lambda* v - l leaves of the norms, whatever solver finds y.
 
-        Each entry of D y is uncertain by EPSILON |D| |y|, and D^(-1) may amplify that by lambda/h.
-        The norms of Lambda D^(-1) e are averaged over a few e of that size with random signs.
+        Each entry of D y is uncertain by EPSILON |D| |y|, in whatever way D is assembled, and
+        D^(-1) may amplify that by lambda/h.  The norms of Lambda D^(-1) e are averaged over a few e
+        of that size with random signs.
         """
-        sizes, signs = self.blocks.rounding_of(y), np.random.default_rng(0)
-        e, squares = self.blocks.Y_vector(), Counter()
+        blocks, size, signs = self.blocks, y.CreateVector(), np.random.default_rng(0)
+        D, e, squares = blocks.D.CreateMatrix(), y.CreateVector(), np.zeros(2)
+        D.AsVector().FV().NumPy()[:] = np.abs(blocks.D.AsVector().FV().NumPy())
+        e.FV().NumPy()[:] = np.abs(y.FV().NumPy())
+        size.data = EPSILON * (D * e)
         for _ in range(ROUNDING_SAMPLES):
-            e.FV().NumPy()[:] = sizes.FV().NumPy() * signs.choice((-1.0, 1.0), len(sizes))
-            image = (self.blocks.Lambda * self.blocks.primal_response(e)).Evaluate()
-            norms = self.residual_norms(image)
-            squares.update({name: norm**2 / ROUNDING_SAMPLES for name, norm in norms.items()})
-        return ResidualNorms({name: math.sqrt(square) for name, square in squares.items()})
+            e.FV().NumPy()[:] = size.FV().NumPy() * signs.choice((-1.0, 1.0), len(size))
+            image = (blocks.Lambda * blocks.primal_response(e)).Evaluate()
+            squares += self.residual_norms(image) ** 2 / ROUNDING_SAMPLES
+        return np.sqrt(squares)
 
     def carried(self, old: DualFunctional, v: BaseVector) -> BaseVector:
-        """The v in H_h that belongs to v of an earlier problem, on this or another mesh.
-
-        P1 interpolation of nodal values.  What belongs together in two regularisations are equal
-        multipliers, |p| = gamma_q [|q| - beta]^+ and mu = gamma_z [z]^+: the excess of |q| and of z
-        is scaled by the quotient of the gammas.
-        """
-        blocks, w = self.blocks, self.blocks.H_vector()
-        same_mesh = old.blocks.problem.mesh is blocks.problem.mesh
-        for name, target in blocks.spaces.items():
-            values, source = old.blocks.part_of(v, name), old.blocks.spaces[name]
+        """The v in H_h with the nodal values of an earlier v, on this or another mesh."""
+        w = self.blocks.H_vector()
+        same_mesh = old.blocks.problem.mesh is self.blocks.problem.mesh
+        parts = old.blocks.parts(v), self.blocks.parts(w)
+        spaces = old.blocks.H.components, self.blocks.H.components
+        for values, to, source, target in zip(*parts, *spaces, strict=True):
             if same_mesh and source.ndof == target.ndof:
-                carried = values.FV().NumPy() * np.array(target.FreeDofs(), dtype=float)
+                to.FV().NumPy()[:] = values.FV().NumPy() * np.array(target.FreeDofs(), dtype=float)
             else:
-                carried = prolongate(source, values, target)
-            blocks.part_of(w, name).FV().NumPy()[:] = carried
-        self._keep_multipliers(old, w)
+                to.FV().NumPy()[:] = prolongate(source, values, target)
         return w
 
-    def _keep_multipliers(self, old: DualFunctional, v: BaseVector) -> None:
-        """Scale the excess of z and |q| by the quotients of the gammas, in place."""
-        problem, before, after = self.blocks.problem, old.weights, self.weights
-        if before.plastic != after.plastic:
-            beta = GridFunction(H1(problem.mesh, order=1))  # where it jumps, the mean
-            beta.Set(as_scalar(problem.beta))
-            q = self.blocks.part_of(v, PLASTIC).FV().NumPy().reshape(problem.kinematics.d, -1)
-            q[:] = scaled_excess(q, beta.vec.FV().NumPy(), before.plastic / after.plastic)
-        if CONTACT in self.blocks.spaces:
-            z = self.blocks.part_of(v, CONTACT).FV().NumPy()
-            z[z > 0] *= before.contact / after.contact
+
+class Iterate:
+    """v, the y with D y = Lambda* v - l, and what follows, each thing when it is asked for.
+
+    The active sets belong to the iterate: others may be made in between.  ``y`` is solved for if it
+    is not given.
+    """
+
+    def __init__(
+        self, functional: DualFunctional, v: BaseVector, y: BaseVector | None = None
+    ) -> None:
+        self.functional, self.v, self._kind = functional, (1.0 * v).Evaluate(), functional.kinds(v)
+        if y is not None:
+            self.y = y
+
+    @cached_property
+    def y(self) -> BaseVector:
+        """D y = Lambda* v - l."""
+        return self.functional.blocks.primal_of(self.v)
+
+    def _integrals(self, parts: tuple[CF, CF]) -> tuple[float, ...]:
+        self.functional.enter(self.v, self._kind)
+        return tuple(Integrate(part, self.functional.blocks.problem.mesh) for part in parts)
+
+    @cached_property
+    def penalties(self) -> tuple[float, ...]:
+        """M^1(z) and M^2(q)."""
+        return self._integrals(self.functional.penalties)
+
+    @cached_property
+    def active(self) -> tuple[float, ...]:
+        """The measures of the contact that z presses and of what yields, by a low order."""
+        return self._integrals(self.functional.active)
+
+    @cached_property
+    def multipliers(self) -> BaseVector:
+        """M(v) = (mu, nu) as a functional on H."""
+        self.functional.enter(self.v, self._kind)
+        return (1.0 * self.functional.gradient.Assemble().vec).Evaluate()
+
+    def hessian(self) -> BaseMatrix:
+        """The Newton derivative of M at v; the next one overwrites it."""
+        self.functional.enter(self.v, self._kind)
+        return self.functional.hessian.Assemble(reallocate=True).mat
+
+    @cached_property
+    def residual(self) -> BaseVector:
+        """Psi_gamma as a functional on H."""
+        return (self.functional.linear_residual(self.y, self.v) + self.multipliers).Evaluate()
+
+    @cached_property
+    def norms(self) -> np.ndarray:
+        """||Psi_gamma||_{H*} of the parts on Gamma_c and in Omega, (2,)."""
+        return self.functional.residual_norms(self.residual)
+
+    @property
+    def residual_norm(self) -> float:
+        """||Psi_gamma||_{H*}."""
+        return total(self.norms)
+
+    @cached_property
+    def smooth_energy(self) -> float:
+        """The quadratic part of J*_gamma, F*(Lambda* v) - (psi, z) + T(v)."""
+        f, v = self.functional, self.v
+        conjugate = f.blocks.conjugate(self.y, v) - InnerProduct(f.blocks.psi, v)
+        return conjugate + f.tichonov(v, v) / 2
+
+    @property
+    def energy(self) -> float:
+        """J*_gamma(v)."""
+        return self.smooth_energy + sum(self.penalties)
+
+    @property
+    def magnitude(self) -> float:
+        """Size of the terms that the energy is summed from."""
+        return abs(self.smooth_energy) + abs(sum(self.penalties))
 
 
-def scaled_excess(q: np.ndarray, threshold: np.ndarray | float, ratio: float) -> np.ndarray:
-    """Nodal values q, shape (d, nodes), with |q| - threshold times ``ratio`` where positive."""
-    size = np.sqrt((q * q).sum(axis=0))
-    excess = np.maximum(size - threshold, 0.0)
-    return q * (1 + (ratio - 1) * excess / np.where(size > 0, size, 1.0))
+def total(norms: np.ndarray) -> float:
+    """||Psi_gamma||_{H*} of its norms on Gamma_c and in Omega."""
+    return math.sqrt((norms**2).sum())

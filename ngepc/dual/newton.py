@@ -8,13 +8,12 @@ from typing import Annotated, overload
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.dual.algorithm import algorithm_7_1
+from ngepc.dual.algorithm import NewtonSystem, algorithm_7_1
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import Coupled
-from ngepc.dual.stopping import ResidualBelow
-from ngepc.dual.system import NewtonSystem
+from ngepc.dual.stopping import Tolerances
 from ngepc.linalg.direct import require_solver
 from ngepc.linalg.linesearch import Armijo, LineSearch
 from ngepc.local.iterative import Iterative
@@ -142,13 +141,14 @@ def semismooth_newton(
     kinds = (DualResult, type(None))
     require_instance("start", start, kinds, "a result of semismooth_newton or None")
     functional = prepared(problem, regularisation, options)
-    rule = ResidualBelow(options.tolerance * functional.blocks.residual_unit)
-    system, v = NewtonSystem(functional, options.inverse), functional.blocks.H_vector()
+    rule = Tolerances(options.tolerance * functional.blocks.residual_unit)
+    system, v = NewtonSystem(functional.blocks, options.inverse), functional.blocks.H_vector()
     v = v if start is None else functional.carried(start.functional, start.v)
-    return algorithm_7_1(system, v, rule, options.linesearch, options.max_iterations, monitor)
+    how = options.linesearch, options.max_iterations, monitor
+    return algorithm_7_1(system, functional, v, rule, *how)
 
 
 def prepared(problem: Problem, regularisation: Coupled, options: NewtonOptions) -> DualFunctional:
     """J*_gamma of a regularised problem with its matrices assembled."""
-    blocks = LinearBlocks(problem, regularisation.spaces, options.inverse)
-    return DualFunctional(blocks, regularisation, options.quadrature_points)
+    blocks, R = LinearBlocks(problem, regularisation, options.inverse), regularisation
+    return DualFunctional(blocks, R.gamma, R.gamma_tichonov, options.quadrature_points)

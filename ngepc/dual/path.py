@@ -10,26 +10,86 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from ngsolve import BND, VOL, Integrate, Mesh
 
+from ngepc.checks.arguments import require_number
+from ngepc.checks.declared import Check, Count, Declared, Fraction, Positive
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.dual.algorithm import algorithm_7_1
+from ngepc.dual.algorithm import NewtonSystem, algorithm_7_1
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional
-from ngepc.dual.path_options import InnerRule, PathOptions
+from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.path_steps import PathResult, PathStep, PathStore
 from ngepc.dual.result import DualResult
-from ngepc.dual.spaces import Coupled, DualSpaces
-from ngepc.dual.system import NewtonSystem
+from ngepc.dual.spaces import DualSpaces
+from ngepc.dual.stopping import Tolerances
 from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.model.problem import Problem
-from ngepc.results.outcome import History, Monitor, Status
+from ngepc.results.outcome import Monitor, Status
 
 logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathOptions(Declared):
+    """How Algorithm 7.2 is run; the defaults are those of Table 3.
+
+    Parameters
+    ----------
+    gamma_start, growth
+        gamma_0 > 0 and theta > 1: gamma_k = gamma_0 theta^k.
+    inner_tolerance
+        tau_in > 0: problem k is solved until ||Psi_z|| < c max(h_c, tau_in / sqrt(gamma_k)) and
+        ||Psi_q|| < c max(h, tau_in / sqrt(gamma_k)), after one Newton step at least.
+    inner_scale
+        c > 0.  With c = 1 as printed the start v = 0 of Example (b) passes; 0.1 is the plastic
+        residual there (docs/reading.md).
+    outer_tolerance
+        tau_out > 0: the path ends when V_gamma changes by less than the fraction tau_out h.
+    gamma_end
+        Follow the path up to this gamma instead, whatever V_gamma does.
+    residual_tolerance, reduction
+        The safeguard of section 7: a path that ends with ||Psi_gamma|| above the tolerance goes
+        on with tau_out times ``reduction`` in (0, 1).  From there on the inner tolerances are
+        at most this one; alone they stay above c h, however far the path is followed.  None for
+        no such check.
+    max_outer_iterations
+        Most values of gamma.
+    newton
+        Limits, quadrature, line search and direct solver of Algorithm 7.1.  Its tolerance is the
+        residual that counts as zero: it ends a problem without a step.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an option is out of its range.
+    """
+
+    gamma_start: Positive = 10.0
+    growth: Annotated[float, Check(require_number, least=1, strict=True)] = 7.0
+    inner_tolerance: Positive = 10.0
+    inner_scale: Positive = 0.1
+    outer_tolerance: Positive = 0.7
+    gamma_end: Positive | None = None
+    residual_tolerance: Positive | None = None
+    reduction: Fraction = 0.5
+    max_outer_iterations: Count = 30
+    newton: NewtonOptions = field(default_factory=partial(NewtonOptions, max_iterations=1000))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gamma_end is not None:
+            require_number("gamma_end", self.gamma_end, self.gamma_start)
+            if self.residual_tolerance is not None:
+                raise ValueError("gamma_end and residual_tolerance: give one of them, not both")
+        require_instance("newton", self.newton, NewtonOptions, "NewtonOptions(...)")
 
 
 def follow_path(
@@ -82,117 +142,94 @@ def follow_path(
     watchers = {"monitor": monitor, "newton_monitor": newton_monitor, "observer": observer}
     for name, watcher in watchers.items():
         require_function(name, watcher, "what it is shown", optional=True)
-    store = PathStore(checkpoint, problem, options, spaces)
-    saved, walk = store.load(), _Walk(problem, options, spaces)
+    store = PathStore(checkpoint, problem, {"spaces": repr(spaces), **asdict(options)})
+    saved, newton = store.load(), options.newton
+    blocks = LinearBlocks(problem, spaces, newton.inverse)
+    rules, system = Rules(options, blocks), NewtonSystem(blocks, newton.inverse)
+    steps, last, v = [], None, blocks.H_vector()
     if saved is not None:
-        walk.resume(*saved)
+        steps, v.FV().NumPy()[:], history = saved
+        functional = DualFunctional(blocks, steps[-1].gamma, None, newton.quadrature_points)
+        last = DualResult.at(functional, v, steps[-1].status, history)
     try:
-        while (status := walk.status()) is None:
-            walk.solve(newton_monitor)
-            store.save(walk.steps, walk.last)
-            logger.info("gamma %.4g: %s", walk.steps[-1].gamma, walk.steps[-1])
+        while (status := rules.status(steps)) is None:
+            gamma, rule = rules.next(steps)
+            functional = DualFunctional(blocks, gamma, None, newton.quadrature_points)
+            how = newton.linesearch, newton.max_iterations, newton_monitor
+            last = algorithm_7_1(system, functional, v, rule, *how)
+            v, steps = last.v, [*steps, PathStep.after(steps, last)]
+            store.save(steps, last)
+            logger.info("gamma %.4g: %s", gamma, steps[-1])
             if observer is not None:
-                observer(walk.last)
+                observer(last)
             if monitor is not None:
-                monitor(walk.steps[-1])
+                monitor(steps[-1])
     except (StopIteration, KeyboardInterrupt):
-        if walk.last is None:
+        if last is None:
             raise  # there is no state yet
         status = Status.STOPPED
-    return PathResult(status, walk.message(status), tuple(walk.steps), walk.last)
+    return PathResult(status, rules.message(status, steps, last), tuple(steps), last)
 
 
-class _Walk:
-    """What a path has reached: steps, the last result, dual variable; one gamma at a time."""
+class Rules:
+    """The tolerances of a path with the widths of its mesh, and when it ends."""
 
-    def __init__(self, problem: Problem, options: PathOptions, spaces: DualSpaces) -> None:
-        self.options, length = options, spaces.units.length
-        self.blocks = LinearBlocks(problem, spaces, options.newton.inverse)
-        self.h, self.h_c = mesh_width(problem.mesh) / length, contact_mesh_width(problem) / length
-        self.system: NewtonSystem | None = None
-        self.steps: list[PathStep] = []
-        self.last: DualResult | None = None
-        self.v = self.blocks.H_vector()
+    def __init__(self, options: PathOptions, blocks: LinearBlocks) -> None:
+        length, self.options, self.unit = blocks.choice.units.length, options, blocks.residual_unit
+        self.h = mesh_width(blocks.problem.mesh) / length
+        self.h_c = contact_mesh_width(blocks.problem) / length
 
-    def functional(self, gamma: float) -> DualFunctional:
-        """J*_gamma."""
-        tichonov, units = self.blocks.choice.tichonov, self.blocks.choice.units
-        regularisation = Coupled(gamma, tichonov=tichonov, units=units)
-        return DualFunctional(self.blocks, regularisation, self.options.newton.quadrature_points)
+    def settled(self, steps: Sequence[PathStep]) -> tuple[int, bool]:
+        """How often V_gamma has changed by less than the fraction tau_out h, and whether at last.
 
-    def resume(self, steps: list[PathStep], v: np.ndarray, history: History) -> None:
-        """Go on from the steps, the dual variable and the last history of a checkpoint."""
-        self.steps, functional = steps, self.functional(steps[-1].gamma)
-        self.v.FV().NumPy()[:] = v
-        self.last = DualResult.at(functional, self.v, steps[-1].status, history)
+        Each time the safeguard has reduced tau_out.
+        """
+        times, now = 0, False
+        for step in steps:
+            tau = self.options.outer_tolerance * self.options.reduction**times
+            now = step.change is not None and step.change < tau * self.h
+            times += now
+        return times, now
 
-    def solve(self, monitor: Monitor | None) -> None:
-        """The next problem (D_gamma_k), inexactly, from the last v."""
-        newton, gamma = self.options.newton, self.options.gamma(len(self.steps))
-        functional = self.functional(gamma)
-        if self.system is None:
-            self.system = NewtonSystem(functional, newton.inverse)
-        self.system.use(functional)
-        rule, search = self.inner_rule(gamma), newton.linesearch
-        self.last = algorithm_7_1(self.system, self.v, rule, search, newton.max_iterations, monitor)
-        self.v = self.last.v
-        self.steps = [*self.steps, PathStep.after(self.steps, self.last)]
-
-    def inner_rule(self, gamma: float) -> InnerRule:
-        """The tolerances for a gamma, sharper once the safeguard has acted."""
-        o, unit = self.options, self.blocks.residual_unit
-        loose, guarded = o.inner_tolerance / math.sqrt(gamma), self.reductions(self.steps) > 0
+    def next(self, steps: Sequence[PathStep]) -> tuple[float, Tolerances]:
+        """The next gamma and its inner tolerances, sharper once the safeguard has acted."""
+        o, unit = self.options, self.unit
+        gamma = o.gamma_start * o.growth ** len(steps)
+        gamma = gamma if o.gamma_end is None else min(gamma, o.gamma_end)
+        guarded = o.residual_tolerance is not None and self.settled(steps)[0] > 0
         most = o.residual_tolerance / math.sqrt(2) if guarded else math.inf
-        bounds = [min(o.inner_scale * max(h, loose), most) * unit for h in (self.h_c, self.h)]
-        return InnerRule(o.newton.tolerance * unit, *bounds)
+        loose = o.inner_tolerance / math.sqrt(gamma)
+        bounds = (min(o.inner_scale * max(h, loose), most) * unit for h in (self.h_c, self.h))
+        return gamma, Tolerances(o.newton.tolerance * unit, tuple(bounds))
 
-    def status(self) -> Status | None:
-        """How the path has ended, None if it goes on."""
-        if not self.steps:
+    def status(self, steps: Sequence[PathStep]) -> Status | None:
+        """How the path has ended, None if it goes on: step (iv), with the safeguard."""
+        if not steps:
             return None
-        if self.steps[-1].status is not Status.CONVERGED:
-            return self.steps[-1].status
-        if self.has_ended(self.steps[-1]):
+        o, last = self.options, steps[-1]
+        if last.status is not Status.CONVERGED:
+            return last.status
+        tolerance = o.residual_tolerance
+        sharp = tolerance is None or last.residual_norm < tolerance * self.unit
+        there = sharp and self.settled(steps)[1]
+        if last.gamma >= o.gamma_end if o.gamma_end is not None else there:
             return Status.CONVERGED
-        limit = len(self.steps) >= self.options.max_outer_iterations
-        return Status.ITERATION_LIMIT if limit else None
+        return Status.ITERATION_LIMIT if len(steps) >= o.max_outer_iterations else None
 
-    def has_ended(self, last: PathStep) -> bool:
-        """Step (iv) of Algorithm 7.2, with the safeguard."""
-        o, tolerance = self.options, self.options.residual_tolerance
-        if o.gamma_end is not None:
-            return last.gamma >= o.gamma_end
-        sharp = tolerance is None or last.residual_norm < tolerance * self.blocks.residual_unit
-        return sharp and self.settled(last, self.reductions(self.steps[:-1]))
-
-    def reductions(self, steps: list[PathStep]) -> int:
-        """How often the safeguard has reduced tau_out in a path that has not ended."""
-        number = 0
-        if self.options.residual_tolerance is not None:
-            for step in steps:
-                number += self.settled(step, number)
-        return number
-
-    def settled(self, step: PathStep, reductions: int) -> bool:
-        """Whether V_gamma has changed by less than the fraction tau_out h."""
-        tau = self.options.outer_tolerance * self.options.reduction**reductions
-        return step.change is not None and step.change < tau * self.h
-
-    def message(self, status: Status) -> str:
+    def message(self, status: Status, steps: Sequence[PathStep], result: DualResult) -> str:
         """What was seen, and what to try, for a path that did not converge."""
         if status is Status.CONVERGED:
             return ""
-        if not self.steps:
-            return self.last.message
-        last, inner = self.steps[-1], self.last.message
-        where = f"At gamma = {last.gamma:.3g}, value {len(self.steps)} of the path"
+        if not steps:
+            return result.message
+        last, growth = steps[-1], self.options.growth
+        where = f"At gamma = {last.gamma:.3g}, value {len(steps)} of the path"
         if last.status is not Status.CONVERGED:
-            return f"{where}: {inner} A smaller growth than {self.options.growth:g} may help."
+            return f"{where}: {result.message} A smaller growth than {growth:g} may help."
         change = "nothing to compare" if last.change is None else f"{last.change:.3g} of V_gamma"
         seen = f"{where}, the last change is {change}, the residual {last.residual_norm:.3g}."
-        if status is Status.ITERATION_LIMIT:
-            return f"{seen} Raise max_outer_iterations or outer_tolerance."
-        return seen
+        advice = " Raise max_outer_iterations or outer_tolerance."
+        return seen + advice * (status is Status.ITERATION_LIMIT)
 
 
 def mesh_width(mesh: Mesh) -> float:
@@ -211,9 +248,6 @@ def mesh_width(mesh: Mesh) -> float:
 
 def contact_mesh_width(problem: Problem) -> float:
     """h_c, the largest |S|^(1/(N-1)) over the elements S of Gamma_c; 0 without contact (length)."""
-    if not problem.contact_names:
-        return 0.0
-    mesh = problem.mesh
-    region = mesh.Boundaries("|".join(problem.contact_names))
-    measures = Integrate(1.0, mesh, BND, definedon=region, element_wise=True)
-    return float(max(measures)) ** (1 / (mesh.dim - 1))
+    region = problem.mesh.Boundaries("|".join(problem.contact_names))
+    measures = Integrate(1.0, problem.mesh, BND, definedon=region, element_wise=True)
+    return float(max(measures)) ** (1 / (problem.N - 1))

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ngepc.checks.kinds import require_path
-from ngepc.dual.iterates import Iterate
-from ngepc.dual.path_options import PathOptions
+from ngepc.dual.functional import Iterate
 from ngepc.dual.result import DualResult
-from ngepc.dual.spaces import DualSpaces
 from ngepc.model.problem import Problem
 from ngepc.results import checkpoint
 from ngepc.results.files import check_writable
@@ -23,38 +22,34 @@ LIMITS = ("max_outer_iterations", "max_iterations")
 
 @dataclass(frozen=True, kw_only=True)
 class PathStep:
-    """One value of gamma on a path.
-
-    ``path_value`` is V_gamma, the energy J*_gamma at the inexact solution (force times length),
-    ``change`` |V_gamma_k - V_gamma_(k-1)| / |V_gamma_(k-1)|, None for the first gamma; the norms
-    are those of Psi_gamma at the end, ``status`` says how the Newton steps ended.
-    """
+    """One value of gamma on a path, and what its inexact solution has."""
 
     gamma: float
     iterations: int
-    path_value: float
-    change: float | None
-    residual_norm: float
+    path_value: float  # V_gamma, the energy J*_gamma (force times length)
+    change: float | None  # of V_gamma, relative to that before; None for the first gamma
+    residual_norm: float  # ||Psi_gamma||, and its parts
     contact_residual_norm: float
     plastic_residual_norm: float
     halvings: int
-    status: Status
+    status: Status  # how the Newton steps ended
 
     @classmethod
     def after(cls, before: list[PathStep], result: DualResult) -> PathStep:
         """The record of a result that comes after these steps."""
-        last, change = Iterate.at(result.functional, result.v).record(), None
+        here, change = Iterate(result.functional, result.v), None
         if before:
-            value, rise = before[-1].path_value, abs(last.energy - before[-1].path_value)
+            value, rise = before[-1].path_value, abs(here.energy - before[-1].path_value)
             change = 0.0 if rise == 0 else rise / abs(value) if value else math.inf
+        contact, plastic = here.norms.tolist()
         return cls(
             gamma=result.regularisation.gamma,
             iterations=result.iterations,
-            path_value=last.energy,
+            path_value=here.energy,
             change=change,
-            residual_norm=last.residual_norm,
-            contact_residual_norm=last.contact_residual_norm,
-            plastic_residual_norm=last.plastic_residual_norm,
+            residual_norm=here.residual_norm,
+            contact_residual_norm=contact,
+            plastic_residual_norm=plastic,
             halvings=result.history.halvings,
             status=result.status,
         )
@@ -118,22 +113,19 @@ class PathResult(Ending):
 class PathStore:
     """The checkpoint of a path, None for none; OSError, before any work, if it cannot be written.
 
-    It belongs to all of the work but its limits.
+    It belongs to all of the work, told by its options, but its limits.
     """
 
-    def __init__(
-        self, path: Path | str | None, problem: Problem, options: PathOptions, spaces: DualSpaces
-    ) -> None:
+    def __init__(self, path: Path | str | None, problem: Problem, told: Mapping) -> None:
         self._path = None if path is None else require_path("checkpoint", path)
         if self._path is None:
             return
         if not self._path.parent.is_dir():
             raise FileNotFoundError(f"checkpoint {self._path}: there is no such folder")
         check_writable(self._path)
-        kept = {k: v for k, v in asdict(options).items() if k not in LIMITS}
-        kept["newton"] = {k: v for k, v in kept["newton"].items() if k not in LIMITS}
-        told = {"spaces": repr(spaces), **kept}
-        self._fingerprint = checkpoint.work_fingerprint("path", problem, **told)
+        kept = {k: v for k, v in told.items() if k not in LIMITS}
+        kept["newton"] = {k: v for k, v in told["newton"].items() if k not in LIMITS}
+        self._fingerprint = checkpoint.work_fingerprint("path", problem, **kept)
 
     def load(self) -> tuple[list[PathStep], np.ndarray, History] | None:
         """The steps on disk, the dual variable and the history of the last; None without a file.

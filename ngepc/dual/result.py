@@ -9,9 +9,8 @@ from ngsolve import H1, CoefficientFunction, GridFunction, Integrate, Norm, ds
 from ngsolve.la import BaseVector
 
 from ngepc.discretisation.loads import Supports, applied_forces
-from ngepc.dual.blocks import CONTACT, PLASTIC, primal_energy
-from ngepc.dual.functional import DualFunctional
-from ngepc.dual.iterates import Iterate
+from ngepc.dual.blocks import primal_energy
+from ngepc.dual.functional import DualFunctional, Iterate, total
 from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.equilibrium import Equilibrium
@@ -55,29 +54,29 @@ class DualResult(Result):
         return self.functional.blocks.problem
 
     @property
-    def method_label(self) -> str:
-        """'gamma = 1e4': how the problem was regularised."""
-        return f"gamma = {self.regularisation.gamma:.4g}"
-
-    @property
     def regularisation(self) -> Coupled:
         """The regularisation that it was solved with."""
         return self.functional.regularisation
 
     @property
+    def method_label(self) -> str:
+        """'gamma = 1e4': how the problem was regularised."""
+        return f"gamma = {self.regularisation.gamma:.4g}"
+
+    @property
     def residual_norm(self) -> float:
         """||Psi_gamma||_{H*} at the end, with y solved for afresh."""
-        return Iterate.at(self.functional, self.v).norms.total
+        return Iterate(self.functional, self.v).residual_norm
 
     @property
     def residual_rounding(self) -> float:
         """What rounding leaves of ``residual_norm``; no tolerance below it can be met."""
-        return self.functional.rounding(self.y).total
+        return total(self.functional.rounding(self.y))
 
     @property
     def dual_energy(self) -> float:
         """J*_gamma(v) (force times length)."""
-        return Iterate(self.functional, self.y, self.v, self.functional.terms(self.v)).energy
+        return Iterate(self.functional, self.v, self.y).energy
 
     @cached_property
     def primal_energy(self) -> float:
@@ -85,18 +84,17 @@ class DualResult(Result):
         return primal_energy(self.problem, self.displacement, self.plastic_increment)
 
     @cached_property
-    def _fields(self) -> dict[str, GridFunction]:
-        return self.functional.blocks.fields(self.y, self.v)
-
-    @property
     def state(self) -> GridFunction:
-        """(u, p, z, q) in the compound space; no z without contact."""
-        return self._fields["state"]
+        """(u, p, z, q) in the compound space; z is empty without contact."""
+        state = GridFunction(self.functional.blocks.X)
+        state.vec.Range(0, len(self.y)).data = self.y
+        state.vec.Range(len(self.y), len(state.vec)).data = self.v
+        return state
 
     @property
     def displacement(self) -> GridFunction:
         """u (length)."""
-        return self._fields["displacement"]
+        return self.state.components[0]
 
     @property
     def plastic_increment(self) -> GridFunction:
@@ -104,47 +102,40 @@ class DualResult(Result):
 
         It is constant on each element, bounded by |q| <= beta in the mean with P1 functions only.
         """
-        return self._fields["plastic_strain"]
+        return self.state.components[1]
 
     @cached_property
     def equilibrium(self) -> Equilibrium:
         """Nodal forces of loads, obstacles (Lambda* v) and supports."""
         blocks, V = self.functional.blocks, self.functional.blocks.Y.components[0]
-        internal, contact = self.y.CreateVector(), self.y.CreateVector()
-        internal.data = blocks.D * self.y - blocks.load
-        contact.data = blocks.Lambda.T * self.v
+        internal, contact = blocks.D * self.y - blocks.load, blocks.Lambda.T * self.v
         applied, free = applied_forces(self.problem, V).T, Supports(self.problem).free.T
         internal, contact = (
-            f.FV().NumPy()[: V.ndof].reshape(applied.shape).copy() for f in (internal, contact)
+            f.Evaluate().FV().NumPy()[: V.ndof].reshape(applied.shape).copy()
+            for f in (internal, contact)
         )
         return Equilibrium(self.problem, applied, contact, internal - contact, free)
 
     @property
     def plastic_dual(self) -> GridFunction:
         """The paper's q = h p - dev sigma (3.8) in d coordinates (stress)."""
-        return self._fields[PLASTIC]
+        return self.state.components[3]
 
     @property
     def yield_function(self) -> CoefficientFunction:
         """|q|_2 - beta, the von Mises yield function by (3.9) (stress)."""
         return Norm(self.plastic_dual) - as_scalar(self.problem.beta)
 
-    @property
-    def yield_excess(self) -> CoefficientFunction:
-        """|q| - beta (stress): > 0 on the active set."""
-        return self.yield_function
+    yield_excess = yield_function  # > 0 on the active set
 
     @cached_property
-    def normal_stress(self) -> CoefficientFunction:
+    def normal_stress(self) -> GridFunction:
         """z, the normal stress (sigma n) . n on Gamma_c (stress); zero without contact.
 
         Inside the body it is the P1 extension and means nothing.
         """
-        if CONTACT not in self._fields:
-            return as_scalar(0.0)
         z = GridFunction(H1(self.problem.mesh, order=1), name="normal_stress")
-        on_contact = self.problem.mesh.Boundaries("|".join(self.problem.contact_names))
-        z.Set(self._fields[CONTACT], definedon=on_contact)
+        z.Set(self.state.components[2], definedon=self.functional.blocks.contact)
         return z
 
     @property
@@ -155,7 +146,5 @@ class DualResult(Result):
     @property
     def contact_force(self) -> float:
         """Resultant of the normal contact pressure, positive in compression (force)."""
-        if not self.problem.contact_names:
-            return 0.0
-        on_contact = ds("|".join(self.problem.contact_names))
+        on_contact = ds(definedon=self.functional.blocks.contact)
         return Integrate(self.contact_pressure * on_contact, self.problem.mesh)

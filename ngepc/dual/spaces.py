@@ -134,11 +134,6 @@ class Coupled(DualSpaces):
     gamma_tichonov: Positive | None = field(default=None, kw_only=True)
 
     @property
-    def spaces(self) -> DualSpaces:
-        """What stays along a path."""
-        return DualSpaces(tichonov=self.tichonov, units=self.units)
-
-    @property
     def weights(self) -> Weights:
         """The gammas in the units of the problem."""
         stress, length = self.units.stress, self.units.length

@@ -8,20 +8,23 @@ meet the rule: any other way of computing it in the same precision then finds th
 
 from __future__ import annotations
 
-import logging
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
-from ngepc.dual.functional import ResidualNorms
-from ngepc.dual.iterates import Iterate
+import numpy as np
+from ngsolve.la import BaseVector
+
+from ngepc.dual.functional import Iterate, total
 from ngepc.dual.result import DualResult
-from ngepc.dual.system import NewtonSystem
 from ngepc.linalg.linesearch import ROUNDING
-from ngepc.results.outcome import History, IterationRecord, Monitor, Status
-
-logger = logging.getLogger(__name__)
+from ngepc.results.outcome import History, Status
 
 CORRECTIONS = 3
 """Most steps with the last factors."""
+
+ROUNDING_STEPS = 8
+"""Steps in a row that change the energy by no more than rounding end a run."""
 
 WINDOW = 5
 """Steps that are looked at for damping."""
@@ -39,118 +42,116 @@ ADVICE = {
     ),
 }
 
-TRUE_RESIDUAL = (Status.ITERATION_LIMIT, Status.LINESEARCH_FAILED, Status.STAGNATED)
-"""Statuses whose message quotes the residual computed afresh."""
+Ending = tuple[Iterate, Status | None, str]
+"""The iterate to go on from or to end with, how the run has ended if it has, and the cause."""
 
 
 @dataclass(frozen=True)
-class ResidualBelow:
-    """||Psi_gamma||_{H*} < tolerance, the rule of Algorithm 7.1; its text stands in messages."""
+class Tolerances:
+    """||Psi_gamma||_{H*} < tolerance, as in Algorithm 7.1; its text stands in messages.
+
+    With ``bounds`` of the parts on Gamma_c and in Omega those count after a step at least, step
+    (iv)(a) of Algorithm 7.2.
+    """
 
     tolerance: float
+    bounds: tuple[float, float] | None = None
 
-    def met(self, norms: ResidualNorms, steps: int) -> bool:
+    def met(self, norms: np.ndarray, steps: int) -> bool:
         """Whether an iterate with these norms will do after so many steps."""
-        return norms.total < self.tolerance
+        if self.bounds is None or steps == 0:
+            return total(norms) < self.tolerance
+        return bool((norms < self.bounds).all())
 
     def __str__(self) -> str:
-        return f"the tolerance {self.tolerance:.3g}"
+        if self.bounds is None:
+            return f"the tolerance {self.tolerance:.3g}"
+        return "the tolerances {:.3g} (contact) and {:.3g} (plastic)".format(*self.bounds)
 
 
-class End(Exception):
-    """Why a run ends: a status, the iterate it ends with, a sentence where something went wrong."""
+def judged(
+    here: Iterate,
+    before: Iterate,
+    history: History,
+    rule: Tolerances,
+    max_iterations: int,
+    solve: Callable[[BaseVector], tuple[BaseVector, BaseVector]],
+) -> Ending:
+    """Test by test, whether the iteration is over; ``solve`` uses the last factors."""
+    steps, status, cause = len(history.records) - 1, None, ""
+    if not math.isfinite(here.residual_norm + here.energy):
+        return before, Status.NONFINITE, ""
+    if rule.met(here.norms, steps):
+        here, status, cause = final_check(here, rule, steps, solve)
+    if status is None and steps == max_iterations:
+        return here, Status.ITERATION_LIMIT, ""
+    changes = np.abs(np.diff(history.energies[-ROUNDING_STEPS - 1 :]))
+    drowned = len(changes) == ROUNDING_STEPS and changes.max() <= ROUNDING * here.magnitude
+    if status is None and drowned:
+        return here, Status.STAGNATED, ""
+    return here, status, cause
 
-    def __init__(self, status: Status, here: Iterate, cause: str = "") -> None:
-        super().__init__(status)
-        self.status, self.here, self.cause = status, here, cause
 
-
-def final_check(system: NewtonSystem, here: Iterate, rule: ResidualBelow) -> Iterate:
+def final_check(
+    here: Iterate,
+    rule: Tolerances,
+    steps: int,
+    solve: Callable[[BaseVector], tuple[BaseVector, BaseVector]],
+) -> Ending:
     """Judge an iterate whose updated residual meets the rule: y and residual afresh, corrected.
 
-    Near a solution the active sets stay, so that a correction needs no new factors.  Returns where
-    to go on from, if further Newton steps may help; ``End`` otherwise, CONVERGED or STAGNATED.
+    Near a solution the active sets stay, so that a correction needs no new factors.  The status is
+    CONVERGED or STAGNATED, None where further Newton steps may help.
     """
-    here = here.afresh()
+    here = Iterate(here.functional, here.v)
     rounding = here.functional.rounding(here.y)
     for _ in range(CORRECTIONS):
-        if rule.met(here.norms.plus(rounding), here.number) or here.number == 0:
+        if rule.met(here.norms + rounding, steps) or steps == 0:
             break
-        better = here.afresh(system.solve((-here.residual).Evaluate())[1])
-        if not better.norms.total <= here.norms.total / 2:
+        dv = solve((-here.residual).Evaluate())[1]
+        better = Iterate(here.functional, (here.v + dv).Evaluate())
+        if not better.residual_norm <= here.residual_norm / 2:
             break
         here = better
-    if rule.met(here.norms.plus(rounding), here.number):
-        raise End(Status.CONVERGED, here)
-    if rule.met(rounding, here.number):
-        return here
-    reach = 1.1 * (here.norms.total + rounding.total) / here.functional.blocks.residual_unit
-    raise End(
-        Status.STAGNATED,
-        here,
-        f"Rounding alone leaves about {rounding.total:.2g} of the residual, in whatever way it is "
-        "computed: the hardening is small beside the elastic moduli, or the loads are large, for "
-        f"{rule}. A tolerance above {reach:.2g} is within reach.",
+    if rule.met(here.norms + rounding, steps):
+        return here, Status.CONVERGED, ""
+    if rule.met(rounding, steps):
+        return here, None, ""
+    left = total(rounding)
+    reach = 1.1 * (here.residual_norm + left) / here.functional.blocks.residual_unit
+    cause = (
+        f"Rounding alone leaves about {left:.2g} of the residual, in whatever way it is computed: "
+        "the hardening is small beside the elastic moduli, or the loads are large, for "
+        f"{rule}. A tolerance above {reach:.2g} is within reach."
     )
+    return here, Status.STAGNATED, cause
 
 
-class RunLog:
-    """What a run has shown: its ``history``, and how many steps have ``drowned``.
-
-    These, the last ones in a row, have changed the energy by rounding only.
-    """
-
-    def __init__(self, rule: ResidualBelow, monitor: Monitor | None) -> None:
-        self.rule, self._monitor = rule, monitor
-        self.history, self.drowned = History(), 0
-
-    def note(self, here: Iterate) -> None:
-        """Record an iterate, log it and show it to the monitor."""
-        record, records = here.record(), self.history.records
-        if records:
-            unmoved = abs(record.energy - records[-1].energy) <= ROUNDING * here.magnitude
-            self.drowned = self.drowned + 1 if unmoved else 0
-        self.history.records.append(record)
-        logger.info(
-            "it:%4d residual:%.3e energy:%.12e step:%.4g",
-            *(record.iteration, record.residual_norm, record.energy, record.step_length),
-        )
-        if self._monitor is not None:
-            self._monitor(replace(record, snapshot=lambda: self._snapshot(here)))
-
-    def _snapshot(self, here: Iterate) -> DualResult:
-        """The result of a run that had stopped at an iterate."""
-        seen = History(self.history.records[: here.number + 1])
-        return DualResult(here.functional, here.y, here.v, Status.STOPPED, "", seen)
-
-    def result(self, here: Iterate, status: Status, cause: str = "") -> DualResult:
-        """The result of a run that ends at an iterate."""
-        last = self.history.records[-1] if self.history.records else None
-        if status in TRUE_RESIDUAL:
-            here = here.afresh()
-            last = here.record()
-        message = self._message(status, cause, last)
-        return DualResult(here.functional, here.y, here.v, status, message, self.history)
-
-    def _message(self, status: Status, cause: str, last: IterationRecord | None) -> str:
-        """What was seen and what to try, empty for a run that converged."""
-        if status is Status.CONVERGED or last is None:
-            return cause
+def ended(
+    here: Iterate, status: Status, cause: str, history: History, rule: Tolerances
+) -> DualResult:
+    """The result of a run that ends with an iterate, and a message unless it has converged."""
+    message = cause
+    if status not in (Status.CONVERGED, Status.STOPPED):
+        if status is not Status.NONFINITE:
+            here = Iterate(here.functional, here.v)
+        last, (contact, plastic) = history.records[-1], here.norms
         seen = (
-            f"After {last.iteration} steps the residual is {last.residual_norm:.3g} (contact "
-            f"{last.contact_residual_norm:.3g}, plastic {last.plastic_residual_norm:.3g}), "
-            f"{self.rule}; last step length {last.step_length:.3g}."
+            f"After {last.iteration} steps the residual is {here.residual_norm:.3g} (contact "
+            f"{contact:.3g}, plastic {plastic:.3g}), {rule}; last step length "
+            f"{last.step_length:.3g}."
         )
-        damped = "" if status is Status.STOPPED else self._damped()
-        return " ".join(filter(None, (cause, seen, damped, ADVICE.get(status))))
+        message = " ".join(filter(None, (cause, seen, damping(history), ADVICE[status])))
+    return DualResult(here.functional, here.y, here.v, status, message, history)
 
-    def _damped(self) -> str:
-        """The shortest of the last steps, if it was damped."""
-        steps = self.history.records[1:][-WINDOW:]
-        shortest = min(steps, key=lambda record: record.step_length, default=None)
-        if shortest is None or shortest.step_length >= 1:
-            return f"None of the last {len(steps)} steps was damped." if steps else ""
-        return (
-            f"Step {shortest.iteration} was damped to {shortest.step_length:.3g}, the shortest of "
-            f"the last {len(steps)}."
-        )
+
+def damping(history: History) -> str:
+    """The shortest of the last steps, if it was damped."""
+    steps = history.records[1:][-WINDOW:]
+    shortest = min(steps, key=lambda record: record.step_length, default=None)
+    if shortest is None or shortest.step_length >= 1:
+        return f"None of the last {len(steps)} steps was damped." if steps else ""
+    return (
+        f"Step {shortest.iteration} was damped to {shortest.step_length:.3g}, the shortest of "
+        f"the last {len(steps)}."
+    )

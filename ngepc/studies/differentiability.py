@@ -34,7 +34,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc.checks.arguments import require_integer
 from ngepc.discretisation.quadrature import fine_rules
-from ngepc.dual.penalty import RadialLaw
+from ngepc.dual.functional import RadialLaw
 from ngepc.studies.work import Work
 
 CELLS = 8

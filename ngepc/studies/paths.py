@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 from ngsolve import Integrate
 
 from ngepc.dual.duality import duality_report
-from ngepc.dual.path import follow_path, mesh_width
-from ngepc.dual.path_options import PathOptions
+from ngepc.dual.path import PathOptions, follow_path, mesh_width
 from ngepc.dual.path_steps import PathResult
 from ngepc.dual.result import DualResult
 from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone

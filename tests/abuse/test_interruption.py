@@ -21,8 +21,7 @@ import pytest
 from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.cli.output import teller
-from ngepc.dual.path import follow_path
-from ngepc.dual.path_options import PathOptions
+from ngepc.dual.path import PathOptions, follow_path
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
 from ngepc.results import checkpoint, files

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from ngsolve import BND, CF, IfPos, x
 
 from ngepc.dual.newton import NewtonOptions
-from ngepc.dual.path import follow_path
-from ngepc.dual.path_options import PathOptions
+from ngepc.dual.path import PathOptions, follow_path
 from ngepc.geometries import block
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem

@@ -15,6 +15,7 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
+from ngepc.dual.functional import Iterate, total
 from ngepc.dual.newton import prepared
 from ngepc.dual.spaces import FullProduct
 from ngepc.geometries import lshape, wrench
@@ -75,12 +76,12 @@ def functional_on_H(equation, seed, size=1.0):
 
 def derivative(equation, v, delta):
     """G_Psi(lambda) delta = delta + G_M(v) N_gamma^(-1) delta for v = v(lambda)."""
-    hessian = equation.functional.terms(v).hessian()
+    hessian = Iterate(equation.functional, v).hessian()
     return (delta + hessian * equation.N_inverse(delta)).Evaluate()
 
 
 def dual_norm(equation, r):
-    return equation.functional.residual_norms(r).total
+    return total(equation.functional.residual_norms(r))
 
 
 def test_N_inverse_undoes_N(equation):

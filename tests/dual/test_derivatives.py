@@ -8,10 +8,10 @@ import pytest
 from bodies import flat_problem
 from ngsolve import CF, InnerProduct, x, y, z
 
-from ngepc.dual.iterates import Iterate
+from ngepc.dual.algorithm import NewtonSystem
+from ngepc.dual.functional import Iterate
 from ngepc.dual.newton import NewtonOptions, prepared
 from ngepc.dual.spaces import Coupled, FullProduct, Units
-from ngepc.dual.system import NewtonSystem
 from ngepc.geometries import block
 from ngepc.model.material import Material
 
@@ -71,7 +71,7 @@ class State:
     def at(self, step, w):
         v = w.CreateVector()
         v.data = self.v + step * w
-        return Iterate.at(self.functional, v)
+        return Iterate(self.functional, v)
 
     def energy_error(self, w, step):
         """Relative difference of <J*', w> and the central difference of J*."""
@@ -87,8 +87,8 @@ class State:
 
     def newton_error(self, w, step):
         """|K^(-1) (residual difference) - w| / |w|: the Newton matrix undoes the difference."""
-        system = NewtonSystem(self.functional, "sparsecholesky")
-        system.factorise(self.functional.terms(self.v))
+        system = NewtonSystem(self.blocks, "sparsecholesky")
+        system.factorise(self.functional, Iterate(self.functional, self.v).hessian())
         dy, dv = system.solve(self.residual_difference(w, step))
         image = self.blocks.primal_of(w)  # D dy = Lambda* dv
         image -= self.blocks.primal_of(self.blocks.H_vector())
@@ -101,7 +101,7 @@ class State:
 
     def set_plastic(self, values):
         """The vertex values of q, shape (d, vertices) or (d, 1)."""
-        q = self.blocks.part_of(self.v, "plastic").FV().NumPy()
+        q = self.blocks.parts(self.v)[1].FV().NumPy()
         d = len(values)
         free = self.free[-len(q) :]
         q[:] = (np.broadcast_to(values, (d, len(q) // d)).ravel()) * free
@@ -133,8 +133,7 @@ def test_residual_is_the_derivative_of_the_energy(name):
 @pytest.mark.parametrize("name", CASES)
 def test_newton_matrix_is_the_derivative_of_the_residual(name):
     state = State(*CASES[name]())
-    active = state.functional.terms(state.v).measures
-    assert active["plastic"] > 0.1  # the nonsmooth terms take part
+    assert Iterate(state.functional, state.v).active[1] > 0.1  # the nonsmooth terms take part
     for _ in range(2):
         assert state.newton_error(state.direction(), 1e-6) < 1e-7
 
@@ -171,8 +170,8 @@ def test_newton_derivative_at_the_kink(name, side):
         there = state.at(side * step, w)
         difference = w.CreateVector()
         difference.data = 1 / (side * step) * (there.residual - here.residual)
-        system = NewtonSystem(state.functional, "sparsecholesky")
-        system.factorise(there.terms)
+        system = NewtonSystem(state.blocks, "sparsecholesky")
+        system.factorise(state.functional, there.hessian())
         _, dv = system.solve(difference)
         dv -= w
         ratios.append(np.linalg.norm(state.free * dv.FV().NumPy()) / w.Norm())

@@ -117,7 +117,7 @@ def test_contact_term_is_tested_optimality(contact_path):
     path, reports = contact_path
     blocks = path.last.functional.blocks
     v = path.last.v, (blocks.B * path.last.v).Evaluate()
-    b = np.dot(*(blocks.part_of(part, "contact").FV().NumPy() for part in v))
+    b = np.dot(*(blocks.parts(part)[0].FV().NumPy() for part in v))
     expected = -2 * reports[-1].contact_penalty - b / path.last.functional.weights.tichonov
     assert reports[-1].contact_term == pytest.approx(expected, rel=1e-6)
 

@@ -201,7 +201,7 @@ def test_tolerance_below_rounding_is_named(small):
 
 
 def test_nan_appearing_in_mid_run_is_named(small, monkeypatch):
-    from ngepc.dual.system import NewtonSystem
+    from ngepc.dual.algorithm import NewtonSystem
 
     solve = NewtonSystem.solve
 

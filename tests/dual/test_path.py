@@ -22,10 +22,11 @@ from ngepc import (
     wrench_problem,
 )
 from ngepc.__main__ import main
+from ngepc.dual.algorithm import NewtonSystem
+from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional
 from ngepc.dual.newton import prepared
 from ngepc.dual.path import contact_mesh_width, mesh_width
-from ngepc.dual.system import NewtonSystem
 from ngepc.geometries import lshape, wrench
 
 
@@ -218,29 +219,20 @@ def test_path_in_other_spaces_meets_its_direct_solution(tmp_path):
         follow_path(problem, options, checkpoint=file)
 
 
-@pytest.mark.parametrize(
-    "changing",
-    [
-        lambda gamma: Coupled(gamma, tichonov=FullProduct()),
-        lambda gamma: Coupled(gamma, units=Units(length=0.9)),
-    ],
-    ids=["product", "units"],
-)
-def test_what_fixes_the_spaces_cannot_change_along_a_path(problem, changing):
+def test_what_fixes_the_spaces_cannot_change_along_a_path(problem):
     """Such a path used to end CONVERGED with a wrong energy; no argument can ask for it now."""
-    blocks = prepared(problem, Coupled(10.0), NewtonOptions()).blocks
-    with pytest.raises(ValueError, match="tichonov and units of the blocks are needed"):
-        DualFunctional(blocks, changing(1e4), 400)
-    with pytest.raises(TypeError, match="regularisation"):
-        follow_path(problem, regularisation=changing)
-    with pytest.raises(TypeError, match="parameters"):
-        follow_path(problem, parameters=changing)
+    spaces = DualSpaces(tichonov=FullProduct(), units=Units(length=0.9))
+    kept = DualFunctional(LinearBlocks(problem, spaces, "sparsecholesky"), 1e4, None, 400)
+    assert kept.regularisation == Coupled(1e4, tichonov=spaces.tichonov, units=spaces.units)
+    for argument in ("regularisation", "parameters"):
+        with pytest.raises(TypeError, match=argument):
+            follow_path(problem, **{argument: lambda gamma: Coupled(gamma, tichonov=FullProduct())})
 
 
 def test_a_system_refuses_a_functional_on_other_blocks(problem):
     one, other = (prepared(problem, Coupled(10.0), NewtonOptions()) for _ in range(2))
     with pytest.raises(ValueError, match="blocks of its own"):
-        NewtonSystem(one, "sparsecholesky").use(other)
+        NewtonSystem(one.blocks, "sparsecholesky").factorise(other, None)
 
 
 def test_a_path_has_no_fields_of_its_own(path):

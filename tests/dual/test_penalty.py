@@ -9,8 +9,8 @@ import pytest
 from ngepc import lshape_problem
 from ngepc.discretisation.quadrature import SMOOTH, classify
 from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.penalty import ActiveTerms, Penalty
-from ngepc.dual.spaces import DualSpaces, Weights
+from ngepc.dual.functional import DualFunctional, Iterate
+from ngepc.dual.spaces import DualSpaces
 from ngepc.geometries import lshape
 from ngepc.model.elements import element_vertices
 
@@ -19,7 +19,7 @@ VARIATION = "ngepc.discretisation.quadrature.SMOOTH_VARIATION"
 
 def penalty(blocks, points=400):
     """v -> M^2 there, for gamma = 1e4."""
-    return partial(ActiveTerms, Penalty(blocks, Weights(1e4, 1e4, 1e4), points))
+    return partial(Iterate, DualFunctional(blocks, 1e4, None, points))
 
 
 def field(problem, values):
@@ -53,8 +53,8 @@ def test_a_low_order_away_from_the_kink_agrees_with_400_points(monkeypatch):
     usual = penalty(blocks)(q)
     monkeypatch.setattr(VARIATION, 0.0)
     fine = penalty(blocks)(q)
-    assert usual.energy == pytest.approx(fine.energy, rel=1e-13)
-    a, b = (np.array(state.gradient.FV()) for state in (usual, fine))
+    assert usual.penalties[1] == pytest.approx(fine.penalties[1], rel=1e-13)
+    a, b = (np.array(state.multipliers.FV()) for state in (usual, fine))
     assert np.abs(a - b).max() < 1e-12 * np.abs(b).max()
 
 
@@ -62,17 +62,17 @@ def test_the_classifier_decides(monkeypatch):
     """Where everything counts as gentle the integrals change: the test above can fail."""
     problem = lshape_problem(lshape.paper_mesh(833))
     blocks, q = beyond(problem, 1.0)
-    usual = penalty(blocks)(q).energy
+    usual = penalty(blocks)(q).penalties[1]
     monkeypatch.setattr(VARIATION, 1e9)
-    assert abs(penalty(blocks)(q).energy / usual - 1) > 1e-9
+    assert abs(penalty(blocks)(q).penalties[1] / usual - 1) > 1e-9
 
 
 def test_elements_below_the_threshold_are_idle():
     problem = lshape_problem(lshape.paper_mesh(225))
     blocks, q = waves(problem, 0.5)
     state = penalty(blocks)(q)
-    assert state.energy == 0
-    assert state.gradient.Norm() == 0
+    assert state.penalties == (0, 0)
+    assert state.multipliers.Norm() == 0
     assert not np.asarray(state.hessian().AsVector().FV()).any()
 
 
@@ -84,7 +84,7 @@ def test_a_state_stays_when_others_are_made():
 
     def seen(state):
         matrix = np.array(state.hessian().AsVector().FV())
-        return state.energy, np.array(state.gradient.FV()), matrix
+        return state.penalties, np.array(state.multipliers.FV()), matrix
 
     expected = seen(term(q))
     here, there = term(q), term(other)

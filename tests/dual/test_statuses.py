@@ -19,10 +19,9 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
-from ngepc.dual.path import follow_path
-from ngepc.dual.path_options import PathOptions
+from ngepc.dual.algorithm import NewtonSystem
+from ngepc.dual.path import PathOptions, follow_path
 from ngepc.dual.stopping import ADVICE
-from ngepc.dual.system import NewtonSystem
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
 from ngepc.primal.energy import ReducedEnergy

@@ -108,7 +108,7 @@ def test_constants_have_the_length_term_alone():
     spaces = DualSpaces(tichonov=FullProduct(), units=units)
     blocks = LinearBlocks(problem, spaces, "sparsecholesky")
     B, one = blocks.B, blocks.H_vector()
-    blocks.part_of(one, "contact")[:] = 1.0
+    blocks.parts(one)[0][:] = 1.0
     length = Integrate(CF(1.0) * ds("outer"), problem.mesh)
     assert one.InnerProduct((B * one).Evaluate()) == pytest.approx(length / 3.0, rel=1e-12)
 
@@ -133,5 +133,5 @@ def test_products_are_positive_definite():
     Bv = (blocks.B * v).Evaluate()
     w.data = blocks.B_inverse * Bv - v
     assert w.Norm() < 1e-9 * v.Norm()
-    for name in blocks.spaces:
-        assert blocks.part_of(v, name).InnerProduct(blocks.part_of(Bv, name)) > 0
+    for part, image in zip(blocks.parts(v), blocks.parts(Bv), strict=True):
+        assert part.InnerProduct(image) > 0
