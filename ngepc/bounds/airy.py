@@ -1,8 +1,13 @@
-"""Self-equilibrated stresses of a triangulation: Airy functions, and the least dual energy on them.
+"""Self-equilibrated stresses of a triangulation: Airy functions of degree three or four.
 
-Unknowns are the value and the gradient of the Airy function at each vertex and, on each edge, by
-how much its normal derivative in the middle exceeds the mean of those at the ends.  Where
-tractions are given the function and its gradient vanish, so that tractions stay as they are.
+Unknowns are the value and the gradient of the function at each vertex and, on each edge, by how
+much its normal derivative in the middle exceeds the mean of those at the ends; of degree four two
+more of each edge and three of each triangle, see ``element``.
+
+Where tractions are given they stay what they are: on a connected part of that boundary the function
+is affine.  It vanishes there with its gradient, and ``modes`` are what makes it affine elsewhere:
+the resultants of the tractions between the parts.  Where one component c is given, on rollers, the
+derivative of the function with respect to the other coordinate is constant.
 """
 
 from __future__ import annotations
@@ -14,14 +19,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.conjugate import TO_PLANE
-from ngepc.bounds.element import AIRY_MAP, CORNERS, NORMALS, rows_at
-from ngepc.bounds.held import Held
-from ngepc.bounds.parts import RULE, portions
+from ngepc.bounds.element import ELEMENTS, LEGS, NORMALS, PAIRS, AiryFunctions
+from ngepc.bounds.parts import AT_NODES, RULE, SIX, WEIGHTS, portions
 from ngepc.bounds.simplices import sliced
-from ngepc.bounds.triangles import PAIRS, Triangles
 
-VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+I, J = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
+"""Entries of a symmetric matrix that are kept."""
+
+LEVEL = 1e-9
+"""A smaller component of a unit normal is none, nor is a smaller eigenvalue."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +47,11 @@ class Rule:
 
     @cached_property
     def stiffness(self) -> np.ndarray:
-        """Stiffness of a triangle from the six compliances at the points, (6, 3 q, n^2)."""
-        points, n = len(self.weights), self.rows.shape[1]
-        result = np.empty((6, points, n, n))
-        for q, rows in enumerate(self.rows.reshape(points, 3, n)):
-            for c, (i, j) in enumerate(VOIGT):
-                product = self.weights[q] * np.outer(rows[i], rows[j])
-                result[c, q] = product if i == j else product + product.T
-        return result.reshape(6, points, n * n)
+        """Stiffness of a triangle from the six compliances at the points, (3 q, 6, n^2)."""
+        rows = self.rows.reshape(len(self.weights), 3, -1)
+        products = np.einsum("q,qim,qjn->qijmn", self.weights, rows, rows)
+        products = products + (1 - np.eye(3))[:, :, None, None] * products.swapaxes(1, 2)
+        return products[:, I, J].reshape(len(self.weights), 6, -1)
 
     @cached_property
     def forces(self) -> np.ndarray:
@@ -56,27 +59,29 @@ class Rule:
         return np.repeat(self.weights, 3)[:, None] * self.rows
 
 
-CUBIC = Rule(RULE[3], np.full(9, 1 / 9), rows_at(RULE[3], AIRY_MAP), np.linalg.inv(RULE[3]))
-"""Affine stresses, known at the edge midpoints."""
+def _rule(degree: int) -> Rule:
+    """Affine stresses are known at the edge midpoints, quadratic ones at six points of a part."""
+    shares, weights = {3: (RULE[3], WEIGHTS[3]), 4: (SIX, WEIGHTS[6])}[degree]
+    rows = AiryFunctions(3).stresses(shares)
+    if degree == 4:
+        rows = np.concatenate([rows, AiryFunctions(4).stresses(shares)[:, :, 12:]], axis=2)
+    nodal = np.linalg.inv(RULE[3]) if degree == 3 else AT_NODES @ np.linalg.inv(RULE[6])
+    return Rule(shares, np.tile(weights / 3, 3), rows.reshape(3 * rows.shape[0], -1), nodal)
 
 
-def _edge_rows() -> np.ndarray:
-    """How far the tangential derivative in the middle exceeds the mean, times L, (3, 9)."""
-    rows = np.zeros((3, 9))
-    for k, (i, j) in enumerate(PAIRS):
-        rows[k, 3 * j], rows[k, 3 * i] = 1.5, -1.5
-        for v in (i, j):
-            rows[k, 3 * v + 1 : 3 * v + 3] = -0.75 * (CORNERS[j] - CORNERS[i])
-    return rows
+RULES = {degree: _rule(degree) for degree in (3, 4)}
 
+EDGE_ROWS = np.zeros((3, 9))
+"""How far the tangential derivative in the middle of an edge exceeds the mean, times its length."""
+for _k, (_i, _j) in enumerate(PAIRS):
+    EDGE_ROWS[_k, [3 * _j, 3 * _i]] = 1.5, -1.5
+    for _v in (_i, _j):
+        EDGE_ROWS[_k, 3 * _v + 1 : 3 * _v + 3] = -0.75 * LEGS[_k]
 
-_BLOCKS, _THREE = np.array(np.tril_indices(3))[:, :, None, None], np.arange(3)
-CORNER_ROWS = np.broadcast_to(3 * _BLOCKS[0] + _THREE[:, None], (6, 3, 3)).ravel()
-CORNER_COLUMNS = np.broadcast_to(3 * _BLOCKS[1] + _THREE, (6, 3, 3)).ravel()
+_FIRST, _SECOND = (3 * a[:, None] for a in np.tril_indices(3))
+CORNER_ROWS = (_FIRST + np.repeat(np.arange(3), 3)).ravel()
+CORNER_COLUMNS = (_SECOND + np.tile(np.arange(3), 3)).ravel()
 """The entries of a matrix that ``TriangleBlocks.corners`` has."""
-
-GRADIENTS = [slice(3 * v + 1, 3 * v + 3) for v in range(3)]
-EDGE_ROWS = _edge_rows()
 
 
 class TriangleBlocks(NamedTuple):
@@ -92,140 +97,126 @@ class TriangleBlocks(NamedTuple):
 
 
 class AirySpace:
-    """The Airy functions of a triangulation; unknowns are those of the vertices, then the edges.
+    """The Airy functions of a triangulation, those unknowns ``free`` that leave tractions alone.
 
-    Parameters
-    ----------
-    boundary
-        Which tractions are given.
-
-    Attributes
-    ----------
-    jacobian, det, area
-        Of the triangles.
-    unknowns
-        Those of each triangle, shape (nt, 12).
-    vertices, held
-        How many of the unknowns are those of vertices; which ones are held.
-    to_plane
-        In-plane stress coordinates of reference stresses, shape (nt, 3, 3).
-    rule
-        The points at which stresses are known.
+    ``unknowns`` (nt, n) are those of each triangle; the first ``vertices`` belong to vertices,
+    three to each, the next ones to edges.  ``area`` is that of the triangles.
     """
 
-    rule = CUBIC
-    of_triangles = ("jacobian", "det", "area", "unknowns", "to_plane", "_across", "_along")
+    of_triangles = ("jacobian", "det", "area", "unknowns", "piola", "_across", "_along", "_forward")
 
-    def __init__(self, boundary: Boundary) -> None:
-        t = boundary.triangles
-        self.jacobian, self.det, self.area = t.jacobian, t.det, t.volume
-        self.to_plane = np.matmul(TO_PLANE, piola(t.jacobian) / t.det[:, None, None])
-        self._edge_map(t)
-        self.held, self.vertices = Held(boundary), 3 * len(t.points)
-        corners = (3 * t.nodes[:, :, None] + np.arange(3)).reshape(-1, 9)
-        self.unknowns = np.concatenate([corners, self.vertices + t.facet_of], axis=1)
+    def __init__(self, boundary: Boundary, degree: int) -> None:
+        self._boundary, self.rule = boundary, RULES[degree]
+        c = self._cells = boundary.cells
+        self.jacobian, self.det, self.area = c.jacobian, c.det, c.volume
+        self.piola = ELEMENTS[2].piola(c)
+        directions = np.matmul(NORMALS, c.jacobian.swapaxes(1, 2))  # images of the normals
+        tangents = np.matmul(LEGS, c.jacobian.swapaxes(1, 2))
+        self._across = np.einsum("tki,tki->tk", directions, c.normal[c.facet_of])
+        size = np.einsum("tki,tki->tk", tangents, tangents)
+        self._along = np.einsum("tki,tki->tk", directions, tangents) / size
+        self._forward = np.where(c.place[:, :, 0] == 0, 1.0, -1.0)
+        self.vertices, nt, ne = 3 * len(c.points), len(c.nodes), len(c.facets)
+        corners = (3 * c.nodes[:, :, None] + np.arange(3)).reshape(-1, 9)
+        unknowns = [corners, self.vertices + c.facet_of]
+        held, bend, even = self._held()
+        free = [~held, bend]
+        if degree == 4:
+            unknowns += [unknowns[1] + ne, unknowns[1] + 2 * ne]
+            unknowns += [self.vertices + 3 * ne + np.arange(3 * nt).reshape(-1, 3)]
+            free += [even, bend, np.ones(3 * nt, dtype=bool)]
+        self.unknowns, self.free = np.concatenate(unknowns, axis=1), np.concatenate(free)
 
-    @property
-    def weights(self) -> np.ndarray:
-        """Of the points, shape (points,)."""
-        return self.rule.weights
+    def _held(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Unknowns of vertices that are held; edges where ``bend`` and ``even`` are free."""
+        c, given, row = self._cells, self._boundary.given, np.arange(len(self._cells.facets))
+        both = c.outer & given.all(axis=1)
+        single = c.outer & given.any(axis=1) & ~both
+        component = np.where(given[:, 0], 0, 1)
+        level = np.abs(c.normal) < LEVEL
+        across, along = single & level[row, component], single & level[row, 1 - component]
+        closed = both | (single & ~across & ~along)
+        self._affine = closed | along  # the function along these edges, and derivatives there:
+        self._constant = [closed | ((component == k) & (across | along)) for k in (0, 1)]
+        vertex = np.zeros((len(c.points), 3), dtype=bool)
+        vertex[c.facets[self._affine].ravel(), 0] = True
+        for k, edges in enumerate(self._constant):  # of dPhi/dx_(1 - k)
+            vertex[c.facets[edges].ravel(), 2 - k] = True
+        vertex[vertex.sum(axis=1).argmax()] |= ~vertex.any(axis=0)  # what no stress sees
+        return vertex.ravel(), ~(closed | across), ~self._affine
+
+    def modes(self) -> np.ndarray:
+        """Unknowns that are held and move together without tractions, shape (modes, unknowns)."""
+        c, free = self._cells, self.free[: self.vertices]
+        held, length = np.flatnonzero(~free), c.measure.mean()
+        count = ~free.reshape(-1, 3) * (~free.reshape(-1, 3)).sum(axis=1, keepdims=True)
+        pinned = 3 * count.argmax(axis=0) + np.arange(3)  # what no stress sees
+        rows = [np.eye(self.vertices)[pinned]]
+        for k, edges in enumerate(self._constant):
+            row = np.zeros((edges.sum(), self.vertices))
+            for end, sign in zip(c.facets[edges].T, (-1.0, 1.0), strict=True):
+                row[np.arange(len(row)), 3 * end + 2 - k] = sign
+            rows.append(row)
+        start, end = c.facets[self._affine].T
+        row, there = np.zeros((len(start), self.vertices)), np.arange(len(start))
+        row[there, 3 * end], row[there, 3 * start] = 1.0, -1.0
+        for k in (0, 1):
+            row[there, 3 * start + 1 + k] = (c.points[start, k] - c.points[end, k]) / length
+        equations = np.concatenate([*rows, row])[:, held]
+        size, vectors = np.linalg.eigh(equations.T @ equations)
+        result = np.zeros(((size <= LEVEL * size[-1]).sum(), len(self.free)))
+        result[:, held] = vectors[:, : len(result)].T / np.where(held % 3, length, 1.0)
+        return result
 
     def of(self, chosen: np.ndarray | slice) -> AirySpace:
         """The same unknowns, some of the triangles."""
         return sliced(self, chosen, self.of_triangles)
 
-    def _edge_map(self, t: Triangles) -> None:
-        """The edge unknowns of the reference triangle: across * unknown + along * EDGE_ROWS."""
-        directions = np.matmul(t.jacobian, NORMALS.T).transpose(0, 2, 1)  # images of the normals
-        tangents = np.matmul(t.jacobian, (CORNERS[[2, 0, 1]] - CORNERS[[1, 2, 0]]).T)
-        tangents = tangents.transpose(0, 2, 1)
-        square = np.einsum("tki,tki->tk", tangents, tangents)
-        self._across = np.einsum("tki,tki->tk", directions, t.normal[t.facet_of])
-        self._along = np.einsum("tki,tki->tk", directions, tangents) / square
-
     def gathered(self, local: np.ndarray) -> np.ndarray:
         """Sums over the triangles of what each says about its unknowns (nt, n)."""
-        return np.bincount(self.unknowns.ravel(), local.ravel(), minlength=len(self.held.free))
+        return np.bincount(self.unknowns.ravel(), local.ravel(), minlength=len(self.free))
 
-    def reference(self, local: np.ndarray) -> np.ndarray:
-        """Unknowns of the reference triangle, shape (nt, n)."""
-        result, J = local.copy(), self.jacobian
-        for pair in GRADIENTS:
-            turn(result[:, pair], J.swapaxes(1, 2))
-        result[:, 9:12] *= self._across
-        result[:, 9:12] += self._along * (result[:, :9] @ EDGE_ROWS.T)
-        return result
-
-    def _transposed(self, reference: np.ndarray) -> np.ndarray:
-        """The transpose of ``reference``."""
-        result = reference.copy()
-        result[:, :9] += (self._along * reference[:, 9:12]) @ EDGE_ROWS
-        result[:, 9:12] *= self._across
-        for pair in GRADIENTS:
-            turn(result[:, pair], self.jacobian)
-        return result
+    def _to_reference(self) -> np.ndarray:
+        """Unknowns of the reference triangle from those of the mesh, shape (nt, n, n)."""
+        count, n = self.unknowns.shape
+        T = np.zeros((count, n, n))
+        k = np.arange(3)
+        for v in (0, 3, 6):
+            T[:, v, v] = 1.0
+            T[:, v + 1 : v + 3, v + 1 : v + 3] = self.jacobian.swapaxes(1, 2)
+        T[:, 9 + k, 9 + k] = self._across
+        T[:, 9:12, :9] = self._along[:, :, None] * np.matmul(EDGE_ROWS, T[:, :9, :9])
+        if n > 12:
+            T[:, 15 + k, 15 + k] = self._across * self._forward
+            T[:, 15 + k, 12 + k] = self._along
+            rest = np.r_[12:15, 18:21]
+            T[:, rest, rest] = 1.0
+        return T
 
     def stiffness(self, H: np.ndarray) -> TriangleBlocks:
         """The stiffness from d2 phi*/dz2 at one point or all, (nt, ., 3, 3)."""
-        nt, n = self.unknowns.shape
-        blocks = TriangleBlocks(
-            np.empty((nt, 54)), np.empty((nt, n - 9, 9)), np.empty((nt, n - 9, n - 9))
-        )
-        corners = n * CORNER_ROWS + CORNER_COLUMNS
-        for part in portions(nt):
-            K = self.of(part)._matrices(H[part])
-            blocks.corners[part] = K.reshape(n * n, -1)[corners].T
-            blocks.cross[part], blocks.rest[part] = (
-                K[9:, own].transpose(2, 0, 1) for own in (slice(9), slice(9, n))
-            )
+        (nt, n), table = self.unknowns.shape, self.rule.stiffness
+        table = (table if H.shape[1] > 1 else table.sum(axis=0)).reshape(-1, n * n)
+        blocks = TriangleBlocks(*(np.empty((nt, *k)) for k in ((54,), (n - 9, 9), (n - 9, n - 9))))
+        for cells in portions(nt):
+            part = self.of(cells)
+            M = part.piola[:, None] * (np.sqrt(part.area) / part.det)[:, None, None, None]
+            six = np.matmul(np.matmul(M, H[cells]), M.swapaxes(2, 3))[:, :, I, J]
+            K, T = (six.reshape(len(M), -1) @ table).reshape(-1, n, n), part._to_reference()
+            K = np.matmul(np.matmul(T.swapaxes(1, 2), K), T)
+            blocks.corners[cells] = K[:, CORNER_ROWS, CORNER_COLUMNS]
+            blocks.cross[cells], blocks.rest[cells] = K[:, 9:, :9], K[:, 9:, 9:]
         return blocks
-
-    def _matrices(self, H: np.ndarray) -> np.ndarray:
-        """Stiffness matrices (n, n, nt)."""
-        scale = np.sqrt(self.area) / self.det
-        M = (self.to_plane * scale[:, None, None]).transpose(1, 2, 0)
-        six = congruent(H.transpose(2, 3, 1, 0), M).reshape(6 * H.shape[1], -1)
-        table, n = self.rule.stiffness, self.rule.rows.shape[1]
-        table = table if H.shape[1] == table.shape[1] else table.sum(axis=1)
-        K = (table.reshape(-1, n * n).T @ six).reshape(n, n, -1)
-        self._in_unknowns(K)
-        return K
-
-    def _in_unknowns(self, K: np.ndarray) -> None:
-        """From unknowns of the reference triangle to those of the mesh, (n, n, nt) in place.
-
-        What stands above the diagonal, beside the blocks of the corners, is not needed.
-        """
-        along, across = self._along.T.copy(), self._across.T.copy()
-        (a, b), (c, d) = self.jacobian.transpose(1, 2, 0).copy()
-        ends = [(k, slice(3 * v, 3 * v + 3)) for k in range(3) for v in PAIRS[k]]
-        for k, own in ends:  # first the rows, then the columns of the vertices
-            K[own] += EDGE_ROWS[k, own, None, None] * (along[k] * K[9 + k])
-        for k, own in ends:
-            K[:, own] += EDGE_ROWS[k, own, None] * (along[k] * K[:, 9 + k])[:, None]
-        K[9:12] *= across[:, None]
-        K[9:, 9:12] *= across
-        corners = K[:9, :9]
-        for v in (1, 4, 7):
-            x, y = corners[v].copy(), corners[v + 1]
-            corners[v], corners[v + 1] = a * x + b * y, c * x + d * y
-        for v in (1, 4, 7):
-            x, y = K[:, v].copy(), K[:, v + 1]
-            K[:, v], K[:, v + 1] = a * x + b * y, c * x + d * y
 
     def stress(self, x: np.ndarray) -> np.ndarray:
         """In-plane stress coordinates at the points, (nt, points, 3), of all unknowns x."""
-        result = np.empty((len(self.det), len(self.weights), 3))
+        result = np.empty((len(self.det), len(self.rule.weights), 3))
         for cells in portions(len(result)):
             part = self.of(cells)
-            reference = part.reference(x[part.unknowns]) / part.det[:, None]
-            result[cells] = part.in_plane(reference @ self.rule.rows.T)
+            local = (x[part.unknowns] / part.det[:, None])[:, :, None]
+            reference = np.matmul(part._to_reference(), local)[:, :, 0] @ self.rule.rows.T
+            result[cells] = np.matmul(reference.reshape(len(local), -1, 3), part.piola)
         return result
-
-    def in_plane(self, reference: np.ndarray) -> np.ndarray:
-        """In-plane coordinates (nt, points, 3) of stresses on the reference triangle (nt, .)."""
-        points = reference.reshape(len(reference), -1, 3)
-        return np.matmul(points, self.to_plane.transpose(0, 2, 1))
 
     def at_nodes(self, z: np.ndarray) -> np.ndarray:
         """Values (nt, points, c) at the points as those at the nodes of the parts."""
@@ -234,26 +225,6 @@ class AirySpace:
 
     def forces(self, strain: np.ndarray) -> np.ndarray:
         """The transpose of ``stress`` with the weights of the points, by triangle, (nt, n)."""
-        M = self.to_plane * (self.area / self.det)[:, None, None]
-        strain = np.matmul(strain, M).reshape(len(M), -1)
-        return self._transposed(strain @ self.rule.forces)
-
-
-def turn(pairs: np.ndarray, J: np.ndarray) -> None:
-    """Replace pairs g (..., 2) by J g, in place."""
-    first = J[..., 0, 0] * pairs[..., 0] + J[..., 0, 1] * pairs[..., 1]
-    pairs[..., 1] = J[..., 1, 0] * pairs[..., 0] + J[..., 1, 1] * pairs[..., 1]
-    pairs[..., 0] = first
-
-
-def congruent(H: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """The entries VOIGT of M' H M for H (3, 3, points, n) and M (3, 3, n), (6, points, n)."""
-    HM = [[sum(H[i, k] * M[k, j] for k in range(3)) for j in range(3)] for i in range(3)]
-    return np.stack([sum(M[k, i] * HM[k][j] for k in range(3)) for i, j in VOIGT])
-
-
-def piola(J: np.ndarray) -> np.ndarray:
-    """J s J' for symmetric s as a matrix on (xx, yy, xy), shape (n, 3, 3)."""
-    a, b, c, d = J[:, 0, 0], J[:, 0, 1], J[:, 1, 0], J[:, 1, 1]
-    rows = [[a * a, b * b, 2 * a * b], [c * c, d * d, 2 * c * d], [a * c, b * d, a * d + b * c]]
-    return np.moveaxis(np.array(rows), 2, 0)
+        M = self.piola * (self.area / self.det)[:, None, None]
+        pulled = np.matmul(strain, M.swapaxes(1, 2)).reshape(len(M), 1, -1) @ self.rule.forces
+        return np.matmul(pulled, self._to_reference())[:, 0]

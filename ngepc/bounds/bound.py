@@ -21,7 +21,6 @@ from ngsolve import L2, GridFunction
 from ngepc.bounds.conjugate import Conjugate
 from ngepc.bounds.coverage import on_facets
 from ngepc.bounds.plane import PlaneSetting
-from ngepc.bounds.quadratic import QuadraticSetting
 from ngepc.bounds.setting import Setting
 from ngepc.bounds.solid import SolidSetting
 from ngepc.discretisation.loads import nodal
@@ -174,9 +173,7 @@ def setting_of(discrete: DiscreteProblem) -> Setting:
 
     ValueError for a problem that no bound covers.
     """
-    if discrete.problem.N == 3:
-        return SolidSetting(discrete)
-    return (PlaneSetting if discrete.problem.order == 1 else QuadraticSetting)(discrete)
+    return (PlaneSetting if discrete.problem.N == 2 else SolidSetting)(discrete)
 
 
 def bound_of_state(setting: Setting, given: State, tangent: Factors) -> ErrorBound:

@@ -46,7 +46,7 @@ class Boundary:
     """
 
     def __init__(self, problem: Problem, cells: Simplices) -> None:
-        self.problem, self.cells, self.triangles = problem, cells, cells
+        self.problem, self.cells = problem, cells
         mesh, N, self.rule = problem.mesh, cells.N, FACET_RULES[cells.N]
         elements = (mesh.ngmesh.Elements1D() if N == 2 else mesh.ngmesh.Elements2D()).NumPy()
         vertices = elements["nodes"][:, :N].astype(int) - 1

@@ -1,114 +1,182 @@
-"""The stress element of Johnson and Mercier on the reference triangle, and its Airy functions.
+"""The stress element of Johnson and Mercier on the reference simplex, and Airy functions.
 
-A triangle is cut into three by its centre; sub-triangle k has the nodes (i, j, centre) with
-(i, j) = PAIRS[k].  Stresses (xx, yy, xy) are affine on each of them, symmetric, with continuous
-normal components.  They are fixed by the moments int sigma n phi of the edges with the hat
-functions phi of their ends, and by a constant body force.  The ones without body force and without
-edge resultants that do not close are the second derivatives of the Airy functions of Hsieh, Clough
-and Tocher: twelve unknowns, the values and gradients at the vertices and, on each edge, by how much
-the normal derivative in the middle differs from the mean of those at the ends.
+The centre cuts a cell into N + 1 parts; part k has the vertices of facet k and the centre.
+Stresses are symmetric and affine on each part, with continuous normal components.  They are fixed
+by the moments int sigma n phi of the facets with the hat functions phi of their vertices, and by
+constant and rotating body forces.  On a cell with Jacobian J the stress is J s J'/det J, the
+moments are J times the reference moments, a constant body force f has coefficients det J J^-1 f.
 
-On a triangle with Jacobian J the stress is J s J'/det J.
+In the plane those without divergence and without resultants that do not close are the second
+derivatives of the Airy functions of Hsieh, Clough and Tocher: polynomials on the three parts with
+continuous gradients.  Of degree three they have twelve unknowns: values and gradients at the
+vertices and, on each edge, by how much the normal derivative in the middle differs from the mean of
+those at the ends.  Of degree four, stresses are quadratic, each edge has two more: by how much the
+function in the middle differs from the cubic one of the ends (even), how strongly the normal
+derivative bends there (odd); and three functions vanish with their gradients outside.
 """
 
 from __future__ import annotations
 
+import math
+from itertools import combinations
+
 import numpy as np
 
 from ngepc.bounds.oscillation import rotating_loads
-from ngepc.bounds.triangles import PAIRS
+from ngepc.bounds.simplices import FACETS, Simplices
+from ngepc.model.kinematics import SOLID, TWO_DIMENSIONAL
 
-CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-"""Vertices of the reference triangle."""
-
-_OUT = [CORNERS[j] - CORNERS[i] for i, j in PAIRS]
-LENGTHS = np.array([np.hypot(*t) for t in _OUT])
-NORMALS = np.array([(t[1], -t[0]) for t in _OUT]) / LENGTHS[:, None]
-"""Lengths and outer normals of the reference edges."""
+PAIRS = FACETS[2]
 
 
-def _traction(triangle: int, node: int, n: np.ndarray) -> np.ndarray:
-    """Rows (2, 27) of sigma n at a node of a sub-triangle."""
-    rows = np.zeros((2, 3, 3, 3))
-    rows[0, triangle, node, 0], rows[0, triangle, node, 2] = n
-    rows[1, triangle, node, 1], rows[1, triangle, node, 2] = n[::-1]
-    return rows.reshape(2, 27)
+class Element:
+    """Tables of the element in N dimensions, with the N + 1 vertices of one part after the other.
 
-
-def _edge_equations(k: int) -> tuple[np.ndarray, np.ndarray]:
-    """The traction at the ends of edge k from its moments: t_i = (4 m_i - 2 m_j) / L."""
-    given = np.zeros((2, 2, 15))
-    for end in (0, 1):
-        for c in (0, 1):
-            given[end, c, 4 * k + 2 * end + c] = 4 / LENGTHS[k]
-            given[end, c, 4 * k + 2 * (1 - end) + c] = -2 / LENGTHS[k]
-    rows = [_traction(k, end, NORMALS[k]) for end in (0, 1)]
-    return np.concatenate(rows), given.reshape(4, 15)
-
-
-def _divergence_equations(k: int) -> tuple[np.ndarray, np.ndarray]:
-    """The divergence on sub-triangle k is minus the body force."""
-    i, j = PAIRS[k]
-    places = np.array([CORNERS[i], CORNERS[j], CORNERS.mean(axis=0)])
-    slopes = np.linalg.inv(np.column_stack([np.ones(3), places]))[1:]
-    rows = np.zeros((2, 3, 3, 3))
-    for c in (0, 1):
-        rows[c, k, :, c], rows[c, k, :, 2] = slopes[c], slopes[1 - c]
-    given = np.zeros((2, 15))
-    given[0, 12] = given[1, 13] = -1.0
-    given[:, 14] = -rotating_loads(2)[0, k]
-    return rows.reshape(2, 27), given
-
-
-def _continuity_equations(v: int) -> tuple[np.ndarray, np.ndarray]:
-    """The traction is continuous across the inner edge from vertex v to the centre."""
-    a, b = (k for k in range(3) if k != v)
-    t = CORNERS.mean(axis=0) - CORNERS[v]
-    n = np.array([t[1], -t[0]])
-    ends = ((PAIRS[a].index(v), PAIRS[b].index(v)), (2, 2))
-    rows = [_traction(a, at_a, n) - _traction(b, at_b, n) for at_a, at_b in ends]
-    return np.concatenate(rows), np.zeros((4, 15))
-
-
-def _stress_map() -> np.ndarray:
-    parts = (_edge_equations, _divergence_equations, _continuity_equations)
-    equations = [part(k) for part in parts for k in range(3)]
-    rows, given = (np.concatenate(side) for side in zip(*equations, strict=True))
-    assert np.linalg.matrix_rank(rows) == 27
-    return np.linalg.pinv(rows) @ given
-
-
-def _airy_moments() -> np.ndarray:
-    """Edge moments (12) from the twelve unknowns of an Airy function.
-
-    With psi = (Phi_y, -Phi_x) the traction is its derivative along the edge, so that the moments
-    are mean(psi) - psi_i and psi_j - mean(psi).
+    ``stresses`` (vertices, c, k) are components of orthonormal stresses without divergence, as many
+    as ``free``, then those of unit body forces; ``moments`` (moments, k) theirs by facet, vertex
+    and direction; ``of_data`` (vertices c, .) gives stresses from moments in equilibrium and
+    forces; ``components`` (c, N, N) are the matrices of the components, ``coordinates`` (c, N, N)
+    those whose products with a stress are its coordinates for ``Conjugate``.
     """
-    moments = np.zeros((3, 2, 2, 12))
-    for k, (i, j) in enumerate(PAIRS):
-        n, t = NORMALS[k], np.array([-NORMALS[k][1], NORMALS[k][0]])
-        psi = np.zeros((2, 2, 12))
-        for end, v in enumerate((i, j)):
-            psi[end, 0, 3 * v + 2], psi[end, 1, 3 * v + 1] = 1.0, -1.0
-        mean = np.zeros((2, 12))
-        mean[:, 3 * j] += n / LENGTHS[k]
-        mean[:, 3 * i] -= n / LENGTHS[k]
-        slope = np.zeros(12)  # mean of the normal derivative
-        for v in (i, j):
-            slope[3 * v + 1 : 3 * v + 3] += n / 2
-        slope[9 + k] = 2 / 3
-        mean -= np.outer(t, slope)
-        moments[k, 0], moments[k, 1] = mean - psi[0], psi[1] - mean
-    return moments.reshape(12, 12)
+
+    def __init__(self, N: int) -> None:
+        pairs = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
+        unit, basis = np.eye(N), {2: TWO_DIMENSIONAL, 3: SOLID}[N].basis
+        outer = [np.outer(unit[i], unit[j]) for i, j in pairs[N]]
+        self.N, self.components = N, np.array([np.sign(E + E.T) for E in outer])
+        self.basis, self.coordinates = basis, np.concatenate([unit[None] / N, basis])
+        self.corners = np.vstack([np.zeros(N), unit, np.full(N, 1 / (N + 1))])
+        self.parts = [(*facet, N + 1) for facet in FACETS[N]]
+        equations = np.vstack([self._jumps(), self._divergences()])
+        _, size, vectors = np.linalg.svd(equations)
+        rank = int((size > 1e-10 * size[0]).sum())
+        turning = rotating_loads(N).transpose(1, 2, 0).reshape(N * (N + 1), -1)
+        loads = -np.hstack([np.tile(unit, (N + 1, 1)), turning])
+        given = np.vstack([np.zeros((len(equations) - len(loads), loads.shape[1])), loads])
+        forced = np.linalg.lstsq(equations, given, rcond=None)[0]
+        both = np.hstack([vectors[rank:].T, forced])
+        self.free, self.moments = len(vectors) - rank, self._facet_moments() @ both
+        self.stresses = both.reshape((N + 1) ** 2, len(pairs[N]), -1)
+        closed = both[:, : self.free] @ np.linalg.pinv(self.moments[:, : self.free])
+        self.of_data = np.hstack([closed, forced - closed @ self.moments[:, self.free :]])
+
+    def _tractions(self, part: int, vertex: int, n: np.ndarray) -> np.ndarray:
+        """Rows of sigma n at a vertex of a part, shape (N, unknowns)."""
+        N = self.N
+        rows = np.zeros((N, N + 1, N + 1, len(self.components)))
+        rows[:, part, self.parts[part].index(vertex)] = (self.components @ n).T
+        return rows.reshape(N, -1)
+
+    def _normal(self, vertices: tuple[int, ...]) -> np.ndarray:
+        """A normal of the facet with these vertices, as long as the facet is large."""
+        edges = self.corners[list(vertices[1:])] - self.corners[vertices[0]]
+        minors = [np.linalg.det(np.delete(edges, i, axis=1)) for i in range(self.N)]
+        return np.array(minors) * (-1.0) ** np.arange(self.N) / math.factorial(self.N - 1)
+
+    def _jumps(self) -> np.ndarray:
+        """The jumps of sigma n at the vertices of the inner facets."""
+        rows = []
+        for k, j in combinations(range(self.N + 1), 2):
+            facet = tuple(v for v in self.parts[k] if v in self.parts[j])
+            n = self._normal(facet)
+            rows += [self._tractions(k, v, n) - self._tractions(j, v, n) for v in facet]
+        return np.concatenate(rows)
+
+    def _divergences(self) -> np.ndarray:
+        """The divergence on each part, shape (N (N + 1), unknowns)."""
+        N = self.N
+        rows = np.zeros((N + 1, N, N + 1, N + 1, len(self.components)))
+        for k, part in enumerate(self.parts):
+            places = self.corners[list(part)]
+            slopes = np.linalg.inv(np.column_stack([np.ones(N + 1), places]))[1:]
+            rows[k, :, k] = np.einsum("cij,ja->iac", self.components, slopes)
+        return rows.reshape(N * (N + 1), -1)
+
+    def _facet_moments(self) -> np.ndarray:
+        """Moments of sigma n, outward, with the hat functions of the facets' vertices."""
+        N, rows = self.N, []
+        for k, facet in enumerate(FACETS[N]):
+            n = self._normal(facet)
+            n *= np.sign(n @ (self.corners[facet[0]] - self.corners[k])) / (N * (N + 1))
+            tractions = [self._tractions(k, v, n) for v in facet]
+            rows += [sum(tractions) + own for own in tractions]
+        return np.concatenate(rows)
+
+    def piola(self, cells: Simplices) -> np.ndarray:
+        """Coordinates from components of reference stresses, to the right of them, (nt, c, c)."""
+        J, c = cells.jacobian, len(self.components)
+        images = np.einsum("tij,cjk,tlk->tcil", J, self.components, J, optimize=True)
+        flat = images.reshape(-1, self.N**2) @ self.coordinates.reshape(c, -1).T
+        return flat.reshape(-1, c, c) / cells.det[:, None, None]
+
+    def tensors(self, z: np.ndarray) -> np.ndarray:
+        """The matrices (..., N, N) of stress coordinates (..., c)."""
+        return z[..., :1, None] * np.eye(self.N) + np.tensordot(z[..., 1:], self.basis, 1)
 
 
-STRESS_MAP = _stress_map()
-"""Stresses (sub-triangle, node, component) from 12 edge moments and 3 body forces, (27, 15)."""
+ELEMENTS = {N: Element(N) for N in (2, 3)}
 
-AIRY_MAP = STRESS_MAP[:, :12] @ _airy_moments()
-"""Stresses times det J from the twelve unknowns of an Airy function, shape (27, 12)."""
+CORNERS = ELEMENTS[2].corners[:3]
+LEGS = np.array([CORNERS[j] - CORNERS[i] for i, j in PAIRS])
+NORMALS = np.array([(t[1], -t[0]) / np.hypot(*t) for t in LEGS])
+"""Outer normals of the reference edges."""
 
 
-def rows_at(shares: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """From rows (27, k) of nodal values, those at points of each part, barycentric (q, 3)."""
-    return np.matmul(shares, rows.reshape(3, 3, -1)).reshape(9 * len(shares), -1)
+class AiryFunctions:
+    """The Airy functions of a degree on the reference triangle: coefficients of monomials."""
+
+    def __init__(self, degree: int) -> None:
+        self.powers = np.array([(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)])
+        smooth, numbers = self._smooth_rows(), self._numbers()
+        numbers = numbers[: 12 if degree == 3 else 18]
+        known = np.array(smooth + numbers)
+        inside = np.linalg.svd(known)[2][np.linalg.matrix_rank(known) :].T
+        chosen = np.linalg.pinv(known)[:, -len(numbers) :]
+        self._coefficients = np.hstack([chosen, inside]).reshape(3, len(self.powers), -1)
+
+    def _derivative(self, k: int, at: np.ndarray, order: tuple[int, int]) -> np.ndarray:
+        """Derivatives of the monomials of part k at a point, among those of all three."""
+        result = np.zeros((3, len(self.powers)))
+        result[k] = 1.0
+        for x, times, power in zip(at, order, self.powers.T, strict=True):
+            for i in range(times):
+                result[k] *= power - i
+            result[k] *= x ** np.maximum(power - times, 0)
+        return result.ravel()
+
+    def _smooth_rows(self) -> list[np.ndarray]:
+        """What vanishes for C1 functions: jumps at points of the three inner edges."""
+        rows, centre = [], CORNERS.mean(axis=0)
+        for v in range(3):
+            a, b = (k for k in range(3) if k != v)
+            for t in np.linspace(0, 1, 5):
+                for order in ((0, 0), (1, 0), (0, 1)):
+                    place = (1 - t) * CORNERS[v] + t * centre
+                    rows.append(
+                        self._derivative(a, place, order) - self._derivative(b, place, order)
+                    )
+        return rows
+
+    def _numbers(self) -> list[np.ndarray]:
+        """Values and gradients at the vertices, then three numbers of each edge, kind by kind."""
+        orders, edges = ((0, 0), (1, 0), (0, 1)), []
+        rows = [self._derivative((v + 1) % 3, CORNERS[v], o) for v in range(3) for o in orders]
+        for k, (i, _) in enumerate(PAIRS):
+            places = [CORNERS[i] + t * LEGS[k] for t in (0, 0.25, 0.5, 0.75, 1)]
+            value, x, y = (np.array([self._derivative(k, p, o) for p in places]) for o in orders)
+            slope, across = (d[0] * x + d[1] * y for d in (LEGS[k], NORMALS[k]))
+            bend = across[2] - (across[0] + across[4]) / 2
+            even = value[2] - (value[0] + value[4]) / 2 - (slope[0] - slope[4]) / 8
+            odd = (across[1] - across[3] - (across[0] - across[4]) / 2) / 6
+            edges.append((bend, even, odd))
+        return rows + [edge[kind] for kind in range(3) for edge in edges]
+
+    def stresses(self, shares: np.ndarray) -> np.ndarray:
+        """Components times det J at barycentric points (q, 3) of each part, (3 q, 3, functions)."""
+        rows = []
+        for k, part in enumerate(ELEMENTS[2].parts):
+            for place in shares @ ELEMENTS[2].corners[list(part)]:
+                second = [self._derivative(k, place, order) for order in ((0, 2), (2, 0), (1, 1))]
+                xx, yy, xy = np.array(second).reshape(3, 3, -1)[:, k] @ self._coefficients[k]
+                rows.append((xx, yy, -xy))
+        return np.array(rows)

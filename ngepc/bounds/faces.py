@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ngepc.bounds.alfeld import COMPONENTS, COORDINATES, FREE, MEANS, MOMENTS
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.parts import portions
+from ngepc.bounds.element import ELEMENTS
+from ngepc.bounds.parts import RULE, portions
 
 CHUNK = 512
 """Tetrahedra whose matrices are made at once: they stay in the processor's cache."""
@@ -24,9 +24,12 @@ CHUNK = 512
 SINGLE = np.float32
 """Conjugate gradients only steer the search: what is found is made admissible in double."""
 
-GRAM = MEANS.reshape(36, -1).astype(SINGLE)
+ELEMENT, FREE = ELEMENTS[3], ELEMENTS[3].free
+AT_POINTS = np.einsum("qa,kacj->kqcj", RULE[4], ELEMENT.stresses.reshape(4, 4, 6, -1))
+GRAM = np.einsum("kqci,kqdj->cdij", AT_POINTS, AT_POINTS).reshape(36, -1).astype(SINGLE) / 16
+"""Means of the products of components of the basis, from a rule of degree two."""
 
-OWN = np.ascontiguousarray(MOMENTS[:, :FREE])
+OWN = np.ascontiguousarray(ELEMENT.moments[:, :FREE])
 """Moments of the stresses without divergence, shape (36, 30)."""
 
 
@@ -40,8 +43,6 @@ class Faces:
 
     Attributes
     ----------
-    slot
-        Number 3 face + vertex of the twelve (face, vertex) of each tetrahedron, (nt, 12).
     free
         Boolean, shape (3 nf, 3): components of delta that no support holds.
     piola
@@ -52,12 +53,9 @@ class Faces:
 
     def __init__(self, boundary: Boundary) -> None:
         self.cells = c = boundary.cells
-        self.slot = (3 * c.facet_of[:, :, None] + c.place).reshape(-1, 12)
         self.free = np.repeat(boundary.given | ~c.outer[:, None], 3, axis=0)
         self._given, self.closed = self.free.astype(float), None
-        images = np.einsum("tij,cjk,tlk->tcil", c.jacobian, COMPONENTS, c.jacobian, optimize=True)
-        flat = images.reshape(-1, 9) @ COORDINATES.reshape(6, 9).T
-        self.piola = flat.reshape(-1, 6, 6) / c.det[:, None, None]
+        self.piola = ELEMENT.piola(c)
         self._inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
         self._jacobian = c.jacobian.astype(SINGLE)
         self._loaded = np.empty((len(c.nodes), FREE, 6), dtype=SINGLE)
@@ -118,7 +116,7 @@ class Faces:
 
     def work(self, delta: np.ndarray) -> np.ndarray:
         """B' delta of each tetrahedron, in single precision, shape (nt, 30)."""
-        local = np.take(delta.astype(SINGLE), self.slot, axis=0)
+        local = np.take(delta.astype(SINGLE), self.cells.slot.reshape(-1, 12), axis=0)
         return np.matmul(local, self._jacobian).reshape(-1, 36) @ OWN.astype(SINGLE)
 
     def answer(self, strains: np.ndarray) -> np.ndarray:
@@ -133,19 +131,14 @@ class Faces:
         """Outward moments (nt, 12, 3) of stresses x (nt, 30) and of loads (nt, 6)."""
         reference = x.astype(float) @ OWN.T
         if loads is not None:
-            reference = reference + loads @ MOMENTS[:, FREE:].T
+            reference = reference + loads @ ELEMENT.moments[:, FREE:].T
         return np.matmul(reference.reshape(-1, 12, 3), self.cells.jacobian.transpose(0, 2, 1))
-
-    def sums(self, moments: np.ndarray) -> np.ndarray:
-        """The sums of (nt, 12, 3) over both sides of each face, (3 nf, 3)."""
-        places, columns = self.slot.ravel(), moments.reshape(-1, 3).T
-        return np.stack([np.bincount(places, v, minlength=len(self.free)) for v in columns], axis=1)
 
     def product(self, delta: np.ndarray) -> np.ndarray:
         """S delta, zero where supports hold."""
         reference = self.answer(self.work(delta)) @ OWN.T.astype(SINGLE)
         moments = np.matmul(reference.reshape(-1, 12, 3), self._jacobian.transpose(0, 2, 1))
-        return self.kept(self.sums(moments))
+        return self.kept(self.cells.sums(moments))
 
     def spread(self, u: np.ndarray) -> np.ndarray:
         """Nodal displacements (nodes, 3) on the faces."""

@@ -9,8 +9,8 @@ from ngsolve import H1, BitArray
 from scipy.sparse import csc_matrix, csr_matrix
 
 from ngepc.bounds.airy import AirySpace, TriangleBlocks
-from ngepc.bounds.triangles import Triangles
-from ngepc.discretisation.stiffness import pattern_matrix
+from ngepc.bounds.simplices import Simplices
+from ngepc.discretisation.stiffness import hold, pattern_matrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
 from ngepc.linalg.direct import lower_triangle
 
@@ -30,22 +30,23 @@ Those of the discrete solution converge twice as fast as its stress.
 class TwoLevels:
     """K x = r for Airy functions, with a direct solver for the vertices.
 
-    ``free`` are the unknowns that are not held, those of the vertices first.
+    Its matrix has blocks of vertices on and below the diagonal, (3, 3), for ``hold``.
     """
 
-    def __init__(self, space: AirySpace, triangles: Triangles) -> None:
-        self.space, t, self._count = space, triangles, space.vertices
-        self._times = np.bincount(space.unknowns.ravel(), minlength=len(space.held.free))
-        self.matrix = pattern_matrix(H1(t.mesh, order=1, dim=3))
-        self._rows, self._columns, _ = lower_triangle(self.matrix)
+    N = 3
+
+    def __init__(self, space: AirySpace, cells: Simplices) -> None:
+        self.space, self._count, nv = space, space.vertices, np.int64(len(cells.points))
+        self._times = np.bincount(space.unknowns.ravel(), minlength=len(space.free))
+        self.matrix = pattern_matrix(H1(cells.mesh, order=1, dim=3))
+        self.rows, self.columns, _ = lower_triangle(self.matrix)
+        keys, ends = self.rows * nv + self.columns, cells.facets.astype(np.int64)
+        edge = np.searchsorted(keys, ends[:, 1] * nv + ends[:, 0])[cells.facet_of]
+        corner = np.searchsorted(keys, np.arange(nv) * (nv + 1))[cells.nodes]
         a, b = np.tril_indices(3)
-        i, j = t.nodes[:, a], t.nodes[:, b]
-        self._local, self._turned, nv = (a, b), i < j, np.int64(len(t.points))
-        keys, ends = self._rows * nv + self._columns, t.facets.astype(np.int64)
-        edge = np.searchsorted(keys, ends[:, 1] * nv + ends[:, 0])[t.facet_of]
-        corner = np.searchsorted(keys, np.arange(nv) * (nv + 1))[t.nodes]
+        self._turned = cells.nodes[:, a] < cells.nodes[:, b]
         pairs = zip(a, b, strict=True)
-        places = [corner[:, k] if k == j else edge[:, 3 - k - j] for k, j in pairs]
+        places = [corner[:, i] if i == j else edge[:, 3 - i - j] for i, j in pairs]
         self._places = np.stack(places, axis=1)
         self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
 
@@ -57,30 +58,23 @@ class TwoLevels:
         space, part, count = self.space, self.space.of(chosen), self._count
         self._corners, self._edges = part.unknowns[:, :9], part.unknowns[:, 9:] - count
         self._cross, self._forces = blocks.cross, forces
-        times = np.bincount(part.unknowns.ravel(), minlength=len(space.held.free))
-        self.free = space.held.free & (times == self._times)
+        times = np.bincount(part.unknowns.ravel(), minlength=len(space.free))
+        self._free = space.free & (times == self._times)
+        self.free = self._free[:count].reshape(-1, 3)
         self._take_edges(blocks.rest)
         self.matrix.AsVector().FV().NumPy()[:] = self._entries(blocks.corners, chosen).ravel()
-        there = self.free[:count].reshape(-1, 3).any(axis=1)
+        there = self.free.any(axis=1)
         self._inverse = self.matrix.Inverse(BitArray(there.tolist()), inverse="sparsecholesky")
         self._relax_modes()
 
     def _entries(self, values: np.ndarray, chosen: np.ndarray | slice) -> np.ndarray:
         """The blocks of vertices, those of held unknowns from the identity, (blocks, 3, 3)."""
-        count, free = len(self._rows), self.free[: self._count].reshape(-1, 3)
         values, swap = values.reshape(-1, 6, 3, 3), self._turned[chosen]
         values[swap] = values[swap].swapaxes(1, 2)
         where, values = self._places[chosen].ravel(), values.reshape(-1, 9)
-        one, shape = np.arange(len(where) + 1), (count, len(where))
+        one, shape = np.arange(len(where) + 1), (len(self.rows), len(where))
         entries = (csc_matrix((np.ones(len(where)), where, one), shape) @ values).reshape(-1, 3, 3)
-        rows, columns = self._rows, self._columns
-        there, whole = free.any(axis=1), free.all(axis=1)
-        touched = there[rows] & there[columns] & ~(whole[rows] & whole[columns])
-        touched = np.flatnonzero(touched)
-        rows, columns = rows[touched], columns[touched]
-        kept = free[rows][:, :, None] & free[columns][:, None]
-        same = (rows == columns)[:, None, None] & np.eye(3, dtype=bool)
-        entries[touched] = np.where(kept, entries[touched], same)
+        hold(entries, self)
         return entries
 
     def product(self, x: np.ndarray) -> np.ndarray:
@@ -95,7 +89,7 @@ class TwoLevels:
             self._left.FV().NumPy() + self._on_vertices(edge),
             of_edges + self._on_edges(vertex),
         )
-        return np.concatenate(pulled) * self.free
+        return np.concatenate(pulled) * self._free
 
     def _on_vertices(self, edge: np.ndarray) -> np.ndarray:
         """Forces on the vertices from edges."""
@@ -110,7 +104,7 @@ class TwoLevels:
     def _relax_modes(self) -> None:
         """Modes of held unknowns, with free ones that follow them, and their stiffness."""
         few = len(self._edges) == len(self.space.unknowns) <= MODES_UP_TO
-        modes, forces = self.space.held.modes() if few else [], self._forces
+        modes, forces = self.space.modes() if few else [], self._forces
         self._modes = np.array([mode - self._relaxed(forces(mode)) for mode in modes])
         self._gram = np.array([self._modes @ forces(mode) for mode in self._modes])
 
@@ -123,7 +117,7 @@ class TwoLevels:
 
     def _take_edges(self, K: np.ndarray) -> None:
         """The matrix of the edges, its diagonal scaled to one, and a bound of its eigenvalues."""
-        free, edges = self.free[self._count :], self._edges
+        free, edges = self._free[self._count :], self._edges
         each = edges.shape[1]
         row, column = np.repeat(edges, each, axis=1).ravel(), np.tile(edges, each).ravel()
         diagonal = np.bincount(edges.ravel(), np.einsum("tkk->tk", K).ravel(), len(free))
@@ -151,7 +145,7 @@ class TwoLevels:
         count = self._count
         edge = self._of_edges(r[count:])
         vertex = r[:count] - self._on_vertices(edge)
-        self._right.FV().NumPy()[:] = np.where(self.free[:count], vertex, 0.0)
+        self._right.FV().NumPy()[:] = np.where(self._free[:count], vertex, 0.0)
         self._left.data = self._inverse * self._right
         vertex = self._left.FV().NumPy().copy()
         edge -= self._of_edges(self._on_edges(vertex))

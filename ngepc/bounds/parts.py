@@ -53,22 +53,39 @@ SPLIT[6] = np.array([quadratics(*part[_PAIRS]) for part in SPLIT[3]])
 
 _INNER = (5 - math.sqrt(5)) / 20
 
-_FOUR = IntegrationRule(ET.TRIG, 4)
-SIX = np.array([(x, y, 1 - x - y) for x, y, *_ in _FOUR.points])
+
+def triangle_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric points (q, 3) of a rule and their weights, which add up to one."""
+    rule = IntegrationRule(ET.TRIG, degree)
+    return np.array([(x, y, 1 - x - y) for x, y, *_ in rule.points]), 2 * np.array(rule.weights)
+
+
+SIX, _SIX_WEIGHTS = triangle_rule(4)
 """Points of a rule of degree four that fix quadratic functions, barycentric."""
 
 RULE = {3: (1 - np.eye(3)) / 2, 4: _INNER + (1 - 4 * _INNER) * np.eye(4), 6: quadratics(SIX)}
 """Values at the points of rules of degree two, and of degree four for quadratic functions."""
 
-WEIGHTS = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: 2 * np.array(_FOUR.weights)}
+WEIGHTS = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: _SIX_WEIGHTS}
 """Weights of the points, which add up to one."""
 
 MIDDLES = np.concatenate([np.eye(3), RULE[3]])
+AT_POINTS, TO_NODES = (
+    np.concatenate(
+        [shares @ np.vstack([np.eye(3)[list(pair)], np.full(3, 1 / 3)]) for pair in FACETS[2]]
+    )
+    for shares in (SIX, MIDDLES)
+)
+"""Values at points and nodes of the parts of a triangle from those at its vertices, (18, 3)."""
+
 PORTION = 1000
 """Cells or parts for which arrays are made at once: they stay in the processor's cache."""
 
 NARROW = 0.3
 """Part of its mean below which |s|^2 shall not fall for a Taylor polynomial of |s|."""
+
+VARIES, FROM_BELOW = 0.1, 3
+"""Parts are split where |s|^2 varies by more than this share, so many times at most."""
 
 AT_NODES = quadratics(MIDDLES)
 """Values at vertices and edge midpoints from coefficients."""
@@ -100,9 +117,9 @@ def beyond(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
     return share[..., None] * s
 
 
-_SIXTEEN = IntegrationRule(ET.TRIG, 16)
-_POINTS = quadratics(np.array([(x, y, 1 - x - y) for x, y, *_ in _SIXTEEN.points]))
-_WEIGHTS = 2 * np.array(_SIXTEEN.weights)
+_POINTS, _WEIGHTS = triangle_rule(16)
+_POINTS = quadratics(_POINTS)
+_DEGREE_SIX = triangle_rule(6)
 
 
 def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.ndarray:
@@ -156,3 +173,52 @@ def smallest(gain: np.ndarray, allowed: float) -> np.ndarray:
     result = np.zeros(len(gain), dtype=bool)
     result[order[small]] = True
     return result
+
+
+def exceeding(s: np.ndarray, beta: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """No more than int ([|s| - beta]_+)^2, exact up to the fourth power of the variation of s.
+
+    Where |s| > beta everywhere that is |s|^2 - 2 beta |s| + beta^2, and with r = |s|^2/c - 1
+
+        |s| <= c^(1/2) (1 + r/2 - r^2/8 + r^3/16),
+
+    a polynomial of degree six.  Elsewhere |s| >= d : s for a unit vector d, and the square is at
+    least 2 theta (d : s - beta) - theta^2 for affine theta >= 0.
+
+    Parameters
+    ----------
+    s
+        Values of an affine function at the vertices of the triangles, shape (n, 3, d).
+    beta, area
+        Shapes (n,).
+    """
+    result, cell = np.zeros(len(s)), np.arange(len(s))
+    for level in range(FROM_BELOW + 1):
+        out = (np.einsum("tvd,tvd->tv", s, s) > beta[:, None] ** 2).any(axis=1)
+        s, beta, area, cell = s[out], beta[out], area[out], cell[out]
+        found, narrow = _exceeding(s, beta)
+        done = narrow if level < FROM_BELOW else np.ones(len(s), dtype=bool)
+        result += np.bincount(cell[done], (area * found)[done], minlength=len(result))
+        parts = len(SPLIT[3])
+        s = np.matmul(SPLIT[3].reshape(-1, 3), s[~done]).reshape(-1, 3, s.shape[2])
+        beta, area, cell = (np.repeat(v[~done], parts) for v in (beta, area / parts, cell))
+    return result
+
+
+def _exceeding(s: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The bound over the area without splitting, and where that is accurate."""
+    values, mean = np.matmul(_DEGREE_SIX[0], s), s.mean(axis=1)
+    square = np.einsum("tqd,tqd->tq", values, values)
+    middle = (square @ _DEGREE_SIX[1])[:, None]
+    r, beta = square / middle - 1, beta[:, None]
+    size = np.sqrt(middle) * (1 + r * (1 / 2 - r * (1 / 8 - r / 16)))
+    whole = (square - 2 * beta * size + beta**2) @ _DEGREE_SIX[1]
+    length = np.linalg.norm(mean, axis=1)
+    direction = mean / np.where(length > 0, length, 1.0)[:, None]
+    along = np.einsum("tvd,td->tv", s, direction) - beta
+    theta = np.maximum(along, 0.0)
+    twice = 2 * along - theta
+    part = (theta.sum(axis=1) * twice.sum(axis=1) + np.einsum("tv,tv->t", theta, twice)) / 12
+    outside = (along >= 0).all(axis=1)
+    narrow = outside & (np.abs(r).max(axis=1, initial=0.0) <= VARIES)
+    return np.maximum(np.where(outside, np.maximum(whole, part), part), 0.0), narrow

@@ -1,4 +1,9 @@
-"""What the bounds of all states on one mesh have in common, in two and three dimensions."""
+"""What the bounds of all states on one mesh have in common, in N dimensions and of either order.
+
+Displacements of order two are affine on each cell in their strains, which three points fix, and
+have an unknown on each edge: NGSolve's function of an edge is BUBBLE times the product of the hat
+functions of its ends.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +14,11 @@ import numpy as np
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.conjugate import R6, Conjugate
 from ngepc.bounds.coverage import check_covered
-from ngepc.bounds.equilibration import moments_of
+from ngepc.bounds.equilibration import Patches, moments_of
 from ngepc.bounds.oscillation import CarriedLoads
+from ngepc.bounds.parts import AT_POINTS, TO_NODES, exceeding
 from ngepc.bounds.simplices import Simplices
-from ngepc.bounds.triangles import Triangles
 from ngepc.discretisation.conditions import initial_displacements
-from ngepc.discretisation.points import Moduli
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.processes import require_whole
@@ -33,25 +37,67 @@ PASSES = 2
 NORMAL_PASSES = 50
 """Most passes over the facets that meet at a vertex until all of them are clear."""
 
+BUBBLE = -0.5
+
+AT_CORNERS = 2 * np.eye(3)[[1, 2, 0]] - 1 / 3
+"""Values of affine functions at the vertices from those at the three points."""
+
+STUCK = "the displacement could not be moved clear of the obstacle"
+
 
 class Setting(ABC):
-    """Geometry, data and spaces of a discrete problem in N dimensions.
+    """Geometry, data and spaces of a discrete problem.
 
     ``conjugate`` and ``at_nodes`` are phi* at the points and at the nodes of the parts of each
-    cell. ValueError for a problem that no bound covers.
+    cell, ``weights`` those of the points at which stresses are integrated, ``row_of`` the contact
+    row of each vertex of the contact facets, -1 where a support holds it.  ValueError for a problem
+    that no bound covers.
     """
+
+    weights = np.ones(1)
 
     def __init__(self, discrete: DiscreteProblem) -> None:
         require_whole("guaranteed bounds", discrete.problem.mesh)
         check_covered(discrete.problem)
         self.discrete, self.problem = discrete, discrete.problem
-        self.cells = (Triangles if self.problem.N == 2 else Simplices)(self.problem.mesh)
-        self.boundary = Boundary(self.problem, self.cells)
-        each = len(discrete.points) // len(self.cells.nodes)
-        self.conjugate = self.at_nodes = Conjugate(discrete.law, each)
-        self.carried = CarriedLoads(self.boundary)
+        c = self.cells = Simplices(self.problem.mesh)
+        self.boundary = Boundary(self.problem, c)
+        self.each = len(discrete.points) // len(c.nodes)
+        self.conjugate = self.at_nodes = Conjugate(discrete.law, self.each)
+        self.carried, self.patches = CarriedLoads(self.boundary), Patches(self.boundary)
         self.start = initial_displacements(self.problem, discrete.supports)
         self.row_of = self._rows_of_contact_ends()
+        if self.problem.order == 2:
+            self._take_edges()
+
+    def _take_edges(self) -> None:
+        """The unknowns of the contact edges, and histories that are affine on triangles."""
+        c, nodes = self.cells, self.discrete.points.blocks[0].nodes
+        self._turned = nodes[:, 1] != c.nodes[:, 1]
+        bubble = np.empty(len(c.facets), dtype=int)
+        for k, ends in enumerate(((2, 0), (1, 2), (0, 1))):
+            bubble[c.facets_between(nodes[:, ends])] = nodes[:, 3 + k]
+        self._bubble = bubble[self.boundary.contact]
+        history = self.discrete.law.back, self.discrete.law.initial
+        if any(np.ptp(v.reshape(len(c.nodes), 3, -1), axis=1).any() for v in history):
+            corners = [self.at_corners(values) for values in history]
+            self.conjugate, self.at_nodes = (
+                self.conjugate.with_history(*(np.matmul(shares, values) for values in corners))
+                for shares in (AT_POINTS, TO_NODES)
+            )
+
+    def at_corners(self, values: np.ndarray) -> np.ndarray:
+        """What is given at the points (., c) at the vertices of the triangles, (nt, 3, c)."""
+        values = values.reshape(len(self.cells.nodes), self.each, -1)
+        if self.each == 1:
+            return np.repeat(values, 3, axis=1)
+        result = np.matmul(AT_CORNERS, values)
+        result[self._turned, 1:] = result[self._turned, :0:-1]
+        return result
+
+    def on_parts(self, values: np.ndarray) -> np.ndarray:
+        """The same at points of the parts (nt, 18, c), or constants once for each cell."""
+        return values[:, None] if self.each == 1 else np.matmul(AT_POINTS, self.at_corners(values))
 
     @abstractmethod
     def best_stress(
@@ -61,15 +107,11 @@ class Setting(ABC):
 
         It is sought near a state, by a tangent of a state near it (or without factors), from the
         contact pressure P (contact facets, N). The first are coordinates at the vertices of the
-        N + 1 parts of each cell, (nt, (N + 1)^2, c), the second those whose product with
-        ``strain`` has the integral as its mean.
+        N + 1 parts of each cell, (nt, (N + 1)^2, c), the second those at the points of ``strain``.
         """
 
     def _rows_of_contact_ends(self) -> np.ndarray:
-        """The contact row of each vertex of the contact facets, -1 where a support holds it.
-
-        Of several rows it is the one whose normal is nearest to that of the facet.
-        """
+        """``row_of``; of several rows the one whose normal is nearest to that of the facet."""
         c, rows, on = self.cells, self.discrete.rows, self.boundary.contact
         order = np.argsort(rows.vertices, kind="stable")
         vertices, normals = c.facets[on], c.normal[on][:, None]
@@ -89,26 +131,52 @@ class Setting(ABC):
         c, on = self.cells, self.boundary.contact
         return np.einsum("eac,ec->ea", u[c.facets[on]], c.normal[on])
 
+    def bent(self, u: np.ndarray) -> np.ndarray:
+        """The unknowns of the contact edges, zero for order one, (contact facets, N)."""
+        return (
+            u[self._bubble]
+            if self.problem.order == 2
+            else 0 * self.cells.normal[self.boundary.contact]
+        )
+
     def feasible(self, u: np.ndarray) -> np.ndarray:
         """Nodal displacements near ``u`` that meet supports and clear the obstacle everywhere.
 
-        RuntimeError where supports keep a vertex from clearing it.
+        A parabola below zero at its ends does not rise above between them.  RuntimeError where
+        supports keep a vertex or an edge from clearing it.
         """
         c, on, free = self.cells, self.boundary.contact, self.discrete.supports.free
         u = np.where(free, u, self.discrete.supports.values)
         rounding = CLEAR * np.abs(u).max(initial=0.0)
         for _ in range(NORMAL_PASSES):
             if (self.normal_displacement(u) - self.boundary.gap).max(initial=0.0) <= rounding:
-                return u
+                break
             for end in range(c.N):
                 excess = (self.normal_displacement(u) - self.boundary.gap)[:, end]
-                vertices, n = c.facets[on][:, end], c.normal[on]
-                n = np.where(free[vertices], n, 0.0)
-                square = np.einsum("ec,ec->e", n, n)
-                deep = (excess > 0) & (square > LEVEL)
-                n[deep] *= (excess[deep] / square[deep])[:, None]
-                u[vertices[deep]] -= n[deep]
-        raise RuntimeError("the displacement could not be moved clear of the obstacle")
+                self._lower(u, c.facets[on][:, end], excess)
+        else:
+            raise RuntimeError(STUCK)
+        if self.problem.order == 2:
+            room = np.sqrt(np.maximum(self.boundary.gap - self.normal_displacement(u), 0.0))
+            rise = BUBBLE * np.einsum("ec,ec->e", self.bent(u), c.normal[on])
+            if self._lower(u, self._bubble, rise - room.sum(axis=1) ** 2, BUBBLE):
+                raise RuntimeError(STUCK)
+        return u
+
+    def _lower(
+        self, u: np.ndarray, nodes: np.ndarray, excess: np.ndarray, value: float = 1.0
+    ) -> bool:
+        """Lower u . n by a positive excess of each contact facet; whether supports forbid it.
+
+        The unknowns of the nodes (contact facets,) count ``value`` times.
+        """
+        n = np.where(
+            self.discrete.supports.free[nodes], self.cells.normal[self.boundary.contact], 0.0
+        )
+        square = np.einsum("ec,ec->e", n, n)
+        deep, stuck = (excess > 0) & (square > LEVEL), (excess > 0) & (square <= LEVEL)
+        u[nodes[deep]] -= n[deep] * (excess[deep] / square[deep] / value)[:, None]
+        return stuck.any()
 
     def pressure(self, multipliers: np.ndarray) -> np.ndarray:
         """P >= 0 at the vertices of the contact facets from forces of the rows (stress).
@@ -149,63 +217,87 @@ class Setting(ABC):
         return self.across((u - self.start)[self.cells.facets[self.boundary.contact]])
 
     def friction_works(self, state: State) -> np.ndarray:
-        """No less than int F |slip| over each contact facet: |slip| is convex there."""
-        F = moments_of(self.boundary.friction, self.cells.measure[self.boundary.contact])
-        return (F * np.linalg.norm(self.slip(state.u), axis=2)).sum(axis=1)
+        """No less than int F |slip| over each contact facet: |slip| is convex there.
+
+        Of parabolas the sizes of Bernstein's coefficients are taken.
+        """
+        F, measure, ends = (
+            self.boundary.friction,
+            self.cells.measure[self.boundary.contact],
+            self.slip(state.u),
+        )
+        if self.problem.order == 1:
+            return (moments_of(F, measure) * np.linalg.norm(ends, axis=2)).sum(axis=1)
+        middle = (
+            ends.mean(axis=1)
+            + BUBBLE / 2 * self.across(self.bent(state.u - self.start)[:, None])[:, 0]
+        )
+        total = F.sum(axis=1, keepdims=True)
+        works = ((F / 6 + total / 12) * np.linalg.norm(ends, axis=2)).sum(axis=1)
+        return measure * (works + total[:, 0] / 6 * np.linalg.norm(middle, axis=1))
 
     def energy(self, state: State) -> float:
-        """J(u) with this friction."""
-        return state.energy - state.friction_work + float(self.friction_works(state).sum())
+        """No less than J(u), with this friction."""
+        friction = float(self.friction_works(state).sum())
+        return state.energy - state.friction_work + friction + float(self._missed(state).sum())
 
     def loads(self, state: State, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Facet moments of given tractions (nf, N, N), and nodal forces of contact (nodes, N)."""
         c, b, on = self.cells, self.boundary, self.boundary.contact
         moments = np.zeros_like(b.traction)
         moments[c.outer] = moments_of(b.traction[c.outer], c.measure[c.outer])
-        of_contact = moments_of(self.pushed(state, P), c.measure[on])
+        pushed = P[:, :, None] * c.normal[on][:, None] + self.friction(state)
+        of_contact, forces = moments_of(pushed, c.measure[on]), np.zeros_like(state.u)
         moments[on] -= of_contact
-        return moments, c.at_nodes(of_contact, c.facets[on])
+        forces[: len(c.points)] = c.at_nodes(of_contact, c.facets[on])
+        if self.problem.order == 2:
+            forces[self._bubble] = self._bent_moment(pushed)
+        return moments, forces
 
-    def pushed(self, state: State, P: np.ndarray) -> np.ndarray:
-        """The tractions of the body on the obstacle (stress), (contact facets, N, N)."""
-        n = self.cells.normal[self.boundary.contact]
-        return P[:, :, None] * n[:, None] + self.friction(state)
+    def _bent_moment(self, traction: np.ndarray) -> np.ndarray:
+        """The integral of tractions (n, N, N) times the functions of the contact edges, (n, N)."""
+        measure = self.cells.measure[self.boundary.contact]
+        return BUBBLE / 12 * measure[:, None] * traction.sum(axis=1)
 
     def contact_gaps(self, state: State, P: np.ndarray) -> np.ndarray:
         """The integral of P (psi - u . n) + F |slip| - T . slip over each contact facet."""
-        b, measure = self.boundary, self.cells.measure[self.boundary.contact]
+        b, on = self.boundary, self.boundary.contact
+        measure, n, T = self.cells.measure[on], self.cells.normal[on], self.friction(state)
         room = moments_of(b.gap - self.normal_displacement(state.u), measure)
-        dragged = moments_of(self.friction(state), measure) * self.slip(state.u)
-        gaps = (P * (room + b.excess)).sum(axis=1) - dragged.sum(axis=(1, 2))
-        return gaps + self.friction_works(state)
+        dragged = (moments_of(T, measure) * self.slip(state.u)).sum(axis=(1, 2))
+        gaps = (P * (room + b.excess)).sum(axis=1) - dragged + self.friction_works(state)
+        pushed, slid = P[:, :, None] * n[:, None], self.bent(state.u - self.start)
+        gaps -= (self._bent_moment(pushed) * self.bent(state.u)).sum(axis=1)
+        return gaps - (self._bent_moment(T) * slid).sum(axis=1)
 
     def gaps(self, state: State, z: np.ndarray) -> np.ndarray:
-        """int [phi(eps) - sigma : eps] over each cell for stresses at points (nt, ., c)."""
-        strain = self.strain(state)
-        if strain.shape[1] == 1:
-            z = z.mean(axis=1, keepdims=True)
-        work = np.einsum("tqc,tqc->t", z, strain) / strain.shape[1]
+        """int [phi(eps) - sigma : eps] over each cell for stresses at the points of ``strain``."""
+        work = np.einsum("tqc,tqc->tq", z, self.strain(state)) @ self.weights
         return self.phi(state) - self.cells.volume * work
 
     def phi(self, state: State) -> np.ndarray:
-        """int phi(eps(u)) over each cell."""
+        """No less than int phi(eps(u)) over each cell."""
         points = self.discrete.points
         density = points.weights * self.discrete.law.energy_density(state.volume, state.at)
-        return density.reshape(len(self.cells.nodes), -1).sum(axis=1)
+        return density.reshape(-1, self.each).sum(axis=1) + self._missed(state)
+
+    def _missed(self, state: State) -> np.ndarray:
+        """By how much the sum over the points may be below the integral, for each cell."""
+        law, area = self.conjugate, self.cells.volume
+        if self.each == 1:
+            return np.zeros(len(area))
+        over = np.maximum(state.at.size - self.discrete.law.beta, 0.0).reshape(-1, 3)
+        summed = area * np.einsum("tq,tq->t", over, over) / 3
+        least = exceeding(self.at_corners(state.at.trial), law.beta, area)
+        return (summed - least) / (2 * (law.two_mu + law.hardening))
 
     def point_strain(self, state: State) -> np.ndarray:
         """The strain coordinates whose product with a stress is sigma : eps, shape (points, c)."""
         return stress_coordinates(self.problem.N, state.volume, state.deviator, 0.0)
 
     def strain(self, state: State) -> np.ndarray:
-        """Those at points of each cell: one, where they are constant, shape (nt, 1, c)."""
-        return self.point_strain(state)[:, None]
-
-    def factorised(self, state: State, tangent: Factors) -> Moduli:
-        """The moduli of a tangent, that at the state unless it has factors of another one."""
-        if tangent.moduli is None:
-            tangent.update(self.discrete.law.moduli(state.at, state.yielding))
-        return tangent.moduli
+        """Those at points of the parts, or once for each cell where they are constant."""
+        return self.on_parts(self.point_strain(state))
 
     def carried_forces(self) -> np.ndarray:
         """Nodal forces of the loads that the stress carries, shape (nodes, N)."""
@@ -227,11 +319,18 @@ class Setting(ABC):
             missing = np.where(self.discrete.free, load - forces, 0)
             if np.abs(missing).max() <= BALANCED * np.abs(forces).max():
                 break
-            moduli, change = self.factorised(state, tangent), tangent.solve(missing)
+            factorise(state, tangent)
+            change = tangent.solve(missing)
             volume, e = points.strain(change)
-            mean, deviator = mean + moduli.bulk * volume, deviator + moduli(e)
+            mean, deviator = mean + tangent.moduli.bulk * volume, deviator + tangent.moduli(e)
             forces = forces + tangent.multiply(change)
         return stress_coordinates(self.problem.N, mean, deviator)
+
+
+def factorise(state: State, tangent: Factors) -> None:
+    """Take the tangent at the state unless there are factors of another one."""
+    if tangent.moduli is None:
+        tangent.update(state.moduli)
 
 
 def stress_coordinates(

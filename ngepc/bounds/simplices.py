@@ -22,33 +22,14 @@ FACETS = {2: ((1, 2), (2, 0), (0, 1)), 3: ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 
 class Simplices:
     """Geometry and neighbours of the cells of a mesh of straight triangles or tetrahedra.
 
-    Parameters
-    ----------
-    mesh
-        The mesh, in N dimensions.
-
-    Attributes
-    ----------
-    points
-        Vertices, shape (nv, N).
-    nodes
-        Vertices of each cell with a positive determinant, shape (nt, N + 1).
-    jacobian, det, inverse, volume
-        x_i - x_0 as columns, shape (nt, N, N); its determinant > 0, its inverse; det / N!.
-    gradients
-        Gradients of the hat functions of the vertices, shape (nt, N + 1, N).
-    facets
-        Vertices of each facet, ascending, shape (nf, N).
-    facet_of, sign
-        Facet k of each cell and +1 for the first of its cells, -1 for the other one.
-    place
-        Place of the local vertices of facet k among those of the facet, shape (nt, N + 1, N).
-    owners
-        The cells of each facet, shape (nf, 2); -1 where the second one is missing.
-    outer
-        Boolean, shape (nf,): facets on the boundary of the body.
-    measure, normal
-        Length or area and unit normal of the facets, shapes (nf,) and (nf, N).
+    ``points`` (nv, N) are the vertices, ``nodes`` (nt, N + 1) those of each cell with a positive
+    determinant, ``jacobian`` (nt, N, N) has x_i - x_0 as columns, with ``det``, ``inverse`` and
+    ``volume``; ``gradients`` (nt, N + 1, N) are those of the hat functions.  Of the facets
+    ``facets`` (nf, N) are the vertices, ascending, ``measure`` and ``normal`` (nf, N) the size and
+    the unit normal, ``owners`` (nf, 2) the cells, -1 where ``outer``.  ``facet_of`` (nt, N + 1) are
+    the facets of each cell, ``sign`` is 1 for the first of its cells and -1 for the other one,
+    ``place`` (nt, N + 1, N) the place of the cell's vertices of facet k among those of the facet,
+    and ``slot`` the number N facet + place.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -78,6 +59,7 @@ class Simplices:
         ascending = np.sort(vertices, axis=2).reshape(-1, self.N)
         keys = self.key(ascending)
         self._keys, self._first, numbers = np.unique(keys, return_index=True, return_inverse=True)
+        self.slot = self.N * numbers.reshape(len(vertices), -1, 1) + self.place
         is_first = self._first[numbers] == np.arange(len(keys))
         self.facets, self.facet_of = ascending[self._first], numbers.reshape(len(vertices), -1)
         self.sign = np.where(is_first, 1.0, -1.0).reshape(self.facet_of.shape)
@@ -101,6 +83,20 @@ class Simplices:
         places, count = vertices.ravel(), len(self.points)
         columns = values.reshape(-1, self.N).T
         return np.stack([np.bincount(places, v, minlength=count) for v in columns], axis=1)
+
+    def sums(self, moments: np.ndarray) -> np.ndarray:
+        """Sums over both sides of each facet of vectors at ``slot``, (nt, .., N), (N nf, N)."""
+        places, columns = self.slot.ravel(), moments.reshape(-1, self.N).T
+        count = self.facets.size
+        return np.stack([np.bincount(places, v, minlength=count) for v in columns], axis=1)
+
+    def around(self, chosen: np.ndarray, rings: int) -> np.ndarray:
+        """Numbers of the chosen cells and of so many rings around them, one at least."""
+        for _ in range(rings):
+            there = np.zeros(len(self.points), dtype=bool)
+            there[self.nodes[chosen]] = True
+            chosen = there[self.nodes].any(axis=1)
+        return np.flatnonzero(chosen)
 
 
 def marked(indicators: np.ndarray, share: float) -> np.ndarray:

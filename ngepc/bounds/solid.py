@@ -11,16 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ngepc.bounds.alfeld import AT_POINTS, AT_VERTICES, FREE, FROM_MOMENTS, MOMENTS
-from ngepc.bounds.equilibration import Patches, values_of
-from ngepc.bounds.faces import Faces
-from ngepc.bounds.setting import BALANCED, PASSES, Setting, stress_coordinates
+from ngepc.bounds.element import ELEMENTS
+from ngepc.bounds.faces import FREE, Faces
+from ngepc.bounds.setting import BALANCED, PASSES, Setting, factorise, stress_coordinates
 from ngepc.bounds.simplices import FACETS
 from ngepc.bounds.tightening import Effort
 from ngepc.linalg.descent import conjugate_gradients
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.kinematics import SOLID
 
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
 """Which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)."""
@@ -44,22 +42,23 @@ class SolidSetting(Setting):
     def __init__(self, discrete: DiscreteProblem) -> None:
         super().__init__(discrete)
         self.faces, self.inner_loads = Faces(self.boundary), self.carried.inner
-        self.patches = Patches(self.boundary)
 
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """An admissible stress for which the bound is small, its mean on each cell, and P."""
         law, f = self.discrete.law, self.inner_loads
-        self.factorised(state, tangent)
+        factorise(state, tangent)
         z = stress_coordinates(3, law.bulk * state.volume, law.stress(state.at))
         self.faces.fill(self.conjugate.compliance(self.conjugate.completed(z[:, None]))[:, 0])
         own = self.constant_moments(z) + self.faces.moments(np.zeros((len(z), FREE)), f)
         own -= self.faces.moments(self.faces.answer(self.faces.pulled(f)))
         P, start = self.sharpened(state, tangent, own, P)
-        x = self.admissible(tangent, own, self.loads(state, P)[0], start)
-        stress, at_points = (self.stress(x, f, table) for table in (AT_VERTICES, AT_POINTS))
-        return stress, at_points.mean(axis=1, keepdims=True), P
+        moments = self.admissible(tangent, own, self.loads(state, P)[0], start)
+        reference = np.matmul(moments, self.cells.inverse.transpose(0, 2, 1)).reshape(-1, 36)
+        stress = np.concatenate([reference, f], axis=1) @ ELEMENTS[3].of_data.T
+        stress = np.matmul(stress.reshape(-1, 16, 6), self.faces.piola)
+        return stress, stress.mean(axis=1, keepdims=True), P
 
     def sharpened(
         self, state: State, tangent: Factors, own: np.ndarray, P: np.ndarray
@@ -72,26 +71,27 @@ class SolidSetting(Setting):
         slots, normals = 3 * on[:, None] + np.arange(3), self.cells.normal[on][:, None]
         faces.closed = np.zeros(faces.free.shape)
         faces.closed[slots] = closed[:, :, None] * normals
-        b = self.loads(state, P)[0].reshape(-1, 3) - faces.sums(own)
+        b = self.loads(state, P)[0].reshape(-1, 3) - self.cells.sums(own)
         found = self.displacements(tangent, b, LOOSER * self.effort.gain)
         faces.closed = None
-        sums = faces.sums(own + faces.moments(faces.answer(faces.work(found.delta))))
-        pressed = values_of(-(sums[slots] * normals).sum(axis=2), self.cells.measure[on])
+        sums = self.cells.sums(own + faces.moments(faces.answer(faces.work(found.delta))))
+        pressed = -(sums[slots] * normals).sum(axis=2) * 12 / self.cells.measure[on, None]
+        pressed -= pressed.sum(axis=1, keepdims=True) / 4  # the values of these moments
         return np.where(closed, np.maximum(pressed, 0.0), P), found
 
     def admissible(
         self, tangent: Factors, own: np.ndarray, given: np.ndarray, start: Search | None
     ) -> np.ndarray:
-        """Coefficients (nt, 30) of the stress for which the quadratic functional is nearly least.
+        """Moments (nt, 12, 3) of the stress for which the quadratic functional is nearly least.
 
-        ``own`` (nt, 12, 3) are the moments of the least one without tractions, ``given``
-        (nf, 3, 3) those of the given tractions.
+        They are in equilibrium.  ``own`` (nt, 12, 3) are those of the least one without tractions,
+        ``given`` (nf, 3, 3) those of the given tractions.
         """
-        faces, b = self.faces, given.reshape(-1, 3) - self.faces.sums(own)
+        faces, b = self.faces, given.reshape(-1, 3) - self.cells.sums(own)
         found = self.displacements(tangent, b, self.effort.gain, start)
         own = own + faces.moments(faces.answer(faces.work(found.delta)))
         own = self.balanced_moments(tangent, own, given)
-        return self.coefficients(self.repaired(own, given))
+        return self.repaired(own, given)
 
     def displacements(
         self, tangent: Factors, b: np.ndarray, gain: float, start: Search | None = None
@@ -125,7 +125,7 @@ class SolidSetting(Setting):
         faces, points = self.faces, self.discrete.points
         size = np.abs(own).max()
         for _ in range(PASSES):
-            missing = faces.at_nodes(faces.kept(given.reshape(-1, 3) - faces.sums(own)))
+            missing = faces.at_nodes(faces.kept(given.reshape(-1, 3) - self.cells.sums(own)))
             if np.abs(missing).max() <= BALANCED * size:
                 break
             volume, e = points.strain(tangent.solve(missing))
@@ -138,22 +138,12 @@ class SolidSetting(Setting):
         faces, cells = self.faces, self.cells
         signs = np.repeat(cells.sign, 3, axis=1)[:, :, None]
         count = np.repeat(np.where(cells.outer, 1.0, 2.0), 3)[:, None]
-        mean = faces.sums(own * signs) / count
+        mean = self.cells.sums(own * signs) / count
         mu = self.patches.repaired(mean.reshape(-1, 3, 3), np.matmul(CORNER_SUMS, own), given)
-        return mu.reshape(-1, 3)[faces.slot] * signs
-
-    def coefficients(self, moments: np.ndarray) -> np.ndarray:
-        """Coefficients (nt, 30) of the stress with moments (nt, 12, 3) in equilibrium."""
-        reference = np.matmul(moments, self.cells.inverse.transpose(0, 2, 1)).reshape(-1, 36)
-        return (reference - self.inner_loads @ MOMENTS[:, FREE:].T) @ FROM_MOMENTS.T
+        return mu.reshape(-1, 3)[self.cells.slot.reshape(-1, 12)] * signs
 
     def constant_moments(self, z: np.ndarray) -> np.ndarray:
         """Outward moments (nt, 12, 3) of constant stresses z (nt, 6)."""
-        sigma = z[:, 0, None, None] * np.eye(3) + np.tensordot(z[:, 1:], SOLID.basis, 1)
+        sigma = ELEMENTS[3].tensors(z)
         size = -self.cells.volume[:, None, None]
         return np.repeat(np.matmul(self.cells.gradients, sigma) * size, 3, axis=1)
-
-    def stress(self, x: np.ndarray, loads: np.ndarray, table: np.ndarray) -> np.ndarray:
-        """Stress coordinates at the sixteen places of a table, shape (nt, 16, 6)."""
-        both = np.concatenate([x, loads], axis=1) @ table.reshape(96, -1).T
-        return np.matmul(both.reshape(-1, 16, 6), self.faces.piola)

@@ -10,8 +10,7 @@ from ngepc.bounds.airy import AirySpace, TriangleBlocks
 from ngepc.bounds.conjugate import Completed, Conjugate
 from ngepc.bounds.levels import TwoLevels
 from ngepc.bounds.parts import portions
-from ngepc.bounds.simplices import marked, sliced
-from ngepc.bounds.triangles import Triangles
+from ngepc.bounds.simplices import Simplices, marked, sliced
 
 SHORTEST = 1e-3
 """Shortest step length."""
@@ -67,7 +66,7 @@ class Dual:
     def values(self, z: np.ndarray, at: Completed) -> np.ndarray:
         """The integral over each triangle for stresses at all points or one, by the rule."""
         work = np.einsum("tqc,tqc->tq", z, np.broadcast_to(self.strain, z.shape))
-        weights = self.space.weights if z.shape[1] > 1 else np.ones(1)
+        weights = self.space.rule.weights if z.shape[1] > 1 else np.ones(1)
         return self.space.area * ((self.conjugate.value(at) - work) @ weights)
 
     def gradient(self, at: Completed) -> np.ndarray:
@@ -106,7 +105,7 @@ class Model:
     def values(self, z: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Integrals over the triangles for stresses with this gradient, by the rule."""
         work = np.einsum("tqc,tqc->tq", z - self.centre, gradient + self._gradient)
-        return self._values + self._area * (work @ self.space.weights) / 2
+        return self._values + self._area * (work @ self.space.rule.weights) / 2
 
     def linearised(self, z: np.ndarray) -> tuple[float, np.ndarray]:
         """The integral for stresses, and what it pulls at the unknowns."""
@@ -140,7 +139,7 @@ class Model:
 
 
 def tightened(
-    dual: Dual, triangles: Triangles, z: np.ndarray, centre: np.ndarray, rest: float, effort: Effort
+    dual: Dual, triangles: Simplices, z: np.ndarray, centre: np.ndarray, rest: float, effort: Effort
 ) -> np.ndarray:
     """In-plane stresses at the points, shape (nt, points, 3), with a smaller dual functional.
 

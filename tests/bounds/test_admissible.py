@@ -8,9 +8,8 @@ from ngsolve import BND, CF, ET, GridFunction, InnerProduct, IntegrationRule, sp
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton, wrench_problem
 from ngepc.bounds.bound import error_bound
-from ngepc.bounds.plane import tensors
+from ngepc.bounds.element import ELEMENTS, PAIRS
 from ngepc.bounds.transfer import bisected, on_mesh
-from ngepc.bounds.triangles import PAIRS
 from ngepc.geometries import block, lshape, wrench
 
 MATERIAL = Material(
@@ -106,7 +105,7 @@ def bound(result):
 
 def corners(bound):
     """Stress tensors (nt, 3, k, 2, 2) at the nodes of the sub-triangles, places (nt, 3, 3, 2)."""
-    sigma = tensors(bound.admissible).reshape(len(bound.per_cell), 3, -1, 2, 2)
+    sigma = ELEMENTS[2].tensors(bound.admissible).reshape(len(bound.per_cell), 3, -1, 2, 2)
     mesh = bound.problem.mesh
     points = np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, :2]
     nodes = np.array([[v.nr for v in element.vertices] for element in mesh.Elements()])

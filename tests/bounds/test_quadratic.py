@@ -14,11 +14,11 @@ from ngepc.bounds.parts import (
     AT_NODES,
     SPLIT,
     coefficients,
+    exceeding,
     excess_integrals,
     quadratics,
     square_integrals,
 )
-from ngepc.bounds.quadratic import exceeding
 from ngepc.bounds.transfer import bisected, carried_state, on_mesh
 from ngepc.geometries import block, lshape
 from ngepc.local.system import DiscreteProblem

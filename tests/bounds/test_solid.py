@@ -18,9 +18,9 @@ from ngepc import (
     solve_to,
 )
 from ngepc.bounds.adaptive import Refinement
-from ngepc.bounds.alfeld import AT_VERTICES, FREE, MOMENTS
 from ngepc.bounds.bound import bound_of_state, error_bound, setting_of
 from ngepc.bounds.coverage import FACET_RULES
+from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.bounds.tightening import Effort
 from ngepc.geometries import block
@@ -39,7 +39,7 @@ MATERIAL = Material(
 ELASTIC = Material.kinematic(lame_lambda=1.5e3, lame_mu=1e3, yield_stress=1e6, hardening=1e2)
 P_0 = CF((2e-4, 1e-4, 0, 1e-4, -3e-4, 5e-5, 0, 5e-5, 1e-4), dims=(3, 3))
 BACK = CF((0.012, 0.006, 0, 0.006, -0.018, 0, 0, 0, 0.006), dims=(3, 3))
-PARTS = [[4 if v == k else v for v in range(4)] for k in range(4)]
+PARTS = ELEMENTS[3].parts
 
 
 def loaded(material=ELASTIC):
@@ -189,9 +189,10 @@ def test_energies_of_meshes_do_not_cross(bound):
 
 def test_the_element():
     """30 stresses without divergence, fixed by the moments; constant stresses are among them."""
-    assert FREE == 30
-    assert np.linalg.matrix_rank(MOMENTS[:, :FREE], tol=1e-9) == 30
-    table = AT_VERTICES[:, :, :FREE].reshape(96, FREE)
+    element = ELEMENTS[3]
+    assert element.free == 30
+    assert np.linalg.matrix_rank(element.moments[:, :30], tol=1e-9) == 30
+    table = element.stresses[:, :, :30].reshape(96, 30)
     constant = np.tile(np.eye(6), (16, 1))
     assert np.linalg.norm(constant - table @ (table.T @ constant)) <= 1e-12
 
