@@ -23,7 +23,7 @@ from ngepc.bounds.element import ELEMENTS, LEGS, NORMALS, PAIRS, AiryFunctions
 from ngepc.bounds.parts import AT_NODES, RULE, SIX, WEIGHTS, portions
 from ngepc.bounds.simplices import sliced
 
-I, J = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
+FIRST, SECOND = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
 """Entries of a symmetric matrix that are kept."""
 
 LEVEL = 1e-9
@@ -51,7 +51,7 @@ class Rule:
         rows = self.rows.reshape(len(self.weights), 3, -1)
         products = np.einsum("q,qim,qjn->qijmn", self.weights, rows, rows)
         products = products + (1 - np.eye(3))[:, :, None, None] * products.swapaxes(1, 2)
-        return products[:, I, J].reshape(len(self.weights), 6, -1)
+        return products[:, FIRST, SECOND].reshape(len(self.weights), 6, -1)
 
     @cached_property
     def forces(self) -> np.ndarray:
@@ -201,7 +201,7 @@ class AirySpace:
         for cells in portions(nt):
             part = self.of(cells)
             M = part.piola[:, None] * (np.sqrt(part.area) / part.det)[:, None, None, None]
-            six = np.matmul(np.matmul(M, H[cells]), M.swapaxes(2, 3))[:, :, I, J]
+            six = np.matmul(np.matmul(M, H[cells]), M.swapaxes(2, 3))[:, :, FIRST, SECOND]
             K, T = (six.reshape(len(M), -1) @ table).reshape(-1, n, n), part._to_reference()
             K = np.matmul(np.matmul(T.swapaxes(1, 2), K), T)
             blocks.corners[cells] = K[:, CORNER_ROWS, CORNER_COLUMNS]

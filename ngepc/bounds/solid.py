@@ -135,7 +135,7 @@ class SolidSetting(Setting):
 
     def repaired(self, own: np.ndarray, given: np.ndarray) -> np.ndarray:
         """Moments of the cells (nt, 12, 3) that are in equilibrium and agree on both sides."""
-        faces, cells = self.faces, self.cells
+        cells = self.cells
         signs = np.repeat(cells.sign, 3, axis=1)[:, :, None]
         count = np.repeat(np.where(cells.outer, 1.0, 2.0), 3)[:, None]
         mean = self.cells.sums(own * signs) / count
