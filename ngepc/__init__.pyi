@@ -41,8 +41,6 @@ from ngepc.local.result import ExactResult as ExactResult
 from ngepc.local.solver import SymbolicForms as SymbolicForms
 from ngepc.model import obstacles as obstacles
 from ngepc.model import parts as parts
-from ngepc.model.contact import Contact as Contact
-from ngepc.model.contact import Coulomb as Coulomb
 from ngepc.model.elements import outward_normal as outward_normal
 from ngepc.model.hardening import HardeningLaw as HardeningLaw
 from ngepc.model.hardening import Swift as Swift
@@ -51,6 +49,8 @@ from ngepc.model.hardening import Voce as Voce
 from ngepc.model.kinematics import Kinematics as Kinematics
 from ngepc.model.material import Material as Material
 from ngepc.model.material import lame_parameters as lame_parameters
+from ngepc.model.places import Contact as Contact
+from ngepc.model.places import Coulomb as Coulomb
 from ngepc.model.places import Edge as Edge
 from ngepc.model.places import Point as Point
 from ngepc.model.places import Roller as Roller

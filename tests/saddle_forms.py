@@ -39,7 +39,7 @@ from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.pointfunctions import PointFunctions
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import plastic_order
-from ngepc.model.limits import require_without
+from ngepc.model.given import require_without
 from ngepc.model.problem import as_scalar
 
 

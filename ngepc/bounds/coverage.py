@@ -6,7 +6,7 @@ import numpy as np
 from ngsolve import BND, ET, VOL, CoefficientFunction, IntegrationRule
 
 from ngepc.model.elements import has_straight_simplices
-from ngepc.model.limits import require_without
+from ngepc.model.given import require_without
 from ngepc.model.problem import Problem
 
 CONSTANT = 1e-10

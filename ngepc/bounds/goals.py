@@ -27,8 +27,7 @@ from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.loads import applied_forces
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
-from ngepc.model.given import Vector
-from ngepc.model.limits import require_without
+from ngepc.model.given import Vector, require_without
 from ngepc.model.problem import Problem
 
 PASSES = 3

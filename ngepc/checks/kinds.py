@@ -61,10 +61,9 @@ def require_path(name: str, value: object, suffix: str = "") -> Path:
         raise TypeError(f"{name}={value!r}: the name of a file is needed")
     if not os.fspath(value):
         raise ValueError(f"{name}={value!r}: the name of a file is needed")
-    path = Path(value)
-    if path.suffix != suffix and suffix:
-        raise ValueError(f"{name}={str(path)!r}: a name that ends in {suffix!r} is needed")
-    return path
+    if suffix and Path(value).suffix != suffix:
+        raise ValueError(f"{name}={str(value)!r}: a name that ends in {suffix!r} is needed")
+    return Path(value)
 
 
 def require_sequence(name: str, value: object, of: str) -> None:

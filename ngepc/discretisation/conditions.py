@@ -33,8 +33,7 @@ from ngepc.discretisation.rows import (
 )
 from ngepc.discretisation.spaces import nodes_at
 from ngepc.linalg.friction import FrictionCone
-from ngepc.model.contact import Coulomb
-from ngepc.model.places import Place, Roller, values_at
+from ngepc.model.places import Coulomb, Place, Roller, values_at
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import Team
 from ngepc.model.support import FREE_NORMAL, HELD_NORMAL

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from ngepc.checks.arguments import boundary_names
 from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.rows import ContactRows, means_along, rows_along
-from ngepc.model.contact import Contact
+from ngepc.model.places import Contact
 from ngepc.model.problem import Problem
 
 RULES = {2: IntegrationRule(ET.SEGM, 5), 3: IntegrationRule(ET.TRIG, 4)}

@@ -35,7 +35,7 @@ from ngepc.discretisation.spaces import (
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
 from ngepc.model.elements import outward_normal
-from ngepc.model.limits import require_without
+from ngepc.model.given import require_without
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
 

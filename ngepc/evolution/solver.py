@@ -33,7 +33,7 @@ from ngepc.evolution.result import (
     StepRecord,
     is_zero,
 )
-from ngepc.model.limits import require_without
+from ngepc.model.given import require_without
 from ngepc.model.problem import Problem
 from ngepc.results.exact import DiscreteSolution
 from ngepc.results.fields import Fields

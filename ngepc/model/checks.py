@@ -25,12 +25,11 @@ from ngepc.checks.arguments import (
 )
 from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
-from ngepc.model.contact import Coulomb
 from ngepc.model.elements import SHAPES, element_nodes, plastic_points, vertices_of
 from ngepc.model.given import ACTING, Components, Given
 from ngepc.model.hardening import check_law
 from ngepc.model.material import Material, split_hardening
-from ngepc.model.places import Place, Roller, places, values_at
+from ngepc.model.places import Coulomb, Place, Roller, places, values_at
 from ngepc.model.processes import require_whole
 from ngepc.model.support import check_support
 

@@ -55,9 +55,8 @@ def element_numbers(mesh: Mesh) -> list[np.ndarray]:
 
 def element_vertices(mesh: Mesh) -> list[np.ndarray]:
     """Vertex numbers of the elements, (elements, vertices) for each shape."""
-    nodes = element_nodes(mesh)[:, : 2**mesh.dim]
-    count = (nodes >= 0).sum(axis=1)
-    return [nodes[count == k, :k] for k in np.unique(count)]
+    nodes = element_nodes(mesh)
+    return [nodes[of_shape][:, nodes[of_shape[0]] >= 0] for of_shape in element_numbers(mesh)]
 
 
 def vertex_coordinates(mesh: Mesh) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a time step is given, before anything is checked."""
+"""What a time step is given, before anything is checked, and what of it methods may lack."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,11 +7,10 @@ import numpy as np
 from ngsolve import CF, CoefficientFunction, Id, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number
-from ngepc.model.contact import Contact, Coulomb
-from ngepc.model.elements import outward_normal
+from ngepc.model.elements import outward_normal, vertices_of
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
-from ngepc.model.places import Place, Roller, places
+from ngepc.model.places import Contact, Coulomb, Place, Roller, places
 from ngepc.model.processes import Team, processes_of
 
 Vector = CoefficientFunction | Sequence[Coefficient]
@@ -21,6 +20,19 @@ Components = tuple | list | np.ndarray
 
 ACTING = ("traction", "pressure", "prescribed", "springs")
 """Arguments that give a value to each place."""
+
+NEEDED = {
+    "revolution": "a plane problem or a solid",
+    "order": "displacements of order 1",
+    "pairs": "rigid obstacles only, not two bodies",
+    "law": "linear hardening, without a law",
+    "strain": "no initial strain",
+    "friction": "contact without friction",
+    "Coulomb": "a given bound F of friction",
+    "places": "loads and components of displacements on boundaries",
+    "corner": "contact away from the clamped boundary, (2.2)",
+}
+"""Name of what a problem may have -> what is needed instead."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,3 +214,28 @@ def as_vector(value: Vector | None) -> CoefficientFunction | None:
     """A vector coefficient from itself or a sequence of its components; None for None."""
     whole = value is None or isinstance(value, CoefficientFunction)
     return value if whole else CF(tuple(map(as_scalar, value)))
+
+
+def require_without(problem: Given, what: str, *limits: str, advice: str = "") -> None:
+    """Refuse by name what ``what`` does not cover, names of ``NEEDED``."""
+    p, friction = problem, problem.friction
+    ends = (vertices_of(p.mesh, names) for names in (p.clamped_names, p.contact_names))
+    has = {
+        "revolution": {"kinematics": p.kinematics.name if p.kinematics.hoop else None},
+        "order": {"order": p.order if p.order > 1 else None},
+        "pairs": {"contact": p.contact if p.contact_pairs else None},
+        "law": {"material.law": p.material.law},
+        "strain": {"initial_strain": p.initial_strain},
+        "friction": {"friction": friction},
+        "Coulomb": {"friction": friction if isinstance(friction, Coulomb) else None},
+        "places": {
+            f"{argument}[{place!r}]": value
+            for argument, place, value in p.acting
+            if argument == "springs" or isinstance(value, Roller) or not isinstance(place, str)
+        },
+        "corner": {"contact": p.contact if set.intersection(*ends) else None},
+    }
+    for limit in limits:
+        for argument, value in has[limit].items():
+            if value is not None:
+                raise ValueError(f"{argument}={value!r}: {what} needs {NEEDED[limit]}{advice}")

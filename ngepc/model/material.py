@@ -1,12 +1,11 @@
-"""Von Mises material with hardening, kinematic, isotropic or both (section 2).
+"""Von Mises material with hardening, kinematic, isotropic or both (section 2; docs/hardening.md).
 
-Elasticity is C e = mu_1 tr(e) I + 2 mu_2 e with the Lamé parameters mu_1 (``lame_lambda``) and
-mu_2 (``lame_mu``).  The yield function of section 2 is
+Elasticity is C e = mu_1 tr(e) I + 2 mu_2 e.  The yield function is
 
     phi(sigma, alpha) = |dev sigma - dev alpha_2|_F - sigma_y (1 + H alpha_1),
 
 with the back stress alpha_2 = k p (kinematic) and the scalar alpha_1 (isotropic).  Eliminating
-alpha from one time step leaves two numbers, docs/hardening.md:
+alpha from one time step leaves two numbers:
 
     effective_hardening   h    = k + (H sigma_y)^2 k_1     in  H~ p : p = h |p|^2,
     yield_bound           beta = sigma_y (1 + H alpha_1,0) in  int beta |p|.

@@ -153,25 +153,6 @@ class Cylinder(Obstacle):
         return _round(d, m, self.radius)
 
 
-ROUND, SHAPES = (Sphere, Cylinder), "a Sphere, Disc or Cylinder"
-
-
-@dataclass(frozen=True)
-class Cavity(Obstacle):
-    """Everything outside a Sphere (Disc) or Cylinder: a rigid ring or bore around the body."""
-
-    inside: Annotated[Sphere | Cylinder, Check(require_instance, kind=ROUND, needed=SHAPES)]
-
-    def dimensions(self) -> tuple[int, ...]:
-        """Those of the hollow."""
-        return self.inside.dimensions()
-
-    def level(self, X: Field, n: Field) -> tuple[Field, Field, Field]:
-        """That of the hollow with the other sign."""
-        a, b, c = self.inside.level(X, n)
-        return -a, -b, -c
-
-
 @dataclass(frozen=True, eq=False)
 class SignedDistance(Obstacle):
     """An obstacle {phi <= 0} of any shape, to first order.

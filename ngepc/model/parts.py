@@ -188,16 +188,24 @@ def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
     return MeshPart(piece, Team(comm, piece.copies, len(piece.points)))
 
 
+def _require_simplices(mesh: Mesh, count: int) -> None:
+    """Accept a mesh that can be distributed."""
+    require_mesh("mesh", mesh)
+    nodes, corners = element_nodes(mesh), mesh.dim + 1
+    if mesh.comm.size > 1 or mesh.GetCurveOrder() > 1 or mesh.deformation is not None:
+        raise ValueError("mesh is distributed, curved or deformed: a whole, straight one is needed")
+    if (nodes[:, corners:] >= 0).any() or (nodes[:, :corners] < 0).any():
+        raise ValueError("mesh has other elements: triangles or tetrahedra are needed")
+    if mesh.ne < count:
+        raise ValueError(f"mesh has {mesh.ne} elements: {count}, one for each process, are needed")
+    if connected(mesh.ne, *check_conforming(*element_facets(mesh))).any():
+        raise ValueError("mesh has several parts: one that hangs together is needed")
+
+
 def _pieces(mesh: Mesh, count: int) -> list[Piece]:
     """The pieces of a mesh for ``count`` processes."""
-    elements = _simplices(mesh)
-    if len(elements) < count:
-        raise ValueError(
-            f"mesh has {mesh.ne} elements: one for each of {count} processes is needed"
-        )
-    keys, owners = element_facets(mesh)
-    if connected(len(elements), *check_conforming(keys, owners)).any():
-        raise ValueError("mesh has several parts: one that hangs together is needed")
+    _require_simplices(mesh, count)
+    elements, (keys, owners) = element_nodes(mesh)[:, : mesh.dim + 1], element_facets(mesh)
     points = vertex_coordinates(mesh)
     part = partition(points[elements].mean(axis=1), count)
     listed = list(mesh.Elements(BND))
@@ -207,34 +215,18 @@ def _pieces(mesh: Mesh, count: int) -> list[Piece]:
     owner = part[owners[order[np.searchsorted(keys, wanted, sorter=order)]]]
     inner = index[np.isin(wanted, keys[order][1:][np.diff(keys[order]) == 0])]
     regions = mesh.GetMaterials(), mesh.GetBoundaries()
+    interfaces = frozenset(regions[1][k] for k in np.unique(inner))
     kinds = mesh.ngmesh.Elements2D() if mesh.dim == 2 else mesh.ngmesh.Elements3D()
     materials = kinds.NumPy()["index"].astype(int) - 1
-    vertices, result = [np.unique(elements[part == rank]) for rank in range(count)], []
+    vertices, pieces = [np.unique(elements[part == rank]) for rank in range(count)], []
     for rank, mine in enumerate(vertices):
         common = {r: np.intersect1d(mine, other) for r, other in enumerate(vertices) if r != rank}
+        copies = {r: np.searchsorted(mine, v) for r, v in common.items() if len(v)}
         has, its = part == rank, owner == rank
-        result.append(
-            Piece(
-                points[mine],
-                *regions,
-                (np.searchsorted(mine, elements[has]), materials[has]),
-                (np.searchsorted(mine, facets[its]), index[its]),
-                {r: np.searchsorted(mine, v) for r, v in common.items() if len(v)},
-                frozenset(regions[1][k] for k in np.unique(inner)),
-            )
-        )
-    return result
-
-
-def _simplices(mesh: Mesh) -> np.ndarray:
-    """The vertices of the elements of a mesh that can be distributed."""
-    require_mesh("mesh", mesh)
-    corners, nodes = mesh.dim + 1, element_nodes(mesh)
-    if mesh.comm.size > 1 or mesh.GetCurveOrder() > 1 or mesh.deformation is not None:
-        raise ValueError("mesh is distributed, curved or deformed: a whole, straight one is needed")
-    if (nodes[:, corners:] >= 0).any() or (nodes[:, :corners] < 0).any():
-        raise ValueError("mesh has other elements: triangles or tetrahedra are needed")
-    return nodes[:, :corners]
+        body = np.searchsorted(mine, elements[has]), materials[has]
+        sides = np.searchsorted(mine, facets[its]), index[its]
+        pieces.append(Piece(points[mine], *regions, body, sides, copies, interfaces))
+    return pieces
 
 
 def partition(points: np.ndarray, count: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where loads and supports act besides whole boundaries, and supports along oblique directions."""
+"""What acts where: points and edges, supports along a direction, bodies that touch, friction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from ngsolve import Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number, require_vector, sample
-from ngepc.checks.declared import Along, Datum, Declared, Text
+from ngepc.checks.declared import Along, Datum, Declared, Flag, NotNegativeDatum, Text
 from ngepc.model.elements import corner_vertices, vertex_coordinates
 
 AT = 1e-6
@@ -82,6 +82,52 @@ class Roller(Declared):
 
     direction: Along | None = None
     value: Datum = 0.0
+
+
+@dataclass(frozen=True)
+class Contact(Declared):
+    """Two parts of the boundary that may touch, with small sliding; their gap is that of the mesh.
+
+    The conditions of contact stand on the first one: choose the finer or the softer side, and the
+    one that lies within the other.  Bodies that share nodes are refused.
+
+    Parameters
+    ----------
+    first, second
+        Boundary names, 'a' or 'a|b'.
+    tied
+        Whether the two are glued: no gap opens, nothing slips, also where they do not touch.
+
+    Raises
+    ------
+    TypeError
+        If a name is no text, or ``tied`` neither True nor False.
+    """
+
+    first: Text
+    second: Text
+    tied: Flag = False
+
+
+@dataclass(frozen=True)
+class Coulomb(Declared):
+    """Coulomb's law: the tangential traction is at most the coefficient times the pressure.
+
+    For large coefficients there may be several solutions, which the status NOT_UNIQUE says, or none
+    that a load step reaches from the last one.
+
+    Parameters
+    ----------
+    coefficient
+        mu >= 0, a number or a scalar coefficient (1).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is neither, negative, infinite or NaN.
+    """
+
+    coefficient: NotNegativeDatum
 
 
 def places(argument: str, key: object, mesh: Mesh) -> tuple[Place, ...]:

@@ -85,9 +85,8 @@ class Problem(Given):
 
     def __post_init__(self) -> None:
         check_mesh(self.mesh)
-        kinematics = kinematics_of(self.kinematics, self.mesh.dim)
-        object.__setattr__(self, "kinematics", kinematics)
-        object.__setattr__(self, "order", require_integer("order", self.order, 1, 2))
+        vars(self)["kinematics"] = kinematics_of(self.kinematics, self.mesh.dim)
+        vars(self)["order"] = require_integer("order", self.order, 1, 2)
         check_problem(self)
 
 
@@ -111,14 +110,9 @@ def wrench_problem(mesh: Mesh) -> Problem:
     mesh
         A mesh of ``ngepc.geometries.wrench``; TypeError or ValueError for others.
     """
-    material = Material.isotropic(
-        lame_lambda=1.15e1,
-        lame_mu=7.69,
-        yield_stress=0.2,
-        hardening_modulus=1.0e-3,
-        hardening_stiffness=1.0e7,
-    )
-    return _paper_problem(mesh, material, 6.0e-3, 1.0)
+    metal = {"lame_lambda": 1.15e1, "lame_mu": 7.69, "yield_stress": 0.2}
+    metal |= {"hardening_modulus": 1.0e-3, "hardening_stiffness": 1.0e7}
+    return _paper_problem(mesh, Material.isotropic(**metal), 6.0e-3, 1.0)
 
 
 def _paper_problem(mesh: Mesh, material: Material, pressure: float, gap: float) -> Problem:

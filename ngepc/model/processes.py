@@ -81,13 +81,11 @@ class Team:
         """Nodal values to which the processes contribute, added up, in the same order on all."""
         if self.comm is None:
             return values
-        received, result = self._exchanged(values), values.copy()
+        given = self._exchanged(values) | {self.rank: values[self._inner]}
+        nodes, result = self.copies | {self.rank: self._inner}, values.copy()
         result[self._inner] = 0
-        for rank in sorted([*self.copies, self.rank]):
-            if rank == self.rank:
-                result[self._inner] += values[self._inner]
-            else:
-                result[self.copies[rank]] += received[rank]
+        for rank in sorted(given):
+            result[nodes[rank]] += given[rank]
         return result
 
     def spread(self, values: np.ndarray) -> np.ndarray:

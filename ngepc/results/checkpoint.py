@@ -18,8 +18,7 @@ import numpy as np
 
 from ngepc._version import __version__
 from ngepc.checks.arguments import sample
-from ngepc.model.contact import Coulomb
-from ngepc.model.places import values_at
+from ngepc.model.places import Coulomb, values_at
 from ngepc.model.problem import Problem
 from ngepc.results.files import replace_contents
 

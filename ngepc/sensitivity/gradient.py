@@ -27,7 +27,7 @@ from ngepc.discretisation.loads import nodal
 from ngepc.evolution.result import Evolution
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.limits import require_without
+from ngepc.model.given import require_without
 from ngepc.sensitivity.contact import Biactive, LinearContact, biactive_set, told
 from ngepc.sensitivity.functionals import Form, Functional, along, as_functional
 from ngepc.sensitivity.linear import LinearStep, TangentError

@@ -24,10 +24,9 @@ from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.rows import contact_rows
 from ngepc.evolution.load_path import scaled
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.contact import Coulomb
 from ngepc.model.given import Given
 from ngepc.model.material import Material
-from ngepc.model.places import places
+from ngepc.model.places import Coulomb, places
 from ngepc.model.problem import Problem, as_vector
 from ngepc.sensitivity.radial import Data
 

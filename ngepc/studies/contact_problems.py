@@ -12,8 +12,8 @@ from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule
 from ngepc.evolution.solver import evolve
 from ngepc.geometries.published import half_block, roller_on_block, rounded_blocks, shrunk_rings
-from ngepc.model.contact import Contact, Coulomb
 from ngepc.model.material import Material
+from ngepc.model.places import Contact, Coulomb
 from ngepc.model.problem import Problem
 from ngepc.results.exact import DiscreteSolution
 from ngepc.studies.solid_problems import ELASTIC, Quantity, Solved, metal

@@ -83,7 +83,7 @@ from ngepc import (
     write_report,
 )
 from ngepc.geometries import block, lshape, ring
-from ngepc.model.obstacles import Cavity, Cylinder, Plane, SignedDistance, Sphere
+from ngepc.model.obstacles import Cylinder, Plane, SignedDistance, Sphere
 from ngepc.pictures import (
     UnitNames,
     beside,
@@ -248,7 +248,6 @@ USES = {
     "Plane": Use(Plane, {"point": (0, 0), "normal": (0, 1)}),
     "Sphere": Use(Sphere, {"centre": (0, 0), "radius": 1.0}),
     "Cylinder": Use(Cylinder, {"point": (0, 0, 0), "axis": (0, 0, 1), "radius": 1.0}),
-    "Cavity": Use(Cavity, {"inside": Sphere((0, 0), 1.0)}),
     "SignedDistance": Use(SignedDistance, {"distance": CF(1.0)}, {"distance": UNSEEN}),
     "Obstacle.gap": Use(
         lambda mesh=MESH, motion=(0.0, 0.0), far=1.0: Sphere((0, 3), 1.0).gap(

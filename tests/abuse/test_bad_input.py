@@ -16,7 +16,7 @@ from ngsolve.meshes import Make1DMesh
 
 from ngepc import Edge, Material, Point, Problem, Roller, lame_parameters
 from ngepc.geometries import block, cook, lshape, plate, punch, ring, wrench
-from ngepc.model.obstacles import Cavity, Cylinder, Disc, Plane, SignedDistance, Sphere
+from ngepc.model.obstacles import Cylinder, Disc, Plane, SignedDistance, Sphere
 
 NAN, INF = math.nan, math.inf
 STEEL = {"lame_lambda": 1000.0, "lame_mu": 800.0, "yield_stress": 5.0, "hardening": 100.0}
@@ -542,10 +542,6 @@ FUNCTIONS = {
         lambda: Disc((0, 3), 1.0).gap(CUBE),
         "needs a mesh of dimension 2, this one has 3",
     ),
-    "cavity for a square": (
-        lambda: Cavity(Sphere((0, 0, 0), 9)).gap(SQUARE),
-        "needs a mesh of dimension 3, this one has 2",
-    ),
     "motion too long": (lambda: Disc((0, 3), 1).gap(SQUARE, (0, 0, 1)), "2 components are needed"),
     "motion NaN": (lambda: Disc((0, 3), 1).gap(SQUARE, (0, NAN)), "motion[1]=nan: a finite number"),
     "motion NaN inside": (
@@ -587,7 +583,6 @@ FUNCTION_TYPES = {
     "size of strings": (lambda: block.mesh(0.2, ("1", "1")), "size[0]='1': a real number"),
     "centre a number": (lambda: Sphere(0, 1), "centre=0: a sequence of 2 or 3 numbers"),
     "radius a string": (lambda: Sphere((0, 0), "1"), "radius='1': a real number"),
-    "cavity of a plane": (lambda: Cavity(Plane((0, 0), (0, 1))), "a Sphere, Disc or Cylinder"),
     "distance a number": (lambda: SignedDistance(1.0), "distance=1.0: a CoefficientFunction"),
     "distance a function": (lambda: SignedDistance(min), "a CoefficientFunction is needed"),
     "motion a number": (lambda: Disc((0, 3), 1).gap(SQUARE, 1.0), "a vector of 2 components"),

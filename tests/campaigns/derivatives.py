@@ -18,7 +18,7 @@ from campaigns.random_data import (
     sizes,
 )
 
-from ngepc.model.contact import Coulomb
+from ngepc.model.places import Coulomb
 from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.functionals import as_functional
 from ngepc.sensitivity.gradient import gradient, states_of

@@ -16,9 +16,9 @@ from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block
 from ngepc.geometries.published import stacked_blocks
-from ngepc.model.contact import Contact, Coulomb
 from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.material import Material
+from ngepc.model.places import Contact, Coulomb
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import DisplacementAt, Reaction, as_functional
 from ngepc.sensitivity.gradient import states_of

@@ -1,6 +1,7 @@
 """Gaps of obstacles: distances along the outer normal in closed form, motions, what never hits."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -9,12 +10,22 @@ from ngsolve import CF, IfPos, InnerProduct, Integrate, Parameter, ds, sqrt, x, 
 from ngepc import Material, Problem, outward_normal
 from ngepc.checks.arguments import sample
 from ngepc.geometries import block, lshape, plate, ring, wrench
-from ngepc.model.obstacles import Cavity, Cylinder, Disc, Plane, SignedDistance, Sphere
+from ngepc.model.obstacles import Cylinder, Disc, Obstacle, Plane, SignedDistance, Sphere
 
 SQUARE = block.structured_mesh(8, 8)
 CUBE = block.structured_mesh(4, 4, 4)
 RING = ring.mesh(0.2, 1.0, 2.0)
 SIDES = ("left", "right", "clamped")
+
+
+@dataclass(frozen=True)
+class Hollow(Obstacle):
+    """All that is outside a disc or cylinder: an obstacle of one's own with a < 0."""
+
+    inside: Disc | Cylinder
+
+    def level(self, X, n):
+        return tuple(-part for part in self.inside.level(X, n))
 
 
 def samples(cf, mesh, *names):
@@ -165,25 +176,25 @@ def test_rotation_by_a_quarter_turn():
 @pytest.mark.parametrize("wall", [2.3, 2.0, 1.9])
 def test_ring_in_a_rigid_ring(wall):
     """On the exact circle psi = R - r; on a polygon the chord lies inside by O(h^2)."""
-    psi = Cavity(Disc((0, 0), wall)).gap(RING)
+    psi = Hollow(Disc((0, 0), wall)).gap(RING)
     chord = 2.0 - np.sqrt(samples(x * x + y * y, RING, "outer"))
     n_error = samples(psi, RING, "outer") - (wall - 2.0) - chord
     assert np.abs(n_error).max() < 2e-3
     bent = curved(ring.mesh(0.2, 1.0, 2.0))
-    assert samples(Cavity(Disc((0, 0), wall)).gap(bent), bent, "outer") == pytest.approx(
+    assert samples(Hollow(Disc((0, 0), wall)).gap(bent), bent, "outer") == pytest.approx(
         wall - 2.0, abs=1e-4
     )
 
 
-def test_cavity_seen_from_the_inner_boundary():
+def test_hollow_seen_from_the_inner_boundary():
     """From the hole the normal looks at the centre: the far wall is met across the hole."""
     bent = curved(ring.mesh(0.2, 1.0, 2.0))
-    psi = Cavity(Disc((0, 0), 2.3)).gap(bent)
+    psi = Hollow(Disc((0, 0), 2.3)).gap(bent)
     assert samples(psi, bent, "inner") == pytest.approx(3.3, abs=1e-3)
 
 
 def test_bore_around_a_block():
-    psi = Cavity(Cylinder((0.5, 0.0, 0.5), (0, 1, 0), 0.8)).gap(CUBE)
+    psi = Hollow(Cylinder((0.5, 0.0, 0.5), (0, 1, 0), 0.8)).gap(CUBE)
     formula = sqrt(0.64 - (x - 0.5) ** 2) - 0.5
     assert difference(psi, formula, CUBE, "contact") < 1e-14
 
@@ -216,7 +227,7 @@ def test_signed_distance_is_of_first_order():
 
 
 @pytest.mark.parametrize(
-    "obstacle", [Disc((0.5, 1.6), 0.5), Plane((0, 1.1), (0, -1)), Cavity(Disc((0.5, 0.5), 0.9))]
+    "obstacle", [Disc((0.5, 1.6), 0.5), Plane((0, 1.1), (0, -1)), Hollow(Disc((0.5, 0.5), 0.9))]
 )
 def test_gap_serves_a_problem(obstacle):
     steel = Material(lame_lambda=1.0, lame_mu=1.0, yield_stress=1.0, hardening=1.0)
