@@ -1,24 +1,54 @@
 """The command line: ``ngepc solve``, ``ngepc study``, ...
 
 Exit status 0 when everything converged, 1 when something did not, 2 for bad usage, 130 after
-Ctrl-C.
+Ctrl-C.  An exception that a signal handler raises while NGSolve's bindings convert an argument is
+cleared by them: ours remembers the signal, and the next line of progress raises it again.
 """
 
 import argparse
 import importlib
 import logging
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
+from typing import NoReturn
 
 import argcomplete
 
 from ngepc.cli.commands import parser
-from ngepc.cli.interrupt import remembered
 from ngepc.results.files import no_empty_folders
 
 PLACES = ("out", "figures", "save", "json", "checkpoint")
 """Arguments that name files or folders to be written."""
+
+
+class Interrupt:
+    """A handler of SIGINT that raises KeyboardInterrupt and remembers it."""
+
+    pressed = False
+
+    def __call__(self, number: int, frame: FrameType | None) -> NoReturn:
+        """Handle the signal."""
+        self.pressed = True
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def remembered() -> Iterator[None]:
+    """Handle SIGINT by ``Interrupt`` where Python's own handler is in charge."""
+    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not usual or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, Interrupt())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
@@ -37,8 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     places = [place for place in named if isinstance(place, Path)]
     try:
         with remembered(), no_empty_folders(places):
-            command = importlib.import_module(f"ngepc.cli.{args.command}")  # now NGSolve is loaded
-            return command.run(args)
+            work = importlib.import_module("ngepc.cli.work")  # now NGSolve is loaded
+            return getattr(work, args.command)(args)
     except (ValueError, TypeError, OSError, ImportError) as error:
         sys.stderr.write(f"ngepc {args.command}: error: {error}\n")
         return 2

@@ -1,4 +1,1 @@
-"""The command line: ``ngepc solve``, ``path``, ``study``, ``report``, ``notebooks``.
-
-``commands`` has the options of all in tables, a module for each command has ``run(arguments)``.
-"""
+"""The command line: ``commands`` has all options in tables, ``work`` does what they say."""

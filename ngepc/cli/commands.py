@@ -1,6 +1,6 @@
 """Every command and every study with its options: tables, from which the parser is made.
 
-What they do stands in ``ngepc.cli.NAME.run`` and ``ngepc.studies``.  Nothing here imports NGSolve,
+What they do stands in ``ngepc.cli.work`` and ``ngepc.studies``.  Nothing here imports NGSolve,
 so that help and usage errors answer at once.
 """
 
@@ -8,28 +8,23 @@ import argparse
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 from ngepc._version import __version__
 
 
-def _above_zero(kind: type, text: str, needed: str) -> float:
+def positive(text: str, kind: type = float, needed: str = "a finite number") -> float:
+    """A number > 0."""
     with suppress(ValueError):
         if 0 < (value := kind(text)) < math.inf:
             return value
     raise argparse.ArgumentTypeError(f"{text!r}: {needed} > 0 is needed")
 
 
-def positive(text: str) -> float:
-    """A finite number > 0."""
-    return _above_zero(float, text, "a finite number")
-
-
 def count(text: str) -> int:
     """An integer > 0."""
-    return _above_zero(int, text, "an integer")
+    return positive(text, int, "an integer")
 
 
 def words(text: str) -> tuple[str, ...]:
@@ -42,7 +37,7 @@ def words(text: str) -> tuple[str, ...]:
 
 def counts(text: str) -> tuple[int, ...]:
     """Integers > 0 separated by commas, such as 2,3."""
-    return tuple(count(word) for word in words(text))
+    return tuple(map(count, words(text)))
 
 
 def location(text: str) -> Path:
@@ -59,11 +54,7 @@ OPTIONS = {
     "--json FILE": (location, "the result, - for standard output: ngepc.results.records.FIELDS"),
     "--method": (("default", "primal"), "default: default", "default"),
     "--gamma G": (positive, "of the paper's method"),
-    "--start START": (
-        str,
-        "zero, coarse (the solution on a coarse mesh) or file of --save",
-        "zero",
-    ),
+    "--start START": (str, "zero, coarse (solved on a coarse mesh) or file of --save", "zero"),
     "--error PART": (positive, "bisect the mesh until the energy error is at most this part"),
     "--tolerance X": (positive, "default 1e-10"),
     "--max-iterations N": (count, "default 300"),
@@ -118,12 +109,8 @@ eval "$(register-python-argcomplete ngepc)"      the Tab key completes, in this 
 """A line of them belongs to the command that it names."""
 
 
-@dataclass(frozen=True)
-class Command:
-    """A command or study: a line of help, the usage of its options, and who does the work.
-
-    That is MODULE:CLASS of ``ngepc.studies`` for studies and ``ngepc.cli.NAME.run`` for the others.
-    """
+class Command(NamedTuple):
+    """Help, usage of the options, and for studies MODULE:CLASS of ``ngepc.studies``."""
 
     help: str
     options: Sequence[str] = ("--levels N",)
@@ -214,12 +201,7 @@ def declare(parser: argparse.ArgumentParser, options: Sequence[str]) -> None:
         parser.add_argument(name, help=text, default=default, **how)
 
 
-def keyword(usage: str) -> str:
-    """What Python calls an option: max_iterations for '--max-iterations N'."""
-    return usage.split()[0].lstrip("-").replace("-", "_")
-
-
 def given(args: argparse.Namespace, options: Sequence[str]) -> dict[str, object]:
-    """The values of these options where there are any."""
-    values = {name: getattr(args, name) for name in map(keyword, options)}
-    return {name: value for name, value in values.items() if value is not None}
+    """What Python calls these options -> their values, where there are any."""
+    names = (usage.split()[0].lstrip("-").replace("-", "_") for usage in options)
+    return {name: getattr(args, name) for name in names if getattr(args, name) is not None}

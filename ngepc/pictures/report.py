@@ -13,6 +13,7 @@ from pathlib import Path
 from string import Template
 
 from matplotlib.figure import Figure
+from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import is_number
 from ngepc.checks.kinds import require_path, require_text
@@ -142,8 +143,9 @@ def describe_problem(problem: Problem) -> list[dict[str, str]]:
     mesh = problem.mesh
     rows = {"body": f"{problem.N} dimensions, {mesh.nv} nodes, {mesh.ne} elements"}
     for name, value in {**vars(problem.material), "gap": problem.gap}.items():
-        number = f"{value:g}" if is_number(value) else "none" if value is None else "varies"
-        rows[name.replace("_", " ")] = number
+        if value is not None:
+            shown = "varies" if isinstance(value, CoefficientFunction) else value
+            rows[name.replace("_", " ")] = f"{value:g}" if is_number(value) else str(shown)
     parts = (problem.clamped_names, problem.loads, problem.touching_names)
     for name, names in zip(("clamped", "loaded", "contact"), parts, strict=True):
         rows[name] = ", ".join(map(str, names)) or "none"

@@ -222,7 +222,7 @@ def stopping_at(step, monkeypatch):
         def __exit__(self, *_):
             pass
 
-    monkeypatch.setattr("ngepc.cli.solve.progress_line", Line)
+    monkeypatch.setattr("ngepc.cli.work.progress_line", Line)
 
 
 def test_ctrl_c_names_the_step_and_how_to_resume(tmp_path, monkeypatch, capsys):
@@ -244,7 +244,7 @@ def test_ctrl_c_between_solves_promises_only_what_was_written(tmp_path, monkeypa
     def pressed(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ngepc.cli.solve.solve_to", pressed)
+    monkeypatch.setattr("ngepc.cli.work.solve_to", pressed)
     assert main(["solve", "lshape", "--nodes", "33", "--error", "0.1"]) == 130
     err = capsys.readouterr().err
     assert err == "ngepc solve: stopped by you; what was written is kept\n"

@@ -94,15 +94,15 @@ def test_circles_are_found():
 
 
 def test_imports_for_hints_and_in_functions_are_seen():
-    code = "if TYPE_CHECKING:\n  from ngepc.cli import solve\ndef f():\n  import ngepc.dual.newton"
+    code = "if TYPE_CHECKING:\n  from ngepc.cli import work\ndef f():\n  import ngepc.dual.newton"
     tree = ast.parse(code)
-    assert [target for target, _ in imports(tree)] == ["ngepc.cli.solve", "ngepc.dual.newton"]
+    assert [target for target, _ in imports(tree)] == ["ngepc.cli.work", "ngepc.dual.newton"]
     assert in_functions(tree) == ["ngepc.dual.newton"]
-    assert not goes_down("ngepc.model.problem", "ngepc.cli.solve")
+    assert not goes_down("ngepc.model.problem", "ngepc.cli.work")
     assert not goes_down("ngepc.local.newton", "ngepc.primal.result")
     assert not goes_down("ngepc.model.problem", "ngepc.__main__")
     assert not goes_down("ngepc.pictures.curves", "ngepc")
-    assert goes_down("ngepc.cli.solve", "ngepc.model.problem")
+    assert goes_down("ngepc.cli.work", "ngepc.model.problem")
 
 
 def test_every_slow_place_is_there(request):

@@ -1,0 +1,218 @@
+"""What the commands do: a function for each, of its arguments, that returns the exit status."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import shutil
+import sys
+import time
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+from ngsolve import GridFunction
+
+import ngepc
+from ngepc.bounds.adaptive import solve_to
+from ngepc.bounds.bound import error_bound
+from ngepc.cli import output
+from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
+from ngepc.discretisation.spaces import displacement_space
+from ngepc.dual.newton import NewtonOptions, prepared, semismooth_newton
+from ngepc.dual.path import PathOptions, follow_path
+from ngepc.dual.result import DualResult
+from ngepc.dual.spaces import Coupled
+from ngepc.pictures.monitors import progress_line
+from ngepc.pictures.report import solution_sections, standard_figures, write_report
+from ngepc.pictures.style import save_figure
+from ngepc.primal.solver import primal_newton
+from ngepc.results import checkpoint, records
+from ngepc.results.outcome import History, IterationRecord, Status
+from ngepc.results.result import Result
+from ngepc.studies.examples import THRESHOLDS, coarse_start, example, solved_by
+from ngepc.studies.work import Work
+
+FINGERPRINT = {"kind": "run of ngepc solve", "version": 3}
+NUMBERS = ("status", "iterations", "residual_norm", "dual_energy", "primal_energy", "error_bound",
+           "contact_force", "displacement_l2", "plastic_strain_l2", "wall_time_s")  # fmt: skip
+PROVENANCE = ("command", "version", "ngsolve", "numpy", "python")
+OF_PATHS = ("message", "outer_iterations", "inner_iterations", "total_inner_iterations",
+            "gammas", "gamma_end", "path_values", "residual_norms")  # fmt: skip
+"""What the record of a path has beside that of its last solve, and in its place."""
+
+
+def solve(args: argparse.Namespace) -> int:
+    """``ngepc solve``: one problem by the default, the paper's or the primal method."""
+    if args.method == "primal" and args.gamma is not None:
+        raise ValueError(f"--gamma {args.gamma:g}: the primal method has no regularisation")
+    others = {"--gamma": args.gamma is not None, "--save": args.save is not None}
+    others |= {"--method primal": args.method == "primal", "--start": args.start != "zero"}
+    for option in (name for name, there in others.items() if there and args.error is not None):
+        raise ValueError(f"--error {args.error:g} and {option}: leave one of them out")
+    output.check_targets((args.json, args.save), args.figures)
+    result, seconds, error = _solution(args)
+    record = {
+        **records.solve_record(args.problem, result, seconds),
+        "method": args.method if args.gamma is None else "paper",
+        "gamma": args.gamma,
+        "start": args.start,
+        "error_asked": args.error,
+        "error_bound": error,
+        **records.provenance(),
+    }
+    bound = "not bounded" if error is None else f"at most {100 * error:.3g} percent, guaranteed"
+    output.report(record, bound, args.json, args.quiet)
+    written, how = [], "give --save FILE next time to be able to go on"
+    if args.save is not None:
+        place = {"name": args.problem, "nodes": args.nodes, "maxh": args.maxh}
+        _save_run(args.save, place, record, result)
+        written, how = [args.save], f"resume with: {record['command']} --start {args.save}"
+    if args.figures is not None:
+        for name, figure in standard_figures(result, THRESHOLDS[args.problem]).items():
+            written.append(save_figure(figure, args.figures / f"{args.problem}_{name}.png"))
+    if not args.quiet and str(args.json) != "-":
+        output.name_written(written)
+    return output.exit_status("solve", record["status"], f"step {record['iterations']}", how)
+
+
+def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
+    """The result, the seconds it took, and the guaranteed relative energy error of solutions."""
+    tell = output.teller(args.quiet)
+    problem, begin = example(args.problem, args.nodes, args.maxh), time.perf_counter()
+    if args.error is not None:
+        bounded = solve_to(problem, args.error, monitor=lambda mesh: tell(
+            f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps: energy error at most "
+            f"{100 * mesh.relative:.3g} percent"))  # fmt: skip
+        if bounded.message:
+            tell(f"ngepc solve: {bounded.message}")
+        return bounded.result, time.perf_counter() - begin, bounded.bound.relative
+    options, start = NewtonOptions(**given(args, NEWTON)), None
+    method = args.method if args.gamma is None else args.gamma
+    if args.start == "coarse":
+        start = coarse_start(args.problem, method, options)
+    elif args.start != "zero":
+        if not Path(args.start).is_file():
+            raise ValueError(f"--start {args.start}: zero, coarse or a file of --save is needed")
+        start = load_run(Path(args.start))[1]
+    with nullcontext() if args.quiet or args.verbose else progress_line(args.problem) as line:
+        result = solved_by(method, problem, start, options, line)
+    seconds = time.perf_counter() - begin
+    solution = result.status.is_success and not hasattr(result, "regularisation")
+    return result, seconds, error_bound(result).relative if solution else None
+
+
+def _save_run(path: Path, place: dict, record: dict, result: Result) -> None:
+    """Write a run atomically; ``place`` has the keywords of ``example``."""
+    vector = result.v if record["method"] == "paper" else result.displacement.vec
+    kept = {"place": place, "record": record, "history": result.history.as_rows()}
+    checkpoint.save(path, FINGERPRINT, kept, {"state": np.array(vector.FV().NumPy())})
+
+
+def load_run(path: Path) -> tuple[dict, Result]:
+    """The record and the result of a saved run, fields included.
+
+    The primal method is started where it ended; the default method, which needs a dozen steps,
+    solves again.  ValueError if there is no such file, or it is damaged or no run.
+    """
+    if not path.is_file():
+        raise ValueError(f"{path}: no such run; make one by ngepc solve ... --save {path}")
+    stored = checkpoint.load(path, FINGERPRINT)
+    kept, state = stored.record, stored.arrays["state"]
+    problem, record = example(**kept["place"]), kept["record"]
+    if record["method"] == "default":
+        return record, semismooth_newton(problem)
+    if record["method"] == "primal":
+        u = GridFunction(displacement_space(problem))
+        u.vec.FV().NumPy()[:] = state
+        return record, primal_newton(problem, u)
+    functional = prepared(problem, Coupled(record["gamma"]), NewtonOptions())
+    v = functional.blocks.H_vector()
+    v.FV().NumPy()[:] = state
+    history = History([IterationRecord(**row) for row in kept["history"]])
+    return record, DualResult.at(functional, v, Status[record["status"].upper()], history)
+
+
+def path(args: argparse.Namespace) -> int:
+    """``ngepc path``: follow the path in gamma by Algorithm 7.2."""
+    output.check_targets((args.json,))
+    options, tell = PathOptions(**given(args, PATH)), output.teller(args.quiet)
+    problem, begin = example(args.problem, args.nodes, args.maxh), time.perf_counter()
+
+    def note(step: object) -> None:
+        change = "" if step.change is None else f", V changes by {step.change:.3g}"
+        tell(f"gamma {step.gamma:.4g}: {step.iterations} steps, {step.status.label}, "
+             f"residual {step.residual_norm:.3g}{change}")  # fmt: skip
+
+    followed = follow_path(problem, options, note, checkpoint=args.checkpoint)
+    record = {
+        **records.solve_record(args.problem, followed.last, time.perf_counter() - begin),
+        **{name: getattr(followed, name) for name in OF_PATHS},
+        "status": followed.status.label,
+        "changes": [step.change for step in followed.steps],
+        **records.provenance(),
+    }
+    steps = f"{record['total_inner_iterations']} for {record['outer_iterations']} values of gamma"
+    shown = {"method": "path", "iterations": steps}
+    output.report(record, "not bounded", args.json, args.quiet, **shown)
+    kept = "give --checkpoint FILE next time to be able to go on"
+    how = kept if args.checkpoint is None else "resume with the same command"
+    done = f"{len(followed.steps)} values of gamma"
+    return output.exit_status("path", record["status"], done, how)
+
+
+def study_class(study: Command) -> type[Work]:
+    """The class that does the work of a study."""
+    module, _, name = study.work.partition(":")
+    return getattr(importlib.import_module(f"ngepc.studies.{module}"), name)
+
+
+def study(args: argparse.Namespace) -> int:
+    """``ngepc study NAME``: measure, write, name what was written."""
+    chosen = STUDIES[args.study]
+    output.check_targets((), args.out)
+    tell, options = output.teller(args.quiet), given(args, chosen.options)
+    work = study_class(chosen)(args.out, progress=tell, **options)
+    found = work.run()
+    output.name_written(work.write(found))
+    return 0 if work.succeeded(found) else 1
+
+
+def report(args: argparse.Namespace) -> int:
+    """``ngepc report RUN``: one HTML file about a saved run."""
+    record, result = load_run(args.run_file)
+    numbers = [{"what": key.replace("_", " "), "value": record[key]} for key in NUMBERS]
+    page = write_report(
+        args.out or args.run_file.with_suffix(".html"),
+        f"{record['problem']}: {record['method']} method on {record['nodes']} nodes",
+        ("The problem", [result.problem]),
+        ("Numbers", [numbers, *filter(None, [record["message"]])]),
+        *solution_sections(result, "The deformed body", THRESHOLDS[record["problem"]]),
+        footer=", ".join(f"{key} {record[key]}" for key in PROVENANCE),
+    )
+    output.name_written([page])
+    return 0
+
+
+def notebooks(args: argparse.Namespace) -> int:
+    """``ngepc notebooks DIR``: copy all notebooks, none if one is there, and say how to go on."""
+    start = Path(ngepc.__file__).parent / "notebooks"
+    folders = ("", "exercises", "solutions") if args.solutions else ("", "exercises")
+    wanted = [file for folder in folders for file in sorted((start / folder).glob("*.ipynb"))]
+    if not wanted:
+        raise FileNotFoundError(f"there are no notebooks in {start}: install ngepc again")
+    copies = {file: args.folder / file.relative_to(start) for file in wanted}
+    present = [str(copy) for copy in copies.values() if copy.exists()]
+    if present and not args.force:
+        raise FileExistsError(
+            f"{present[0]} is there already ({len(present)} files): give another folder, or "
+            "--force to replace them"
+        )
+    for original, copy in copies.items():
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(original, copy)
+    sys.stdout.write(
+        f"wrote {len(copies)} notebooks to {args.folder}\n"
+        f"open the first one with: jupyter lab {copies[wanted[0]]}\n"
+    )
+    return 0
