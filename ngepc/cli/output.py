@@ -38,7 +38,7 @@ def name_written(paths: Iterable[Path]) -> None:
     sys.stdout.write("".join(f"wrote {path}\n" for path in paths))
 
 
-def report(record: dict, error: str, target: Path | None, quiet: bool, **other: object) -> None:
+def summarise(record: dict, error: str, target: Path | None, quiet: bool, **other: object) -> None:
     """Put what people want to know of a solve on standard output, the record into ``target``.
 
     A ``target`` '-' puts the JSON on standard output instead; ``quiet`` leaves out the rest;

@@ -62,7 +62,7 @@ def solve(args: argparse.Namespace) -> int:
         **records.provenance(),
     }
     bound = "not bounded" if error is None else f"at most {100 * error:.3g} percent, guaranteed"
-    output.report(record, bound, args.json, args.quiet)
+    output.summarise(record, bound, args.json, args.quiet)
     written, how = [], "give --save FILE next time to be able to go on"
     if args.save is not None:
         place = {"name": args.problem, "nodes": args.nodes, "maxh": args.maxh}
@@ -154,7 +154,7 @@ def path(args: argparse.Namespace) -> int:
     }
     steps = f"{record['total_inner_iterations']} for {record['outer_iterations']} values of gamma"
     shown = {"method": "path", "iterations": steps}
-    output.report(record, "not bounded", args.json, args.quiet, **shown)
+    output.summarise(record, "not bounded", args.json, args.quiet, **shown)
     kept = "give --checkpoint FILE next time to be able to go on"
     how = kept if args.checkpoint is None else "resume with the same command"
     done = f"{len(followed.steps)} values of gamma"
