@@ -7,22 +7,10 @@ from dataclasses import dataclass
 from functools import partial
 from inspect import signature
 from types import SimpleNamespace
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple
 
+import ngsolve as ngs
 import numpy as np
-from ngsolve import (
-    H1,
-    VOL,
-    BilinearForm,
-    CoefficientFunction,
-    ElementId,
-    GridFunction,
-    Id,
-    InnerProduct,
-    Variation,
-    ds,
-    dx,
-)
 from ngsolve.comp import SumOfIntegrals
 
 from ngepc.checks.arguments import boundary_names, require_integer, require_vector
@@ -41,13 +29,6 @@ class Slope(NamedTuple):
 
     value: float
     by: Data
-
-
-class Functional(Protocol):
-    """What derivatives are taken of."""
-
-    def slope(self, state: State) -> Slope:
-        """Value and derivatives at a state."""
 
 
 def _contact_force(state: State) -> Slope:
@@ -102,13 +83,8 @@ def _dissipation(state: State) -> Slope:
     return Slope(points.integral(beta * at.gained), points.weights * by)
 
 
-NAMES = {
-    "contact_force": _contact_force,
-    "primal_energy": _primal_energy,
-    "elastic_energy": _elastic_energy,
-    "dissipation": _dissipation,
-}
-
+_NAMED = (_contact_force, _primal_energy, _elastic_energy, _dissipation)
+NAMES = {function.__name__.lstrip("_"): function for function in _NAMED}
 
 Component = Annotated[int, Check(require_integer, least=0, most=2)]
 
@@ -129,14 +105,14 @@ class DisplacementAt(Declared):
     component: Component
 
     def slope(self, state: State) -> Slope:
-        """See ``Functional``; ValueError if the point is not in the body."""
+        """Value and derivatives at a state; ValueError if the point is not in the body."""
         points, N = state.discrete.points, state.discrete.problem.N
         place = require_vector("point", self.point, (N,))
         component = require_integer("component", self.component, 0, N - 1)
         if not points.mesh.Contains(*place):
             raise ValueError(f"point={self.point!r}: a point in the body is needed")
         there = points.mesh(*place)
-        element = ElementId(VOL, there.nr)
+        element = ngs.ElementId(ngs.VOL, there.nr)
         shape = np.array(points.scalar.GetFE(element).CalcShape(*there.pnt))
         u = np.zeros_like(state.u)
         u[list(points.scalar.GetDofNrs(element)), component] = shape
@@ -159,10 +135,7 @@ class Reaction(Declared):
     component: Component
 
     def slope(self, state: State) -> Slope:
-        """See ``Functional``: the work of all forces in a motion of the support.
-
-        ValueError if there is no such support or component.
-        """
+        """The work of all forces in a motion of the support; ValueError if it holds none."""
         discrete, problem = state.discrete, state.discrete.problem
         component = require_integer("component", self.component, 0, problem.N - 1)
         (name,) = boundary_names("support", self.support, problem.mesh)
@@ -180,6 +153,9 @@ class Reaction(Declared):
         return Slope(float(np.vdot(motion, state.missing)), by)
 
 
+Functional = DisplacementAt | Reaction
+"""What derivatives are taken of: whatever has ``slope``, which gives value and derivatives."""
+
 Form = Callable[..., SumOfIntegrals]
 """(u, plastic strain, stress) or (u, plastic strain, stress, pressure) -> integrals of them.
 
@@ -196,24 +172,23 @@ def _of_form(form: Form, state: State) -> Slope:
     law, functions = discrete.law, PointFunctions(discrete.points)
     kinematics, total = discrete.points.kinematics, law.initial + state.at.plastic_strain
     values = {"p": total, "stress": law.stress(state.at), "mean": law.bulk * state.volume}
-    parts = {name: functions.function(value) for name, value in values.items()}
+    parts = [functions.function(value) for value in values.values()]
     area = np.bincount(rows.vertices, rows.weights, mesh.nv)[rows.vertices]
     share = np.where(rows.tied, 0.0, 1 / area)
     pressure = np.bincount(rows.vertices, share * state.multipliers, mesh.nv)
     space = discrete.supports.space
-    for part in (*(part.space for part in parts.values()), H1(mesh, order=1)):
+    for part in (*(part.space for part in parts), ngs.H1(mesh, order=1)):
         space = space * part
     (u, p, tau, mean, on_contact), _ = space.TnT()
-    sigma = mean * Id(kinematics.size) + kinematics.tensor(tau)
+    sigma = mean * ngs.Id(kinematics.size) + kinematics.tensor(tau)
     given = (u, kinematics.tensor(p), sigma, on_contact)
     integrals = form(*given[: len(signature(form).parameters)])
     if not isinstance(integrals, SumOfIntegrals):
         raise TypeError(f"functional returned {integrals!r}: integrals are needed")
-    varied, here, slope = BilinearForm(space), GridFunction(space), GridFunction(space)
-    varied += Variation(integrals)
-    vectors = (part.vec.FV().NumPy() for part in parts.values())
-    for field, vector in zip(here.components, (state.u.T.ravel(), *vectors, pressure), strict=True):
-        field.vec.FV().NumPy()[:] = vector
+    varied, here, slope = ngs.BilinearForm(space), ngs.GridFunction(space), ngs.GridFunction(space)
+    varied += ngs.Variation(integrals)
+    vectors = state.u.T.ravel(), *(part.vec.FV().NumPy() for part in parts), pressure
+    here.vec.FV().NumPy()[:] = np.concatenate(vectors)
     varied.Apply(here.vec, slope.vec)
     of_u, *of_points, of_pressure = (c.vec.FV().NumPy() for c in slope.components)
     contact = np.zeros_like(state.contact)
@@ -224,12 +199,12 @@ def _of_form(form: Form, state: State) -> Slope:
     return Slope(float(varied.Energy(here.vec)), by + Data(initial=by["p"]))
 
 
-def misfit(observed: CoefficientFunction, boundary: str | None = None) -> Form:
+def misfit(observed: ngs.CoefficientFunction, boundary: str | None = None) -> Form:
     """Int |u - observed|^2 over a boundary, or over the body."""
-    require_instance("observed", observed, CoefficientFunction, "a vector coefficient")
+    require_instance("observed", observed, ngs.CoefficientFunction, "a vector coefficient")
     require_text("boundary", boundary, optional=True)
-    measure = dx if boundary is None else ds(boundary)
-    return lambda u, p, stress: InnerProduct(u - observed, u - observed) * measure
+    measure = ngs.dx if boundary is None else ngs.ds(boundary)
+    return lambda u, p, stress: ngs.InnerProduct(u - observed, u - observed) * measure
 
 
 def as_functional(functional: object) -> Functional:
@@ -240,26 +215,22 @@ def as_functional(functional: object) -> Functional:
     if isinstance(functional, str):
         if functional not in NAMES:
             raise ValueError(f"functional={functional!r}: one of {', '.join(NAMES)} is needed")
-        return SimpleNamespace(slope=NAMES[functional])
-    if callable(functional):
-        return SimpleNamespace(slope=partial(_of_form, functional))
+        functional = SimpleNamespace(slope=NAMES[functional])
+    elif callable(functional):
+        functional = SimpleNamespace(slope=partial(_of_form, functional))
     require_attributes("functional", functional, ["slope"], "a name, a form or a functional")
     return functional
 
 
-def along(functional: Functional, state: State, by: Data, change: Data) -> float:
-    """The derivative of a functional along a change, with what moves with the mesh.
-
-    ``by`` are its derivatives by all that is in the change but the mesh.
-    """
-    slope = by.paired(change)
+def slope_by_mesh(functional: Functional, state: State, change: Data) -> float:
+    """The part of a functional's derivative along a change that only the mesh carries."""
     if "shape" not in change:
-        return slope
+        return 0.0
 
     def read(there: State) -> Data:
         """What carries the rest, and the value of the functional."""
         return geometry(state, there) + Data(value=functional.slope(there).value)
 
     found = on_moving_mesh(state, change["shape"], read)
-    direct = functional.slope(state).by.paired(radial_return(state).forward(found))
-    return slope + float(found["value"]) - direct
+    carried = functional.slope(state).by.paired(radial_return(state).forward(found))
+    return float(found["value"]) - carried

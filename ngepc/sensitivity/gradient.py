@@ -24,12 +24,13 @@ from ngsolve import GridFunction
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.discretisation.loads import nodal
-from ngepc.evolution.result import Evolution
+from ngepc.evolution.result import Evolution, EvolutionStep
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.given import require_without
+from ngepc.model.problem import Problem
 from ngepc.sensitivity.contact import Biactive, LinearContact, biactive_set, told
-from ngepc.sensitivity.functionals import Form, Functional, along, as_functional
+from ngepc.sensitivity.functionals import Form, Functional, as_functional, slope_by_mesh
 from ngepc.sensitivity.linear import LinearStep, TangentError
 from ngepc.sensitivity.parameters import Direction, Parameters, changed_data, directions
 from ngepc.sensitivity.radial import INHERITED, Data
@@ -52,23 +53,17 @@ class Gradient(dict[str, float]):
         The value of the functional.
     biactive
         The weakly active rows and points of each time step that the functional depends on.
+
+    ``message`` tells what is biactive, step by step; ``differentiable`` is whether nothing is: if
+    False the numbers are those of one side.
     """
 
     def __init__(
         self, derivatives: Mapping[str, float], functional: float, biactive: tuple[Biactive, ...]
     ) -> None:
         super().__init__(derivatives)
-        self.functional, self.biactive = functional, biactive
-
-    @property
-    def differentiable(self) -> bool:
-        """Whether no row and no point is biactive; if False the numbers are those of one side."""
-        return not self.message
-
-    @property
-    def message(self) -> str:
-        """What is biactive, step by step; empty where the functional is differentiable."""
-        return told(self.biactive)
+        self.functional, self.biactive, self.message = functional, biactive, told(biactive)
+        self.differentiable = not self.message
 
 
 def gradient(
@@ -118,9 +113,9 @@ def gradient(
         for name, direction in wanted.items():
             if number == 0 or not direction.inherited:
                 change = changed_data(linear.state, direction)
-                at_end = number == last
-                slope = along(functional, linear.state, by, change) if at_end else by.paired(change)
-                derivatives[name] += slope
+                derivatives[name] += by.paired(change)
+                if number == last:
+                    derivatives[name] += slope_by_mesh(functional, linear.state, change)
     return Gradient(derivatives, value, tuple(found))
 
 
@@ -146,14 +141,13 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
     names = ("initial_plastic_strain", "initial_hardening")
     problems[0] = replace(problems[0], **{name: getattr(result.problem, name) for name in names})
 
-    def restored(number: int) -> State:
+    def restored(problem: Problem, step: EvolutionStep) -> State:
         """The state of a finished step from its displacement and its forces of contact."""
-        problem, step = problems[number], result.steps[number]
         u = nodal(step.fields.displacement.vec.FV().NumPy(), problem).copy()
         discrete = DiscreteProblem(problem, result.memory.functions.points)
         return discrete.state(u, contact=step.contact)
 
-    return [partial(restored, number) for number in range(len(problems))]
+    return [partial(restored, *pair) for pair in zip(problems, result.steps, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +189,8 @@ class TangentResult:
     def of(self, functional: str | Form | Functional) -> float:
         """The derivative of a functional, see ``gradient``."""
         functional = as_functional(functional)
-        return along(functional, self.state, functional.slope(self.state).by, self.change)
+        slope = functional.slope(self.state).by.paired(self.change)
+        return slope + slope_by_mesh(functional, self.state, self.change)
 
 
 Rates = str | Mapping[str, float | tuple[float, Direction]]
@@ -255,7 +250,11 @@ def _change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> Tangen
     for _ in range(EXCHANGES):
         change = LinearStep(state, contact).forward(data)
         found = TangentResult(state, contact, change, biactive)
-        chosen, yields = _chosen_rows(found), _chosen_points(found)
+        chosen, yields = _chosen_rows(found), state.at.yields.copy()
+        over = np.einsum("pd,pd->p", state.at.direction, change["trial"]) - change["beta"]
+        size = np.abs(state.discrete.law.two_mu[:, None] * change["strain"]).max()
+        kept = np.where(np.abs(over) <= NEUTRAL * size, yields, over > 0)
+        yields[biactive[-1].points] = kept[biactive[-1].points]
         if chosen.same_sides(contact) and (yields == state.at.yields).all():
             return found
         contact, state = chosen, replace(state, at=replace(state.at, yields=yields))
@@ -287,13 +286,3 @@ def _chosen_rows(found: TangentResult) -> LinearContact:
     if (np.linalg.norm(tangential[stuck], axis=1) > mu[stuck] * normal[stuck] - least).any():
         raise TangentError("a row that comes into contact slips from rest: " + found.message)
     return LinearContact(found.state, closed, slips)
-
-
-def _chosen_points(found: TangentResult) -> np.ndarray:
-    """The yielding points that the change asks for: biactive ones may change side."""
-    state, change, points = found.state, found.change, found.biactive[-1].points
-    yields, two_mu = state.at.yields.copy(), state.discrete.law.two_mu
-    over = np.einsum("pd,pd->p", state.at.direction, change["trial"]) - change["beta"]
-    neutral = np.abs(over) <= NEUTRAL * np.abs(two_mu[:, None] * change["strain"]).max()
-    yields[points] = np.where(neutral, yields, over > 0)[points]
-    return yields

@@ -11,8 +11,6 @@ for the prescribed values of the held components: one solve for any number of pa
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy.sparse import csr_matrix, diags, eye
 from scipy.sparse.linalg import LinearOperator, gmres
@@ -30,16 +28,6 @@ INNER, MOST, ROUNDS = 1e-8, 200, 5  # GMRES: residual, iterations before a resta
 
 class TangentError(FactorisationError):
     """A derivative that does not exist, or that no sides of biactive rows and points give."""
-
-
-class _Blocks(NamedTuple):
-    """The system (K, upper; lower, square) or its transpose, rows in units of force, and L."""
-
-    upper: csr_matrix
-    lower: csr_matrix
-    square: csr_matrix
-    soften: csr_matrix
-    scale: float | np.ndarray
 
 
 class LinearStep:
@@ -68,11 +56,9 @@ class LinearStep:
         G = diags(contact.kept) @ contact.across
         square = (eye(len(k), format="csr") - G - contact.follows).tocsr()
         upper, lower, per_k = contact.rows.T.tocsr(), contact.pushed @ contact.rows, diags(1 / k)
-        turned = (diags(k) @ contact.rows, diags(k) @ square.T, soften @ per_k)
-        self._ways = (
-            _Blocks(upper, lower, square, soften, 1.0),
-            _Blocks(lower.T.tocsr(), *(block.tocsr() for block in turned), k),
-        )
+        turned = lower.T, diags(k) @ contact.rows, diags(k) @ square.T, soften @ per_k
+        # the system (K, upper; lower, square), its transpose with rows in units of force, and L
+        self._ways = (upper, lower, square, soften), tuple(block.tocsr() for block in turned)
         try:
             self._inverse = self._stiffness.matrix.Inverse(inverse="sparsecholesky")
         except SOLVER_ERRORS as error:
@@ -138,11 +124,16 @@ class LinearStep:
 
         TangentError if corrections do not converge: the tangent is singular, or rows are dependent.
         """
-        blocks = self._ways[transposed]
-        right = np.append(np.where(self._free, force.ravel(), 0.0), blocks.scale * given)
+        blocks, scale = self._ways[transposed], self.contact.stiffness if transposed else 1.0
+        right = np.append(np.where(self._free, force.ravel(), 0.0), scale * given)
         x, left, relative, size = np.zeros_like(right), right, np.inf, np.linalg.norm(right)
+        operator = LinearOperator(
+            (len(right),) * 2, lambda r: self._product(blocks, self._answer(blocks, r)), dtype=float
+        )
         for _ in range(REFINEMENTS if size > 0 else 0):
-            x = x + self._correction(blocks, left)
+            if not self._by_springs:
+                left, _ = gmres(operator, left, rtol=INNER, restart=MOST, maxiter=ROUNDS)
+            x = x + self._answer(blocks, left)
             left = right - self._product(blocks, x)
             before, relative = relative, np.linalg.norm(left) / size
             if relative <= ACCURATE or relative > 0.5 * before:
@@ -151,26 +142,15 @@ class LinearStep:
             raise TangentError(f"the derivative system is singular: residual {relative:.2g} left")
         return x[: force.size].reshape(force.shape), x[force.size :]
 
-    def _product(self, blocks: _Blocks, x: np.ndarray) -> np.ndarray:
-        u, forces = np.split(x, [len(self._free)])
-        pushed = self.internal(u.reshape(self.state.u.shape)).ravel() + blocks.upper @ forces
-        pushed = np.where(self._free, pushed, 0.0)
-        return np.append(pushed, blocks.lower @ u + blocks.square @ forces)
+    def _product(self, blocks: tuple[csr_matrix, ...], x: np.ndarray) -> np.ndarray:
+        (u, forces), (upper, lower, square, _) = np.split(x, [len(self._free)]), blocks
+        pushed = self.internal(u.reshape(self.state.u.shape)).ravel() + upper @ forces
+        return np.append(np.where(self._free, pushed, 0.0), lower @ u + square @ forces)
 
-    def _answer(self, blocks: _Blocks, right: np.ndarray) -> np.ndarray:
+    def _answer(self, blocks: tuple[csr_matrix, ...], right: np.ndarray) -> np.ndarray:
         """The solution up to what springs miss, by one back-substitution."""
-        force, given = np.split(right, [len(self._free)])
-        forces, pushed = blocks.soften @ given, self._stiffness.matrix.CreateColVector()
-        pushed.FV().NumPy()[:] = force - blocks.upper @ forces
+        (force, given), (upper, lower, _, soften) = np.split(right, [len(self._free)]), blocks
+        forces, pushed = soften @ given, self._stiffness.matrix.CreateColVector()
+        pushed.FV().NumPy()[:] = force - upper @ forces
         u = (self._inverse * pushed).Evaluate().FV().NumPy()
-        return np.append(u, forces - blocks.soften @ (blocks.lower @ u))
-
-    def _correction(self, blocks: _Blocks, right: np.ndarray) -> np.ndarray:
-        """The solution up to rounding of large answers."""
-        if self._by_springs:
-            return self._answer(blocks, right)
-        operator = LinearOperator(
-            (len(right),) * 2, lambda r: self._product(blocks, self._answer(blocks, r)), dtype=float
-        )
-        found, _ = gmres(operator, right, rtol=INNER, restart=MOST, maxiter=ROUNDS)
-        return self._answer(blocks, found)
+        return np.append(u, forces - soften @ (lower @ u))

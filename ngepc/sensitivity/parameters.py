@@ -98,10 +98,7 @@ def changed_data(state: State, direction: Direction) -> Data:
     ValueError if the problem has no such datum.
     """
     discrete, problem = state.discrete, state.discrete.problem
-    datum, _, boundary = direction.datum.partition(":")
-    change = _natural(problem, datum) if direction.change is None else direction.change
-    if datum in BY_BOUNDARY:
-        change = _by_boundary(problem, datum, boundary, change)
+    datum, change = _change(problem, direction)
     if datum in MATERIAL:
         return _material(state, datum, change)
     if datum in LOADS:  # forces are linear in a load
@@ -111,37 +108,47 @@ def changed_data(state: State, direction: Direction) -> Data:
     if datum == "initial_plastic_strain":
         return Data(initial=discrete.points.at(problem.kinematics.coordinates(change)))
     if datum == "friction":
-        if problem.friction is None:
-            raise ValueError("parameters='friction': the problem has none")
         values = at_rows(problem, discrete.rows, change)
-        if isinstance(problem.friction, Coulomb):
-            return Data(coefficient=values)
-        return Data(cap=discrete.rows.weights * values)
-    return {"gap": _gap, "prescribed": _prescribed, "shape": _shape}[datum](state, change)
+        coulomb = isinstance(problem.friction, Coulomb)
+        return Data(coefficient=values) if coulomb else Data(cap=discrete.rows.weights * values)
+    if datum == "shape":
+        motion = vertex_motion(problem, change)
+        found = on_moving_mesh(state, motion, lambda there: geometry(state, there))
+        return found + Data(shape=motion)
+    gaps, supports = np.zeros(len(discrete.contact)), discrete.supports
+    if datum == "prescribed":
+        other = replace(problem, prescribed=scaled(problem.single("prescribed"), 0.0) | change)
+        supports, part = Supports(other), discrete.contact.roller_part
+        gaps[part] = ContactConditions(other, supports).rows.gaps[part]
+        return Data(values=supports.values, gaps=gaps)
+    moved = dict.fromkeys(problem.contact_names, 0.0) | change
+    whole = all(is_number(value) and value == 1 for value in moved.values())
+    rows = None if whole else contact_rows(replace(problem, gap=moved), supports)
+    gaps[discrete.contact.on_obstacles] = 1.0 if whole else rows.gaps
+    return Data(gaps=gaps)
 
 
-def _natural(problem: Problem, datum: str) -> object:
-    """The change that is taken if none is given."""
+def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
+    """A datum and its change, by single boundary where it has some; the natural one for None."""
+    (datum, _, boundary), change = direction.datum.partition(":"), direction.change
     given = getattr(problem.material if datum in MATERIAL else problem, datum, None)
-    if datum == "gap":
-        return 1.0
-    if datum != "shape" and (given is None or given == {}):
+    missing = given is None or given == {}
+    if missing and datum != "shape" and (change is None or datum == "friction"):
         raise ValueError(f"parameters={datum!r}: the problem has none")
-    given = given.coefficient if isinstance(given, Coulomb) else given
-    return 1.0 if is_number(given) else given
-
-
-def _by_boundary(problem: Problem, datum: str, boundary: str, change: object) -> dict:
-    """Single boundary -> change, of the boundary that a parameter names or of all."""
-    if not isinstance(change, Mapping):
-        change = dict.fromkeys(problem.contact_names, change)
-    single = {p: v for key, v in change.items() for p in places(datum, key, problem.mesh)}
-    if not single:
-        raise ValueError(f"parameters={datum!r}: the problem has none")
-    if boundary and boundary not in single:
-        legal = ", ".join(sorted(map(str, single)))
-        raise ValueError(f"parameters='{datum}:{boundary}': one of {legal} is needed")
-    return {boundary: single[boundary]} if boundary else single
+    if change is None:
+        given = given.coefficient if isinstance(given, Coulomb) else given
+        change = 1.0 if datum == "gap" or is_number(given) else given
+    if datum in BY_BOUNDARY:
+        if not isinstance(change, Mapping):
+            change = dict.fromkeys(problem.contact_names, change)
+        change = {p: v for key, v in change.items() for p in places(datum, key, problem.mesh)}
+        if not change:
+            raise ValueError(f"parameters={datum!r}: the problem has none")
+        if boundary and boundary not in change:
+            legal = ", ".join(sorted(map(str, change)))
+            raise ValueError(f"parameters='{datum}:{boundary}': one of {legal} is needed")
+        change = {boundary: change[boundary]} if boundary else change
+    return datum, change
 
 
 def _material(state: State, datum: str, change: Coefficient) -> Data:
@@ -160,31 +167,6 @@ def _material(state: State, datum: str, change: Coefficient) -> Data:
     }
     slopes = {name: np.imag(value) / COMPLEX for name, value in found.items()}
     return Data({name: slope for name, slope in slopes.items() if slope.any()})
-
-
-def _gap(state: State, change: dict) -> Data:
-    discrete, problem = state.discrete, state.discrete.problem
-    gaps, part = np.zeros(len(discrete.contact)), discrete.contact.on_obstacles
-    moved = dict.fromkeys(problem.contact_names, 0.0) | change
-    if all(is_number(value) and value == 1 for value in moved.values()):
-        gaps[part] = 1.0
-    else:
-        gaps[part] = contact_rows(replace(problem, gap=moved), discrete.supports).gaps
-    return Data(gaps=gaps)
-
-
-def _prescribed(state: State, change: dict) -> Data:
-    discrete, problem = state.discrete, state.discrete.problem
-    other = replace(problem, prescribed=scaled(problem.single("prescribed"), 0.0) | change)
-    supports, gaps = Supports(other), np.zeros(len(discrete.contact))
-    part = discrete.contact.roller_part
-    gaps[part] = ContactConditions(other, supports).rows.gaps[part]
-    return Data(values=supports.values, gaps=gaps)
-
-
-def _shape(state: State, change: object) -> Data:
-    motion = vertex_motion(state.discrete.problem, change)
-    return on_moving_mesh(state, motion, lambda there: geometry(state, there)) + Data(shape=motion)
 
 
 def on_moving_mesh(old: State, motion: np.ndarray, read: Callable[[State], Data]) -> Data:
