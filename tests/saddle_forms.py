@@ -36,7 +36,7 @@ from ngsolve.la import BaseMatrix
 
 from ngepc.discretisation.law import ROUNDING
 from ngepc.discretisation.loads import nodal
-from ngepc.discretisation.pointfunctions import PointFunctions
+from ngepc.discretisation.points import PointFunctions
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import plastic_order
 from ngepc.model.given import require_without

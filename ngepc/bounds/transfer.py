@@ -22,8 +22,7 @@ from ngsolve import (
 
 from ngepc.bounds.coverage import varies_inside
 from ngepc.bounds.simplices import marked
-from ngepc.discretisation.pointfunctions import PointFunctions, on_children
-from ngepc.discretisation.points import Points
+from ngepc.discretisation.points import PointFunctions, Points, on_children
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import element_vertices, vertex_coordinates
 from ngepc.model.material import Material

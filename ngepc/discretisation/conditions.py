@@ -20,7 +20,7 @@ from scipy.sparse import csr_matrix, diags, eye, vstack
 from scipy.sparse.linalg import spsolve
 
 from ngepc.checks.arguments import Coefficient
-from ngepc.discretisation.loads import Supports, nodal
+from ngepc.discretisation.loads import Supports, nodal, nodes_at
 from ngepc.discretisation.mortar import mortar_rows
 from ngepc.discretisation.quadrature import rules_of
 from ngepc.discretisation.rows import (
@@ -31,7 +31,6 @@ from ngepc.discretisation.rows import (
     rows_along,
     surface_measure,
 )
-from ngepc.discretisation.spaces import nodes_at
 from ngepc.linalg.friction import FrictionCone
 from ngepc.model.places import Coulomb, Place, Roller, values_at
 from ngepc.model.problem import Problem, as_scalar

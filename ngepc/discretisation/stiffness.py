@@ -14,8 +14,7 @@ from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Trace, Vecto
 from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix
 
-from ngepc.discretisation.pointfunctions import PointFunctions
-from ngepc.discretisation.points import Elements, Moduli, Points
+from ngepc.discretisation.points import Elements, Moduli, PointFunctions, Points
 from ngepc.linalg.direct import both_triangles, lower_triangle
 
 

@@ -24,13 +24,13 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ngepc.checks.arguments import Coefficient
-from ngepc.discretisation.loads import work_of
-from ngepc.discretisation.spaces import (
+from ngepc.discretisation.loads import (
     contact_space,
     displacement_space,
     plastic_dual_space,
     plastic_space,
     prescribed_displacement,
+    work_of,
 )
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse

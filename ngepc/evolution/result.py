@@ -12,8 +12,7 @@ import numpy as np
 from ngsolve import InnerProduct, Norm
 
 from ngepc.checks.arguments import is_number
-from ngepc.discretisation.pointfunctions import PointFunctions, on_children
-from ngepc.discretisation.points import Points
+from ngepc.discretisation.points import PointFunctions, Points, on_children
 from ngepc.evolution.load_path import Schedule
 from ngepc.model.material import PEEQ, Material
 from ngepc.model.problem import Problem, as_scalar

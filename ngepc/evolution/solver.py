@@ -20,9 +20,8 @@ from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.transfer import check_carried, on_mesh, parents
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
-from ngepc.discretisation.loads import Supports
+from ngepc.discretisation.loads import Supports, displacement_space
 from ngepc.discretisation.prolongation import nodal_values
-from ngepc.discretisation.spaces import displacement_space
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule, as_schedule
 from ngepc.evolution.result import (

@@ -92,45 +92,18 @@ class FullSteps:
         return Step(length=1.0, energy=phi.energy(1.0), halvings=0)
 
 
-class Bracket:
-    """The zero in (0, 1) of an increasing slope, negative at 0, by safeguarded secant steps.
-
-    The slope may jump, as where a soft plastic element turns elastic: secants then creep towards
-    the jump from one side.  Many trials in a row below it are followed by the middle, many above by
-    a point near the lower end, as the zero may be tiny.
-    """
-
-    def __init__(self, slope: float) -> None:
-        self.low, self.trial, self._row = 0.0, 1.0, 0
-        self._low_slope, self._high, self._high_slope = slope, 1.0, math.nan
-
-    def narrow(self, slope: float) -> None:
-        """Take note of the slope at ``trial`` and choose the next one; NaN counts as too far."""
-        if slope < 0:
-            self.low, self._low_slope = self.trial, slope
-            self._row = min(self._row, 0) - 1
-        else:
-            self._high, self._high_slope = self.trial, slope
-            self._row = max(self._row, 0) + 1
-        width = self._high - self.low
-        if self._row > IN_A_ROW:
-            self.trial = self.low + width / 10
-        elif not math.isfinite(self._high_slope) or self._row < -IN_A_ROW:
-            self.trial = self.low + width / 2
-        else:
-            secant = self.low - self._low_slope * width / (self._high_slope - self._low_slope)
-            self.trial = min(max(secant, self.low + width / 10), self._high - width / 10)
-
-
 def nearly_flat(slope: Callable[[float], float], noise: float) -> tuple[float, int] | None:
     """A step length near the minimum of a convex phi, at most 1, and the trials before it.
 
     ``slope`` is phi', ``noise`` what rounding leaves of it; None if phi does not fall beyond that.
+    Its zero is found by safeguarded secant steps.  The slope may jump, as where a soft plastic
+    element turns elastic: secants then creep towards the jump from one side.  Many trials in a row
+    below it are followed by the middle, many above by a point near the lower end, as the zero may
+    be tiny; NaN counts as above.
     """
-    slope_0 = slope(0.0)
-    bracket = Bracket(slope_0)
+    slope_0 = at_low = slope(0.0)
+    low, high, at_high, t, row = 0.0, 1.0, math.nan, 1.0, 0
     for trials in range(EVALUATIONS):
-        t = bracket.trial
         here = slope(t)
         flat = abs(here) <= max(-FLATNESS * slope_0, noise)
         if flat and here > noise:  # it may be flat far beyond the minimum too
@@ -139,5 +112,16 @@ def nearly_flat(slope: Callable[[float], float], noise: float) -> tuple[float, i
             return t, trials
         if slope_0 >= 0:
             return None
-        bracket.narrow(here)
-    return (bracket.low, EVALUATIONS) if bracket.low > 0 else None
+        if here < 0:
+            low, at_low, row = t, here, min(row, 0) - 1
+        else:
+            high, at_high, row = t, here, max(row, 0) + 1
+        width = high - low
+        if row > IN_A_ROW:
+            t = low + width / 10
+        elif not math.isfinite(at_high) or row < -IN_A_ROW:
+            t = low + width / 2
+        else:
+            secant = low - at_low * width / (at_high - at_low)
+            t = min(max(secant, low + width / 10), high - width / 10)
+    return (low, EVALUATIONS) if low > 0 else None

@@ -7,8 +7,7 @@ from functools import cached_property
 import numpy as np
 from ngsolve import GridFunction
 
-from ngepc.discretisation.pointfunctions import PointFunctions
-from ngepc.discretisation.points import Moduli
+from ngepc.discretisation.points import Moduli, PointFunctions
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.results.exact import DiscreteSolution

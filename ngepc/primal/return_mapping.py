@@ -15,8 +15,7 @@ from ngsolve.comp import ProxyFunction
 from ngsolve.fem import CacheCF, NewtonCF
 
 from ngepc.discretisation.law import SOFTEST
-from ngepc.discretisation.pointfunctions import PointFunctions
-from ngepc.discretisation.points import Points
+from ngepc.discretisation.points import PointFunctions, Points
 from ngepc.model.material import PEEQ
 from ngepc.model.problem import Problem, as_scalar
 

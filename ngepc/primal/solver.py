@@ -21,7 +21,7 @@ from ngsolve import GridFunction, InnerProduct, Norm
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.discretisation.pointfunctions import interpolated
+from ngepc.discretisation.points import interpolated
 from ngepc.linalg.direct import require_solver
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.primal.energy import PrimalState, ReducedEnergy

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ngepc.checks.arguments import require_vector
-from ngepc.discretisation.spaces import displacement_space, nodes_at
+from ngepc.discretisation.loads import displacement_space, nodes_at
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem

@@ -17,7 +17,7 @@ from ngepc.checks.arguments import boundary_names, require_integer, require_vect
 from ngepc.checks.declared import Check, Declared, Text, Vector
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
 from ngepc.discretisation.loads import nodal
-from ngepc.discretisation.pointfunctions import PointFunctions
+from ngepc.discretisation.points import PointFunctions
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.parameters import geometry, on_moving_mesh

@@ -18,8 +18,7 @@ from ngsolve import BND, CF, Integrate, Mesh, x, y
 from ngepc import Material, Problem
 from ngepc.discretisation.law import Law
 from ngepc.discretisation.loads import Supports, nodal
-from ngepc.discretisation.pointfunctions import PointFunctions, interpolated
-from ngepc.discretisation.points import Moduli, Points
+from ngepc.discretisation.points import Moduli, PointFunctions, Points, interpolated
 from ngepc.discretisation.rows import contact_rows
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.geometries import block, ring
