@@ -18,7 +18,7 @@ from ngepc.bounds.adaptive import solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.cli import output
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
-from ngepc.discretisation.spaces import displacement_space
+from ngepc.discretisation.loads import displacement_space
 from ngepc.dual.newton import NewtonOptions, prepared, semismooth_newton
 from ngepc.dual.path import PathOptions, follow_path
 from ngepc.dual.result import DualResult
