@@ -1,7 +1,5 @@
 """Published problems with numbers, solved and compared: one table."""
 
-from __future__ import annotations
-
 import inspect
 import time
 from collections.abc import Callable, Sequence
@@ -75,8 +73,8 @@ class Benchmarks(Work):
 
     name, title = "benchmarks", "Published problems"
     columns = """problem = {problem} ({source}) | quantity = {name} | reference = {reference:.6g}
-        | type = {kind} | ours = {ours:.6g} | difference = {difference:+.2f} %{beyond}
-        | tolerance = {tolerance:.3g} % | elements = {elements} | unknowns = {unknowns}
+        | type = {kind} | ours = {ours:.6g} | difference = {percent:+.2f} %{beyond}
+        | tolerance = {allowed:.3g} % | elements = {elements} | unknowns = {unknowns}
         | seconds = {cpu_s:.1f}"""
 
     def __post_init__(self) -> None:
@@ -104,19 +102,16 @@ class Benchmarks(Work):
             figure = picture(result, benchmark) if shows else drawn_numbers(quantities)
             figure.axes[0].set_title(problem)
             save_figure(figure, self.folder / f"benchmark_{file}.png")
-        rows = [
-            {**q._asdict(), "difference": q.difference, "beyond": "" if q.holds else " (beyond)"}
-            for q in quantities
-        ]
-        return [about | rows[0], *rows[1:]]
+        rows = [about] + [{} for _ in quantities[1:]]
+        for q, row in zip(quantities, rows, strict=True):
+            row |= {**q._asdict(), "beyond": "" if q.holds else " (beyond)"}
+            row |= {"difference": q.difference, "percent": 100 * q.difference}
+            row |= {"allowed": 100 * q.tolerance}
+        return rows
 
     def succeeded(self, records: Sequence[dict]) -> bool:
         """Whether every difference beyond its tolerance is explained."""
         return all(not r["beyond"] or BENCHMARKS[r["problem"]].remark for r in records)
-
-    def told(self, records: Sequence[dict]) -> list[dict]:
-        """The records in percent."""
-        return [r | {key: 100 * r[key] for key in ("difference", "tolerance")} for r in records]
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What the types are, then the remarks."""

@@ -107,15 +107,17 @@ class Bounds(Work):
         """One mesh, or a record for each of an adaptive run, steps and time from the first one."""
         problem, begin, run = bounded_example(body, kind, nodes), time.process_time(), []
 
-        def note(nodes: int, energy: float, bound: object, **more: float) -> None:
+        def note(nodes: int, energy: float, bound: object, **more: object) -> None:
             error = energy - LIMITS[body]
             found = {"error": error, "bound": bound.total, "effectivity": bound.total / error}
-            run.append({"nodes": nodes, **found, "relative": bound.relative, **more})
+            found |= {"relative": bound.relative, "percent": 100 * bound.relative}
+            example = label_of_row({"body": body, "kind": kind})
+            run.append({"nodes": nodes, **found, "example": example, **more})
 
         def adapted(mesh: MeshRecord) -> None:
             steps = mesh.iterations + (run[-1]["steps"] if run else 0)
             spent = time.process_time() - begin
-            note(mesh.nodes, mesh.energy, mesh, steps=steps, cpu_s=spent)
+            note(mesh.nodes, mesh.energy, mesh, steps=steps, cpu_s=spent, apart="with it")
             if run[-1]["error"] <= TARGETS[body, kind]:
                 raise StopIteration
 
@@ -126,18 +128,14 @@ class Bounds(Work):
         solved = time.process_time()
         bound = error_bound(result)
         spent = {"cpu_s": told["cpu_s"], "bound_cpu_s": time.process_time() - solved}
+        spent["apart"] = f"{spent['bound_cpu_s']:.2f}"
         note(nodes, bound.energy, bound, steps=result.iterations, **spent)
         return run
 
     def told(self, records: Sequence[dict]) -> list[dict]:
         """Uniform meshes, and the last one of adaptive runs."""
-        last = {label_of_row(r): r for r in records if "bound_cpu_s" not in r}
-        told = []
-        for r in (*(r for r in records if "bound_cpu_s" in r), *last.values()):
-            apart = f"{r['bound_cpu_s']:.2f}" if "bound_cpu_s" in r else "with it"
-            more = {"percent": 100 * r["relative"], "apart": apart}
-            told.append(r | {"example": label_of_row(r)} | more)
-        return told
+        last = {r["example"]: r for r in records if "bound_cpu_s" not in r}
+        return [*(r for r in records if "bound_cpu_s" in r), *last.values()]
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """Where the errors come from, and how fast they fall."""

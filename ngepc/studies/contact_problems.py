@@ -1,7 +1,5 @@
 """Published problems of contact: Hertz, Mindlin, shrink fit, spheres that yield, step-42."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

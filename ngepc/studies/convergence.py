@@ -10,8 +10,6 @@ Newton correction after it shows the size of the rounding errors; distances belo
 are no distances to the solution, and their quotients are marked.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

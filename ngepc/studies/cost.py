@@ -7,38 +7,19 @@ weighs on both.  Times are processor times of one thread; a step is everything b
 contact, assembly, factorisation, solve, line search, residual norms.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from statistics import fmean, median
 
-from ngsolve import (  # fmt: skip
-    BilinearForm,
-    Grad,
-    InnerProduct,
-    LinearForm,
-    SetNumThreads,
-    Sym,
-    VectorH1,
-    div,
-    ds,
-    dx,
-)
+import ngsolve as ng
 
 from ngepc.dual.newton import NewtonOptions
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord
-from ngepc.studies.examples import (  # fmt: skip
-    METHODS,
-    coarse_start,
-    example,
-    in_own_process,
-    peak_memory,
-    solved_by,
-)
+from ngepc.studies import examples
 from ngepc.studies.work import Work, exponent, first_of
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
@@ -52,60 +33,47 @@ all cold; the paper's at gamma = 1e4 from 417 nodes."""
 def elastic_solve(problem: Problem) -> float:
     """Processor time (s) of one linear-elastic solve: assembly, sparsecholesky, solution."""
     begin, m = time.process_time(), problem.material
-    V = VectorH1(problem.mesh, order=problem.order, dirichlet="|".join(problem.clamped_names))
+    V = ng.VectorH1(problem.mesh, order=problem.order, dirichlet="|".join(problem.clamped_names))
     u, v = V.TnT()
-    energy = m.lame_lambda * div(u) * div(v)
-    energy += 2 * m.lame_mu * InnerProduct(Sym(Grad(u)), Sym(Grad(v)))
-    load = LinearForm(V)
+    energy = m.lame_lambda * ng.div(u) * ng.div(v)
+    energy += 2 * m.lame_mu * ng.InnerProduct(ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v)))
+    load = ng.LinearForm(V)
     for name, g in problem.tractions.items():
-        load += g * v * ds(name)
-    stiffness = BilinearForm(energy * dx, symmetric=True).Assemble().mat
+        load += g * v * ng.ds(name)
+    stiffness = ng.BilinearForm(energy * ng.dx, symmetric=True).Assemble().mat
     inverse = stiffness.Inverse(V.FreeDofs(), inverse="sparsecholesky")
     (inverse * load.Assemble().vec).Evaluate()
     return time.process_time() - begin
 
 
-class StepClock:
-    """A monitor that times set-up and each Newton step and solves elastic problems between them."""
-
-    def __init__(self, problem: Problem) -> None:
-        self._problem, self.elastic, self.spans = problem, [elastic_solve(problem)], []
-        self._begin = time.process_time()
-
-    def __call__(self, record: IterationRecord) -> None:
-        """Stop the clock, solve the elastic problem, start the clock."""
-        self.spans.append(time.process_time() - self._begin)
-        self.elastic.append(elastic_solve(self._problem))
-        self._begin = time.process_time()
-
-    @property
-    def ratios(self) -> list[float]:
-        """Set-up and each step, over the mean of the elastic solves before and after it."""
-        around = zip(self.elastic[:-1], self.elastic[1:], strict=True)
-        return [s / fmean(pair) for s, pair in zip(self.spans, around, strict=True)]
-
-
 def measure(mode: str, nodes: int) -> dict:
-    """One solve in this process: what it and its clock tell."""
-    SetNumThreads(1)
-    problem, options, start = example("lshape", nodes), NewtonOptions(), None
+    """One solve in this process, with an elastic one before the first and after each record."""
+    ng.SetNumThreads(1)
+    problem, options, start = examples.example("lshape", nodes), NewtonOptions(), None
     if mode == ORDER_2:
         problem, mode = replace(problem, order=2), "default"
-    elif mode not in METHODS:
-        start = coarse_start("lshape", float(mode), options)
-    clock = StepClock(problem)
-    result = solved_by(mode, problem, start, options, clock)
-    setup, *ratios = clock.ratios
+    elif mode not in examples.METHODS:
+        start = examples.coarse_start("lshape", float(mode), options)
+    elastic, spans, begin = [elastic_solve(problem)], [], time.process_time()
+
+    def clock(record: IterationRecord) -> None:
+        nonlocal begin
+        spans.append(time.process_time() - begin)
+        elastic.append(elastic_solve(problem))
+        begin = time.process_time()
+
+    result = examples.solved_by(mode, problem, start, options, clock)
+    setup, *ratios = (s / fmean(pair) for s, pair in zip(spans, pairwise(elastic), strict=True))
     return {
         "status": result.status.label,
         "iterations": result.iterations,
-        "solve_seconds": sum(clock.spans),
-        "elastic_seconds": median(clock.elastic),
-        "step_seconds": median(clock.spans[1:]),
+        "solve_seconds": sum(spans),
+        "elastic_seconds": median(elastic),
+        "step_seconds": median(spans[1:]),
         "step_ratio": median(ratios),
         "largest_ratio": max(ratios),
         "setup_ratio": setup,
-        "peak_megabytes": peak_memory(),
+        "peak_megabytes": examples.peak_memory(),
         "load_average": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
     }
 
@@ -140,19 +108,18 @@ class Cost(Work):
 
     def solve(self, mode: str, nodes: int) -> dict:
         """A measurement in a new process."""
-        return in_own_process(measure, mode, nodes)
+        return examples.in_own_process(measure, mode, nodes)
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """How it was measured, growth, and the part of the primal method's time."""
-        seconds, found = {}, [self.note]
-        for mode in MODES:
-            cells = [r for r in records if r["mode"] == mode]
-            seconds[mode] = {r["nodes"]: r["solve_seconds"] for r in cells}
+        seconds = {(r["mode"], r["nodes"]): r["solve_seconds"] for r in records}
+        growth, parts = [], []
+        for mode in dict.fromkeys(r["mode"] for r in records):
+            cells = [(r["nodes"], r["step_seconds"]) for r in records if r["mode"] == mode]
             if len(cells) > 1:
-                a = exponent([r["nodes"] for r in cells], [r["step_seconds"] for r in cells])
-                found.append(f"Time per step grows like nodes^{a:.2f} ({mode}).")
-        return found + [
-            f"Whole solve on {nodes} nodes: {seconds['default'][nodes] / primal:.2f} of the primal "
-            "one."
-            for nodes, primal in seconds.get("primal", {}).items()
-        ]
+                a = exponent(*zip(*cells, strict=True))
+                growth.append(f"Time per step grows like nodes^{a:.2f} ({mode}).")
+        for n in (n for mode, n in seconds if mode == "primal"):
+            part = seconds["default", n] / seconds["primal", n]
+            parts.append(f"Whole solve on {n} nodes: {part:.2f} of the primal one.")
+        return [self.note, *growth, *parts]

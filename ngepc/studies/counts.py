@@ -5,8 +5,6 @@ marks nested iteration, each mesh started from the solution on the next coarser 
 the default method has small hardening and solids beside, and GetFEM 5.4.2 as it was measured.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -193,11 +191,7 @@ class NewtonCounts(Work):
             nested(body, "default", family[family.index(nodes) - 1])
             found["nested"] = timed(nested, body, "default", nodes)[1]
             found["getfem"] = GETFEM.get(nodes) if body == "lshape" else None
-        return found
-
-    def told(self, records: Sequence[dict]) -> list[dict]:
-        """The records with the names of their problems."""
-        return [r | {"problem": TITLES.get(r["body"], f"block, {r['body']}")} for r in records]
+        return found | {"problem": TITLES.get(body, f"block, {body}")}
 
     def succeeded(self, records: Sequence[dict]) -> bool:
         """Runs that do not converge are part of what is shown."""

@@ -11,25 +11,12 @@ are one here.  Directions on shrinking discs, of fixed height: ``plateau`` is a 
 and L6 alone, ``logarithmic`` in H1 as well, though only as fast as log(1/r)^(-1/2).
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
+import ngsolve as ng
 import numpy as np
-from ngsolve import (
-    H1,
-    BilinearForm,
-    CoefficientFunction,
-    GridFunction,
-    InnerProduct,
-    Integrate,
-    LinearForm,
-    Mesh,
-    VectorValued,
-    dx,
-    grad,
-)
 from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc.checks.arguments import require_integer
@@ -37,12 +24,10 @@ from ngepc.discretisation.quadrature import fine_rules
 from ngepc.dual.functional import RadialLaw
 from ngepc.studies.work import Work
 
-CELLS = 8
-POINTS = 100
-LARGEST_RADIUS = 0.25
+CELLS, POINTS, LARGEST_RADIUS = 8, 100, 0.25
 
 
-def graded_mesh(levels: int) -> Mesh:
+def graded_mesh(levels: int) -> ng.Mesh:
     """The unit square, triangles halved ``levels`` times towards its centre.
 
     Within 2^(1-k)/4 of the centre the mesh width is about 2^(-k)/8.
@@ -56,33 +41,6 @@ def graded_mesh(levels: int) -> Mesh:
             mesh.SetRefinementFlag(element, bool(near))
         mesh.Refine(onlyonce=True)
     return mesh
-
-
-class NormGap:
-    """E(h) for M(q) = [|q| - 1]^+ q / |q| on P1 fields with two components, H^1_0."""
-
-    def __init__(self, mesh: Mesh) -> None:
-        self.space = VectorValued(H1(mesh, order=1, dirichlet=".*"), 2)
-        q, r = self.space.TnT()
-        B = BilinearForm(InnerProduct(grad(q), grad(r)) * dx).Assemble().mat
-        self._inverse = B.Inverse(self.space.FreeDofs(), inverse="sparsecholesky")
-
-    def quotients(self, q: CoefficientFunction, h: GridFunction) -> dict[str, float]:
-        """Norms of h, and ||E(h)||_Y / ||h||_X for the pairs L2 -> L2, L6 -> L2, H1 -> H^(-1)."""
-        mesh, measure = self.space.mesh, dx(intrules=fine_rules(2, POINTS))
-        here, there = RadialLaw(q, 1.0), RadialLaw(q + h, 1.0)
-        E = there.gradient - here.gradient - there.curvature * h
-        defect = LinearForm(InnerProduct(E, self.space.TestFunction()) * measure).Assemble().vec
-        riesz = (self._inverse * defect).Evaluate()
-        E_dual = math.sqrt(max(0.0, InnerProduct(riesz, defect)))
-        E_L2, h_L2, h_H1 = (
-            math.sqrt(Integrate(InnerProduct(f, f) * measure, mesh)) for f in (E, h, grad(h))
-        )
-        h_L6 = Integrate(InnerProduct(h, h) ** 3 * measure, mesh) ** (1 / 6)
-        return {
-            **{"h_L2": h_L2, "h_L6": h_L6, "h_H1": h_H1},
-            **{"L2_L2": E_L2 / h_L2, "L6_L2": E_L2 / h_L6, "H1_dual": E_dual / h_H1},
-        }
 
 
 def plateau(distance: np.ndarray, radius: float) -> np.ndarray:
@@ -99,26 +57,46 @@ def logarithmic(distance: np.ndarray, radius: float) -> np.ndarray:
 FAMILIES = {"plateau": plateau, "log": logarithmic}
 
 
+def direction(mesh: ng.Mesh, shape: Callable, radius: float) -> ng.GridFunction:
+    """(0.4, 0.3) times the shape around the centre, as a P1 field of H^1_0."""
+    h = ng.GridFunction(ng.VectorValued(ng.H1(mesh, order=1, dirichlet=".*"), 2))
+    points = np.asarray(mesh.ngmesh.Coordinates())[:, :2]
+    values = 0.5 * shape(np.hypot(points[:, 0] - 0.5, points[:, 1] - 0.5), radius)
+    h.vec.FV().NumPy()[:] = np.concatenate([0.8 * values, 0.6 * values])
+    return h
+
+
+def quotients(q: ng.CoefficientFunction, h: ng.GridFunction) -> dict[str, float]:
+    """Norms of h, and ||E(h)||_Y / ||h||_X for the pairs L2 -> L2, L6 -> L2, H1 -> H^(-1)."""
+    mesh, measure = h.space.mesh, ng.dx(intrules=fine_rules(2, POINTS))
+    here, there = RadialLaw(q, 1.0), RadialLaw(q + h, 1.0)
+    E = there.gradient - here.gradient - there.curvature * h
+    r, s = h.space.TnT()
+    B = ng.BilinearForm(ng.InnerProduct(ng.grad(r), ng.grad(s)) * ng.dx).Assemble().mat
+    defect = ng.LinearForm(ng.InnerProduct(E, s) * measure).Assemble().vec
+    riesz = (B.Inverse(h.space.FreeDofs(), inverse="sparsecholesky") * defect).Evaluate()
+    E_dual = math.sqrt(max(0.0, ng.InnerProduct(riesz, defect)))
+    squares = [ng.InnerProduct(f, f) for f in (E, h, ng.grad(h))]
+    E_L2, h_L2, h_H1 = (math.sqrt(ng.Integrate(f * measure, mesh)) for f in squares)
+    h_L6 = ng.Integrate(squares[1] ** 3 * measure, mesh) ** (1 / 6)
+    norms = {"h_L2": h_L2, "h_L6": h_L6, "h_H1": h_H1}
+    return norms | {"L2_L2": E_L2 / h_L2, "L6_L2": E_L2 / h_L6, "H1_dual": E_dual / h_H1}
+
+
 def difference_quotients(levels: int = 7) -> list[dict]:
     """The quotients of Definition 6.1 along both families, radii 1/8, 1/16, ..., 2^(-2-levels).
 
-    q = (0.9, 0) is constant and h = 0.5 (0.8, 0.6) times the shape, so that |q + h| > 1 where the
-    shape exceeds about a quarter; 1 <= levels <= 12.  A record has ``family`` and ``radius`` beside
-    what ``NormGap.quotients`` gives.
+    q = (0.9, 0) is constant, so that |q + h| > 1 where the shape of h exceeds about a quarter;
+    1 <= levels <= 12.  A record has ``family`` and ``radius`` beside what ``quotients`` gives.
     """
     require_integer("levels", levels, 1, 12)
-    mesh = graded_mesh(levels + 3)
-    gap, q = NormGap(mesh), CoefficientFunction((0.9, 0.0))
-    points = np.asarray(mesh.ngmesh.Coordinates())[:, :2]
-    distance = np.hypot(points[:, 0] - 0.5, points[:, 1] - 0.5)
-    rows = []
-    for family, shape in FAMILIES.items():
-        for k in range(levels):
-            radius = LARGEST_RADIUS / 2 ** (k + 1)
-            h, values = GridFunction(gap.space), 0.5 * shape(distance, radius)
-            h.vec.FV().NumPy()[:] = np.concatenate([0.8 * values, 0.6 * values])
-            rows.append({"family": family, "radius": radius, **gap.quotients(q, h)})
-    return rows
+    mesh, q = graded_mesh(levels + 3), ng.CoefficientFunction((0.9, 0.0))
+    radii = [LARGEST_RADIUS / 2 ** (k + 1) for k in range(levels)]
+    return [
+        {"family": family, "radius": radius, **quotients(q, direction(mesh, shape, radius))}
+        for family, shape in FAMILIES.items()
+        for radius in radii
+    ]
 
 
 @dataclass(eq=False)

@@ -1,7 +1,5 @@
 """The paper's examples and the methods that solve them by name, and what a solve takes."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -104,7 +102,5 @@ def in_own_process(work: Callable[Given, Made], *given: Given.args, **more: Give
 def peak_memory() -> float | None:
     """Peak resident memory of this process (MB), None where Linux does not tell."""
     status = Path("/proc/self/status")
-    if not status.is_file():
-        return None
-    peak = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-    return int(peak.split()[1]) / 1024
+    found = status.read_text().partition("VmHWM:")[2] if status.is_file() else ""
+    return int(found.split()[0]) / 1024 if found else None

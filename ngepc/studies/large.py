@@ -6,15 +6,13 @@ for others: MPI waits busily.  With fewer free cores than processes they mean no
 energies do.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,29 +58,26 @@ def pressed(mesh: Mesh, hardening: float, order: int = 1) -> Problem:
     return Problem(mesh, steel, "clamped", contact="contact", gap=gap, order=order)
 
 
-def ever_finer(mesh: Mesh | MeshPart, levels: int) -> Iterator[Mesh | MeshPart]:
-    """The mesh refined once, twice and so on; a copy would forget which edges to bisect next."""
+def solved_in_a_row(
+    mesh: Mesh | MeshPart, levels: int, hardening: float, inverse: Iterative
+) -> Iterator[tuple[ExactResult, dict]]:
+    """Results and their numbers on the mesh refined once, twice ..., each started from the last."""
+    result = None
     for _ in range(levels):
         if isinstance(mesh, MeshPart):
-            mesh = mesh.refined()
-            yield mesh
+            finer = mesh = mesh.refined()
         else:
-            mesh.Refine()
-            yield Mesh(mesh.ngmesh.Copy())
-
-
-def solved_in_a_row(
-    meshes: Iterable[Mesh], hardening: float, inverse: Iterative
-) -> Iterator[tuple[ExactResult, dict]]:
-    """The result on each mesh, started from the one before, and its numbers; h/mu is given."""
-    result = None
-    for mesh in meshes:
-        problem = pressed(mesh, hardening * LAME_MU)
+            mesh.Refine()  # itself: a copy would forget which edges to bisect next
+            finer = Mesh(mesh.ngmesh.Copy())
+        problem = pressed(finer, hardening * LAME_MU)
         result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, inverse, None)
+        names = ("back_substitutions", "linear_iterations")
+        solves, linear = (result.history.column(name)[1:] for name in names)
+        each = [n / max(1, k) for n, k in zip(linear, solves, strict=True)]
         numbers = {"status": result.status.label, "iterations": result.iterations}
-        numbers["solves"] = result.history.column("back_substitutions")[1:]
-        numbers["linear_iterations"] = result.history.column("linear_iterations")[1:]
-        yield result, numbers | {"energy": result.primal_energy}
+        numbers |= {"solves": solves, "linear_iterations": linear, "most": max(each, default=0.0)}
+        numbers |= {"mean": sum(linear) / max(1, sum(solves)), "energy": result.primal_energy}
+        yield result, numbers
 
 
 def solve_large(levels: int, inverse: Iterative, hardening: float = 0.1) -> list[dict]:
@@ -91,8 +86,8 @@ def solve_large(levels: int, inverse: Iterative, hardening: float = 0.1) -> list
     'difference' is the relative one of the energy to the direct solver's, on small meshes.
     """
     begin, records = time.process_time(), []
-    meshes = ever_finer(block.mesh(maxh=0.4), levels)
-    for result, numbers in solved_in_a_row(meshes, hardening, inverse):
+    runs = solved_in_a_row(block.mesh(maxh=0.4), levels, hardening, inverse)
+    for result, numbers in runs:
         about = {"nodes": result.problem.mesh.nv, **numbers}
         about |= {"cpu_s": time.process_time() - begin, "memory_mb": peak_memory()}
         if about["nodes"] <= DIRECT_NODES:
@@ -102,13 +97,6 @@ def solve_large(levels: int, inverse: Iterative, hardening: float = 0.1) -> list
             begin += time.process_time() - clock  # not part of the method
         records.append(about)
     return records
-
-
-def with_means(record: dict) -> dict:
-    """A record with its linear iterations for a solve, in the mean and of the dearest step."""
-    n, solves = record["linear_iterations"], record["solves"]
-    most = max((k / max(1, m) for k, m in zip(n, solves, strict=True)), default=0.0)
-    return record | {"mean": sum(n) / max(1, sum(solves)), "most": most}
 
 
 @dataclass(eq=False)
@@ -137,10 +125,6 @@ class Large(Work):
         """All meshes for one hardening."""
         return in_own_process(solve_large, levels, SOLVERS[solver](), hardening)
 
-    def told(self, records: Sequence[dict]) -> list[dict]:
-        """The records with iterations for a solve."""
-        return list(map(with_means, records))
-
 
 LAUNCH = ("mpiexec", "--allow-run-as-root", "--oversubscribe", "-n")
 """As root and with more processes than cores, as in containers; both are Open MPI's."""
@@ -152,12 +136,13 @@ def child(levels: str, path: str) -> None:
     """What each process of a cell does; process 0 writes the records of all meshes to a file."""
     world, begin, clock = MPI.COMM_WORLD, time.process_time(), time.perf_counter()
     records, whole = [], distribute(block.mesh(maxh=0.4) if world.rank == 0 else None)
-    runs = solved_in_a_row(ever_finer(whole, int(levels)), SHARED_HARDENING, PETSc())
+    runs = solved_in_a_row(whole, int(levels), SHARED_HARDENING, PETSc())
     for result, numbers in runs:
         mesh, seconds, wall = result.problem.mesh, time.process_time(), time.perf_counter() - clock
         own = world.allgather((mesh.nv, seconds - begin, peak_memory()))
         each = dict(zip(("own", "cpu_s", "mb"), map(list, zip(*own, strict=True)), strict=True))
         about = {"force": result.contact_force, "wall_s": wall, **each}
+        about |= {f"largest_{name}": max(values) for name, values in each.items()}
         records.append({"nodes": mesh.processes.count, **numbers, **about})
     if world.rank == 0:
         Path(path).write_text(json.dumps(records), encoding="utf-8")
@@ -172,9 +157,9 @@ class Processes(Work):
 
     name, title = "processes", "A sphere pressed into a block that processes share"
     columns = """nodes = {nodes:,} | processes = {processes}
-        | nodes of the largest part = {largest:,} | Newton steps = {steps}
-        | CG for a solve = {mean:.1f} | CPU s of a process = {dearest:.1f}
-        | of one process = {ratio:.2f} | wall s = {wall_s:.0f} | MB of a process = {most_mb:.0f}
+        | nodes of the largest part = {largest_own:,} | Newton steps = {steps}
+        | CG for a solve = {mean:.1f} | CPU s of a process = {largest_cpu_s:.1f}
+        | of one process = {ratio:.2f} | wall s = {wall_s:.0f} | MB of a process = {largest_mb:.0f}
         | J = {energy:.12f}"""
 
     def cells(self) -> list[dict]:
@@ -199,13 +184,11 @@ class Processes(Work):
 
     def told(self, records: Sequence[dict]) -> list[dict]:
         """A row for each mesh and number of processes, mesh by mesh."""
-        alone = {r["nodes"]: max(r["cpu_s"]) for r in records if r["processes"] == 1}
+        alone = {r["nodes"]: r["largest_cpu_s"] for r in records if r["processes"] == 1}
         told = []
         for r in sorted(records, key=lambda r: (r["nodes"], r["processes"])):
-            most = {"largest": max(r["own"]), "dearest": max(r["cpu_s"]), "most_mb": max(r["mb"])}
-            if r["nodes"] in alone:
-                most["ratio"] = most["dearest"] / alone[r["nodes"]]
-            told.append(with_means(r) | most)
+            one = alone.get(r["nodes"])
+            told.append(r | {"ratio": one and r["largest_cpu_s"] / one})
         return told
 
     def notes(self, records: Sequence[dict]) -> list[str]:

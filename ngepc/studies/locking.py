@@ -1,7 +1,5 @@
 """Volume locking: cantilever, Prandtl's punch and Cook's membrane by elements of order 1 and 2."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

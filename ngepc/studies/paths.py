@@ -5,8 +5,6 @@ The figures show the end of Algorithm 7.2 at the gamma in their captions: for Ex
 factors of 5, which the caption (1.2e9) allows and the text leaves open.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -26,6 +24,10 @@ from ngepc.studies.examples import FAMILIES, THRESHOLDS, example
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
 from ngepc.studies.work import Work, first_of
 
+PATH = ("outer_iterations", "total_inner_iterations", "inner_iterations", "gamma_end",
+        "path_values", "residual_norms")  # fmt: skip
+"""What is recorded of a path."""
+
 
 def followed(
     study: Work, body: str, nodes: int, options: PathOptions, **more: object
@@ -37,11 +39,6 @@ def followed(
         lambda s: study.progress(f"  {body} gamma {s.gamma:9.4g}: {s.iterations} steps"),
         **more,
     ).or_interrupted()
-
-
-PATH = ("outer_iterations", "total_inner_iterations", "inner_iterations", "gamma_end",
-        "path_values", "residual_norms")  # fmt: skip
-"""What is recorded of a path."""
 
 
 @dataclass(eq=False)
@@ -86,34 +83,24 @@ class Table3(Work):
         there = replace(self.options, gamma_start=path.gamma_end, gamma_end=path.gamma_end)
         direct = follow_path(path.last.problem, there).or_interrupted()
         column, h = FAMILIES["wrench"].index(nodes), mesh_width(path.last.problem.mesh)
+        end = {"iterations": direct.total_inner_iterations, "status": direct.status.label}
+        end |= {"path_value": direct.path_values[-1], "residual_norm": direct.residual_norms[-1]}
+        end["halvings"] = direct.steps[-1].halvings
+        changes, bound = [step.change for step in path.steps], self.options.outer_tolerance * h
         return {
             "h": h,
             "paper": f"{TABLE_3_OUTER[column]}({TABLE_3_INNER[column]})",
             "status": path.status.label,
             **{name: getattr(path, name) for name in PATH},
-            "changes": [step.change for step in path.steps],
-            "outer_bound": self.options.outer_tolerance * h,
-            "direct": {
-                "iterations": direct.total_inner_iterations,
-                "status": direct.status.label,
-                "path_value": direct.path_values[-1],
-                "residual_norm": direct.residual_norms[-1],
-                "halvings": direct.steps[-1].halvings,
-            },
+            "changes": changes,
+            "outer_bound": bound,
+            "last": ", ".join(f"{change / bound:.3f}" for change in changes[-2:] if change),
+            "inner": " ".join(map(str, path.inner_iterations)),
+            "ratio": direct.total_inner_iterations / path.total_inner_iterations,
+            "residual": path.residual_norms[-1],
+            "V": path.path_values[-1],
+            "direct": end,
         }
-
-    def told(self, records: Sequence[dict]) -> list[dict]:
-        """The records with their ends, and the direct solve beside the path."""
-        return [
-            r | {
-                "inner": " ".join(map(str, r["inner_iterations"])),
-                "last": ", ".join(f"{c / r['outer_bound']:.3f}" for c in r["changes"][-2:] if c),
-                "ratio": r["direct"]["iterations"] / r["total_inner_iterations"],
-                "residual": r["residual_norms"][-1],
-                "V": r["path_values"][-1],
-            }
-            for r in records
-        ]  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -193,14 +180,15 @@ class Figures(BothPaths):
         path = followed(self, body, nodes, PATHS[body], checkpoint=store)
         fields, mesh = path.last.fields, path.last.problem.mesh
         strain = corners_of(fields, fields.equivalent_plastic_strain).values
+        zone, whole = Integrate(fields.plastic_zone(THRESHOLDS[body]), mesh), Integrate(1.0, mesh)
         numbers = {
             "gamma": path.gamma_end,
             "status": path.status.label,
             "residual_norm": path.residual_norms[-1],
             "inner_iterations": path.inner_iterations,
+            "iterations": path.total_inner_iterations,
             "plastic_strain_max": float(strain.max()),
-            "zone_area": Integrate(fields.plastic_zone(THRESHOLDS[body]), mesh),
-            "body_area": Integrate(1.0, mesh),
+            **{"zone_area": zone, "body_area": whole, "zone": zone / whole},
         }
         found = []
         for number in (n for n, (of, *_) in FIGURES.items() if of == body):
@@ -208,13 +196,6 @@ class Figures(BothPaths):
             save_figure(drawn(number, path.last), self.folder / file)
             found.append({"figure": number, "file": file, "shows": FIGURES[number][2], **numbers})
         return found
-
-    def told(self, records: Sequence[dict]) -> list[dict]:
-        """The records with all Newton steps and the part of the body that yields."""
-        return [
-            r | {"iterations": sum(r["inner_iterations"]), "zone": r["zone_area"] / r["body_area"]}
-            for r in records
-        ]
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """The pictures that ``solve`` has drawn."""

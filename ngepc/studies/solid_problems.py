@@ -1,7 +1,5 @@
 """Published problems of solids: material points and limit loads."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

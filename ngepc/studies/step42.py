@@ -6,8 +6,6 @@ touches within a radius of 0.1: equal cells of width 1/8 have one node there.  S
 body that symmetry leaves is meshed towards the contact zone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -102,9 +100,13 @@ class Step42(Work):
             graded = quarter_cube.mesh(cells, simplices=mesh == "tetrahedra")
             problem = step42_problem(equal_cells(cells) if mesh == OWN else graded)
             result, found = timed(solved_by, method, problem)
-        forces = result.nodal_contact_forces
+        forces, nodes = result.nodal_contact_forces, result.problem.mesh.nv
+        label = OWN if mesh == OWN else f"{cells}^3 cells on the quarter, {mesh}"
+        if mesh == REFINED:
+            label = f"{2 * cells}^3 equal cells on the whole body, {3 * nodes:,} unknowns"
         return found | {
-            "nodes": result.problem.mesh.nv,
+            "label": label,
+            "nodes": nodes,
             "energy": 4 * result.primal_energy,
             "contact_force": 4 * result.contact_force,
             "peak_pressure": float((forces / result.rows.weights).max()),
@@ -112,15 +114,12 @@ class Step42(Work):
         }
 
     def told(self, records: Sequence[dict]) -> list[dict]:
-        """The records with what meshes are called and the change of F from the coarser one."""
+        """The records with the change of F from the next coarser mesh."""
         told, before = [], {}
         for r in records:
-            n, force = r["cells"], r["contact_force"]
-            label = OWN if r["mesh"] == OWN else f"{n}^3 cells on the quarter, {r['mesh']}"
-            if r["mesh"] == REFINED:
-                label = f"{2 * n}^3 equal cells on the whole body, {3 * r['nodes']:,} unknowns"
+            force = r["contact_force"]
             family = (r["mesh"].removesuffix(", refined"), r["method"])
             change = abs(force / before[family] - 1) if family in before else None
-            told.append(r | {"label": label, "change": change})
+            told.append(r | {"change": change})
             before[family] = force
         return told

@@ -1,7 +1,5 @@
 """What all studies share: cells kept on disk, so that work survives Ctrl-C, and written tables."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re
@@ -16,6 +14,9 @@ import numpy as np
 from ngepc.results import checkpoint
 from ngepc.results.files import check_folder
 from ngepc.results.records import provenance, to_json, write_text
+
+FORM = 2
+"""Grows with what studies say in their records: cells of another one are refused."""
 
 
 @dataclass(eq=False)
@@ -93,7 +94,7 @@ class Work(ABC):
 
     def kept(self, cell: Mapping) -> list[dict]:
         """The stored records of a cell, or those that ``solve`` gives, which are then stored."""
-        about = {"study": self.name, "ngepc": provenance()["version"], **cell}
+        about = {"study": self.name, "form": FORM, "ngepc": provenance()["version"], **cell}
         path = self.path_of(cell)
         if self.keeps:
             check_folder(path.parent)

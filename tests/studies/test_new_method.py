@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngepc import semismooth_newton
+from ngepc import PyAMG, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.geometries import block
 from ngepc.studies.counts import BLOCKS, NewtonCounts, problem_of
 from ngepc.studies.examples import nested, timed
-from ngepc.studies.large import ever_finer, indented_block
+from ngepc.studies.large import indented_block, solved_in_a_row
 from ngepc.studies.locking import KINDS, Locking, cantilever, deflection, solve_with
 
 
@@ -35,8 +35,9 @@ def test_blocks_have_the_nodes_they_are_called_by():
 
 def test_meshes_in_a_row_are_those_of_the_indented_block():
     """Copies forget where tetrahedra are to be bisected next, with as many nodes elsewhere."""
-    *_, fine = ever_finer(block.mesh(maxh=0.4), 2)
-    places = (np.array(mesh.ngmesh.Coordinates()) for mesh in (fine, indented_block(2).mesh))
+    *_, (fine, _) = solved_in_a_row(block.mesh(maxh=0.4), 2, 0.1, PyAMG())
+    meshes = (fine.problem.mesh, indented_block(2).mesh)
+    places = (np.array(mesh.ngmesh.Coordinates()) for mesh in meshes)
     assert np.array_equal(*places)
 
 
