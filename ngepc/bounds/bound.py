@@ -28,7 +28,7 @@ from ngepc.local.factors import Factors
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import Problem
-from ngepc.results.exact import DiscreteSolution
+from ngepc.results.result import DiscreteSolution
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,10 +34,9 @@ from ngepc.evolution.result import (
 )
 from ngepc.model.given import require_without
 from ngepc.model.problem import Problem
-from ngepc.results.exact import DiscreteSolution
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Status
-from ngepc.results.result import Result
+from ngepc.results.result import DiscreteSolution, Result
 
 log = logging.getLogger(__name__)
 

@@ -48,10 +48,6 @@ class Meeting(NamedTuple):
     forces: np.ndarray
     gaps: np.ndarray
 
-    def towards(self, other: Meeting, t: float) -> Meeting:
-        """A part of the way to another one."""
-        return Meeting(*(a + t * (b - a) for a, b in zip(self, other, strict=True)))
-
 
 class InexactTarget:
     """Newton's model, minimised as exactly as the distance to the solution deserves.
@@ -62,7 +58,8 @@ class InexactTarget:
 
     def __init__(self, discrete: DiscreteProblem, forcing: float, tolerance: float) -> None:
         self._forcing, self._tolerance, self._before = forcing, tolerance, 0.0
-        self._compliance, self._contact = discrete.compliance(), discrete.contact
+        self._frame, self._contact = discrete, discrete.contact
+        self._compliance = discrete.compliance()
         free, tangential = discrete.free.ravel(), discrete.rows.tangential
         moved = np.asarray(abs(tangential[:, np.flatnonzero(free)]).sum(axis=1)).ravel()
         self._movable = (moved > HELD).reshape(discrete.rows.tangents.shape[:2])
@@ -96,76 +93,65 @@ class InexactTarget:
     def _sets(
         self, here: State, tangent: IterativeTangent, accuracy: float
     ) -> tuple[Meeting, bool]:
-        """Contact and friction by active sets: the best found, and whether it is the solution."""
+        """Contact and friction by active sets: the best found, and whether it is the solution.
+
+        Each set minimises Newton's model with these closed rows, friction linearised at what was
+        found last; the linear systems leave ``scale`` of the forces.
+        """
         contact, processes = self._contact, self._contact.processes
-        rough = contact.friction.d > 0
-        scale = accuracy * here.residual_norm * here.force_scale if rough else 0.0
+        scale = accuracy * here.residual_norm * here.force_scale if contact.friction.d else 0.0
         at = Meeting(np.zeros(here.u.size), here.contact, here.gaps)
-        active, touching = here.multipliers > 0, here.touching_distance
-        if not processes.any(active):
-            active = here.open_gap < 0
-        active |= contact.rows.tied
+        active = here.multipliers > 0
+        active = (active if processes.any(active) else here.open_gap < 0) | contact.rows.tied
+        out_of_balance = (here.frame.load - here.internal_forces).ravel()
         for number in range(SETS):
             c = SOFT[number // PATIENCE % len(SOFT)] * here.discrete.row_stiffness
-            found, scale = self._solved(here, tangent, at, active, c, accuracy, scale)
-            at, length = self._shortened(at, found, c) if number else (found, 1.0)
+            closed = processes.together(partial(self._closed, active, at.forces - c * at.gaps, c))
+            multiply = closed.stiffened(tangent.multiply)
+            fixed = closed.moved(here.gaps[closed.numbers])
+            loads = out_of_balance - closed.slipping(here.gaps)
+            right, start = (
+                closed.project(loads - multiply(fixed)),
+                closed.project(at.change - fixed),
+            )
+            scale = scale or accuracy * processes.norm(right)
+            change = fixed + tangent.minimise(closed, right, start, scale)
+            gaps = here.gaps - contact.matrix @ change
+            found = Meeting(change, closed.forces(loads - multiply(change), gaps), gaps)
+            at, whole = self._shortened(at, found, c) if number else (found, True)
             pressing = contact.normal(at.forces - c * at.gaps)
-            closes = pressing > np.where(active, 0.0, contact.normal(c) * touching)
-            closes |= contact.rows.tied
-            settled = length == 1 and self._defect(at, c) <= scale
+            rounding = contact.normal(c) * here.touching_distance
+            closes = (pressing > np.where(active, 0.0, rounding)) | contact.rows.tied
+            settled = whole and self._defect(at, c) <= scale
             if settled and not processes.any(closes != active):
                 return at, True
             active = closes
         return at, False
 
-    def _solved(
-        self,
-        here: State,
-        tangent: IterativeTangent,
-        at: Meeting,
-        active: np.ndarray,
-        c: np.ndarray,
-        accuracy: float,
-        scale: float,
-    ) -> tuple[Meeting, float]:
-        """Newton's model with these closed rows, friction linearised at what was found last.
+    def _closed(self, active: np.ndarray, y: np.ndarray, c: np.ndarray) -> Closed:
+        """Closed rows, and what they do along their tangents by the trial forces y = x - c g."""
+        contact, rubbing = self._contact, None
+        if contact.friction.d:
+            along = contact.tangential(c)[:, 0]
+            rubbing = Rubbing.by(contact.friction, active, self._movable, y, along)
+        return Closed(self._frame, active, rubbing)
 
-        And the norm of forces that is left, ``scale`` or, if it is zero, a part of those here.
-        """
-        discrete, rubbing = here.discrete, self._rubbing(active, at.forces - c * at.gaps, c)
-        closed = self._contact.processes.together(partial(Closed, discrete, active, rubbing))
-        multiply = closed.stiffened(tangent.multiply)
-        fixed = closed.moved(here.gaps[closed.numbers])
-        loads = (discrete.load - here.internal_forces).ravel() - closed.slipping(here.gaps)
-        right, start = closed.project(loads - multiply(fixed)), closed.project(at.change - fixed)
-        scale = scale or accuracy * self._contact.processes.norm(right)
-        change = fixed + tangent.minimise(closed, right, start, scale)
-        gaps = here.gaps - self._contact.matrix @ change
-        return Meeting(change, closed.forces(loads - multiply(change), gaps), gaps), scale
-
-    def _shortened(self, at: Meeting, found: Meeting, c: np.ndarray) -> tuple[Meeting, float]:
-        """The step that lowers the defect, and its length; all of it where none does.
+    def _shortened(self, at: Meeting, found: Meeting, c: np.ndarray) -> tuple[Meeting, bool]:
+        """The step that lowers the defect, and whether it is whole, as it is where none does.
 
         All on the way is in balance, so that no length costs a solve.
         """
-        before, length = self._defect(at, c), 1.0
+        before, nearer, length = self._defect(at, c), found, 1.0
         while length > SHORTEST:
-            nearer = found if length == 1 else at.towards(found, length)
             if self._defect(nearer, c) < before:
-                return nearer, length
+                return nearer, length == 1
             length /= 2
-        return found, 1.0
+            nearer = Meeting(*(a + length * (b - a) for a, b in zip(at, found, strict=True)))
+        return found, True
 
     def _defect(self, at: Meeting, c: np.ndarray) -> float:
         defect = self._contact.defect(at.forces, c * at.gaps)[self._contact.own]
         return float(np.sqrt(self._contact.processes.total(float(defect @ defect))))
-
-    def _rubbing(self, active: np.ndarray, y: np.ndarray, c: np.ndarray) -> Rubbing | None:
-        """What closed rows do by the trial forces y = x - c g; None without friction."""
-        if not self._contact.friction.d:
-            return None
-        tangents = self._contact.tangential(c)[:, 0]
-        return Rubbing.by(self._contact.friction, active, self._movable, y, tangents)
 
     def _secants(
         self, here: State, tangent: IterativeTangent, accuracy: float, at: Meeting | None

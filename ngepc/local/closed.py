@@ -43,19 +43,17 @@ class Rubbing:
     ) -> Rubbing:
         """The linearised law of closed rows at y = x - c g; c is (m,), free tangents (m, d)."""
         slips, e, b, size, grows = cone.slipping(y)
+        moves = (active & slips)[:, None] * e
         turns = (active & slips)[:, None, None] * orthogonal(e)
         stiff = b * c / np.maximum(size - b, np.maximum(b / STIFFEST, np.finfo(float).tiny))
-        blocks = stiff[:, None, None] * turns
-        rows, moves = len(b), (active & slips)[:, None] * e
-        size = (blocks.shape[0] * blocks.shape[1],) * 2
-        k = bsr_matrix((blocks, np.arange(rows), np.arange(rows + 1)), shape=size).tocsr()
+        blocks = stiff[:, None, None] * turns, np.arange(len(b)), np.arange(len(b) + 1)
         sticks = (active & ~slips)[:, None] & free
+        k = bsr_matrix(blocks, shape=(moves.size,) * 2).tocsr()
         return cls(sticks, np.where(grows > 0, 0.0, b)[:, None] * moves, grows[:, None] * moves, k)
 
-    def forces(self, n: np.ndarray, slip: np.ndarray) -> np.ndarray:
-        """Tangential forces of the rows that slip (m, d)."""
-        turned = (self.stiffness @ slip.ravel()).reshape(slip.shape)
-        return self.bound + self.slant * n[:, None] + turned
+    def forces(self, n: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+        """Tangential forces of the rows that slip (m d,), from the gaps of all rows."""
+        return (self.bound + self.slant * n[:, None]).ravel() - self.stiffness @ gaps[len(n) :]
 
 
 class Closed:
@@ -104,9 +102,7 @@ class Closed:
         """Nodal forces of the rows that slip, without their normal forces and further slip."""
         if self._rubbing is None:
             return np.zeros(len(self.free))
-        m, d = self._rubbing.slant.shape
-        given = self._rubbing.forces(np.zeros(m), -gaps[m:].reshape(m, d))
-        return self._tangential.T @ given.ravel()
+        return self._tangential.T @ self._rubbing.forces(np.zeros(len(self._rubbing.slant)), gaps)
 
     def forces(self, imbalance: np.ndarray, gaps: np.ndarray) -> np.ndarray:
         """The forces of all rows with these gaps: those held balance nodal forces best."""
@@ -114,8 +110,8 @@ class Closed:
         if self.rows.shape[0]:
             x[self.numbers] = self._gram.solve(self.rows @ imbalance)
         if self._rubbing is not None:
-            m, d = self._rubbing.slant.shape
-            x[m:] += self._rubbing.forces(x[:m], -gaps[m:].reshape(m, d)).ravel()
+            m = len(self._rubbing.slant)
+            x[m:] += self._rubbing.forces(x[:m], gaps)
         return x
 
     def project(self, x: np.ndarray) -> np.ndarray:

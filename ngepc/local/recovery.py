@@ -12,7 +12,6 @@ from ngsolve import L2, GridFunction
 
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.law import SOFTEST
-from ngepc.discretisation.points import Elements
 from ngepc.local.result import ExactResult
 from ngepc.model.elements import element_numbers
 
@@ -44,8 +43,6 @@ def error_indicators(result: ExactResult) -> GridFunction:
     if points.order > 1:
         raise ValueError(f"order={points.order}: error_indicators needs order 1")
     stress = np.column_stack([law.bulk * state.volume, law.stress(state.at)])
-    moduli = np.repeat(law.two_mu[:, None], stress.shape[1], axis=1)
-    moduli[:, 0] = law.bulk
     around = np.zeros((mesh.nv, 1 + stress.shape[1]))
     given = points.weights[:, None] * np.column_stack([np.ones(len(points)), stress])
     for block in points.blocks:
@@ -59,17 +56,15 @@ def error_indicators(result: ExactResult) -> GridFunction:
     indicators = GridFunction(L2(mesh, order=0), name="error_indicators")
     values = indicators.vec.FV().NumPy()
     for numbers, block in zip(element_numbers(mesh), points.blocks, strict=True):
-        places, source = (block.shapes, block.points) if len(block.shapes) > 1 else inside(block)
-        left = np.einsum("pk,ekc->epc", places, recovered[block.nodes]) - stress[source]
-        along = np.einsum("epd,epd->ep", left[:, :, 1:], state.at.direction[source])
-        density = (left**2 / moduli[source]).sum(axis=2) + soft[source] * along**2
-        weights = points.weights[source] * block.points.shape[1] / len(places)
+        places, at = block.shapes, block.points
+        if len(places) == 1:  # a rule of degree two for simplices, whose one stress is constant
+            k = block.nodes.shape[1]
+            share = (1 - (k + 1) ** -0.5) / k
+            places, at = share + (1 - k * share) * np.eye(k), np.repeat(at, k, axis=1)
+        left = np.einsum("pk,ekc->epc", places, recovered[block.nodes]) - stress[at]
+        along = np.einsum("epd,epd->ep", left[:, :, 1:], state.at.direction[at])
+        density = left[:, :, 0] ** 2 / law.bulk[at] + soft[at] * along**2
+        density += (left[:, :, 1:] ** 2).sum(axis=2) / law.two_mu[at]
+        weights = points.weights[at] * block.points.shape[1] / len(places)
         values[numbers] = 0.5 * (weights * density).sum(axis=1)
     return indicators
-
-
-def inside(block: Elements) -> tuple[np.ndarray, np.ndarray]:
-    """Barycentric coordinates of a rule of degree two on simplices, and their one point."""
-    k = block.nodes.shape[1]
-    share = (1 - (k + 1) ** -0.5) / k
-    return share + (1 - k * share) * np.eye(k), np.repeat(block.points, k, axis=1)

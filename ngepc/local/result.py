@@ -10,7 +10,7 @@ from ngsolve import GridFunction
 from ngepc.discretisation.points import Moduli, PointFunctions
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.results.exact import DiscreteSolution
+from ngepc.results.result import DiscreteSolution
 
 
 class ExactResult(DiscreteSolution):

@@ -25,9 +25,10 @@ from ngepc.discretisation.points import interpolated
 from ngepc.linalg.direct import require_solver
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.primal.energy import PrimalState, ReducedEnergy
-from ngepc.results.exact import DiscreteSolution
+from ngepc.results.fields import frobenius
 from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import Monitor
+from ngepc.results.result import DiscreteSolution
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +62,13 @@ class PrimalResult(DiscreteSolution):
 
     state: PrimalState
     method_label = "exact (primal)"
+
+    @cached_property
+    def largest_strain(self) -> float:
+        """The largest |eps(u)| at the points."""
+        mesh, rules = self.problem.mesh, self.state.reduced.rules
+        points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
+        return self.problem.processes.most(np.asarray(frobenius(self.strain)(points)))
 
     @cached_property
     def dual_energy(self) -> float:

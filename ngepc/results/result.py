@@ -1,16 +1,31 @@
-"""What every solver gives back: quantities, forces, energies, and how the run ended."""
+"""What solvers give back: quantities, forces, energies, contact, and what a user must know."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from html import escape
+from typing import Any
 
 import numpy as np
-from ngsolve import CoefficientFunction
+from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
 
+from ngepc.discretisation.rows import ContactRows
+from ngepc.model.elements import vertex_coordinates
+from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
 from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.fields import Fields, Quantities
-from ngepc.results.outcome import Ending, History
+from ngepc.results.outcome import Ending, History, Status
+
+FEW_FACETS = 4
+"""Fewer facets in contact do not resolve a contact zone."""
+
+SLIPPING = 1e-10
+"""Part of the largest displacement above which a row that touches has slipped."""
+
+SMALL_STRAIN = 0.1
+"""Largest |eps(u)| at the points that small-strain kinematics is meant for."""
 
 
 class Result(Quantities, Ending):
@@ -60,16 +75,14 @@ class Result(Quantities, Ending):
 
     def summary(self) -> dict[str, str]:
         """What a user must know of a result: name -> text."""
-        problem = self.problem
-        kinematics, mesh = problem.kinematics.name, problem.mesh
-        elements = problem.processes.total(mesh.ne)
+        problem, mesh = self.problem, self.problem.mesh
+        size = f"{nodes_of(mesh)} nodes, {problem.processes.total(mesh.ne)} elements"
         rows = {
             "status": str(self.status),
             "method": self.method_label,
             "Newton steps": str(self.iterations),
             "residual": f"{self.residual_norm:.2g}",
-            "body": f"{nodes_of(mesh)} nodes, {elements} elements, order {problem.order}, "
-            f"{kinematics}",
+            "body": f"{size}, order {problem.order}, {problem.kinematics.name}",
             "energy J": f"{self.primal_energy:.10g}",
         }
         if problem.touching_names:
@@ -84,9 +97,199 @@ class Result(Quantities, Ending):
         return f"<{type(self).__name__}: {', '.join(texts)}>"
 
     def _repr_html_(self) -> str:
+        left = "style='text-align:left'"
         cells = "".join(
-            f"<tr><th style='text-align:left'>{escape(name)}</th>"
-            f"<td style='text-align:left'>{escape(text)}</td></tr>"
+            f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(text)}</td></tr>"
             for name, text in self.summary().items()
         )
         return f"<table>{cells}</table>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DiscreteSolution(Result):
+    """What both exact methods tell of a solution with contact rows, there whatever the status.
+
+    They have ``largest_strain`` besides, the largest |eps(u)| at the points.
+    """
+
+    state: Any  # the last iterate: displacements and forces of the rows, and what follows
+    status: Status
+    ending: str  # a sentence about how the run ended, empty if it converged
+    history: History
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that was solved."""
+        return self.state.frame.problem
+
+    @property
+    def rows(self) -> ContactRows:
+        """The contact conditions N u <= gaps."""
+        return self.state.frame.contact.rows
+
+    @cached_property
+    def displacement(self) -> GridFunction:
+        """u (length)."""
+        return self.state.frame.supports.function(self.state.u)
+
+    @property
+    def residual_norm(self) -> float:
+        """Relative norm of the forces out of balance and of what contact leaves."""
+        return self.state.residual_norm
+
+    @property
+    def residual_rounding(self) -> float:
+        """What rounding leaves of ``residual_norm``: a smaller tolerance cannot be met."""
+        return self.state.rounding
+
+    @property
+    def primal_energy(self) -> float:
+        """J(u, p) of (2.14), with int F |slip| where there is friction (force times length)."""
+        return self.state.energy
+
+    @cached_property
+    def equilibrium(self) -> Equilibrium:
+        """Nodal forces of loads, obstacles and supports."""
+        state, frame = self.state, self.state.frame
+        others = {p: -f.T for p, f in frame.contact.roller_forces(state.contact).items()}
+        contact = -state.contact_forces.T - sum(others.values(), np.zeros(frame.load.T.shape))
+        for place in frame.supports.springs:
+            others[place] = others.get(place, 0.0) - frame.supports.pull(state.u, place).T
+        forces = frame.load.T, contact, state.missing.T
+        return Equilibrium(self.problem, *forces, frame.free.T, others)
+
+    @property
+    def yield_excess(self) -> CoefficientFunction:
+        """|p| of this step: positive where the body yields, the plastic active set."""
+        return Norm(self.plastic_increment)
+
+    @property
+    def nodal_contact_forces(self) -> np.ndarray:
+        """Force >= 0 of each contact row, positive in compression, shape (m,)."""
+        return self.state.multipliers
+
+    @property
+    def nodal_friction_forces(self) -> np.ndarray:
+        """Tangential forces of the body on the obstacle at each row, shape (m, N - 1)."""
+        return self.state.tangential_forces
+
+    @property
+    def nodal_slip(self) -> np.ndarray:
+        """What each row has slipped in this step (length), rounding where it sticks, (m, N - 1)."""
+        return self.state.slip
+
+    @property
+    def open_gap(self) -> np.ndarray:
+        """gaps - N u of each contact row (length), shape (m,)."""
+        return self.state.open_gap
+
+    @property
+    def penetration(self) -> float:
+        """The deepest penetration of a contact row (length), rounding for a solution."""
+        return self.state.penetration
+
+    @property
+    def pressing(self) -> np.ndarray:
+        """``nodal_contact_forces`` without those of tied rows, shape (m,)."""
+        return np.where(self.rows.tied, 0.0, self.nodal_contact_forces)
+
+    @property
+    def contact_force(self) -> float:
+        """Resultant of the normal contact pressure, positive in compression (force)."""
+        return float(self.state.frame.contact.sum_of(self.pressing))
+
+    @cached_property
+    def contact_pressure(self) -> GridFunction:
+        """Contact forces over the area that belongs to them (stress), positive in compression.
+
+        Draw it on the contact boundary; inside the body it is the P1 extension and means nothing.
+        """
+        return self._density("contact_pressure", self.pressing[:, None])
+
+    @property
+    def friction_force(self) -> tuple[float, ...]:
+        """Resultant of the friction on the body, N components (force)."""
+        return tuple(self.state.frame.contact.sum_of(self._friction_on_body).tolist())
+
+    @cached_property
+    def friction_stress(self) -> GridFunction:
+        """Friction on the body over the area that belongs to it (stress), N components, P1."""
+        return self._density("friction_stress", self._friction_on_body)
+
+    @property
+    def _friction_on_body(self) -> np.ndarray:
+        """Friction of the obstacle on the body at each row, shape (m, N)."""
+        return -np.einsum("md,mdj->mj", self.nodal_friction_forces, self.rows.tangents)
+
+    def _density(self, name: str, forces: np.ndarray) -> GridFunction:
+        """Forces of the rows, shape (m, components), over the area that belongs to them, P1."""
+        rows, mesh, components = self.rows, self.problem.mesh, forces.shape[1]
+        space = H1(mesh, order=1) if components == 1 else VectorH1(mesh, order=1)
+        density, area = GridFunction(space, name=name), np.zeros(mesh.nv)
+        np.add.at(area, rows.vertices, rows.weights)
+        values = density.vec.FV().NumPy().reshape(components, mesh.nv)
+        np.add.at(values.T, rows.vertices, forces)
+        values /= np.where(area > 0, area, 1.0)
+        return density
+
+    @cached_property
+    def sliding(self) -> GridFunction:
+        """1 at vertices that touch the obstacle and slip, without friction all that touch; P1."""
+        least = SLIPPING * self.problem.processes.most(np.abs(self.state.u))
+        slips = np.linalg.norm(self.nodal_slip, axis=1) > least
+        slips |= self.problem.friction is None
+        sliding = GridFunction(H1(self.problem.mesh, order=1), name="sliding")
+        sliding.vec.FV().NumPy()[self.rows.vertices[slips & (self.pressing > 0)]] = 1.0
+        return sliding
+
+    @property
+    def contact_area(self) -> float:
+        """Area that belongs to the rows with a contact force."""
+        return self.state.frame.contact.area(self.pressing > 0)
+
+    @cached_property
+    def contact_facets(self) -> int:
+        """Number of contact facets all of whose vertices are pressed."""
+        pressed = set(self.rows.vertices[self.pressing > 0].tolist())
+        facets = self.problem.mesh.Boundaries("|".join(self.problem.touching_names)).Elements()
+        here = sum(pressed.issuperset(vertex.nr for vertex in f.vertices) for f in facets)
+        return self.problem.processes.total(here)
+
+    @property
+    def undetermined_motions(self) -> int:
+        """Number of rigid motions of floating parts that no contact force rules out, 0 mostly."""
+        return self.state.frame.floating.undetermined(self.state.contact)
+
+    @cached_property
+    def message(self) -> str:
+        """How the run ended, and what a user must know of the solution."""
+        seen = [] if self.status is Status.UNHELD else self._observations()
+        return " ".join(filter(None, (self.ending, *seen)))
+
+    def _observations(self) -> list[str]:
+        found, processes, rows = [], self.problem.processes, self.rows
+        touching = int(self.state.frame.contact.sum_of(self.pressing > 0))
+        places = vertex_coordinates(self.problem.mesh)[rows.vertices].tolist()
+        gaps = np.where(rows.tied, np.inf, self.open_gap).tolist()
+        gap, place = min(processes.all(min(zip(gaps, places, strict=True), default=(np.inf, []))))
+        if np.isfinite(gap) and not touching:
+            found.append(
+                f"Nothing touches the obstacle: the smallest gap left is {gap:.3g}"
+                f" at {tuple(float(f'{c:.4g}') for c in place)}."
+            )
+        elif touching and self.contact_facets < FEW_FACETS:
+            found.append(
+                f"Only {self.contact_facets} whole facets ({touching} nodes) are in contact: "
+                "refine the contact boundary before you trust pressures."
+            )
+        if self.status.is_success and (loose := self.undetermined_motions):
+            found.append(
+                f"{loose} rigid motion(s) of a part that contact alone holds are not determined: "
+                "its place is one of many, stresses are not concerned."
+            )
+        if self.largest_strain > SMALL_STRAIN:
+            found.append(
+                f"Strains reach {self.largest_strain:.2g}: small-strain kinematics is meant for "
+                f"less than {SMALL_STRAIN:g}."
+            )
+        return found

@@ -13,7 +13,7 @@ from ngepc.geometries.published import half_block, roller_on_block, rounded_bloc
 from ngepc.model.material import Material
 from ngepc.model.places import Contact, Coulomb
 from ngepc.model.problem import Problem
-from ngepc.results.exact import DiscreteSolution
+from ngepc.results.result import DiscreteSolution
 from ngepc.studies.solid_problems import ELASTIC, Quantity, Solved, metal
 from ngepc.studies.step42 import equal_cells, step42_problem
 
