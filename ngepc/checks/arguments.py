@@ -27,7 +27,7 @@ SCALAR: Shapes = ((),)
 ELEMENT_TYPES = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD), 3: (ET.TET, ET.HEX, ET.PRISM)}
 """Element shapes by dimension."""
 
-_REGEX_SIGNS = frozenset("\\^$.*+?()[]{}|")
+_PATTERN = frozenset("\\^$.*+?()[]{}|")  # signs that NGSolve does not take for themselves
 
 
 def is_number(value: object) -> bool:
@@ -136,11 +136,9 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
         if part not in known:
             legal = ", ".join(map(repr, known))
             raise ValueError(f"{asked}there is no boundary {part!r}; this mesh has {legal}")
-        if _REGEX_SIGNS & set(part):
-            raise ValueError(
-                f"{asked}the name {part!r} has one of the signs {''.join(sorted(_REGEX_SIGNS))}, "
-                "which NGSolve reads as a pattern: rename it"
-            )
+        if _PATTERN & set(part):
+            signs = "".join(sorted(_PATTERN))
+            raise ValueError(f"{asked}the name {part!r} has one of the signs {signs}: rename it")
     if not parts:
         raise ValueError(f"{asked}at least one boundary name is needed")
     return tuple(dict.fromkeys(parts))
@@ -166,11 +164,18 @@ def sample(
     return found.reshape(len(points), math.prod(found.shape[1:]))
 
 
-def require_finite(
-    name: str, value: Coefficient, mesh: Mesh, boundaries: Names = None, **how: float
+def require_field(
+    name: str, value: object, mesh: Mesh, boundaries: Names = None, **how: object
 ) -> np.ndarray:
-    """The samples of ``value``, with ``corners`` at vertices too: ``require_in`` for the rest."""
-    where, corners = "|".join(boundaries or ["the body"]), how.pop("corners", False)
+    """The samples of a coefficient with one of ``shapes``, with ``corners`` at vertices too.
+
+    ``how`` has these, a scalar and False if not, and the range of ``require_in``; of shapes None
+    accepts what was checked before.
+    """
+    shapes, corners = how.pop("shapes", SCALAR), how.pop("corners", False)
+    where = "|".join(boundaries or ["the body"])
+    if shapes is not None:
+        require_coefficient(name, value, shapes)
     try:
         samples = sample(value, mesh, boundaries)
         if corners:
@@ -184,22 +189,12 @@ def require_in(
     name: str, samples: np.ndarray, where: str, least: float = -inf, *, strict: bool = False
 ) -> np.ndarray:
     """Refuse samples, (points, components), that are not finite, < ``least`` or, ``strict``, =."""
-    wrong = ~np.isfinite(samples).all(axis=1)
-    if wrong.any():
-        raise ValueError(
-            f"{name} is NaN or infinite at {np.count_nonzero(wrong)} "
-            f"of {len(samples)} sampled points of {where}: finite values are needed"
-        )
+    wrong = np.count_nonzero(~np.isfinite(samples).all(axis=1))
+    if wrong:
+        at = f"{wrong} of {len(samples)} sampled points of {where}"
+        raise ValueError(f"{name} is NaN or infinite at {at}: finite values are needed")
     found = float(samples.min(initial=inf))
     if found < least or (strict and found == least):
         sign = ">" if strict else ">="
         raise ValueError(f"{name} falls to {found:g}: values {sign} {least:g} are needed")
     return samples
-
-
-def require_field(
-    name: str, value: object, mesh: Mesh, boundaries: Names = None, **how: object
-) -> np.ndarray:
-    """``require_coefficient`` with its ``shapes``, and ``require_finite``; returns the samples."""
-    require_coefficient(name, value, how.pop("shapes", SCALAR))
-    return require_finite(name, value, mesh, boundaries, **how)

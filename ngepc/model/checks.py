@@ -19,7 +19,6 @@ from ngepc.checks.arguments import (
     require_components,
     require_datum,
     require_field,
-    require_finite,
     require_in,
     sample,
 )
@@ -49,7 +48,7 @@ def _check_data(problem: Given) -> None:
     check_shared(problem)
     if problem.body_force is not None:
         f = require_components("body_force", problem.body_force, problem.N)
-        require_finite("body_force", f, problem.mesh)
+        require_field("body_force", f, problem.mesh, shapes=None)
     check_contact(problem)
     check_friction(problem)
     check_history(problem)
@@ -71,23 +70,16 @@ def check_mesh(mesh: Mesh) -> None:
     """A mesh in two or three dimensions with elements of positive size, all oriented alike."""
     require_mesh("mesh", mesh)
     if mesh.comm.size > 1:
-        raise ValueError(
-            f"mesh is distributed by NGSolve over {mesh.comm.size} processes: ngepc.distribute is "
-            "needed"
-        )
+        raise ValueError(f"mesh is on {mesh.comm.size} processes: ngepc.distribute is needed")
     nodes = element_nodes(mesh)
     if len(nodes) == 0:
         raise ValueError("mesh has no elements: a mesh of the body is needed")
     if (nodes[:, 2**mesh.dim :] >= 0).any():
-        raise ValueError(
-            "mesh has elements of second order: leave SecondOrder() out (mesh.Curve bends elements)"
-        )
+        raise ValueError("mesh has elements of second order: mesh.Curve() in place is needed")
     strange = set((nodes >= 0).sum(axis=1).tolist()) - {k for N, k in SHAPES if mesh.dim == N}
     if strange:
-        raise ValueError(
-            f"mesh has elements with {min(strange)} corners: triangles, quadrilaterals, "
-            "tetrahedra, prisms or hexahedra are needed"
-        )
+        legal = "triangles, quadrilaterals, tetrahedra, prisms or hexahedra are needed"
+        raise ValueError(f"mesh has elements with {min(strange)} corners: {legal}")
     determinant = Det(specialcf.JacobianMatrix(mesh.dim))
     size = sample(determinant, mesh)
     if not np.isfinite(size).all() or np.abs(size).min() <= 1e-14 * np.abs(size).max():
@@ -105,9 +97,9 @@ def check_material(problem: Given) -> None:
     require_instance("material", material, Material, "a Material")
     for name, check in declared_checks(Material).items():
         if check.func is require_datum:
-            require_finite(name, getattr(material, name), mesh, **check.keywords)
+            require_field(name, getattr(material, name), mesh, **check.keywords)
     bulk = N * material.lame_lambda + 2 * material.lame_mu
-    bulk = require_finite(f"{N} lame_lambda + 2 lame_mu", bulk, mesh).min()
+    bulk = require_field(f"{N} lame_lambda + 2 lame_mu", bulk, mesh, shapes=None).min()
     if bulk <= 0:
         raise ValueError(
             f"lame_lambda={material.lame_lambda!r}: the elasticity is not elliptic, "
@@ -116,7 +108,7 @@ def check_material(problem: Given) -> None:
     if material.law is not None:
         check_law(material.law, mesh)
     name = "the hardening h = k + (H sigma_y)^2 k_1"
-    h = require_finite(name, material.effective_hardening, mesh).min()
+    h = require_field(name, material.effective_hardening, mesh, shapes=None).min()
     if h <= 0 and material.law is None:
         raise ValueError(
             f"{name} falls to {h:g}: > 0 is needed, "
@@ -124,20 +116,16 @@ def check_material(problem: Given) -> None:
         )
     radii = np.asarray(mesh.ngmesh.Coordinates())[:, 0]
     if problem.kinematics.hoop and radii.min() < -1e-12 * np.abs(radii).max():
-        raise ValueError(
-            f'kinematics="axisymmetric": the mesh reaches to x = {radii.min():g}, radii x >= 0 are '
-            "needed"
-        )
+        reach = f"the mesh reaches to x = {radii.min():g}, radii x >= 0 are needed"
+        raise ValueError(f'kinematics="axisymmetric": {reach}')
 
 
 def check_places(problem: Given) -> None:
     """Existing places for all that acts, each once, none of them clamped, nor contact."""
     named = {"contact": problem.contact_names}
     for argument in ACTING:
-        given, legal = (
-            getattr(problem, argument),
-            boundary_names if argument == "pressure" else places,
-        )
+        given = getattr(problem, argument)
+        legal = boundary_names if argument == "pressure" else places
         if given is not None:
             require_instance(argument, given, Mapping, "a mapping of boundary name -> value")
         named[argument] = [p for key in given or {} for p in legal(argument, key, problem.mesh)]
@@ -145,11 +133,10 @@ def check_places(problem: Given) -> None:
         twice = sorted({str(place) for place in keys if keys.count(place) > 1})
         if twice:
             raise ValueError(f"{argument} names {', '.join(twice)} more than once")
-        both = sorted(set(problem.clamped_names) & set(keys))
+        both = ", ".join(sorted(set(problem.clamped_names) & set(keys)))
         if both:
             raise ValueError(
-                f"{argument} and clamped overlap in {', '.join(both)}: "
-                "a clamped boundary carries nothing else"
+                f"{argument} and clamped overlap in {both}: one of them is legal there"
             )
 
 
@@ -167,10 +154,11 @@ def check_acting(problem: Given, argument: str, place: Place, value: object) -> 
         if len(values) != N and (several or not on_boundary):
             raise ValueError(f"{name}={value!r}: {N} numbers are needed")
     for one in values:
-        require_coefficient(name, one, [shape])
         if on_boundary:
-            require_finite(name, one, mesh, [place], corners=not load, least=least)
+            how = {"corners": not load, "shapes": [shape], "least": least}
+            require_field(name, one, mesh, [place], **how)
         else:
+            require_coefficient(name, one, [shape])
             require_in(name, values_at(one, mesh, place)[1], repr(place), least)
 
 
@@ -179,9 +167,7 @@ def _prescribed(problem: Given, name: str, place: Place, given: object) -> list:
     N, direction = problem.N, getattr(given, "direction", None)
     if isinstance(given, Roller):
         if direction is None and not isinstance(place, str):
-            raise ValueError(
-                f"{name}=Roller(): a direction is needed, only boundaries have normals"
-            )
+            raise ValueError(f"{name}=Roller(): a direction is needed, only boundaries have one")
         if direction is not None and len(direction) != N:
             raise ValueError(f"{name}: direction={direction!r}: {N} numbers are needed")
         return [given.value]
@@ -189,10 +175,7 @@ def _prescribed(problem: Given, name: str, place: Place, given: object) -> list:
         raise ValueError(f"{name}={given!r}: {N} components are needed, None for a free one")
     values = [component for component in given if component is not None]
     if place in problem.loads and len(values) == N:
-        raise ValueError(
-            f"traction and prescribed overlap in {place}: all components are held there, a "
-            "load would do nothing"
-        )
+        raise ValueError(f"traction and prescribed overlap in {place}: all components are held")
     return values
 
 
@@ -202,22 +185,17 @@ def check_contact(problem: Given) -> None:
     for pair in problem.contact_pairs:
         one, two = (boundary_names("contact", n, mesh) for n in (pair.first, pair.second))
         if {*one} & {*two} or {*one, *two} & {*names}:
-            raise ValueError(
-                f"contact={pair!r}: two different boundaries are needed, and no obstacle on them"
-            )
+            raise ValueError(f"contact={pair!r}: two different ones without obstacle are needed")
         if vertices_of(mesh, one) & vertices_of(mesh, two):
-            raise ValueError(
-                f"contact={pair!r}: the bodies share nodes; mesh them apart (without Glue)"
-            )
+            raise ValueError(f"contact={pair!r}: the bodies share nodes; mesh them without Glue")
     if names and given is None:
         raise ValueError(f"contact={problem.contact!r} needs a gap: a number or coefficient")
     if given is not None and not names:
         raise ValueError(f"gap={given!r}: name the contact boundary too, or leave gap out")
     several = isinstance(given, Mapping)
     if several and set(given) != set(names):
-        raise ValueError(
-            f"gap names {sorted(map(str, given))}: the contact boundaries are {sorted(names)}"
-        )
+        wrong = sorted(map(str, given))
+        raise ValueError(f"gap names {wrong}: the contact boundaries are {sorted(names)}")
     for name in names:
         argument, gap = (f"gap[{name!r}]", given[name]) if several else ("gap", given)
         require_field(argument, gap, mesh, [name], corners=True)
@@ -225,23 +203,21 @@ def check_contact(problem: Given) -> None:
 
 def check_friction(problem: Given) -> None:
     """A finite friction law >= 0, none without contact; no u_0 without friction."""
-    friction, u_0 = problem.friction, problem.initial_displacement
-    if friction is None:
-        if u_0 is not None:
-            raise ValueError(
-                "initial_displacement matters for friction alone: give friction too, or leave "
-                "initial_displacement out"
-            )
-        return
-    if problem.contact is None:
-        raise ValueError(f"friction={friction!r}: name the contact boundary too, or leave it out")
-    name, value = "friction", friction
+    value, u_0, name = problem.friction, problem.initial_displacement, "friction"
+    if value is None and u_0 is not None:
+        raise ValueError("initial_displacement matters for friction alone: give friction too")
+    if value is not None and problem.contact is None:
+        raise ValueError(f"friction={value!r}: name the contact boundary too, or leave it out")
     if isinstance(value, Coulomb):
         name, value = "friction.coefficient", value.coefficient
-    require_field(name, value, problem.mesh, problem.touching_names, least=0)
+    if value is not None:
+        require_field(name, value, problem.mesh, problem.touching_names, least=0)
     if u_0 is not None:
-        u_0 = require_components("initial_displacement", u_0, problem.N)
-        require_finite("initial_displacement", u_0, problem.mesh, problem.touching_names)
+        name, u_0 = (
+            "initial_displacement",
+            require_components("initial_displacement", u_0, problem.N),
+        )
+        require_field(name, u_0, problem.mesh, problem.touching_names, shapes=None)
 
 
 def check_history(problem: Given) -> None:
@@ -251,17 +227,14 @@ def check_history(problem: Given) -> None:
         p = _symmetric("initial_plastic_strain", problem.initial_plastic_strain, problem)
         trace, size = np.abs(np.trace(p, axis1=1, axis2=2)).max(), np.abs(p).max()
         if trace > 1e-10 * max(size, 1e-300):
-            raise ValueError(
-                f"initial_plastic_strain has trace up to {trace:g}: plastic strains are trace-free"
-            )
+            name = "initial_plastic_strain"
+            raise ValueError(f"{name} has trace up to {trace:g}: plastic strains are trace-free")
     if problem.initial_strain is not None:
         require_coefficient("initial_strain", problem.initial_strain, [(), (N, N)])
         _symmetric("initial_strain", problem.eps_0, problem)
     if isinstance(hardening, tuple) and len(hardening) != 2:
-        raise ValueError(
-            f"initial_hardening={hardening!r}: a scalar, an {N} x {N} "
-            "coefficient or the pair of both is needed"
-        )
+        legal = f"a scalar, an {N} x {N} coefficient or the pair of both is needed"
+        raise ValueError(f"initial_hardening={hardening!r}: {legal}")
     scalar, back_stress = split_hardening(hardening)
     scalars = {"initial_hardening": scalar, "initial_accumulated": problem.initial_accumulated}
     for name, value in scalars.items():

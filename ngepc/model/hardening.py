@@ -15,13 +15,7 @@ from itertools import pairwise
 import numpy as np
 from ngsolve import CoefficientFunction, IfPos, Mesh, exp
 
-from ngepc.checks.arguments import (
-    Coefficient,
-    require_datum,
-    require_finite,
-    require_number,
-    sample,
-)
+from ngepc.checks.arguments import Coefficient, require_datum, require_field, require_number, sample
 from ngepc.checks.declared import Declared, NotNegativeDatum, PositiveDatum
 from ngepc.checks.kinds import require_sequence
 
@@ -179,16 +173,14 @@ class Tabulated(HardeningLaw):
 def check_law(law: HardeningLaw, mesh: Mesh) -> None:
     """Accept a flow stress that is finite, positive, and never falls."""
     for value in law.data:
-        require_finite("law", value, mesh)
+        require_field("law", value, mesh)
     there = law.at(lambda value: sample(value, mesh))
     before = 0.0
     for x in STRAINS:
         stress = there.stress(x)
         if not (np.min(stress) > 0 and np.min(stress - before) >= -1e-12 * np.max(stress)):
-            raise ValueError(
-                f"law={law!r}: the flow stress at PEEQ = {x:g} is {np.min(stress):g}: positive "
-                "values that never fall are needed (softening is not covered)"
-            )
+            found = f"the flow stress at PEEQ = {x:g} is {np.min(stress):g}"
+            raise ValueError(f"law={law!r}: {found}: positive values that never fall are needed")
         before = stress
 
 

@@ -130,10 +130,9 @@ def kinematics_of(name: Kinematics | str | None, dimension: int) -> Kinematics:
     if isinstance(name, Kinematics) and dimension == name.N:
         return name
     legal = [k.name for k in KINEMATICS.values() if dimension == k.N]
+    needed = f"kinematics={name!r}: one of {legal} is needed in {dimension} dimensions"
     if not isinstance(name, Kinematics | str):
-        raise TypeError(f"kinematics={name!r}: one of {legal} is needed")
+        raise TypeError(needed)
     if name not in legal:
-        raise ValueError(
-            f"kinematics={name!r}: one of {legal} is needed for a mesh in {dimension} dimensions"
-        )
+        raise ValueError(needed)
     return KINEMATICS[name]

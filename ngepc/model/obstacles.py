@@ -31,7 +31,7 @@ from ngepc.checks.arguments import (
     require_coefficient,
     require_components,
     require_direction,
-    require_finite,
+    require_field,
     require_number,
     require_vector,
 )
@@ -103,7 +103,7 @@ class Obstacle(Declared):
 
     def _check_data(self, X: Field, mesh: Mesh) -> None:
         """Raise ValueError where the data of the obstacle at ``X`` make no gap."""
-        require_finite("motion", X, mesh, sorted(set(mesh.GetBoundaries())))
+        require_field("motion", X, mesh, sorted(set(mesh.GetBoundaries())), shapes=None)
 
 
 @dataclass(frozen=True)
@@ -181,9 +181,9 @@ class SignedDistance(Obstacle):
     def _check_data(self, X: Field, mesh: Mesh) -> None:
         super()._check_data(X, mesh)
         names, axes = sorted(set(mesh.GetBoundaries())), np.eye(mesh.dim).tolist()
-        require_finite("distance", self.level(X, X)[2], mesh, names)
+        require_field("distance", self.level(X, X)[2], mesh, names)
         gradient = CF(tuple(self.level(X, CF(tuple(axis)))[1] for axis in axes))
-        if not require_finite("distance", gradient, mesh, names).any():
+        if not require_field("distance", gradient, mesh, names, shapes=None).any():
             raise ValueError(
                 "distance has no gradient on the boundary: the signed distance to the obstacle "
                 "in the coordinates x, y, z is needed"

@@ -154,10 +154,8 @@ def vertices_at(place: Place, mesh: Mesh) -> np.ndarray:
     regions = "BBoundaries" if edges else "BBBoundaries"[3 - mesh.dim :]
     known = getattr(mesh, f"Get{regions}")()
     if where not in known:
-        raise ValueError(
-            f"{place!r}: there is no such {kind}; this mesh has "
-            f"{', '.join(map(repr, sorted(set(known)))) or 'none'}"
-        )
+        legal = ", ".join(map(repr, sorted(set(known)))) or "none"
+        raise ValueError(f"{place!r}: there is no such {kind}; this mesh has {legal}")
     elements = getattr(mesh, regions)(where).Elements()
     return np.unique([vertex.nr for element in elements for vertex in element.vertices])
 
@@ -170,10 +168,8 @@ def _nearest(point: Point, mesh: Mesh) -> np.ndarray:
     away = np.linalg.norm(x - np.array(point.where), axis=1)
     nearest = int(away.argmin())
     if away[nearest] > AT * np.ptp(x, axis=0).max():
-        raise ValueError(
-            f"{point!r}: a vertex of the mesh is needed there, the nearest one is at "
-            f"{tuple(x[nearest].round(6).tolist())}"
-        )
+        at = tuple(x[nearest].round(6).tolist())
+        raise ValueError(f"{point!r}: a vertex of the mesh is needed there, the nearest is at {at}")
     return np.array([nearest])
 
 

@@ -14,7 +14,6 @@ from ngsolve import Mesh
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ngepc.checks.arguments import boundary_names
 from ngepc.model.elements import (
     element_facets,
     element_vertices,
@@ -41,19 +40,16 @@ def check_support(problem: Given) -> None:
     solution.
     """
     pairs = problem.processes.together(partial(_parts, problem))
-    touching = set()
-    for pair in problem.contact_pairs:
-        for names in (pair.first, pair.second):
-            touching |= vertices_of(problem.mesh, boundary_names("contact", names, problem.mesh))
+    sides = (name for pair in problem.contact_pairs for name in (pair.first, pair.second))
+    touching = vertices_of(problem.mesh, ["|".join(sides)])
     for motions, vertices in free_motions(problem, pairs):
         if touching.isdisjoint(vertices.tolist()):
             x, processes = vertex_coordinates(problem.mesh)[vertices], problem.processes
             centre = processes.total(x.sum(axis=0)) / processes.total(len(x))
             raise ValueError(
                 f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave "
-                f"{motions.shape[2]} rigid motion(s) of the part around "
-                f"{centre.round(6).tolist()}: "
-                "every connected part must be held, if need be by springs"
+                f"{motions.shape[2]} rigid motion(s) of the part around {centre.round(6).tolist()}"
+                ": every connected part must be held, if need be by springs"
             )
 
 
@@ -67,9 +63,7 @@ def _parts(problem: Given) -> np.ndarray:
             raise ValueError(f"contact={name!r} is not a boundary of elements of the mesh")
         inside = np.isin(keys, wanted).sum() > len(np.unique(wanted))
         if inside or name in getattr(problem.mesh, "interfaces", ()):
-            raise ValueError(
-                f"contact={name!r} lies inside the body: a part of its outer boundary is needed"
-            )
+            raise ValueError(f"contact={name!r} lies inside the body: an outer boundary is needed")
     check_free_normal(problem, held_values(problem))
     return part_vertices(problem.mesh, a, b)
 
@@ -146,7 +140,7 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
                 if (np.abs(directions[nodes == node] @ n) > np.sqrt(1 - FREE_NORMAL**2)).any():
                     raise ValueError(
                         f"prescribed[{place!r}] holds the normal displacement of contact={name!r}: "
-                        "where they meet, the normal component must be free"
+                        "where they meet, it must be free"
                     )
 
 
