@@ -59,7 +59,7 @@ class Quiz(tuple):
     """Questions at the end of a lecture; a click on a choice says whether it is right, and why.
 
     Each has a 'text', 'choices' (the first is right, they are shown in alphabetical order) and
-    'why', which is said with the right one.  Plain HTML, which works on pages without network.
+    'why', which is said with the right one.
     """
 
     def _repr_html_(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -48,38 +48,37 @@ def plot_history(
         require_instance(f"histories[{label!r}]", history, History, "a History")
         if not history.records:
             raise ValueError(f"histories[{label!r}] has no records: a run fills them")
-    figure = Picture(figsize=(7.6, 3.3))
-    left, right = figure.subplots(1, 2)
-    drawn = [
+    runs = [
         (history, 0, {"label": label or None, **line_style(index, len(history.records))})
         for index, (label, history) in enumerate(histories.items())
     ]
-    draw_runs(left, right, drawn, tolerance)
+    figure = Picture(figsize=(7.6, 3.3))
+    draw_runs(figure.subplots(1, 2), runs, tolerance)
     if len(histories) > 1:
-        handles, labels = left.get_legend_handles_labels()
+        handles, labels = figure.axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
     return figure
 
 
 def draw_runs(
-    left: Axes, right: Axes, runs: list[tuple[History, int, dict]], tolerance: float | None
+    panels: Sequence[Axes], runs: list[tuple[History, int, dict]], tolerance: float | None
 ) -> None:
     """Residuals left, step lengths right, of histories, each with its first step and its style."""
-    for axes in (left, right):
-        axes.set_xlabel("Newton step")
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    left.set(yscale="log", ylabel="residual norm")
-    right.set_yscale("log", base=2)
-    right.set_ylabel("step length")
-    if tolerance is not None:
-        require_number("tolerance", tolerance, 0, strict=True)
-        left.axhline(tolerance, color=GUIDE, linewidth=0.8, linestyle=":")
+    left, right = panels
     for history, first, style in runs:
         steps = first + np.arange(len(history.records))
         residuals = np.maximum(history.residual_norms, np.finfo(float).tiny)
         left.plot(steps, residuals, **style)
         right.plot(steps[1:], history.step_lengths, **style)
-    right.set_ylim(top=1.4)
+    left.set(yscale="log", ylabel="residual norm")
+    right.set_yscale("log", base=2)
+    right.set(ylabel="step length", ylim=(None, 1.4))
+    for axes in panels:
+        axes.set_xlabel("Newton step")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if tolerance is not None:
+        require_number("tolerance", tolerance, 0, strict=True)
+        left.axhline(tolerance, color=GUIDE, linewidth=0.8, linestyle=":")
 
 
 @styled
@@ -91,9 +90,8 @@ def plot_counts(
     Both are label (such as 'gamma = 1e4') -> number of nodes -> steps.
     """
     require_mapping("counts", counts, "label -> (number of nodes -> steps)")
-    paper = {} if paper is None else paper
+    paper = require_instance("paper", {} if paper is None else paper, Mapping, "a mapping or None")
     for name, rows in (("counts", counts), ("paper", paper)):
-        require_instance(name, rows, Mapping, "a mapping of label -> (number of nodes -> steps)")
         for label, row in rows.items():
             require_mapping(f"{name}[{label!r}]", row, "number of nodes -> steps")
             for nodes, steps in row.items():
@@ -102,17 +100,16 @@ def plot_counts(
     figure = Picture(figsize=(5.6, 3.6))
     axes = figure.subplots()
     for index, (label, row) in enumerate(counts.items()):
-        style = line_style(index, len(row))
+        style, printed = line_style(index, len(row)), paper.get(label, {})
         axes.plot(list(row), list(row.values()), label=label, **style)
         style |= {"linestyle": "--", "markerfacecolor": "white", "alpha": 0.7}
-        axes.plot(list(paper.get(label, ())), list(paper.get(label, {}).values()), **style)
+        axes.plot(list(printed), list(printed.values()), **style)
     nodes = sorted({n for row in counts.values() for n in row})
     most = 1.3 * max(2, *(n for row in (*counts.values(), *paper.values()) for n in row.values()))
+    ticks = [tick for tick in (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if tick <= most]
     axes.set(xscale="log", xlabel="nodes of the mesh")
-    axes.set_ylabel("Newton steps" + (" (dashed: paper)" if paper else ""))
     axes.set_yscale("symlog", linthresh=1.0, linscale=0.3)
-    ticks = (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-    axes.set(ylim=(0, most), yticks=[tick for tick in ticks if tick <= most])
+    axes.set(ylabel="Newton steps" + " (dashed: paper)" * bool(paper), ylim=(0, most), yticks=ticks)
     axes.set_xticks(nodes, list(map(str, nodes)))
     axes.minorticks_off()
     axes.yaxis.set_major_formatter("{x:g}")

@@ -95,9 +95,16 @@ def drawable(
     symbol, title, unit, colormap = KINDS[name]
     coefficient = field_of(source, name)
     rank = len(coefficient.dims) if coefficient.dim > 1 else 0
+    if letters and not rank:
+        raise ValueError(f"field={field!r}: this field is a scalar and has no components")
     if letters:
+        axes = "xyz"[: coefficient.dims[0]]
+        if len(letters) != rank or not set(letters) <= set(axes):
+            needed = f"{rank} of the letters {axes!r} name a component of this field"
+            raise ValueError(f"field={field!r}: {needed}")
+        index = tuple(map(axes.index, letters))
+        coefficient = coefficient[index if rank == 2 else index[0]]
         symbol, colormap = f"{symbol}_{{{letters}}}", SIGNED
-        coefficient = _component(field, coefficient, letters, rank)
     elif rank:
         coefficient, symbol = norm_of(coefficient), f"|{symbol}|" + "_F" * (rank == 2)
     label = f"{title} ${symbol}$ ({getattr(units, unit, unit)})"
@@ -119,21 +126,6 @@ def on_one_scale(
     colormap = what[0].colormap
     limits = colour_scale(*corners, ends=ends, symmetric=colormap == SIGNED)
     return what, corners, ScalarMappable(limits, colormap)
-
-
-def _component(
-    field: str, coefficient: CoefficientFunction, letters: str, rank: int
-) -> CoefficientFunction:
-    """A component by the letters of its axes."""
-    if not rank:
-        raise ValueError(f"field={field!r}: this field is a scalar and has no components")
-    axes = "xyz"[: coefficient.dims[0]]
-    if len(letters) != rank or not set(letters) <= set(axes):
-        raise ValueError(
-            f"field={field!r}: {rank} of the letters {axes!r} name a component of this field"
-        )
-    index = tuple(map(axes.index, letters))
-    return coefficient[index if rank == 2 else index[0]]
 
 
 def pressure_on_boundary(source: object) -> CoefficientFunction:

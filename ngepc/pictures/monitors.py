@@ -24,8 +24,6 @@ from ngepc.pictures.fields import plot_active_sets
 from ngepc.pictures.style import Picture, line_style, styled
 from ngepc.results.outcome import History, IterationRecord, Monitor
 
-EARLIER = "#a7b0b9"
-
 
 @contextmanager
 def progress_line(label: str = "", stream: TextIO | None = None) -> Iterator[Monitor]:
@@ -100,10 +98,10 @@ class LivePlotMonitor:
             plot_active_sets(snapshot(), axes=body[0])
         drawn, first = [], 0
         for run in self.runs:  # one after the other, the newest in colour
-            style = {} if run is self.runs[-1] else {"color": EARLIER}
+            style = {} if run is self.runs[-1] else {"color": "#a7b0b9"}
             drawn.append((run, first, line_style(0, len(run.records)) | style))
             first += len(run.step_lengths)
-        draw_runs(left, right, drawn, self.tolerance)
+        draw_runs((left, right), drawn, self.tolerance)
         if self._handle is None:
             self._handle = _display(figure)
         else:
@@ -132,6 +130,5 @@ def _display(figure: Figure) -> object:
     try:
         from IPython.display import display
     except ImportError as error:
-        needed = 'pip install "ngepc[notebook]"'
-        raise ImportError(f"live figures need a notebook: {needed}") from error
+        raise ImportError('live figures need: pip install "ngepc[notebook]"') from error
     return display(figure, display_id=True)

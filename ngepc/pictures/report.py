@@ -28,20 +28,17 @@ PAGE = Template("""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1"><title>$title</title>
 <style>
-body { max-width: 60rem; margin: 0 auto; padding: 1.5rem 1rem 4rem; color: #1c2733;
-       font: 16px/1.55 system-ui, sans-serif; }
+body { max-width: 60rem; margin: auto; padding: 1.5rem 1rem; font: 16px/1.55 system-ui; }
 h2 { font-size: 1.2rem; margin-top: 2.4rem; padding-top: .8rem; border-top: 1px solid #d9dee3; }
 .wide { overflow-x: auto; margin: .9rem 0; }
 table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; }
 th, td { padding: .28rem .8rem; border-bottom: 1px solid #d9dee3; text-align: right; }
 td.text { text-align: left; }
-img { max-width: 100%; height: auto; }
-footer { color: #5c6873; font-size: .88rem; margin-top: 3rem; }
+img { max-width: 100%; }
 </style></head><body><h1>$title</h1>$content<footer>$footer</footer></body></html>
 """)
 
 Section = tuple[str, Sequence[object]]
-"""Heading and contents: text, figures, views, problems and lists of dictionaries (tables)."""
 
 
 def write_report(path: str | os.PathLike, title: str, *sections: Section, footer: str = "") -> Path:
@@ -115,9 +112,8 @@ def _piece(piece: object) -> str:
     piece = describe_problem(piece) if isinstance(piece, Problem) else piece
     if isinstance(piece, Sequence) and piece and all(isinstance(row, Mapping) for row in piece):
         return html_table(piece)
-    raise TypeError(
-        f"contents {piece!r}: text, a list of dictionaries, a figure, a view or a problem is needed"
-    )
+    needed = "text, a list of dictionaries, a figure, a view or a problem"
+    raise TypeError(f"contents {piece!r}: {needed} is needed")
 
 
 def _inline(text: str) -> str:

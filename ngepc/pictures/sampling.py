@@ -69,9 +69,9 @@ def corners_of(
 ) -> Corners:
     """A coefficient, zero for None, at the corners of what is drawn of elements.
 
-    That are those of the body, in 3D of its surface, or of the boundaries ``where`` (a pattern);
-    with ``border`` their borders in segments.  Each edge is cut into ``cuts`` parts; None for as
-    many as bodies need to look as they are.
+    Drawn are the body, in 3D its surface, or the boundaries ``where`` (a pattern); with ``border``
+    the borders of elements in segments.  Each edge is cut into ``cuts`` parts; None for as many as
+    bodies need to look as they are.
     """
     mesh = fields.problem.mesh
     require_whole("pictures", mesh)
@@ -134,9 +134,9 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
     room = max(0.25 * extent, 1.2 * scale * gaps.min())
     shown = (scale * gaps <= room) & (gaps < NO_OBSTACLE * extent)
     segments = offset(fields, names, scale * psi, 0.0)[shown]
+    points = segments.reshape(-1, 2)
     if not len(segments):
         return segments
-    points = segments.reshape(-1, 2)
     centre = points.mean(axis=0)
     _, size, (along, _) = np.linalg.svd(points - centre, full_matrices=False)
     if size[1] > 1e-6 * extent:  # not straight
@@ -158,10 +158,10 @@ def colour_scale(
     sign that comes close to zero begins there.  ``symmetric`` fields get limits of opposite sign;
     ``ends`` overrule.  Its ``extend`` tells colour bars where values lie outside.
     """
-    vmin, vmax = (
-        None if end is None else require_number(name, end)
-        for name, end in zip(("vmin", "vmax"), ends, strict=True)
-    )
+    vmin, vmax = ends
+    for name, end in (("vmin", vmin), ("vmax", vmax)):
+        if end is not None:
+            require_number(name, end)
     if vmin is not None and vmax is not None and vmin >= vmax:
         raise ValueError(f"vmin={vmin!r}, vmax={vmax!r}: vmin < vmax is needed")
     corners = np.concatenate([s.values for s in samples])

@@ -24,17 +24,15 @@ LIBRARY, WINDOW = "libEGL.so.1", "VTK_DEFAULT_OPENGL_WINDOW"
 
 def renderer() -> ModuleType:
     """The module pyvista; ImportError says what to install if it or a library is missing."""
+    needed = 'pyvista: pip install "ngepc[stills]"'
     try:
         import pyvista
-    except ImportError as error:
-        needed = 'pictures of solids need pyvista: pip install "ngepc[stills]"'
-        raise ImportError(needed) from error
-    if sys.platform == "linux" and WINDOW not in os.environ:
-        try:
-            ctypes.CDLL(LIBRARY)
-        except OSError as error:  # VTK itself would end in a segmentation fault
-            needed = "pictures of solids need libEGL, in Debian: apt install libegl1"
-            raise ImportError(needed) from error
+
+        needed = "libEGL, in Debian: apt install libegl1"
+        if sys.platform == "linux" and WINDOW not in os.environ:
+            ctypes.CDLL(LIBRARY)  # without it VTK would end in a segmentation fault
+    except (ImportError, OSError) as error:
+        raise ImportError(f"pictures of solids need {needed}") from error
     return pyvista
 
 

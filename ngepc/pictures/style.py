@@ -78,15 +78,10 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
 @styled
 def beside(*panels: Callable[[Axes], object], width: float = 4.6, height: float = 4.0) -> Picture:
-    """Pictures side by side, as in the paper's Figures 2, 5 and 6.
+    """Pictures side by side, as in the paper's Figures 2, 5 and 6, of ``width`` times ``height``.
 
-    Parameters
-    ----------
-    panels
-        Functions that draw into the axes which they get:
-        ``beside(lambda a: plot_field(r, axes=a), lambda a: plot_plastic_zone(r, 0.1, axes=a))``.
-    width, height
-        Inches of one panel.
+    Each panel is a function that draws into the axes which it gets:
+    ``beside(lambda a: plot_field(r, axes=a), lambda a: plot_plastic_zone(r, 0.1, axes=a))``.
     """
     if not panels:
         raise ValueError("panels=(): at least one panel is needed")

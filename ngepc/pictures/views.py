@@ -34,10 +34,6 @@ EXTRA = 'pip install "ngepc[html]"'
 NOISE = 1e-3
 """Contact pressures below this part of the yield bound are not drawn at full height."""
 PAGE = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
-FRAME = (
-    '<iframe srcdoc="{}" loading="lazy" title="interactive view" style="width:100%;'
-    'height:480px;box-sizing:border-box;border:1px solid #8884"></iframe>'
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +43,9 @@ class View:
     html: str = field(repr=False)
 
     def _repr_html_(self) -> str:
-        return FRAME.format(html.escape(self.html))
+        style = "width:100%;height:480px;box-sizing:border-box;border:1px solid #8884"
+        frame = f'title="interactive view" loading="lazy" style="{style}"'
+        return f'<iframe {frame} srcdoc="{html.escape(self.html)}"></iframe>'
 
     def save(self, path: str | os.PathLike) -> Path:
         """Write the page to ``path``, making its folder; returns the path."""
@@ -102,11 +100,8 @@ def show(
     require_text("title", title)
     drawing, viewer = Drawing(deformation_scale, units, mesh_lines=mesh_lines), viewer_script()
     what, _, colours = on_one_scale(sources.values(), field, units, (vmin, vmax))
-    peak = _peak(sources.values())
-    scenes = [
-        _scene(one, drawn.coefficient, colours, drawing, peak)
-        for one, drawn in zip(sources.values(), what, strict=True)
-    ]
+    pairs, peak = zip(sources.values(), what, strict=True), _peak(sources.values())
+    scenes = [_scene(one, drawn.coefficient, colours, drawing, peak) for one, drawn in pairs]
     captions, labels = ([""], list(sources)) if name else (list(sources), [""])
     panels = [scenes] if name else [[scene] for scene in scenes]
     page = {"captions": captions, "labels": labels, "panels": panels}
@@ -114,14 +109,9 @@ def show(
     legend = Picture(figsize=(3.6, 0.6))
     axes = legend.add_subplot()
     legend.colorbar(colours, cax=axes, orientation="horizontal", label=what[0].label)
-    text = PAGE.substitute(
-        title=html.escape(title),
-        name=html.escape(name),
-        legend=png_address(legend, 200),
-        data=base64.b64encode(data).decode(),
-        viewer=viewer,
-    )
-    return View(text)
+    texts = {"title": html.escape(title), "name": html.escape(name), "viewer": viewer}
+    texts |= {"legend": png_address(legend, 200), "data": base64.b64encode(data).decode()}
+    return View(PAGE.substitute(texts))
 
 
 def _scene(
