@@ -33,28 +33,20 @@ EPSILON = float(np.finfo(float).eps)
 
 TOUCHING = 1e-12  # part of the largest displacement that a gap has to exceed to be open
 
-ROUNDING_SCALE = 4e-6
-"""Part of |K| |u| that counts as a force where nothing else does, in a body without forces."""
+ROUNDING_SCALE = 4e-6  # part of |K| |u| that counts as a force in a body without forces
 
 SOFT = {False: 1e-4, True: 1e-3}
-"""Stiffness of all springs of a floating part, about, relative to that of the part, by friction.
-
-With friction 1e-4 saves a Newton step of four, but leaves small problems that are so badly
-conditioned that 2 of 120 random ones failed.
-"""
+"""Stiffness of all springs of a floating part, about, relative to that of the part, by friction:
+with friction 1e-4 saves a Newton step of four, but 2 of 120 random problems failed."""
 
 SMALL = 1e-6  # part of the loads, or of a motion, that counts as none
 
 
 class Frame:
-    """Supports, contact rows and loads of a problem; the problems of both exact methods inherit it.
+    """Supports, contact rows and loads of a problem, which both exact methods inherit."""
 
-    They have ``stiffness_diagonal``, that of the elastic stiffness (nodes, N), and
-    ``yield_forces``, the norm of nodal forces of stresses at the yield bound.
-    """
-
-    stiffness_diagonal: np.ndarray
-    yield_forces: float
+    stiffness_diagonal: np.ndarray  # of the elastic stiffness, shape (nodes, N)
+    yield_forces: float  # the norm of nodal forces of stresses at the yield bound
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.supports = problem, Supports(problem)
@@ -93,16 +85,12 @@ class Frame:
 
 
 class Balance:
-    """Forces and gaps of an iterate; the iterates of both exact methods inherit it.
-
-    It needs nodal displacements u and nodal forces of the stress, both (nodes, N), and forces of
-    the contact conditions: normal forces >= 0, with friction then tangential ones.
-    """
+    """Forces and gaps of an iterate; the iterates of both exact methods inherit it."""
 
     frame: Frame
-    u: np.ndarray
-    contact: np.ndarray
-    internal_forces: np.ndarray
+    u: np.ndarray  # nodal displacements, shape (nodes, N)
+    contact: np.ndarray  # forces of the rows: normal ones >= 0, with friction then tangential ones
+    internal_forces: np.ndarray  # nodal forces of the stress, shape (nodes, N)
 
     @property
     def multipliers(self) -> np.ndarray:
@@ -221,11 +209,8 @@ class Floating:
 
     centres: list[np.ndarray]  # of the parts
     springs: np.ndarray
-    """Weak springs of the tangent, shape (nodes, N), zero if no part floats.
-
-    They resist the change of each Newton step, not the displacement: a proximal term that does not
-    change the solution and costs about a factor SOFT in the speed of convergence.
-    """
+    """Weak springs of the tangent, shape (nodes, N), zero if no part floats: they resist the change
+    of a Newton step, not the displacement, and cost about a factor SOFT in convergence."""
 
     def __init__(self, frame: Frame) -> None:
         self._contact, self._load = frame.contact, frame.load

@@ -38,14 +38,10 @@ from ngepc.model.processes import Team
 from ngepc.model.support import FREE_NORMAL, HELD_NORMAL
 
 STEEPEST = 100.0
-"""Friction with a given bound is at most so many times the normal force.
+"""Friction with a given bound is at most so many times the normal force: it would jump when a row
+closes, and the normal force that it causes could open and close a row at the edge for ever."""
 
-Without it friction would jump to its bound when a row closes; the little normal force that it
-itself causes could then open and close a row at the edge of contact for ever.
-"""
-
-GRIP = 1e2
-"""Stiffness of the springs that hold rollers in the tangent, relative to that of the node."""
+GRIP = 1e2  # stiffness of the springs that hold rollers in the tangent, relative to the node's
 
 
 class ContactConditions:
@@ -64,11 +60,10 @@ class ContactConditions:
         pairs = [mortar_rows(problem, supports, pair) for pair in problem.contact_pairs]
         rollers = roller_rows(problem, supports)
         parts = [contact_rows(problem, supports), *pairs, *rollers.values()]
-        rows = self.rows = joined(parts)
-        self.on_obstacles = slice(0, len(parts[0]))
-        ends = np.cumsum([0, *map(len, parts)])[1 + len(pairs) :].tolist()
-        self.roller_part = slice(ends[0], len(rows))
-        self.rollers = {p: slice(*ends[k : k + 2]) for k, p in enumerate(rollers)}
+        rows, ends = joined(parts), np.cumsum(list(map(len, parts))).tolist()
+        self.rows, self.on_obstacles = rows, slice(0, ends[0])
+        self.roller_part = slice(ends[len(pairs)], len(rows))
+        self.rollers = {p: slice(*ends[k : k + 2]) for k, p in enumerate(rollers, len(pairs))}
         self.friction, self.processes = friction_cone(problem, rows), problem.processes
         self._own_rows = self.processes.owned(rows.vertices)
         tangents = np.repeat(rows.vertices, self.friction.d)
@@ -106,10 +101,9 @@ class ContactConditions:
         return (self._transposed @ x).reshape(-1, self.rows.normals.shape[1])
 
     def springs(self, row_stiffness: np.ndarray) -> np.ndarray:
-        """Stiffness of springs that hold rollers in the tangent, 0 for other rows, shape (n,).
+        """Stiffness of springs of rollers in the tangent, 0 for other rows, shape (n,).
 
-        No step from a displacement that is ``on_rollers`` moves them, so that they change nothing;
-        but they hold a body that stands on rollers alone.
+        No step from a displacement ``on_rollers`` moves them: they only hold a body in the tangent.
         """
         springs = np.zeros(len(self))
         springs[self.roller_part] = GRIP * row_stiffness[self.roller_part]
@@ -157,8 +151,7 @@ class ContactConditions:
     def stiffness(self, diagonal: np.ndarray) -> np.ndarray:
         """Stiffness of the nodes of each row (force per length), one number for all its tangents.
 
-        A row whose tangents are held has that of its normal.  ``diagonal`` is that of the stiffness
-        matrix, shape (nodes, N).
+        That of its normal if they are held; from the diagonal of the stiffness matrix (nodes, N).
         """
         each = self.matrix.power(2) @ diagonal.ravel()
         normal, mean = self.normal(each), self.tangential(each).mean(axis=1)
@@ -166,10 +159,7 @@ class ContactConditions:
         return np.concatenate([normal, np.repeat(mean, self.friction.d)])
 
     def defect(self, x: np.ndarray, pushed: np.ndarray) -> np.ndarray:
-        """x minus the admissible forces closest to x - k gaps, a force: zero where all holds.
-
-        ``pushed`` is k gaps with any stiffness k > 0.
-        """
+        """x minus the admissible forces closest to x - k gaps, any k > 0: zero where all holds."""
         return x - self.friction.projected(x - pushed)
 
     def friction_work(self, x: np.ndarray, gaps: np.ndarray, rounding: float) -> float:

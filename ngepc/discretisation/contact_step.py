@@ -15,8 +15,7 @@ BESIDE = 1e-3  # where the slope of friction is taken beside a kink, as a part o
 EXAMINED, FEW = 600, 60
 """Most forces of rows among which other equilibria are looked for, by factors or by iterations."""
 
-SPRINGS = 1e4
-"""Springs of rows beside their stiffness, which turn a compliance round (Woodbury's formula)."""
+SPRINGS = 1e4  # springs of rows over their stiffness, which turn a compliance round (Woodbury)
 
 PROBES, DOUBT, EXHAUSTED = 40, 1e-6, 1e-8
 """Lanczos steps at most, the chance that they miss a second solution, and what counts as zero."""
@@ -34,9 +33,8 @@ def with_contact(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Newton's step and the forces at its end, where they meet the conditions; None if none do.
 
-    ``change`` is the step that leaves the ``forces`` of the rows as they are, ``solve`` maps nodal
-    forces (nodes, N) to displacements by the tangent, ``slack`` is what the gaps may miss (length),
-    at least their rounding.
+    ``change`` is the step with the ``forces`` of the rows as they are, ``solve`` maps nodal forces
+    to displacements, both (nodes, N), ``slack`` is what the gaps may miss (length).
     """
     conditions = here.frame.contact
 

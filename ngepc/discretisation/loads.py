@@ -74,10 +74,7 @@ def nodes_at(scalar: FESpace, place: Place) -> np.ndarray:
 
 
 def prescribed_displacement(problem: Problem, V: FESpace) -> GridFunction:
-    """A function in ``V`` with the prescribed values, zero at all free nodes.
-
-    On edges it varies linearly between the vertices.
-    """
+    """A function in ``V`` with the prescribed values, linear on edges, zero at all free nodes."""
     lift, one = GridFunction(V), GridFunction(V)
     to, source = lift.vec.FV().NumPy(), one.vec.FV().NumPy()
     for place, axis, component in _prescribed(problem):
@@ -129,10 +126,7 @@ def plastic_dual_space(problem: Problem, *, boundary_fixed: bool = True) -> FESp
 
 
 def work_of(problem: Problem, v: CoefficientFunction | ProxyFunction) -> list:
-    """The integrals of int_Gn g . v + int f . v, with points for loads that vary.
-
-    Forces at points have none.
-    """
+    """The integrals of int_Gn g . v + int f . v; forces at points have none."""
     weight = problem.kinematics.weight
     work = [
         weight * InnerProduct(g, v) * region_measure(problem, place)
@@ -170,10 +164,7 @@ def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
 
 
 def spring_matrix(problem: Problem, V: FESpace, place: Place, springs: list[tuple]) -> csr_matrix:
-    """Forces of the springs at a place per displacement, u flattened node by node.
-
-    ``springs`` are one of ``Problem.spring_constants``.
-    """
+    """Forces per displacement, flattened node by node, of one of ``Problem.spring_constants``."""
     N, (u, v) = problem.N, V.TnT()
     if isinstance(place, Point):
         vertices = vertices_at(place, problem.mesh)
@@ -214,10 +205,8 @@ class Supports:
             for facet in problem.mesh.Elements(BND):
                 if all(there[vertex.nr] for vertex in facet.vertices):
                     self.free[list(scalar.GetDofNrs(facet)), 0] = False
-        self.springs = {
-            place: spring_matrix(problem, self.space, place, k)
-            for place, k in problem.spring_constants.items()
-        }
+        constants = problem.spring_constants.items()
+        self.springs = {p: spring_matrix(problem, self.space, p, k) for p, k in constants}
         self.stiffness = sum(self.springs.values(), csr_matrix((free.size, free.size)))
 
     def pull(self, u: np.ndarray, place: Place | None = None) -> np.ndarray:

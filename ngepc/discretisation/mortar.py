@@ -30,18 +30,12 @@ RULES = {2: IntegrationRule(ET.SEGM, 5), 3: IntegrationRule(ET.TRIG, 4)}
 """Space dimension -> rule on each piece: exact for products of quadratic functions in the plane."""
 
 THIN = 1e-12  # overlaps below this part of a facet are none
-
-SLIVER = 1e-8
-"""Smallest condition of a facet's mass matrix, relative, that leaves biorthogonal functions."""
-
+SLIVER = 1e-8  # smallest relative eigenvalue of a facet's mass matrix for biorthogonal functions
 COVERED = 1e-6  # rows with a smaller part of the largest weight are left out
 
 
 def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactRows:
-    """The contact conditions at the vertices of the first of two boundaries.
-
-    A ValueError if they nowhere face each other.
-    """
+    """The conditions at the first of two boundaries; a ValueError if they never face each other."""
     one, two = (
         Surface(problem, boundary_names("contact", names, problem.mesh))
         for names in (pair.first, pair.second)
@@ -214,10 +208,7 @@ def _fans(polygon: np.ndarray) -> np.ndarray:
 
 
 def biorthogonal(count: int, at: Overlap) -> np.ndarray:
-    """The values psi of the biorthogonal functions of ``count`` facets at the points, (points, N).
-
-    On facets of which hardly anything faces the other surface the hats take their place.
-    """
+    """The biorthogonal functions of facets at points (points, N); hats where little is covered."""
     N = at.lam.shape[1]
     mass = np.zeros((count, N, N))
     np.add.at(mass, at.first, at.weights[:, None, None] * at.lam[:, :, None] * at.lam[:, None, :])

@@ -22,10 +22,7 @@ def vertex_dofs(space: FESpace, mesh: Mesh) -> np.ndarray:
 
 
 def at_points(mesh: Mesh, vertex_values: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """The P1 function with the vertex values (vertices, k) at points (n, N), shape (n, k).
-
-    Points outside the mesh take the value of the nearest vertex.
-    """
+    """The P1 function with vertex values (nv, k) at points (n, N), outside at a nearest vertex."""
     component = GridFunction(H1(mesh, order=1))
     places = mesh(*points.T)
     inside = places["nr"] >= 0
@@ -75,11 +72,10 @@ def nodal_values(start: object, problem: Problem) -> np.ndarray:
 
 
 def prolongate(source: FESpace, values: BaseVector, target: FESpace) -> np.ndarray:
-    """Degrees of freedom in ``target`` that take the values of a P1 function in ``source``.
+    """Degrees of freedom in ``target`` of a P1 function in ``source``, a space of the same kind.
 
-    Both are spaces of the same kind, coefficients go one component after another, and are zero
-    where not free.  Functions that live on a boundary part only are extended by zero to the other
-    vertices; the prolongation to a refined mesh is exact.
+    They are zero where not free, and functions on a part of the boundary are zero at other
+    vertices; to a refined mesh this is exact.
     """
     old, new = source.mesh, target.mesh
     components = GridFunction(source).dim

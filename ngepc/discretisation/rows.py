@@ -85,8 +85,7 @@ def rows_along(
 ) -> ContactRows:
     """Rows n . (M u) for unit vectors n (m, N) and means M (m, nodes) of each component.
 
-    ``normal`` takes the place of n . M where n varies, ``free`` (m, N) keeps components out of the
-    tangential rows.
+    ``normal`` are these where n varies; tangential rows have the components ``free`` (m, N).
     """
     tangents = tangent_frames(normals)
     slips = tangents if free is None else np.where(free[:, None], tangents, 0.0)
@@ -133,8 +132,8 @@ def meeting_faces(
 ) -> tuple[np.ndarray, csr_matrix]:
     """The faces that meet at nodes: facets of a node whose normals differ little are one.
 
-    Of the node, the boundary and the normal, as long as it is large, of each corner of a facet: the
-    nodes of the faces and the matrix that sums corners, shape (faces, corners).
+    From node, boundary and normal, as long as it is large, of each corner of a facet: nodes of the
+    faces and the matrix that sums corners, shape (faces, corners).
     """
     at: dict[int, list[tuple[str, np.ndarray]]] = {}
     places = []

@@ -32,11 +32,7 @@ class Blocks(Protocol):
 
 
 class StiffnessBlocks:
-    """The blocks of B' C B on and below the diagonal, held components as the identity.
-
-    ``added`` is a symmetric matrix on displacements flattened node by node that is added, such as
-    springs, between nodes of one element.
-    """
+    """The blocks of B' C B and of a symmetric matrix between nodes of one element, ``added``."""
 
     def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
         self.points, self.free, self.N = points, free, points.kinematics.N

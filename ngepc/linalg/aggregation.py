@@ -72,10 +72,9 @@ def aggregates(graph: csr_matrix) -> np.ndarray:
 def tentative(
     aggregate: np.ndarray, modes: np.ndarray
 ) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
-    """The modes (unknowns, k) cut to aggregates, -1 for none, and made orthonormal there.
+    """Interpolation by the modes (unknowns, k) cut to aggregates, -1 for none, orthonormal there.
 
-    Dependent ones are left out.  With the interpolation come the modes on the coarse level and the
-    aggregate of its unknowns.
+    With it come the modes on the coarse level, without dependent ones, and their aggregates.
     """
     chosen, k = np.flatnonzero(aggregate >= 0), modes.shape[1]
     here, part = aggregate[chosen], modes[chosen]

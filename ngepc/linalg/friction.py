@@ -113,10 +113,7 @@ class FrictionCone:
     def __call__(
         self, W: Compliance, gaps: np.ndarray, forces: np.ndarray
     ) -> tuple[np.ndarray, bool]:
-        """The change of the forces that meets the law, a ``SmallProblem`` of ``secants``.
-
-        Where Newton's method does not converge it is the best one seen, and not exact.
-        """
+        """The ``SmallProblem`` of ``secants``; where Newton's method fails the best that it saw."""
         if not self.d:
             return exchange(W, gaps, forces, self.tied)
         n, t = self.split(W.diagonal)
@@ -133,9 +130,9 @@ class FrictionCone:
     def linearised(
         self, J: np.ndarray, slack: np.ndarray, x: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix and residual of closed rows: g_n = 0, and g_t = 0 or t = b(n) y_t/|y_t|.
+        """Matrix and residual of closed rows from x, the ``slack`` c g and its derivative J by x.
 
-        ``slack`` is c g (force), J its derivative with respect to the forces x.
+        They say g_n = 0, and g_t = 0 or t = b(n) y_t/|y_t|.
         """
         k, d, identity = len(self.cap), self.d, np.eye(len(J))
         slips, e, b, size, grows = self.slipping(x - slack)
@@ -149,9 +146,9 @@ class FrictionCone:
         return np.concatenate([J[:k], J_t.reshape(k * d, len(J))]), r
 
     def follows(self, forces: np.ndarray, gaps: np.ndarray, touching: float) -> np.ndarray:
-        """mu e of the rows at a solution, (m, d): e = t/b where they press, else their direction.
+        """Mu e at a solution, (m, d), with |s + r| >= |s| + e.r for the slip s of a row and all r.
 
-        Whichever way, |s + r| >= |s| + e.r for the slip s and all r.
+        That is e = t/b where they press, else the direction of the slip.
         """
         (n, t), slip = self.split(forces), -self.split(gaps)[1]
         b, size = self.bound(n), np.linalg.norm(slip, axis=1)
@@ -160,10 +157,9 @@ class FrictionCone:
         return self.coefficient[:, None] * e
 
     def rival(self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray) -> np.ndarray | None:
-        """Other forces than a solution's that meet the law with the compliance S.
+        """Other forces that meet the law with the compliance S, None if none is found.
 
-        They are looked for from several starts: no contact, all rows closed and sticking, all
-        slips reversed, all tangential forces at their bound; None if none is found.
+        Starts are no contact, all rows sticking, all slips reversed, all friction at its bound.
         """
         W, (n, t) = Compliance.of(S), self.split(forces)
         stuck = forces + _stuck(W, gaps)
@@ -216,8 +212,7 @@ class _Equation:
     def solved(self, change: np.ndarray) -> tuple[float, np.ndarray, bool]:
         """The smallest residual of Newton's method, the change there, and whether it converged.
 
-        A step that does not lower the residual is shortened; when that does not help it is taken
-        all the same, which breaks cycles.
+        Steps are shortened to lower the residual; where that fails all of one breaks cycles.
         """
         best = np.inf, change, False  # without the start: a change of nothing would teach nothing
         left, scale = self.residual(change), np.abs(self.forces).max(initial=0.0)

@@ -13,9 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-SPANNED = 1e-12
-"""A force whose part beyond those learned does a smaller share of its work is one of them."""
-
+SPANNED = 1e-12  # a force that does a smaller share of its work beyond those learned is known
 ROUNDING = 3e-14  # part of an answer that is rounding
 FIRST = 3e-2  # part of the slack below which the first change counts as rounding
 RESTARTS = 4  # products are at most so many times as many as rows
