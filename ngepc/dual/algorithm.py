@@ -31,12 +31,12 @@ def algorithm_7_1(
     system: NewtonSystem,
     functional: DualFunctional,
     v: BaseVector,
-    rule: Tolerances,
+    aim: Tolerances,
     search: LineSearch | None,
     max_iterations: int,
     monitor: Monitor | None = None,
 ) -> DualResult:
-    """The loop of Algorithm 7.1 from v until ``rule`` is met or something stops it.
+    """The loop of Algorithm 7.1 from v until the tolerances are met or something stops it.
 
     The Newton system may have been used before; without a line search all steps are full ones.
     """
@@ -44,9 +44,9 @@ def algorithm_7_1(
     step, status, cause = Step(length=1.0, energy=math.nan, halvings=0), None, ""
     here = before = Iterate(functional, v)
     try:
-        while status is None:
+        while True:
             note(here, step, history, monitor)
-            here, status, cause = judged(here, before, history, rule, max_iterations, system.solve)
+            here, status, cause = judged(here, before, history, aim, max_iterations, system.solve)
             if status is not None:
                 break
             system.factorise(functional, here.hessian())
@@ -55,13 +55,13 @@ def algorithm_7_1(
             step = search.search(line.phi) if line.slope < 0 else None  # (b) Armijo's rule
             if step is None:
                 status = line.fault()
-            else:
-                before, here = here, line.at(step.length)  # (c) the update of y and v
+                break
+            before, here = here, line.at(step.length)  # (c) the update of y and v
     except FactorisationError as error:
         status, cause = Status.NONFINITE, f"{error}."
     except (StopIteration, KeyboardInterrupt):
         status, cause = Status.STOPPED, f"after {len(history.records) - 1} steps"
-    return ended(here, status, cause, history, rule)
+    return ended(here, status, cause, history, aim)
 
 
 def note(here: Iterate, step: Step, history: History, monitor: Monitor | None) -> None:

@@ -21,13 +21,11 @@ from ngsolve import (
     IfPos,
     InnerProduct,
     Integrate,
-    Mesh,
     Norm,
     VectorValued,
     ds,
     dx,
 )
-from ngsolve.comp import DifferentialSymbol
 
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.dual.functional import Iterate
@@ -39,45 +37,27 @@ POINTS = 400
 
 @dataclass(frozen=True, kw_only=True)
 class DualityReport:
-    """What ``duality_report`` measures; energies are force times length.
+    """What ``duality_report`` measures: energies (force times length), then L2 norms."""
 
-    Parameters
-    ----------
-    primal_energy, dual_energy, gap
-        J(y), J*_gamma(v) and their sum.
-    contact_term, plastic_term
-        (z, u.n - psi), and int beta |p| + (q, p); zero at a solution of (EPC) and (D).
-    contact_penalty, plastic_penalty, tichonov
-        M^1(z), M^2(q), T(v).
-    tension, penetration, shear, normal_stress, normal_stress_deviation
-        L2 norms on Gamma_c: of [z]^+ (2.11), of [u.n - psi]^+ (2.13), of the tangential part of
-        sigma n (2.10), of (sigma n).n and of z - (sigma n).n.
-    complementarity
-        int |z (u.n - psi)| on Gamma_c, (2.12).
-    overshoot, deviatoric_stress, stress_deviation, mean_stress_deviation, yield_deviation
-        L2 norms in the body: of [|q| - beta]^+, of dev sigma, of q - (h p + dev (alpha_0 - sigma))
-        (3.8) and its element means, of |q| - beta minus the yield function of (sigma, alpha) (3.9).
-    """
-
-    primal_energy: float
-    dual_energy: float
-    gap: float
-    contact_term: float
-    plastic_term: float
-    contact_penalty: float
-    plastic_penalty: float
-    tichonov: float
-    tension: float = 0.0
-    overshoot: float
-    penetration: float = 0.0
-    complementarity: float = 0.0
-    shear: float = 0.0
-    normal_stress: float = 0.0
-    normal_stress_deviation: float = 0.0
-    deviatoric_stress: float
-    stress_deviation: float
-    mean_stress_deviation: float
-    yield_deviation: float
+    primal_energy: float  # J(y)
+    dual_energy: float  # J*_gamma(v)
+    gap: float  # their sum, and the five terms that make it up
+    contact_term: float  # (z, u.n - psi), zero at a solution of (EPC) and (D)
+    plastic_term: float  # int beta |p| + (q, p), zero there, too
+    contact_penalty: float  # M^1(z)
+    plastic_penalty: float  # M^2(q)
+    tichonov: float  # T(v)
+    complementarity: float  # int |z (u.n - psi)| on Gamma_c, (2.12)
+    tension: float  # on Gamma_c: of [z]^+ (2.11),
+    penetration: float  # of [u.n - psi]^+ (2.13),
+    shear: float  # of the tangential part of sigma n (2.10),
+    normal_stress: float  # of (sigma n).n,
+    normal_stress_deviation: float  # and of z - (sigma n).n
+    overshoot: float  # in the body: of [|q| - beta]^+,
+    deviatoric_stress: float  # of dev sigma,
+    stress_deviation: float  # of q - (h p + dev (alpha_0 - sigma)) (3.8),
+    mean_stress_deviation: float  # of its element means,
+    yield_deviation: float  # and of |q| - beta minus the yield function of (sigma, alpha) (3.9)
 
     @property
     def parts(self) -> dict[str, float]:
@@ -102,33 +82,29 @@ def duality_report(result: DualResult) -> DualityReport:
     result = getattr(result, "last", result)
     if not isinstance(result, DualResult):
         raise TypeError(f"result={result!r}: a result of the dual method is needed")
-    return DualityReport(**_energies(result), **_contact(result), **_plasticity(result))
-
-
-def _energies(result: DualResult) -> dict[str, float]:
     f, problem, v = result.functional, result.problem, result.v
     overlap = (f.blocks.Lambda * result.y - f.blocks.psi).Evaluate()
     pairs = zip(f.blocks.parts(overlap), f.blocks.parts(v), strict=True)
     contact, plastic = (InnerProduct(*pair) for pair in pairs)
     penalties, size = Iterate(f, v, result.y).penalties, Norm(result.plastic_increment)
-    return {
-        "primal_energy": result.primal_energy,
-        "dual_energy": result.dual_energy,
-        "gap": result.primal_energy + result.dual_energy,
-        "contact_term": contact,
-        "plastic_term": Integrate(as_scalar(problem.beta) * size, problem.mesh) + plastic,
-        "contact_penalty": penalties[0],
-        "plastic_penalty": penalties[1],
-        "tichonov": f.tichonov(v, v) / 2,
-    }
+    return DualityReport(
+        primal_energy=result.primal_energy,
+        dual_energy=result.dual_energy,
+        gap=result.primal_energy + result.dual_energy,
+        contact_term=contact,
+        plastic_term=Integrate(as_scalar(problem.beta) * size, problem.mesh) + plastic,
+        contact_penalty=penalties[0],
+        plastic_penalty=penalties[1],
+        tichonov=f.tichonov(v, v) / 2,
+        **_contact(result),
+        **_plasticity(result),
+    )
 
 
 def _contact(result: DualResult) -> dict[str, float]:
-    problem, z = result.problem, result.normal_stress
-    if not problem.contact_names:
-        return {}
+    problem, z, n = result.problem, result.normal_stress, result.problem.normal
     rules = boundary_rules(problem.N, POINTS)
-    measure, n = ds("|".join(problem.contact_names), intrules=rules), problem.normal
+    measure = ds(definedon=result.functional.blocks.contact, intrules=rules)
     overlap = result.displacement * n - problem.psi
     traction = BoundaryFromVolumeCF(result.stress) * n
     normal, product = InnerProduct(traction, n), z * overlap
@@ -139,18 +115,16 @@ def _contact(result: DualResult) -> dict[str, float]:
         "normal_stress": normal,
         "normal_stress_deviation": z - normal,
     }
-    sizes = {name: _size(field, measure, problem.mesh) for name, field in fields.items()}
     complementarity = Integrate(IfPos(product, product, -product) * measure, problem.mesh)
-    return {**sizes, "complementarity": complementarity}
+    return {"complementarity": complementarity, **_sizes(fields, measure, result)}
 
 
 def _plasticity(result: DualResult) -> dict[str, float]:
-    problem, mesh = result.problem, result.problem.mesh
-    q, p = result.plastic_dual, result.plastic_increment
-    dev_stress, hardening = result.fields.deviatoric_stress, problem.effective_hardening
+    problem, q, excess = result.problem, result.plastic_dual, result.yield_function
+    dev_stress = result.fields.deviatoric_stress
     residual_stress = problem.kinematics.coordinates(problem.alpha_0[1] - dev_stress)
-    deviation, excess = q - (hardening * p + residual_stress), result.yield_function
-    means = GridFunction(VectorValued(L2(mesh, order=0), q.dim))
+    deviation = q - (problem.effective_hardening * result.plastic_increment + residual_stress)
+    means = GridFunction(VectorValued(L2(problem.mesh, order=0), q.dim))
     means.Set(deviation)
     fields = {
         "overshoot": IfPos(excess, excess, 0),
@@ -159,10 +133,13 @@ def _plasticity(result: DualResult) -> dict[str, float]:
         "mean_stress_deviation": means,
         "yield_deviation": excess - result.fields.yield_function,
     }
-    measure = dx(intrules=fine_rules(problem.N, POINTS))
-    return {name: _size(field, measure, mesh) for name, field in fields.items()}
+    return _sizes(fields, dx(intrules=fine_rules(problem.N, POINTS)), result)
 
 
-def _size(field: CF, measure: DifferentialSymbol, mesh: Mesh) -> float:
-    """The L2 norm."""
-    return math.sqrt(Integrate(InnerProduct(field, field) * measure, mesh))
+def _sizes(fields: dict[str, CF], measure: object, result: DualResult) -> dict[str, float]:
+    """The L2 norms."""
+    mesh = result.problem.mesh
+    return {
+        name: math.sqrt(Integrate(InnerProduct(field, field) * measure, mesh))
+        for name, field in fields.items()
+    }

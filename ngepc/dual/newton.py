@@ -141,11 +141,11 @@ def semismooth_newton(
     kinds = (DualResult, type(None))
     require_instance("start", start, kinds, "a result of semismooth_newton or None")
     functional = prepared(problem, regularisation, options)
-    rule = Tolerances(options.tolerance * functional.blocks.residual_unit)
+    aim = Tolerances(options.tolerance * functional.blocks.residual_unit)
     system, v = NewtonSystem(functional.blocks, options.inverse), functional.blocks.H_vector()
     v = v if start is None else functional.carried(start.functional, start.v)
-    how = options.linesearch, options.max_iterations, monitor
-    return algorithm_7_1(system, functional, v, rule, *how)
+    how = aim, options.linesearch, options.max_iterations, monitor
+    return algorithm_7_1(system, functional, v, *how)
 
 
 def prepared(problem: Problem, regularisation: Coupled, options: NewtonOptions) -> DualFunctional:
