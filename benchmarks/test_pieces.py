@@ -69,7 +69,7 @@ def test_linear_blocks(benchmark, problem):
 
 def test_functional_on_given_blocks(benchmark, pieces):
     f = pieces.functional
-    benchmark(DualFunctional, f.blocks, COUPLED.gamma, None, 400)
+    benchmark(DualFunctional, f.blocks, 400, COUPLED.gamma)
 
 
 def test_nonsmooth_energy(benchmark, pieces):

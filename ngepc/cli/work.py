@@ -130,7 +130,8 @@ def load_run(path: Path) -> tuple[dict, Result]:
     v = functional.blocks.H_vector()
     v.FV().NumPy()[:] = state
     history = History([IterationRecord(**row) for row in kept["history"]])
-    return record, DualResult.at(functional, v, Status[record["status"].upper()], history)
+    y, status = functional.blocks.primal_of(v), Status[record["status"].upper()]
+    return record, DualResult(functional, y, v, status, "", history)
 
 
 def path(args: argparse.Namespace) -> int:

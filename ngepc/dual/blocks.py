@@ -23,7 +23,6 @@ from ngsolve.la import BaseVector
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.loads import (
     contact_space,
     displacement_space,
@@ -40,7 +39,7 @@ from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
 
 
-def elastic_terms(problem: Problem, h: Coefficient, u: CF, p: CF, v: CF, r: CF) -> list[CF]:
+def elastic_terms(problem: Problem, u: CF, p: CF, v: CF, r: CF) -> list[CF]:
     """The integrand of <D (u, p), (v, r)>, C (eps(u) - p) : (eps(v) - r) + h p . r, in parts.
 
     Each part has one trial and one test function: that is several times cheaper to assemble.
@@ -51,7 +50,7 @@ def elastic_terms(problem: Problem, h: Coefficient, u: CF, p: CF, v: CF, r: CF) 
         m.lame_lambda * Trace(e) * Trace(d) + 2 * mu * InnerProduct(e, d),
         -2 * mu * (kinematics.coordinates(e) * r),
         -2 * mu * (kinematics.coordinates(d) * p),
-        (2 * mu + h) * (p * r),
+        (2 * mu + problem.effective_hardening) * (p * r),
     ]
 
 
@@ -69,8 +68,8 @@ def load_terms(problem: Problem, v: CF, r: CF) -> list:
 
 def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
     """J(u, p) of (2.14); p are the coordinates of the plastic strain gained in the step."""
-    mesh, h = problem.mesh, problem.effective_hardening
-    strain_energy = Integrate(sum(elastic_terms(problem, h, u, p, u, p)) / 2, mesh)
+    mesh = problem.mesh
+    strain_energy = Integrate(sum(elastic_terms(problem, u, p, u, p)) / 2, mesh)
     dissipation = Integrate(as_scalar(problem.beta) * Norm(p), mesh)
     return strain_energy + dissipation - sum(Integrate(t, mesh) for t in load_terms(problem, u, p))
 
@@ -137,9 +136,8 @@ class LinearBlocks:
 
     def _assemble_saddle(self, inverse: str) -> None:
         (u, p, *v), (du, dp, *dv) = self.X.TnT()
-        h = self.problem.effective_hardening
         self.saddle = BilinearForm(self.X, symmetric=True, symmetric_storage=True, condense=True)
-        for term in elastic_terms(self.problem, h, u, p, du, dp):
+        for term in elastic_terms(self.problem, u, p, du, dp):
             self.saddle += (-term).Compile() * dx
         self.saddle += self.coupling((u, p), dv) + self.coupling((du, dp), v)
         self.saddle.Assemble()
@@ -150,7 +148,7 @@ class LinearBlocks:
     def _assemble_primal(self) -> None:
         (u, p), (du, dp) = self.Y.TnT()
         D, load = BilinearForm(self.Y, symmetric=True, symmetric_storage=True), LinearForm(self.Y)
-        for term in elastic_terms(self.problem, self.problem.effective_hardening, u, p, du, dp):
+        for term in elastic_terms(self.problem, u, p, du, dp):
             D += term.Compile() * dx
         for term in load_terms(self.problem, du, dp):
             load += term

@@ -84,7 +84,7 @@ class DualFunctional:
     """
 
     def __init__(
-        self, blocks: LinearBlocks, gamma: float, gamma_tichonov: float | None, points: int
+        self, blocks: LinearBlocks, points: int, gamma: float, gamma_tichonov: float | None = None
     ) -> None:
         self.blocks, fixed = blocks, blocks.choice
         self.regularisation = Coupled(

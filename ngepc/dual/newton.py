@@ -151,4 +151,4 @@ def semismooth_newton(
 def prepared(problem: Problem, regularisation: Coupled, options: NewtonOptions) -> DualFunctional:
     """J*_gamma of a regularised problem with its matrices assembled."""
     blocks, R = LinearBlocks(problem, regularisation, options.inverse), regularisation
-    return DualFunctional(blocks, R.gamma, R.gamma_tichonov, options.quadrature_points)
+    return DualFunctional(blocks, options.quadrature_points, R.gamma, R.gamma_tichonov)

@@ -17,8 +17,6 @@ from ngepc.results import checkpoint
 from ngepc.results.files import check_writable
 from ngepc.results.outcome import Ending, History, IterationRecord, Status
 
-LIMITS = ("max_outer_iterations", "max_iterations")
-
 
 @dataclass(frozen=True, kw_only=True)
 class PathStep:
@@ -113,19 +111,16 @@ class PathResult(Ending):
 class PathStore:
     """The checkpoint of a path, None for none; OSError, before any work, if it cannot be written.
 
-    It belongs to all of the work, told by its options, but its limits.
+    It belongs to a problem and to what is ``told`` of the rest of the work.
     """
 
     def __init__(self, path: Path | str | None, problem: Problem, told: Mapping) -> None:
         self._path = None if path is None else require_path("checkpoint", path)
-        if self._path is None:
-            return
-        if not self._path.parent.is_dir():
-            raise FileNotFoundError(f"checkpoint {self._path}: there is no such folder")
-        check_writable(self._path)
-        kept = {k: v for k, v in told.items() if k not in LIMITS}
-        kept["newton"] = {k: v for k, v in told["newton"].items() if k not in LIMITS}
-        self._fingerprint = checkpoint.work_fingerprint("path", problem, **kept)
+        if self._path is not None:
+            if not self._path.parent.is_dir():
+                raise FileNotFoundError(f"checkpoint {self._path}: there is no such folder")
+            check_writable(self._path)
+            self._fingerprint = checkpoint.work_fingerprint("path", problem, **told)
 
     def load(self) -> tuple[list[PathStep], np.ndarray, History] | None:
         """The steps on disk, the dual variable and the history of the last; None without a file.
@@ -135,19 +130,13 @@ class PathStore:
         saved = None if self._path is None else checkpoint.load(self._path, self._fingerprint)
         if saved is None:
             return None
-        try:
-            steps = [PathStep(**s | {"status": Status[s["status"]]}) for s in saved.record["steps"]]
-            history = [IterationRecord(**record) for record in saved.record["history"]]
-            return steps, saved.arrays["v"], History(history)
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(
-                f"checkpoint {self._path} is damaged ({error}): move it away"
-            ) from error
+        steps = [PathStep(**s | {"status": Status[s["status"]]}) for s in saved.record["steps"]]
+        history = [IterationRecord(**record) for record in saved.record["history"]]
+        return steps, saved.arrays["v"], History(history)
 
     def save(self, steps: list[PathStep], last: DualResult) -> None:
         """Write the steps and the last result, whole or not at all, if it has converged."""
         if self._path is not None and last.status is Status.CONVERGED:
             told = [asdict(step) | {"status": step.status.name} for step in steps]
             record = {"steps": told, "history": last.history.as_rows()}
-            arrays = {"v": np.array(last.v.FV().NumPy())}
-            checkpoint.save(self._path, self._fingerprint, record, arrays)
+            checkpoint.save(self._path, self._fingerprint, record, {"v": last.v.FV().NumPy()})

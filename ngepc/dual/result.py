@@ -41,13 +41,6 @@ class DualResult(Result):
     message: str
     history: History
 
-    @classmethod
-    def at(
-        cls, functional: DualFunctional, v: BaseVector, status: Status, history: History
-    ) -> DualResult:
-        """The result with dual variable ``v``, the primal one solved for afresh."""
-        return cls(functional, functional.blocks.primal_of(v), v, status, "", history)
-
     @property
     def problem(self) -> Problem:
         """The problem that was solved."""

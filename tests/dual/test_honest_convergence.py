@@ -50,7 +50,7 @@ def assembled(blocks, product):
     if product:
         form += elastic_product(blocks.problem, h, u, p, du, dp) * dx
     else:
-        for term in elastic_terms(blocks.problem, h, u, p, du, dp):
+        for term in elastic_terms(blocks.problem, u, p, du, dp):
             form += term * dx
     values, columns, starts = (np.array(a) for a in form.Assemble().mat.CSR())
     D = sp.csr_matrix((values, columns.astype(int), starts.astype(int)))

@@ -222,7 +222,7 @@ def test_path_in_other_spaces_meets_its_direct_solution(tmp_path):
 def test_what_fixes_the_spaces_cannot_change_along_a_path(problem):
     """Such a path used to end CONVERGED with a wrong energy; no argument can ask for it now."""
     spaces = DualSpaces(tichonov=FullProduct(), units=Units(length=0.9))
-    kept = DualFunctional(LinearBlocks(problem, spaces, "sparsecholesky"), 1e4, None, 400)
+    kept = DualFunctional(LinearBlocks(problem, spaces, "sparsecholesky"), 400, 1e4)
     assert kept.regularisation == Coupled(1e4, tichonov=spaces.tichonov, units=spaces.units)
     for argument in ("regularisation", "parameters"):
         with pytest.raises(TypeError, match=argument):

@@ -19,7 +19,7 @@ VARIATION = "ngepc.discretisation.quadrature.SMOOTH_VARIATION"
 
 def penalty(blocks, points=400):
     """v -> M^2 there, for gamma = 1e4."""
-    return partial(Iterate, DualFunctional(blocks, 1e4, None, points))
+    return partial(Iterate, DualFunctional(blocks, points, 1e4))
 
 
 def field(problem, values):
