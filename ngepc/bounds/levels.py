@@ -10,7 +10,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from ngepc.bounds.airy import AirySpace, TriangleBlocks
 from ngepc.bounds.simplices import Simplices
-from ngepc.discretisation.stiffness import hold, pattern_matrix
+from ngepc.discretisation.stiffness import Blocks, pattern_matrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
 from ngepc.linalg.direct import lower_triangle
 
@@ -27,10 +27,10 @@ Those of the discrete solution converge twice as fast as its stress.
 """
 
 
-class TwoLevels:
+class TwoLevels(Blocks):
     """K x = r for Airy functions, with a direct solver for the vertices.
 
-    Its matrix has blocks of vertices on and below the diagonal, (3, 3), for ``hold``.
+    Its matrix has blocks of vertices on and below the diagonal, (3, 3).
     """
 
     N = 3
@@ -73,9 +73,8 @@ class TwoLevels:
         values[swap] = values[swap].swapaxes(1, 2)
         where, values = self._places[chosen].ravel(), values.reshape(-1, 9)
         one, shape = np.arange(len(where) + 1), (len(self.rows), len(where))
-        entries = (csc_matrix((np.ones(len(where)), where, one), shape) @ values).reshape(-1, 3, 3)
-        hold(entries, self)
-        return entries
+        sums = csc_matrix((np.ones(len(where)), where, one), shape)
+        return self.held((sums @ values).reshape(-1, 3, 3))
 
     def product(self, x: np.ndarray) -> np.ndarray:
         """K x; without modes x vanishes on held unknowns, and what would hold them is left out."""

@@ -114,16 +114,6 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
     uniform probability).  ``follows`` is mu e (m, d), ``compliance`` and ``stiffness`` are d -> S d
     and its inverse, both for (n, t).
     """
-
-    def pulled(g: np.ndarray) -> np.ndarray:
-        """E'g."""
-        along = (follows * g[m:].reshape(follows.shape)).sum(axis=1)
-        return np.concatenate([along, np.zeros(follows.size)])
-
-    def pushed(d: np.ndarray) -> np.ndarray:
-        """E d."""
-        return np.concatenate([np.zeros(m), (follows * d[:m, None]).ravel()])
-
     m, known, T = len(follows), [], np.zeros((PROBES + 1, PROBES + 1))
     g = np.random.default_rng(0).standard_normal(m + follows.size)
     d = stiffness(g)
@@ -140,7 +130,8 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
             T[k, k - 1] = T[k - 1, k] = size
         v, Sv = d / size, g / size
         known.append((v, Sv))
-        back, slanted = pulled(Sv), pushed(v)
+        back = np.append((follows * Sv[m:].reshape(follows.shape)).sum(axis=1), 0 * Sv[m:])  # E'Sv
+        slanted = np.append(0 * v[:m], follows * v[:m, None])  # E v
         d, g = (slanted + stiffness(back)) / 2, (compliance(slanted) + back) / 2
         T[k, k] = d @ Sv
         for v, Sv in known * 2:

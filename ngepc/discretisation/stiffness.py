@@ -7,7 +7,6 @@ instead of single components takes a third of the time.
 from __future__ import annotations
 
 from copy import copy
-from typing import Protocol
 
 import numpy as np
 from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Trace, VectorH1, dx
@@ -18,20 +17,23 @@ from ngepc.discretisation.points import Elements, Moduli, PointFunctions, Points
 from ngepc.linalg.direct import both_triangles, lower_triangle
 
 
-class Blocks(Protocol):
-    """Entries of tangents: N x N blocks on and below the diagonal, held components as identity."""
+class Blocks:
+    """Tangents by N x N blocks on and below the diagonal: ``values``, shape (blocks, N, N)."""
 
     rows: np.ndarray  # nodes of the blocks, row by row, rows >= columns
     columns: np.ndarray
     free: np.ndarray  # boolean, shape (nodes, N): components that no support holds
     N: int
 
-    def values(self, tangent: object) -> np.ndarray:
-        """The blocks of a tangent, shape (blocks, N, N)."""
-        ...
+    def held(self, values: np.ndarray) -> np.ndarray:
+        """Make rows and columns of held components those of the identity."""
+        values[~(self.free[self.rows][:, :, None] & self.free[self.columns][:, None])] = 0.0
+        nodes, components = np.nonzero(~self.free)
+        values[np.flatnonzero(self.rows == self.columns)[nodes], components, components] = 1.0
+        return values
 
 
-class StiffnessBlocks:
+class StiffnessBlocks(Blocks):
     """The blocks of B' C B and of a symmetric matrix between nodes of one element, ``added``."""
 
     def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
@@ -62,8 +64,7 @@ class StiffnessBlocks:
         if self._added is not None:
             places, blocks = self._added
             values[places] += blocks
-        hold(values, self)
-        return values
+        return self.held(values)
 
     def summed(self, moduli: Moduli) -> np.ndarray:
         """The blocks without what is added and held."""
@@ -141,8 +142,8 @@ class SymbolicBlocks(StiffnessBlocks):
         return ComponentBlocks(matrix, self.free).values(matrix)
 
 
-class ComponentBlocks:
-    """``Blocks`` of matrices of NGSolve that go component by component, made for one of them."""
+class ComponentBlocks(Blocks):
+    """Those of matrices of NGSolve that go component by component, made for one of them."""
 
     def __init__(self, matrix: BaseMatrix, free: np.ndarray) -> None:
         self.free, (nodes, self.N) = free, free.shape
@@ -155,17 +156,7 @@ class ComponentBlocks:
         whole, nodes = csr_matrix(tuple(map(np.asarray, matrix.CSR()))), len(self.free)
         parts = [slice(first, first + nodes) for first in range(0, nodes * self.N, nodes)]
         entries = [whole[i, j].data[self._lower] for i in parts for j in parts]
-        values = np.stack(entries, axis=1).reshape(-1, self.N, self.N)
-        hold(values, self)
-        return values
-
-
-def hold(values: np.ndarray, blocks: Blocks) -> None:
-    """Rows and columns of held components become those of the identity."""
-    free = blocks.free
-    values[~(free[blocks.rows][:, :, None] & free[blocks.columns][:, None])] = 0.0
-    nodes, components = np.nonzero(~free)
-    values[np.flatnonzero(blocks.rows == blocks.columns)[nodes], components, components] = 1.0
+        return self.held(np.stack(entries, axis=1).reshape(-1, self.N, self.N))
 
 
 def pattern_matrix(space: H1) -> BaseMatrix:

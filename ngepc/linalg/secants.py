@@ -28,9 +28,9 @@ class Compliance:
     """
 
     def __init__(self, diagonal: np.ndarray, columns: np.ndarray | None = None) -> None:
-        columns = np.zeros((len(diagonal), 0)) if columns is None else columns
-        self._diagonal, self._columns = diagonal, columns  # W = diag + columns diag(signs) columns'
-        self._signs = np.ones(columns.shape[1])
+        self._diagonal = diagonal  # W = diag + columns diag(signs) columns'
+        self._columns = np.zeros((len(diagonal), 0)) if columns is None else columns
+        self._signs = np.ones(self._columns.shape[1])
         self.restart()
 
     @classmethod
