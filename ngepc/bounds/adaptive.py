@@ -156,16 +156,24 @@ def solve_to(
     check_covered(problem)
     check_carried(problem)
     records: list[MeshRecord] = []
-    mesh, last = Mesh(problem.mesh.ngmesh.Copy()), None
+    mesh, bound, message = Mesh(problem.mesh.ngmesh.Copy()), None, None
     while True:
         discrete = DiscreteProblem(on_mesh(problem, mesh))
-        result, bound, steps = solved(discrete, last, options)
+        result, bound, steps = solved(discrete, bound, options)
         parts = (bound.energy, bound.total, bound.algebraic, bound.relative)
-        records.append(MeshRecord(discrete.problem.mesh.nv, steps, *parts))
+        records.append(MeshRecord(mesh.nv, steps, *parts))
         log.info("nodes:%(nodes)6d energy:%(energy).8e bound:%(total).2e", vars(records[-1]))
-        message = verdict(result, bound, relative_error, records[-1], monitor)
+        try:
+            if monitor is not None:
+                monitor(records[-1])
+        except StopIteration:
+            message = "The monitor ended the run."
+        if message is None and result.status not in SOLVED:
+            message = result.ending or result.status.value
+        if message is None and bound.relative <= relative_error:
+            message = ""
         if message is None:
-            mesh, last = next_mesh(bound, relative_error, options), bound
+            mesh = next_mesh(bound, relative_error, options)
             if mesh.nv > options.max_nodes:
                 message = f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
         if message is not None:
@@ -182,64 +190,34 @@ def next_mesh(bound: ErrorBound, asked: float, options: Refinement) -> Mesh:
 def solved(
     discrete: DiscreteProblem, last: ErrorBound | None, options: Refinement
 ) -> tuple[ExactResult, ErrorBound, int]:
-    """Newton steps on one mesh until their part of the bound is small, and their number."""
+    """Newton steps on one mesh until their part of the bound is small, and their number.
+
+    They pause at a step that lowers the energy by less than a ``small`` amount.
+    """
     setting, tangent = setting_of(discrete), Factors(discrete, "sparsecholesky")
-    if last is None:
-        state, pause = starting_state(discrete, None), Pause(0.0)
-    else:
-        state, pause = carried_state(last.state, discrete), Pause(SMALL_STEP * last.total)
-    steps, bound, algebraic = 0, None, 0.0
+    state = starting_state(discrete, None) if last is None else carried_state(last.state, discrete)
+    small = 0.0 if last is None else SMALL_STEP * last.total
+    steps, bound, algebraic, energies = 0, None, 0.0, []
+
+    def pause(record: IterationRecord) -> None:
+        energies.append(record.energy)
+        if abs(energies[-2] - energies[-1]) < small:
+            raise StopIteration
+
     while True:
-        limits = TOLERANCE, options.max_iterations - steps
+        limits, energies[:] = (TOLERANCE, options.max_iterations - steps), [math.nan]
         result = newton_iteration(state, tangent, ExactResult, *limits, pause)
         steps += result.iterations
-        if pause.reached and bound is not None:
+        paused = result.status == Status.STOPPED and abs(energies[-2] - energies[-1]) < small
+        if paused and bound is not None:
             algebraic = algebraic_part(setting, feasible_state(setting, result.state)[0], tangent)
         if bound is None or algebraic <= ALGEBRAIC_SHARE * bound.total:
             bound = bound_of_state(setting, result.state, tangent)
             algebraic = bound.algebraic
-        if not pause.reached or algebraic <= ALGEBRAIC_SHARE * bound.total:
-            return paused(result, bound, steps) if pause.reached else result, bound, steps
-        state, pause = result.state, Pause(pause.small / 30)
-
-
-class Pause:
-    """A monitor that stops Newton's method at a step that lowers the energy by less than ``small``.
-
-    ``reached`` says whether it has.
-    """
-
-    def __init__(self, small: float) -> None:
-        self.small, self.reached, self._energy = small, False, math.nan
-
-    def __call__(self, record: IterationRecord) -> None:
-        """Compare with the record before; StopIteration at a small step."""
-        gained, self._energy = self._energy - record.energy, record.energy
-        self.reached = record.iteration > 0 and abs(gained) < self.small
-        if self.reached:
-            raise StopIteration
-
-
-def paused(result: ExactResult, bound: ErrorBound, steps: int) -> ExactResult:
-    """The result of a run that has done enough for its mesh."""
-    part = bound.algebraic / bound.total if bound.total > 0 else 0.0
-    ending = f"Newton's part of the error bound is {part:.1e} after {steps} steps."
-    return replace(result, status=Status.BOUNDED, ending=ending)
-
-
-def verdict(
-    result: ExactResult,
-    bound: ErrorBound,
-    asked: float,
-    record: MeshRecord,
-    monitor: Callable[[MeshRecord], None] | None,
-) -> str | None:
-    """None to go on, "" where the error is small enough, or why the run ends."""
-    try:
-        if monitor is not None:
-            monitor(record)
-    except StopIteration:
-        return "The monitor ended the run."
-    if result.status not in SOLVED:
-        return result.ending or result.status.value
-    return "" if bound.relative <= asked else None
+        if not paused:
+            return result, bound, steps
+        if algebraic <= ALGEBRAIC_SHARE * bound.total:
+            part = bound.algebraic / bound.total if bound.total > 0 else 0.0
+            ending = f"Newton's part of the error bound is {part:.1e} after {steps} steps."
+            return replace(result, status=Status.BOUNDED, ending=ending), bound, steps
+        state, small = result.state, small / 30

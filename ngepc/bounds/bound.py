@@ -21,7 +21,7 @@ from ngsolve import L2, GridFunction
 from ngepc.bounds.conjugate import Conjugate
 from ngepc.bounds.coverage import on_facets
 from ngepc.bounds.plane import PlaneSetting
-from ngepc.bounds.setting import Setting
+from ngepc.bounds.setting import Setting, stress_coordinates
 from ngepc.bounds.solid import SolidSetting
 from ngepc.discretisation.loads import nodal
 from ngepc.local.factors import Factors
@@ -163,8 +163,8 @@ def state_of(setting: Setting, result: object) -> State:
     multipliers = np.zeros(len(rows))
     if len(rows):
         ends = setting.boundary.on_contact(on_facets(setting.problem, result.contact_pressure))
-        there = setting.row_of >= 0
-        multipliers[setting.row_of[there]] = np.maximum(ends[there], 0.0)
+        there = setting.contact.row_of >= 0
+        multipliers[setting.contact.row_of[there]] = np.maximum(ends[there], 0.0)
     return discrete.state(u.copy(), contact=multipliers * rows.weights)
 
 
@@ -178,18 +178,16 @@ def setting_of(discrete: DiscreteProblem) -> Setting:
 
 def bound_of_state(setting: Setting, given: State, tangent: Factors) -> ErrorBound:
     """The bound for a state on the mesh of a setting; ``tangent`` may be that of an earlier one."""
-    setting.check_touching(given)
+    contact = setting.contact
+    contact.check_touching(given)
     state, moved = feasible_state(setting, given)
     algebraic = algebraic_part(setting, state, tangent)
-    P = setting.pressure(state.multipliers)
-    z, mean, P = setting.best_stress(state, tangent, P)
-    contact = setting.contact_gaps(state, P)
-    volume, owners = setting.cells.volume, setting.cells.owners[setting.boundary.contact, 0]
-    per_cell = setting.at_nodes.integrals(z, volume, setting.gaps(state, mean))
-    per_cell += np.bincount(owners, contact, minlength=len(per_cell))
-    whole = with_loads(setting, per_cell)
+    z, at_points, P = setting.best_stress(state, tangent, contact.pressure(state.multipliers))
+    gaps = setting.at_nodes.integrals(z, setting.cells.volume, setting.gaps(state, at_points))
+    gaps += np.bincount(contact.owner, contact.gaps(state, P), minlength=len(gaps))
+    whole = with_loads(setting, gaps)
     total, energy = float(whole.sum()), setting.energy(state)
-    oscillation = total - float(per_cell.sum())
+    oscillation = total - float(gaps.sum())
     return ErrorBound(state, energy, total, algebraic, whole, z, P, moved, oscillation)
 
 
@@ -205,7 +203,7 @@ def with_loads(setting: Setting, gaps: np.ndarray) -> np.ndarray:
 
 def feasible_state(setting: Setting, given: State) -> tuple[State, float]:
     """The state moved clear of the obstacle, its w on the sphere, and by how much it was moved."""
-    u = setting.feasible(given.u)
+    u = setting.contact.cleared(given.u)
     moved = float(np.abs(u - given.u).max(initial=0.0))
     if moved <= given.touching_distance:
         return given.on_sphere(), moved
@@ -220,6 +218,7 @@ def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
     conjugate, law = Conjugate(setting.discrete.law), setting.discrete.law
     density = law.energy_density(state.volume, state.at)
     density += conjugate.value(conjugate.completed(z[:, None]))[:, 0]
-    gap = density - np.einsum("pc,pc->p", z, setting.point_strain(state))
+    strain = stress_coordinates(setting.problem.N, state.volume, state.deviator, 0.0)
+    gap = density - np.einsum("pc,pc->p", z, strain)
     friction = contact.friction_work(forces, state.gaps, 0.0)
     return setting.discrete.points.integral(gap) + float(forces @ state.gaps + friction)

@@ -14,35 +14,15 @@ from ngepc.model.problem import Problem, as_scalar
 class Boundary:
     """What is given on each facet of the outer boundary.
 
-    Parameters
-    ----------
-    problem, cells
-        The data, in N dimensions, and the facets of its mesh.
+    ``given`` (nf, N) are the components of the traction that are known, contact included;
+    ``traction`` (nf, N, N) has, at the vertices of each facet, the affine function with the moments
+    of g (stress), zero elsewhere; ``uneven`` the facets with tractions and what g has beyond that
+    at the points of the rule, (., points, N).  ``contact`` are the numbers of the contact facets;
+    at their vertices, (contact facets, N), ``gap`` is an affine function nowhere above psi,
+    ``excess`` the integral of psi - gap times hat functions, ``friction`` F (stress) or zero.
 
-    Attributes
-    ----------
-    given
-        Boolean, shape (nf, N): components of the traction that are known, contact included.
-    traction
-        At the vertices of each facet the affine function with the moments of g (stress), zero
-        elsewhere, shape (nf, N, N).
-    uneven
-        Facets with tractions, and what g has beyond that at the points of the rule, (., points, N).
-    contact
-        Numbers of the contact facets.
-    gap
-        A function at the vertices of the contact facets that is affine and nowhere above psi
-        (length), shape (contact facets, N).
-    excess
-        int over the facet of (psi - gap) times each vertex's hat function, shape as ``gap``.
-    friction
-        F at the vertices of the contact facets (stress), zero without friction, shape as ``gap``.
-
-    Raises
-    ------
-    ValueError
-        For friction or displacements that are not affine on facets, and for boundaries inside the
-        body.
+    ValueError for friction or displacements that are not affine on facets, and for boundaries
+    inside the body.
     """
 
     def __init__(self, problem: Problem, cells: Simplices) -> None:

@@ -17,8 +17,7 @@ the one that is taken nearly minimises phi*.
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,15 +39,11 @@ from ngepc.discretisation.law import Law
 
 R6 = np.sqrt(6.0)
 
-TO_PLANE = np.array([[0.5, 0.5, 0.0], [0.5**0.5, -(0.5**0.5), 0.0], [0.0, 0.0, 2**0.5]])
-"""(a, b_0, b_1) from (xx, yy, xy)."""
-
 ZETA_STEPS = 6
 """Newton steps for zeta where the stress yields."""
 
 
-@dataclass(frozen=True, eq=False)
-class Completed:
+class Completed(NamedTuple):
     """A stress with its third direction, shapes (...) and (..., d).
 
     ``mean`` m and ``deviator`` d; with s = d - dev alpha_0, ``over`` is [|s| - beta]_+,
@@ -61,12 +56,7 @@ class Completed:
     direction: np.ndarray
     size: np.ndarray
 
-    def of(self, cells: np.ndarray | slice) -> Completed:
-        """Those of some triangles."""
-        return sliced(self, cells, OF_POINTS)
 
-
-OF_POINTS = ("mean", "deviator", "over", "direction", "size")
 OF_LAW = ("bulk", "two_mu", "hardening", "beta", "back", "initial")
 
 
@@ -82,12 +72,6 @@ class Conjugate:
         self.back, self.initial = law.back[::each, None], law.initial[::each, None]
         self.d = self.back.shape[2]
         self.whole = self.d != 3  # no direction without an equation
-
-    def with_history(self, back: np.ndarray, initial: np.ndarray) -> Conjugate:
-        """The same with other ``back`` and ``initial``."""
-        result = copy(self)
-        result.back, result.initial = back, initial
-        return result
 
     def of(self, cells: np.ndarray | slice) -> Conjugate:
         """phi* on some of the cells."""
@@ -126,12 +110,10 @@ class Conjugate:
 
     def value(self, at: Completed) -> np.ndarray:
         """phi* at completed stresses, shape (triangles, points)."""
-        return self._smooth(at) + at.over**2 / (2 * self.hardening[:, None])
-
-    def _smooth(self, at: Completed) -> np.ndarray:
+        bulk, two_mu, h = (v[:, None] for v in (self.bulk, self.two_mu, self.hardening))
         total = self._total(at)
         square = np.einsum("tqd,tqd->tq", total, total)
-        return (at.mean**2 / self.bulk[:, None] + square / self.two_mu[:, None]) / 2
+        return (at.mean**2 / bulk + square / two_mu + at.over**2 / h) / 2
 
     def _total(self, at: Completed) -> np.ndarray:
         """D + 2 mu_2 p_0: the deviatoric strain without p, as a stress."""
@@ -154,20 +136,14 @@ class Conjugate:
         for k in range(self.d):
             whole[..., k, k] += across + 1 / self.two_mu[:, None]
         bulk = np.broadcast_to(1 / self.bulk[:, None], at.mean.shape)
+        result = np.zeros((*at.mean.shape, self.d + 1, self.d + 1))
+        result[..., 0, 0], result[..., 1:, 1:] = bulk, whole
         if self.whole:
-            result = np.zeros((*at.mean.shape, self.d + 1, self.d + 1))
-            result[..., 0, 0], result[..., 1:, 1:] = bulk, whole
             return result
-        return self._without_zeta(bulk, whole)
-
-    def _without_zeta(self, bulk: np.ndarray, whole: np.ndarray) -> np.ndarray:
-        """The Schur complement of the coordinate zeta in (a, b_0, b_1, zeta)."""
-        rest, column = np.zeros((*bulk.shape, 3, 3)), np.zeros((*bulk.shape, 3))
-        rest[..., 0, 0] = bulk
-        rest[..., 1:, 1:] = whole[..., [[0], [2]], [0, 2]]
-        column[..., 0], column[..., 1:] = -bulk / R6, whole[..., [0, 2], 1]
-        corner = bulk / 6 + whole[..., 1, 1]
-        return rest - column[..., :, None] * column[..., None, :] / corner[..., None, None]
+        column, corner = result[..., [0, 1, 3], 2], bulk / 6 + whole[..., 1, 1]
+        column[..., 0] = -bulk / R6  # the Schur complement of zeta, which m contains
+        product = column[..., :, None] * column[..., None, :] / corner[..., None, None]
+        return result[..., [[0], [1], [3]], [0, 1, 3]] - product
 
     def integrals(self, nodal: np.ndarray, volume: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Upper bounds of int phi* over each cell, plus ``rest``, shape (cells,).
@@ -175,17 +151,10 @@ class Conjugate:
         The plastic term is the integral of the squared distance of s from the ball |q| <= beta.
         That is at most |s - q| for the q whose coefficients are the points of the ball that are
         nearest to those of s: q lies in their convex hull.  Parts are split where that exceeds a
-        rule most.
+        rule most, until what is left is small beside all integrals and ``rest``.
 
-        Parameters
-        ----------
-        nodal
-            Stress coordinates at the nodes of the parts of each cell, shape (cells, nodes, c): the
-            vertices of three or four parts, or vertices and edge midpoints of three.
-        volume
-            Of the cells.
-        rest
-            What is added to the integrals before "small" means small beside them.
+        ``nodal`` (cells, nodes, c) are stress coordinates at the nodes of the parts of each cell: the
+        vertices of three or four parts, or vertices and edge midpoints of three.
         """
         at, count, k = self.completed(nodal), len(nodal), NODES[nodal.shape[1]]
         mean, total, s = (

@@ -36,19 +36,9 @@ OWN = np.ascontiguousarray(ELEMENT.moments[:, :FREE])
 class Faces:
     """The unknowns on the faces, and the matrices of the tetrahedra.
 
-    Parameters
-    ----------
-    boundary
-        Which tractions are given.
-
-    Attributes
-    ----------
-    free
-        Boolean, shape (3 nf, 3): components of delta that no support holds.
-    piola
-        Stress coordinates from the components of a reference stress, shape (nt, 6, 6).
-    closed
-        Unit normals where delta is held along them, zero elsewhere, (3 nf, 3); None for none.
+    ``free`` (3 nf, 3) are components of delta that no support holds, ``piola`` (nt, 6, 6) gives
+    stress coordinates from the components of reference stresses, ``closed`` (3 nf, 3) has unit
+    normals where delta is held along them, zero elsewhere; None for none.
     """
 
     def __init__(self, boundary: Boundary) -> None:

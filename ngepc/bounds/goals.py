@@ -142,16 +142,9 @@ def slopes(
 ) -> tuple[float, float]:
     """The largest lower and the smallest upper slope of chords that were found.
 
-    Parameters
-    ----------
-    result
-        Where the chords start.
-    problem_at
-        The problem with the parameter changed by a number.
-    rise
-        No less than the change of the energy along a chord, from the bounds at its ends.
-    slope, length
-        About how steep the energy is, and a change that is large.
+    ``problem_at`` is the problem with the parameter changed by a number, ``rise`` no less than the
+    change of the energy along a chord, from the bounds at its ends; ``slope`` says about how steep
+    the energy is, ``length`` which change is large.
     """
     require_without(result.problem, "a bracket", "friction")
     here = error_bound(result)

@@ -60,19 +60,8 @@ def rotating_loads(N: int) -> np.ndarray:
 class CarriedLoads:
     """The body force and the tractions of a problem on the cells of its mesh.
 
-    Parameters
-    ----------
-    boundary
-        The tractions, and the cells.
-
-    Attributes
-    ----------
-    nodal
-        int f phi_i over each cell for its vertices i, shape (nt, N + 1, N).
-    inner
-        Coefficients of constant and of rotating loads on the reference cell, (nt, N (N + 1)/2).
-    left
-        rho of each cell, shape (nt,).
+    ``nodal`` (nt, N + 1, N) is int f phi_i over each cell for its vertices i, ``inner`` (nt, .) the
+    coefficients of constant and of rotating loads on the reference cell, ``left`` (nt,) rho.
     """
 
     def __init__(self, boundary: Boundary) -> None:

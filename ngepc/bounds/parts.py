@@ -131,12 +131,7 @@ def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.
 
     of degree 16.  Coefficients say how far |s| may fall; where that is much the result is infinite.
 
-    Parameters
-    ----------
-    s
-        Coefficients, shape (n, 6, d).
-    beta, volume
-        Shapes (n,).
+    ``s`` (n, 6, d) are coefficients; ``beta`` and ``volume`` have the shape (n,).
     """
     found = [_excess(s[part], beta[part]) for part in portions(len(s))]
     return np.concatenate([np.zeros(0), *found]) * volume
@@ -185,12 +180,7 @@ def exceeding(s: np.ndarray, beta: np.ndarray, area: np.ndarray) -> np.ndarray:
     a polynomial of degree six.  Elsewhere |s| >= d : s for a unit vector d, and the square is at
     least 2 theta (d : s - beta) - theta^2 for affine theta >= 0.
 
-    Parameters
-    ----------
-    s
-        Values of an affine function at the vertices of the triangles, shape (n, 3, d).
-    beta, area
-        Shapes (n,).
+    ``s`` (n, 3, d) are vertex values of affine functions; ``beta`` and ``area`` have shape (n,).
     """
     result, cell = np.zeros(len(s)), np.arange(len(s))
     for level in range(FROM_BELOW + 1):

@@ -34,9 +34,9 @@ class PlaneSetting(Setting):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """An admissible stress for which the bound is small, again at points, and its P."""
         moments, forces = self.loads(state, P)
-        stress = self.balanced(state, tangent, self.carried_forces() - forces)
+        stress = self.balanced(state, tangent, forces)
         dual = Dual(self.space, self.conjugate, self.strain(state))
-        rest = float(self.phi(state).sum() + self.contact_gaps(state, P).sum())
+        rest = float(self.phi(state).sum() + self.contact.gaps(state, P).sum())
         z = self.admissible(stress, moments)
         z = tightened(dual, self.cells, z, self.on_parts(stress), rest, self.effort)
         at_points = z if self.problem.order == 2 else z.mean(axis=1, keepdims=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.bounds.airy import AirySpace, TriangleBlocks
+from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import Completed, Conjugate
 from ngepc.bounds.levels import TwoLevels
 from ngepc.bounds.parts import portions
@@ -29,17 +29,9 @@ RINGS = 9
 class Effort:
     """How hard to look for the best stress.
 
-    Parameters
-    ----------
-    newton
-        Most Newton steps after the tangent at the discrete stress.
-    trust
-        None is done where the bound exceeds what the tangent promised by less than this part.
-    gain
-        Conjugate gradients stop at a step that gains less than this part of the bound, in Newton
-        steps less than 0.3 of it.
-    steps
-        Most of these steps, for each tangent.
+    At most ``newton`` Newton steps follow the tangent at the discrete stress, none where the bound
+    exceeds what the tangent promised by less than the part ``trust``.  Conjugate gradients stop at
+    a step that gains less than the part ``gain`` of the bound, and after ``steps`` at most.
     """
 
     newton: int = 2
@@ -69,24 +61,18 @@ class Dual:
         weights = self.space.rule.weights if z.shape[1] > 1 else np.ones(1)
         return self.space.area * ((self.conjugate.value(at) - work) @ weights)
 
-    def gradient(self, at: Completed) -> np.ndarray:
-        """Strains (nt, points, 3)."""
-        return self.conjugate.gradient(at) - self.strain
 
-
-OF_MODEL = ("centre", "_values", "_area", "_gradient", "_compliance", "_yields")
+OF_MODEL = ("centre", "_values", "_gradient", "compliance", "_yields")
 
 
 class Model:
-    """The dual functional to second order around stresses.
+    """The dual functional to second order around stresses at one point or all, (nt, ., 3)."""
 
-    These are ``centre`` at one point or all (nt, ., 3), completed ``at``.
-    """
-
-    def __init__(self, dual: Dual, centre: np.ndarray, at: Completed) -> None:
-        self.space, self._area, self._values = dual.space, dual.space.area, dual.values(centre, at)
-        self.centre, self._gradient = centre, dual.gradient(at)
-        self._compliance = dual.conjugate.compliance(at)
+    def __init__(self, dual: Dual, centre: np.ndarray) -> None:
+        at = dual.conjugate.completed(centre)
+        self.space, self.centre, self._values = dual.space, centre, dual.values(centre, at)
+        self._gradient = dual.conjugate.gradient(at) - dual.strain
+        self.compliance = dual.conjugate.compliance(at)
         self._yields = (at.over > 0).any(axis=1)
 
     def of(self, chosen: slice) -> Model:
@@ -97,7 +83,7 @@ class Model:
 
     def gradient(self, z: np.ndarray) -> np.ndarray:
         """Strains at stresses, both (nt, points, 3)."""
-        H, moved = self._compliance, z - self.centre
+        H, moved = self.compliance, z - self.centre
         if H.shape[1] == 1:
             return np.matmul(moved, H[:, 0]) + self._gradient
         return np.matmul(H, moved[..., None])[..., 0] + self._gradient
@@ -105,7 +91,7 @@ class Model:
     def values(self, z: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Integrals over the triangles for stresses with this gradient, by the rule."""
         work = np.einsum("tqc,tqc->tq", z - self.centre, gradient + self._gradient)
-        return self._values + self._area * (work @ self.space.rule.weights) / 2
+        return self._values + self.space.area * (work @ self.space.rule.weights) / 2
 
     def linearised(self, z: np.ndarray) -> tuple[float, np.ndarray]:
         """The integral for stresses, and what it pulls at the unknowns."""
@@ -128,44 +114,40 @@ class Model:
                 result[cells] = whole.values(z[cells], at) - quadratic
         return result
 
-    def stiffness(self) -> TriangleBlocks:
-        """The matrices of the Airy functions on each triangle."""
-        return self.space.stiffness(self._compliance)
-
     def forces(self, x: np.ndarray) -> np.ndarray:
         """The stiffness times all unknowns x, held ones too."""
-        strain = np.matmul(self._compliance, self.space.stress(x)[..., None])[..., 0]
+        strain = np.matmul(self.compliance, self.space.stress(x)[..., None])[..., 0]
         return self.space.gathered(self.space.forces(strain))
 
 
 def tightened(
-    dual: Dual, triangles: Simplices, z: np.ndarray, centre: np.ndarray, rest: float, effort: Effort
+    dual: Dual, cells: Simplices, z: np.ndarray, centre: np.ndarray, rest: float, effort: Effort
 ) -> np.ndarray:
     """In-plane stresses at the points, shape (nt, points, 3), with a smaller dual functional.
 
     Search begins at the admissible stress ``z`` (nt, points, 3), tangents at the stress ``centre``
     of the discrete solution, at one point or all (nt, ., 3); ``rest`` is the bound less ``dual``.
     """
-    system = TwoLevels(dual.space, triangles)
-    model = Model(dual, centre, dual.conjugate.completed(centre))
-    system.update(model.stiffness(), model.forces, slice(None))
-    start, right = model.linearised(z)
-    x, promised = system.solve(right, rest + start, effort.gain, effort.steps)
-    z = z + dual.space.stress(x)
-    there, part = slice(None), dual
-    for _ in range(effort.newton):
+    system = TwoLevels(dual.space, cells)
+    there, part, gain, bound = slice(None), dual, effort.gain, rest
+    for step in range(effort.newton + 1):
+        model = Model(part, centre)
+        system.update(part.space.stiffness(model.compliance), model.forces, there)
+        value, right = model.linearised(z[there])
+        if step == 0:
+            bound += value
+        x, promised = system.solve(right, bound, gain, effort.steps)
+        change = part.space.stress(x)
+        z[there] = z[there] + change if step == 0 else descended(part, z[there], change)
+        if step == effort.newton:
+            break
         missed = model.missed(part, z[there])
-        bound = promised + missed.sum()
+        bound, gain = promised + missed.sum(), LOCALLY * effort.gain
         if missed.sum() <= effort.trust * bound:
             break
-        there = triangles.around(np.arange(len(z))[there][marked(np.abs(missed), BROKEN)], RINGS)
-        part = dual.of(there)
-        model = Model(part, z[there], part.conjugate.completed(z[there]))
-        system.update(model.stiffness(), model.forces, there)
-        x, promised = system.solve(
-            model.linearised(z[there])[1], bound, LOCALLY * effort.gain, effort.steps
-        )
-        z[there] = descended(part, z[there], part.space.stress(x))
+        worst = np.arange(len(z))[there][marked(np.abs(missed), BROKEN)]
+        there = cells.around(worst, RINGS)
+        part, centre = dual.of(there), z[there]
     return z
 
 

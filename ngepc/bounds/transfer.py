@@ -2,45 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields, replace
 
 import numpy as np
 from netgen.meshing import NetgenGeometry
-from ngsolve import (
-    CF,
-    ET,
-    L2,
-    VOL,
-    CoefficientFunction,
-    GridFunction,
-    Integrate,
-    IntegrationRule,
-    Mesh,
-    VectorValued,
-)
+from ngsolve import CF, L2, CoefficientFunction, GridFunction, Integrate, Mesh
 
 from ngepc.bounds.coverage import varies_inside
 from ngepc.bounds.simplices import marked
 from ngepc.discretisation.points import PointFunctions, Points, on_children
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import element_vertices, vertex_coordinates
+from ngepc.model.kinematics import kinematics_of
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 
 CLOSE = 1.03
 """How near bisections come to what should be left, which mostly falls faster than expected."""
 
-CENTRES = {
-    ET.TRIG: IntegrationRule([(1 / 3, 1 / 3)], [0.5]),
-    ET.TET: IntegrationRule([(0.25, 0.25, 0.25)], [1 / 6]),
-}
-
 
 def bisected(mesh: Mesh, chosen: np.ndarray) -> Mesh:
     """A copy of the mesh with the chosen elements bisected, and neighbours to conform."""
     finer = copied(mesh)
-    bisect(finer, chosen)
+    finer.SetRefinementFlags(chosen.tolist())
+    finer.Refine()
     return finer
 
 
@@ -54,12 +40,6 @@ def copied(mesh: Mesh) -> Mesh:
     return Mesh(netgen_mesh)
 
 
-def bisect(mesh: Mesh, chosen: np.ndarray) -> None:
-    """Bisect elements until all of their edges are halved."""
-    mesh.SetRefinementFlags(chosen.tolist())
-    mesh.Refine()
-
-
 def bisected_to(mesh: Mesh, indicators: np.ndarray, share: float, left: float) -> Mesh:
     """A copy of the mesh, bisected until this part of the indicators should be left.
 
@@ -67,20 +47,20 @@ def bisected_to(mesh: Mesh, indicators: np.ndarray, share: float, left: float) -
     for order one and smooth solutions: where edges are halved three quarters go.  Those with a
     share of what is left are bisected at a time (Doerfler), or fewer at the end.
     """
-    finer, power = copied(mesh), 1 + 2 / mesh.dim
+    finer, sums = copied(mesh), np.maximum(indicators, 0.0)
     density = GridFunction(L2(finer, order=0, autoupdate=True), autoupdate=True, nested=True)
-    sums = np.maximum(indicators, 0.0)
-    density.vec.FV().NumPy()[:] = sums / volumes(finer) ** power
+
+    def scale() -> np.ndarray:
+        return np.array(Integrate(CF(1), finer, element_wise=True)) ** (1 + 2 / mesh.dim)
+
+    density.vec.FV().NumPy()[:] = sums / scale()
     wanted = left * sums.sum()
     while finer.ne == mesh.ne or sums.sum() > CLOSE * wanted:
-        bisect(finer, marked(sums, min(share, (1 - wanted / sums.sum()) / 0.75)))
-        sums = density.vec.FV().NumPy() * volumes(finer) ** power
+        chosen = marked(sums, min(share, (1 - wanted / sums.sum()) / 0.75))
+        finer.SetRefinementFlags(chosen.tolist())
+        finer.Refine()
+        sums = density.vec.FV().NumPy() * scale()
     return finer
-
-
-def volumes(mesh: Mesh) -> np.ndarray:
-    """Of the elements, shape (elements,)."""
-    return np.array(Integrate(CF(1), mesh, element_wise=True))
 
 
 def check_carried(problem: Problem) -> None:
@@ -120,14 +100,14 @@ def on_mesh(problem: Problem, mesh: Mesh) -> Problem:
     carried = {f.name: carry(getattr(material, f.name)) for f in fields(Material)}
     data["mesh"], data["material"] = mesh, replace(material, **carried)
     data["initial_accumulated"] = carry(data["initial_accumulated"])
-    data["initial_plastic_strain"] = carry.affine(data["initial_plastic_strain"], problem)
+    data["initial_plastic_strain"] = carry(data["initial_plastic_strain"], problem.order)
     if problem.f is not None and not varies_inside(problem, problem.f):
         data["body_force"] = carry(problem.f)
     hardening = data["initial_hardening"]
     if isinstance(hardening, tuple):
-        data["initial_hardening"] = carry(hardening[0]), carry.affine(hardening[1], problem)
+        data["initial_hardening"] = carry(hardening[0]), carry(hardening[1], problem.order)
     else:
-        data["initial_hardening"] = carry.affine(hardening, problem)
+        data["initial_hardening"] = carry(hardening, problem.order)
     finer = object.__new__(Problem)
     vars(finer).update(data)
     return finer
@@ -142,39 +122,23 @@ def parents(old: Mesh, new: Mesh) -> np.ndarray:
 
 
 class Carrier:
-    """Coefficients that are constant on the elements of one mesh, as functions on a finer one."""
+    """Coefficients that are constant or affine on the cells of one mesh, on a finer one."""
 
     def __init__(self, old: Mesh, new: Mesh) -> None:
-        self.new, self._parents = new, parents(old, new)
-        self._centres = old.MapToAllElements(CENTRES, VOL)
+        self._meshes, self._parents = (old, new), parents(old, new)
 
-    def __call__(self, value: object) -> object:
-        """A number or a coefficient on the old mesh as one on the new mesh."""
+    def __call__(self, value: object, order: int = 1) -> object:
+        """A number or a coefficient; affine ones belong to problems of order two."""
         if not isinstance(value, CoefficientFunction):
             return value
-        values = np.asarray(value(self._centres)).reshape(-1, value.dim)[self._parents]
-        space = L2(self.new, order=0)
-        if values.shape[1] > 1:
-            space = VectorValued(space, values.shape[1])
-        result = GridFunction(space)
-        result.vec.FV().NumPy()[:] = values.T.ravel()
-        return shaped(result, value.dims)
-
-    def affine(self, value: object, problem: Problem) -> object:
-        """The same for what may be affine on the cells of a problem of order two."""
-        if problem.order == 1 or not isinstance(value, CoefficientFunction):
-            return self(value)
-        before, after = (Points(m, problem.kinematics, 2) for m in (problem.mesh, self.new))
+        kinematics = kinematics_of(None, self._meshes[0].dim)
+        before, after = (Points(m, kinematics, order) for m in self._meshes)
         values = on_children(before.at(value), before, after, self._parents)
-        return shaped(PointFunctions(after).function(values), value.dims)
-
-
-def shaped(function: GridFunction, dims: Sequence[int]) -> CoefficientFunction:
-    """A function with as many components as a scalar, a vector or a matrix has, as one of these."""
-    if function.dim == 1:
-        return function
-    entries = tuple(function[i] for i in range(function.dim))
-    return CF(entries, dims=tuple(dims)) if len(dims) == 2 else CF(entries)
+        function = PointFunctions(after).function(values)
+        if function.dim == 1:
+            return function
+        entries = tuple(function[i] for i in range(function.dim))
+        return CF(entries, dims=tuple(value.dims)) if len(value.dims) == 2 else CF(entries)
 
 
 def carried_parabolas(old: State, discrete: DiscreteProblem) -> np.ndarray:

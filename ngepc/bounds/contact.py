@@ -1,0 +1,165 @@
+"""What happens on the contact facets: obstacles that are cleared, pressure, friction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ngepc.bounds.boundary import Boundary
+from ngepc.bounds.equilibration import moments_of
+from ngepc.discretisation.conditions import initial_displacements
+from ngepc.local.system import DiscreteProblem, State
+
+LEVEL = 1e-9
+"""Square of the free part of a normal that moves nothing."""
+
+CLEAR = 1e-12
+"""Part of the largest displacement that counts as no penetration."""
+
+NORMAL_PASSES = 50
+"""Most passes over the facets that meet at a vertex until all of them are clear."""
+
+BUBBLE = -0.5
+"""NGSolve's function of an edge is this times the product of the hat functions of its ends."""
+
+
+class ContactFacets:
+    """The contact facets of a discrete problem.
+
+    ``nodes`` (facets, .) are the vertices, with order two the edge too; ``row_of`` (facets, N) the
+    contact row of each vertex, -1 where a support holds it, of several the one whose normal is
+    nearest to that of the facet; ``normal``, ``measure`` and ``owner`` those of the facets.
+    """
+
+    def __init__(self, discrete: DiscreteProblem, boundary: Boundary) -> None:
+        self.discrete, self.boundary, self.problem = discrete, boundary, discrete.problem
+        c, on, self.N = boundary.cells, boundary.contact, boundary.cells.N
+        self.normal, self.measure, self.owner = c.normal[on], c.measure[on], c.owners[on, 0]
+        self.nodes, self._hats = c.facets[on], (1 + np.eye(self.N)) / (self.N * (self.N + 1))
+        if self.problem.order == 2:
+            nodes, edge = discrete.points.blocks[0].nodes, np.empty(len(c.facets), dtype=int)
+            for k, ends in enumerate(((2, 0), (1, 2), (0, 1))):
+                edge[c.facets_between(nodes[:, ends])] = nodes[:, 3 + k]
+            self.nodes = np.column_stack([self.nodes, edge[on]])
+            self._hats = np.column_stack([self._hats, np.full(2, BUBBLE / 12)])
+        self._start = initial_displacements(self.problem, discrete.supports)
+        self._find_rows(c.facets[on])
+
+    def _find_rows(self, vertices: np.ndarray) -> None:
+        rows = self.discrete.rows
+        order = np.argsort(rows.vertices, kind="stable")
+        first, last = (
+            np.searchsorted(rows.vertices[order], vertices, s) for s in ("left", "right")
+        )
+        self.row_of, best = np.full(vertices.shape, -1), np.full(vertices.shape, -2.0)
+        for k in range(int((last - first).max(initial=0))):
+            row = order[np.minimum(first + k, len(order) - 1)]
+            cosine = (rows.normals[row] * self.normal[:, None]).sum(axis=2)
+            better = (first + k < last) & (cosine > best)
+            self.row_of = np.where(better, row, self.row_of)
+            best = np.where(better, cosine, best)
+
+    def moments(self, values: np.ndarray) -> np.ndarray:
+        """Of affine functions, from vertex values (facets, N, .), by ``nodes``."""
+        return self.measure[:, None, None] * np.matmul(self._hats.T, values)
+
+    def room(self, u: np.ndarray) -> np.ndarray:
+        """The gap less u . n at the vertices, shape (facets, N)."""
+        there = u[self.nodes[:, : self.N]]
+        return self.boundary.gap - np.einsum("eac,ec->ea", there, self.normal)
+
+    def cleared(self, u: np.ndarray) -> np.ndarray:
+        """Nodal displacements near ``u`` that meet supports and clear the obstacle everywhere.
+
+        A parabola below zero at its ends does not rise above between them.  RuntimeError where
+        supports keep a vertex or an edge from clearing it.
+        """
+        u = np.where(self.discrete.supports.free, u, self.discrete.supports.values)
+        rounding = CLEAR * np.abs(u).max(initial=0.0)
+        for _ in range(NORMAL_PASSES):
+            stuck = self.room(u).min(initial=0.0) < -rounding
+            if not stuck:
+                break
+            for end in range(self.N):
+                self._lower(u, self.nodes[:, end], -self.room(u)[:, end], 1.0)
+        if self.problem.order == 2 and not stuck:
+            room, edge = np.sqrt(np.maximum(self.room(u), 0.0)), self.nodes[:, 2]
+            rise = BUBBLE * np.einsum("ec,ec->e", u[edge], self.normal)
+            stuck = self._lower(u, edge, rise - room.sum(axis=1) ** 2, BUBBLE)
+        if stuck:
+            raise RuntimeError("the displacement could not be moved clear of the obstacle")
+        return u
+
+    def _lower(self, u: np.ndarray, nodes: np.ndarray, excess: np.ndarray, value: float) -> bool:
+        """Lower u . n by a positive excess (facets,); whether supports forbid it somewhere.
+
+        The unknowns of the nodes (facets,) count ``value`` times.
+        """
+        n = np.where(self.discrete.supports.free[nodes], self.normal, 0.0)
+        square = np.einsum("ec,ec->e", n, n)
+        deep = (excess > 0) & (square > LEVEL)
+        u[nodes[deep]] -= n[deep] * (excess[deep] / square[deep] / value)[:, None]
+        return bool(((excess > 0) & ~deep).any())
+
+    def pressure(self, multipliers: np.ndarray) -> np.ndarray:
+        """P >= 0 at the vertices from forces of the rows (stress), (facets, N).
+
+        Where a support holds a vertex it is the mean of the others.
+        """
+        values = np.append(np.maximum(multipliers, 0.0) / self.discrete.rows.weights, 0.0)
+        P, there = values[self.row_of], self.row_of >= 0
+        mean = P.sum(axis=1) / np.maximum(there.sum(axis=1), 1)
+        return np.where(there, P, mean[:, None])
+
+    def check_touching(self, state: State) -> None:
+        """Refuse friction where the gap is open: no minimum problem is left."""
+        touches = np.append(state.multipliers > 0, True)[self.row_of]
+        if (self.boundary.friction[~touches] > 0).any():
+            raise ValueError(
+                f"friction={self.problem.friction!r}: it acts where the gap is closed, and the gap "
+                "opens; bounds need F = 0 there"
+            )
+
+    def _across(self, vectors: np.ndarray) -> np.ndarray:
+        """The tangential parts of vectors (facets, ., N)."""
+        n = self.normal[:, None]
+        return vectors - (vectors * n).sum(axis=2, keepdims=True) * n
+
+    def friction(self, state: State) -> np.ndarray:
+        """Tangential tractions |T| <= F on the obstacle (stress), (facets, N, N)."""
+        rows, bound = self.discrete.rows, self.boundary.friction
+        forces = np.einsum("md,mdc->mc", state.tangential_forces, rows.tangents)
+        stress = np.append(forces / rows.weights[:, None], np.zeros((1, self.N)), axis=0)
+        T = self._across(stress[self.row_of])
+        size = np.linalg.norm(T, axis=2)
+        return (np.minimum(size, bound) / np.where(size > 0, size, 1.0))[:, :, None] * T
+
+    def slip(self, u: np.ndarray) -> np.ndarray:
+        """What the nodes have slipped (length), (facets, nodes, N)."""
+        return self._across((u - self._start)[self.nodes])
+
+    def friction_works(self, u: np.ndarray) -> np.ndarray:
+        """No less than int F |slip| over each facet: |slip| is convex there.
+
+        Of parabolas the sizes of Bernstein's coefficients are taken.
+        """
+        F, slip = self.boundary.friction, self.slip(u)
+        size = np.linalg.norm(slip[:, : self.N], axis=2)
+        if self.problem.order == 1:
+            return (moments_of(F, self.measure) * size).sum(axis=1)
+        middle = np.linalg.norm(slip[:, :2].mean(axis=1) + BUBBLE / 2 * slip[:, 2], axis=1)
+        total = F.sum(axis=1)
+        between = total * (size.sum(axis=1) / 12 + middle / 6)
+        return self.measure * ((F * size).sum(axis=1) / 6 + between)
+
+    def pushed(self, state: State, P: np.ndarray) -> np.ndarray:
+        """Forces of the body on the obstacle by ``nodes``, shape (facets, nodes, N)."""
+        return self.moments(P[:, :, None] * self.normal[:, None] + self.friction(state))
+
+    def gaps(self, state: State, P: np.ndarray) -> np.ndarray:
+        """The integral of P (psi - u . n) + F |slip| - T . slip over each facet."""
+        room = -np.einsum("eac,ec->ea", state.u[self.nodes], self.normal)
+        room[:, : self.N] += self.boundary.gap
+        pressed = self.moments(P[:, :, None])[:, :, 0] * room
+        dragged = self.moments(self.friction(state)) * self.slip(state.u)
+        result = pressed.sum(axis=1) + (P * self.boundary.excess).sum(axis=1)
+        return result - dragged.sum(axis=(1, 2)) + self.friction_works(state.u)
