@@ -12,14 +12,10 @@ derivative of the function with respect to the other coordinate is constant.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
-
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.element import ELEMENTS, LEGS, NORMALS, PAIRS, AiryFunctions
+from ngepc.bounds.element import LEGS, NORMALS, PAIRS, AiryFunctions
 from ngepc.bounds.parts import AT_NODES, RULE, SIX, WEIGHTS, portions
 from ngepc.bounds.simplices import sliced
 
@@ -30,46 +26,32 @@ LEVEL = 1e-9
 """A smaller component of a unit normal is none, nor is a smaller eigenvalue."""
 
 
-@dataclass(frozen=True, eq=False)
 class Rule:
     """The points of a triangle at which stresses are known, and those of Airy functions there.
 
-    ``shares`` (q, 3) are barycentric coordinates of the points of each of the three parts,
-    ``weights`` (3 q,) of all points add up to one, ``rows`` (9 q, n) give stresses times det J from
-    the n unknowns of a triangle, ``nodal`` (q, q) values at the nodes of a part from those at its
-    points.
+    Affine stresses are known at the edge midpoints of the three parts, quadratic ones at six points
+    of a part.  ``shares`` (q, 3) are barycentric coordinates there, ``weights`` (3 q,) add up to
+    one, ``nodal`` (q, q) gives values at the nodes of a part, ``rows`` (9 q, n) stresses times
+    det J from the n unknowns of a triangle, ``forces`` is the same with the weights, ``stiffness``
+    (3 q, 6, n^2) the stiffness of a triangle from six compliances at each point.
     """
 
-    shares: np.ndarray
-    weights: np.ndarray
-    rows: np.ndarray
-    nodal: np.ndarray
-
-    @cached_property
-    def stiffness(self) -> np.ndarray:
-        """Stiffness of a triangle from the six compliances at the points, (3 q, 6, n^2)."""
-        rows = self.rows.reshape(len(self.weights), 3, -1)
+    def __init__(self, degree: int) -> None:
+        k = {3: 3, 4: 6}[degree]
+        self.shares, self.weights = {3: RULE[3], 6: SIX}[k], np.tile(WEIGHTS[k] / 3, 3)
+        self.nodal = {3: np.eye(3), 6: AT_NODES}[k] @ np.linalg.inv(RULE[k])
+        rows = AiryFunctions(3).stresses(self.shares)
+        if degree == 4:
+            more = AiryFunctions(4).stresses(self.shares)[:, :, 12:]
+            rows = np.concatenate([rows, more], axis=2)
         products = np.einsum("q,qim,qjn->qijmn", self.weights, rows, rows)
-        products = products + (1 - np.eye(3))[:, :, None, None] * products.swapaxes(1, 2)
-        return products[:, FIRST, SECOND].reshape(len(self.weights), 6, -1)
-
-    @cached_property
-    def forces(self) -> np.ndarray:
-        """The transpose of ``rows`` with the weights, shape (9 q, n)."""
-        return np.repeat(self.weights, 3)[:, None] * self.rows
+        products += (1 - np.eye(3))[:, :, None, None] * products.swapaxes(1, 2)
+        self.stiffness = products[:, FIRST, SECOND].reshape(len(rows), 6, -1)
+        self.rows = rows.reshape(3 * len(rows), -1)
+        self.forces = np.repeat(self.weights, 3)[:, None] * self.rows
 
 
-def _rule(degree: int) -> Rule:
-    """Affine stresses are known at the edge midpoints, quadratic ones at six points of a part."""
-    shares, weights = {3: (RULE[3], WEIGHTS[3]), 4: (SIX, WEIGHTS[6])}[degree]
-    rows = AiryFunctions(3).stresses(shares)
-    if degree == 4:
-        rows = np.concatenate([rows, AiryFunctions(4).stresses(shares)[:, :, 12:]], axis=2)
-    nodal = np.linalg.inv(RULE[3]) if degree == 3 else AT_NODES @ np.linalg.inv(RULE[6])
-    return Rule(shares, np.tile(weights / 3, 3), rows.reshape(3 * rows.shape[0], -1), nodal)
-
-
-RULES = {degree: _rule(degree) for degree in (3, 4)}
+RULES = {degree: Rule(degree) for degree in (3, 4)}
 
 EDGE_ROWS = np.zeros((3, 9))
 """How far the tangential derivative in the middle of an edge exceeds the mean, times its length."""
@@ -81,19 +63,7 @@ for _k, (_i, _j) in enumerate(PAIRS):
 _FIRST, _SECOND = (3 * a[:, None] for a in np.tril_indices(3))
 CORNER_ROWS = (_FIRST + np.repeat(np.arange(3), 3)).ravel()
 CORNER_COLUMNS = (_SECOND + np.tile(np.arange(3), 3)).ravel()
-"""The entries of a matrix that ``TriangleBlocks.corners`` has."""
-
-
-class TriangleBlocks(NamedTuple):
-    """Stiffness matrices of triangles, nine unknowns of the vertices first.
-
-    ``corners`` (nt, 54) has the blocks (3, 3) of the pairs of vertices ``np.tril_indices(3)``,
-    ``cross`` and ``rest`` the rows of the n - 9 others: their first nine columns, then the rest.
-    """
-
-    corners: np.ndarray
-    cross: np.ndarray
-    rest: np.ndarray
+"""The entries of a matrix in the blocks (3, 3) of the pairs of vertices ``np.tril_indices(3)``."""
 
 
 class AirySpace:
@@ -105,11 +75,10 @@ class AirySpace:
 
     of_triangles = ("jacobian", "det", "area", "unknowns", "piola", "_across", "_along", "_forward")
 
-    def __init__(self, boundary: Boundary, degree: int) -> None:
-        self._boundary, self.rule = boundary, RULES[degree]
+    def __init__(self, boundary: Boundary, degree: int, piola: np.ndarray) -> None:
+        self._boundary, self.rule, self.piola = boundary, RULES[degree], piola
         c = self._cells = boundary.cells
         self.jacobian, self.det, self.area = c.jacobian, c.det, c.volume
-        self.piola = ELEMENTS[2].piola(c)
         directions = np.matmul(NORMALS, c.jacobian.swapaxes(1, 2))  # images of the normals
         tangents = np.matmul(LEGS, c.jacobian.swapaxes(1, 2))
         self._across = np.einsum("tki,tki->tk", directions, c.normal[c.facet_of])
@@ -193,20 +162,24 @@ class AirySpace:
             T[:, rest, rest] = 1.0
         return T
 
-    def stiffness(self, H: np.ndarray) -> TriangleBlocks:
-        """The stiffness from d2 phi*/dz2 at one point or all, (nt, ., 3, 3)."""
+    def stiffness(self, H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Stiffness of the triangles from d2 phi*/dz2 at one point or all, (nt, ., 3, 3).
+
+        The entries of the vertices, (nt, 54), and the rows of the n - 9 other unknowns: their first
+        nine columns, then the rest.
+        """
         (nt, n), table = self.unknowns.shape, self.rule.stiffness
         table = (table if H.shape[1] > 1 else table.sum(axis=0)).reshape(-1, n * n)
-        blocks = TriangleBlocks(*(np.empty((nt, *k)) for k in ((54,), (n - 9, 9), (n - 9, n - 9))))
+        corners, cross, rest = (np.empty((nt, *k)) for k in ((54,), (n - 9, 9), (n - 9, n - 9)))
         for cells in portions(nt):
             part = self.of(cells)
             M = part.piola[:, None] * (np.sqrt(part.area) / part.det)[:, None, None, None]
             six = np.matmul(np.matmul(M, H[cells]), M.swapaxes(2, 3))[:, :, FIRST, SECOND]
             K, T = (six.reshape(len(M), -1) @ table).reshape(-1, n, n), part._to_reference()
             K = np.matmul(np.matmul(T.swapaxes(1, 2), K), T)
-            blocks.corners[cells] = K[:, CORNER_ROWS, CORNER_COLUMNS]
-            blocks.cross[cells], blocks.rest[cells] = K[:, 9:, :9], K[:, 9:, 9:]
-        return blocks
+            corners[cells] = K[:, CORNER_ROWS, CORNER_COLUMNS]
+            cross[cells], rest[cells] = K[:, 9:, :9], K[:, 9:, 9:]
+        return corners, cross, rest
 
     def stress(self, x: np.ndarray) -> np.ndarray:
         """In-plane stress coordinates at the points, (nt, points, 3), of all unknowns x."""

@@ -153,8 +153,8 @@ class Conjugate:
         nearest to those of s: q lies in their convex hull.  Parts are split where that exceeds a
         rule most, until what is left is small beside all integrals and ``rest``.
 
-        ``nodal`` (cells, nodes, c) are stress coordinates at the nodes of the parts of each cell: the
-        vertices of three or four parts, or vertices and edge midpoints of three.
+        ``nodal`` (cells, nodes, c) are stress coordinates at the nodes of the parts of each cell:
+        the vertices of three or four parts, or vertices and edge midpoints of three.
         """
         at, count, k = self.completed(nodal), len(nodal), NODES[nodal.shape[1]]
         mean, total, s = (

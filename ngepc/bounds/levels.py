@@ -8,7 +8,7 @@ import numpy as np
 from ngsolve import H1, BitArray
 from scipy.sparse import csc_matrix, csr_matrix
 
-from ngepc.bounds.airy import AirySpace, TriangleBlocks
+from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.stiffness import Blocks, pattern_matrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
@@ -50,19 +50,23 @@ class TwoLevels(Blocks):
         self._places = np.stack(places, axis=1)
         self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
 
-    def update(self, blocks: TriangleBlocks, forces: Linear, chosen: np.ndarray | slice) -> None:
+    def update(
+        self, blocks: tuple[np.ndarray, ...], forces: Linear, chosen: np.ndarray | slice
+    ) -> None:
         """Take the stiffness on some triangles; unknowns of other ones are held.
 
-        ``forces`` is its product with all unknowns, held ones too.
+        ``blocks`` are those of ``AirySpace.stiffness``, ``forces`` is the product with all
+        unknowns, held ones too.
         """
         space, part, count = self.space, self.space.of(chosen), self._count
         self._corners, self._edges = part.unknowns[:, :9], part.unknowns[:, 9:] - count
-        self._cross, self._forces = blocks.cross, forces
+        corners, self._cross, rest = blocks
+        self._forces = forces
         times = np.bincount(part.unknowns.ravel(), minlength=len(space.free))
         self._free = space.free & (times == self._times)
         self.free = self._free[:count].reshape(-1, 3)
-        self._take_edges(blocks.rest)
-        self.matrix.AsVector().FV().NumPy()[:] = self._entries(blocks.corners, chosen).ravel()
+        self._take_edges(rest)
+        self.matrix.AsVector().FV().NumPy()[:] = self._entries(corners, chosen).ravel()
         there = self.free.any(axis=1)
         self._inverse = self.matrix.Inverse(BitArray(there.tolist()), inverse="sparsecholesky")
         self._relax_modes()

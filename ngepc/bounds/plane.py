@@ -25,7 +25,7 @@ class PlaneSetting(Setting):
         super().__init__(discrete)
         order = self.problem.order
         self.effort = {1: Effort(), 2: Effort(gain=0.01, steps=40)}[order]
-        self.space = AirySpace(self.boundary, order + 2)
+        self.space = AirySpace(self.boundary, order + 2, self.piola)
         if order == 2:
             self.weights = self.space.rule.weights
 
@@ -48,26 +48,14 @@ class PlaneSetting(Setting):
         It is made of one in equilibrium against hat functions, in-plane coordinates (points, 3),
         with mean tractions of both triangles, and of the moments of given tractions, (ne, 2, 2).
         """
-        c, element, slopes = (
-            self.cells,
-            ELEMENTS[2],
-            self.cells.gradients * self.cells.volume[:, None, None],
-        )
+        element, size = ELEMENTS[2], self.cells.volume[:, None, None]
+        slopes = self.cells.gradients * size
         mean = element.tensors(stress.reshape(len(slopes), self.each, -1).mean(axis=1))
         needed = np.matmul(slopes, mean)
         own = needed[:, :, None]  # moments inward, the same at both ends of an edge
         if self.each == 3:
             sigma = element.tensors(np.matmul(ON_SIDES, self.at_corners(stress)))
             own = np.einsum("tka,tkvab->tkvb", slopes, sigma.reshape(-1, 3, 2, 2, 2))
-        signs, count = c.sign[:, :, None, None], np.where(c.outer, 1.0, 2.0)[:, None, None]
-        wished = (
-            c.sums(-np.broadcast_to(own, (len(own), 3, 2, 2)) * signs).reshape(-1, 2, 2) / count
-        )
-        mu = self.patches.repaired(wished, needed - self.carried.nodal, given)
-        around = (mu.reshape(-1, 2)[c.slot] * signs).reshape(-1, 6, 2)
-        moments = np.matmul(around, c.inverse.transpose(0, 2, 1)).reshape(-1, 12)
-        at_points = np.matmul(self.space.rule.shares, element.of_data.reshape(3, 3, -1))
-        stresses = (
-            np.concatenate([moments, self.carried.inner], axis=1) @ at_points.reshape(-1, 15).T
-        )
-        return np.matmul(stresses.reshape(len(own), -1, 3), self.space.piola)
+        own = -np.broadcast_to(own, (len(own), 3, 2, 2))
+        table = np.matmul(self.space.rule.shares, element.of_data.reshape(3, 3, -1))
+        return self.built(own, needed - self.carried.nodal, given, table.reshape(-1, 15))

@@ -14,6 +14,7 @@ from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.conjugate import R6, Conjugate
 from ngepc.bounds.contact import ContactFacets
 from ngepc.bounds.coverage import check_covered
+from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.equilibration import Patches, moments_of
 from ngepc.bounds.oscillation import CarriedLoads
 from ngepc.bounds.parts import AT_POINTS, TO_NODES, exceeding
@@ -50,10 +51,28 @@ class Setting(ABC):
         self.each = len(discrete.points) // len(c.nodes)
         self.conjugate = self.at_nodes = Conjugate(discrete.law, self.each)
         self.carried, self.patches = CarriedLoads(self.boundary), Patches(self.boundary)
+        self.piola = ELEMENTS[c.N].piola(c)
         self.contact = ContactFacets(discrete, self.boundary)
         if self.problem.order == 2:
             self._turned = discrete.points.blocks[0].nodes[:, 1] != c.nodes[:, 1]
             self._take_history()
+
+    def built(
+        self, own: np.ndarray, needed: np.ndarray, given: np.ndarray, table: np.ndarray
+    ) -> np.ndarray:
+        """The stress with means of facet moments ``own`` of both sides, put into equilibrium.
+
+        ``own`` (nt, N + 1, N, N) are outward, ``needed`` and ``given`` those of ``Patches``; a
+        table from data as ``Element.of_data`` says where the stress is known, (nt, places, c).
+        """
+        c, N = self.cells, self.cells.N
+        signs, count = c.sign[:, :, None, None], np.where(c.outer, 1.0, 2.0)[:, None, None]
+        mean = c.sums(own * signs).reshape(-1, N, N) / count
+        around = self.patches.repaired(mean, needed, given).reshape(-1, N)[c.slot] * signs
+        around = around.reshape(len(signs), -1, N)
+        moments = np.matmul(around, c.inverse.transpose(0, 2, 1)).reshape(len(signs), -1)
+        stress = np.concatenate([moments, self.carried.inner], axis=1) @ table.T
+        return np.matmul(stress.reshape(len(signs), -1, len(self.piola[0])), self.piola)
 
     def _take_history(self) -> None:
         """Plastic strains and back stresses that are affine on triangles."""
