@@ -80,17 +80,15 @@ class Closed:
             self._springs = (T.T @ rubbing.stiffness @ T).tocsr()
         self.rows = held.multiply(self.free).tocsr()
         self._pushed = pushed.multiply(self.free).T.tocsr()
-        if self.rows.shape[0]:
-            try:
-                self._gram = splu((self.rows @ self._pushed).tocsc())
-            except RuntimeError as error:
-                raise FactorisationError("contact rows of one node are dependent") from error
+        try:
+            gram = (self.rows @ self._pushed).tocsc()
+            self._solve = splu(gram).solve if gram.shape[0] else np.copy
+        except RuntimeError as error:
+            raise FactorisationError("contact rows of one node are dependent") from error
 
     def moved(self, amounts: np.ndarray) -> np.ndarray:
         """A displacement of nodes at the held rows that moves these by some amounts."""
-        if not self.rows.shape[0]:
-            return np.zeros(len(self.free))
-        return self._pushed @ self._gram.solve(amounts)
+        return self._pushed @ self._solve(amounts)
 
     def stiffened(self, multiply: Linear) -> Linear:
         """A stiffness with that of the tangents that slip."""
@@ -107,8 +105,7 @@ class Closed:
     def forces(self, imbalance: np.ndarray, gaps: np.ndarray) -> np.ndarray:
         """The forces of all rows with these gaps: those held balance nodal forces best."""
         x = np.zeros(len(gaps))
-        if self.rows.shape[0]:
-            x[self.numbers] = self._gram.solve(self.rows @ imbalance)
+        x[self.numbers] = self._solve(self.rows @ imbalance)
         if self._rubbing is not None:
             m = len(self._rubbing.slant)
             x[m:] += self._rubbing.forces(x[:m], gaps)

@@ -39,7 +39,8 @@ class ReducedEnergy(Frame):
     """min over p of J(u, p), (2.14), for nodal displacements u of shape (nodes, N).
 
     Its own tangent, with a solver as in ``PrimalOptions``; ``displacement`` and ``mapping`` are the
-    GridFunction that holds the displacement looked at last, and ``ReturnMapping`` there.
+    GridFunction that holds the displacement looked at last, and ``ReturnMapping`` there,
+    ``forces``, ``density`` and ``plastic`` the forms of forces, of the energy and of what yields.
     """
 
     stiffened, back_substitutions, linear_iterations = None, 0, 0
@@ -52,10 +53,12 @@ class ReducedEnergy(Frame):
         self.mapping = ReturnMapping(problem, self.displacement)
         self.rules = plastic_points(problem.mesh, problem.order)
         u, v = space.TnT()
-        self._forces = LinearForm(self._integral(self.mapping.power(v)))
+        self.forces = LinearForm(self._integral(self.mapping.power(v)))
         self._tangent = BilinearForm(self._integral(self.mapping.tangent(u, v)))
-        self._density = self.mapping.energy_density.Compile()
-        self._plastic = self.mapping.plastic.Compile()
+        self.density, self.plastic = (
+            self.mapping.energy_density.Compile(),
+            self.mapping.plastic.Compile(),
+        )
         matrix = self.assemble(self.supports.stiffness)
         diagonal = csr_matrix(tuple(map(np.asarray, matrix.CSR()))).diagonal()
         self.stiffness_diagonal = nodal(diagonal, problem)
@@ -74,27 +77,11 @@ class ReducedEnergy(Frame):
         """The integral over the body by the rule that carries the plastic strain."""
         return float(Integrate(self._integral(density), self.problem.mesh))
 
-    def set(self, u: np.ndarray) -> None:
-        """Look at the nodal displacements ``u``."""
+    def at(self, u: np.ndarray) -> ReducedEnergy:
+        """The energy itself, looking at the nodal displacements ``u``."""
         self.displacement.vec.FV().NumPy()[:] = u.T.ravel()
         self.mapping.update()
-
-    def energy(self, u: np.ndarray) -> float:
-        """J(u) smallest over p (force times length)."""
-        self.set(u)
-        work = np.vdot(self.load - 0.5 * self.supports.pull(u), u)
-        return self.integral(self._density) - float(work)
-
-    def internal_forces(self, u: np.ndarray) -> np.ndarray:
-        """Nodal forces of the stress and on the springs (nodes, N), the gradient plus ``load``."""
-        self.set(u)
-        stress = nodal(self._forces.Assemble().vec.FV().NumPy(), self.problem)
-        return stress + self.supports.pull(u)
-
-    def plastic_measure(self, u: np.ndarray) -> float:
-        """Area or volume of the part of the body that yields in this step."""
-        self.set(u)
-        return self.integral(self._plastic)
+        return self
 
     def assemble(self, springs: csr_matrix) -> BaseMatrix:
         """The tangent at the displacement looked at last, with springs."""
@@ -110,7 +97,7 @@ class ReducedEnergy(Frame):
 
     def linearise(self, here: Balance) -> None:
         """Assemble and factorise the tangent at a state; FactorisationError if that fails."""
-        self.set(here.u)
+        self.at(here.u)
         self.back_substitutions = self.linear_iterations = 0
         try:
             self._factorise(self.assemble(self.added))
@@ -161,31 +148,32 @@ class PrimalState(Balance):
     def along(self, change: np.ndarray) -> tuple[Callable, Callable]:
         """The work of the stress at u + t du times du, and the state there, see ``iteration``."""
 
-        def work(t: float) -> float:
-            return float(np.vdot(self.reduced.internal_forces(self.u + t * change), change))
-
         def moved(t: float, contact: np.ndarray) -> PrimalState:
             return PrimalState(self.reduced, self.u + t * change, contact)
 
-        return work, moved
+        return lambda t: float(np.vdot(moved(t, self.contact).internal_forces, change)), moved
 
     @cached_property
     def energy(self) -> float:
         """J, smallest over p, and friction (force times length)."""
-        return self.reduced.energy(self.u) + self.friction_work
+        reduced, u = self.reduced.at(self.u), self.u
+        work = np.vdot(reduced.load - 0.5 * reduced.supports.pull(u), u)
+        return reduced.integral(reduced.density) - float(work) + self.friction_work
+
+    @cached_property
+    def internal_forces(self) -> np.ndarray:
+        """Nodal forces of the stress and on the springs (nodes, N), the gradient plus the load."""
+        reduced = self.reduced.at(self.u)
+        stress = nodal(reduced.forces.Assemble().vec.FV().NumPy(), reduced.problem)
+        return stress + reduced.supports.pull(self.u)
 
     @property
     def plastic_measure(self) -> float:
         """Area or volume of what yields in this step."""
-        return self.reduced.plastic_measure(self.u)
+        reduced = self.reduced.at(self.u)
+        return reduced.integral(reduced.plastic)
 
     @property
     def flowing(self) -> float:
         """The largest |p| where a law hardens no more."""
-        self.reduced.set(self.u)
-        return self.reduced.mapping.flowing()
-
-    @cached_property
-    def internal_forces(self) -> np.ndarray:
-        """Nodal forces of the stress, shape (nodes, N)."""
-        return self.reduced.internal_forces(self.u)
+        return self.reduced.at(self.u).mapping.flowing()

@@ -79,8 +79,8 @@ class PrimalResult(DiscreteSolution):
         integral is what makes the sum twice J.  The sum with ``primal_energy`` is a measure of what
         is left.
         """
-        state, problem, reduced = self.state, self.problem, self.state.reduced
-        reduced.set(state.u)
+        state, problem = self.state, self.problem
+        reduced = state.reduced.at(state.u)
         mapping, p_0 = reduced.mapping, problem.p_0
         p, back = mapping.plastic_increment, problem.kinematics.coordinates(problem.alpha_0[1])
         density = (
@@ -98,8 +98,8 @@ class PrimalResult(DiscreteSolution):
     @cached_property
     def plastic_increment(self) -> GridFunction:
         """Coordinates of the plastic strain p gained in this step, d components."""
-        self.state.reduced.set(self.state.u)
-        return interpolated(self.problem, self.state.reduced.mapping.plastic_increment)
+        mapping = self.state.reduced.at(self.state.u).mapping
+        return interpolated(self.problem, mapping.plastic_increment)
 
 
 def primal_newton(

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,7 +32,7 @@ from ngepc.linalg.linesearch import nearly_flat
 from ngepc.model.elements import plastic_points
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
-from ngepc.primal.energy import ReducedEnergy
+from ngepc.primal.energy import PrimalState, ReducedEnergy
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.outcome import SolverError, Status
 
@@ -274,14 +273,13 @@ def test_derivatives_match_central_differences(mesh):
     energy = ReducedEnergy(Problem(mesh, STEEL, **loads, kinematics=FLAT[mesh.dim]))
     rng = np.random.default_rng(5)
     u, d = np.where(energy.free, rng.normal(size=(2, *energy.free.shape)), 0.0) * 2e-4
-    assert 0 < energy.plastic_measure(u) < Integrate(CF(1), mesh)
-    t = 1e-6
-    slope = np.vdot(energy.internal_forces(u) - energy.load, d)
-    assert (energy.energy(u + t * d) - energy.energy(u - t * d)) / (2 * t) == pytest.approx(
-        slope, rel=1e-7
-    )
-    change = (energy.internal_forces(u + t * d) - energy.internal_forces(u - t * d)) / (2 * t)
-    energy.linearise(SimpleNamespace(u=u))
+    t, nothing = 1e-6, np.zeros(len(energy.contact))
+    before, here, after = (PrimalState(energy, u + k * t * d, nothing) for k in (-1, 0, 1))
+    assert 0 < here.plastic_measure < Integrate(CF(1), mesh)
+    slope = np.vdot(here.internal_forces - energy.load, d)
+    assert (after.energy - before.energy) / (2 * t) == pytest.approx(slope, rel=1e-7)
+    change = (after.internal_forces - before.internal_forces) / (2 * t)
+    energy.linearise(here)
     assert np.abs(energy.solve(change) - d).max() < 1e-6 * np.abs(d).max()
 
 
@@ -290,7 +288,8 @@ def test_eliminated_plastic_strain_minimises_the_energy():
     energy = ReducedEnergy(problem)
     rng = np.random.default_rng(3)
     u = np.where(energy.free, rng.normal(size=energy.free.shape), 0.0) * 1e-3
-    least = energy.energy(u) + np.vdot(energy.load, u)
+    state = PrimalState(energy, u, np.zeros(len(energy.contact)))
+    least = state.energy + np.vdot(energy.load, u)
     p = interpolated(problem, energy.mapping.plastic_increment)
 
     def energy_of(q):
