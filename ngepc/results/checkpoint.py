@@ -11,8 +11,8 @@ import io
 import json
 import zipfile
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,7 @@ from ngepc.results.files import replace_contents
 FORMAT = 2
 
 
-@dataclass(frozen=True, eq=False)
-class Checkpoint:
+class Checkpoint(NamedTuple):
     """What a checkpoint file holds: numbers, texts, lists and dictionaries, and arrays by name."""
 
     record: dict

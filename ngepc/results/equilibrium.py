@@ -56,7 +56,15 @@ class Equilibrium:
 
         A component that several supports hold at a node is shared equally among them.
         """
-        held = self._held()
+        problem, held = self.problem, {}
+        clamped = dict.fromkeys(problem.clamped_names, (0.0,) * problem.N)
+        V = displacement_space(problem)
+        for place, values in (clamped | problem.held_components).items():
+            mask = np.zeros(self.free.shape, dtype=bool)
+            for axis, value in enumerate(values):
+                if value is not None:
+                    mask[axis, nodes_at(V.components[axis], place)] = True
+            held[place] = problem.processes.summed(mask.T.astype(float)).T > 0
         fixed = np.where(self.free, 0.0, self.missing)
         share = fixed / np.maximum(sum(held.values(), np.zeros(self.free.shape)), 1)
         each = {place: np.where(mask, share, 0.0) for place, mask in held.items()}
@@ -85,16 +93,3 @@ class Equilibrium:
         pairs = [(0, 1)] if N == 2 else [(1, 2), (2, 0), (0, 1)]
         moments = [arms[:, a] @ forces[:, b] - arms[:, b] @ forces[:, a] for a, b in pairs]
         return processes.total(np.array(moments))
-
-    def _held(self) -> dict[Place, np.ndarray]:
-        """Place of each support -> the components it holds, boolean (N, nodes)."""
-        problem, held = self.problem, {}
-        fixed = dict.fromkeys(problem.clamped_names, (0.0,) * problem.N) | problem.held_components
-        V = displacement_space(problem)
-        for place, values in fixed.items():
-            mask = np.zeros(self.free.shape, dtype=bool)
-            for axis, value in enumerate(values):
-                if value is not None:
-                    mask[axis, nodes_at(V.components[axis], place)] = True
-            held[place] = problem.processes.summed(mask.T.astype(float)).T > 0
-        return held

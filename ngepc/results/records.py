@@ -79,6 +79,7 @@ def l2_norm(field: Any, mesh: Any) -> float:
 def solve_record(name: str, result: Any, wall_time: float) -> dict[str, Any]:
     """One solve as a dictionary, the part of ``FIELDS`` that the result knows."""
     mesh, history = result.problem.mesh, result.history
+    told = ("message", "iterations", "dual_energy", "primal_energy", "residual_norm")
     return {
         "schema": SCHEMA,
         "problem": name,
@@ -87,15 +88,9 @@ def solve_record(name: str, result: Any, wall_time: float) -> dict[str, Any]:
         "unknowns": result.displacement.space.FreeDofs().NumSet(),
         "label": getattr(result, "method_label", ""),
         "status": result.status.label,
-        "message": result.message,
-        "iterations": result.iterations,
-        "dual_energy": result.dual_energy,
-        "primal_energy": result.primal_energy,
-        "residual_norm": result.residual_norm,
-        "residual_norms": history.residual_norms,
-        "step_lengths": history.step_lengths,
+        **{field: getattr(result, field) for field in (*told, "contact_force")},
+        **{field: getattr(history, field) for field in ("residual_norms", "step_lengths")},
         "halvings": history.halvings,
-        "contact_force": result.contact_force,
         "displacement_l2": l2_norm(result.displacement, mesh),
         "plastic_strain_l2": l2_norm(result.plastic_strain, mesh),
         "wall_time_s": wall_time,
