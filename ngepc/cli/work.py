@@ -1,12 +1,14 @@
-"""What the commands do: a function for each, of its arguments, that returns the exit status."""
+"""What the commands do, a function for each that returns the exit status, and what they say."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
 import shutil
+import signal
 import sys
 import time
+from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -16,7 +18,6 @@ from ngsolve import GridFunction
 import ngepc
 from ngepc.bounds.adaptive import solve_to
 from ngepc.bounds.bound import error_bound
-from ngepc.cli import output
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
 from ngepc.discretisation.loads import displacement_space
 from ngepc.dual.newton import NewtonOptions, prepared, semismooth_newton
@@ -28,6 +29,7 @@ from ngepc.pictures.report import solution_sections, standard_figures, write_rep
 from ngepc.pictures.style import save_figure
 from ngepc.primal.solver import primal_newton
 from ngepc.results import checkpoint, records
+from ngepc.results.files import check_folder, check_writable
 from ngepc.results.outcome import History, IterationRecord, Status
 from ngepc.results.result import Result
 from ngepc.studies.examples import THRESHOLDS, coarse_start, example, solved_by
@@ -50,7 +52,7 @@ def solve(args: argparse.Namespace) -> int:
     others |= {"--method primal": args.method == "primal", "--start": args.start != "zero"}
     for option in (name for name, there in others.items() if there and args.error is not None):
         raise ValueError(f"--error {args.error:g} and {option}: leave one of them out")
-    output.check_targets((args.json, args.save), args.figures)
+    check_targets((args.json, args.save), args.figures)
     result, seconds, error = _solution(args)
     record = {
         **records.solve_record(args.problem, result, seconds),
@@ -62,7 +64,7 @@ def solve(args: argparse.Namespace) -> int:
         **records.provenance(),
     }
     bound = "not bounded" if error is None else f"at most {100 * error:.3g} percent, guaranteed"
-    output.summarise(record, bound, args.json, args.quiet)
+    summarise(record, bound, args.json, args.quiet)
     written, how = [], "give --save FILE next time to be able to go on"
     if args.save is not None:
         place = {"name": args.problem, "nodes": args.nodes, "maxh": args.maxh}
@@ -72,13 +74,13 @@ def solve(args: argparse.Namespace) -> int:
         for name, figure in standard_figures(result, THRESHOLDS[args.problem]).items():
             written.append(save_figure(figure, args.figures / f"{args.problem}_{name}.png"))
     if not args.quiet and str(args.json) != "-":
-        output.name_written(written)
-    return output.exit_status("solve", record["status"], f"step {record['iterations']}", how)
+        name_written(written)
+    return exit_status("solve", record["status"], f"step {record['iterations']}", how)
 
 
 def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
     """The result, the seconds it took, and the guaranteed relative energy error of solutions."""
-    tell = output.teller(args.quiet)
+    tell = teller(args.quiet)
     problem, begin = example(args.problem, args.nodes, args.maxh), time.perf_counter()
     if args.error is not None:
         bounded = solve_to(problem, args.error, monitor=lambda mesh: tell(
@@ -136,8 +138,8 @@ def load_run(path: Path) -> tuple[dict, Result]:
 
 def path(args: argparse.Namespace) -> int:
     """``ngepc path``: follow the path in gamma by Algorithm 7.2."""
-    output.check_targets((args.json,))
-    options, tell = PathOptions(**given(args, PATH)), output.teller(args.quiet)
+    check_targets((args.json,))
+    options, tell = PathOptions(**given(args, PATH)), teller(args.quiet)
     problem, begin = example(args.problem, args.nodes, args.maxh), time.perf_counter()
 
     def note(step: object) -> None:
@@ -155,11 +157,11 @@ def path(args: argparse.Namespace) -> int:
     }
     steps = f"{record['total_inner_iterations']} for {record['outer_iterations']} values of gamma"
     shown = {"method": "path", "iterations": steps}
-    output.summarise(record, "not bounded", args.json, args.quiet, **shown)
+    summarise(record, "not bounded", args.json, args.quiet, **shown)
     kept = "give --checkpoint FILE next time to be able to go on"
     how = kept if args.checkpoint is None else "resume with the same command"
     done = f"{len(followed.steps)} values of gamma"
-    return output.exit_status("path", record["status"], done, how)
+    return exit_status("path", record["status"], done, how)
 
 
 def study_class(study: Command) -> type[Work]:
@@ -171,11 +173,11 @@ def study_class(study: Command) -> type[Work]:
 def study(args: argparse.Namespace) -> int:
     """``ngepc study NAME``: measure, write, name what was written."""
     chosen = STUDIES[args.study]
-    output.check_targets((), args.out)
-    tell, options = output.teller(args.quiet), given(args, chosen.options)
+    check_targets((), args.out)
+    tell, options = teller(args.quiet), given(args, chosen.options)
     work = study_class(chosen)(args.out, progress=tell, **options)
     found = work.run()
-    output.name_written(work.write(found))
+    name_written(work.write(found))
     return 0 if work.succeeded(found) else 1
 
 
@@ -191,7 +193,7 @@ def report(args: argparse.Namespace) -> int:
         *solution_sections(result, "The deformed body", THRESHOLDS[record["problem"]]),
         footer=", ".join(f"{key} {record[key]}" for key in PROVENANCE),
     )
-    output.name_written([page])
+    name_written([page])
     return 0
 
 
@@ -217,3 +219,70 @@ def notebooks(args: argparse.Namespace) -> int:
         f"open the first one with: jupyter lab {copies[wanted[0]]}\n"
     )
     return 0
+
+
+def teller(quiet: bool) -> Callable[[str], None]:
+    """What puts lines of progress on standard error, and raises a Ctrl-C that was lost."""
+
+    def tell(line: str) -> None:
+        if not quiet:
+            sys.stderr.write(line + "\n")
+            sys.stderr.flush()
+        if getattr(signal.getsignal(signal.SIGINT), "pressed", False):
+            raise KeyboardInterrupt
+
+    return tell
+
+
+def check_targets(files: Iterable[Path | None], folder: Path | None = None) -> None:
+    """Raise OSError now, not after the work, if results cannot be written."""
+    for path in files:
+        if path is not None and str(path) != "-":
+            check_writable(path)
+    if folder is not None:
+        check_folder(folder)
+
+
+def name_written(paths: Iterable[Path]) -> None:
+    """One line on standard output for each file that was written."""
+    sys.stdout.write("".join(f"wrote {path}\n" for path in paths))
+
+
+def summarise(record: dict, error: str, target: Path | None, quiet: bool, **other: object) -> None:
+    """Put what people want to know of a solve on standard output, the record into ``target``.
+
+    A ``target`` '-' puts the JSON on standard output instead; ``quiet`` leaves out the rest;
+    ``error`` says how far the bound goes, ``other`` entries stand in place of those of the record.
+    """
+    if str(target) == "-":
+        sys.stdout.write(records.to_json(record))
+        return
+    if target is not None:
+        records.write_text(target, records.to_json(record))
+    if quiet:
+        return
+    record = record | other
+    lines = {
+        "mesh": f"{record['problem']}, {record['nodes']} nodes, {record['elements']} elements",
+        "unknowns": record["unknowns"],
+        "method": ", ".join(filter(None, (record["method"], record["label"]))),
+        "status": record["status"],
+        "steps": record["iterations"],
+        "residual": f"{record['residual_norm']:.3g}",
+        "energy J": f"{record['primal_energy']:.10g}",
+        "-J*": f"{-record['dual_energy']:.10g}",
+        "contact force": f"{record['contact_force']:.10g}",
+        "energy error": error,
+        "time": f"{record['wall_time_s']:.2f} s",
+    }
+    sys.stdout.write("".join(f"{label:13s}  {value}\n" for label, value in lines.items()))
+    sys.stdout.write(f"{record['message']}\n" if record["message"] else "")
+    name_written([] if target is None else [target])
+
+
+def exit_status(command: str, status: str, done: str, how: str) -> int:
+    """The exit status of a run; after Ctrl-C with a line that says how to go on."""
+    if status != "stopped":
+        return 0 if status in ("converged", "bounded") else 1
+    sys.stderr.write(f"ngepc {command}: stopped by you after {done}; {how}\n")
+    return 130

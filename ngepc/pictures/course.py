@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from ngsolve import CoefficientFunction
 
 from ngepc.checks.kinds import require_function
 from ngepc.pictures import views
@@ -18,18 +17,11 @@ from ngepc.pictures.fields import plot_field
 QUIZZES = Path(__file__).parents[1] / "notebooks" / "quizzes.json"
 
 
-def look(
-    source: object,
-    field: str | CoefficientFunction = "equivalent_plastic_strain",
-    *,
-    title: str = "",
-    name: str = "",
-    **drawn: object,
-) -> views.View | Figure:
+def look(source: object, *field: object, name: str = "", **drawn: object) -> views.View | Figure:
     """What ``views.show`` shows; without the viewer a still picture, which has no slider."""
     if views.viewer_installed():
-        return views.show(source, field, title=title, name=name, **drawn)
-    return plot_field(source, field, title=title or None, **drawn)
+        return views.show(source, *field, name=name, **drawn)
+    return plot_field(source, *field, **drawn)
 
 
 class Answers:

@@ -15,7 +15,7 @@ from ngsolve import CoefficientFunction, InnerProduct, sqrt
 
 from ngepc.checks.declared import Check, Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping
-from ngepc.pictures.sampling import Corners, colour_scale, corners_of, visible
+from ngepc.pictures.sampling import Corners, Ends, colour_scale, corners_of, visible
 from ngepc.results.fields import Fields
 
 SIGNED = "RdBu_r"
@@ -115,7 +115,7 @@ def on_one_scale(
     sources: Collection[object],
     field: str | CoefficientFunction,
     units: UnitNames | None,
-    ends: tuple[float | None, float | None],
+    ends: Ends,
 ) -> tuple[list[Drawable], list[Corners], ScalarMappable]:
     """What is drawn of each source, its values, and colours for all of them."""
     what = [drawable(source, field, units) for source in sources]

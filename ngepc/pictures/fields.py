@@ -33,7 +33,7 @@ from ngepc.pictures.drawable import (
     sources_of,
 )
 from ngepc.pictures.sampling import Corners, corners_of, obstacle_lines, visible
-from ngepc.pictures.stills import Angles, draw_solid
+from ngepc.pictures.stills import Angles, draw_solid, solid_image
 from ngepc.pictures.style import Picture, styled
 
 SETS = ScalarMappable(
@@ -95,6 +95,8 @@ def plot_field(
     """
     drawing = Drawing(deformation_scale, units, view, axes, title, mesh_lines)
     sources = sources_of("source", source, title or "")
+    if axes is not None and len(sources) > 1:
+        raise ValueError(f"source: one result is needed for given axes, there are {len(sources)}")
     what, corners, colours = on_one_scale(sources.values(), field, units, (vmin, vmax))
     panels = drawing.bodies(sources, corners, colours, bar=True)
     figure, place = panels[0].figure, {"shrink": 0.85, "fraction": 0.05}
@@ -205,7 +207,8 @@ class Drawing(Declared):
             fields, points = fields_of(source), sampled.deformed(scale)
             mesh = corners_of(fields, border=True).deformed(scale) if self.mesh_lines else None
             if fields.problem.N == 3:
-                draw_solid(axes, points, sampled.values, colours, mesh, self.view)
+                image = solid_image(points, sampled.values, colours, mesh, self.view)
+                draw_solid(axes, image, self.view)
                 continue
             triangles = np.arange(points.size // 2).reshape(-1, 3)
             shade = {"cmap": colours.cmap, "norm": colours.norm, "shading": "gouraud"}

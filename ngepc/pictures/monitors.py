@@ -7,18 +7,16 @@ costs nothing until it is called.  Those here keep a line up to date, or draw th
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TextIO
 
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_attributes, require_text
+from ngepc.checks.kinds import require_text
 from ngepc.pictures.curves import draw_runs
 from ngepc.pictures.fields import plot_active_sets
 from ngepc.pictures.style import Picture, line_style, styled
@@ -26,8 +24,8 @@ from ngepc.results.outcome import History, IterationRecord, Monitor
 
 
 @contextmanager
-def progress_line(label: str = "", stream: TextIO | None = None) -> Iterator[Monitor]:
-    """A monitor that keeps one line up to date on a terminal; nothing is written to other files.
+def progress_line(label: str = "") -> Iterator[Monitor]:
+    """A monitor that keeps one line up to date on a terminal; nothing is written anywhere else.
 
     At the end of ``with progress_line() as monitor:`` the line goes away.  Lines that stay, one for
     each step, are logged: ``logging.basicConfig(level="INFO")``.
@@ -36,14 +34,10 @@ def progress_line(label: str = "", stream: TextIO | None = None) -> Iterator[Mon
     ----------
     label
         What stands in front.
-    stream
-        An open text file; standard error by default.
     """
-    require_text("label", label)
-    stream = sys.stderr if stream is None else stream
-    require_attributes("stream", stream, ("write", "flush"), "an open text file or None")
     form = "{desc}{postfix} [{elapsed}]"
-    bar = tqdm(desc=label or None, file=stream, leave=False, disable=None, bar_format=form)
+    desc = require_text("label", label) or None
+    bar = tqdm(desc=desc, leave=False, disable=None, bar_format=form)
 
     def write(record: IterationRecord) -> None:
         bar.set_postfix_str(

@@ -19,6 +19,7 @@ from ngepc.model.elements import outward_normal
 from ngepc.model.processes import require_whole
 from ngepc.results.fields import Fields
 
+Ends = tuple[float | None, float | None]
 CURVED_CUTS, MOST_TRIANGLES = 4, 200_000
 PERCENT = 2.0
 """Part of the area that may lie beyond either end of a colour scale."""
@@ -147,9 +148,7 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
 
 
 def colour_scale(
-    *samples: Corners,
-    ends: tuple[float | None, float | None] = (None, None),
-    symmetric: bool = False,
+    *samples: Corners, ends: Ends = (None, None), symmetric: bool = False
 ) -> Normalize:
     """Limits that a re-entrant corner does not swallow, common to all ``samples``.
 

@@ -36,16 +36,8 @@ def renderer() -> ModuleType:
     return pyvista
 
 
-def draw_solid(
-    axes: Axes,
-    points: np.ndarray,
-    values: np.ndarray,
-    colours: ScalarMappable,
-    segments: np.ndarray | None,
-    view: Angles | None,
-) -> None:
-    """The ``solid_image``, and arrows along x, y and z on its left, in place of other axes."""
-    image = solid_image(points, values, colours, segments, view)
+def draw_solid(axes: Axes, image: np.ndarray, view: Angles | None) -> None:
+    """A ``solid_image``, and arrows along x, y and z on its left, in place of other axes."""
     height, width, _ = image.shape
     size = 0.08 * max(height, width)
     start = np.array([-1.2 * size, height - size])

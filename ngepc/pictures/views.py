@@ -24,7 +24,7 @@ from ngsolve import BBND, BND, CF, VOL, CoefficientFunction
 
 from ngepc.checks.arguments import sample
 from ngepc.checks.kinds import require_path, require_text
-from ngepc.pictures.drawable import UnitNames, fields_of, on_one_scale, sources_of
+from ngepc.pictures.drawable import Drawable, UnitNames, fields_of, on_one_scale, sources_of
 from ngepc.pictures.fields import Drawing
 from ngepc.pictures.sampling import corners_of, is_curved, obstacle_lines, offset
 from ngepc.pictures.style import Picture, png_address, styled
@@ -101,7 +101,7 @@ def show(
     drawing, viewer = Drawing(deformation_scale, units, mesh_lines=mesh_lines), viewer_script()
     what, _, colours = on_one_scale(sources.values(), field, units, (vmin, vmax))
     pairs, peak = zip(sources.values(), what, strict=True), _peak(sources.values())
-    scenes = [_scene(one, drawn.coefficient, colours, drawing, peak) for one, drawn in pairs]
+    scenes = [_scene(one, drawn, colours, drawing, peak) for one, drawn in pairs]
     captions, labels = ([""], list(sources)) if name else (list(sources), [""])
     panels = [scenes] if name else [[scene] for scene in scenes]
     page = {"captions": captions, "labels": labels, "panels": panels}
@@ -115,11 +115,7 @@ def show(
 
 
 def _scene(
-    source: object,
-    coefficient: CoefficientFunction,
-    colours: ScalarMappable,
-    drawing: Drawing,
-    peak: float,
+    source: object, drawn: Drawable, colours: ScalarMappable, drawing: Drawing, peak: float
 ) -> dict:
     """What webgui needs to draw a scalar on the deformed body, ready for JSON.
 
@@ -148,7 +144,7 @@ def _scene(
         from ngsolve.webgui import BuildRenderData
     data = BuildRenderData(
         fields.problem.mesh,
-        coefficient,
+        drawn.coefficient,
         order=2 if is_curved(fields) else 1,
         draw_vol=False,
         deformation=scale * fields.displacement,

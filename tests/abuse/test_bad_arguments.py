@@ -216,9 +216,7 @@ USES = {
     ),
     "cold_start": Use(cold_start, {"solver": primal_newton}, {"solver": CALLABLE}, ("settings",)),
     # monitors
-    "progress_line": Use(
-        lambda label="", stream=None: progress_line(label, stream).__enter__(), may={"label": TEXTS}
-    ),
+    "progress_line": Use(lambda label="": progress_line(label).__enter__(), may={"label": TEXTS}),
     "live_plot_monitor": Use(live_plot_monitor, may={"interval": NOT_NEGATIVE}),
     # pictures
     "plot_field": Use(plot_field, {"source": DUAL}, DRAWN | RANGE | FIELD),

@@ -20,7 +20,7 @@ import pytest
 
 from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
 from ngepc.__main__ import main
-from ngepc.cli.output import teller
+from ngepc.cli.work import teller
 from ngepc.dual.path import PathOptions, follow_path
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
@@ -280,7 +280,7 @@ def test_ctrl_c_that_gets_lost_ends_the_study_at_its_next_line(tmp_path, monkeyp
             signal.raise_signal(signal.SIGINT)
         tell(line)
 
-    monkeypatch.setattr("ngepc.cli.output.teller", lambda quiet: swallowing)
+    monkeypatch.setattr("ngepc.cli.work.teller", lambda quiet: swallowing)
     before = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

@@ -75,17 +75,19 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_progress_keeps_one_line_on_a_terminal_and_writes_nothing_to_a_file():
-    terminal, file = Terminal(), io.StringIO()
-    with progress_line("run", terminal) as shown, progress_line("run", file) as logged:
-        for record in RECORDS:
-            shown(record)
-            logged(record)
-        text = terminal.getvalue()
+def test_progress_keeps_one_line_on_a_terminal_and_writes_nothing_to_a_file(monkeypatch):
+    texts = []
+    for stream in (io.StringIO(), Terminal()):
+        monkeypatch.setattr("sys.stderr", stream)
+        with progress_line("run") as monitor:
+            for record in RECORDS:
+                monitor(record)
+            texts.append(stream.getvalue())
+    nothing, text = texts
     assert "\n" not in text
     last = text.split("\r")[-1]
     assert all(word in last for word in ("run", "step 3", "1.00e-03", "in contact", "plastic"))
-    assert file.getvalue() == ""
+    assert nothing == ""
 
 
 def test_live_plot_stays_in_one_place_and_ends_with_all_steps(screen):

@@ -347,6 +347,7 @@ def test_vectors_and_matrices_are_drawn_by_their_norms():
         (lambda r: plot_field(r, vmin=2.0, vmax=1.0), "vmin < vmax"),
         (lambda r: plot_plastic_zone(r, -0.1), "threshold=-0.1"),
         (lambda r: plot_field({}), "at least one"),
+        (lambda r: plot_field({"a": r, "b": r}, axes=plot_field(r).axes[0]), "there are 2"),
         (lambda r: plot_history({"run": History()}), "no records"),
         (lambda r: plot_history({}), "at least one"),
         (lambda r: beside(), "at least one"),
