@@ -72,7 +72,7 @@ def plot_field(
     deformation_scale
         Factor >= 0 on the displacement, 1 in the paper's figures.
     vmin, vmax
-        Ends of the colour scale; by default percentiles (``colour_range``), with arrows on the
+        Ends of the colour scale; by default percentiles (``colour_scale``), with arrows on the
         colour bar where values lie outside.
     title, mesh_lines, units
         Title (by default how the problem was solved), whether to draw the mesh, units.
