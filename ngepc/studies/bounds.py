@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from ngepc.pictures.fields import plot_mesh
 from ngepc.pictures.style import COLOURS, Picture, save_figure, styled
 from ngepc.studies.examples import FAMILIES, TITLES, example, timed
 from ngepc.studies.large import indented_block
-from ngepc.studies.work import Work, exponent, first_of
+from ngepc.studies.work import OverMeshes, exponent, first_of
 
 CUBES = {
     "elastic": (1e6, {"traction": {"contact": (0.3, 0.1, -0.5)}}),
@@ -77,16 +77,8 @@ def bounded_example(body: str, kind: str, nodes: int) -> Problem:
     return Problem(mesh, Material.kinematic(**elastic, hardening=1e2), **data)
 
 
-def label_of_row(record: dict) -> str:
-    """What a row of the table is called."""
-    return f"{record['body']} {record['kind']}".removesuffix(" uniform")
-
-
-@dataclass(eq=False)
-class Bounds(Work):
+class Bounds(OverMeshes):
     """Bound and error on ``levels`` meshes of each family and on adaptive ones."""
-
-    levels: int = 3
 
     name, title = "bounds", "Guaranteed bounds of the energy error"
     columns = """example = {example} | nodes = {nodes} | energy error = {error:.3g}
@@ -111,7 +103,7 @@ class Bounds(Work):
             error = energy - LIMITS[body]
             found = {"error": error, "bound": bound.total, "effectivity": bound.total / error}
             found |= {"relative": bound.relative, "percent": 100 * bound.relative}
-            example = label_of_row({"body": body, "kind": kind})
+            example = f"{body} {kind}".removesuffix(" uniform")
             run.append({"nodes": nodes, **found, "example": example, **more})
 
         def adapted(mesh: MeshRecord) -> None:
@@ -163,7 +155,7 @@ def curves_of(records: Sequence[dict]) -> dict[str, np.ndarray]:
     """Rows nodes, error and bound for each family of meshes."""
     curves: dict[str, list] = {}
     for r in records:
-        curves.setdefault(label_of_row(r), []).append([r["nodes"], r["error"], r["bound"]])
+        curves.setdefault(r["example"], []).append([r["nodes"], r["error"], r["bound"]])
     return {label: np.transpose(curve) for label, curve in curves.items() if len(curve) > 1}
 
 

@@ -26,7 +26,7 @@ from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem
 from ngepc.pictures.style import GUIDE, beside, line_style, save_figure
 from ngepc.studies.examples import FAMILIES, TITLES, coarse_start, example
-from ngepc.studies.work import Work, first_of
+from ngepc.studies.work import OverMeshes, Work, first_of
 
 LAST = 6
 """Iterates that enter the five quotients."""
@@ -77,11 +77,8 @@ def h_norm(result: DualResult, w: np.ndarray) -> float:
     return math.sqrt(max(0.0, functional.tichonov(v, v) * functional.weights.tichonov))
 
 
-@dataclass(eq=False)
-class Figure4(Work):
+class Figure4(OverMeshes):
     """Example (a) from the 417-node solution, Example (b) from v = 0, on ``levels`` meshes."""
-
-    levels: int = 3
 
     name, title = "figure4", "Figure 4: convergence quotients"
     columns = """example = {example} | nodes = {nodes} | steps = {iterations} | Q_1 = {Q_1}

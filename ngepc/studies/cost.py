@@ -10,7 +10,7 @@ contact, assembly, factorisation, solve, line search, residual norms.
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from statistics import fmean, median
 
@@ -20,7 +20,7 @@ from ngepc.dual.newton import NewtonOptions
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import IterationRecord
 from ngepc.studies import examples
-from ngepc.studies.work import Work, exponent, first_of
+from ngepc.studies.work import OverMeshes, exponent, first_of
 
 NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
 """Meshes of Example (a): the paper's from 1601 on, and the next two bisections."""
@@ -78,11 +78,8 @@ def measure(mode: str, nodes: int) -> dict:
     }
 
 
-@dataclass(eq=False)
-class Cost(Work):
+class Cost(OverMeshes):
     """MODES on ``levels`` meshes, order 2 on two less; every run measures anew."""
-
-    levels: int = 3
 
     name, title, keeps = "cost", "What a solve costs", False
     columns = """method = {mode} | nodes = {nodes} | Newton steps = {steps}

@@ -28,7 +28,7 @@ from ngepc.studies.examples import (  # fmt: skip
 )
 from ngepc.studies.large import LAME_MU, indented_block, pressed
 from ngepc.studies.paper import TABLE_1, TABLE_2
-from ngepc.studies.work import Work, chosen, first_of, pivoted
+from ngepc.studies.work import OverMeshes, chosen, first_of
 
 OWN_ROWS = ("default", "default*", "primal", "primal*")
 OPTIONS = NewtonOptions(max_iterations=2000)
@@ -37,20 +37,21 @@ FEW = 5
 
 
 @dataclass(eq=False)
-class CountTable(Work):
+class CountTable(OverMeshes):
     """A table of the paper with our counts; its rows and further ones of other methods.
 
     ``paper`` has its counts on the meshes of the family of ``body`` by rows, ``about`` says from
     where the runs start.
     """
 
-    levels: int = 3
     rows: Sequence[str] | None = None
 
     body: ClassVar[str]
     paper: ClassVar[Mapping[str, Sequence[int]]]
     about: ClassVar[str]
 
+    columns = "gamma = {row}"
+    across = ("{nodes} nodes", "{iterations}{beside}{ending}")
     note = (
         "Newton steps for {study.example}, ours (the paper's in parentheses). {study.about} Rows "
         "'default' are the default method and 'primal' the primal one, cold or with * nested. "
@@ -60,9 +61,6 @@ class CountTable(Work):
     def __post_init__(self) -> None:
         self.nodes = first_of(FAMILIES[self.body], self.levels)
         self.example, self.title = TITLES[self.body], f"Table {self.name[-1]}"
-        self.columns = "gamma = {row}" + "".join(
-            f" | {n} nodes = {{{n} nodes}}" for n in self.nodes
-        )
         self.rows = chosen([*self.paper, *OWN_ROWS], self.rows or [*self.paper, "default"])
 
     def cells(self) -> list[dict]:
@@ -71,7 +69,9 @@ class CountTable(Work):
 
     def solve(self, row: str, nodes: int) -> dict:
         """One run, nested or from where the paper starts, and the paper's count."""
-        method, paper = row.rstrip("*"), self.paper.get(row)
+        method, paper = row.rstrip("*"), None
+        if row in self.paper:
+            paper = self.paper[row][FAMILIES[self.body].index(nodes)]
         if row.endswith("*"):
             result = nested(self.body, method, nodes, OPTIONS)
         else:
@@ -80,16 +80,12 @@ class CountTable(Work):
             result = solved_by(method, example(self.body, nodes), start, OPTIONS).or_interrupted()
         names = ("iterations", "primal_energy", "dual_energy", "residual_norm")
         return {
-            "paper": paper and paper[FAMILIES[self.body].index(nodes)],
+            "paper": paper,
+            "beside": f" ({paper})" if paper else "",
             "status": result.status.label,
             **{name: getattr(result, name) for name in names},
             "halvings": result.history.halvings,
         }
-
-    def told(self, records: Sequence[dict]) -> list[dict]:
-        """Rows over meshes, ours (paper)."""
-        beside = [r | {"beside": f" ({r['paper']})" if r["paper"] else ""} for r in records]
-        return pivoted(beside, ("row",), "{nodes} nodes", "{iterations}{beside}{ending}")
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """Steps over nodes, the paper's dashed; rows with few steps are named in the title."""
@@ -161,11 +157,8 @@ def problem_of(body: str, nodes: int, ratio: float | None) -> Problem:
     return replace(problem, material=harder)
 
 
-@dataclass(eq=False)
-class NewtonCounts(Work):
+class NewtonCounts(OverMeshes):
     """``levels`` meshes of each family, 1 to 6, and blocks, at most 3."""
-
-    levels: int = 3
 
     name, title = "counts", "Newton steps of the default method"
     columns = """problem = {problem} | h / mu = {hardening:g} | nodes = {nodes}

@@ -28,7 +28,7 @@ from ngepc.model.material import Material
 from ngepc.model.parts import INSTALL, MPI, MeshPart, distribute
 from ngepc.model.problem import Problem
 from ngepc.studies.examples import in_own_process, peak_memory
-from ngepc.studies.work import Work
+from ngepc.studies.work import OverMeshes
 
 LAME_MU = 1e3
 DIRECT_NODES = 2000
@@ -100,10 +100,9 @@ def solve_large(levels: int, inverse: Iterative, hardening: float = 0.1) -> list
 
 
 @dataclass(eq=False)
-class Large(Work):
+class Large(OverMeshes):
     """``levels`` meshes in a row for each hardening, each started from the one before."""
 
-    levels: int = 3
     solver: str = "pyamg"
 
     name, title = "large", "A sphere pressed into a block, by iterative solvers"
@@ -149,10 +148,9 @@ def child(levels: str, path: str) -> None:
 
 
 @dataclass(eq=False)
-class Processes(Work):
+class Processes(OverMeshes):
     """``levels`` meshes in a row, 5 for 702,081 nodes, for each number of ``counts``."""
 
-    levels: int = 3
     counts: Sequence[int] = (1, 2, 4, 8)
 
     name, title = "processes", "A sphere pressed into a block that processes share"

@@ -1,8 +1,7 @@
 """Volume locking: cantilever, Prandtl's punch and Cook's membrane by elements of order 1 and 2."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 
 from ngsolve import IfPos, Mesh, x, y
@@ -18,7 +17,7 @@ from ngepc.model.problem import Problem
 from ngepc.results.iteration import newton_iteration
 from ngepc.studies.examples import timed
 from ngepc.studies.solid_problems import ELASTIC, metal
-from ngepc.studies.work import Work, first_of, pivoted
+from ngepc.studies.work import OverMeshes, first_of
 
 POISSON = 0.4999
 MEAN = ", mean volume"
@@ -80,20 +79,12 @@ def solve_with(problem: Problem, mean_volume: bool) -> ExactResult:
     return newton_iteration(starting_state(discrete, None), factors, ExactResult, 1e-10, 300)
 
 
-@dataclass(eq=False)
-class Locking(Work):
+class Locking(OverMeshes):
     """All kinds of elements on ``levels`` meshes, 1 to 4, of each problem."""
 
-    levels: int = 3
-
     name, title = "locking", "Volume locking"
-    columns = " | ".join(
-        [
-            "problem, what is shown = {problem}",
-            "cells = {cells}",
-            *(f"{k} = {{{k}}}" for k in KINDS),
-        ]
-    )
+    columns = "problem, what is shown = {problem} | cells = {cells}"
+    across = ("{elements}", "{value:.3f}{ending}")
     note = (
         "Triangles (P) and quadrilaterals (Q) of order 1 and 2, plane strain; mean volume averages "
         "tr eps over each element (for order 2 that is one number too few). Cantilever 10 x 1 and "
@@ -114,7 +105,3 @@ class Locking(Work):
         body = build(mesh, cells, int(elements[1]))
         result, found = timed(solve_with, body, elements.endswith(MEAN))
         return {"nodes": body.mesh.nv, **found, "value": number(result)}
-
-    def told(self, records: Sequence[dict]) -> list[dict]:
-        """One row for each problem and mesh, one column for each kind of element."""
-        return pivoted(records, ("problem", "cells"), "{elements}", "{value:.3f}{ending}")

@@ -22,11 +22,7 @@ from ngepc.pictures.style import beside, save_figure
 from ngepc.results.files import check_folder
 from ngepc.studies.examples import FAMILIES, THRESHOLDS, example
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
-from ngepc.studies.work import Work, first_of
-
-PATH = ("outer_iterations", "total_inner_iterations", "inner_iterations", "gamma_end",
-        "path_values", "residual_norms")  # fmt: skip
-"""What is recorded of a path."""
+from ngepc.studies.work import OverMeshes, Work, first_of
 
 
 def followed(
@@ -42,10 +38,9 @@ def followed(
 
 
 @dataclass(eq=False)
-class Table3(Work):
+class Table3(OverMeshes):
     """Paths on ``levels`` meshes, kept gamma by gamma; ``inner_scale`` is c."""
 
-    levels: int = 3
     inner_scale: float = PathOptions().inner_scale
 
     name, title = "table3", "Table 3"
@@ -86,12 +81,14 @@ class Table3(Work):
         end = {"iterations": direct.total_inner_iterations, "status": direct.status.label}
         end |= {"path_value": direct.path_values[-1], "residual_norm": direct.residual_norms[-1]}
         end["halvings"] = direct.steps[-1].halvings
+        names = ("outer_iterations", "total_inner_iterations", "inner_iterations", "gamma_end",
+                 "path_values", "residual_norms")  # fmt: skip
         changes, bound = [step.change for step in path.steps], self.options.outer_tolerance * h
         return {
             "h": h,
             "paper": f"{TABLE_3_OUTER[column]}({TABLE_3_INNER[column]})",
             "status": path.status.label,
-            **{name: getattr(path, name) for name in PATH},
+            **{name: getattr(path, name) for name in names},
             "changes": changes,
             "outer_bound": bound,
             "last": ", ".join(f"{change / bound:.3f}" for change in changes[-2:] if change),

@@ -7,7 +7,6 @@ body that symmetry leaves is meshed towards the contact zone.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from ngsolve import Mesh
@@ -20,7 +19,7 @@ from ngepc.model.obstacles import Sphere
 from ngepc.model.problem import Problem
 from ngepc.results.result import Result
 from ngepc.studies.examples import METHODS, peak_memory, solved_by, timed
-from ngepc.studies.work import Work, first_of
+from ngepc.studies.work import OverMeshes, first_of
 
 BOUND = 400.0
 CELLS = {"tetrahedra": (4, 6, 8, 12, 16), "hexahedra": (4, 6, 8, 12)}
@@ -62,11 +61,8 @@ def multigrid_run(cells: int) -> Result:
     return result
 
 
-@dataclass(eq=False)
-class Step42(Work):
+class Step42(OverMeshes):
     """``levels`` meshes of each shape, 1 to 5 (hexahedra: at most 4), and that of step-42."""
-
-    levels: int = 3
 
     name, title = "step42", "Step-42: the default method and the primal one"
     columns = """mesh = {label} | nodes = {nodes} | method = {method} | steps = {steps}

@@ -36,6 +36,9 @@ class Work(ABC):
         Of the table.  Columns are 'head = format', separated by ' | '; a format is one of the
         record, such as {nodes}, of a run in it, {direct[steps]}, or of what ``spoken`` adds.
         {study.gamma:g} in the note is an option.
+    across
+        Formats of the head and entry of further columns: records that agree in ``columns`` are one
+        row, with an entry for each head.
     keeps
         Whether cells are kept on disk.
     """
@@ -47,6 +50,7 @@ class Work(ABC):
     title: ClassVar[str] = ""
     columns: ClassVar[str] = ""
     note: ClassVar[str] = ""
+    across: ClassVar[tuple[str, str] | None] = None
     keeps: ClassVar[bool] = True
 
     @abstractmethod
@@ -110,7 +114,17 @@ class Work(ABC):
         """The heads of the table, then its entries, row by row."""
         columns = [c.partition("=") for c in " ".join(self.columns.split()).split(" | ")]
         heads, entries = ([c[k].strip() for c in columns] for k in (0, 2))
-        return [heads, *([shown(e, record) for e in entries] for record in self.told(records))]
+        told = self.told(records)
+        rows = [[shown(entry, record) for entry in entries] for record in told]
+        if self.across is None:
+            return [heads, *rows]
+        merged: dict[tuple, dict] = {}
+        for row, record in zip(rows, told, strict=True):
+            head, entry = (shown(text, record) for text in self.across)
+            merged.setdefault(tuple(row), {})[head] = entry
+        over = list(dict.fromkeys(head for found in merged.values() for head in found))
+        rows = [[*row, *(found.get(h, "") for h in over)] for row, found in merged.items()]
+        return [[*heads, *over], *rows]
 
     def write(self, records: Sequence[dict]) -> list[Path]:
         """Write what ``run`` has returned as NAME.csv, .md and .json, and pictures; the paths."""
@@ -132,6 +146,13 @@ class Work(ABC):
         return [*(self.folder / f"{self.name}.{kind}" for kind in texts), *self.draw(records)]
 
 
+@dataclass(eq=False)
+class OverMeshes(Work):
+    """A study on the first ``levels`` meshes of some families."""
+
+    levels: int = 3
+
+
 def spoken(record: Mapping) -> dict:
     """A record with words for each run in it: ``steps``, and ``ending``, ' status' if it failed."""
     said = {key: spoken(v) if isinstance(v, dict) else v for key, v in record.items()}
@@ -148,17 +169,6 @@ def shown(entry: str, record: Mapping) -> str:
         return entry.format(**spoken(record))
     except (KeyError, TypeError):
         return ""
-
-
-def pivoted(records: Sequence[dict], keys: Sequence[str], column: str, entry: str) -> list[dict]:
-    """A record for each combination of ``keys``; entries stand under their ``column``."""
-    found: dict[tuple, dict] = {}
-    for record in records:
-        about = {key: record[key] for key in keys}
-        found.setdefault(tuple(about.values()), about)[column.format(**record)] = shown(
-            entry, record
-        )
-    return list(found.values())
 
 
 def first_of(family: Sequence[int], levels: int) -> tuple[int, ...]:

@@ -16,7 +16,7 @@ from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import primal_newton
 from ngepc.studies.examples import solved_by
-from ngepc.studies.work import Work, chosen, pivoted, shown
+from ngepc.studies.work import Work, chosen, shown
 
 LAME_MU, YIELD_STRESS = 1e3, 1.25
 SHEAR = 2.5
@@ -125,7 +125,7 @@ class Robustness(Work):
     limit: int = 200
 
     name, title = "robustness", "Robustness"
-    columns = " | ".join([" = {row}", *(f"{method} = {{{method}}}" for method in METHODS)])
+    columns, across = " = {row}", ("{method}", "{steps}")
 
     def __post_init__(self):
         self.rows = chosen(CASES, self.rows)
@@ -152,10 +152,6 @@ class Robustness(Work):
     def line(self, record):
         """The count."""
         return f"{record['row']}, {record['method']}: " + shown("{steps}", record)
-
-    def told(self, records):
-        """Cases over methods."""
-        return pivoted(records, ("row",), "{method}", "{steps}")
 
     def notes(self, records):
         """What the problem is."""

@@ -19,7 +19,7 @@ def test_the_table_has_adaptive_rows_and_the_pictures_are_written(tmp_path, monk
     work = bounds.Bounds(tmp_path, levels=1)
     records = work.run()
     told = work.told(records)
-    names = list(map(bounds.label_of_row, told))
+    names = [r["example"] for r in told]
     plane = ["lshape", "wrench", "lshape order 2", "wrench order 2"]
     assert names == [*plane, *bounds.SOLIDS, *map(" ".join, TARGETS)]
     for r in told:
@@ -33,6 +33,6 @@ def test_the_table_has_adaptive_rows_and_the_pictures_are_written(tmp_path, monk
 
 
 def test_rates_are_slopes():
-    run = {"body": "lshape", "kind": "adaptive"}
+    run = {"example": "lshape adaptive"}
     records = [run | {"nodes": n, "error": 3 / n, "bound": 4 / n} for n in (500, 1000, 2000)]
     assert bounds.rates_of(records) == pytest.approx({"lshape adaptive": 1.0})
