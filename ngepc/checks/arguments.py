@@ -169,8 +169,8 @@ def require_field(
 ) -> np.ndarray:
     """The samples of a coefficient with one of ``shapes``, with ``corners`` at vertices too.
 
-    ``how`` has these, a scalar and False if not, and the range of ``require_in``; of shapes None
-    accepts what was checked before.
+    ``how`` may have these and the range of ``require_in``; ``shapes`` are those of a scalar if not
+    given, None for a coefficient that was checked before.
     """
     shapes, corners = how.pop("shapes", SCALAR), how.pop("corners", False)
     where = "|".join(boundaries or ["the body"])

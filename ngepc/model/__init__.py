@@ -1,4 +1,1 @@
-"""What is to be solved: body, material, kinematics, obstacles, loads and supports as a ``Problem``.
-
-A problem is checked when it is made.  Nothing here knows a finite element space or a solver.
-"""
+"""What is to be solved, checked when it is made; nothing here knows a space or a solver."""

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from ngsolve import CoefficientFunction, IfPos, Mesh, exp
 
-from ngepc.checks.arguments import Coefficient, require_datum, require_field, require_number, sample
+from ngepc.checks.arguments import Coefficient, require_datum, require_field, require_number
 from ngepc.checks.declared import Declared, NotNegativeDatum, PositiveDatum
 from ngepc.checks.kinds import require_sequence
 
@@ -164,18 +164,15 @@ class Tabulated(HardeningLaw):
     @property
     def _bends(self) -> list[tuple]:
         """Where the slope changes, and by how much."""
-        x, R = self.plastic_strain, self.stress_there
-        slopes = [(R[i + 1] - R[i]) / (x[i + 1] - x[i]) for i in range(len(x) - 1)]
-        ends = zip([0.0, *slopes], [*slopes, 0.0], strict=True)
-        return [(k, after - before) for k, (before, after) in zip(x, ends, strict=True)]
+        points = zip(self.plastic_strain, self.stress_there, strict=True)
+        slopes = [(d - b) / (c - a) for (a, b), (c, d) in pairwise(points)]
+        gains = (after - before for before, after in pairwise([0.0, *slopes, 0.0]))
+        return list(zip(self.plastic_strain, gains, strict=True))
 
 
 def check_law(law: HardeningLaw, mesh: Mesh) -> None:
     """Accept a flow stress that is finite, positive, and never falls."""
-    for value in law.data:
-        require_field("law", value, mesh)
-    there = law.at(lambda value: sample(value, mesh))
-    before = 0.0
+    there, before = law.at(lambda value: require_field("law", value, mesh)), 0.0
     for x in STRAINS:
         stress = there.stress(x)
         if not (np.min(stress) > 0 and np.min(stress - before) >= -1e-12 * np.max(stress)):

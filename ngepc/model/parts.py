@@ -37,11 +37,11 @@ Numbered = tuple[np.ndarray, np.ndarray]
 """Vertices of simplices, shape (k, corners), and the number of the region of each."""
 
 _RINGS = (
-    ((0, 1), (2, 3), (0, 2), (1, 2), (1, 3), (0, 3)),
+    ((2, 3), (0, 1), (0, 2), (1, 2), (1, 3), (0, 3)),
     ((0, 2), (1, 3), (0, 1), (1, 2), (2, 3), (0, 3)),
-    ((0, 3), (1, 2), (0, 1), (1, 3), (2, 3), (0, 2)),
+    ((1, 2), (0, 3), (0, 1), (1, 3), (2, 3), (0, 2)),
 )
-"""Middles of edges of a tetrahedron: two that a diagonal inside joins, and those around it."""
+"""Middles of edges of a tetrahedron: two that a diagonal inside joins, then those around it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,15 +101,7 @@ def _halved(corners: np.ndarray, index: np.ndarray, keys: np.ndarray, points: np
             lengths.append(np.linalg.norm(points[at[a]] - points[at[b]], axis=1))
         shortest = np.argmin(np.round(lengths, 12), axis=0)[:, None]
         children += [np.choose(shortest, cut) for cut in zip(*cuts, strict=True)]
-        for child in children:
-            turned = _volume(points[child]) * _volume(points[corners]) < 0
-            child[turned, :2] = child[turned, 1::-1]
     return np.concatenate(children), np.tile(index, len(children))
-
-
-def _volume(x: np.ndarray) -> np.ndarray:
-    """Six times the signed volume of tetrahedra, corners (k, 4, 3)."""
-    return np.linalg.det(x[:, 1:] - x[:, :1])
 
 
 class MeshPart(Mesh):
@@ -128,17 +120,12 @@ class MeshPart(Mesh):
         parents: np.ndarray | None = None,
     ) -> None:
         super().__init__(piece.mesh())
-        self.piece, self.processes = piece, processes
-        self.coarse, self.parents = coarse, parents
+        self.piece, self.processes, self.coarse, self.parents = piece, processes, coarse, parents
+        self.interfaces = piece.interfaces  # names of boundaries inside the body
 
     def GetBoundaries(self) -> tuple[str, ...]:
         """The names of all boundaries of the body; NGSolve forgets those that have no element."""
         return self.piece.boundaries
-
-    @property
-    def interfaces(self) -> frozenset[str]:
-        """Names of boundaries inside the body."""
-        return self.piece.interfaces
 
     def refined(self) -> MeshPart:
         """The part of the mesh with all edges halved; the processes refine at the same time.
