@@ -206,7 +206,7 @@ def _checked(start: Mapping, curves: Sequence[Curve]) -> tuple[tuple[str, ...], 
         require_instance(f"curves[{number}]", curve, Curve, "Curve(...)")
     count = sum(len(curve.measured) for curve in curves)
     if count < len(start):
-        raise ValueError(f"curves: {count} measurements, at least {len(start)} are needed")
+        raise ValueError(f"curves={curves!r}: at least {len(start)} measurements are needed")
     return tuple(start), curves
 
 
