@@ -32,23 +32,14 @@ from ngepc.results.outcome import IterationRecord, Status
 
 log = logging.getLogger(__name__)
 
-ALGEBRAIC_SHARE = 0.1
-"""Newton's part of the bound that ends the iteration on a mesh."""
-
+ALGEBRAIC_SHARE = 0.1  # Newton's part of the bound that ends the iteration on a mesh
+# Newton pauses at a step that lowers the energy by less than this part of the last bound
 SMALL_STEP = 0.1
-"""Newton pauses at a step that lowers the energy by less than this part of the last bound."""
-
-FEWER = 0.45
-"""Nodes of a mesh over those of the next one, about."""
-
-AIM = 0.97
-"""Part of the error asked for that meshes are made for: expectations are not exact."""
-
-TOLERANCE = 1e-10
-"""The residual at which Newton stops if no small step stops it before."""
-
+FEWER = 0.45  # nodes of a mesh over those of the next one, about
+AIM = 0.97  # part of the error asked for that meshes are made for: expectations are not exact
+TOLERANCE = 1e-10  # the residual at which Newton stops if no small step stops it before
+# how Newton's method ends where refinement goes on
 SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
-"""How Newton's method ends where refinement goes on."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,11 +19,9 @@ from ngepc.bounds.element import LEGS, NORMALS, PAIRS, AiryFunctions
 from ngepc.bounds.parts import AT_NODES, RULE, SIX, WEIGHTS, portions
 from ngepc.bounds.simplices import sliced
 
+# entries of a symmetric matrix that are kept
 FIRST, SECOND = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
-"""Entries of a symmetric matrix that are kept."""
-
-LEVEL = 1e-9
-"""A smaller component of a unit normal is none, nor is a smaller eigenvalue."""
+LEVEL = 1e-9  # a smaller component of a unit normal is none, nor is a smaller eigenvalue
 
 
 class Rule:
@@ -62,8 +60,8 @@ for _k, (_i, _j) in enumerate(PAIRS):
 
 _FIRST, _SECOND = (3 * a[:, None] for a in np.tril_indices(3))
 CORNER_ROWS = (_FIRST + np.repeat(np.arange(3), 3)).ravel()
+# the entries of a matrix in the blocks (3, 3) of the pairs of vertices ``np.tril_indices(3)``
 CORNER_COLUMNS = (_SECOND + np.tile(np.arange(3), 3)).ravel()
-"""The entries of a matrix in the blocks (3, 3) of the pairs of vertices ``np.tril_indices(3)``."""
 
 
 class AirySpace:

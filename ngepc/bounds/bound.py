@@ -185,20 +185,14 @@ def bound_of_state(setting: Setting, given: State, tangent: Factors) -> ErrorBou
     z, at_points, P = setting.best_stress(state, tangent, contact.pressure(state.multipliers))
     gaps = setting.at_nodes.integrals(z, setting.cells.volume, setting.gaps(state, at_points))
     gaps += np.bincount(contact.owner, contact.gaps(state, P), minlength=len(gaps))
-    whole = with_loads(setting, gaps)
+    law, whole = setting.conjugate, gaps
+    if setting.carried.left.any():  # (gaps^(1/2) + rho / (2 m)^(1/2))^2, J is m-convex in eps(u)
+        softest = law.two_mu * law.hardening / (law.two_mu + law.hardening)
+        m = np.minimum(softest, setting.problem.kinematics.size * law.bulk)
+        whole = (np.sqrt(np.maximum(gaps, 0.0)) + setting.carried.left / np.sqrt(2 * m)) ** 2
     total, energy = float(whole.sum()), setting.energy(state)
     oscillation = total - float(gaps.sum())
     return ErrorBound(state, energy, total, algebraic, whole, z, P, moved, oscillation)
-
-
-def with_loads(setting: Setting, gaps: np.ndarray) -> np.ndarray:
-    """(gaps^(1/2) + rho / (2 m)^(1/2))^2 with what loads leave, rho; J is m-convex in eps(u)."""
-    law, left, size = setting.conjugate, setting.carried.left, setting.problem.kinematics.size
-    if not left.any():
-        return gaps
-    softest = law.two_mu * law.hardening / (law.two_mu + law.hardening)
-    m = np.minimum(softest, size * law.bulk)
-    return (np.sqrt(np.maximum(gaps, 0.0)) + left / np.sqrt(2 * m)) ** 2
 
 
 def feasible_state(setting: Setting, given: State) -> tuple[State, float]:

@@ -31,7 +31,6 @@ from ngepc.bounds.parts import (
     beyond,
     coefficients,
     excess_integrals,
-    smallest,
     square_integrals,
 )
 from ngepc.bounds.simplices import sliced
@@ -39,8 +38,7 @@ from ngepc.discretisation.law import Law
 
 R6 = np.sqrt(6.0)
 
-ZETA_STEPS = 6
-"""Newton steps for zeta where the stress yields."""
+ZETA_STEPS = 6  # Newton steps for zeta where the stress yields
 
 
 class Completed(NamedTuple):
@@ -78,35 +76,29 @@ class Conjugate:
         return sliced(self, cells, OF_LAW)
 
     def completed(self, z: np.ndarray) -> Completed:
-        """The whole stress for coordinates z (cells, points, c)."""
+        """The whole stress for coordinates z (cells, points, c).
+
+        Zeta is elastic where the stress that follows does not yield, elsewhere by Newton steps.
+        """
         if self.whole:
             return self._completed(z[..., 0], z[..., 1:])
-        return self._completed(*self._with_zeta(z, self._best_zeta(z)))
+        bulk, two_mu, h = (v[:, None] for v in (self.bulk, self.two_mu, self.hardening))
+        stiff, free = 1 / (6 * bulk) + 1 / two_mu, z[..., 0] / (R6 * bulk) - self.initial[..., 1]
+        zeta = free / stiff
+        for step in range(ZETA_STEPS + 1):
+            d = np.stack([z[..., 1], zeta, z[..., 2]], axis=-1)
+            at = self._completed(z[..., 0] - zeta / R6, d)
+            if step == ZETA_STEPS or not at.over.any():
+                return at
+            n, part = at.direction[..., 1], at.over / np.where(at.size > 0, at.size, 1.0)
+            slope = stiff * zeta - free + n * at.over / h
+            zeta = zeta - slope / (stiff + ((at.over > 0) * n**2 + part * (1 - n**2)) / h)
 
     def _completed(self, m: np.ndarray, d: np.ndarray) -> Completed:
         s = d - self.back
         size = np.sqrt(np.einsum("tqd,tqd->tq", s, s))
         over = np.maximum(size - self.beta[:, None], 0.0)
         return Completed(m, d, over, s / np.where(size > 0, size, 1.0)[..., None], size)
-
-    def _with_zeta(self, z: np.ndarray, zeta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return z[..., 0] - zeta / R6, np.stack([z[..., 1], zeta, z[..., 2]], axis=-1)
-
-    def _best_zeta(self, z: np.ndarray) -> np.ndarray:
-        """Elastic where the stress that follows does not yield, some Newton steps elsewhere."""
-        bulk, two_mu, h = (v[:, None] for v in (self.bulk, self.two_mu, self.hardening))
-        initial = self.initial[..., 1]
-        stiff = 1 / (6 * bulk) + 1 / two_mu
-        zeta = (z[..., 0] / (R6 * bulk) - initial) / stiff
-        for _ in range(ZETA_STEPS):
-            at = self._completed(*self._with_zeta(z, zeta))
-            if not at.over.any():
-                break
-            n = at.direction[..., 1]
-            slope = stiff * zeta - z[..., 0] / (R6 * bulk) + initial + n * at.over / h
-            part = at.over / np.where(at.size > 0, at.size, 1.0)
-            zeta = zeta - slope / (stiff + ((at.over > 0) * n**2 + part * (1 - n**2)) / h)
-        return zeta
 
     def value(self, at: Completed) -> np.ndarray:
         """phi* at completed stresses, shape (triangles, points)."""
@@ -172,7 +164,8 @@ class Conjugate:
         allowed = WORTH[k] * max(result.sum() + likely.sum(), 0.0)
         for level in range(SPLIT_LEVELS[k] + 1):
             gain, last = bound - likely, level == SPLIT_LEVELS[k]
-            kept = np.ones(len(gain), bool) if last else smallest(gain, allowed / 2)
+            order, kept = np.argsort(gain), np.full(len(gain), last)
+            kept[order[np.cumsum(gain[order]) <= allowed / 2]] = True
             result += np.bincount(cell[kept], bound[kept], minlength=count)
             allowed -= gain[kept].sum()
             if kept.all():

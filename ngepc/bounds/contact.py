@@ -9,17 +9,11 @@ from ngepc.bounds.equilibration import moments_of
 from ngepc.discretisation.conditions import initial_displacements
 from ngepc.local.system import DiscreteProblem, State
 
-LEVEL = 1e-9
-"""Square of the free part of a normal that moves nothing."""
-
-CLEAR = 1e-12
-"""Part of the largest displacement that counts as no penetration."""
-
-NORMAL_PASSES = 50
-"""Most passes over the facets that meet at a vertex until all of them are clear."""
-
+LEVEL = 1e-9  # square of the free part of a normal that moves nothing
+CLEAR = 1e-12  # part of the largest displacement that counts as no penetration
+NORMAL_PASSES = 50  # most passes over the facets that meet at a vertex until all of them are clear
+# NGSolve's function of an edge is this times the product of the hat functions of its ends
 BUBBLE = -0.5
-"""NGSolve's function of an edge is this times the product of the hat functions of its ends."""
 
 
 class ContactFacets:

@@ -9,12 +9,10 @@ from ngepc.model.elements import has_straight_simplices
 from ngepc.model.given import require_without
 from ngepc.model.problem import Problem
 
+# part of its largest value by which a coefficient may vary on an element and count as constant
 CONSTANT = 1e-10
-"""Part of its largest value by which a coefficient may vary on an element and count as constant."""
-
+# what may be affine on the triangles where displacements are of order two
 AFFINE = ("initial_plastic_strain", "initial_hardening (alpha_2)")
-"""What may be affine on the triangles where displacements are of order two."""
-
 _INSIDE = {ET.TRIG: IntegrationRule(ET.TRIG, 5), ET.TET: IntegrationRule(ET.TET, 3)}
 
 
@@ -49,8 +47,7 @@ class FacetRule:
             raise ValueError(f"{name} is not affine on the boundary elements: bounds need it")
 
 
-FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 5)}
-"""By dimension."""
+FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 5)}  # by dimension
 
 
 def check_covered(problem: Problem) -> None:

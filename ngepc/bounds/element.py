@@ -118,8 +118,8 @@ ELEMENTS = {N: Element(N) for N in (2, 3)}
 
 CORNERS = ELEMENTS[2].corners[:3]
 LEGS = np.array([CORNERS[j] - CORNERS[i] for i, j in PAIRS])
+# outer normals of the reference edges
 NORMALS = np.array([(t[1], -t[0]) / np.hypot(*t) for t in LEGS])
-"""Outer normals of the reference edges."""
 
 
 class AiryFunctions:

@@ -19,12 +19,8 @@ from scipy.sparse.csgraph import connected_components
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.simplices import FACETS
 
-BALANCED = 1e-8
-"""Part of the largest corner force that may be out of balance."""
-
-ROUNDING = 1e-13
-"""Part of the largest moment that may be missing without one more pass."""
-
+BALANCED = 1e-8  # part of the largest corner force that may be out of balance
+ROUNDING = 1e-13  # part of the largest moment that may be missing without one more pass
 PASSES = 2
 
 
@@ -55,10 +51,9 @@ class Patches:
             by = {2: "edges", 3: "faces"}[N]
             raise ValueError(f"mesh: bounds need parts that hang together by {by}")
         self._free = np.repeat(~boundary.given, N, axis=0).astype(float)
-        self._inverses: list[csr_matrix] = []
-        for k, free in enumerate(self._free.T):
-            same = [j for j in range(k) if (self._free[:, j] == free).all()]
-            self._inverses.append(self._inverses[same[0]] if same else self._inverse(free > 0))
+        kinds, which = np.unique(self._free.T, axis=0, return_inverse=True)
+        inverses = [self._inverse(free > 0) for free in kinds]
+        self._inverses = [inverses[k] for k in which.ravel()]
 
     def _inverse(self, free: np.ndarray) -> csr_matrix:
         """Of the graph Laplacians; where no moment is open outside, a corner is held."""

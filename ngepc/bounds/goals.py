@@ -30,14 +30,9 @@ from ngepc.local.solver import solve_exactly
 from ngepc.model.given import Vector, require_without
 from ngepc.model.problem import Problem
 
-PASSES = 3
-"""Most lengths that are tried on each side."""
-
-MOST_STEPS = 100
-"""Newton steps of each solve."""
-
-NEAR = 1.3
-"""A length that is within this factor of the best one is good enough."""
+PASSES = 3  # most lengths that are tried on each side
+MOST_STEPS = 100  # Newton steps of each solve
+NEAR = 1.3  # a length that is within this factor of the best one is good enough
 
 
 @dataclass(frozen=True)
@@ -154,7 +149,11 @@ def slopes(
     for sign in (-1.0, 1.0):
         best, t = math.inf, first
         for _ in range(PASSES):
-            there = error_bound(solved_near(problem_at(sign * t), result))
+            moved = problem_at(sign * t)
+            near = solve_exactly(moved, result, TOLERANCE, MOST_STEPS, "sparsecholesky", None)
+            if near.status not in SOLVED:
+                raise RuntimeError(f"no bracket: {near.message}")
+            there = error_bound(near)
             risen = rise(here, there)
             best = min(best, risen / t)
             curved = risen - sign * slope * t - here.total
@@ -164,11 +163,3 @@ def slopes(
             t = min(max(wanted, t / 16), 4 * t)
         found.append(sign * best)
     return found[0], found[1]
-
-
-def solved_near(problem: Problem, start: ExactResult) -> ExactResult:
-    """The solution of a problem that differs little from one that is solved."""
-    result = solve_exactly(problem, start, TOLERANCE, MOST_STEPS, "sparsecholesky", None)
-    if result.status not in SOLVED:
-        raise RuntimeError(f"no bracket: {result.message}")
-    return result

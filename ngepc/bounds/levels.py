@@ -14,12 +14,8 @@ from ngepc.discretisation.stiffness import Blocks, pattern_matrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
 from ngepc.linalg.direct import lower_triangle
 
-EDGE_STEPS = 6
-"""Degree of the polynomial that stands for the inverse on the edges, plus one."""
-
-LEAST = 0.2
-"""Where the eigenvalues begin for which it is small, relative to their upper bound."""
-
+EDGE_STEPS = 6  # degree of the polynomial that stands for the inverse on the edges, plus one
+LEAST = 0.2  # where the eigenvalues begin for which it is small, relative to their upper bound
 MODES_UP_TO = 1000
 """Triangles up to which resultants between supports are unknowns.
 
@@ -66,19 +62,18 @@ class TwoLevels(Blocks):
         self._free = space.free & (times == self._times)
         self.free = self._free[:count].reshape(-1, 3)
         self._take_edges(rest)
-        self.matrix.AsVector().FV().NumPy()[:] = self._entries(corners, chosen).ravel()
-        there = self.free.any(axis=1)
-        self._inverse = self.matrix.Inverse(BitArray(there.tolist()), inverse="sparsecholesky")
-        self._relax_modes()
-
-    def _entries(self, values: np.ndarray, chosen: np.ndarray | slice) -> np.ndarray:
-        """The blocks of vertices, those of held unknowns from the identity, (blocks, 3, 3)."""
-        values, swap = values.reshape(-1, 6, 3, 3), self._turned[chosen]
+        values, swap = corners.reshape(-1, 6, 3, 3), self._turned[chosen]
         values[swap] = values[swap].swapaxes(1, 2)
         where, values = self._places[chosen].ravel(), values.reshape(-1, 9)
         one, shape = np.arange(len(where) + 1), (len(self.rows), len(where))
-        sums = csc_matrix((np.ones(len(where)), where, one), shape)
-        return self.held((sums @ values).reshape(-1, 3, 3))
+        sums = csc_matrix((np.ones(len(where)), where, one), shape) @ values
+        self.matrix.AsVector().FV().NumPy()[:] = self.held(sums.reshape(-1, 3, 3)).ravel()
+        there = self.free.any(axis=1)
+        self._inverse = self.matrix.Inverse(BitArray(there.tolist()), inverse="sparsecholesky")
+        few = len(part.unknowns) == len(space.unknowns) <= MODES_UP_TO
+        modes = space.modes() if few else []  # with free unknowns that follow them
+        self._modes = np.array([mode - self._relaxed(forces(mode)) for mode in modes])
+        self._gram = np.array([self._modes @ forces(mode) for mode in self._modes])
 
     def product(self, x: np.ndarray) -> np.ndarray:
         """K x; without modes x vanishes on held unknowns, and what would hold them is left out."""
@@ -103,13 +98,6 @@ class TwoLevels(Blocks):
         """Forces on the edges from vertices."""
         forces = np.matmul(self._cross, vertex[self._corners][:, :, None])
         return np.bincount(self._edges.ravel(), forces.ravel(), minlength=len(self._scale))
-
-    def _relax_modes(self) -> None:
-        """Modes of held unknowns, with free ones that follow them, and their stiffness."""
-        few = len(self._edges) == len(self.space.unknowns) <= MODES_UP_TO
-        modes, forces = self.space.modes() if few else [], self._forces
-        self._modes = np.array([mode - self._relaxed(forces(mode)) for mode in modes])
-        self._gram = np.array([self._modes @ forces(mode) for mode in self._modes])
 
     def precondition(self, r: np.ndarray) -> np.ndarray:
         """What nearly solves K x = r."""

@@ -34,11 +34,8 @@ REFERENCE = {
 """Edges from the first vertex, as columns: an equilateral triangle, and the tetrahedron with edges
 1, 1 and four of 3^(1/2)/2, whose bisected edges cut it into eight similar ones."""
 
-INSIDE, OUTSIDE = {2: 0.441, 3: 0.651}, {2: 1.003, 3: 1.685}
-"""C and C' by dimension."""
-
-FACET = {2: 1.0, 3: math.sqrt(2) / 4}
-"""|E'|."""
+INSIDE, OUTSIDE = {2: 0.441, 3: 0.651}, {2: 1.003, 3: 1.685}  # C and C' by dimension
+FACET = {2: 1.0, 3: math.sqrt(2) / 4}  # |E'|
 
 
 def rotations(N: int) -> np.ndarray:

@@ -15,8 +15,7 @@ from ngsolve import ET, IntegrationRule
 
 from ngepc.bounds.simplices import FACETS
 
-NODES = {9: 3, 16: 4, 18: 6}
-"""Nodes of each part by those of a cell."""
+NODES = {9: 3, 16: 4, 18: 6}  # nodes of each part by those of a cell
 
 
 def quadratics(shares: np.ndarray, others: np.ndarray | None = None) -> np.ndarray:
@@ -60,15 +59,12 @@ def triangle_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array([(x, y, 1 - x - y) for x, y, *_ in rule.points]), 2 * np.array(rule.weights)
 
 
+# points of a rule of degree four that fix quadratic functions, barycentric
 SIX, _SIX_WEIGHTS = triangle_rule(4)
-"""Points of a rule of degree four that fix quadratic functions, barycentric."""
-
+# values at the points of rules of degree two, and of degree four for quadratic functions
 RULE = {3: (1 - np.eye(3)) / 2, 4: _INNER + (1 - 4 * _INNER) * np.eye(4), 6: quadratics(SIX)}
-"""Values at the points of rules of degree two, and of degree four for quadratic functions."""
-
+# weights of the points, which add up to one
 WEIGHTS = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: _SIX_WEIGHTS}
-"""Weights of the points, which add up to one."""
-
 MIDDLES = np.concatenate([np.eye(3), RULE[3]])
 AT_POINTS, TO_NODES = (
     np.concatenate(
@@ -78,26 +74,19 @@ AT_POINTS, TO_NODES = (
 )
 """Values at points and nodes of the parts of a triangle from those at its vertices, (18, 3)."""
 
+# cells or parts for which arrays are made at once: they stay in the processor's cache
 PORTION = 1000
-"""Cells or parts for which arrays are made at once: they stay in the processor's cache."""
-
-NARROW = 0.3
-"""Part of its mean below which |s|^2 shall not fall for a Taylor polynomial of |s|."""
-
+NARROW = 0.3  # part of its mean below which |s|^2 shall not fall for a Taylor polynomial of |s|
+# parts are split where |s|^2 varies by more than this share, so many times at most
 VARIES, FROM_BELOW = 0.1, 3
-"""Parts are split where |s|^2 varies by more than this share, so many times at most."""
-
-AT_NODES = quadratics(MIDDLES)
-"""Values at vertices and edge midpoints from coefficients."""
-
+AT_NODES = quadratics(MIDDLES)  # values at vertices and edge midpoints from coefficients
 WORTH = {3: 0.004, 4: 0.02, 6: 0.007}
 """Parts are split for the plastic term until that can gain this part of the bound.
 
 Half of it on each level: there are parts enough whose gain is nothing.
 """
 
-SPLIT_LEVELS = {3: 3, 4: 2, 6: 2}
-"""How often a part is split at most."""
+SPLIT_LEVELS = {3: 3, 4: 2, 6: 2}  # how often a part is split at most
 
 
 def portions(count: int, size: int = PORTION) -> list[slice]:
@@ -133,21 +122,19 @@ def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.
 
     ``s`` (n, 6, d) are coefficients; ``beta`` and ``volume`` have the shape (n,).
     """
-    found = [_excess(s[part], beta[part]) for part in portions(len(s))]
-    return np.concatenate([np.zeros(0), *found]) * volume
-
-
-def _excess(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
-    """The bound over the volume."""
-    values, mean = np.matmul(_POINTS, s), s.mean(axis=1, keepdims=True)
-    square = np.einsum("tqd,tqd->tq", values, values)
-    c = np.maximum(square @ _WEIGHTS, np.finfo(float).tiny)[:, None]
-    least = np.linalg.norm(mean[:, 0], axis=1) - np.linalg.norm(s - mean, axis=2).max(axis=1)
-    least = np.maximum(least, 0.0)[:, None] ** 2 / c
-    r, last = square / c - 1, 5 / 128 * np.maximum(least, NARROW) ** -3.5
-    size = np.sqrt(c) * (1 + r * (1 / 2 - r * (1 / 8 - r * (1 / 16 - last * r))))
-    found = (square - 2 * beta[:, None] * size + beta[:, None] ** 2) @ _WEIGHTS
-    return np.where(least[:, 0] >= NARROW, found, np.inf)
+    result = np.zeros(len(s))
+    for part in portions(len(s)):
+        values, mean = np.matmul(_POINTS, s[part]), s[part].mean(axis=1, keepdims=True)
+        square, b = np.einsum("tqd,tqd->tq", values, values), beta[part, None]
+        c = np.maximum(square @ _WEIGHTS, np.finfo(float).tiny)[:, None]
+        least = np.linalg.norm(mean[:, 0], axis=1)
+        least = least - np.linalg.norm(s[part] - mean, axis=2).max(axis=1)
+        least = np.maximum(least, 0.0)[:, None] ** 2 / c
+        r, last = square / c - 1, 5 / 128 * np.maximum(least, NARROW) ** -3.5
+        size = np.sqrt(c) * (1 + r * (1 / 2 - r * (1 / 8 - r * (1 / 16 - last * r))))
+        found = (square - 2 * b * size + b**2) @ _WEIGHTS
+        result[part] = np.where(least[:, 0] >= NARROW, found, np.inf)
+    return result * volume
 
 
 def square_integrals(values: np.ndarray, volume: np.ndarray) -> np.ndarray:
@@ -159,15 +146,6 @@ def square_integrals(values: np.ndarray, volume: np.ndarray) -> np.ndarray:
     total = np.einsum("...nc->...c", values)
     squares = np.einsum("...nc,...nc->...", values, values)
     return volume / (k * (k + 1)) * (squares + np.einsum("...c,...c->...", total, total))
-
-
-def smallest(gain: np.ndarray, allowed: float) -> np.ndarray:
-    """The parts with the smallest gains, which add up to no more than what is allowed."""
-    order = np.argsort(gain)
-    small = np.cumsum(gain[order]) <= allowed
-    result = np.zeros(len(gain), dtype=bool)
-    result[order[small]] = True
-    return result
 
 
 def exceeding(s: np.ndarray, beta: np.ndarray, area: np.ndarray) -> np.ndarray:

@@ -5,17 +5,151 @@ For displacements of order two stresses are quadratic; those of Johnson and Merc
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ngepc.bounds.airy import AirySpace
+from ngepc.bounds.conjugate import Completed, Conjugate
 from ngepc.bounds.element import ELEMENTS, PAIRS
-from ngepc.bounds.setting import Setting
-from ngepc.bounds.tightening import Dual, Effort, tightened
+from ngepc.bounds.levels import TwoLevels
+from ngepc.bounds.parts import portions
+from ngepc.bounds.setting import Effort, Setting
+from ngepc.bounds.simplices import Simplices, marked, sliced
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
+SHORTEST = 1e-3  # shortest step length
+LOCALLY = 0.3  # share of the gain at which Newton steps stop: where little yields they cost little
+# Newton steps are done around the triangles where this share of what tangents missed arises
+BROKEN = 0.9
+RINGS = 9  # rings of triangles around these that take part
+
+
+@dataclass(frozen=True, eq=False)
+class Dual:
+    """int [phi*(sigma) - sigma : eps(u)] for stresses at the points of the Airy functions' space.
+
+    ``strain`` is eps(u) in in-plane coordinates at one point or all of them, shape (nt, ., 3).
+    """
+
+    space: AirySpace
+    conjugate: Conjugate
+    strain: np.ndarray
+
+    def of(self, chosen: np.ndarray | slice) -> Dual:
+        """The integral over some of the triangles."""
+        return Dual(self.space.of(chosen), self.conjugate.of(chosen), self.strain[chosen])
+
+    def values(self, z: np.ndarray, at: Completed) -> np.ndarray:
+        """The integral over each triangle for stresses at all points or one, by the rule."""
+        work = np.einsum("tqc,tqc->tq", z, np.broadcast_to(self.strain, z.shape))
+        weights = self.space.rule.weights if z.shape[1] > 1 else np.ones(1)
+        return self.space.area * ((self.conjugate.value(at) - work) @ weights)
+
+
+OF_MODEL = ("centre", "_values", "_gradient", "compliance", "_yields")
+
+
+class Model:
+    """The dual functional to second order around stresses at one point or all, (nt, ., 3)."""
+
+    def __init__(self, dual: Dual, centre: np.ndarray) -> None:
+        at = dual.conjugate.completed(centre)
+        self.space, self.centre, self._values = dual.space, centre, dual.values(centre, at)
+        self._gradient = dual.conjugate.gradient(at) - dual.strain
+        self.compliance = dual.conjugate.compliance(at)
+        self._yields = (at.over > 0).any(axis=1)
+
+    def of(self, chosen: slice) -> Model:
+        """The functional on some of the triangles."""
+        result = sliced(self, chosen, OF_MODEL)
+        result.space = self.space.of(chosen)
+        return result
+
+    def gradient(self, z: np.ndarray) -> np.ndarray:
+        """Strains at stresses, both (nt, points, 3)."""
+        H, moved = self.compliance, z - self.centre
+        if H.shape[1] == 1:
+            return np.matmul(moved, H[:, 0]) + self._gradient
+        return np.matmul(H, moved[..., None])[..., 0] + self._gradient
+
+    def values(self, z: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Integrals over the triangles for stresses with this gradient, by the rule."""
+        work = np.einsum("tqc,tqc->tq", z - self.centre, gradient + self._gradient)
+        return self._values + self.space.area * (work @ self.space.rule.weights) / 2
+
+    def linearised(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        """The integral for stresses, and what it pulls at the unknowns."""
+        value, forces = 0.0, np.empty(self.space.unknowns.shape)
+        for cells in portions(len(z)):
+            part = self.of(cells)
+            slope = part.gradient(z[cells])
+            value += float(part.values(z[cells], slope).sum())
+            forces[cells] = part.space.forces(slope)
+        return value, -self.space.gathered(forces)
+
+    def missed(self, dual: Dual, z: np.ndarray) -> np.ndarray:
+        """By how much the functional exceeds the model on each triangle: zero where none yields."""
+        result = np.zeros(len(z))
+        for cells in portions(len(z)):
+            whole, part = dual.of(cells), self.of(cells)
+            at = whole.conjugate.completed(z[cells])
+            if part._yields.any() or at.over.any():
+                quadratic = part.values(z[cells], part.gradient(z[cells]))
+                result[cells] = whole.values(z[cells], at) - quadratic
+        return result
+
+    def forces(self, x: np.ndarray) -> np.ndarray:
+        """The stiffness times all unknowns x, held ones too."""
+        strain = np.matmul(self.compliance, self.space.stress(x)[..., None])[..., 0]
+        return self.space.gathered(self.space.forces(strain))
+
+
+def tightened(
+    dual: Dual, cells: Simplices, z: np.ndarray, centre: np.ndarray, rest: float, effort: Effort
+) -> np.ndarray:
+    """In-plane stresses at the points, shape (nt, points, 3), with a smaller dual functional.
+
+    Search begins at the admissible stress ``z`` (nt, points, 3), tangents at the stress ``centre``
+    of the discrete solution, at one point or all (nt, ., 3); ``rest`` is the bound less ``dual``.
+    """
+    system = TwoLevels(dual.space, cells)
+    there, part, gain, bound = slice(None), dual, effort.gain, rest
+    for step in range(effort.newton + 1):
+        model = Model(part, centre)
+        system.update(part.space.stiffness(model.compliance), model.forces, there)
+        value, right = model.linearised(z[there])
+        if step == 0:
+            bound += value
+        x, promised = system.solve(right, bound, gain, effort.steps)
+        change = part.space.stress(x)
+        z[there] = z[there] + change if step == 0 else descended(part, z[there], change)
+        if step == effort.newton:
+            break
+        missed = model.missed(part, z[there])
+        bound, gain = promised + missed.sum(), LOCALLY * effort.gain
+        if missed.sum() <= effort.trust * bound:
+            break
+        worst = np.arange(len(z))[there][marked(np.abs(missed), BROKEN)]
+        there = cells.around(worst, RINGS)
+        part, centre = dual.of(there), z[there]
+    return z
+
+
+def descended(dual: Dual, z: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Z plus the longest of the parts 1, 1/2, 1/4, ... of the step that lowers the value."""
+    length, value = 1.0, dual.values(z, dual.conjugate.completed(z)).sum()
+    while length > SHORTEST:
+        trial = z + length * step
+        if dual.values(trial, dual.conjugate.completed(trial)).sum() <= value:
+            return trial
+        length /= 2
+    return z
+
+
+# moments of affine functions with the hat functions of edges, over half the length
 ON_SIDES = np.array([2 * np.eye(3)[[i, j]] + np.eye(3)[[j, i]] for i, j in PAIRS]).reshape(6, 3) / 3
-"""Moments of affine functions with the hat functions of edges, over half the length."""
 
 
 class PlaneSetting(Setting):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,13 +24,27 @@ from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.processes import require_whole
 
+# part of the largest nodal force that may be missing after PASSES corrections at most
 BALANCED = 1e-12
-"""Part of the largest nodal force that may be missing after PASSES corrections at most."""
-
 PASSES = 2
 
+# values of affine functions at the vertices from those at the three points
 AT_CORNERS = 2 * np.eye(3)[[1, 2, 0]] - 1 / 3
-"""Values of affine functions at the vertices from those at the three points."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """How hard to look for the best stress.
+
+    At most ``newton`` Newton steps follow the tangent at the discrete stress, none where the bound
+    exceeds what the tangent promised by less than the part ``trust``.  Conjugate gradients stop at
+    a step that gains less than the part ``gain`` of the bound, and after ``steps`` at most.
+    """
+
+    newton: int = 2
+    trust: float = 0.03
+    gain: float = 0.1
+    steps: int = 12
 
 
 class Setting(ABC):
@@ -55,7 +70,12 @@ class Setting(ABC):
         self.contact = ContactFacets(discrete, self.boundary)
         if self.problem.order == 2:
             self._turned = discrete.points.blocks[0].nodes[:, 1] != c.nodes[:, 1]
-            self._take_history()
+            history = discrete.law.back, discrete.law.initial
+            if any(np.ptp(v.reshape(-1, 3, v.shape[1]), axis=1).any() for v in history):
+                corners = [self.at_corners(values) for values in history]
+                self.conjugate, self.at_nodes = copy(self.conjugate), copy(self.conjugate)
+                for part, shares in ((self.conjugate, AT_POINTS), (self.at_nodes, TO_NODES)):
+                    part.back, part.initial = (np.matmul(shares, values) for values in corners)
 
     def built(
         self, own: np.ndarray, needed: np.ndarray, given: np.ndarray, table: np.ndarray
@@ -73,15 +93,6 @@ class Setting(ABC):
         moments = np.matmul(around, c.inverse.transpose(0, 2, 1)).reshape(len(signs), -1)
         stress = np.concatenate([moments, self.carried.inner], axis=1) @ table.T
         return np.matmul(stress.reshape(len(signs), -1, len(self.piola[0])), self.piola)
-
-    def _take_history(self) -> None:
-        """Plastic strains and back stresses that are affine on triangles."""
-        history = self.discrete.law.back, self.discrete.law.initial
-        if any(np.ptp(v.reshape(-1, 3, v.shape[1]), axis=1).any() for v in history):
-            corners = [self.at_corners(values) for values in history]
-            self.conjugate, self.at_nodes = copy(self.conjugate), copy(self.conjugate)
-            for part, shares in ((self.conjugate, AT_POINTS), (self.at_nodes, TO_NODES)):
-                part.back, part.initial = (np.matmul(shares, values) for values in corners)
 
     def at_corners(self, values: np.ndarray) -> np.ndarray:
         """What is given at three points of each triangle (., c) at its vertices, (nt, 3, c)."""

@@ -15,8 +15,8 @@ from ngsolve import Mesh
 
 from ngepc.model.elements import element_vertices, vertex_coordinates
 
+# local vertices of facet k in N dimensions
 FACETS = {2: ((1, 2), (2, 0), (0, 1)), 3: ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))}
-"""Local vertices of facet k in N dimensions."""
 
 
 class Simplices:

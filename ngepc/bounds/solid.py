@@ -1,4 +1,13 @@
-"""The best stress in three dimensions: face unknowns by conjugate gradients, tractions repaired.
+"""The best stress in three dimensions: by unknowns on the faces, tractions repaired.
+
+Each tetrahedron has the stresses of ``element``.  That their tractions are continuous, and the
+given ones on the boundary, is asked for by displacements delta of the faces, affine on each face
+and independent from face to face: for given delta the best stress of a tetrahedron is known,
+
+    A x = B' delta - c,     A its compliance, B x its moments,
+
+and delta solves  S delta = b  with  S = sum of B A^-1 B'.  For delta that are continuous S is the
+stiffness matrix of displacements of order one: the coarse solver of conjugate gradients.
 
 Tractions that jump a little are averaged, brought into equilibrium at each vertex by ``Patches``,
 and the stresses are built from them again: they are admissible after any number of iterations.
@@ -7,31 +16,107 @@ and the stresses are built from them again: they are admissible after any number
 from __future__ import annotations
 
 from itertools import islice
-from typing import NamedTuple
 
 import numpy as np
 
+from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.element import ELEMENTS
-from ngepc.bounds.faces import Faces
-from ngepc.bounds.setting import BALANCED, PASSES, Setting, factorise, stress_coordinates
+from ngepc.bounds.parts import RULE, portions
+from ngepc.bounds.setting import BALANCED, PASSES, Effort, Setting, factorise, stress_coordinates
 from ngepc.bounds.simplices import FACETS
-from ngepc.bounds.tightening import Effort
 from ngepc.linalg.descent import conjugate_gradients
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
+# which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
-"""Which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)."""
+LOOSER = 15  # times the gain at which conjugate gradients stop where the pressure is sought
 
-LOOSER = 15
-"""Times the gain at which conjugate gradients stop where the pressure is sought."""
+CHUNK = 512  # tetrahedra whose matrices are made at once: they stay in the processor's cache
+# conjugate gradients only steer the search: what is found is made admissible in double
+SINGLE = np.float32
+ELEMENT, FREE = ELEMENTS[3], ELEMENTS[3].free
+AT_POINTS = np.einsum("qa,kacj->kqcj", RULE[4], ELEMENT.stresses.reshape(4, 4, 6, -1))
+# means of the products of components of the basis, from a rule of degree two
+GRAM = np.einsum("kqci,kqdj->cdij", AT_POINTS, AT_POINTS).reshape(36, -1).astype(SINGLE) / 16
+OWN = ELEMENT.moments[:, :FREE].copy()
+OWN_SINGLE = OWN.astype(SINGLE)  # moments of the stresses without divergence, shape (36, 30)
 
 
-class Search(NamedTuple):
-    """What conjugate gradients found: displacements of faces (3 nf, 3), the energy gained."""
+class Faces:
+    """The unknowns on the faces, and the matrices of the tetrahedra.
 
-    delta: np.ndarray
-    gained: float
+    ``free`` (3 nf, 3) are components of delta that no support holds; ``closed`` (3 nf, 3) has unit
+    normals where delta is held along them, zero elsewhere; None for none.
+    """
+
+    def __init__(self, boundary: Boundary, piola: np.ndarray) -> None:
+        self.cells = c = boundary.cells
+        self.free = np.repeat(boundary.given | ~c.outer[:, None], 3, axis=0)
+        self._given, self.closed, self._piola = self.free.astype(float), None, piola
+        self._inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
+        self._jacobian = c.jacobian.astype(SINGLE)
+
+    def fill(self, H: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """Take the compliances d2 phi*/dz2 of the tetrahedra, (nt, 6, 6), and the blocks of S.
+
+        Returned are the moments (nt, 12, 3) of the best stresses with body forces (nt, 6) and
+        delta = 0.
+        """
+        c, count = self.cells, len(self.cells.facets)
+        D, x = np.zeros((count, 9, 9), dtype=SINGLE), np.empty((len(H), FREE), dtype=SINGLE)
+        for part in portions(len(H), CHUNK):
+            P, J, sign = self._piola[part], self._jacobian[part, None], c.sign[part]
+            product = np.matmul(np.matmul(P, H[part]), P.transpose(0, 2, 1))
+            product = (product * c.volume[part, None, None]).astype(SINGLE)
+            A = (product.reshape(-1, 36) @ GRAM).reshape(-1, 36, 36)
+            inverse = self._inverse[part] = np.linalg.inv(A[:, :FREE, :FREE])
+            pulled = np.matmul(A[:, :FREE, FREE:], loads[part, :, None].astype(SINGLE))
+            x[part] = -np.matmul(inverse, pulled)[:, :, 0]
+            for k, own in enumerate(OWN_SINGLE.reshape(4, 3, 3, FREE)):
+                order = np.argsort(c.place[part, k], axis=1)  # as the vertices of the face
+                B = np.matmul(J, own[order]).reshape(-1, 9, FREE)
+                block = np.matmul(np.matmul(B, inverse), B.transpose(0, 2, 1))
+                for side in (sign[:, k] > 0, sign[:, k] < 0):
+                    D[c.facet_of[part, k][side]] += block[side]
+        held, diagonal = ~self.free.reshape(-1, 9), np.arange(9)
+        D[held[:, :, None] | held[:, None, :]] = 0.0
+        D[:, diagonal, diagonal] += held
+        self._face_inverse = np.linalg.inv(D)
+        self._face_inverse[:, diagonal, diagonal] -= held
+        return self.moments(x) + self._turned(loads @ ELEMENT.moments[:, FREE:].T)
+
+    def _turned(self, reference: np.ndarray) -> np.ndarray:
+        """Outward moments (nt, 12, 3) from those of the reference cell (nt, 36)."""
+        return np.matmul(reference.reshape(-1, 12, 3), self.cells.jacobian.transpose(0, 2, 1))
+
+    def smooth(self, r: np.ndarray) -> np.ndarray:
+        """The blocks of the faces solved for r, both (3 nf, 3)."""
+        s = np.matmul(self._face_inverse, r.astype(SINGLE).reshape(-1, 9, 1)).reshape(-1, 3)
+        return s if self.closed is None else self.kept(s)
+
+    def kept(self, r: np.ndarray) -> np.ndarray:
+        """Displacements or moments (3 nf, 3) without the components that are held."""
+        r = r * self._given
+        if self.closed is not None:
+            r -= self.closed * np.einsum("si,si->s", self.closed, r)[:, None]
+        return r
+
+    def stresses(self, delta: np.ndarray) -> np.ndarray:
+        """A^-1 B' delta of each tetrahedron, in single precision, shape (nt, 30)."""
+        local = np.take(delta.astype(SINGLE), self.cells.slot.reshape(-1, 12), axis=0)
+        strains = np.matmul(local, self._jacobian).reshape(-1, 36) @ OWN_SINGLE
+        return np.matmul(self._inverse, strains[:, :, None])[:, :, 0]
+
+    def moments(self, x: np.ndarray) -> np.ndarray:
+        """Outward moments (nt, 12, 3) of stresses x (nt, 30)."""
+        return self._turned(x.astype(float) @ OWN.T)
+
+    def product(self, delta: np.ndarray) -> np.ndarray:
+        """S delta, zero where supports hold."""
+        reference = (self.stresses(delta) @ OWN_SINGLE.T).reshape(-1, 12, 3)
+        moments = np.matmul(reference, self._jacobian.transpose(0, 2, 1))
+        return self.kept(self.cells.sums(moments))
 
 
 class SolidSetting(Setting):
@@ -56,15 +141,15 @@ class SolidSetting(Setting):
         given = self.loads(state, P)[0]
         b = given.reshape(-1, 3) - c.sums(own)
         found = self.displacements(tangent, b, self.effort.gain, found)
-        own = own + faces.moments(faces.stresses(found.delta))
+        own = own + faces.moments(faces.stresses(found[0]))
         own = self.balanced_moments(tangent, own, given)
-        needed, table = np.matmul(CORNER_SUMS, own), ELEMENTS[3].of_data
+        needed, table = np.matmul(CORNER_SUMS, own), ELEMENT.of_data
         stress = self.built(own.reshape(-1, 4, 3, 3), needed, given, table)
         return stress, stress.mean(axis=1, keepdims=True), P
 
     def sharpened(
         self, state: State, tangent: Factors, own: np.ndarray, P: np.ndarray
-    ) -> tuple[np.ndarray, Search | None]:
+    ) -> tuple[np.ndarray, tuple | None]:
         """The pressure of a body that is held where P > 0, as far as it presses, and its search."""
         faces, on = self.faces, self.boundary.contact
         closed = (P > 0).all(axis=1)[:, None]
@@ -76,17 +161,18 @@ class SolidSetting(Setting):
         b = self.loads(state, P)[0].reshape(-1, 3) - self.cells.sums(own)
         found = self.displacements(tangent, b, LOOSER * self.effort.gain)
         faces.closed = None
-        sums = self.cells.sums(own + faces.moments(faces.stresses(found.delta)))
+        sums = self.cells.sums(own + faces.moments(faces.stresses(found[0])))
         pressed = -(sums[slots] * normals).sum(axis=2) * 12 / self.cells.measure[on, None]
         pressed -= pressed.sum(axis=1, keepdims=True) / 4  # the values of these moments
         return np.where(closed, np.maximum(pressed, 0.0), P), found
 
     def displacements(
-        self, tangent: Factors, b: np.ndarray, gain: float, start: Search | None = None
-    ) -> Search:
+        self, tangent: Factors, b: np.ndarray, gain: float, start: tuple | None = None
+    ) -> tuple[np.ndarray, float]:
         """Delta of the faces that nearly solves S delta = b, by two-level conjugate gradients.
 
-        Where faces are held the continuous displacements, which are not, are left out.
+        Where faces are held the continuous displacements, which are not, are left out.  Returned
+        and started from are delta (3 nf, 3) and the energy gained.
         """
         faces, c = self.faces, self.cells
 
@@ -97,17 +183,16 @@ class SolidSetting(Setting):
             return tangent.solve(c.at_nodes(r, c.facets))[c.facets.ravel()]
 
         b = faces.kept(b)
-        start = start or Search(np.zeros_like(b), 0.0)
-        delta, r = start.delta, b - faces.product(start.delta) if start.gained else b
-        delta = delta + coarse(r)
-        r, total, change = b - faces.product(delta), start.gained, 0.0
+        delta, total = (0 * b, 0.0) if start is None else start
+        delta = delta + coarse(b if start is None else b - faces.product(delta))
+        r, change = b - faces.product(delta), 0.0
         steps = conjugate_gradients(faces.product, lambda r: faces.smooth(r) + coarse(r), r)
         for step in islice(steps, self.effort.steps):
             change, _, gained = step
             total += gained
             if gained <= gain * total:
                 break
-        return Search(delta + change, total)
+        return delta + change, total
 
     def balanced_moments(self, tangent: Factors, own: np.ndarray, given: np.ndarray) -> np.ndarray:
         """Moments whose sums at the vertices are those of the given ones: constants are added."""
@@ -124,6 +209,6 @@ class SolidSetting(Setting):
 
     def constant_moments(self, z: np.ndarray) -> np.ndarray:
         """Outward moments (nt, 12, 3) of constant stresses z (nt, 6)."""
-        sigma = ELEMENTS[3].tensors(z)
+        sigma = ELEMENT.tensors(z)
         size = -self.cells.volume[:, None, None]
         return np.repeat(np.matmul(self.cells.gradients, sigma) * size, 3, axis=1)

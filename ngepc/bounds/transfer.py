@@ -18,8 +18,8 @@ from ngepc.model.kinematics import kinematics_of
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 
+# how near bisections come to what should be left, which mostly falls faster than expected
 CLOSE = 1.03
-"""How near bisections come to what should be left, which mostly falls faster than expected."""
 
 
 def bisected(mesh: Mesh, chosen: np.ndarray) -> Mesh:

@@ -17,7 +17,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.bounds.bound import bound_of_state, error_bound, setting_of
-from ngepc.bounds.tightening import Effort
+from ngepc.bounds.setting import Effort
 from ngepc.geometries import block, lshape
 from ngepc.geometries.bisection import triangulated
 from ngepc.local.factors import Factors

@@ -21,8 +21,8 @@ from ngepc.bounds.adaptive import Refinement
 from ngepc.bounds.bound import bound_of_state, error_bound, setting_of
 from ngepc.bounds.coverage import FACET_RULES
 from ngepc.bounds.element import ELEMENTS
+from ngepc.bounds.setting import Effort
 from ngepc.bounds.simplices import FACETS, Simplices
-from ngepc.bounds.tightening import Effort
 from ngepc.geometries import block
 from ngepc.local.factors import Factors
 from ngepc.model.kinematics import SOLID
