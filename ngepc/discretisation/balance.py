@@ -16,6 +16,7 @@ import math
 from functools import cached_property
 
 import numpy as np
+from ngsolve import H1, LinearForm, dx, specialcf
 from numpy.linalg import matrix_rank
 from scipy.optimize import linprog
 from scipy.sparse import csr_matrix, diags, eye, hstack, vstack
@@ -24,8 +25,8 @@ from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.prolongation import nodal_values
 from ngepc.linalg.secants import Compliance
-from ngepc.model.elements import vertex_coordinates
-from ngepc.model.problem import Problem
+from ngepc.model.elements import plastic_points, vertex_coordinates
+from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import Team
 from ngepc.model.support import floating_motions
 
@@ -46,7 +47,6 @@ class Frame:
     """Supports, contact rows and loads of a problem, which both exact methods inherit."""
 
     stiffness_diagonal: np.ndarray  # of the elastic stiffness, shape (nodes, N)
-    yield_forces: float  # the norm of nodal forces of stresses at the yield bound
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.supports = problem, Supports(problem)
@@ -58,6 +58,15 @@ class Frame:
     def row_stiffness(self) -> np.ndarray:
         """Elastic stiffness of each row of ``contact`` (force per length)."""
         return self.contact.stiffness(self.stiffness_diagonal)
+
+    @cached_property
+    def yield_forces(self) -> float:
+        """Norm of nodal forces of stresses at the yield bound."""
+        problem, mesh = self.problem, self.problem.mesh
+        density = problem.kinematics.weight * as_scalar(problem.beta) / specialcf.mesh_size
+        rules, test = plastic_points(mesh, problem.order), H1(mesh, order=1).TestFunction()
+        forces = LinearForm(density * test * dx(intrules=rules)).Assemble().vec.FV().NumPy()
+        return problem.processes.norm(problem.processes.summed(forces))
 
     @cached_property
     def floating(self) -> Floating:

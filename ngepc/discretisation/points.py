@@ -204,13 +204,6 @@ class Points:
         C = self.weights[:, None] * np.column_stack([bulk, *[shear] * self.kinematics.d])
         return self._gathered(lambda p: np.einsum("eps,epsk->ek", C[p.points], p.rows() ** 2))
 
-    def force_sizes(self, stress: np.ndarray) -> np.ndarray:
-        """Nodal forces of a stress of this size if nothing cancelled, shape (nodes, N)."""
-        sizes = self.weights * stress
-        return self._gathered(
-            lambda p: np.einsum("ep,epdk->ek", sizes[p.points], abs(p.rows()[:, :, 1:]))
-        )
-
     def _gathered(self, local: Callable[[Elements], np.ndarray]) -> np.ndarray:
         """The sum over elements of what a part has at its nodes, shape (nodes, N)."""
         count, N = self.scalar.ndof, self.kinematics.N

@@ -48,11 +48,6 @@ class DiscreteProblem(Frame):
         springs = self.supports.stiffness.diagonal().reshape(diagonal.shape)
         return diagonal + self.problem.processes.summed(springs)
 
-    @cached_property
-    def yield_forces(self) -> float:
-        """Norm of nodal forces of stresses at the yield bound."""
-        return self.points.processes.norm(self.points.force_sizes(self.law.beta))
-
     def state(
         self, u: np.ndarray, yielding: np.ndarray | None = None, contact: np.ndarray | None = None
     ) -> State:

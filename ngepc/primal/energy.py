@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from ngsolve import (
-    H1,
     BaseMatrix,
     BilinearForm,
     BitArray,
@@ -17,7 +16,6 @@ from ngsolve import (
     Integrate,
     LinearForm,
     dx,
-    specialcf,
 )
 from scipy.sparse import csr_matrix
 
@@ -27,7 +25,7 @@ from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.stiffness import ComponentBlocks
 from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError
 from ngepc.model.elements import plastic_points
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 from ngepc.model.processes import require_whole
 from ngepc.primal.return_mapping import ReturnMapping
 
@@ -62,9 +60,6 @@ class ReducedEnergy(Frame):
         matrix = self.assemble(self.supports.stiffness)
         diagonal = csr_matrix(tuple(map(np.asarray, matrix.CSR()))).diagonal()
         self.stiffness_diagonal = nodal(diagonal, problem)
-        test = H1(problem.mesh, order=1).TestFunction()
-        yielding = self._integral(as_scalar(problem.beta) / specialcf.mesh_size * test)
-        self.yield_forces = float(np.linalg.norm(LinearForm(yielding).Assemble().vec.FV().NumPy()))
         self._name, self._inverse, self._iterative = inverse, None, None
         if not isinstance(inverse, str):
             self._iterative = inverse.tangent(self, ComponentBlocks(matrix, self.free))
