@@ -29,17 +29,20 @@ class SurfaceGradient:
     ----------
     fixed
         Whether z = 0 at the ends of Gamma_c and q = 0 on the boundary of the body.
+    values
+        How much of (z, w) / L and (q, r) / L^2 there is beside the gradients.
     """
 
     fixed: ClassVar[bool] = True
+    values: ClassVar[float] = 0.0
 
     def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CF:
         """The integrand of <B_z z, w> on Gamma_c, with the reference length."""
-        return length * grad(z).Trace() * grad(w).Trace()
+        return length * grad(z).Trace() * grad(w).Trace() + self.values / length * z * w
 
     def plastic(self, q: ProxyFunction, r: ProxyFunction, length: float) -> CF:
         """The integrand of <B_q q, r> in Omega."""
-        return InnerProduct(grad(q), grad(r))
+        return InnerProduct(grad(q), grad(r)) + self.values / length**2 * InnerProduct(q, r)
 
 
 @dataclass(frozen=True)
@@ -49,15 +52,7 @@ class FullProduct(SurfaceGradient):
     No boundary condition at all, the alternative that section 7 names for q.
     """
 
-    fixed = False
-
-    def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CF:
-        """Gradients and values."""
-        return super().contact(z, w, length) + z * w / length
-
-    def plastic(self, q: ProxyFunction, r: ProxyFunction, length: float) -> CF:
-        """Gradients and values."""
-        return super().plastic(q, r, length) + InnerProduct(q, r) / length**2
+    fixed, values = False, 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
