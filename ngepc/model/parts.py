@@ -13,7 +13,6 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import BND, Mesh
 
 from ngepc.checks.kinds import require_mesh
@@ -56,17 +55,6 @@ class Piece:
     copies: dict[int, np.ndarray]  # number of another process -> the vertices it has as well
     interfaces: frozenset[str]  # names of boundaries inside the body
 
-    def mesh(self) -> NetgenMesh:
-        """The piece as a mesh of Netgen."""
-        N = self.points.shape[1]
-        kinds = (N, self.materials, self.elements), (N - 1, self.boundaries, self.facets)
-        groups = [
-            (d, name, nodes[index == number])
-            for d, names, (nodes, index) in kinds
-            for number, name in enumerate(names)
-        ]
-        return netgen_mesh(N, self.points, groups)
-
     def refined(self) -> tuple[Piece, np.ndarray]:
         """The piece with all edges halved, and the ends of each edge, in the order of middles."""
         corners, count = self.elements[0], len(self.points)
@@ -108,19 +96,21 @@ class MeshPart(Mesh):
     """The part of a mesh that this process has.
 
     It is made of its simplices and of which ``processes`` have the others, and the common vertices.
-    If refined, ``coarse`` is the part before, and ``parents`` (k, 2) are the two vertices between
-    which those beyond lie.
     """
 
-    def __init__(
-        self,
-        piece: Piece,
-        processes: Team,
-        coarse: MeshPart | None = None,
-        parents: np.ndarray | None = None,
-    ) -> None:
-        super().__init__(piece.mesh())
-        self.piece, self.processes, self.coarse, self.parents = piece, processes, coarse, parents
+    coarse: MeshPart | None = None  # the part before refinement
+    parents: np.ndarray | None = None  # vertices between which those beyond lie, shape (k, 2)
+
+    def __init__(self, piece: Piece, processes: Team) -> None:
+        N = piece.points.shape[1]
+        kinds = (N, piece.materials, piece.elements), (N - 1, piece.boundaries, piece.facets)
+        groups = [
+            (d, name, nodes[index == number])
+            for d, names, (nodes, index) in kinds
+            for number, name in enumerate(names)
+        ]
+        super().__init__(netgen_mesh(N, piece.points, groups))
+        self.piece, self.processes = piece, processes
         self.interfaces = piece.interfaces  # names of boundaries inside the body
 
     def GetBoundaries(self) -> tuple[str, ...]:
@@ -142,7 +132,9 @@ class MeshPart(Mesh):
             _, which, _ = np.intersect1d(keys[edges], others[rank], return_indices=True)
             added = self.nv + np.flatnonzero(edges)[which]
             copies[rank] = np.concatenate([processes.copies[rank], added])
-        return MeshPart(piece, Team(processes.comm, copies, len(piece.points)), self, parents)
+        fine = MeshPart(piece, Team(processes.comm, copies, len(piece.points)))
+        fine.coarse, fine.parents = self, parents
+        return fine
 
 
 def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
