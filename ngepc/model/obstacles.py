@@ -184,10 +184,7 @@ class SignedDistance(Obstacle):
         require_field("distance", self.level(X, X)[2], mesh, names)
         gradient = CF(tuple(self.level(X, CF(tuple(axis)))[1] for axis in axes))
         if not require_field("distance", gradient, mesh, names, shapes=None).any():
-            raise ValueError(
-                "distance has no gradient on the boundary: the signed distance to the obstacle "
-                "in the coordinates x, y, z is needed"
-            )
+            raise ValueError("distance has no gradient on the boundary: one in x, y, z is needed")
 
 
 def _round(d: Field, n: Field, radius: float) -> tuple[Field, Field, Field]:
