@@ -52,7 +52,9 @@ def solve(args: argparse.Namespace) -> int:
     others |= {"--method primal": args.method == "primal", "--start": args.start != "zero"}
     for option in (name for name, there in others.items() if there and args.error is not None):
         raise ValueError(f"--error {args.error:g} and {option}: leave one of them out")
-    check_targets((args.json, args.save), args.figures)
+    check_targets(args.json, args.save)
+    if args.figures is not None:
+        check_folder(args.figures)
     result, seconds, error = _solution(args)
     record = {
         **records.solve_record(args.problem, result, seconds),
@@ -68,7 +70,9 @@ def solve(args: argparse.Namespace) -> int:
     written, how = [], "give --save FILE next time to be able to go on"
     if args.save is not None:
         place = {"name": args.problem, "nodes": args.nodes, "maxh": args.maxh}
-        _save_run(args.save, place, record, result)
+        kept = {"place": place, "record": record, "history": result.history.as_rows()}
+        vector = result.v if record["method"] == "paper" else result.displacement.vec
+        checkpoint.save(args.save, FINGERPRINT, kept, {"state": np.array(vector.FV().NumPy())})
         written, how = [args.save], f"resume with: {record['command']} --start {args.save}"
     if args.figures is not None:
         for name, figure in standard_figures(result, THRESHOLDS[args.problem]).items():
@@ -104,13 +108,6 @@ def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
     return result, seconds, error_bound(result).relative if solution else None
 
 
-def _save_run(path: Path, place: dict, record: dict, result: Result) -> None:
-    """Write a run atomically; ``place`` has the keywords of ``example``."""
-    vector = result.v if record["method"] == "paper" else result.displacement.vec
-    kept = {"place": place, "record": record, "history": result.history.as_rows()}
-    checkpoint.save(path, FINGERPRINT, kept, {"state": np.array(vector.FV().NumPy())})
-
-
 def load_run(path: Path) -> tuple[dict, Result]:
     """The record and the result of a saved run, fields included.
 
@@ -138,7 +135,7 @@ def load_run(path: Path) -> tuple[dict, Result]:
 
 def path(args: argparse.Namespace) -> int:
     """``ngepc path``: follow the path in gamma by Algorithm 7.2."""
-    check_targets((args.json,))
+    check_targets(args.json)
     options, tell = PathOptions(**given(args, PATH)), teller(args.quiet)
     problem, begin = example(args.problem, args.nodes, args.maxh), time.perf_counter()
 
@@ -173,7 +170,7 @@ def study_class(study: Command) -> type[Work]:
 def study(args: argparse.Namespace) -> int:
     """``ngepc study NAME``: measure, write, name what was written."""
     chosen = STUDIES[args.study]
-    check_targets((), args.out)
+    check_folder(args.out)
     tell, options = teller(args.quiet), given(args, chosen.options)
     work = study_class(chosen)(args.out, progress=tell, **options)
     found = work.run()
@@ -205,19 +202,15 @@ def notebooks(args: argparse.Namespace) -> int:
     if not wanted:
         raise FileNotFoundError(f"there are no notebooks in {start}: install ngepc again")
     copies = {file: args.folder / file.relative_to(start) for file in wanted}
-    present = [str(copy) for copy in copies.values() if copy.exists()]
+    present = [copy for copy in copies.values() if copy.exists()]
     if present and not args.force:
-        raise FileExistsError(
-            f"{present[0]} is there already ({len(present)} files): give another folder, or "
-            "--force to replace them"
-        )
+        how = "give another folder, or --force to replace them"
+        raise FileExistsError(f"{present[0]} is there already ({len(present)} files): {how}")
     for original, copy in copies.items():
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(original, copy)
-    sys.stdout.write(
-        f"wrote {len(copies)} notebooks to {args.folder}\n"
-        f"open the first one with: jupyter lab {copies[wanted[0]]}\n"
-    )
+    sys.stdout.write(f"wrote {len(copies)} notebooks to {args.folder}\n")
+    sys.stdout.write(f"open the first one with: jupyter lab {copies[wanted[0]]}\n")
     return 0
 
 
@@ -234,13 +227,11 @@ def teller(quiet: bool) -> Callable[[str], None]:
     return tell
 
 
-def check_targets(files: Iterable[Path | None], folder: Path | None = None) -> None:
+def check_targets(*files: Path | None) -> None:
     """Raise OSError now, not after the work, if results cannot be written."""
-    for path in files:
-        if path is not None and str(path) != "-":
-            check_writable(path)
-    if folder is not None:
-        check_folder(folder)
+    for file in files:
+        if file is not None and str(file) != "-":
+            check_writable(file)
 
 
 def name_written(paths: Iterable[Path]) -> None:

@@ -27,8 +27,7 @@ def look(source: object, *field: object, name: str = "", **drawn: object) -> vie
 class Answers:
     """Says of each answer of an exercise whether it is right; called with a question and a test.
 
-    ``done`` has whether the answer of a question was right, ``errors`` what its test raised: an
-    answer that is not there yet may do anything.
+    ``done`` has whether the answer of a question was right, ``errors`` what its test raised.
     """
 
     def __init__(self) -> None:

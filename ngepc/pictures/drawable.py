@@ -8,12 +8,12 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 from matplotlib.cm import ScalarMappable
 from ngsolve import CoefficientFunction, InnerProduct, sqrt
 
-from ngepc.checks.declared import Check, Declared, Text
+from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.pictures.sampling import Corners, Ends, colour_scale, corners_of, visible
 from ngepc.results.fields import Fields
@@ -54,9 +54,6 @@ def require_units(name: str, units: UnitNames | None) -> UnitNames:
     """The names of the units, the plain ones for None; TypeError for anything else."""
     units = PLAIN if units is None else units
     return require_instance(name, units, UnitNames, "UnitNames(...) or None")
-
-
-Units = Annotated[UnitNames | None, Check(require_units)]
 
 
 class Drawable(NamedTuple):
@@ -112,18 +109,12 @@ def drawable(
 
 
 def on_one_scale(
-    sources: Collection[object],
-    field: str | CoefficientFunction,
-    units: UnitNames | None,
-    ends: Ends,
+    sources: Collection[object], field: str | CoefficientFunction, units: UnitNames, ends: Ends
 ) -> tuple[list[Drawable], list[Corners], ScalarMappable]:
     """What is drawn of each source, its values, and colours for all of them."""
     what = [drawable(source, field, units) for source in sources]
-    corners = [
-        corners_of(fields_of(source), drawn.coefficient)
-        for source, drawn in zip(sources, what, strict=True)
-    ]
-    colormap = what[0].colormap
+    pairs, colormap = zip(sources, what, strict=True), what[0].colormap
+    corners = [corners_of(fields_of(source), drawn.coefficient) for source, drawn in pairs]
     limits = colour_scale(*corners, ends=ends, symmetric=colormap == SIGNED)
     return what, corners, ScalarMappable(limits, colormap)
 
@@ -136,10 +127,7 @@ def pressure_on_boundary(source: object) -> CoefficientFunction:
 
 
 def fields_of(source: object, name: str = "source") -> Fields:
-    """The recovered fields of a result, or ``source`` itself if it is ``Fields``.
-
-    ``name`` is what the TypeError for anything else calls it.
-    """
+    """The recovered fields of a result, or ``source`` itself if it is ``Fields``."""
     fields = source if isinstance(source, Fields) else getattr(source, "fields", None)
     if not isinstance(fields, Fields):
         raise TypeError(f"{name}={source!r}: the result of a solver or its Fields are needed")

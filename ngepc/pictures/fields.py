@@ -26,21 +26,17 @@ from ngepc.checks.kinds import require_attributes, require_instance
 from ngepc.pictures.drawable import (
     PLAIN,
     UnitNames,
-    Units,
     fields_of,
     on_one_scale,
     pressure_on_boundary,
+    require_units,
     sources_of,
 )
 from ngepc.pictures.sampling import Corners, corners_of, obstacle_lines, visible
 from ngepc.pictures.stills import Angles, draw_solid, solid_image
 from ngepc.pictures.style import Picture, styled
 
-SETS = ScalarMappable(
-    Normalize(0, 2), ListedColormap((style.ELASTIC, style.PLASTIC, style.CONTACT))
-)
-SOLID = (3.8, 3.4)
-"""Inches that a picture of a solid takes."""
+SETS = (style.ELASTIC, style.PLASTIC, style.CONTACT)
 
 
 @styled
@@ -169,8 +165,9 @@ def _draw_sets(
 ) -> Figure:
     """Each triangle in the colour of the set, 0, 1 or 2, that it belongs to."""
     corners = replace(sampled, values=np.repeat(sets[:, None], 3, axis=1))
+    colours = ScalarMappable(Normalize(0, len(SETS) - 1), ListedColormap(SETS))
     title = "\n".join(filter(None, (words, _method(source))))
-    return drawing.bodies({title: source}, [corners], SETS)[0].figure
+    return drawing.bodies({title: source}, [corners], colours)[0].figure
 
 
 def _method(source: object) -> str:
@@ -184,11 +181,9 @@ class Drawing(Declared):
     """How bodies are drawn into axes: what users choose in all figures."""
 
     deformation_scale: NotNegative
-    units: Units = PLAIN
+    units: Annotated[UnitNames | None, Check(require_units)] = PLAIN
     view: Annotated[Angles | None, Check(require_vector, lengths=(2,))] = None
-    axes: Annotated[
-        Axes | None, Check(require_instance, kind=Axes, needed="matplotlib Axes or None")
-    ] = None
+    axes: Annotated[Axes | None, Check(require_instance, kind=Axes, needed="Axes or None")] = None
     title: Text | None = None
     mesh_lines: Flag = False
 
@@ -234,7 +229,7 @@ class Drawing(Declared):
 
     def _panels(self, corners: Corners, count: int, bar: bool) -> list[Axes]:
         """Axes of a new figure for bodies of this size, three in a row, on a common scale."""
-        width, height = SOLID
+        width, height = 3.8, 3.4  # inches, of a solid
         if corners.points.shape[2] == 2:
             both = np.concatenate([corners.points, corners.deformed(self.deformation_scale)])
             width, height = np.ptp(both.reshape(-1, 2), axis=0)

@@ -65,8 +65,8 @@ def write_report(path: str | os.PathLike, title: str, *sections: Section, footer
         If a piece is none of these.
     """
     path, content = require_path("path", path), []
-    for name, text in (("title", title), ("footer", footer)):
-        require_text(name, text)
+    require_text("title", title)
+    require_text("footer", footer)
     for number, section in enumerate(sections):
         pair = isinstance(section, tuple | list) and len(section) == 2
         if not pair or isinstance(section[1], str) or not isinstance(section[1], Iterable):
@@ -80,10 +80,7 @@ def write_report(path: str | os.PathLike, title: str, *sections: Section, footer
 
 
 def standard_figures(result: object, threshold: float = 0.0) -> dict[str, Figure]:
-    """Name -> figure: deformed body with |p|_F, yield function, plastic zone, pressure, residuals.
-
-    The plastic zone is dark where |p|_F exceeds ``threshold``.
-    """
+    """Name -> figure: |p|_F, yield function, where |p|_F > ``threshold``, pressure, residuals."""
     figures = {
         "plastic_strain": plot_field(result, "equivalent_plastic_strain"),
         "yield_function": plot_field(result, "yield_function"),

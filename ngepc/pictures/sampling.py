@@ -76,8 +76,8 @@ def corners_of(
     """
     mesh = fields.problem.mesh
     require_whole("pictures", mesh)
-    body = where is None and mesh.dim == 2
-    region = mesh.Materials(".*") if body else mesh.Boundaries(where or ".*")
+    plane = where is None and mesh.dim == 2
+    region = mesh.Materials(".*") if plane else mesh.Boundaries(where or ".*")
     types = np.array([element.type for element in region.Elements()])
     if cuts is None:
         bent = is_curved(fields) or ET.QUAD in types or mesh.dim == 3

@@ -17,8 +17,8 @@ from ngepc.pictures.style import DEFORMED, GUIDE
 Angles = tuple[float, float]
 VIEW: Angles = (-60.0, 25.0)
 """Where solids are seen from, in degrees: around the z axis from x, and above the xy plane."""
-PIXELS, SHARP = 1400, 30.0
-"""Width of the square window; edges where the surface turns by more degrees are drawn."""
+SHARP = 30.0
+"""Edges where the surface turns by more degrees are drawn."""
 LIBRARY, WINDOW = "libEGL.so.1", "VTK_DEFAULT_OPENGL_WINDOW"
 
 
@@ -68,7 +68,7 @@ def solid_image(
     blind = sys.platform == "linux" and WINDOW not in os.environ
     try:  # else VTK looks for a screen first
         os.environ |= {WINDOW: "vtkEGLRenderWindow"} if blind else {}
-        plotter = pyvista.Plotter(off_screen=True, window_size=(PIXELS, PIXELS))
+        plotter = pyvista.Plotter(off_screen=True, window_size=(1400, 1400))
     finally:
         if blind:
             del os.environ[WINDOW]

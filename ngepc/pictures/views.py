@@ -31,8 +31,7 @@ from ngepc.pictures.style import Picture, png_address, styled
 from ngepc.results.records import write_text
 
 EXTRA = 'pip install "ngepc[html]"'
-NOISE = 1e-3
-"""Contact pressures below this part of the yield bound are not drawn at full height."""
+NOISE = 1e-3  # of the yield bound: lower contact pressures are not drawn at full height
 PAGE = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
 
 
