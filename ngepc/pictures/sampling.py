@@ -20,11 +20,8 @@ from ngepc.model.processes import require_whole
 from ngepc.results.fields import Fields
 
 Ends = tuple[float | None, float | None]
-CURVED_CUTS, MOST_TRIANGLES = 4, 200_000
-PERCENT = 2.0
+BEYOND = 0.02
 """Part of the area that may lie beyond either end of a colour scale."""
-NO_OBSTACLE = 5.0
-"""A gap of more than this many times the size of the body stands for no obstacle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +78,7 @@ def corners_of(
     types = np.array([element.type for element in region.Elements()])
     if cuts is None:
         bent = is_curved(fields) or ET.QUAD in types or mesh.dim == 3
-        cuts = max(1, min(CURVED_CUTS, math.isqrt(MOST_TRIANGLES // len(types)))) if bent else 1
+        cuts = max(1, min(4, math.isqrt(200_000 // len(types)))) if bent else 1
     parts = {shape: _pieces(shape, cuts, border) for shape in set(types)}
     rules = {shape: IntegrationRule(p.tolist(), [0.0] * len(p)) for shape, (p, _) in parts.items()}
     mapped = mesh.MapToAllElements(rules, region)
@@ -123,8 +120,9 @@ def offset(
 def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
     """The obstacle, ``scale`` psi away from the 2D contact boundary, as far as a picture has room.
 
-    Parts whose gap stands for no obstacle are left out, and those farther away than a quarter of
-    the body, unless all are.  A straight obstacle is drawn as long as the body above it.
+    Left out are parts whose gap, 5 times the size of the body, stands for no obstacle, and those
+    farther away than a quarter of it, unless all are.  A straight obstacle is drawn as long as the
+    body above it.
     """
     psi, names = fields.problem.psi, fields.problem.contact_names
     if not names:
@@ -133,7 +131,7 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
     border = corners_of(fields, where=".*")
     extent = np.ptp(border.points.reshape(-1, 2), axis=0).max()
     room = max(0.25 * extent, 1.2 * scale * gaps.min())
-    shown = (scale * gaps <= room) & (gaps < NO_OBSTACLE * extent)
+    shown = (scale * gaps <= room) & (gaps < 5 * extent)
     segments = offset(fields, names, scale * psi, 0.0)[shown]
     points = segments.reshape(-1, 2)
     if not len(segments):
@@ -185,11 +183,11 @@ def colour_scale(
 
 
 def _percentiles(values: np.ndarray, areas: np.ndarray) -> tuple[float, float]:
-    """The ends of all but ``PERCENT`` of the area at either side, where the field is not zero."""
+    """The ends of all but ``BEYOND`` of the area at either side, where the field is not zero."""
     shown = np.abs(values) > 1e-3 * np.abs(values).max(initial=0.0)
     if not shown.any():
         return float(values.min()), float(values.max())
     order = np.flatnonzero(shown)[np.argsort(values[shown])]
     part = np.cumsum(areas[order]) / areas[order].sum()
-    low, high = values[order[np.searchsorted(part, [PERCENT / 100, 1 - PERCENT / 100])]]
+    low, high = values[order[np.searchsorted(part, [BEYOND, 1 - BEYOND])]]
     return float(low if shown.all() else min(0.0, low)), float(high)

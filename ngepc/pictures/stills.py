@@ -17,8 +17,6 @@ from ngepc.pictures.style import DEFORMED, GUIDE
 Angles = tuple[float, float]
 VIEW: Angles = (-60.0, 25.0)
 """Where solids are seen from, in degrees: around the z axis from x, and above the xy plane."""
-SHARP = 30.0
-"""Edges where the surface turns by more degrees are drawn."""
 LIBRARY, WINDOW = "libEGL.so.1", "VTK_DEFAULT_OPENGL_WINDOW"
 
 
@@ -60,7 +58,8 @@ def solid_image(
 ) -> np.ndarray:
     """Triangles (n, 3, 3) with values at their corners (n, 3), lit, as an RGBA image.
 
-    Sharp edges and further ``segments`` (lines, 2, 3) are drawn as lines; margins are cut off.
+    Edges where it turns by 30 degrees, and ``segments`` (lines, 2, 3), are lines; there are no
+    margins.
     """
     pyvista = renderer()
     faces = np.arange(points.size // 3).reshape(-1, 3)
@@ -76,7 +75,7 @@ def solid_image(
     light = {"ambient": 0.55, "diffuse": 0.5, "specular": 0.0, "show_scalar_bar": False}
     shade = {"scalars": values.ravel(), "clim": colours.get_clim(), "cmap": colours.get_cmap()}
     plotter.add_mesh(body, **shade, **light)
-    sharp = body.clean(tolerance=1e-6).extract_feature_edges(SHARP, manifold_edges=False)
+    sharp = body.clean(tolerance=1e-6).extract_feature_edges(30.0, manifold_edges=False)
     line = {"color": DEFORMED, "lighting": False}
     if sharp.n_cells:
         plotter.add_mesh(sharp, line_width=2.0, **line)
