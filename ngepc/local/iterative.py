@@ -64,18 +64,17 @@ class FullPattern:
 
     def __init__(self, lower: Blocks) -> None:
         i, j, nodes, N = lower.rows, lower.columns, len(lower.free), lower.N
-        above, entries = np.flatnonzero(i != j), np.arange(N * N, dtype=np.int32).reshape(N, N)
-        rows, columns = np.append(i, j[above]), np.append(j, i[above])
-        order = np.argsort(rows.astype(np.int64) * nodes + columns)
-        starts = np.searchsorted(rows[order], np.arange(nodes + 1)).astype(np.int32)
-        source = np.append(np.arange(len(i)), above)[order].astype(np.int32)
-        source = N * N * source[:, None, None] + entries
-        turned = order >= len(i)
-        source[turned] = source[turned].swapaxes(1, 2)
-        columns = columns[order].astype(np.int32)
-        ones = np.ones(len(columns), dtype=np.int32)
-        self.blocks = csr_matrix((ones, columns, starts), shape=(nodes, nodes))
-        self._source = bsr_matrix((source, columns, starts), shape=(N * nodes, N * nodes)).tocsr()
+        numbers = np.arange(1, len(i) * N * N + 1, dtype=np.int32).reshape(-1, N, N)
+
+        def placed(kept: np.ndarray | slice) -> bsr_matrix:
+            starts = np.searchsorted(i[kept], np.arange(nodes + 1))
+            return bsr_matrix((numbers[kept], j[kept], starts), shape=(N * nodes, N * nodes))
+
+        whole = placed(slice(None)) + placed(i != j).T
+        ones = np.ones(len(whole.indices), dtype=np.int32)
+        self.blocks = csr_matrix((ones, whole.indices, whole.indptr), shape=(nodes, nodes))
+        self._source = whole.tocsr()
+        self._source.data -= 1
         kept = diags(lower.free.any(axis=1), dtype=np.int32)
         self.graph = (kept @ self.blocks @ kept).tocsr()
         self.graph.eliminate_zeros()
