@@ -36,8 +36,8 @@ from ngepc.evolution.solver import evolve as evolve
 from ngepc.linalg.linesearch import Armijo as Armijo
 from ngepc.local.petsc import PETSc as PETSc
 from ngepc.local.pyamg import PyAMG as PyAMG
-from ngepc.local.recovery import error_indicators as error_indicators
 from ngepc.local.result import ExactResult as ExactResult
+from ngepc.local.result import error_indicators as error_indicators
 from ngepc.local.solver import SymbolicForms as SymbolicForms
 from ngepc.model import obstacles as obstacles
 from ngepc.model import parts as parts

@@ -8,7 +8,7 @@ from ngsolve.meshes import MakeStructured3DMesh
 
 from ngepc import Material, Problem, Tabulated, lshape_problem, semismooth_newton
 from ngepc.geometries import block, lshape
-from ngepc.local.recovery import error_indicators
+from ngepc.local.result import error_indicators
 from ngepc.studies.large import indented_block
 
 
