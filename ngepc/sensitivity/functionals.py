@@ -231,6 +231,6 @@ def slope_by_mesh(functional: Functional, state: State, change: Data) -> float:
         """What carries the rest, and the value of the functional."""
         return geometry(state, there) + Data(value=functional.slope(there).value)
 
-    found = on_moving_mesh(state, change["shape"], read)
-    carried = functional.slope(state).by.paired(radial_return(state).forward(found))
+    found, moduli = on_moving_mesh(state, change["shape"], read), state.on_sphere().moduli
+    carried = functional.slope(state).by.paired(radial_return(state, moduli).forward(found))
     return float(found["value"]) - carried

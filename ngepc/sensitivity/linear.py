@@ -46,10 +46,9 @@ class LinearStep:
     def __init__(self, state: State, contact: LinearContact | None = None) -> None:
         self.state, self.discrete = state, state.discrete
         self.contact = contact = LinearContact(state) if contact is None else contact
-        self.tape = Tape([*radial_return(state), *contact.given()])
-        law, k = state.discrete.law, contact.stiffness
-        self.moduli = law.moduli(state.at, law.yielding_part(state.at))
-        self._free = state.discrete.free.ravel()
+        self.moduli = state.on_sphere().moduli
+        self.tape = Tape([*radial_return(state, self.moduli), *contact.given()])
+        self._free, k = state.discrete.free.ravel(), contact.stiffness
         self._stiffness = state.discrete.stiffness.another()
         self._stiffness.fill(self.moduli)
         soften = self._with_springs()

@@ -25,7 +25,7 @@ from ngepc.discretisation.rows import contact_rows
 from ngepc.evolution.load_path import scaled
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.given import Given
-from ngepc.model.material import Material
+from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, places
 from ngepc.model.problem import Problem, as_vector
 from ngepc.sensitivity.radial import Data
@@ -153,20 +153,24 @@ def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
 
 def _material(state: State, datum: str, change: Coefficient) -> Data:
     """By a complex step in the formulas of the material, exact to rounding."""
-    problem, at = state.discrete.problem, state.discrete.points.at
+    problem, points = state.discrete.problem, state.discrete.points
+    alpha_1, _ = split_hardening(problem.initial_hardening)
+    known = vars(problem.material) | {"alpha_1": alpha_1 or 0.0, "change": change}
+    known = {n: v if v is None or is_number(v) else points.at(v) for n, v in known.items()}
+    known[datum] = known[datum] + COMPLEX * 1j * known["change"]
     m = copy(problem.material)
-    vars(m).update({name: at(value) for name, value in vars(m).items() if name in MATERIAL})
-    vars(m)[datum] = vars(m)[datum] + COMPLEX * 1j * at(change)
+    vars(m).update({name: known[name] for name in MATERIAL})
     found = {
         "two_mu": 2 * m.lame_mu,
         "bulk": m.lame_lambda + 2 * m.lame_mu / problem.kinematics.size,
         "hardening": m.effective_hardening,
-        "beta": m.yield_bound(at(problem.alpha_0[0])),
+        "beta": m.yield_bound(known["alpha_1"]),
         "kinematic": m.hardening,
         "isotropic": m.scalar_growth,
     }
     slopes = {name: np.imag(value) / COMPLEX for name, value in found.items()}
-    return Data({name: slope for name, slope in slopes.items() if slope.any()})
+    zero = np.zeros(len(points))
+    return Data({name: zero + slope for name, slope in slopes.items() if np.any(slope)})
 
 
 def on_moving_mesh(old: State, motion: np.ndarray, read: Callable[[State], Data]) -> Data:

@@ -19,6 +19,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ngepc.discretisation.points import Moduli
 from ngepc.local.system import State
 
 INHERITED = ("initial", "back", "alpha_1", "beta", "start")
@@ -85,11 +86,10 @@ def _times(block: Block, v: np.ndarray, way: int) -> np.ndarray:
     return (block * v.T).T
 
 
-def radial_return(state: State) -> Tape:
+def radial_return(state: State, moduli: Moduli) -> Tape:
     """The equations above at a state; ``state.at.yields`` decides where s yields."""
     law, at, discrete = state.discrete.law, state.at, state.discrete
     material, points, two_mu = discrete.problem.material, discrete.points, law.two_mu[:, None]
-    moduli = law.moduli(at, law.yielding_part(at))
     lost = np.where(at.yields, -1 / (law.two_mu + law.hardening), 0.0)[:, None] * at.direction
     softer = at.gained[:, None] * lost
     growth = points.at(material.scalar_growth)[:, None] * at.direction
