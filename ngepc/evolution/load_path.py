@@ -96,12 +96,10 @@ def numbers_in(name: str, values: object) -> tuple[float, ...]:
     return tuple(require_number(f"{name}[{i}]", value) for i, value in enumerate(values))
 
 
-def load_cycle(
-    problem: Problem, factors: Sequence[float], steps: int = 1, begin: float = 0.0
-) -> Schedule:
+def load_cycle(problem: Problem, factors: Sequence[float], steps: int = 1) -> Schedule:
     """All loads of ``problem`` times a factor that runs linearly from 0 through ``factors``.
 
-    The factor is ``factors[0]`` at time begin + 1, ``factors[1]`` at begin + 2, and so on:
+    The factor is 0 at time 0, ``factors[0]`` at time 1, ``factors[1]`` at time 2, and so on:
     ``load_cycle(problem, [1, -1, 1], steps=4)`` loads, reverses and reloads in 4 steps each.
     Loads, pressures, initial strains and prescribed displacements are scaled; gaps are not.
 
@@ -113,8 +111,6 @@ def load_cycle(
         Corners of the path, at least one finite number.
     steps
         Steps from one corner to the next, >= 1.
-    begin
-        Time of the given initial state, where the factor is 0.
 
     Raises
     ------
@@ -122,18 +118,16 @@ def load_cycle(
         If an argument is not legal.
     """
     require_instance("problem", problem, Problem, "a Problem")
-    steps, begin = require_integer("steps", steps, 1), require_number("begin", begin)
-    corners = [0.0, *numbers_in("factors", factors)]
+    steps, corners = require_integer("steps", steps, 1), [0.0, *numbers_in("factors", factors)]
     if len(corners) < 2:
         raise ValueError(f"factors={factors!r}: at least one number is needed")
-    knots = begin + np.arange(len(corners))
-    times = begin + np.arange(1, steps * (len(corners) - 1) + 1) / steps
+    times = np.arange(1, steps * (len(corners) - 1) + 1) / steps
     loads = {name: getattr(problem, name) for name in LOADS}
 
     def changes(time: float) -> Changes:
-        return scaled(loads, float(np.interp(time, knots, corners)))
+        return scaled(loads, float(np.interp(time, np.arange(len(corners)), corners)))
 
-    return Schedule(tuple(times.tolist()), changes, begin)
+    return Schedule(tuple(times.tolist()), changes)
 
 
 def scaled(data: object, factor: float) -> object:

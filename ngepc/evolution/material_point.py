@@ -20,18 +20,16 @@ from ngepc.model.kinematics import SOLID
 from ngepc.model.material import Material
 from ngepc.results.outcome import Status
 
-COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
-"""Names of the components of a symmetric tensor."""
-
+COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")  # of a symmetric tensor
 _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # number of each entry of a tensor
 _UNITS = (np.arange(6)[:, None, None] == _PLACES).astype(float)  # the tensor of each component
 _ENTRIES, _TRACES = _UNITS.sum(axis=(1, 2)), np.trace(_UNITS, axis1=1, axis2=2)
 _DEVIATORS = np.einsum("kij,dij->kd", _UNITS, SOLID.basis)  # and its deviatoric coordinates
 
-Path = Mapping[str, float | Sequence[float]]
-
+# Relative change of a strain that ends a search, and the stress that may then be missing
 EXACT, ACCEPTED = 1e-15, 1e-11
-"""Relative change of a strain that ends a search, and the stress that may then be missing."""
+
+Path = Mapping[str, float | Sequence[float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +40,8 @@ class PointHistory:
     ----------
     strain, stress, plastic_strain
         Tensors, shape (increments, 3, 3); of strains the tensor components.
-    accumulated_plastic_strain
-        PEEQ, shape (increments,).
-    corners
-        Numbers of the increments that end at a corner of the path.
+    accumulated_plastic_strain, corners
+        PEEQ, shape (increments,); numbers of the increments that end at a corner of the path.
     status
         CONVERGED, or LIMIT_LOAD where the stress cannot be reached: the history ends before.
     """
@@ -123,9 +119,9 @@ class _Point:
         mesh = block.structured_mesh(1, 1, 1)
         self._middle, self.material = mesh(0.5, 0.5, 0.5), material
         self.law = Law(Given(mesh, material, kinematics=SOLID), self)
-        zero = {"plastic_strain": np.zeros((1, SOLID.d)), "back_stress": np.zeros((1, SOLID.d))}
-        zero |= {"hardening_variable": np.zeros(1), "accumulated": np.zeros(1)}
-        self.memory = Memory(SimpleNamespace(points=self), zero)
+        names, zero = ("plastic_strain", "back_stress"), np.zeros((1, SOLID.d))
+        arrays = dict.fromkeys(names, zero) | {"hardening_variable": zero[:, 0]}
+        self.memory = Memory(SimpleNamespace(points=self), arrays | {"accumulated": zero[:, 0]})
 
     def __len__(self) -> int:
         return 1
@@ -155,11 +151,10 @@ class _Point:
             stress, tangent, _ = self.stress(e)
             return (stress - target)[free] / scale, tangent[np.ix_(free, free)] / scale
 
-        if free.any():
-            found = root(missing, e[free], jac=True, tol=EXACT)
-            if not np.abs(missing(found.x)[0]).max() <= ACCEPTED:
-                return None
-        return e
+        if not free.any():
+            return e
+        found = root(missing, e[free], jac=True, tol=EXACT)
+        return e if np.abs(missing(found.x)[0]).max() <= ACCEPTED else None
 
     def accept(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Stress, plastic strain and PEEQ at the end of an increment, where the next one starts."""
@@ -172,13 +167,10 @@ class _Point:
 
 
 def _corners(name: str, given: Path | None) -> dict[str, tuple[float, ...]]:
-    if given is not None and not isinstance(given, Mapping):
-        raise TypeError(f"{name}={given!r}: a mapping of component -> values is needed")
-    found = {}
-    for component, values in (given or {}).items():
-        if component not in COMPONENTS:
-            legal = ", ".join(COMPONENTS)
-            raise ValueError(f"{name}={given!r}: components are needed, each one of {legal}")
-        argument = f"{name}[{component!r}]"
-        found[component] = numbers_in(argument, values if np.ndim(values) else [values])
-    return found
+    given = {} if given is None else given
+    require_instance(name, given, Mapping, "a mapping of component -> values")
+    if not given.keys() <= set(COMPONENTS):
+        legal = ", ".join(COMPONENTS)
+        raise ValueError(f"{name}={given!r}: components are needed, each one of {legal}")
+    lists = {key: values if np.ndim(values) else [values] for key, values in given.items()}
+    return {key: numbers_in(f"{name}[{key!r}]", values) for key, values in lists.items()}

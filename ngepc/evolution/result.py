@@ -200,13 +200,12 @@ class Evolution(Ending):
         ValueError
             If a step has no such support.
         """
-        for step in self.steps:
-            told, time = step.record.reactions, step.record.time
-            if support not in told:
-                needed = f"the reactions of {', '.join(sorted(told)) or 'none'}"
-                raise ValueError(f"support={support!r}: the step to time {time:g} tells {needed}")
-        forces = [told[support] for told in self.column("reactions")]
-        return np.array(forces).reshape(len(forces), self.problem.N)
+        told = self.column("reactions")
+        for time, forces in zip(self.times, told, strict=True):
+            if support not in forces:
+                known = f"the reactions of {', '.join(sorted(forces)) or 'none'}"
+                raise ValueError(f"support={support!r}: the step to time {time:g} tells {known}")
+        return np.reshape([forces[support] for forces in told], (len(told), self.problem.N))
 
 
 class EvolutionFile:
@@ -243,10 +242,8 @@ class EvolutionFile:
         """ValueError if ``problem`` is not what the step of a row was solved for."""
         differs = problem_fingerprint(problem) != row.pop("fingerprint")
         if self._processes.any(np.array(differs)):
-            raise ValueError(
-                f"checkpoint {self.path} belongs to other work: the step to time "
-                f"{row['time']:g} had other data; move it away"
-            )
+            other = f"the step to time {row['time']:g} had other data; move it away"
+            raise ValueError(f"checkpoint {self.path} belongs to other work: {other}")
 
     def save(self, steps: list[EvolutionStep], pending: list[tuple[float, int]]) -> None:
         """Write all finished steps and the pending times."""

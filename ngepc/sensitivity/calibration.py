@@ -21,9 +21,6 @@ from ngepc.sensitivity.parameters import MATERIAL
 
 ILL_CONDITIONED = 1e8  # condition of J' J above which the data do not identify all constants
 
-Fit = tuple[np.ndarray, Callable[[Sequence[str]], np.ndarray]]
-"""(predicted - measured) / noise, and what gives its derivatives by material constants."""
-
 
 @dataclass(frozen=True, eq=False)
 class Curve:
@@ -61,23 +58,23 @@ class Curve:
             raise ValueError(
                 f"measured={self.measured!r}: one value for each of {times} times is needed"
             )
-        noise = self._noise if is_number(self._noise) else numbers_in("noise", self._noise)
-        if np.size(noise) not in (1, count):
-            raise ValueError(f"noise={self.noise!r}: one number or {count} are needed")
-        for value in np.ravel(noise).tolist():
+        given = 1.0 if self.noise is None else self.noise
+        noise = [given] if is_number(given) else numbers_in("noise", given)
+        if len(noise) not in (1, count):
+            raise ValueError(f"noise={given!r}: one number or {count} are needed")
+        for value in noise:
             require_number("noise", value, 0, strict=True)
 
-    @property
-    def _noise(self) -> float | Sequence[float]:
-        return 1.0 if self.noise is None else self.noise
+    def fit(self, problem: Problem) -> tuple[np.ndarray, Callable[[Sequence[str]], np.ndarray]]:
+        """(predicted - measured) / noise, and what gives its derivatives by material constants.
 
-    def fit(self, problem: Problem) -> Fit:
-        """How well a problem predicts the curve; SolverError if a step does not converge."""
+        SolverError if a step does not converge.
+        """
         run, functional = evolve(problem, self.schedule), as_functional(self.functional)
         states = [give_state() for give_state in states_of(run)]
         steps = [run.times.index(time) for time in self.schedule.times]  # cuts add others
         predicted = np.array([functional.slope(states[step]).value for step in steps])
-        weights = np.ones(len(steps)) / self._noise
+        weights = np.ones(len(steps)) / (1.0 if self.noise is None else self.noise)
 
         def slopes(names: Sequence[str]) -> np.ndarray:
             """Shape (measurements, names)."""
@@ -94,22 +91,16 @@ class Calibration:
 
     Parameters
     ----------
-    values
-        Name -> constant.
-    intervals
-        Name -> (lower, upper) of the confidence interval, linearised in the logarithms.
+    values, intervals
+        Name -> constant, and (lower, upper) of its confidence interval, linearised in logarithms.
     problem
         The problem with these constants.
-    residuals
-        (predicted - measured) / noise.
-    condition
-        Of the Gauss-Newton matrix J' J in the logarithms; 1 is best.
+    residuals, condition
+        (predicted - measured) / noise; condition of J' J in the logarithms, 1 is best.
     evaluations
         How often the whole load path was solved.
-    converged
-        Whether ``scipy.optimize.least_squares`` met a tolerance.
-    message
-        How it ended, and whether the data identify the constants.
+    converged, message
+        Whether ``scipy.optimize.least_squares`` met a tolerance; whether the data identify all.
     """
 
     values: dict[str, float]
@@ -166,7 +157,7 @@ def calibrate(
         return replace(problem, material=replace(problem.material, **values))
 
     @lru_cache(maxsize=1)  # the Jacobian is asked for where the residuals were found
-    def fits(*logarithms: float) -> list[Fit]:
+    def fits(*logarithms: float) -> list:
         return [curve.fit(with_constants(logarithms)) for curve in curves]
 
     found = least_squares(
@@ -178,10 +169,8 @@ def calibrate(
     )
     known = all(curve.noise is not None for curve in curves)
     condition, ends = _statistics(found, confidence, known)
-    doubt = (
-        f" The data do not identify all of {', '.join(names)}: the Gauss-Newton matrix has "
-        f"condition {condition:.2g}."
-    )
+    matrix = f"the Gauss-Newton matrix has condition {condition:.2g}."
+    doubt = f" The data do not identify all of {', '.join(names)}: {matrix}"
     return Calibration(
         values=dict(zip(names, np.exp(found.x).tolist(), strict=True)),
         intervals=dict(zip(names, map(tuple, ends.T.tolist()), strict=True)),

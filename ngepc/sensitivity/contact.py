@@ -29,8 +29,8 @@ BIACTIVE = 1e-6  # relative distance from the change of side within which someth
 class LinearContact:
     """The sides of the rows, by default those of the solution, and the matrices of these equations.
 
-    For m rows and n forces: ``rows`` is R at the free components, ``kept`` are the eigenvalues of G
-    on the range of the projection ``across``, ``follows`` is F, ``pushed`` is - k G.
+    For m rows and n forces: ``rows`` is R at the free components, ``kept`` is G with its ``blocks``
+    for each row, (m, 1 + d, 1 + d), ``follows`` is F, ``pushed`` is - k G.
     """
 
     closed: np.ndarray  # boolean, shape (m,) as all but the direction
@@ -59,28 +59,31 @@ class LinearContact:
         self.beyond = self.trial > self.bound
         self.closed = (n > 0) | tied if closed is None else closed
         self.slips = self.closed & (self.beyond if slips is None else slips)
-        self._set_matrices(self.closed & ~self.slips & ~tied)
-
-    def _set_matrices(self, sticks: np.ndarray) -> None:
-        (m, d), size = self.along.shape, (len(self.conditions),) * 2
-        self.rows = self.conditions.matrix @ diags(self.state.discrete.free.ravel().astype(float))
+        self.rows = self.conditions.matrix @ diags(state.discrete.free.ravel().astype(float))
         self.rows.eliminate_zeros()
-        movable = np.sqrt(self.rows.power(2).sum(axis=1)).A1 > HELD  # not held by supports
-        normal, tangents = self.law.split(movable)
-        kept = np.where(self.slips, self.bound / np.maximum(self.trial, TINY), sticks)
-        self.kept = np.append(self.closed & normal, np.repeat(kept, d))
-        slipping = self.slips[:, None, None]
+        movable, tangents = law.split(np.sqrt(self.rows.power(2).sum(axis=1)).A1 > HELD)
+        (m, d), slipping = self.along.shape, self.slips[:, None, None]
+        ratio = self.bound / np.maximum(self.trial, TINY)
+        kept = np.where(self.slips, ratio, self.closed & ~self.slips & ~tied)
         across = np.where(slipping, orthogonal(self.along), tangents[:, None] * np.eye(d))
-        numbers, t = np.arange(m), m + np.arange(m * d).reshape(m, d)
-        row, column = np.broadcast_arrays(t[:, :, None], t[:, None])
-        where = np.append(numbers, row), np.append(numbers, column)
-        self.across = csr_matrix((np.append(np.ones(m), across), where), shape=size)
-        where = t.ravel(), np.repeat(numbers, d)
-        follows = np.where(self.slips[:, None], self.along, 0.0).ravel()
-        self._growth = csr_matrix((follows, where), shape=(size[0], m))  # a' of b'
-        self.follows = self._growth @ diags(self.coefficient, format="csr")
-        self.follows.resize(size)
-        self.pushed = (diags(-self.stiffness * self.kept) @ self.across).tocsr()
+        self.blocks, follows = np.zeros((2, m, 1 + d, 1 + d))
+        self.blocks[:, 0, 0] = self.closed & movable
+        self.blocks[:, 1:, 1:] = kept[:, None, None] * across
+        follows[:, 1:, 0] = np.where(self.slips[:, None], self.along, 0.0)
+        self._growth = self.matrix(follows)[:, :m]  # a' of b'
+        follows[:, 1:, 0] *= self.coefficient[:, None]
+        self.kept, self.follows = self.matrix(self.blocks), self.matrix(follows)
+        self.pushed = (diags(-self.stiffness) @ self.kept).tocsr()
+
+    def matrix(self, blocks: np.ndarray) -> csr_matrix:
+        """The matrix (n, n) with these blocks of the forces of each row, (m, 1 + d, 1 + d)."""
+        m, d = self.along.shape
+        numbers = np.column_stack([np.arange(m), m + np.arange(m * d).reshape(m, d)])
+        where = np.broadcast_arrays(numbers[:, :, None], numbers[:, None])
+        shape = (m + m * d,) * 2
+        found = csr_matrix((blocks.ravel(), [a.ravel() for a in where]), shape=shape)
+        found.eliminate_zeros()
+        return found
 
     def same_sides(self, other: LinearContact) -> bool:
         """Whether all rows take the same sides in both."""

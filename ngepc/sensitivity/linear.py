@@ -52,8 +52,7 @@ class LinearStep:
         self._stiffness = state.discrete.stiffness.another()
         self._stiffness.fill(self.moduli)
         soften = self._with_springs()
-        G = diags(contact.kept) @ contact.across
-        square = (eye(len(k), format="csr") - G - contact.follows).tocsr()
+        square = (eye(len(k), format="csr") - contact.kept - contact.follows).tocsr()
         upper, lower, per_k = contact.rows.T.tocsr(), contact.pushed @ contact.rows, diags(1 / k)
         turned = lower.T, diags(k) @ contact.rows, diags(k) @ square.T, soften @ per_k
         # the system (K, upper; lower, square), its transpose with rows in units of force, and L
@@ -66,17 +65,18 @@ class LinearStep:
     def _with_springs(self) -> csr_matrix:
         """Add the springs of rows that belong to one vertex; L, shape (n, n)."""
         contact, stiffness, (nodes, N) = self.contact, self._stiffness, self.discrete.free.shape
-        R, kept, across = contact.rows, contact.kept, contact.across
+        R, G, k = contact.rows, contact.blocks, contact.stiffness
         row = np.repeat(np.arange(R.shape[0]), np.diff(R.indptr))
         pairs = np.unique(row * nodes + R.indices // N)
         single = np.bincount(pairs // nodes, minlength=R.shape[0]) <= 1
-        soften = 1 / (1 - kept + kept / np.where(single, PENALTY, 1.0))
-        springs = diags(np.where(single, contact.stiffness * kept * soften, 0.0)) @ across
+        penalty = np.where(contact.law.split(single)[0], PENALTY, 1.0)[:, None, None]
+        soften = np.linalg.inv(np.eye(G.shape[1]) - G + G / penalty)
+        springs = diags(np.where(single, k, 0.0)) @ contact.matrix(G @ soften)
         blocks = (R.T @ springs @ R).tobsr((N, N))
         stiffness.entries[stiffness.diagonal_places(blocks.indices)] += blocks.data
-        self._by_springs = not contact.follows.count_nonzero() and (single | (kept == 0)).all()
-        grip = contact.conditions.springs(contact.stiffness) / contact.stiffness
-        return eye(R.shape[0], format="csr") + diags(soften + grip - 1) @ across
+        reached = single | (np.diff(contact.kept.indptr) == 0)
+        self._by_springs = not contact.follows.count_nonzero() and reached.all()
+        return contact.matrix(soften) + diags(contact.conditions.springs(k) / k)
 
     def forward(self, data: Data) -> Data:
         """The changes of the solution with its data, and these."""

@@ -208,7 +208,7 @@ USES = {
         {"times": [1.0, 2.0], "changes": lambda time: {}},
         {"begin": {"zero", "a negative number"}},
     ),
-    "load_cycle": Use(load_cycle, {"problem": PROBLEM, "factors": [1.0]}, {"begin": NUMBERS}),
+    "load_cycle": Use(load_cycle, {"problem": PROBLEM, "factors": [1.0]}),
     "evolve": Use(
         evolve,
         {"problem": PROBLEM, "steps": load_cycle(PROBLEM, [1.0])},
