@@ -68,9 +68,11 @@ class LinearStep:
         R, G, k = contact.rows, contact.blocks, contact.stiffness
         row = np.repeat(np.arange(R.shape[0]), np.diff(R.indptr))
         pairs = np.unique(row * nodes + R.indices // N)
-        single = np.bincount(pairs // nodes, minlength=R.shape[0]) <= 1
-        penalty = np.where(contact.law.split(single)[0], PENALTY, 1.0)[:, None, None]
+        normal, tangential = contact.law.split(np.bincount(pairs // nodes, minlength=len(k)) <= 1)
+        single = normal & tangential.all(axis=1)
+        penalty = np.where(single, PENALTY, 1.0)[:, None, None]
         soften = np.linalg.inv(np.eye(G.shape[1]) - G + G / penalty)
+        single = np.append(single, np.repeat(single, contact.law.d))
         springs = diags(np.where(single, k, 0.0)) @ contact.matrix(G @ soften)
         blocks = (R.T @ springs @ R).tobsr((N, N))
         stiffness.entries[stiffness.diagonal_places(blocks.indices)] += blocks.data
