@@ -30,29 +30,23 @@ from ngepc.studies.work import OverMeshes, Work, first_of
 
 LAST = 6
 """Iterates that enter the five quotients."""
-REFERENCE_TOLERANCE, GAMMA = 1e-14, 1e4
+OPTIONS, GAMMA = NewtonOptions(max_iterations=2000), 1e4
+PRECISE = replace(OPTIONS, tolerance=1e-14)
 
 
-def convergence_quotients(
-    problem: Problem,
-    gamma: float,
-    start: DualResult | None = None,
-    options: NewtonOptions | None = None,
-) -> dict:
+def convergence_quotients(problem: Problem, gamma: float, start: DualResult | None = None) -> dict:
     """Compare the last iterates of Algorithm 7.1 with v*; arguments as of ``semismooth_newton``.
 
     'iterations' is omega, 'quotients' are Q_1, ..., Q_5 (fewer for fewer steps), 'distances' those
     ||v^j - v*||_H of the last six iterates (stress), 'meaningful' says which of them are above ten
     times the rounding; 'reference_residual' and 'rounding' belong to v* and the correction there.
     """
-    options = NewtonOptions() if options is None else options
     duals: list[np.ndarray] = []
-    precise = replace(options, tolerance=REFERENCE_TOLERANCE)
     result = semismooth_newton(
-        problem, gamma, start, precise, lambda r: duals.append(np.array(r.snapshot().v))
+        problem, gamma, start, PRECISE, lambda r: duals.append(np.array(r.snapshot().v))
     ).or_interrupted()
     residuals = result.history.residual_norms
-    reached = [k for k, residual in enumerate(residuals) if residual < options.tolerance]
+    reached = [k for k, residual in enumerate(residuals) if residual < OPTIONS.tolerance]
     omega = reached[0] if reached else len(residuals) - 1
     best = omega + int(np.argmin(residuals[omega:]))
     distances = [h_norm(result, v - duals[best]) for v in duals[: omega + 1][-LAST:]]
@@ -98,9 +92,8 @@ class Figure4(OverMeshes):
 
     def solve(self, body: str, nodes: int) -> dict:
         """The quotients of one run."""
-        options = NewtonOptions(max_iterations=2000)
-        start = coarse_start(body, GAMMA, options) if body == "lshape" else None
-        return convergence_quotients(example(body, nodes), GAMMA, start, options)
+        start = coarse_start(body, GAMMA, OPTIONS) if body == "lshape" else None
+        return convergence_quotients(example(body, nodes), GAMMA, start)
 
     def told(self, records: Sequence[dict]) -> list[dict]:
         """The records with Q_j, in parentheses where it is rounding; fewer for fewer steps."""

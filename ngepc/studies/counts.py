@@ -15,17 +15,8 @@ from ngepc.geometries import block
 from ngepc.model.problem import Problem
 from ngepc.pictures.curves import plot_counts
 from ngepc.pictures.style import save_figure
-from ngepc.studies.examples import (  # fmt: skip
-    BODIES,
-    FAMILIES,
-    METHODS,
-    TITLES,
-    coarse_start,
-    example,
-    nested,
-    solved_by,
-    timed,
-)
+from ngepc.studies import examples
+from ngepc.studies.examples import FAMILIES, METHODS, TITLES, example, nested, solved_by, timed
 from ngepc.studies.large import LAME_MU, indented_block, pressed
 from ngepc.studies.paper import TABLE_1, TABLE_2
 from ngepc.studies.work import OverMeshes, chosen, first_of
@@ -76,7 +67,7 @@ class CountTable(OverMeshes):
             result = nested(self.body, method, nodes, OPTIONS)
         else:
             coarse = self.body == "lshape" and method not in METHODS
-            start = coarse_start(self.body, method, OPTIONS) if coarse else None
+            start = examples.coarse_start(self.body, method, OPTIONS) if coarse else None
             result = solved_by(method, example(self.body, nodes), start, OPTIONS).or_interrupted()
         names = ("iterations", "primal_energy", "dual_energy", "residual_norm")
         return {
@@ -180,7 +171,7 @@ class NewtonCounts(OverMeshes):
         problem = problem_of(body, nodes, hardening)
         found = {m: timed(solved_by, m, problem)[1] for m in METHODS}
         if hardening is None:
-            family = (BODIES[body].COARSE_NODES, *FAMILIES[body])
+            family = (examples.BODIES[body].COARSE_NODES, *FAMILIES[body])
             nested(body, "default", family[family.index(nodes) - 1])
             found["nested"] = timed(nested, body, "default", nodes)[1]
             found["getfem"] = GETFEM.get(nodes) if body == "lshape" else None
@@ -201,5 +192,5 @@ class NewtonCounts(OverMeshes):
             runs = [r["nested"] for r in records if r["body"] == body and "nested" in r]
             total = sum(run["iterations"] for run in runs)
             found.append(f"{title}: {total} nested steps on {len(runs)} meshes, the first one "
-                         f"started from {BODIES[body].COARSE_NODES} nodes.")  # fmt: skip
+                         f"started from {examples.BODIES[body].COARSE_NODES} nodes.")  # fmt: skip
         return [NOTE, *found]

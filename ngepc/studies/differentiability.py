@@ -8,7 +8,7 @@ With X = Y = L2 that is false: h that lifts q just inside the yield surface acro
 radius r goes to zero with r, and E(h) is as large as h.  Where X is stronger than Y, L6 -> L2 of
 Lemma 6.3 or H1 -> H^(-1) for H_2 = H^1_0, the quotient goes to zero.  gamma and beta scale out and
 are one here.  Directions on shrinking discs, of fixed height: ``plateau`` is a null sequence in L2
-and L6 alone, ``logarithmic`` in H1 as well, though only as fast as log(1/r)^(-1/2).
+and L6 alone, ``log`` in H1 as well, though only as fast as log(1/r)^(-1/2).
 """
 
 import math
@@ -43,18 +43,15 @@ def graded_mesh(levels: int) -> ng.Mesh:
     return mesh
 
 
-def plateau(distance: np.ndarray, radius: float) -> np.ndarray:
-    """1 up to radius/2, linear to 0 at radius."""
-    return np.clip(2 - 2 * distance / radius, 0.0, 1.0)
-
-
-def logarithmic(distance: np.ndarray, radius: float) -> np.ndarray:
-    """The capacity potential of the disc of that radius in the one of LARGEST_RADIUS."""
-    ratio = np.log(np.maximum(distance, radius) / LARGEST_RADIUS)
-    return np.clip(ratio / math.log(radius / LARGEST_RADIUS), 0.0, 1.0)
-
-
-FAMILIES = {"plateau": plateau, "log": logarithmic}
+FAMILIES = {
+    # 1 up to radius/2, linear to 0 at radius
+    "plateau": lambda r, radius: np.clip(2 - 2 * r / radius, 0.0, 1.0),
+    # the capacity potential of the disc of that radius in the one of LARGEST_RADIUS
+    "log": lambda r, radius: np.clip(
+        np.log(np.maximum(r, radius) / LARGEST_RADIUS) / math.log(radius / LARGEST_RADIUS), 0.0, 1.0
+    ),
+}
+"""Shapes as functions of the distance from the centre and a radius."""
 
 
 def direction(mesh: ng.Mesh, shape: Callable, radius: float) -> ng.GridFunction:
