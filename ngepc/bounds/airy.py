@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.element import LEGS, NORMALS, PAIRS, AiryFunctions
+from ngepc.bounds.element import LEGS, NORMALS, PAIRS, airy_stresses
 from ngepc.bounds.parts import AT_NODES, RULE, SIX, WEIGHTS, portions
 from ngepc.bounds.simplices import sliced
 
@@ -38,9 +38,9 @@ class Rule:
         k = {3: 3, 4: 6}[degree]
         self.shares, self.weights = {3: RULE[3], 6: SIX}[k], np.tile(WEIGHTS[k] / 3, 3)
         self.nodal = {3: np.eye(3), 6: AT_NODES}[k] @ np.linalg.inv(RULE[k])
-        rows = AiryFunctions(3).stresses(self.shares)
+        rows = airy_stresses(3, self.shares)
         if degree == 4:
-            more = AiryFunctions(4).stresses(self.shares)[:, :, 12:]
+            more = airy_stresses(4, self.shares)[:, :, 12:]
             rows = np.concatenate([rows, more], axis=2)
         products = np.einsum("q,qim,qjn->qijmn", self.weights, rows, rows)
         products += (1 - np.eye(3))[:, :, None, None] * products.swapaxes(1, 2)
@@ -118,7 +118,8 @@ class AirySpace:
         held, length = np.flatnonzero(~free), c.measure.mean()
         count = ~free.reshape(-1, 3) * (~free.reshape(-1, 3)).sum(axis=1, keepdims=True)
         pinned = 3 * count.argmax(axis=0) + np.arange(3)  # what no stress sees
-        rows = [np.eye(self.vertices)[pinned]]
+        rows = [np.zeros((3, self.vertices))]
+        rows[0][np.arange(3), pinned] = 1.0
         for k, edges in enumerate(self._constant):
             row = np.zeros((edges.sum(), self.vertices))
             for end, sign in zip(c.facets[edges].T, (-1.0, 1.0), strict=True):

@@ -36,10 +36,7 @@ class ContactFacets:
             self.nodes = np.column_stack([self.nodes, edge[on]])
             self._hats = np.column_stack([self._hats, np.full(2, BUBBLE / 12)])
         self._start = initial_displacements(self.problem, discrete.supports)
-        self._find_rows(c.facets[on])
-
-    def _find_rows(self, vertices: np.ndarray) -> None:
-        rows = self.discrete.rows
+        vertices, rows = c.facets[on], discrete.rows
         order = np.argsort(rows.vertices, kind="stable")
         first, last = (
             np.searchsorted(rows.vertices[order], vertices, s) for s in ("left", "right")

@@ -120,63 +120,59 @@ CORNERS = ELEMENTS[2].corners[:3]
 LEGS = np.array([CORNERS[j] - CORNERS[i] for i, j in PAIRS])
 # outer normals of the reference edges
 NORMALS = np.array([(t[1], -t[0]) / np.hypot(*t) for t in LEGS])
+ORDERS = ((0, 0), (1, 0), (0, 1))  # of derivatives: the value and the gradient
 
 
-class AiryFunctions:
-    """The Airy functions of a degree on the reference triangle: coefficients of monomials."""
+def airy_stresses(degree: int, shares: np.ndarray) -> np.ndarray:
+    """Stresses times det J of the Airy functions of a degree, shape (3 q, 3, functions).
 
-    def __init__(self, degree: int) -> None:
-        self.powers = np.array([(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)])
-        smooth, numbers = self._smooth_rows(), self._numbers()
-        numbers = numbers[: 12 if degree == 3 else 18]
-        known = np.array(smooth + numbers)
-        inside = np.linalg.svd(known)[2][np.linalg.matrix_rank(known) :].T
-        chosen = np.linalg.pinv(known)[:, -len(numbers) :]
-        self._coefficients = np.hstack([chosen, inside]).reshape(3, len(self.powers), -1)
+    They are known at barycentric points (q, 3) of each part.
+    """
+    powers = np.array([(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)])
+    smooth, centre = [], CORNERS.mean(axis=0)  # jumps at points of the three inner edges
+    for v in range(3):
+        a, b = (k for k in range(3) if k != v)
+        for t in np.linspace(0, 1, 5):
+            place = (1 - t) * CORNERS[v] + t * centre
+            for order in ORDERS:
+                jump = _derivative(powers, a, place, order) - _derivative(powers, b, place, order)
+                smooth.append(jump)
+    numbers = _airy_numbers(powers)[: 12 if degree == 3 else 18]
+    known = np.array(smooth + numbers)
+    inside = np.linalg.svd(known)[2][np.linalg.matrix_rank(known) :].T
+    coefficients = np.hstack([np.linalg.pinv(known)[:, -len(numbers) :], inside])
+    rows = []
+    for k, part in enumerate(ELEMENTS[2].parts):
+        for place in shares @ ELEMENTS[2].corners[list(part)]:
+            second = [_derivative(powers, k, place, order) for order in ((0, 2), (2, 0), (1, 1))]
+            xx, yy, xy = np.array(second) @ coefficients
+            rows.append((xx, yy, -xy))
+    return np.array(rows)
 
-    def _derivative(self, k: int, at: np.ndarray, order: tuple[int, int]) -> np.ndarray:
-        """Derivatives of the monomials of part k at a point, among those of all three."""
-        result = np.zeros((3, len(self.powers)))
-        result[k] = 1.0
-        for x, times, power in zip(at, order, self.powers.T, strict=True):
-            for i in range(times):
-                result[k] *= power - i
-            result[k] *= x ** np.maximum(power - times, 0)
-        return result.ravel()
 
-    def _smooth_rows(self) -> list[np.ndarray]:
-        """What vanishes for C1 functions: jumps at points of the three inner edges."""
-        rows, centre = [], CORNERS.mean(axis=0)
-        for v in range(3):
-            a, b = (k for k in range(3) if k != v)
-            for t in np.linspace(0, 1, 5):
-                for order in ((0, 0), (1, 0), (0, 1)):
-                    place = (1 - t) * CORNERS[v] + t * centre
-                    rows.append(
-                        self._derivative(a, place, order) - self._derivative(b, place, order)
-                    )
-        return rows
+def _derivative(
+    powers: np.ndarray, part: int, at: np.ndarray, order: tuple[int, int]
+) -> np.ndarray:
+    """Derivatives of the monomials of a part at a point, among those of all three."""
+    result = np.zeros((3, len(powers)))
+    result[part] = 1.0
+    for x, times, power in zip(at, order, powers.T, strict=True):
+        for i in range(times):
+            result[part] *= power - i
+        result[part] *= x ** np.maximum(power - times, 0)
+    return result.ravel()
 
-    def _numbers(self) -> list[np.ndarray]:
-        """Values and gradients at the vertices, then three numbers of each edge, kind by kind."""
-        orders, edges = ((0, 0), (1, 0), (0, 1)), []
-        rows = [self._derivative((v + 1) % 3, CORNERS[v], o) for v in range(3) for o in orders]
-        for k, (i, _) in enumerate(PAIRS):
-            places = [CORNERS[i] + t * LEGS[k] for t in (0, 0.25, 0.5, 0.75, 1)]
-            value, x, y = (np.array([self._derivative(k, p, o) for p in places]) for o in orders)
-            slope, across = (d[0] * x + d[1] * y for d in (LEGS[k], NORMALS[k]))
-            bend = across[2] - (across[0] + across[4]) / 2
-            even = value[2] - (value[0] + value[4]) / 2 - (slope[0] - slope[4]) / 8
-            odd = (across[1] - across[3] - (across[0] - across[4]) / 2) / 6
-            edges.append((bend, even, odd))
-        return rows + [edge[kind] for kind in range(3) for edge in edges]
 
-    def stresses(self, shares: np.ndarray) -> np.ndarray:
-        """Components times det J at barycentric points (q, 3) of each part, (3 q, 3, functions)."""
-        rows = []
-        for k, part in enumerate(ELEMENTS[2].parts):
-            for place in shares @ ELEMENTS[2].corners[list(part)]:
-                second = [self._derivative(k, place, order) for order in ((0, 2), (2, 0), (1, 1))]
-                xx, yy, xy = np.array(second).reshape(3, 3, -1)[:, k] @ self._coefficients[k]
-                rows.append((xx, yy, -xy))
-        return np.array(rows)
+def _airy_numbers(powers: np.ndarray) -> list[np.ndarray]:
+    """Values and gradients at the vertices, then three numbers of each edge, kind by kind."""
+    rows = [_derivative(powers, (v + 1) % 3, CORNERS[v], o) for v in range(3) for o in ORDERS]
+    edges = []
+    for k, (i, _) in enumerate(PAIRS):
+        places = [CORNERS[i] + t * LEGS[k] for t in (0, 0.25, 0.5, 0.75, 1)]
+        value, x, y = (np.array([_derivative(powers, k, p, o) for p in places]) for o in ORDERS)
+        slope, across = (d[0] * x + d[1] * y for d in (LEGS[k], NORMALS[k]))
+        bend = across[2] - (across[0] + across[4]) / 2
+        even = value[2] - (value[0] + value[4]) / 2 - (slope[0] - slope[4]) / 8
+        odd = (across[1] - across[3] - (across[0] - across[4]) / 2) / 6
+        edges.append((bend, even, odd))
+    return rows + [edge[kind] for kind in range(3) for edge in edges]

@@ -51,9 +51,10 @@ class Patches:
             by = {2: "edges", 3: "faces"}[N]
             raise ValueError(f"mesh: bounds need parts that hang together by {by}")
         self._free = np.repeat(~boundary.given, N, axis=0).astype(float)
-        kinds, which = np.unique(self._free.T, axis=0, return_inverse=True)
-        inverses = [self._inverse(free > 0) for free in kinds]
-        self._inverses = [inverses[k] for k in which.ravel()]
+        self._inverses: list[csr_matrix] = []
+        for k, free in enumerate(self._free.T):
+            same = [j for j in range(k) if (self._free[:, j] == free).all()]
+            self._inverses.append(self._inverses[same[0]] if same else self._inverse(free > 0))
 
     def _inverse(self, free: np.ndarray) -> csr_matrix:
         """Of the graph Laplacians; where no moment is open outside, a corner is held."""

@@ -47,13 +47,6 @@ class Simplices:
         self.volume = self.det / math.factorial(self.N)
         first = -self.inverse.sum(axis=1, keepdims=True)
         self.gradients = np.concatenate([first, self.inverse], axis=1)
-        self._number_facets()
-        owner, k = np.divmod(self._first, self.N + 1)
-        out = -self.gradients[owner, k]
-        size = np.linalg.norm(out, axis=1)
-        self.measure, self.normal = self.N * self.volume[owner] * size, out / size[:, None]
-
-    def _number_facets(self) -> None:
         vertices = self.nodes[:, FACETS[self.N]]
         self.place = (vertices[..., None] > vertices[..., None, :]).sum(axis=3)
         ascending = np.sort(vertices, axis=2).reshape(-1, self.N)
@@ -66,6 +59,10 @@ class Simplices:
         self.owners = np.full((len(self.facets), 2), -1)
         self.owners[numbers, np.where(is_first, 0, 1)] = np.arange(len(keys)) // (self.N + 1)
         self.outer = self.owners[:, 1] < 0
+        owner, k = np.divmod(self._first, self.N + 1)
+        out = -self.gradients[owner, k]
+        size = np.linalg.norm(out, axis=1)
+        self.measure, self.normal = self.N * self.volume[owner] * size, out / size[:, None]
 
     def key(self, vertices: np.ndarray) -> np.ndarray:
         """One integer for each facet with these ascending vertices."""
