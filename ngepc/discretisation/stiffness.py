@@ -27,7 +27,10 @@ class Blocks:
 
     def held(self, values: np.ndarray) -> np.ndarray:
         """Make rows and columns of held components those of the identity."""
-        values[~(self.free[self.rows][:, :, None] & self.free[self.columns][:, None])] = 0.0
+        held = ~self.free.all(axis=1)
+        some = np.flatnonzero(held[self.rows] | held[self.columns])
+        i, j = self.free[self.rows[some]], self.free[self.columns[some]]
+        values[some] = np.where(i[:, :, None] & j[:, None], values[some], 0.0)
         nodes, components = np.nonzero(~self.free)
         values[np.flatnonzero(self.rows == self.columns)[nodes], components, components] = 1.0
         return values
