@@ -177,7 +177,8 @@ def check_law(law: HardeningLaw, mesh: Mesh) -> None:
         stress = there.stress(x)
         if not (np.min(stress) > 0 and np.min(stress - before) >= -1e-12 * np.max(stress)):
             found = f"the flow stress at PEEQ = {x:g} is {np.min(stress):g}"
-            raise ValueError(f"law={law!r}: {found}: positive values that never fall are needed")
+            needed = "positive values that never fall are needed (softening is not covered)"
+            raise ValueError(f"law={law!r}: {found}: {needed}")
         before = stress
 
 
