@@ -13,6 +13,7 @@ derivative of the function with respect to the other coordinate is constant.
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import eigh
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.element import LEGS, NORMALS, PAIRS, airy_stresses
@@ -131,9 +132,10 @@ class AirySpace:
         for k in (0, 1):
             row[there, 3 * start + 1 + k] = (c.points[start, k] - c.points[end, k]) / length
         equations = np.concatenate([*rows, row])[:, held]
-        size, vectors = np.linalg.eigh(equations.T @ equations)
-        result = np.zeros(((size <= LEVEL * size[-1]).sum(), len(self.free)))
-        result[:, held] = vectors[:, : len(result)].T / np.where(held % 3, length, 1.0)
+        squares = equations.T @ equations
+        _, vectors = eigh(squares, subset_by_value=(-np.inf, LEVEL * squares.max()))
+        result = np.zeros((vectors.shape[1], len(self.free)))
+        result[:, held] = vectors.T / np.where(held % 3, length, 1.0)
         return result
 
     def of(self, chosen: np.ndarray | slice) -> AirySpace:
@@ -172,8 +174,11 @@ class AirySpace:
         corners, cross, rest = (np.empty((nt, *k)) for k in ((54,), (n - 9, 9), (n - 9, n - 9)))
         for cells in portions(nt):
             part = self.of(cells)
-            M = part.piola[:, None] * (np.sqrt(part.area) / part.det)[:, None, None, None]
-            six = np.matmul(np.matmul(M, H[cells]), M.swapaxes(2, 3))[:, :, FIRST, SECOND]
+            M = part.piola * (np.sqrt(part.area) / part.det)[:, None, None]
+            products = M[:, FIRST, :, None] * M[:, SECOND, None]  # six entries of M H M'
+            six = np.matmul(
+                H[cells].reshape(len(M), -1, 9), products.reshape(-1, 6, 9).swapaxes(1, 2)
+            )
             K, T = (six.reshape(len(M), -1) @ table).reshape(-1, n, n), part._to_reference()
             K = np.matmul(np.matmul(T.swapaxes(1, 2), K), T)
             corners[cells] = K[:, CORNER_ROWS, CORNER_COLUMNS]
