@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import TypeVar
 
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.geometries import lshape, wrench
@@ -23,7 +23,7 @@ FAMILIES = {name: body.PAPER_NODES for name, body in BODIES.items()}
 METHODS = ("default", "primal")
 """Those without a gamma."""
 
-Given, Made = ParamSpec("Given"), TypeVar("Made")
+Made = TypeVar("Made")
 
 
 @lru_cache(maxsize=16)
@@ -78,12 +78,10 @@ def nested(
     return solved_by(method, example(name, nodes), start, options).or_interrupted()
 
 
-def timed(
-    solve: Callable[Given, Result], *given: Given.args, **more: Given.kwargs
-) -> tuple[Result, dict]:
+def timed(solve: Callable[..., Result], *given: object) -> tuple[Result, dict]:
     """What a solver gives, and its status, steps, energy J and processor time (s), with set-up."""
     begin = time.process_time()
-    result = solve(*given, **more).or_interrupted()
+    result = solve(*given).or_interrupted()
     seconds = time.process_time() - begin
     return result, {
         "status": result.status.label,
@@ -93,10 +91,10 @@ def timed(
     }
 
 
-def in_own_process(work: Callable[Given, Made], *given: Given.args, **more: Given.kwargs) -> Made:
+def in_own_process(work: Callable[..., Made], *given: object) -> Made:
     """What a function of a module returns in a new process, whose memory is its own."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(work, *given, **more).result()
+        return pool.submit(work, *given).result()
 
 
 def peak_memory() -> float | None:

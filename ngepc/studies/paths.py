@@ -102,10 +102,10 @@ class Table3(OverMeshes):
 
 @dataclass(eq=False)
 class BothPaths(Work):
-    """A study of a path for each example, on one mesh each."""
+    """A study of a path for each example, on one mesh each, small ones by default."""
 
-    lshape_nodes: int
-    wrench_nodes: int
+    lshape_nodes: int = 833
+    wrench_nodes: int = 873
 
     def cells(self) -> list[dict]:
         """A path for each example."""
@@ -202,12 +202,8 @@ class Figures(BothPaths):
 BY_TENS = PathOptions(growth=10.0, gamma_end=1e6, inner_scale=1e-8)
 
 
-@dataclass(eq=False)
 class Duality(BothPaths):
-    """The paths of both examples to gamma = 1e6 by factors of ten, on small meshes by default."""
-
-    lshape_nodes: int = 833
-    wrench_nodes: int = 873
+    """The paths of both examples to gamma = 1e6 by factors of ten."""
 
     name, title = "duality", "Duality"
     columns = """example = {body} | nodes = {nodes} | gamma = {gamma:.3g} | J + J* = {gap:.3g}
@@ -225,13 +221,11 @@ class Duality(BothPaths):
 
     def solve(self, body: str, nodes: int) -> list[dict]:
         """Follow the path of an example: a record for each gamma."""
-        reports: list[dict] = []
-
-        def note(result: DualResult) -> None:
-            reports.append(asdict(duality_report(result)))
-
-        path = followed(self, body, nodes, BY_TENS, observer=note)
+        found: list = []
+        path = followed(
+            self, body, nodes, BY_TENS, observer=lambda r: found.append(asdict(duality_report(r)))
+        )
         return [
             {"gamma": s.gamma, "iterations": s.iterations, "status": s.status.label, **report}
-            for s, report in zip(path.steps, reports, strict=False)
+            for s, report in zip(path.steps, found, strict=False)
         ]

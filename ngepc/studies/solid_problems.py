@@ -56,14 +56,9 @@ def metal(
     lame_lambda, lame_mu = lame_parameters(young, poisson)
     bound = math.sqrt(2 / 3) * stress
     least = 0.0 if isotropic or kinematic else NEARLY_PERFECT * lame_mu
-    return Material(
-        lame_lambda=lame_lambda,
-        lame_mu=lame_mu,
-        yield_stress=bound,
-        hardening=max(2 / 3 * kinematic, least),
-        hardening_modulus=1 / bound,
-        hardening_stiffness=2 / 3 * isotropic,
-    )
+    elastic = {"lame_lambda": lame_lambda, "lame_mu": lame_mu, "yield_stress": bound}
+    laws = {"hardening_modulus": 1 / bound, "hardening_stiffness": 2 / 3 * isotropic}
+    return Material(**elastic, hardening=max(2 / 3 * kinematic, least), **laws)
 
 
 NL1_CORNERS = ((1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1), (0, 0))

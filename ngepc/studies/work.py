@@ -25,22 +25,13 @@ class Work(ABC):
 
     A cell is a dictionary of what makes it, such as an example and the nodes of its mesh;
     ``solve(**cell)`` gives further numbers, both together are a record.  Each cell is solved once
-    and kept in ``folder``/cells; ``progress`` gets a line of text after it.  Options of a study are
-    further fields, ``ngepc.cli.commands.STUDIES`` lists them.
+    and, if the study ``keeps`` them, stored in ``folder``/cells; ``progress`` gets a line of text
+    after it.  Options of a study are further fields, ``ngepc.cli.commands.STUDIES`` lists them.
 
-    Attributes
-    ----------
-    name
-        File name of the results without ending.
-    title, columns, note
-        Of the table.  Columns are 'head = format', separated by ' | '; a format is one of the
-        record, such as {nodes}, of a run in it, {direct[steps]}, or of what ``spoken`` adds.
-        {study.gamma:g} in the note is an option.
-    across
-        Formats of the head and entry of further columns: records that agree in ``columns`` are one
-        row, with an entry for each head.
-    keeps
-        Whether cells are kept on disk.
+    Files are called ``name``.  ``columns`` of the table are 'head = format', separated by ' | ',
+    with fields of the record, {nodes}, of a run in it, {direct[steps]}, or of what ``spoken`` adds;
+    ``across`` are formats of the head and entry of further ones: records that agree in ``columns``
+    are one row then, with an entry for each head.  {study.gamma:g} in the note is an option.
     """
 
     folder: Path
