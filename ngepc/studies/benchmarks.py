@@ -37,7 +37,7 @@ class Benchmark:
     def remark(self) -> str:
         """What is to be said about our numbers."""
         solve = getattr(self.solve, "func", self.solve)
-        return " ".join(inspect.getdoc(solve).partition("\n\n")[2].split())
+        return " ".join((inspect.getdoc(solve) or "").partition("\n\n")[2].split())
 
 
 PEEQ = "accumulated_plastic_strain"
