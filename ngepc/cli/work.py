@@ -25,8 +25,9 @@ from ngepc.dual.path import PathOptions, follow_path
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import Coupled
 from ngepc.pictures.monitors import progress_line
-from ngepc.pictures.report import solution_sections, standard_figures, write_report
+from ngepc.pictures.report import standard_figures, write_report
 from ngepc.pictures.style import save_figure
+from ngepc.pictures.views import EXTRA, show, viewer_installed
 from ngepc.primal.solver import primal_newton
 from ngepc.results import checkpoint, records
 from ngepc.results.files import check_folder, check_writable
@@ -181,13 +182,16 @@ def study(args: argparse.Namespace) -> int:
 def report(args: argparse.Namespace) -> int:
     """``ngepc report RUN``: one HTML file about a saved run."""
     record, result = load_run(args.run_file)
+    view = show(result) if viewer_installed() else f"For a view to turn and zoom: {EXTRA}"
+    *figures, residuals = standard_figures(result, THRESHOLDS[record["problem"]]).values()
     numbers = [{"what": key.replace("_", " "), "value": record[key]} for key in NUMBERS]
     page = write_report(
         args.out or args.run_file.with_suffix(".html"),
         f"{record['problem']}: {record['method']} method on {record['nodes']} nodes",
         ("The problem", [result.problem]),
         ("Numbers", [numbers, *filter(None, [record["message"]])]),
-        *solution_sections(result, "The deformed body", THRESHOLDS[record["problem"]]),
+        ("The deformed body", [view, *figures]),
+        ("How the solver got there", [residuals]),
         footer=", ".join(f"{key} {record[key]}" for key in PROVENANCE),
     )
     name_written([page])

@@ -21,7 +21,6 @@ from ngepc.model.problem import Problem
 from ngepc.pictures.curves import plot_contact_pressure, plot_history
 from ngepc.pictures.fields import plot_field, plot_plastic_zone
 from ngepc.pictures.style import png_address
-from ngepc.pictures.views import EXTRA, show, viewer_installed
 from ngepc.results.records import write_text
 
 PAGE = Template("""<!DOCTYPE html>
@@ -89,13 +88,6 @@ def standard_figures(result: object, threshold: float = 0.0) -> dict[str, Figure
     if result.problem.touching_names and result.problem.N == 2:
         figures["contact_pressure"] = plot_contact_pressure(result)
     return figures | {"residuals": plot_history(result.history)}
-
-
-def solution_sections(result: object, heading: str, threshold: float = 0.0) -> list[Section]:
-    """The sections of a report about one result: its pictures, and a view if there is a viewer."""
-    view = show(result) if viewer_installed() else f"For a view to turn and zoom: {EXTRA}"
-    *figures, residuals = standard_figures(result, threshold).values()
-    return [(heading, [view, *figures]), ("How the solver got there", [residuals])]
 
 
 def _piece(piece: object) -> str:

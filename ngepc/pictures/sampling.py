@@ -20,8 +20,6 @@ from ngepc.model.processes import require_whole
 from ngepc.results.fields import Fields
 
 Ends = tuple[float | None, float | None]
-BEYOND = 0.02
-"""Part of the area that may lie beyond either end of a colour scale."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +148,9 @@ def colour_scale(
 ) -> Normalize:
     """Limits that a re-entrant corner does not swallow, common to all ``samples``.
 
-    The limits are percentiles by area over the part where the field is not zero.  An end where
-    that would gain less than a quarter of the scale stays where the data end, and a scale of one
-    sign that comes close to zero begins there.  ``symmetric`` fields get limits of opposite sign;
+    At each end 2 percent of the area where the field is not zero are left out.  An end where that
+    would gain less than a quarter of the scale stays where the data end, and a scale of one sign
+    that comes close to zero begins there.  ``symmetric`` fields get limits of opposite sign;
     ``ends`` overrule.  Its ``extend`` tells colour bars where values lie outside.
     """
     vmin, vmax = ends
@@ -162,9 +160,14 @@ def colour_scale(
     if vmin is not None and vmax is not None and vmin >= vmax:
         raise ValueError(f"vmin={vmin!r}, vmax={vmax!r}: vmin < vmax is needed")
     corners = np.concatenate([s.values for s in samples])
-    lowest, highest = float(corners.min()), float(corners.max())
-    span = highest - lowest
-    low, high = _percentiles(corners.mean(axis=1), np.concatenate([s.measures for s in samples]))
+    areas = np.concatenate([s.measures for s in samples])
+    low, high = lowest, highest = float(corners.min()), float(corners.max())
+    span, values = highest - lowest, corners.mean(axis=1)
+    shown = np.abs(values) > 1e-3 * np.abs(values).max()
+    if shown.any():
+        parts = {"q": (0.02, 0.98), "weights": areas[shown], "method": "inverted_cdf"}
+        low, high = map(float, np.quantile(values[shown], **parts))
+        low = low if shown.all() else min(0.0, low)
     low = lowest if low - lowest <= 0.25 * span else low
     high = highest if highest - high <= 0.25 * span else high
     low = 0.0 if lowest >= 0.0 and low <= 0.2 * high else low
@@ -180,14 +183,3 @@ def colour_scale(
     below, above = lowest < low - slack, highest > high + slack
     scale.extend = (("neither", "max"), ("min", "both"))[below][above]
     return scale
-
-
-def _percentiles(values: np.ndarray, areas: np.ndarray) -> tuple[float, float]:
-    """The ends of all but ``BEYOND`` of the area at either side, where the field is not zero."""
-    shown = np.abs(values) > 1e-3 * np.abs(values).max(initial=0.0)
-    if not shown.any():
-        return float(values.min()), float(values.max())
-    order = np.flatnonzero(shown)[np.argsort(values[shown])]
-    part = np.cumsum(areas[order]) / areas[order].sum()
-    low, high = values[order[np.searchsorted(part, [BEYOND, 1 - BEYOND])]]
-    return float(low if shown.all() else min(0.0, low)), float(high)

@@ -190,11 +190,14 @@ def test_saved_run_becomes_a_report(choice, tmp_path, capsys):
 
 
 def test_report_without_the_viewer_is_written_and_names_the_extra(tmp_path, monkeypatch):
-    monkeypatch.setattr("ngepc.pictures.report.viewer_installed", lambda: False)
+    monkeypatch.setattr("ngepc.cli.work.viewer_installed", lambda: False)
     saved = tmp_path / "run.npz"
     assert main(["solve", "lshape", "--nodes", "33", "--save", str(saved)]) == 0
     assert main(["report", str(saved)]) == 0
-    assert "ngepc[html]" in (tmp_path / "run.html").read_text()
+    text = (tmp_path / "run.html").read_text()
+    assert "pip install &quot;ngepc[html]&quot;" in text
+    assert text.count("data:image/png") == 5
+    assert "<iframe" not in text
 
 
 def test_report_refuses_what_is_no_run(tmp_path, capsys):

@@ -7,8 +7,8 @@ import pytest
 from browser import Browser, chromium
 from solved import lshape_dual, lshape_primal
 
-from ngepc.pictures import plot_field, report
-from ngepc.pictures.report import html_table, solution_sections, write_report
+from ngepc.pictures import plot_field
+from ngepc.pictures.report import html_table, write_report
 from ngepc.pictures.views import show, viewer_installed
 
 ROWS = [
@@ -90,15 +90,6 @@ def test_reports_are_written_whole_or_not_at_all(tmp_path):
 def test_empty_tables_are_refused(tmp_path):
     with pytest.raises(TypeError, match="text, a list of dictionaries"):
         write_report(tmp_path / "page.html", "t", ("Table", [[]]))
-
-
-def test_without_the_viewer_a_report_says_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "viewer_installed", lambda: False)
-    sections = solution_sections(lshape_primal(), "The solution")
-    text = write_report(tmp_path / "page.html", "t", *sections).read_text(encoding="utf-8")
-    assert "pip install &quot;ngepc[html]&quot;" in text
-    assert text.count("data:image/png") == 5
-    assert "<iframe" not in text
 
 
 @pytest.mark.skipif(chromium() is None, reason="no Chromium or Chrome is installed")
