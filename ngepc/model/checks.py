@@ -185,7 +185,8 @@ def check_contact(problem: Given) -> None:
     for pair in problem.contact_pairs:
         one, two = (boundary_names("contact", n, mesh) for n in (pair.first, pair.second))
         if {*one} & {*two} or {*one, *two} & {*names}:
-            raise ValueError(f"contact={pair!r}: two different ones without obstacle are needed")
+            needed = "two different boundaries are needed, and no obstacle on them"
+            raise ValueError(f"contact={pair!r}: {needed}")
         if vertices_of(mesh, one) & vertices_of(mesh, two):
             raise ValueError(f"contact={pair!r}: the bodies share nodes; mesh them without Glue")
     if names and given is None:
