@@ -137,8 +137,8 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
             legal = ", ".join(map(repr, known))
             raise ValueError(f"{asked}there is no boundary {part!r}; this mesh has {legal}")
         if _PATTERN & set(part):
-            signs = "".join(sorted(_PATTERN))
-            raise ValueError(f"{asked}the name {part!r} has one of the signs {signs}: rename it")
+            signs = "".join(sorted(_PATTERN)) + ", a pattern to NGSolve: rename it"
+            raise ValueError(f"{asked}the name {part!r} has one of the signs {signs}")
     if not parts:
         raise ValueError(f"{asked}at least one boundary name is needed")
     return tuple(dict.fromkeys(parts))

@@ -75,7 +75,9 @@ def check_mesh(mesh: Mesh) -> None:
     if len(nodes) == 0:
         raise ValueError("mesh has no elements: a mesh of the body is needed")
     if (nodes[:, 2**mesh.dim :] >= 0).any():
-        raise ValueError("mesh has elements of second order: mesh.Curve() in place is needed")
+        raise ValueError(
+            "mesh has elements of second order: leave SecondOrder() out, take mesh.Curve()"
+        )
     strange = set((nodes >= 0).sum(axis=1).tolist()) - {k for N, k in SHAPES if mesh.dim == N}
     if strange:
         legal = "triangles, quadrilaterals, tetrahedra, prisms or hexahedra are needed"
@@ -136,7 +138,7 @@ def check_places(problem: Given) -> None:
         both = ", ".join(sorted(set(problem.clamped_names) & set(keys)))
         if both:
             raise ValueError(
-                f"{argument} and clamped overlap in {both}: one of them is legal there"
+                f"{argument} and clamped overlap in {both}: a clamped boundary carries nothing else"
             )
 
 

@@ -120,9 +120,10 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
         size = max(np.abs(a[fixed.any(axis=1)]).max(initial=0.0) for a in (u, gap))
         partly = (free > HELD_NORMAL) & (free < FREE_NORMAL) | (free < FREE_NORMAL).all()
         beyond = np.einsum("ki,ki->k", u, normal) - gap > 1e-8 * size
+        beyond &= free <= HELD_NORMAL
         for why, bad in {
             "where they meet, the normal component must be free (None)": partly,
-            "the given displacement there must not exceed the gap": (free <= HELD_NORMAL) & beyond,
+            "the given displacement there must not exceed the gap, a larger gap is needed": beyond,
         }.items():
             if bad.any():
                 k = int(bad.argmax())

@@ -207,7 +207,7 @@ PROBLEMS = {
     ),
     "pressed into the clamped": (
         {"contact": "left", "gap": -0.1},
-        "at [0.0, 0.0], gap=-0.1: the given displacement there must not exceed the gap",
+        "gap=-0.1: the given displacement there must not exceed the gap, a larger gap is needed",
     ),
     # supports
     "nothing held": ({"clamped": None}, "leave 3 rigid motion(s)"),
