@@ -165,8 +165,9 @@ def colour_scale(
     span, values = highest - lowest, corners.mean(axis=1)
     shown = np.abs(values) > 1e-3 * np.abs(values).max()
     if shown.any():
-        parts = {"q": (0.02, 0.98), "weights": areas[shown], "method": "inverted_cdf"}
-        low, high = map(float, np.quantile(values[shown], **parts))
+        order = np.flatnonzero(shown)[np.argsort(values[shown])]
+        part = np.cumsum(areas[order]) / areas[order].sum()
+        low, high = values[order[np.searchsorted(part, [0.02, 0.98])]].tolist()
         low = low if shown.all() else min(0.0, low)
     low = lowest if low - lowest <= 0.25 * span else low
     high = highest if highest - high <= 0.25 * span else high
