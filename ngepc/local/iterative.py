@@ -25,6 +25,7 @@ from ngepc.linalg.direct import FactorisationError
 from ngepc.local.closed import Closed
 from ngepc.local.system import State
 from ngepc.model.elements import vertex_coordinates
+from ngepc.model.support import rigid_motions
 
 ACCURACY = 1e-12
 """Relative residual of ``solve``, for callers that take it for exact."""
@@ -223,14 +224,9 @@ def low_energy_modes(frame: Frame) -> np.ndarray:
 
     Nodes that are no vertices carry what is not linear: zero.
     """
-    problem, N = frame.problem, frame.problem.N
-    x, processes = vertex_coordinates(problem.mesh), problem.processes
+    x, processes = vertex_coordinates(frame.problem.mesh), frame.problem.processes
     own = x[processes.own]
-    x = x - processes.total(own.sum(axis=0)) / processes.total(len(own))
-    pairs = [(0, 1)] if N == 2 else [(0, 1), (1, 2), (2, 0)]
-    modes = np.zeros((*frame.free.shape, N + len(pairs)))
-    for c in range(N):
-        modes[: len(x), c, c] = 1.0
-    for k, (a, b) in enumerate(pairs, start=N):
-        modes[: len(x), a, k], modes[: len(x), b, k] = -x[:, b], x[:, a]
+    motions = rigid_motions(x - processes.total(own.sum(axis=0)) / processes.total(len(own)))
+    modes = np.zeros((*frame.free.shape, motions.shape[2]))
+    modes[: len(x)] = motions
     return modes.reshape(frame.free.size, -1)
