@@ -1,42 +1,17 @@
-"""Smoothed aggregation: coarse spaces of multigrid for elasticity from a matrix and its modes.
+"""Aggregates of nodes and coarse functions on them, for multigrid by smoothed aggregation.
 
-Vanek, Mandel, Brezina, Computing 56 (1996).  The coarse functions on an aggregate of nodes are the
-modes there, orthonormal, smoothed once by Jacobi's method.
+Vanek, Mandel, Brezina, Computing 56 (1996).  The coarse functions on an aggregate are the modes
+there, orthonormal; they are smoothed by Jacobi's method.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, eye
+from scipy.sparse import csr_matrix
 
 COARSEST = 400  # unknowns that are few enough for a direct solver
 DAMPING = 1.4  # of the Jacobi step that smooths, divided by the largest eigenvalue
 DEPENDENT = 1e-10  # modes of an aggregate count as dependent below this squared relative size
-
-
-def coarse_spaces(matrix: csr_matrix, modes: np.ndarray, graph: csr_matrix) -> list[csr_matrix]:
-    """Interpolations from each level to the next finer one, the finest first.
-
-    Of a symmetric positive definite matrix with as many unknowns for each node, of vectors of low
-    energy (unknowns, k), and of which nodes are coupled, themselves included.  Trailing unknowns
-    that no mode has, those of order two, are left to a first level of their own.
-    """
-    found, node = [], np.arange(len(modes)) // (len(modes) // graph.shape[0])
-    count = len(modes) - int((modes != 0).any(axis=1)[::-1].argmax())
-    if count < len(modes):
-        found.append(eye(len(modes), count, format="csr"))
-        matrix, modes, node = matrix[:count, :count], modes[:count], node[:count]
-        graph = graph[: node[-1] + 1, : node[-1] + 1]
-    while matrix.shape[0] > COARSEST:
-        number = aggregates(graph)
-        plain, modes, coarse_node = tentative(number[node], modes)
-        if plain.shape[1] > matrix.shape[0] // 2:
-            break
-        image = matrix @ plain
-        found.append(smoothed(matrix, plain, image))
-        members = incidence(number)
-        matrix, graph, node = (plain.T @ image).tocsr(), members.T @ graph @ members, coarse_node
-    return found
 
 
 def incidence(number: np.ndarray) -> csr_matrix:
@@ -93,14 +68,3 @@ def tentative(
     plain = csr_matrix((values[used], (rows[used], place[used])), shape=shape)
     coarse = (vectors * roots[:, None, :]).swapaxes(1, 2)[kept]
     return plain, coarse, np.nonzero(kept)[0]
-
-
-def smoothed(matrix: csr_matrix, plain: csr_matrix, image: csr_matrix) -> csr_matrix:
-    """One damped Jacobi step on the columns of ``plain``; ``image`` is the matrix times it."""
-    scale = 1 / matrix.diagonal()
-    x = np.random.default_rng(0).standard_normal(len(scale))
-    for _ in range(10):
-        x = scale * (matrix @ x)
-        largest = float(np.linalg.norm(x))
-        x /= largest
-    return plain - diags(DAMPING / largest * scale) @ image

@@ -184,8 +184,8 @@ def interpolations(
 ) -> list[object]:
     """Interpolations from each level to the next finer one, the finest first.
 
-    The loop of ``linalg.aggregation.coarse_spaces`` with a matrix of PETSc and aggregates that end
-    at the processes; ``modes`` (own unknowns, k) and ``graph`` are of the own nodes.
+    Smoothed aggregation, see ``linalg.aggregation``, with aggregates that end at the processes;
+    ``modes`` (own unknowns, k) and ``graph`` are of the own nodes.
     """
     found, spare, node = [], [], np.arange(len(modes)) // (len(modes) // graph.shape[0])
     linear = (modes != 0).any(axis=1)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scipy.sparse import csr_matrix
+import numpy as np
+from scipy.sparse import bsr_matrix, csr_matrix, eye
 
 from ngepc.discretisation.balance import Frame
-from ngepc.linalg.aggregation import coarse_spaces
+from ngepc.linalg.aggregation import COARSEST
 from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import FullPattern, Iterative, Preconditioner, low_energy_modes
 from ngepc.model.processes import require_whole
@@ -45,11 +46,11 @@ class PyAMG(Iterative):
     def preconditioner(self, pattern: FullPattern, frame: Frame) -> Preconditioner:
         """V-cycles on the coarse spaces of the first tangent."""
         require_whole("inverse=PyAMG()", frame.problem.mesh)
-        modes, spaces = low_energy_modes(frame), []
+        modes, N, spaces = low_energy_modes(frame), frame.problem.N, []
 
         def prepared(matrix: csr_matrix, pinned: csr_matrix) -> Linear:
             if not spaces:
-                spaces.extend([*coarse_spaces(matrix, modes, pattern.graph), None])
+                spaces.extend([*coarse_spaces(matrix, modes, N), None])
             levels = []
             for space in spaces:
                 level = pyamg.multilevel.MultilevelSolver.Level()
@@ -63,3 +64,21 @@ class PyAMG(Iterative):
             return solver.aspreconditioner().matvec
 
         return prepared
+
+
+def coarse_spaces(matrix: csr_matrix, modes: np.ndarray, N: int) -> list[csr_matrix]:
+    """Interpolations from each level to the next finer one by smoothed aggregation, finest first.
+
+    Of a positive definite matrix with N unknowns for each node, and of vectors of low energy
+    (unknowns, k).  Trailing unknowns that no mode has, those of order two, are left to a level of
+    their own.  Weights of the smoothing that look at rows need no random vectors.
+    """
+    found, count = [], len(modes) - int((modes != 0).any(axis=1)[::-1].argmax())
+    if count < len(modes):
+        found.append(eye(len(modes), count, format="csr"))
+    blocks = bsr_matrix(matrix[:count, :count], blocksize=(N, N))
+    choices = {"smooth": ("jacobi", {"weighting": "local"}), "improve_candidates": None}
+    levels = pyamg.smoothed_aggregation_solver(
+        blocks, modes[:count], strength=None, max_coarse=COARSEST, **choices
+    ).levels
+    return found + [level.P.tocsr() for level in levels[:-1]]

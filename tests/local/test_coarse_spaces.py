@@ -1,0 +1,52 @@
+"""Coarse spaces of multigrid by PyAMG: what they do for conjugate gradients."""
+
+import numpy as np
+import pytest
+from scipy.sparse import diags, eye, kron
+from scipy.sparse.linalg import LinearOperator, cg, splu
+
+from ngepc.local.pyamg import coarse_spaces
+
+pytest.importorskip("pyamg")
+
+
+def grid_laplacian(n):
+    line = diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n))
+    return (kron(line, eye(n)) + kron(eye(n), line)).tocsr()
+
+
+def iterations(n):
+    """Conjugate gradients with two Jacobi steps and the coarse spaces, both times."""
+    matrix, count = grid_laplacian(n), []
+    spaces = coarse_spaces(matrix, np.ones((n * n, 1)), 1)
+    levels = [matrix]
+    for space in spaces:
+        levels.append((space.T @ levels[-1] @ space).tocsr())
+    coarsest = splu(levels[-1].tocsc())
+
+    def cycle(r, level=0):
+        if level == len(spaces):
+            return coarsest.solve(r)
+        A, P = levels[level], spaces[level]
+        x = 0.6 * r / A.diagonal()
+        x = x + P @ cycle(P.T @ (r - A @ x), level + 1)
+        return x + 0.6 * (r - A @ x) / A.diagonal()
+
+    operator = LinearOperator(matrix.shape, cycle)
+    right = np.random.default_rng(2).standard_normal(n * n)
+    cg(matrix, right, M=operator, callback=count.append)
+    return len(count)
+
+
+def test_iterations_do_not_grow_with_the_grid():
+    assert iterations(40) <= 20
+    assert iterations(120) <= iterations(40) + 4
+
+
+def test_order_two_has_a_first_level_of_its_own():
+    matrix = grid_laplacian(30)
+    modes = np.ones((900, 1))
+    modes[600:] = 0
+    spaces = coarse_spaces(matrix, modes, 1)
+    assert (spaces[0] != eye(900, 600)).nnz == 0
+    assert spaces[1].shape[0] == 600
