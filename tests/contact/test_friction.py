@@ -188,10 +188,10 @@ def test_the_condition_for_one_solution_is_an_eigenvalue():
         mu = rng.uniform(0.1, 5.0)
         cone = FrictionCone(np.full(m, np.inf), np.full(m, mu), np.zeros(m, dtype=bool), d)
         gaps = rng.standard_normal(len(S)) - 1
-        found = cone(Compliance.of(S), gaps, np.zeros(len(S)))
-        if not found.exact:
+        forces, exact = cone(Compliance.of(S), gaps, np.zeros(len(S)))
+        if not exact:
             continue
-        forces, left = found.change, gaps + S @ found.change
+        left = gaps + S @ forces
         follows, E = cone.follows(forces, left, 1e-12), np.zeros_like(S)
         for row in range(m):
             E[m + d * row : m + d * row + d, row] = follows[row]
