@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.sparse import bsr_matrix, csr_matrix
 
 from ngepc.linalg.secants import Compliance
 
@@ -26,6 +27,7 @@ SOFT = (0.3, 0.03)
 
 STEPS = 30  # Newton steps with each c
 SHORTEST = 1e-3  # the shortest step length
+TINY = float(np.finfo(float).tiny)  # in place of zero in a denominator
 
 EXACT, SETTLED = 1e-13, 1e-10
 """Parts of the largest force that a step may change: for sure, and where rounding ends progress."""
@@ -78,23 +80,42 @@ class FrictionCone:
         """b(n), shape (m,)."""
         return np.minimum(self.cap, self.coefficient * np.maximum(n, 0.0))
 
+    def grows(self, n: np.ndarray) -> np.ndarray:
+        """Whether b(n) = mu n, shape (m,)."""
+        return self.coefficient * n < self.cap
+
     def slipping(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
         """What rows do by a trial force y = x - c g, all of shape (m,) but for the direction.
 
-        Whether they slip; e = y_t / |y_t|, shape (m, d); b(y_n); |y_t|, 1 where it is zero; b'.
+        Whether they slip; e = y_t / |y_t|, zero with y_t, shape (m, d); b(y_n); |y_t|.
         """
         n, t = self.split(y)
         b, size = self.bound(n), np.linalg.norm(t, axis=1)
-        slips = (size > b) | (b <= 0)
-        size = np.where(size > 0, size, 1.0)
-        grows = np.where(self.coefficient * n < self.cap, self.coefficient, 0.0)
-        return slips, t / size[:, None], b, size, grows
+        return (size > b) | (b <= 0), t / np.where(size > 0, size, 1.0)[:, None], b, size
 
     def projected(self, y: np.ndarray) -> np.ndarray:
         """The point of |t| <= b(n) closest to y_t, with n = [y_n]_+; both stacked."""
-        (n, t), (slips, e, b, *_) = self.split(y), self.slipping(y)
+        (n, t), (slips, e, b, _) = self.split(y), self.slipping(y)
         n = np.where(self.tied, n, np.maximum(n, 0.0))
         return np.append(n, np.where(slips[:, None], b[:, None] * e, t))
+
+    def slope(
+        self, y: np.ndarray, closed: np.ndarray, slips: np.ndarray | None = None
+    ) -> np.ndarray:
+        """The derivative of ``projected``, blocks of the forces (n, t) of rows, (m, 1 + d, 1 + d).
+
+        Open rows have none; closed ones dn = dy_n, and dt = dy_t where they stick, else
+        b/|y_t| (Id - e e') dy_t + b' e dy_n: by default those that slip by y.
+        """
+        beyond, e, b, size = self.slipping(y)
+        slips = closed & (beyond if slips is None else slips)
+        growth = np.where(slips & self.grows(y[: len(b)]), self.coefficient, 0.0)
+        kept = np.where(slips, b, closed) / np.where(slips, np.maximum(size, TINY), 1.0)
+        e_e = np.where(slips[:, None, None], e[:, :, None] * e[:, None, :], 0.0)
+        blocks = np.zeros((len(b), 1 + self.d, 1 + self.d))
+        blocks[:, 0, 0], blocks[:, 1:, 0] = closed, growth[:, None] * e
+        blocks[:, 1:, 1:] = kept[:, None, None] * (np.eye(self.d) - e_e)
+        return blocks
 
     def of(self, rows: np.ndarray) -> FrictionCone:
         """The law of some rows."""
@@ -126,24 +147,6 @@ class FrictionCone:
                 return change, True
             best = min(best, (left / soft, change), key=lambda found: found[0])
         return self.projected(forces + best[1]) - forces, False
-
-    def linearised(
-        self, J: np.ndarray, slack: np.ndarray, x: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix and residual of closed rows from x, the ``slack`` c g and its derivative J by x.
-
-        They say g_n = 0, and g_t = 0 or t = b(n) y_t/|y_t|.
-        """
-        k, d, identity = len(self.cap), self.d, np.eye(len(J))
-        slips, e, b, size, grows = self.slipping(x - slack)
-        db = grows[:, None] * (identity[:k] - J[:k])
-        across = (b / size)[:, None, None] * orthogonal(e)
-        I_t, J_t = (A[k:].reshape(k, d, len(J)) for A in (identity, J))
-        sliding = I_t - e[:, :, None] * db[:, None, :] - across @ (I_t - J_t)
-        t, r = self.split(x)[1], slack.copy()
-        r[k:] = np.where(slips[:, None], t - b[:, None] * e, slack[k:].reshape(k, d)).ravel()
-        J_t = np.where(slips[:, None, None], sliding, J_t)
-        return np.concatenate([J[:k], J_t.reshape(k * d, len(J))]), r
 
     def follows(self, forces: np.ndarray, gaps: np.ndarray, touching: float) -> np.ndarray:
         """Mu e at a solution, (m, d), with |s + r| >= |s| + e.r for the slip s of a row and all r.
@@ -196,15 +199,17 @@ class _Equation:
 
     def step(self, change: np.ndarray) -> np.ndarray | None:
         """One semismooth Newton step; None if its matrix is singular."""
-        law, W, c = self.law, self.W, self.c
-        closed = np.flatnonzero((law.split(self.trial(change))[0] > 0) | law.tied)
-        chosen, following = law.numbers(closed), -self.forces
+        law, W, m = self.law, self.W, len(self.law.cap)
+        closed = (self.trial(change)[:m] > 0) | law.tied
+        chosen, following = law.numbers(np.flatnonzero(closed)), -self.forces
         following[chosen] = change[chosen]
-        force, slack = self.forces + following, c * (self.gaps + W @ following)
-        J = c[chosen, None] * W.block(chosen)
-        J, r = law.of(closed).linearised(J, slack[chosen], force[chosen])
+        slack = self.c * (self.gaps + W @ following)
+        y = self.forces + following - slack
+        D = matrix_of_rows(law.slope(y, closed)[closed])
+        J = np.eye(len(chosen)) - D + D @ (self.c[chosen, None] * W.block(chosen))
+        slack[m:] += (y - law.projected(y))[m:]
         try:
-            following[chosen] -= np.linalg.solve(J, r)
+            following[chosen] -= np.linalg.solve(J, slack[chosen])
         except np.linalg.LinAlgError:
             return None
         return following - change if np.isfinite(following).all() else None
@@ -236,9 +241,15 @@ class _Equation:
         return best
 
 
-def orthogonal(e: np.ndarray) -> np.ndarray:
-    """I - e e' for unit vectors, (m, d) -> (m, d, d)."""
-    return np.eye(e.shape[1]) - e[:, :, None] * e[:, None, :]
+def matrix_of_rows(blocks: np.ndarray) -> csr_matrix:
+    """The matrix (n, n) with these blocks of the forces of each row, (m, 1 + d, 1 + d)."""
+    m, size = blocks.shape[:2]
+    places = np.arange(m * size).reshape(m, size)
+    order = np.append(places[:, 0], places[:, 1:])
+    parts = blocks, np.arange(m), np.arange(m + 1)
+    found = bsr_matrix(parts, shape=(m * size,) * 2).tocsr()[order][:, order]
+    found.eliminate_zeros()
+    return found
 
 
 def _stuck(W: Compliance, gaps: np.ndarray) -> np.ndarray:

@@ -6,16 +6,16 @@ one.  Forces are then projected along what the rows push, displacements onto wha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import bsr_matrix, csr_matrix, vstack
+from scipy.sparse import csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
 from ngepc.discretisation.balance import Frame
 from ngepc.linalg.descent import Linear
 from ngepc.linalg.direct import FactorisationError
-from ngepc.linalg.friction import FrictionCone, orthogonal
+from ngepc.linalg.friction import TINY, FrictionCone, matrix_of_rows
 
 PARALLEL = 1e-8
 """Normals at a node that are closer count as one."""
@@ -24,8 +24,7 @@ STIFFEST = 100.0
 """Forces turn towards a slip at most so many times as fast as c would have it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Rubbing:
+class Rubbing(NamedTuple):
     """What closed rows do along their tangents: stick, or slip with t = bound + slant n + k slip.
 
     ``sticks`` tells which tangents are held, (m, d) as are bound and slant; the stiffness k, sparse
@@ -42,18 +41,13 @@ class Rubbing:
         cls, cone: FrictionCone, active: np.ndarray, free: np.ndarray, y: np.ndarray, c: np.ndarray
     ) -> Rubbing:
         """The linearised law of closed rows at y = x - c g; c is (m,), free tangents (m, d)."""
-        slips, e, b, size, grows = cone.slipping(y)
-        moves = (active & slips)[:, None] * e
-        turns = (active & slips)[:, None, None] * orthogonal(e)
-        stiff = b * c / np.maximum(size - b, np.maximum(b / STIFFEST, np.finfo(float).tiny))
-        blocks = stiff[:, None, None] * turns, np.arange(len(b)), np.arange(len(b) + 1)
-        sticks = (active & ~slips)[:, None] & free
-        k = bsr_matrix(blocks, shape=(moves.size,) * 2).tocsr()
-        return cls(sticks, np.where(grows > 0, 0.0, b)[:, None] * moves, grows[:, None] * moves, k)
-
-    def forces(self, n: np.ndarray, gaps: np.ndarray) -> np.ndarray:
-        """Tangential forces of the rows that slip (m d,), from the gaps of all rows."""
-        return (self.bound + self.slant * n[:, None]).ravel() - self.stiffness @ gaps[len(n) :]
+        (slips, e, b, size), m = cone.slipping(y), len(c)
+        slope, capped = cone.slope(y, active), active & slips & ~cone.grows(y[:m])
+        # dt = G (dt + c dslip) along a tangent gives dt = c G / (1 - G) dslip with G = b / size
+        stiff = c * size / np.maximum(size - b, np.maximum(b / STIFFEST, TINY))
+        turns = np.where(slips, stiff, 0.0)[:, None, None] * slope
+        sticks, bound = (active & ~slips)[:, None] & free, np.where(capped, b, 0.0)[:, None] * e
+        return cls(sticks, bound, slope[:, 1:, 0], matrix_of_rows(turns)[m:, m:])
 
 
 class Closed:
@@ -66,19 +60,19 @@ class Closed:
     """
 
     def __init__(self, frame: Frame, active: np.ndarray, rubbing: Rubbing | None = None) -> None:
-        self.free, rows = frame.free.ravel().astype(float), frame.contact.rows
-        self.numbers, self._rubbing = np.flatnonzero(active), rubbing
-        held = pushed = rows.normal[self.numbers]
-        self.slanted, self._springs, self._tangential = False, None, rows.tangential
-        if rubbing is not None:
-            T, m, sticking = rows.tangential, len(rows), np.flatnonzero(rubbing.sticks)
-            parts = rubbing.slant[:, None], np.arange(m), np.arange(m + 1)
-            slant = bsr_matrix(parts, shape=(m, rubbing.slant.size)).tocsr()
-            pushed = vstack([held + slant[self.numbers] @ T, T[sticking]])
-            held, self.numbers = vstack([held, T[sticking]]), np.append(self.numbers, m + sticking)
-            self.slanted = bool(rubbing.slant.any())
-            self._springs = (T.T @ rubbing.stiffness @ T).tocsr()
-        self.rows = held.multiply(self.free).tocsr()
+        self.free, rows, m = frame.free.ravel().astype(float), frame.contact.rows, len(active)
+        nothing = np.zeros((m, 0))
+        sticks, bound, slant, stiffness = rubbing or (*[nothing] * 3, csr_matrix((0, 0)))
+        self._bound, self._stiffness, self._m = bound.ravel(), stiffness, m
+        self._tangential = T = rows.tangential[: sticks.size]
+        places = np.arange(slant.size), np.arange(m + 1) * slant.shape[1]
+        self._slant = csr_matrix((slant.ravel(), *places), shape=(m, slant.size))
+        self.slanted, self._springs = bool(slant.any()), (T.T @ stiffness @ T).tocsr()
+        closed, sticking = np.flatnonzero(active), np.flatnonzero(sticks)
+        self.numbers = np.append(closed, m + sticking)
+        normal, held = rows.normal[closed], T[sticking]
+        self.rows = vstack([normal, held]).multiply(self.free).tocsr()
+        pushed = vstack([normal + self._slant[closed] @ T, held])
         self._pushed = pushed.multiply(self.free).T.tocsr()
         try:
             gram = (self.rows @ self._pushed).tocsc()
@@ -92,24 +86,23 @@ class Closed:
 
     def stiffened(self, multiply: Linear) -> Linear:
         """A stiffness with that of the tangents that slip."""
-        if self._springs is None:
+        if not self._springs.nnz:
             return multiply
         return lambda x: multiply(x) + self._springs @ x
 
     def slipping(self, gaps: np.ndarray) -> np.ndarray:
         """Nodal forces of the rows that slip, without their normal forces and further slip."""
-        if self._rubbing is None:
-            return np.zeros(len(self.free))
-        return self._tangential.T @ self._rubbing.forces(np.zeros(len(self._rubbing.slant)), gaps)
+        return self._tangential.T @ self._dragged(gaps)
 
     def forces(self, imbalance: np.ndarray, gaps: np.ndarray) -> np.ndarray:
         """The forces of all rows with these gaps: those held balance nodal forces best."""
-        x = np.zeros(len(gaps))
+        x, m = np.zeros(len(gaps)), self._m
         x[self.numbers] = self._solve(self.rows @ imbalance)
-        if self._rubbing is not None:
-            m = len(self._rubbing.slant)
-            x[m:] += self._rubbing.forces(x[:m], gaps)
+        x[m:] += x[:m] @ self._slant + self._dragged(gaps)
         return x
+
+    def _dragged(self, gaps: np.ndarray) -> np.ndarray:
+        return self._bound - self._stiffness @ gaps[self._m :]
 
     def project(self, x: np.ndarray) -> np.ndarray:
         """The part of a displacement, or of nodal forces, that supports and rows leave free."""

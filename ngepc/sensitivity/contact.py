@@ -1,12 +1,11 @@
 """Contact and friction linearised at a solution, with rows that have taken their sides.
 
 With any stiffness k > 0 the forces of the rows are x = P(x + k (R u - closed_at)), in which P lets
-no row pull and shortens friction to its bound b.  Changes obey
+no row pull and shortens friction to its bound b.  With its derivative G changes obey
 
-    x' = G (x' + k (R u' - closed_at')) + F x' + a'
+    x' = G (x' + k (R u' - closed_at')) + a',
 
-with G the identity for rows that are closed and those that stick, b/|y| (Id - e e') for those that
-slip along e = y/|y|, y = t + k slip, and F x' + a' = b' e there, b' = F' or mu' n + mu n'.
+in which a' is the change of b along e, that of the slip, by F' or mu' n where rows slip.
 """
 
 from __future__ import annotations
@@ -15,27 +14,25 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import diags
 
 from ngepc.discretisation.rows import HELD
-from ngepc.linalg.friction import orthogonal
+from ngepc.linalg.friction import matrix_of_rows
 from ngepc.local.system import State
 from ngepc.sensitivity.radial import Tape
 
-TINY = float(np.finfo(float).tiny)  # in place of zero in a denominator
 BIACTIVE = 1e-6  # relative distance from the change of side within which something is biactive
 
 
 class LinearContact:
     """The sides of the rows, by default those of the solution, and the matrices of these equations.
 
-    For m rows and n forces: ``rows`` is R at the free components, ``kept`` is G with its ``blocks``
-    for each row, (m, 1 + d, 1 + d), ``follows`` is F, ``pushed`` is - k G.
+    For m rows and n forces: ``rows`` is R at the free components, ``slope`` is G with its
+    ``blocks`` for each row, (m, 1 + d, 1 + d), ``pushed`` is - G k.
     """
 
     closed: np.ndarray  # boolean, shape (m,) as all but the direction
     slips: np.ndarray  # boolean
-    beyond: np.ndarray  # boolean: the trial is beyond its bound, also where no force is
     bound: np.ndarray  # b (force)
     slip: np.ndarray  # its length
     trial: np.ndarray  # |t + k slip| with the stiffness k of the row, more than b where it slips
@@ -48,42 +45,21 @@ class LinearContact:
     ) -> None:
         self.state, self.conditions = state, state.discrete.contact
         self.law, self.stiffness = self.conditions.friction, state.discrete.row_stiffness
-        law, tied = self.law, state.discrete.rows.tied
-        (n, t), (_, gaps) = law.split(state.contact), law.split(state.gaps)
-        trial = np.where(tied[:, None], 0.0, t - law.split(self.stiffness)[1][:, :1] * gaps)
-        self.trial = np.linalg.norm(trial, axis=1)
-        self.along = trial / np.where(self.trial > 0, self.trial, 1.0)[:, None]
+        law, tied, m = self.law, state.discrete.rows.tied, len(state.multipliers)
+        y, gaps = state.contact - self.stiffness * state.gaps, law.split(state.gaps)[1]
+        y[:m], law.split(y)[1][tied] = state.multipliers, 0.0
+        slipping, self.along, self.bound, self.trial = law.slipping(y)
         self.slip = np.maximum(-(self.along * gaps).sum(axis=1), 0.0)
-        self.bound, self.grows = law.bound(n), law.coefficient * n < law.cap
+        self.grows = law.grows(y[:m])
         self.coefficient = np.where(self.grows, law.coefficient, 0.0)
-        self.beyond = self.trial > self.bound
-        self.closed = (n > 0) | tied if closed is None else closed
-        self.slips = self.closed & (self.beyond if slips is None else slips)
+        self.closed = (y[:m] > 0) | tied if closed is None else closed
+        self.slips = self.closed & (slipping if slips is None else slips)
         self.rows = self.conditions.matrix @ diags(state.discrete.free.ravel().astype(float))
         self.rows.eliminate_zeros()
-        movable, tangents = law.split(np.sqrt(self.rows.power(2).sum(axis=1)).A1 > HELD)
-        (m, d), slipping = self.along.shape, self.slips[:, None, None]
-        ratio = self.bound / np.maximum(self.trial, TINY)
-        kept = np.where(self.slips, ratio, self.closed & ~self.slips & ~tied)
-        across = np.where(slipping, orthogonal(self.along), tangents[:, None] * np.eye(d))
-        self.blocks, follows = np.zeros((2, m, 1 + d, 1 + d))
-        self.blocks[:, 0, 0] = self.closed & movable
-        self.blocks[:, 1:, 1:] = kept[:, None, None] * across
-        follows[:, 1:, 0] = np.where(self.slips[:, None], self.along, 0.0)
-        self._growth = self.matrix(follows)[:, :m]  # a' of b'
-        follows[:, 1:, 0] *= self.coefficient[:, None]
-        self.kept, self.follows = self.matrix(self.blocks), self.matrix(follows)
-        self.pushed = (diags(-self.stiffness) @ self.kept).tocsr()
-
-    def matrix(self, blocks: np.ndarray) -> csr_matrix:
-        """The matrix (n, n) with these blocks of the forces of each row, (m, 1 + d, 1 + d)."""
-        m, d = self.along.shape
-        numbers = np.column_stack([np.arange(m), m + np.arange(m * d).reshape(m, d)])
-        where = np.broadcast_arrays(numbers[:, :, None], numbers[:, None])
-        shape = (m + m * d,) * 2
-        found = csr_matrix((blocks.ravel(), [a.ravel() for a in where]), shape=shape)
-        found.eliminate_zeros()
-        return found
+        movable = law.split(np.sqrt(self.rows.power(2).sum(axis=1)).A1 > HELD)
+        self.blocks = law.slope(y, self.closed, self.slips) * np.column_stack(movable)[:, :, None]
+        self.slope = matrix_of_rows(self.blocks)
+        self.pushed = -self.slope @ diags(self.stiffness)
 
     def same_sides(self, other: LinearContact) -> bool:
         """Whether all rows take the same sides in both."""
@@ -94,11 +70,14 @@ class LinearContact:
         return np.append(normal, along[:, None] * self.along)
 
     def given(self) -> Tape:
-        """a' - k G closed_at' from the data and the prescribed displacements, as "given" (n,)."""
+        """From the data and the prescribed displacements a' - G k closed_at', "given" (n,).
+
+        On the way "bound" is the change of b with the same normal forces, (m,).
+        """
         R, pushed, back = self.conditions, self.pushed, self.pushed.T.tocsr()
         tangential = diags(np.arange(len(R)) >= len(self.closed), dtype=float)
-        by_cap = self._growth @ diags(~self.grows, dtype=float)
-        by_mu = self._growth @ diags(self.grows * self.state.multipliers)
+        e, split = np.where(self.slips[:, None], self.along, 0.0), self.law.split
+        dragged = (lambda b: np.append(0 * b, b[:, None] * e), lambda w: (e * split(w)[1]).sum(1))
         slipped = (lambda u: tangential @ R.displacement(u), lambda w: R.forces(tangential @ w))
         moved = (lambda u: -R.displacement(u), lambda w: -R.forces(w))
         return Tape(
@@ -107,8 +86,9 @@ class LinearContact:
                 ("closed_at", "start", slipped),
                 ("closed_at", "values", moved),
                 ("given", "closed_at", (pushed.dot, back.dot)),
-                ("given", "cap", (by_cap.dot, by_cap.T.dot)),
-                ("given", "coefficient", (by_mu.dot, by_mu.T.dot)),
+                ("bound", "cap", 1.0 - self.grows),
+                ("bound", "coefficient", self.grows * self.state.multipliers),
+                ("given", "bound", dragged),
             ]
         )
 

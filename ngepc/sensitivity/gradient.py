@@ -275,10 +275,8 @@ def _chosen_rows(found: TangentResult) -> LinearContact:
     moves = NEUTRAL * np.abs(change["u"]).max()
     apart = split(np.zeros_like(found.state.contact) + change["gaps"])[0] - across
     closed[rows] = np.where(closed[rows], normal[rows] >= least, apart[rows] < -moves)
-    slips[rows] = contact.beyond[rows]
-    n = found.state.multipliers
-    growth = np.where(contact.grows, n * change["coefficient"], change["cap"]) + mu * normal
-    over = (tangential * contact.along).sum(axis=1) - growth
+    slips[rows] = (contact.trial > contact.bound)[rows]
+    over = (tangential * contact.along).sum(axis=1) - change["bound"] - mu * normal
     start = split(moved(np.zeros_like(change["u"]) + change["start"]))[1]
     way = ((along - start) * contact.along).sum(axis=1)
     slips[kinks] = np.where(slips[kinks], way[kinks] >= -moves, over[kinks] > -least)

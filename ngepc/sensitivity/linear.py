@@ -1,10 +1,10 @@
 """A solution linearised: the tangent of the stress, and contact that keeps its sides.
 
-    K u + R' x = force   at the free components,      x - (G + F) x - k G R u = given   for rows.
+    K u + R' x = force   at the free components,      x - G x - G k R u = given   for rows.
 
 With z and w from the transposed system for F_u and F_x, a functional F changes with the data m by
 
-    dF/dm = F_m - z . r_m + w . given_m + (F_u - K z - R'zeta) . values_m,      zeta = - k G w,
+    dF/dm = F_m - z . r_m + w . given_m + (F_u - K z - R'zeta) . values_m,      zeta = - k G' w,
 
 for the prescribed values of the held components: one solve for any number of parameters.
 """
@@ -16,6 +16,7 @@ from scipy.sparse import csr_matrix, diags, eye
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError
+from ngepc.linalg.friction import matrix_of_rows
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.radial import Data, Tape, radial_return
@@ -33,12 +34,13 @@ class TangentError(FactorisationError):
 class LinearStep:
     """The system at a state, factorised once; K is the derivative of the radial return there.
 
-    Rows that belong to one vertex enter the matrix as springs k L G, L = (Id - G + G / PENALTY)^-1:
+    Rows that belong to one vertex enter the matrix as springs k L G, L = (Id - G + G / PENALTY)^-1,
+    in which G is without the part of friction that follows the normal force:
 
         u = (K + R' k L G R)^-1 (force - R' L given),    x = L (given + k G R u)
 
-    misses the solution by 1 / PENALTY only.  Where F = 0 and all rows are such, it is repeated with
-    what is left; otherwise it is the preconditioner of GMRES.
+    misses the solution by 1 / PENALTY only.  Where there is no such part and all rows are such, it
+    is repeated with what is left; otherwise it is the preconditioner of GMRES.
 
     By default contact has the sides of the solution.  TangentError if there are no factors.
     """
@@ -52,7 +54,7 @@ class LinearStep:
         self._stiffness = state.discrete.stiffness.another()
         self._stiffness.fill(self.moduli)
         soften = self._with_springs()
-        square = (eye(len(k), format="csr") - contact.kept - contact.follows).tocsr()
+        square = (eye(len(k), format="csr") - contact.slope).tocsr()
         upper, lower, per_k = contact.rows.T.tocsr(), contact.pushed @ contact.rows, diags(1 / k)
         turned = lower.T, diags(k) @ contact.rows, diags(k) @ square.T, soften @ per_k
         # the system (K, upper; lower, square), its transpose with rows in units of force, and L
@@ -65,7 +67,8 @@ class LinearStep:
     def _with_springs(self) -> csr_matrix:
         """Add the springs of rows that belong to one vertex; L, shape (n, n)."""
         contact, stiffness, (nodes, N) = self.contact, self._stiffness, self.discrete.free.shape
-        R, G, k = contact.rows, contact.blocks, contact.stiffness
+        R, G, k = contact.rows, contact.blocks.copy(), contact.stiffness
+        follows, G[:, 1:, 0] = G[:, 1:, 0].any(), 0.0
         row = np.repeat(np.arange(R.shape[0]), np.diff(R.indptr))
         pairs = np.unique(row * nodes + R.indices // N)
         normal, tangential = contact.law.split(np.bincount(pairs // nodes, minlength=len(k)) <= 1)
@@ -73,12 +76,12 @@ class LinearStep:
         penalty = np.where(single, PENALTY, 1.0)[:, None, None]
         soften = np.linalg.inv(np.eye(G.shape[1]) - G + G / penalty)
         single = np.append(single, np.repeat(single, contact.law.d))
-        springs = diags(np.where(single, k, 0.0)) @ contact.matrix(G @ soften)
+        springs = diags(np.where(single, k, 0.0)) @ matrix_of_rows(G @ soften)
         blocks = (R.T @ springs @ R).tobsr((N, N))
         stiffness.entries[stiffness.diagonal_places(blocks.indices)] += blocks.data
-        reached = single | (np.diff(contact.kept.indptr) == 0)
-        self._by_springs = not contact.follows.count_nonzero() and reached.all()
-        return contact.matrix(soften) + diags(contact.conditions.springs(k) / k)
+        reached = single | (np.diff(contact.slope.indptr) == 0)
+        self._by_springs = not follows and reached.all()
+        return matrix_of_rows(soften) + diags(contact.conditions.springs(k) / k)
 
     def forward(self, data: Data) -> Data:
         """The changes of the solution with its data, and these."""
