@@ -205,8 +205,8 @@ class _Equation:
         following[chosen] = change[chosen]
         slack = self.c * (self.gaps + W @ following)
         y = self.forces + following - slack
-        D = matrix_of_rows(law.slope(y, closed)[closed])
-        J = np.eye(len(chosen)) - D + D @ (self.c[chosen, None] * W.block(chosen))
+        one, blocks = np.eye(len(chosen)), law.slope(y, closed)[closed]
+        J = one - of_rows(blocks, one) + of_rows(blocks, self.c[chosen, None] * W.block(chosen))
         slack[m:] += (y - law.projected(y))[m:]
         try:
             following[chosen] -= np.linalg.solve(J, slack[chosen])
@@ -239,6 +239,14 @@ class _Equation:
                 return left, np.where(x == 0, -self.forces, exact), True
             best = min(best, (left, change, False), key=lambda found: found[0])
         return best
+
+
+def of_rows(blocks: np.ndarray, A: np.ndarray) -> np.ndarray:
+    """``matrix_of_rows`` times a dense matrix: sparse products take longer for few rows."""
+    m, size = blocks.shape[:2]
+    n, t = A[:m, None], A[m:].reshape(m, size - 1, A.shape[1])
+    parts = np.matmul(blocks, np.concatenate([n, t], axis=1))
+    return np.concatenate([parts[:, 0], parts[:, 1:].reshape(A[m:].shape)])
 
 
 def matrix_of_rows(blocks: np.ndarray) -> csr_matrix:
