@@ -83,11 +83,8 @@ class TwoLevels(Blocks):
         self._right.FV().NumPy()[:] = vertex
         self._left.data = self.matrix * self._right
         of_edges = self._unscale * (self._edge_matrix @ (self._unscale * edge))
-        pulled = (
-            self._left.FV().NumPy() + self._on_vertices(edge),
-            of_edges + self._on_edges(vertex),
-        )
-        return np.concatenate(pulled) * self._free
+        of_vertices = self._left.FV().NumPy() + self._on_vertices(edge)
+        return np.append(of_vertices, of_edges + self._on_edges(vertex)) * self._free
 
     def _on_vertices(self, edge: np.ndarray) -> np.ndarray:
         """Forces on the vertices from edges."""

@@ -63,10 +63,8 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
         rows = rows_along(axes, means[every], gaps=np.zeros(len(every)), tied=True, **given)
         return rows.chosen(np.flatnonzero(free.T.ravel()))
     normals = _unit(averages @ at.normals)
-    along, given = (
-        averages @ means_along(jumps, at.normals),
-        {"vertices": vertices, "weights": area},
-    )
+    along = averages @ means_along(jumps, at.normals)
+    given = {"vertices": vertices, "weights": area}
     rows = rows_along(normals, means, along, gaps=averages @ at.gaps, free=free, **given)
     return rows.movable(supports.free)
 

@@ -110,10 +110,8 @@ class InexactTarget:
             multiply = closed.stiffened(tangent.multiply)
             fixed = closed.moved(here.gaps[closed.numbers])
             loads = out_of_balance - closed.slipping(here.gaps)
-            right, start = (
-                closed.project(loads - multiply(fixed)),
-                closed.project(at.change - fixed),
-            )
+            right = closed.project(loads - multiply(fixed))
+            start = closed.project(at.change - fixed)
             scale = scale or accuracy * processes.norm(right)
             change = fixed + tangent.minimise(closed, right, start, scale)
             gaps = here.gaps - contact.matrix @ change

@@ -216,10 +216,8 @@ def check_friction(problem: Given) -> None:
     if value is not None:
         require_field(name, value, problem.mesh, problem.touching_names, least=0)
     if u_0 is not None:
-        name, u_0 = (
-            "initial_displacement",
-            require_components("initial_displacement", u_0, problem.N),
-        )
+        name = "initial_displacement"
+        u_0 = require_components(name, u_0, problem.N)
         require_field(name, u_0, problem.mesh, problem.touching_names, shapes=None)
 
 

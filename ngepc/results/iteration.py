@@ -79,19 +79,7 @@ def newton_iteration(
     status, message, target = None, "", target or ExactTarget(state.frame)
     try:
         while status is None:
-            record = IterationRecord(
-                iteration=len(history.records),
-                residual_norm=state.residual_norm,
-                contact_residual_norm=state.contact_residual_norm,
-                energy=state.energy,
-                step_length=length,
-                halvings=trials,
-                back_substitutions=tangent.back_substitutions,
-                linear_iterations=tangent.linear_iterations,
-                contact_active=state.frame.contact.area(state.multipliers > 0),
-                plastic_active=state.plastic_measure,
-                friction_active=state.frame.contact.area(state.sliding),
-            )
+            record = record_of(state, tangent, len(history.records), length, trials)
             history.records.append(record)
             log.info(LINE, vars(record))
             if monitor is not None:
@@ -112,6 +100,24 @@ def newton_iteration(
     except (StopIteration, KeyboardInterrupt):
         status, message = Status.STOPPED, f"after {len(history.records) - 1} steps"
     return result(state, status, message, history)
+
+
+def record_of(state: Any, tangent: Any, number: int, length: float, trials: int) -> IterationRecord:
+    """What the history keeps of a state and of the step that led to it."""
+    area = state.frame.contact.area
+    return IterationRecord(
+        iteration=number,
+        residual_norm=state.residual_norm,
+        contact_residual_norm=state.contact_residual_norm,
+        energy=state.energy,
+        step_length=length,
+        halvings=trials,
+        back_substitutions=tangent.back_substitutions,
+        linear_iterations=tangent.linear_iterations,
+        contact_active=area(state.multipliers > 0),
+        plastic_active=state.plastic_measure,
+        friction_active=area(state.sliding),
+    )
 
 
 def newton_step(here: Any, tangent: Any, target: Target) -> tuple[Any, float, int] | None:
