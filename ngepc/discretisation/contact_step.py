@@ -146,9 +146,9 @@ def contact_work(
     """What contact adds to the slope of the energy along a step ``change`` to other forces.
 
     The slope at t of the sum of bound times |slip|, and the nodal forces of rows that do no work:
-    normal ones of rows that stay closed and tangential ones of rows that stick; rows that slip
-    dissipate their bound, taken at the end of the step, times the way.  Gaps and slips that count
-    as rounding are none.
+    normal ones of rows that stay closed and tangential ones of rows that stick, at the end of the
+    step, where they balance it but for rounding; rows that slip dissipate their bound, taken there,
+    times the way.  Gaps and slips that count as rounding are none.
     """
     conditions, slip, touching = here.frame.contact, here.slip, here.touching_distance
     way = conditions.tangential(conditions.displacement(change))
@@ -163,4 +163,4 @@ def contact_work(
         along, size = np.einsum("ij,ij->i", there, way), np.linalg.norm(there, axis=1)
         return float(conditions.sum_of(bound * along / np.where(size > 0, size, 1.0)))
 
-    return slope, conditions.forces(np.where(idle, here.contact, 0.0))
+    return slope, conditions.forces(np.where(idle, following, 0.0))

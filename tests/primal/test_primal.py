@@ -24,6 +24,7 @@ from ngsolve import (
 )
 from witness import balance_residual
 
+from ngepc import lshape_problem, semismooth_newton
 from ngepc.discretisation.loads import Supports, nodal
 from ngepc.discretisation.points import interpolated
 from ngepc.discretisation.rows import contact_rows
@@ -431,6 +432,18 @@ def test_bad_starts_are_refused():
         primal_newton(problem, start=3.0)
     with pytest.raises(ValueError, match="displacement of 2"):
         primal_newton(problem, start=GridFunction(H1(problem.mesh)))
+
+
+@pytest.mark.parametrize("solve", [primal_newton, semismooth_newton])
+@pytest.mark.parametrize("nodes", [113, 225, 417])
+def test_a_displacement_that_solves_the_problem_is_a_good_start(nodes, solve):
+    """A displacement has no forces of contact: the step that finds them moves nothing."""
+    problem = lshape_problem(lshape.paper_mesh(nodes))
+    solution = solve(problem).raise_for_status()
+    again = solve(problem, start=solution.displacement)
+    assert again.status is Status.CONVERGED
+    assert again.iterations <= 2
+    assert again.contact_force == pytest.approx(solution.contact_force, rel=1e-9)
 
 
 def test_a_start_follows_its_mesh_through_refinement():
