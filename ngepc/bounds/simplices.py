@@ -13,7 +13,7 @@ from copy import copy
 import numpy as np
 from ngsolve import Mesh
 
-from ngepc.model.elements import element_vertices, vertex_coordinates
+from ngepc.model.elements import element_nodes, vertex_coordinates
 
 # local vertices of facet k in N dimensions
 FACETS = {2: ((1, 2), (2, 0), (0, 1)), 3: ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))}
@@ -35,7 +35,7 @@ class Simplices:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh, self.N = mesh, mesh.dim
         self.points = vertex_coordinates(mesh).copy()
-        self.nodes = element_vertices(mesh)[0].copy()
+        self.nodes = element_nodes(mesh)[:, : self.N + 1].copy()
         x = self.points[self.nodes]
         self.jacobian = np.ascontiguousarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
         self.det = np.linalg.det(self.jacobian)

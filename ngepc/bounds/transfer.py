@@ -13,7 +13,7 @@ from ngepc.bounds.coverage import varies_inside
 from ngepc.bounds.simplices import marked
 from ngepc.discretisation.points import PointFunctions, Points, on_children
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.elements import element_vertices, vertex_coordinates
+from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.model.kinematics import kinematics_of
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
@@ -117,7 +117,7 @@ def parents(old: Mesh, new: Mesh) -> np.ndarray:
     """For each element of a mesh the number of the element of the coarser one that it lies in."""
     number = GridFunction(L2(old, order=0))
     number.vec.FV().NumPy()[:] = np.arange(old.ne)
-    centres = vertex_coordinates(new)[element_vertices(new)[0]].mean(axis=1)
+    centres = vertex_coordinates(new)[element_nodes(new)[:, : new.dim + 1]].mean(axis=1)
     return np.ravel(number(old(*centres.T))).round().astype(int)
 
 

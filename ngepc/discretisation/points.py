@@ -31,7 +31,7 @@ from ngsolve import (
     z,
 )
 
-from ngepc.model.elements import element_numbers, element_vertices, plastic_order, plastic_points
+from ngepc.model.elements import elements_by_shape, plastic_order, plastic_points
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team, processes_of
@@ -162,12 +162,12 @@ class Points:
         if self.kinematics.hoop:
             ring = np.append(1.0, self.kinematics.basis[:, 2, 2])[:, None, None] * np.eye(N)[:, :1]
             basis, radii = np.concatenate([basis, ring], axis=2), self.at(x)
-        numbers = element_numbers(mesh)
-        kinds = [self.scalar.GetFE(ElementId(VOL, int(of_shape[0]))) for of_shape in numbers]
-        for of_shape, element in zip(numbers, kinds, strict=True):
+        alike = elements_by_shape(mesh)
+        kinds = [self.scalar.GetFE(ElementId(VOL, int(of_shape[0]))) for of_shape, _ in alike]
+        for (of_shape, _), element in zip(alike, kinds, strict=True):
             sizes[of_shape] = len(self.rules[element.type])
         firsts = np.cumsum(sizes) - sizes
-        for of_shape, nodes, fe in zip(numbers, element_vertices(mesh), kinds, strict=True):
+        for (of_shape, nodes), fe in zip(alike, kinds, strict=True):
             rule = self.rules[fe.type]
             points = firsts[of_shape][:, None] + np.arange(len(rule))
             self.weights[points] *= np.array(rule.weights)

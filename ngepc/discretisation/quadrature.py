@@ -10,7 +10,7 @@ import numpy as np
 from ngsolve import ET, VOL, IntegrationRule, Mesh
 
 from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient, is_number
-from ngepc.model.elements import SHAPES, element_numbers, element_vertices
+from ngepc.model.elements import SHAPES, elements_by_shape
 
 SMOOTH_ORDER = 9
 SMOOTH_VARIATION = 0.1
@@ -80,7 +80,7 @@ def threshold_bounds(
         return constant, constant
     values = np.asarray(threshold(mesh.MapToAllElements(rules, VOL))).ravel()
     count = np.empty(mesh.ne, int)
-    for nodes, numbers in zip(element_vertices(mesh), element_numbers(mesh), strict=True):
+    for numbers, nodes in elements_by_shape(mesh):
         count[numbers] = len(rules[SHAPES[mesh.dim, nodes.shape[1]][0]])
     first = np.cumsum(count) - count
     return np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)

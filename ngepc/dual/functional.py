@@ -48,7 +48,7 @@ from ngepc.discretisation.quadrature import (
 )
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.spaces import Coupled
-from ngepc.model.elements import element_numbers, element_vertices
+from ngepc.model.elements import elements_by_shape
 
 ROUNDING_SAMPLES = 2
 
@@ -113,7 +113,7 @@ class DualFunctional:
         mesh, beta = self.blocks.problem.mesh, self.blocks.problem.beta
         beta = float(beta) if is_number(beta) else beta
         fine, smooth = fine_rules(mesh.dim, points), rules_of(mesh.dim, SMOOTH_ORDER)
-        self._elements = list(zip(element_vertices(mesh), element_numbers(mesh), strict=True))
+        self._elements = elements_by_shape(mesh)
         self._bounds = np.array(threshold_bounds(mesh, beta, fine))
         self._of_kind = {SMOOTH: BitArray(mesh.ne), KINKED: BitArray(mesh.ne)}
         few = dx(definedonelements=self._of_kind[SMOOTH], intrules=smooth)
@@ -132,7 +132,7 @@ class DualFunctional:
         """The kinds of the elements at v, ``ngepc.discretisation.quadrature``."""
         q, kind = np.array(self.blocks.parts(v)[1].FV()), np.empty(self._bounds.shape[1], int)
         q = q.reshape(self.blocks.problem.kinematics.d, -1)
-        for nodes, numbers in self._elements:
+        for numbers, nodes in self._elements:
             kind[numbers] = classify(q, nodes, *self._bounds[:, numbers])
         return kind
 

@@ -12,7 +12,7 @@ from ngepc.discretisation.law import SOFTEST
 from ngepc.discretisation.points import Moduli, PointFunctions
 from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.elements import element_numbers
+from ngepc.model.elements import elements_by_shape
 from ngepc.results.result import DiscreteSolution
 
 
@@ -120,7 +120,7 @@ def error_indicators(result: ExactResult) -> GridFunction:
     soft = state.at.yields / np.maximum(stiff, SOFTEST * law.two_mu)
     indicators = GridFunction(L2(mesh, order=0), name="error_indicators")
     values = indicators.vec.FV().NumPy()
-    for numbers, block in zip(element_numbers(mesh), points.blocks, strict=True):
+    for (numbers, _), block in zip(elements_by_shape(mesh), points.blocks, strict=True):
         places, at = block.shapes, block.points
         if len(places) == 1:  # a rule of degree two for simplices, whose one stress is constant
             k = block.nodes.shape[1]

@@ -24,7 +24,7 @@ from ngepc.checks.arguments import (
 )
 from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
-from ngepc.model.elements import SHAPES, element_nodes, plastic_points, vertices_of
+from ngepc.model.elements import SHAPES, corner_vertices, element_nodes, plastic_points
 from ngepc.model.given import ACTING, Components, Given
 from ngepc.model.hardening import check_law
 from ngepc.model.material import Material, split_hardening
@@ -189,7 +189,7 @@ def check_contact(problem: Given) -> None:
         if {*one} & {*two} or {*one, *two} & {*names}:
             needed = "two different boundaries are needed, and no obstacle on them"
             raise ValueError(f"contact={pair!r}: {needed}")
-        if vertices_of(mesh, one) & vertices_of(mesh, two):
+        if np.intersect1d(corner_vertices(mesh, one), corner_vertices(mesh, two)).size:
             raise ValueError(f"contact={pair!r}: the bodies share nodes; mesh them without Glue")
     if names and given is None:
         raise ValueError(f"contact={problem.contact!r} needs a gap: a number or coefficient")

@@ -40,23 +40,28 @@ SHAPES = {
 """(dimension, number of vertices) -> type and the corners of its facets."""
 
 
+def cells_of(mesh: Mesh, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+    """Node numbers of the elements of a dimension, -1 for none, and the number of their region.
+
+    The first 2^dimension nodes are vertices, those of edges follow.
+    """
+    elements = getattr(mesh.ngmesh, f"Elements{dimension}D")().NumPy()
+    nodes, region = (elements[name].astype(int) - 1 for name in ("nodes", "index"))
+    missing = max(0, 2**dimension - nodes.shape[1])
+    return np.pad(nodes, ((0, 0), (0, missing)), constant_values=-1), region
+
+
 def element_nodes(mesh: Mesh) -> np.ndarray:
-    """Node numbers of the elements, -1 for none: first 2^N for vertices, then those of edges."""
-    elements = mesh.ngmesh.Elements2D() if mesh.dim == 2 else mesh.ngmesh.Elements3D()
-    nodes = elements.NumPy()["nodes"].astype(int) - 1
-    return np.pad(nodes, ((0, 0), (0, 20 - nodes.shape[1])), constant_values=-1)
+    """Node numbers of the elements of the body, see ``cells_of``."""
+    return cells_of(mesh, mesh.dim)[0]
 
 
-def element_numbers(mesh: Mesh) -> list[np.ndarray]:
-    """Element numbers, one array for each shape, matching ``element_vertices``."""
-    count = (element_nodes(mesh)[:, : 2**mesh.dim] >= 0).sum(axis=1)
-    return [np.flatnonzero(count == k) for k in np.unique(count)]
-
-
-def element_vertices(mesh: Mesh) -> list[np.ndarray]:
-    """Vertex numbers of the elements, (elements, vertices) for each shape."""
-    nodes = element_nodes(mesh)
-    return [nodes[of_shape][:, nodes[of_shape[0]] >= 0] for of_shape in element_numbers(mesh)]
+def elements_by_shape(mesh: Mesh) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Numbers (k,) and vertices (k, vertices) of the elements of each shape."""
+    nodes = element_nodes(mesh)[:, : 2**mesh.dim]
+    corners = (nodes >= 0).sum(axis=1)
+    alike = [np.flatnonzero(corners == count) for count in np.unique(corners)]
+    return [(numbers, nodes[numbers][:, nodes[numbers[0]] >= 0]) for numbers in alike]
 
 
 def vertex_coordinates(mesh: Mesh) -> np.ndarray:
@@ -64,43 +69,43 @@ def vertex_coordinates(mesh: Mesh) -> np.ndarray:
     return np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, : mesh.dim]
 
 
-def facets_of(mesh: Mesh, name: str) -> np.ndarray:
-    """The N lowest vertex numbers of each element of a boundary, as ``combine`` tells them."""
-    elements = mesh.Boundaries(name).Elements()
-    lowest = [sorted(v.nr for v in el.vertices)[: mesh.dim] for el in elements]
-    return combine(np.array(lowest, dtype=np.int64).reshape(-1, mesh.dim), mesh)
+def boundary_corners(mesh: Mesh, names: Sequence[str]) -> np.ndarray:
+    """Vertex numbers of the elements of some boundaries, (elements, 2^(N-1)), -1 for none."""
+    nodes, region = cells_of(mesh, mesh.dim - 1)
+    chosen = np.array(mesh.Boundaries("|".join(names)).Mask(), dtype=bool)
+    return nodes[chosen[region], : 2 ** (mesh.dim - 1)]
 
 
 def corner_vertices(mesh: Mesh, names: Sequence[str]) -> np.ndarray:
     """Numbers of the vertices at the corners of all boundary elements, one after the other."""
-    region = mesh.Boundaries("|".join(names))
-    return np.array([v.nr for el in region.Elements() for v in el.vertices], dtype=int)
+    corners = boundary_corners(mesh, names)
+    return corners[corners >= 0]
 
 
-def vertices_of(mesh: Mesh, names: Sequence[str]) -> set[int]:
-    """Numbers of the vertices on the named boundaries, ends included."""
-    return set(corner_vertices(mesh, names).tolist())
+def facets_of(mesh: Mesh, name: str) -> np.ndarray:
+    """The elements of a boundary as ``element_facets`` tells them."""
+    corners = boundary_corners(mesh, [name])
+    return combine(np.sort(np.where(corners < 0, mesh.nv, corners), axis=1), mesh)
 
 
 def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """An integer for each facet of each element, and the number of the element.
+    """An integer for each facet of each element, in rising order, and the number of the element.
 
-    Elements are counted in the order of ``element_vertices``.  The N lowest vertex numbers of a
-    facet identify it.
+    The N lowest vertex numbers of a facet identify it.
     """
-    keys, owners, start = [], [], 0
-    for nodes in element_vertices(mesh):
+    keys, owners = [], []
+    for numbers, nodes in elements_by_shape(mesh):
         for facet in SHAPES[mesh.dim, nodes.shape[1]][1].split():
-            corners = np.sort(nodes[:, [int(corner) for corner in facet]], axis=1)
-            keys.append(combine(corners[:, : mesh.dim], mesh))
-            owners.append(np.arange(start, start + len(nodes)))
-        start += len(nodes)
-    return np.concatenate(keys), np.concatenate(owners)
+            corners = nodes[:, [int(corner) for corner in facet]]
+            keys.append(combine(np.sort(corners, axis=1), mesh))
+            owners.append(numbers)
+    order = np.argsort(np.concatenate(keys), kind="stable")
+    return np.concatenate(keys)[order], np.concatenate(owners)[order]
 
 
 def combine(vertices: np.ndarray, mesh: Mesh) -> np.ndarray:
-    """One integer for each row of sorted vertex numbers."""
-    return vertices.astype(np.int64) @ mesh.nv ** np.arange(vertices.shape[1])[::-1]
+    """One integer for the N first vertex numbers of each row."""
+    return vertices[:, : mesh.dim].astype(np.int64) @ mesh.nv ** np.arange(mesh.dim)[::-1]
 
 
 def outward_normal(mesh: Mesh) -> CoefficientFunction:
@@ -131,7 +136,7 @@ def outward_normal(mesh: Mesh) -> CoefficientFunction:
 def has_straight_simplices(mesh: Mesh) -> bool:
     """Whether all elements are triangles or tetrahedra with constant Jacobian."""
     straight = mesh.GetCurveOrder() <= 1 and mesh.deformation is None
-    return straight and all(v.shape[1] == mesh.dim + 1 for v in element_vertices(mesh))
+    return straight and bool((element_nodes(mesh)[:, mesh.dim + 1 :] < 0).all())
 
 
 def plastic_order(mesh: Mesh, order: int) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 from ngsolve import CF, CoefficientFunction, Id, Mesh
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number
-from ngepc.model.elements import outward_normal, vertices_of
+from ngepc.model.elements import corner_vertices, outward_normal
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Contact, Coulomb, Place, Roller, places
@@ -219,7 +219,7 @@ def as_vector(value: Vector | None) -> CoefficientFunction | None:
 def require_without(problem: Given, what: str, *limits: str, advice: str = "") -> None:
     """Refuse by name what ``what`` does not cover, names of ``NEEDED``."""
     p, friction = problem, problem.friction
-    ends = (vertices_of(p.mesh, names) for names in (p.clamped_names, p.contact_names))
+    ends = (corner_vertices(p.mesh, names) for names in (p.clamped_names, p.contact_names))
     has = {
         "revolution": {"kinematics": p.kinematics.name if p.kinematics.hoop else None},
         "order": {"order": p.order if p.order > 1 else None},
@@ -233,7 +233,7 @@ def require_without(problem: Given, what: str, *limits: str, advice: str = "") -
             for argument, place, value in p.acting
             if argument == "springs" or isinstance(value, Roller) or not isinstance(place, str)
         },
-        "corner": {"contact": p.contact if set.intersection(*ends) else None},
+        "corner": {"contact": p.contact if np.intersect1d(*ends).size else None},
     }
     for limit in limits:
         for argument, value in has[limit].items():

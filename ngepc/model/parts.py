@@ -13,11 +13,17 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from ngsolve import BND, Mesh
+from ngsolve import Mesh
 
 from ngepc.checks.kinds import require_mesh
 from ngepc.geometries.outlines import netgen_mesh
-from ngepc.model.elements import combine, element_facets, element_nodes, vertex_coordinates
+from ngepc.model.elements import (
+    cells_of,
+    combine,
+    element_facets,
+    element_nodes,
+    vertex_coordinates,
+)
 from ngepc.model.processes import Team
 from ngepc.model.support import check_conforming, connected
 
@@ -184,19 +190,14 @@ def _require_simplices(mesh: Mesh, count: int) -> None:
 def _pieces(mesh: Mesh, count: int) -> list[Piece]:
     """The pieces of a mesh for ``count`` processes."""
     _require_simplices(mesh, count)
-    elements, (keys, owners) = element_nodes(mesh)[:, : mesh.dim + 1], element_facets(mesh)
-    points = vertex_coordinates(mesh)
-    part = partition(points[elements].mean(axis=1), count)
-    listed = list(mesh.Elements(BND))
-    facets = np.array([sorted(v.nr for v in facet.vertices) for facet in listed])
-    index, wanted = np.array([facet.index for facet in listed]), combine(facets, mesh)
-    order = np.argsort(keys, kind="stable")
-    owner = part[owners[order[np.searchsorted(keys, wanted, sorter=order)]]]
-    inner = index[np.isin(wanted, keys[order][1:][np.diff(keys[order]) == 0])]
+    N, points, (keys, owners) = mesh.dim, vertex_coordinates(mesh), element_facets(mesh)
+    (elements, materials), (facets, index) = cells_of(mesh, N), cells_of(mesh, N - 1)
+    elements, facets = elements[:, : N + 1], np.sort(facets[:, :N], axis=1)
+    part, wanted = partition(points[elements].mean(axis=1), count), combine(facets, mesh)
+    owner = part[owners[np.searchsorted(keys, wanted)]]
+    inner = index[np.isin(wanted, keys[1:][np.diff(keys) == 0])]
     regions = mesh.GetMaterials(), mesh.GetBoundaries()
     interfaces = frozenset(regions[1][k] for k in np.unique(inner))
-    kinds = mesh.ngmesh.Elements2D() if mesh.dim == 2 else mesh.ngmesh.Elements3D()
-    materials = kinds.NumPy()["index"].astype(int) - 1
     vertices, pieces = [np.unique(elements[part == rank]) for rank in range(count)], []
     for rank, mine in enumerate(vertices):
         common = {r: np.intersect1d(mine, other) for r, other in enumerate(vertices) if r != rank}

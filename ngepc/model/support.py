@@ -11,16 +11,16 @@ from functools import partial
 
 import numpy as np
 from ngsolve import Mesh
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ngepc.model.elements import (
+    corner_vertices,
     element_facets,
-    element_vertices,
+    element_nodes,
     facets_of,
     outward_normal,
     vertex_coordinates,
-    vertices_of,
 )
 from ngepc.model.given import Given
 from ngepc.model.places import Place, values_at, vertices_at
@@ -40,10 +40,10 @@ def check_support(problem: Given) -> None:
     solution.
     """
     pairs = problem.processes.together(partial(_parts, problem))
-    sides = (name for pair in problem.contact_pairs for name in (pair.first, pair.second))
-    touching = vertices_of(problem.mesh, ["|".join(sides)])
+    sides = [name for pair in problem.contact_pairs for name in (pair.first, pair.second)]
+    touching = corner_vertices(problem.mesh, sides)
     for motions, vertices in free_motions(problem, pairs):
-        if touching.isdisjoint(vertices.tolist()):
+        if not np.isin(vertices, touching).any():
             x, processes = vertex_coordinates(problem.mesh)[vertices], problem.processes
             centre = processes.total(x.sum(axis=0)) / processes.total(len(x))
             raise ValueError(
@@ -59,24 +59,23 @@ def _parts(problem: Given) -> np.ndarray:
     a, b = check_conforming(keys, owners)
     for name in problem.contact_names:
         wanted = facets_of(problem.mesh, name)
-        if not np.isin(wanted, keys).all():
+        beside = np.searchsorted(keys, wanted, "right") - np.searchsorted(keys, wanted)
+        if (beside == 0).any():
             raise ValueError(f"contact={name!r} is not a boundary of elements of the mesh")
-        inside = np.isin(keys, wanted).sum() > len(np.unique(wanted))
-        if inside or name in getattr(problem.mesh, "interfaces", ()):
+        if (beside > 1).any() or name in getattr(problem.mesh, "interfaces", ()):
             raise ValueError(f"contact={name!r} lies inside the body: an outer boundary is needed")
     check_free_normal(problem, held_values(problem))
     return part_vertices(problem.mesh, a, b)
 
 
 def check_conforming(keys: np.ndarray, owners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pairs of elements that share a facet; at most two do, and at most one facet."""
-    order = np.argsort(keys, kind="stable")
-    keys, owners = keys[order], owners[order]
+    """The pairs of elements that share one of ``element_facets``; at most two do, and only one."""
     same = keys[1:] == keys[:-1]
     if (same[1:] & same[:-1]).any():
         raise ValueError("mesh has elements that overlap: a facet belongs to more than two")
-    a, b = owners[:-1][same], owners[1:][same]
-    if len(np.unique(np.sort(a * (owners.max() + 1) + b))) < len(a):
+    a, b = np.sort([owners[:-1][same], owners[1:][same]], axis=0)
+    pairs = np.sort(a * (owners.max() + 1) + b)
+    if (pairs[1:] == pairs[:-1]).any():
         raise ValueError("mesh has elements that overlap: two of them share several facets")
     return a, b
 
@@ -205,15 +204,14 @@ def rigid_motions(x: np.ndarray) -> np.ndarray:
 def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Sorted pairs (part, vertex): the vertices of each part that hangs together by facets.
 
-    ``a`` and ``b`` are the pairs of elements that share a facet, as ``element_facets`` counts.
+    ``a`` and ``b`` are the pairs of elements that share a facet.
     """
     if processes_of(mesh).size > 1:  # one part: distribute() sees to that
         return np.column_stack([np.zeros(mesh.nv, dtype=int), np.arange(mesh.nv)])
-    elements, count = element_vertices(mesh), mesh.nv
-    _, part = np.unique(connected(sum(map(len, elements)), a, b), return_inverse=True)
-    corners = np.repeat(part, np.concatenate([[v.shape[1]] * len(v) for v in elements]))
-    pairs = corners * count + np.concatenate([vertices.ravel() for vertices in elements])
-    return np.column_stack(np.divmod(np.unique(pairs), count))
+    part, nodes = connected(mesh.ne, a, b), element_nodes(mesh)[:, : 2**mesh.dim]
+    element, corner = np.nonzero(nodes >= 0)
+    entries = np.ones(len(element)), (part[element], nodes[element, corner])
+    return np.column_stack(csr_matrix(entries).nonzero())
 
 
 def connected(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional, Iterate
 from ngepc.dual.spaces import DualSpaces
 from ngepc.geometries import lshape
-from ngepc.model.elements import element_vertices
+from ngepc.model.elements import elements_by_shape
 
 VARIATION = "ngepc.discretisation.quadrature.SMOOTH_VARIATION"
 
@@ -48,7 +48,7 @@ def waves(problem, size, seed=1):
 def test_a_low_order_away_from_the_kink_agrees_with_400_points(monkeypatch):
     problem = lshape_problem(lshape.paper_mesh(833))
     blocks, q = beyond(problem, 0.15)
-    (nodes,), values = element_vertices(problem.mesh), np.array(q.FV()).reshape(2, -1)
+    ((_, nodes),), values = elements_by_shape(problem.mesh), np.array(q.FV()).reshape(2, -1)
     assert (classify(values, nodes, 1.25, 1.25) == SMOOTH).sum() > 100
     usual = penalty(blocks)(q)
     monkeypatch.setattr(VARIATION, 0.0)

@@ -8,7 +8,7 @@ from ngsolve.meshes import MakeStructured3DMesh
 
 from ngepc import Problem, semismooth_newton
 from ngepc.geometries import block, imported
-from ngepc.model.elements import element_facets, element_vertices
+from ngepc.model.elements import element_facets, elements_by_shape
 from ngepc.model.support import check_conforming
 
 NAMES = {(1, 2): "line", (2, 3): "triangle", (2, 4): "quad", (3, 4): "tetra", (3, 6): "wedge"}
@@ -22,7 +22,7 @@ def as_meshio(mesh, *, named=None, turned=False):
     groups = {name: np.array([tag, N - 1]) for tag, name in enumerate(boundaries, 1)}
     groups["steel"] = np.array([99, N])
     cells, tags = [], []
-    for vertices in element_vertices(mesh):
+    for _, vertices in elements_by_shape(mesh):
         vertices = vertices.copy()
         if turned:
             vertices[::2] = vertices[::2][:, [0, 2, 1, *range(3, vertices.shape[1])]]
