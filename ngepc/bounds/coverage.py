@@ -52,7 +52,7 @@ FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 5)}  # by dimensi
 
 def check_covered(problem: Problem) -> None:
     """Refuse by name (ValueError) what there is no guaranteed bound for."""
-    limits = ["revolution", "pairs", "law", "strain", "Coulomb", "places", "corner"]
+    limits = ["revolution", "pairs", "law", "strain", "Coulomb", "places", "springs", "corner"]
     require_without(problem, "a bound", *limits)
     if problem.N == 3:
         require_without(problem, "a bound in three dimensions", "order")

@@ -33,7 +33,6 @@ from ngsolve import (
 from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from scipy.sparse import csr_matrix
 
-from ngepc.checks.arguments import Coefficient
 from ngepc.model.elements import plastic_order, vertex_coordinates
 from ngepc.model.places import Edge, Place, Point, values_at, vertices_at
 from ngepc.model.problem import Problem, as_scalar
@@ -43,9 +42,8 @@ BONUS_ORDER = 3  # order by which the rules of loads exceed that of the displace
 
 def displacement_space(problem: Problem) -> FESpace:
     """V_h: continuous vectors of the problem's order; held components are not free."""
-    fixed = {axis: list(problem.clamped_names) for axis in range(problem.N)}
-    elsewhere = []
-    for place, axis, _ in _prescribed(problem):
+    fixed, elsewhere = {axis: [] for axis in range(problem.N)}, []
+    for place, axis, _ in problem.held:
         if isinstance(place, str):
             fixed[axis].append(place)
         else:
@@ -56,12 +54,6 @@ def displacement_space(problem: Problem) -> FESpace:
         for dof in nodes_at(V.components[axis], place).tolist():
             V.FreeDofs().Clear(V.Range(axis).start + dof)
     return V
-
-
-def _prescribed(problem: Problem) -> list[tuple[Place, int, Coefficient]]:
-    """Place, number and value of each prescribed component."""
-    given = problem.held_components.items()
-    return [(p, axis, c) for p, each in given for axis, c in enumerate(each) if c is not None]
 
 
 def nodes_at(scalar: FESpace, place: Place) -> np.ndarray:
@@ -77,7 +69,9 @@ def prescribed_displacement(problem: Problem, V: FESpace) -> GridFunction:
     """A function in ``V`` with the prescribed values, linear on edges, zero at all free nodes."""
     lift, one = GridFunction(V), GridFunction(V)
     to, source = lift.vec.FV().NumPy(), one.vec.FV().NumPy()
-    for place, axis, component in _prescribed(problem):
+    for place, axis, component in problem.held:
+        if place in problem.clamped_names:
+            continue
         first = V.Range(axis).start
         if isinstance(place, str):
             region = problem.mesh.Boundaries(place)

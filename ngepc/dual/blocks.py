@@ -87,9 +87,9 @@ class LinearBlocks:
 
     def __init__(self, problem: Problem, choice: DualSpaces, inverse: str) -> None:
         require_whole("gamma", problem.mesh)
-        lacks = "law", "strain", "friction", "pairs", "order", "revolution", "places", "corner"
+        lacks = ["law", "strain", "friction", "pairs", "order", "revolution", "places", "springs"]
         advice = "; leave gamma and regularisation out"
-        require_without(problem, "the paper's regularised method", *lacks, advice=advice)
+        require_without(problem, "the paper's regularised method", *lacks, "corner", advice=advice)
         self.problem, self.choice, fixed = problem, choice, choice.tichonov.fixed
         self.residual_unit = choice.units.length ** (problem.N / 2 + 1)
         self.contact = problem.mesh.Boundaries("|".join(problem.contact_names))

@@ -25,11 +25,10 @@ from ngepc.checks.arguments import (
 from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
 from ngepc.model.elements import SHAPES, corner_vertices, element_nodes, plastic_points
-from ngepc.model.given import ACTING, Components, Given
+from ngepc.model.given import ACTING, Components, Given, require_without
 from ngepc.model.hardening import check_law
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, Place, Roller, places, values_at
-from ngepc.model.processes import require_whole
 from ngepc.model.support import check_support
 
 
@@ -45,25 +44,16 @@ def _check_data(problem: Given) -> None:
     check_places(problem)
     for argument, place, value in problem.acting:
         check_acting(problem, argument, place, value)
-    check_shared(problem)
-    if problem.body_force is not None:
-        f = require_components("body_force", problem.body_force, problem.N)
-        require_field("body_force", f, problem.mesh, shapes=None)
     check_contact(problem)
     check_friction(problem)
+    for name, where in {"body_force": None, "initial_displacement": problem.touching_names}.items():
+        given = getattr(problem, name)
+        if given is not None:
+            given = require_components(name, given, problem.N)
+            require_field(name, given, problem.mesh, where, shapes=None)
     check_history(problem)
-
-
-def check_shared(problem: Given) -> None:
-    """What several processes cannot do."""
-    for what, there in {
-        "order=2": problem.order == 2,
-        "contact of two bodies": problem.contact_pairs,
-        "points and edges": any(not isinstance(place, str) for _, place, _ in problem.acting),
-        "rollers": problem.rollers,
-    }.items():
-        if there:
-            require_whole(what, problem.mesh)
+    if problem.processes.size > 1:
+        require_without(problem, "a mesh that processes share", "order", "pairs", "places")
 
 
 def check_mesh(mesh: Mesh) -> None:
@@ -206,8 +196,8 @@ def check_contact(problem: Given) -> None:
 
 def check_friction(problem: Given) -> None:
     """A finite friction law >= 0, none without contact; no u_0 without friction."""
-    value, u_0, name = problem.friction, problem.initial_displacement, "friction"
-    if value is None and u_0 is not None:
+    value, name = problem.friction, "friction"
+    if value is None and problem.initial_displacement is not None:
         raise ValueError("initial_displacement matters for friction alone: give friction too")
     if value is not None and problem.contact is None:
         raise ValueError(f"friction={value!r}: name the contact boundary too, or leave it out")
@@ -215,10 +205,6 @@ def check_friction(problem: Given) -> None:
         name, value = "friction.coefficient", value.coefficient
     if value is not None:
         require_field(name, value, problem.mesh, problem.touching_names, least=0)
-    if u_0 is not None:
-        name = "initial_displacement"
-        u_0 = require_components(name, u_0, problem.N)
-        require_field(name, u_0, problem.mesh, problem.touching_names, shapes=None)
 
 
 def check_history(problem: Given) -> None:

@@ -21,19 +21,6 @@ Components = tuple | list | np.ndarray
 ACTING = ("traction", "pressure", "prescribed", "springs")
 """Arguments that give a value to each place."""
 
-NEEDED = {
-    "revolution": "a plane problem or a solid",
-    "order": "displacements of order 1",
-    "pairs": "rigid obstacles only, not two bodies",
-    "law": "linear hardening, without a law",
-    "strain": "no initial strain",
-    "friction": "contact without friction",
-    "Coulomb": "a given bound F of friction",
-    "places": "loads and components of displacements on boundaries",
-    "corner": "contact away from the clamped boundary, (2.2)",
-}
-"""Name of what a problem may have -> what is needed instead."""
-
 
 @dataclass(frozen=True, eq=False)
 class Given:
@@ -126,10 +113,11 @@ class Given:
         return {name: g for name, g in self.loads.items() if isinstance(name, str)}
 
     @property
-    def held_components(self) -> dict[Place, tuple]:
-        """Single place -> its prescribed components, None for a free one."""
-        given = self.single("prescribed")
-        return {p: c for p, c in given.items() if not isinstance(c, Roller)}
+    def held(self) -> list[tuple[Place, int, Coefficient]]:
+        """(single place, component, displacement) of what is clamped and prescribed."""
+        given = dict.fromkeys(self.clamped_names, (0.0,) * self.N) | self.single("prescribed")
+        components = {p: c for p, c in given.items() if not isinstance(c, Roller)}
+        return [(p, i, u) for p, c in components.items() for i, u in enumerate(c) if u is not None]
 
     @property
     def rollers(self) -> dict[Place, Roller]:
@@ -217,25 +205,32 @@ def as_vector(value: Vector | None) -> CoefficientFunction | None:
 
 
 def require_without(problem: Given, what: str, *limits: str, advice: str = "") -> None:
-    """Refuse by name what ``what`` does not cover, names of ``NEEDED``."""
+    """Refuse by name what ``what`` does not cover, entries of the table below."""
     p, friction = problem, problem.friction
+    ring = p.kinematics.name if p.kinematics.hoop else None
     ends = (corner_vertices(p.mesh, names) for names in (p.clamped_names, p.contact_names))
-    has = {
-        "revolution": {"kinematics": p.kinematics.name if p.kinematics.hoop else None},
-        "order": {"order": p.order if p.order > 1 else None},
-        "pairs": {"contact": p.contact if p.contact_pairs else None},
-        "law": {"material.law": p.material.law},
-        "strain": {"initial_strain": p.initial_strain},
-        "friction": {"friction": friction},
-        "Coulomb": {"friction": friction if isinstance(friction, Coulomb) else None},
-        "places": {
-            f"{argument}[{place!r}]": value
-            for argument, place, value in p.acting
-            if argument == "springs" or isinstance(value, Roller) or not isinstance(place, str)
-        },
-        "corner": {"contact": p.contact if np.intersect1d(*ends).size else None},
+    corner = p.contact if np.intersect1d(*ends).size else None
+    pairs = p.contact if p.contact_pairs else None
+    coulomb = friction if isinstance(friction, Coulomb) else None
+    springs = {f"springs[{place!r}]": value for place, value in p.single("springs").items()}
+    elsewhere = {
+        f"{argument}[{place!r}]": value
+        for argument, place, value in p.acting
+        if isinstance(value, Roller) or not isinstance(place, str)
     }
-    for limit in limits:
-        for argument, value in has[limit].items():
+    table = {  # what a problem may have: what is needed instead, argument -> value or None
+        "revolution": ("a plane problem or a solid", {"kinematics": ring}),
+        "order": ("displacements of order 1", {"order": p.order if p.order > 1 else None}),
+        "pairs": ("rigid obstacles only, not two bodies", {"contact": pairs}),
+        "law": ("linear hardening, without a law", {"material.law": p.material.law}),
+        "strain": ("no initial strain", {"initial_strain": p.initial_strain}),
+        "friction": ("contact without friction", {"friction": friction}),
+        "Coulomb": ("a given bound F of friction", {"friction": coulomb}),
+        "places": ("loads and components of displacements on boundaries", elsewhere),
+        "springs": ("supports that do not give way", springs),
+        "corner": ("contact away from the clamped boundary, (2.2)", {"contact": corner}),
+    }
+    for needed, there in (table[limit] for limit in limits):
+        for argument, value in there.items():
             if value is not None:
-                raise ValueError(f"{argument}={value!r}: {what} needs {NEEDED[limit]}{advice}")
+                raise ValueError(f"{argument}={value!r}: {what} needs {needed}{advice}")

@@ -176,10 +176,9 @@ def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
 def _require_simplices(mesh: Mesh, count: int) -> None:
     """Accept a mesh that can be distributed."""
     require_mesh("mesh", mesh)
-    nodes, corners = element_nodes(mesh), mesh.dim + 1
     if mesh.comm.size > 1 or mesh.GetCurveOrder() > 1 or mesh.deformation is not None:
         raise ValueError("mesh is distributed, curved or deformed: a whole, straight one is needed")
-    if (nodes[:, corners:] >= 0).any() or (nodes[:, :corners] < 0).any():
+    if (element_nodes(mesh)[:, mesh.dim + 1 :] >= 0).any():
         raise ValueError("mesh has other elements: triangles or tetrahedra are needed")
     if mesh.ne < count:
         raise ValueError(f"mesh has {mesh.ne} elements: {count}, one for each process, are needed")

@@ -83,24 +83,20 @@ def check_conforming(keys: np.ndarray, owners: np.ndarray) -> tuple[np.ndarray, 
 def held_values(problem: Given) -> np.ndarray:
     """The given displacements at the vertices, shape (vertices, N), NaN where free."""
     mesh, N = problem.mesh, problem.N
-    given = [("clamped", name, (0.0,) * N) for name in problem.clamped_names]
-    given += [(f"prescribed[{p!r}]", p, each) for p, each in problem.held_components.items()]
     held, owner = np.full((mesh.nv, N), np.nan), np.full((mesh.nv, N), "", dtype=object)
-    for argument, place, components in given:
-        for i, value in enumerate(components):
-            if value is None:
-                continue
-            vertices, values = values_at(value, mesh, place)
-            values, old = values[:, 0], held[vertices, i]
-            scale = max(np.abs(values).max(initial=0.0), np.nanmax(np.abs(old), initial=0.0))
-            clash = np.flatnonzero(np.abs(values - old) > 1e-8 * scale)  # none where old is NaN
-            if len(clash):
-                k = clash[0]
-                raise ValueError(
-                    f"{argument} gives u_{'xyz'[i]} = {values[k]:g} at a vertex where "
-                    f"{owner[vertices[k], i]} gives {old[k]:g}: the values must agree"
-                )
-            held[vertices, i], owner[vertices, i] = values, argument
+    for place, i, value in problem.held:
+        argument = "clamped" if place in problem.clamped_names else f"prescribed[{place!r}]"
+        vertices, values = values_at(value, mesh, place)
+        values, old = values[:, 0], held[vertices, i]
+        scale = max(np.abs(values).max(initial=0.0), np.nanmax(np.abs(old), initial=0.0))
+        clash = np.flatnonzero(np.abs(values - old) > 1e-8 * scale)  # none where old is NaN
+        if len(clash):
+            k = clash[0]
+            raise ValueError(
+                f"{argument} gives u_{'xyz'[i]} = {values[k]:g} at a vertex where "
+                f"{owner[vertices[k], i]} gives {old[k]:g}: the values must agree"
+            )
+        held[vertices, i], owner[vertices, i] = values, argument
     return held
 
 
@@ -154,9 +150,7 @@ def directed(
 def constraints(problem: Given) -> tuple[np.ndarray, np.ndarray]:
     """Vertices that supports and springs hold, (k,), and along which unit vectors, (k, N)."""
     mesh, axes = problem.mesh, np.eye(problem.N)
-    along = [(name, d) for name in problem.clamped_names for d in axes]
-    for place, components in problem.held_components.items():
-        along += [(place, d) for d, c in zip(axes, components, strict=True) if c is not None]
+    along = [(place, axes[component]) for place, component, _ in problem.held]
     along += [(place, roller.direction) for place, roller in problem.rollers.items()]
     for place, springs in problem.spring_constants.items():
         stiff = (values_at(k, mesh, place)[1].max(initial=0.0) > 0 for _, k in springs)

@@ -116,7 +116,8 @@ def problem_fingerprint(problem: Problem) -> str:
         value = law.coefficient if isinstance(law, Coulomb) else law
         told.append("Tresca" if value is law else "Coulomb")
         told.append(sample(value, mesh, list(problem.touching_names)))
-    placed = [("held", p, values) for p, values in problem.held_components.items()]
+    given = problem.single("prescribed").items()
+    placed = [("held", p, values) for p, values in given if p not in problem.rollers]
     placed += [(f"roller {r.direction}", p, [r.value]) for p, r in problem.rollers.items()]
     placed += [("spring", p, [k for _, k in s]) for p, s in problem.spring_constants.items()]
     placed += [("load", p, [g]) for p, g in problem.loads.items() if not isinstance(p, str)]

@@ -56,15 +56,12 @@ class Equilibrium:
 
         A component that several supports hold at a node is shared equally among them.
         """
-        problem, held = self.problem, {}
-        clamped = dict.fromkeys(problem.clamped_names, (0.0,) * problem.N)
-        V = displacement_space(problem)
-        for place, values in (clamped | problem.held_components).items():
-            mask = np.zeros(self.free.shape, dtype=bool)
-            for axis, value in enumerate(values):
-                if value is not None:
-                    mask[axis, nodes_at(V.components[axis], place)] = True
-            held[place] = problem.processes.summed(mask.T.astype(float)).T > 0
+        problem, V = self.problem, displacement_space(self.problem)
+        supports = (*problem.clamped_names, *problem.single("prescribed"))
+        here = {place: np.zeros(self.free.shape) for place in supports}
+        for place, axis, _ in problem.held:
+            here[place][axis, nodes_at(V.components[axis], place)] = 1.0
+        held = {place: problem.processes.summed(mask.T).T > 0 for place, mask in here.items()}
         fixed = np.where(self.free, 0.0, self.missing)
         share = fixed / np.maximum(sum(held.values(), np.zeros(self.free.shape)), 1)
         each = {place: np.where(mask, share, 0.0) for place, mask in held.items()}

@@ -397,6 +397,14 @@ PROBLEMS = {
         },
         "mesh has elements that overlap",
     ),
+    "two elements with two common facets": (
+        {
+            "mesh": by_hand([*UNIT, (0.2, 0.4)], [(0, 1, 3, 2), (1, 3, 4, 0)], BOTTOM),
+            "contact": None,
+            "gap": None,
+        },
+        "mesh has elements that overlap: two of them share several facets",
+    ),
     "a pyramid": ({"mesh": pyramid()}, "mesh has elements with 5 corners: triangles"),
     "second order": ({"mesh": second_order()}, "mesh has elements of second order"),
     "a loose part": (

@@ -284,6 +284,7 @@ def test_gap_may_vary_and_push_in(small):
     [
         ({"friction": 0.5}, "friction=0.5: the paper's regularised method needs contact without"),
         ({"order": 2}, "order=2"),
+        ({"springs": {"load": 1.0}}, r"springs\['load'\]=1.0: .* supports that do not give way"),
     ],
 )
 def test_what_the_papers_method_has_not_is_refused_with_what_to_do(small, changes, message):
