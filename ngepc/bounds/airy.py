@@ -72,18 +72,12 @@ class AirySpace:
     three to each, the next ones to edges.  ``area`` is that of the triangles.
     """
 
-    of_triangles = ("jacobian", "det", "area", "unknowns", "piola", "_across", "_along", "_forward")
+    of_triangles = ("det", "area", "unknowns", "piola", "_reference")
 
     def __init__(self, boundary: Boundary, degree: int, piola: np.ndarray) -> None:
         self._boundary, self.rule, self.piola = boundary, RULES[degree], piola
         c = self._cells = boundary.cells
-        self.jacobian, self.det, self.area = c.jacobian, c.det, c.volume
-        directions = np.matmul(NORMALS, c.jacobian.swapaxes(1, 2))  # images of the normals
-        tangents = np.matmul(LEGS, c.jacobian.swapaxes(1, 2))
-        self._across = np.einsum("tki,tki->tk", directions, c.normal[c.facet_of])
-        size = np.einsum("tki,tki->tk", tangents, tangents)
-        self._along = np.einsum("tki,tki->tk", directions, tangents) / size
-        self._forward = np.where(c.place[:, :, 0] == 0, 1.0, -1.0)
+        self.det, self.area = c.det, c.volume
         self.vertices, nt, ne = 3 * len(c.points), len(c.nodes), len(c.facets)
         corners = (3 * c.nodes[:, :, None] + np.arange(3)).reshape(-1, 9)
         unknowns = [corners, self.vertices + c.facet_of]
@@ -94,6 +88,7 @@ class AirySpace:
             unknowns += [self.vertices + 3 * ne + np.arange(3 * nt).reshape(-1, 3)]
             free += [even, bend, np.ones(3 * nt, dtype=bool)]
         self.unknowns, self.free = np.concatenate(unknowns, axis=1), np.concatenate(free)
+        self._reference = self._to_reference(self.unknowns.shape[1])
 
     def _held(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Unknowns of vertices that are held; edges where ``bend`` and ``even`` are free."""
@@ -146,19 +141,23 @@ class AirySpace:
         """Sums over the triangles of what each says about its unknowns (nt, n)."""
         return np.bincount(self.unknowns.ravel(), local.ravel(), minlength=len(self.free))
 
-    def _to_reference(self) -> np.ndarray:
+    def _to_reference(self, n: int) -> np.ndarray:
         """Unknowns of the reference triangle from those of the mesh, shape (nt, n, n)."""
-        count, n = self.unknowns.shape
-        T = np.zeros((count, n, n))
-        k = np.arange(3)
+        c, k = self._cells, np.arange(3)
+        J = c.jacobian.swapaxes(1, 2)
+        directions, tangents = np.matmul(NORMALS, J), np.matmul(LEGS, J)  # images of the normals
+        across = np.einsum("tki,tki->tk", directions, c.normal[c.facet_of])
+        size = np.einsum("tki,tki->tk", tangents, tangents)
+        along = np.einsum("tki,tki->tk", directions, tangents) / size
+        T = np.zeros((len(J), n, n))
         for v in (0, 3, 6):
             T[:, v, v] = 1.0
-            T[:, v + 1 : v + 3, v + 1 : v + 3] = self.jacobian.swapaxes(1, 2)
-        T[:, 9 + k, 9 + k] = self._across
-        T[:, 9:12, :9] = self._along[:, :, None] * np.matmul(EDGE_ROWS, T[:, :9, :9])
+            T[:, v + 1 : v + 3, v + 1 : v + 3] = J
+        T[:, 9 + k, 9 + k] = across
+        T[:, 9:12, :9] = along[:, :, None] * np.matmul(EDGE_ROWS, T[:, :9, :9])
         if n > 12:
-            T[:, 15 + k, 15 + k] = self._across * self._forward
-            T[:, 15 + k, 12 + k] = self._along
+            T[:, 15 + k, 15 + k] = across * np.where(c.place[:, :, 0] == 0, 1.0, -1.0)
+            T[:, 15 + k, 12 + k] = along
             rest = np.r_[12:15, 18:21]
             T[:, rest, rest] = 1.0
         return T
@@ -179,7 +178,7 @@ class AirySpace:
             six = np.matmul(
                 H[cells].reshape(len(M), -1, 9), products.reshape(-1, 6, 9).swapaxes(1, 2)
             )
-            K, T = (six.reshape(len(M), -1) @ table).reshape(-1, n, n), part._to_reference()
+            K, T = (six.reshape(len(M), -1) @ table).reshape(-1, n, n), part._reference
             K = np.matmul(np.matmul(T.swapaxes(1, 2), K), T)
             corners[cells] = K[:, CORNER_ROWS, CORNER_COLUMNS]
             cross[cells], rest[cells] = K[:, 9:, :9], K[:, 9:, 9:]
@@ -191,7 +190,7 @@ class AirySpace:
         for cells in portions(len(result)):
             part = self.of(cells)
             local = (x[part.unknowns] / part.det[:, None])[:, :, None]
-            reference = np.matmul(part._to_reference(), local)[:, :, 0] @ self.rule.rows.T
+            reference = np.matmul(part._reference, local)[:, :, 0] @ self.rule.rows.T
             result[cells] = np.matmul(reference.reshape(len(local), -1, 3), part.piola)
         return result
 
@@ -204,4 +203,4 @@ class AirySpace:
         """The transpose of ``stress`` with the weights of the points, by triangle, (nt, n)."""
         M = self.piola * (self.area / self.det)[:, None, None]
         pulled = np.matmul(strain, M.swapaxes(1, 2)).reshape(len(M), 1, -1) @ self.rule.forces
-        return np.matmul(pulled, self._to_reference())[:, 0]
+        return np.matmul(pulled, self._reference)[:, 0]

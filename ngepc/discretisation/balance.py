@@ -173,8 +173,8 @@ class Balance:
     def force_scale(self) -> float:
         """The force that residuals are relative to."""
         sizes = [self._processes.norm(a) for a in (self.frame.load, self.internal_forces)]
-        least = min(ROUNDING_SCALE * self.trial_forces, self.frame.yield_forces)
-        return max(*sizes, self.contact_defect, least)
+        size, rounding = max(*sizes, self.contact_defect), ROUNDING_SCALE * self.trial_forces
+        return size if rounding <= size else max(size, min(rounding, self.frame.yield_forces))
 
     @cached_property
     def trial_forces(self) -> float:
