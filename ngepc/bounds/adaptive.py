@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated
 
+import numpy as np
 from ngsolve import Mesh
 
 from ngepc.bounds.bound import (
@@ -25,7 +26,7 @@ from ngepc.checks.kinds import require_function, require_instance
 from ngepc.local.factors import Factors
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import starting_state
-from ngepc.local.system import DiscreteProblem
+from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import Problem
 from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import IterationRecord, Status
@@ -147,48 +148,49 @@ def solve_to(
     check_covered(problem)
     check_carried(problem)
     records: list[MeshRecord] = []
-    mesh, bound, message = Mesh(problem.mesh.ngmesh.Copy()), None, None
+    state, small = starting_state(DiscreteProblem(problem), None), 0.0
     while True:
-        discrete = DiscreteProblem(on_mesh(problem, mesh))
-        result, bound, steps = solved(discrete, bound, options)
+        result, bound, steps = solved(state, small, options)
         parts = (bound.energy, bound.total, bound.algebraic, bound.relative)
-        records.append(MeshRecord(mesh.nv, steps, *parts))
+        records.append(MeshRecord(result.problem.mesh.nv, steps, *parts))
         log.info("nodes:%(nodes)6d energy:%(energy).8e bound:%(total).2e", vars(records[-1]))
+        message = ""
         try:
             if monitor is not None:
                 monitor(records[-1])
         except StopIteration:
             message = "The monitor ended the run."
-        if message is None and result.status not in SOLVED:
-            message = result.ending or result.status.value
-        if message is None and bound.relative <= relative_error:
-            message = ""
-        if message is None:
-            mesh = next_mesh(bound, relative_error, options)
-            if mesh.nv > options.max_nodes:
+        else:
+            if result.status not in SOLVED:
+                message = result.ending or result.status.value
+            elif bound.relative > relative_error:
+                mesh, parents = next_mesh(bound, relative_error, options)
+                if mesh.nv <= options.max_nodes:
+                    discrete = DiscreteProblem(on_mesh(result.problem, mesh, parents))
+                    state = carried_state(result, discrete, parents)
+                    small = SMALL_STEP * bound.total
+                    continue
                 message = f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
-        if message is not None:
-            return BoundedResult(result, bound, relative_error, records, message)
+        return BoundedResult(result, bound, relative_error, records, message)
 
 
-def next_mesh(bound: ErrorBound, asked: float, options: Refinement) -> Mesh:
-    """The mesh after that of a bound, in steps of equal size to the relative error asked for."""
+def next_mesh(bound: ErrorBound, asked: float, options: Refinement) -> tuple[Mesh, np.ndarray]:
+    """The mesh after that of a bound, in steps of equal size to the relative error asked for.
+
+    With the parents of its elements, see ``transfer``.
+    """
     mesh, wanted = bound.problem.mesh, AIM * asked / bound.relative
     meshes = max(1, round(math.log(wanted) / (2 / mesh.dim * math.log(FEWER))))
     return bisected_to(mesh, bound.per_cell, options.marking, wanted ** (1 / meshes))
 
 
-def solved(
-    discrete: DiscreteProblem, last: ErrorBound | None, options: Refinement
-) -> tuple[ExactResult, ErrorBound, int]:
+def solved(state: State, small: float, options: Refinement) -> tuple[ExactResult, ErrorBound, int]:
     """Newton steps on one mesh until their part of the bound is small, and their number.
 
     They pause at a step that lowers the energy by less than a ``small`` amount.
     """
-    setting, tangent = setting_of(discrete), Factors(discrete, "sparsecholesky")
-    state = starting_state(discrete, None) if last is None else carried_state(last.state, discrete)
-    small = 0.0 if last is None else SMALL_STEP * last.total
-    steps, bound, algebraic, energies = 0, None, 0.0, []
+    setting, tangent = setting_of(state.discrete), Factors(state.discrete, "sparsecholesky")
+    steps, bound, energies = 0, None, []
 
     def pause(record: IterationRecord) -> None:
         energies.append(record.energy)
@@ -200,6 +202,7 @@ def solved(
         result = newton_iteration(state, tangent, ExactResult, *limits, pause)
         steps += result.iterations
         paused = result.status == Status.STOPPED and abs(energies[-2] - energies[-1]) < small
+        algebraic = 0.0
         if paused and bound is not None:
             algebraic = algebraic_part(setting, feasible_state(setting, result.state)[0], tangent)
         if bound is None or algebraic <= ALGEBRAIC_SHARE * bound.total:

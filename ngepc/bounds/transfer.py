@@ -1,20 +1,27 @@
-"""The data of a problem, and its displacements, on a bisected copy of the mesh."""
+"""The data of a problem, and its displacements, on a bisected copy of the mesh.
+
+The copy tells its ``parents``: for each of its elements the number of the one that it lies in.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import fields, replace
 
 import numpy as np
 from netgen.meshing import NetgenGeometry
 from ngsolve import CF, L2, CoefficientFunction, GridFunction, Integrate, Mesh
 
+from ngepc.bounds.contact import BUBBLE
 from ngepc.bounds.coverage import varies_inside
 from ngepc.bounds.simplices import marked
+from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions, Points, on_children
+from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.elements import element_nodes, vertex_coordinates
-from ngepc.model.kinematics import kinematics_of
+from ngepc.model.elements import vertex_coordinates
+from ngepc.model.given import ACTING
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 
@@ -22,56 +29,66 @@ from ngepc.model.problem import Problem
 CLOSE = 1.03
 
 
-def bisected(mesh: Mesh, chosen: np.ndarray) -> Mesh:
+def bisected(mesh: Mesh, chosen: np.ndarray) -> tuple[Mesh, np.ndarray]:
     """A copy of the mesh with the chosen elements bisected, and neighbours to conform."""
-    finer = copied(mesh)
+    finer, number = copied(mesh)
     finer.SetRefinementFlags(chosen.tolist())
     finer.Refine()
-    return finer
+    return finer, parents_in(number)
 
 
-def copied(mesh: Mesh) -> Mesh:
+def copied(mesh: Mesh) -> tuple[Mesh, GridFunction]:
     """What can be bisected: spaces on meshes that Netgen has refined before transfer wrongly.
 
-    The body stays what the mesh is: new vertices are not moved to curved boundaries.
+    The body stays what the mesh is: new vertices are not moved to curved boundaries.  The function
+    follows the bisections, see ``parents_in``.
     """
     netgen_mesh = mesh.ngmesh.Copy()
     netgen_mesh.SetGeometry(NetgenGeometry())
-    return Mesh(netgen_mesh)
+    finer = Mesh(netgen_mesh)
+    number = GridFunction(L2(finer, order=0, autoupdate=True), autoupdate=True, nested=True)
+    number.vec.FV().NumPy()[:] = np.arange(mesh.ne)
+    return finer, number
 
 
-def bisected_to(mesh: Mesh, indicators: np.ndarray, share: float, left: float) -> Mesh:
+def parents_in(number: GridFunction) -> np.ndarray:
+    """For each element of a ``copied`` mesh the one that it lies in.
+
+    Looked up by coordinates it can be a neighbour, within 1e-6 of the size of the larger one.
+    """
+    return number.vec.FV().NumPy().round().astype(int)
+
+
+def bisected_to(
+    mesh: Mesh, indicators: np.ndarray, share: float, left: float
+) -> tuple[Mesh, np.ndarray]:
     """A copy of the mesh, bisected until this part of the indicators should be left.
 
     The part v of an element's volume is expected to get the part v^(1 + 2/N) of its indicator, as
     for order one and smooth solutions: where edges are halved three quarters go.  Those with a
     share of what is left are bisected at a time (Doerfler), or fewer at the end.
     """
-    finer, sums = copied(mesh), np.maximum(indicators, 0.0)
-    density = GridFunction(L2(finer, order=0, autoupdate=True), autoupdate=True, nested=True)
+    (finer, number), sums = copied(mesh), np.maximum(indicators, 0.0)
 
     def scale() -> np.ndarray:
         return np.array(Integrate(CF(1), finer, element_wise=True)) ** (1 + 2 / mesh.dim)
 
-    density.vec.FV().NumPy()[:] = sums / scale()
-    wanted = left * sums.sum()
+    density, wanted = sums / scale(), left * sums.sum()
     while finer.ne == mesh.ne or sums.sum() > CLOSE * wanted:
         chosen = marked(sums, min(share, (1 - wanted / sums.sum()) / 0.75))
         finer.SetRefinementFlags(chosen.tolist())
         finer.Refine()
-        sums = density.vec.FV().NumPy() * scale()
-    return finer
+        sums = density[parents_in(number)] * scale()
+    return finer, parents_in(number)
 
 
 def check_carried(problem: Problem) -> None:
     """Refuse, by name, boundary data made of finite element functions: they belong to one mesh."""
-    data: dict[str, object] = {"gap": problem.gap, "traction": problem.traction}
-    data |= {"prescribed": problem.prescribed, "pressure": problem.pressure}
+    names = [*ACTING, "gap", "friction", "initial_displacement"]
     if problem.f is not None and varies_inside(problem, problem.f):
-        data["body_force"] = problem.f
-    data |= {"friction": problem.friction, "initial_displacement": problem.initial_displacement}
-    for name, value in data.items():
-        for one in values_in(value):
+        names.append("body_force")
+    for name in names:
+        for one in values_in(getattr(problem, name)):
             if "gridfunction" in str(one).lower():
                 raise ValueError(
                     f"{name} is made of a GridFunction, which belongs to one mesh: numbers or "
@@ -88,101 +105,65 @@ def values_in(value: object) -> list[CoefficientFunction]:
     return [value] if isinstance(value, CoefficientFunction) else []
 
 
-def on_mesh(problem: Problem, mesh: Mesh) -> Problem:
-    """The problem on a mesh that refines its own.
+def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
+    """The problem on a mesh whose simplices lie in those of its own with these numbers.
 
     Data that are constant on the elements of the problem's mesh stay what they are, with order two
     affine plastic strains and back stresses too.  What was checked holds on a finer mesh as well.
     """
-    data = {f.name: getattr(problem, f.name) for f in fields(Problem)}
-    carry = Carrier(problem.mesh, mesh)
-    material = problem.material
-    carried = {f.name: carry(getattr(material, f.name)) for f in fields(Material)}
-    data["mesh"], data["material"] = mesh, replace(material, **carried)
-    data["initial_accumulated"] = carry(data["initial_accumulated"])
-    data["initial_plastic_strain"] = carry(data["initial_plastic_strain"], problem.order)
+
+    def carried(value: object) -> object:
+        """A number, a coefficient or several."""
+        if isinstance(value, tuple | list):
+            return tuple(map(carried, value))
+        if not isinstance(value, CoefficientFunction):
+            return value
+        meshes = problem.mesh, mesh
+        before, after = (Points(m, problem.kinematics, problem.order) for m in meshes)
+        values = on_children(before.at(value), before, after, parents)
+        function = PointFunctions(after).function(values)
+        return function.Reshape(tuple(value.dims)) if len(value.dims) == 2 else function
+
+    names = ["initial_plastic_strain", "initial_hardening", "initial_accumulated"]
     if problem.f is not None and not varies_inside(problem, problem.f):
-        data["body_force"] = carry(problem.f)
-    hardening = data["initial_hardening"]
-    if isinstance(hardening, tuple):
-        data["initial_hardening"] = carry(hardening[0]), carry(hardening[1], problem.order)
-    else:
-        data["initial_hardening"] = carry(hardening, problem.order)
-    finer = object.__new__(Problem)
-    vars(finer).update(data)
+        names.append("body_force")
+    material, finer = problem.material, copy(problem)
+    changes = {f.name: carried(getattr(material, f.name)) for f in fields(Material)}
+    vars(finer).update({name: carried(getattr(problem, name)) for name in names})
+    vars(finer).update(mesh=mesh, material=replace(material, **changes))
     return finer
 
 
-def parents(old: Mesh, new: Mesh) -> np.ndarray:
-    """For each element of a mesh the number of the element of the coarser one that it lies in."""
-    number = GridFunction(L2(old, order=0))
-    number.vec.FV().NumPy()[:] = np.arange(old.ne)
-    centres = vertex_coordinates(new)[element_nodes(new)[:, : new.dim + 1]].mean(axis=1)
-    return np.ravel(number(old(*centres.T))).round().astype(int)
+def carried_state(old: ExactResult, discrete: DiscreteProblem, parents: np.ndarray) -> State:
+    """The state on a bisected mesh: the same displacements, contact forces by their stresses.
 
-
-class Carrier:
-    """Coefficients that are constant or affine on the cells of one mesh, on a finer one."""
-
-    def __init__(self, old: Mesh, new: Mesh) -> None:
-        self._meshes, self._parents = (old, new), parents(old, new)
-
-    def __call__(self, value: object, order: int = 1) -> object:
-        """A number or a coefficient; affine ones belong to problems of order two."""
-        if not isinstance(value, CoefficientFunction):
-            return value
-        kinematics = kinematics_of(None, self._meshes[0].dim)
-        before, after = (Points(m, kinematics, order) for m in self._meshes)
-        values = on_children(before.at(value), before, after, self._parents)
-        function = PointFunctions(after).function(values)
-        if function.dim == 1:
-            return function
-        entries = tuple(function[i] for i in range(function.dim))
-        return CF(entries, dims=tuple(value.dims)) if len(value.dims) == 2 else CF(entries)
-
-
-def carried_parabolas(old: State, discrete: DiscreteProblem) -> np.ndarray:
-    """Displacements of order two on a bisected mesh of triangles, shape (nodes, 2).
-
-    An unknown of an edge is -8 times what the middle exceeds the mean of the ends by.
+    What is affine on the parents is carried by barycentric coordinates in them, what displacements
+    of order two have beyond by products of these.
     """
-    before, after = old.discrete.points.blocks[0].nodes, discrete.points.blocks[0].nodes
-    parent = parents(old.discrete.problem.mesh, discrete.problem.mesh)
-    corners = vertex_coordinates(old.discrete.problem.mesh)[before[parent, :3]]
-    x = vertex_coordinates(discrete.problem.mesh)[after[:, :3]]
-    ends = [(2, 0), (1, 2), (0, 1)]
-    middles = np.stack([(x[:, a] + x[:, b]) / 2 for a, b in ends], axis=1)
-    there = np.concatenate([x, middles], axis=1) - corners[:, :1]
-    frame = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
-    share = np.matmul(there, np.linalg.inv(frame).transpose(0, 2, 1))
-    share = np.concatenate([1 - share.sum(axis=2, keepdims=True), share], axis=2)
-    bubbles = np.stack([-share[:, :, a] * share[:, :, b] / 2 for a, b in ends], axis=2)
-    values = np.matmul(np.concatenate([share, bubbles], axis=2), old.u[before[parent]])
-    for k, (a, b) in enumerate(ends):
-        values[:, 3 + k] = 4 * (values[:, a] + values[:, b]) - 8 * values[:, 3 + k]
-    u = np.empty_like(discrete.supports.values)
-    u[after] = values
-    return u
+    problem, supports, rows = discrete.problem, discrete.supports, discrete.rows
+    ends, before = problem.N + 1, old.discrete.points.blocks[0].nodes
+    nodes, there = discrete.points.blocks[0].nodes, before[parents]
+    known, wanted = (
+        np.insert(vertex_coordinates(mesh), 0, 1.0, axis=1)[corners[:, :ends]]
+        for mesh, corners in ((old.problem.mesh, before), (problem.mesh, nodes))
+    )
+    share = np.matmul(wanted, np.linalg.inv(known)[parents])
 
+    def at_corners(values: np.ndarray) -> np.ndarray:
+        """Of affine functions with these values at the old vertices."""
+        return np.matmul(share, values[there[:, :ends]])
 
-def carried_state(old: State, discrete: DiscreteProblem) -> State:
-    """The state on a bisected mesh: the same displacements, contact forces as means of parents'."""
-    mesh, before = discrete.problem.mesh, old.discrete
-    count, N, rows = before.problem.mesh.nv, old.u.shape[1], before.rows
-    nodal = np.zeros((mesh.nv, 2 * N + 1))
-    nodal[:count, :N] = old.u[:count]
-    forces = np.bincount(rows.vertices, old.multipliers, minlength=count)
-    area = np.bincount(rows.vertices, rows.weights, minlength=count)
-    dragged = rows.friction_forces(old.tangential_forces)
-    stress = np.column_stack([forces, dragged[:count]]) / np.where(area > 0, area, 1.0)[:, None]
-    nodal[:count, N:] = stress
-    for vertex in range(count, mesh.nv):
-        a, b = mesh.GetParentVertices(vertex)
-        nodal[vertex] = (nodal[a] + nodal[b]) / 2
-    supports, there = discrete.supports, discrete.rows
-    u = nodal[:, :N] if discrete.problem.order == 1 else carried_parabolas(old, discrete)
-    u = np.where(supports.free, u, supports.values)
-    forces = nodal[there.vertices, N:] * there.weights[:, None]
-    dragged = np.einsum("mdc,mc->md", there.tangents, forces[:, 1:])
-    contact = np.concatenate([forces[:, 0], dragged.ravel()])
-    return discrete.state(u, contact=contact[: len(discrete.contact)])
+    u, corners = np.empty_like(supports.values), at_corners(old.state.u)
+    if problem.order == 2:
+        a, b = np.array([(2, 0), (1, 2), (0, 1)]).T
+        bubbles, along = old.state.u[there[:, ends:]], share[:, a] - share[:, b]
+        corners += BUBBLE * np.matmul(share[:, :, a] * share[:, :, b], bubbles)
+        u[nodes[:, ends:]] = -np.matmul(along[:, :, a] * along[:, :, b], bubbles)
+    u[nodes[:, :ends]] = corners
+    pressure, friction = (f.vec.FV().NumPy() for f in (old.contact_pressure, old.friction_stress))
+    stress = np.empty((problem.mesh.nv, 1 + problem.N))
+    stress[nodes[:, :ends]] = at_corners(np.column_stack([pressure, -nodal(friction, problem)]))
+    forces = stress[rows.vertices] * rows.weights[:, None]
+    dragged = np.einsum("mdc,mc->md", rows.tangents, forces[:, 1:])
+    contact = np.concatenate([forces[:, 0], dragged.ravel()])[: len(discrete.contact)]
+    return discrete.state(np.where(supports.free, u, supports.values), contact=contact)

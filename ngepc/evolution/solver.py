@@ -17,7 +17,7 @@ from ngsolve import GridFunction
 from ngepc.bounds.adaptive import Refinement, next_mesh
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.coverage import check_covered
-from ngepc.bounds.transfer import check_carried, on_mesh, parents
+from ngepc.bounds.transfer import check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
 from ngepc.discretisation.loads import Supports, displacement_space
@@ -236,14 +236,14 @@ class _Run:
     def _refine(self, bound: ErrorBound, time: float) -> str:
         """Go on with a finer mesh and the history on it; or why not."""
         old, most = bound.problem.mesh, self.refinement.max_nodes
-        mesh = next_mesh(bound, self.error, self.refinement)
+        mesh, parents = next_mesh(bound, self.error, self.refinement)
         share, asked = f"{bound.relative:.2g}", f"{self.error:g}"
         told = f"the energy error may be {share} on {old.nv} nodes, asked {asked}"
         if mesh.nv > most:
             return f"{told}; the next mesh has {mesh.nv} nodes, max_nodes={most}."
         log.info("step to time %g: %s, refined to %d nodes", time, told, mesh.nv)
-        self.problem = on_mesh(self.problem, mesh)
-        self.evolution.memory = self.evolution.memory.on(self.problem, parents(old, mesh))
+        self.problem = on_mesh(self.problem, mesh, parents)
+        self.evolution.memory = self.evolution.memory.on(self.problem, parents)
         return ""
 
     def _append(self, step: EvolutionStep) -> None:

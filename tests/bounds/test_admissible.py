@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaigns.crossings import finer
 from ngsolve import BND, CF, ET, GridFunction, InnerProduct, IntegrationRule, specialcf, x, y
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton, wrench_problem
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.element import ELEMENTS, PAIRS
-from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.geometries import block, lshape, wrench
 
 MATERIAL = Material(
@@ -236,10 +236,7 @@ def test_the_algebraic_part_is_what_clearing_the_obstacle_costs(result, bound):
 
 def test_energies_of_meshes_do_not_cross(bound):
     """A lower bound from a coarse mesh is below the energy on every fine one."""
-    mesh = bound.problem.mesh
-    for _ in range(2):
-        mesh = bisected(mesh, np.ones(mesh.ne, dtype=bool))
-    fine = error_bound(semismooth_newton(on_mesh(bound.problem, mesh)))
+    fine = error_bound(semismooth_newton(finer(bound.problem, 2)))
     assert bound.least_energy < fine.energy
     assert fine.least_energy < fine.energy < bound.energy
     assert bound.least_energy < fine.least_energy

@@ -103,10 +103,10 @@ def random_crossings(seed, count, bisections, kind="order 1"):
 
 def finer(problem, bisections):
     """The problem on a mesh all of whose elements are bisected several times."""
-    mesh = problem.mesh
     for _ in range(bisections):
-        mesh = bisected(mesh, np.ones(mesh.ne, dtype=bool))
-    return on_mesh(problem, mesh)
+        everywhere = np.ones(problem.mesh.ne, dtype=bool)
+        problem = on_mesh(problem, *bisected(problem.mesh, everywhere))
+    return problem
 
 
 @dataclass(eq=False)

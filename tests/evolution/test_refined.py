@@ -7,7 +7,7 @@ from ngsolve import Integrate, Mesh, y
 from ngepc import Material, Problem, Schedule, evolve, load_cycle, semismooth_newton
 from ngepc.bounds.adaptive import Refinement
 from ngepc.bounds.bound import error_bound
-from ngepc.bounds.transfer import bisected, on_mesh, parents
+from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.evolution.result import Memory
 from ngepc.geometries import block
 from ngepc.sensitivity.gradient import states_of
@@ -79,8 +79,8 @@ def test_memory_is_carried_to_children_exactly(order):
     memory = Memory.initial(problem)
     p = memory.functions.points.at(semismooth_newton(problem).plastic_increment)
     memory = memory.after(problem.material, p)
-    finer = bisected(problem.mesh, random.random(problem.mesh.ne) < 0.4)
-    carried = memory.on(on_mesh(problem, finer), parents(problem.mesh, finer))
+    finer, parents = bisected(problem.mesh, random.random(problem.mesh.ne) < 0.4)
+    carried = memory.on(on_mesh(problem, finer, parents), parents)
     before, after = memory.functions, carried.functions
     arrays = memory.arrays
     if order == 2:
