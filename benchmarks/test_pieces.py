@@ -12,7 +12,7 @@ import pytest
 from ngsolve import SetNumThreads
 
 from ngepc import Coupled, lshape_problem, primal_newton, semismooth_newton
-from ngepc.discretisation.stiffness import StiffnessBlocks, SymbolicBlocks
+from ngepc.discretisation.stiffness import ElementStiffness, by_moduli
 from ngepc.dual.algorithm import DualLine, NewtonSystem
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional, Iterate
@@ -55,12 +55,12 @@ def test_elastic_solve(benchmark, problem):
     benchmark(elastic_solve, problem)
 
 
-@pytest.mark.parametrize("kind", [StiffnessBlocks, SymbolicBlocks])
+@pytest.mark.parametrize("kind", [ElementStiffness, by_moduli])
 def test_assembly_in_space(benchmark, kind):
     """Directly, and by symbolic forms."""
     discrete = DiscreteProblem(indented_block(2))
-    blocks = kind(discrete.points, discrete.free, discrete.added)
-    benchmark(blocks.values, starting_state(discrete, None).moduli)
+    stiffness = kind(discrete.points, discrete.free).with_added(discrete.added)
+    benchmark(stiffness.values, starting_state(discrete, None).moduli)
 
 
 def test_linear_blocks(benchmark, problem):

@@ -23,7 +23,7 @@ from ngepc.bounds.transfer import bisected_to, carried_state, check_carried, on_
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.local.factors import Factors
+from ngepc.discretisation.factors import Factors
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem, State

@@ -23,8 +23,8 @@ from ngepc.bounds.coverage import on_facets
 from ngepc.bounds.plane import PlaneSetting
 from ngepc.bounds.setting import Setting, stress_coordinates
 from ngepc.bounds.solid import SolidSetting
+from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.loads import nodal
-from ngepc.local.factors import Factors
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import Problem

@@ -16,7 +16,7 @@ from ngepc.bounds.levels import TwoLevels
 from ngepc.bounds.parts import portions
 from ngepc.bounds.setting import Effort, Setting
 from ngepc.bounds.simplices import Simplices, marked, sliced
-from ngepc.local.factors import Factors
+from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
 SHORTEST = 1e-3  # shortest step length

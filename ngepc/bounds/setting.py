@@ -20,7 +20,7 @@ from ngepc.bounds.equilibration import Patches, moments_of
 from ngepc.bounds.oscillation import CarriedLoads
 from ngepc.bounds.parts import AT_POINTS, TO_NODES, exceeding
 from ngepc.bounds.simplices import Simplices
-from ngepc.local.factors import Factors
+from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.processes import require_whole
 

@@ -24,8 +24,8 @@ from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.parts import RULE, portions
 from ngepc.bounds.setting import BALANCED, PASSES, Effort, Setting, factorise, stress_coordinates
 from ngepc.bounds.simplices import FACETS
+from ngepc.discretisation.factors import Factors
 from ngepc.linalg.descent import conjugate_gradients
-from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
 # which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)

@@ -24,6 +24,7 @@ from scipy.sparse import csr_matrix, diags, eye, hstack, vstack
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.prolongation import nodal_values
+from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.secants import Compliance
 from ngepc.model.elements import plastic_points, vertex_coordinates
 from ngepc.model.problem import Problem, as_scalar
@@ -46,6 +47,7 @@ SMALL = 1e-6  # part of the loads, or of a motion, that counts as none
 class Frame:
     """Supports, contact rows and loads of a problem, which both exact methods inherit."""
 
+    stiffness: Stiffness  # what assembles its tangents
     stiffness_diagonal: np.ndarray  # of the elastic stiffness, shape (nodes, N)
 
     def __init__(self, problem: Problem) -> None:

@@ -6,10 +6,14 @@ instead of single components takes a third of the time.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Trace, VectorH1, dx
+from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Mesh, Trace, dx
+from ngsolve.comp import ProxyFunction, SumOfIntegrals
 from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix
 
@@ -36,47 +40,88 @@ class Blocks:
         return values
 
 
-class StiffnessBlocks(Blocks):
-    """The blocks of B' C B and of a symmetric matrix between nodes of one element, ``added``."""
+class Stiffness(Blocks):
+    """The blocks of tangents that elements add up to (``summed``), and matrices for them.
 
-    def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
-        self.points, self.free, self.N = points, free, points.kinematics.N
-        rows, columns, _ = lower_triangle(pattern_matrix(points.scalar))
+    What they are ``filled`` with, moduli or displacements, depends on who sums them.
+    """
+
+    def __init__(self, mesh: Mesh, order: int, free: np.ndarray) -> None:
+        self.free, self.N = free, free.shape[1]
+        self._space = H1(mesh, order=order, dim=self.N)
+        rows, columns, _ = lower_triangle(pattern_matrix(self._space))
         self.rows, self.columns = rows.astype(np.int32), columns.astype(np.int32)
-        keys, self._added = rows * len(free) + columns, None
-        self._places = [[self._places_of(p, keys) for p in block.parts] for block in points.blocks]
-        if added is not None:
-            blocks = added.tobsr((self.N, self.N))
-            i = np.repeat(np.arange(len(free)), np.diff(blocks.indptr))
-            lower = i >= blocks.indices
-            wanted = i[lower] * np.int64(len(free)) + blocks.indices[lower]
-            self._added = np.searchsorted(keys, wanted), blocks.data[lower]
+        self._added = np.zeros(0, dtype=int), 0.0
 
-    def _places_of(self, part: Elements, keys: np.ndarray) -> tuple[np.ndarray, ...]:
+    def with_added(self, added: csr_matrix) -> Stiffness:
+        """The same with a symmetric matrix on top, u flattened node by node.
+
+        It is between nodes of one element, and takes the place of what was added before.
+        """
+        other, blocks = copy(self), added.tobsr((self.N, self.N))
+        i = np.repeat(np.arange(len(self.free)), np.diff(blocks.indptr))
+        lower = i >= blocks.indices
+        other._added = self.places(i[lower], blocks.indices[lower]), blocks.data[lower]
+        return other
+
+    def places(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        """Where the blocks of pairs of nodes i >= j are."""
+        nodes = np.int64(len(self.free))
+        return np.searchsorted(self.rows * nodes + self.columns, i * nodes + j)
+
+    def summed(self, data: Any) -> np.ndarray:
+        """The blocks without what is added and held, shape (blocks, N, N)."""
+        raise NotImplementedError
+
+    def values(self, data: Any) -> np.ndarray:
+        """The blocks, shape (blocks, N, N)."""
+        values, (places, blocks) = self.summed(data), self._added
+        values[places] += blocks
+        return self.held(values)
+
+    @cached_property
+    def _pattern(self) -> BaseMatrix:
+        return pattern_matrix(self._space)
+
+    def matrix(self) -> BaseMatrix:
+        """A new matrix for NGSolve's direct solvers that read the lower half."""
+        return self._pattern.CreateMatrix()
+
+    def entries(self, matrix: BaseMatrix) -> np.ndarray:
+        """View of the blocks of such a matrix, shape (blocks, N, N)."""
+        return matrix.AsVector().FV().NumPy().reshape(-1, self.N, self.N)
+
+    def whole(self, matrix: BaseMatrix) -> SparseMatrixd:
+        """Both triangles of such a matrix, number by number, for solvers that need them."""
+        starts = np.searchsorted(self.rows, np.arange(len(self.free) + 1))
+        blocks = self.entries(matrix), self.columns, starts
+        return both_triangles(bsr_matrix(blocks, shape=(self.free.size,) * 2))
+
+
+class ElementStiffness(Stiffness):
+    """B' C B, summed element by element, for moduli at the points."""
+
+    def __init__(self, points: Points, free: np.ndarray) -> None:
+        super().__init__(points.mesh, points.order, free)
+        self._points = points
+        self._pairs = [[self._pairs_of(part) for part in block.parts] for block in points.blocks]
+
+    def _pairs_of(self, part: Elements) -> tuple[np.ndarray, ...]:
         """Blocks that some elements touch, which of these each pair is, and where to transpose."""
         a, b = np.tril_indices(part.nodes.shape[1])
         i, j = part.nodes[:, a], part.nodes[:, b]
-        wanted = np.maximum(i, j) * np.int64(len(self.free)) + np.minimum(i, j)
-        touched, which = np.unique(wanted, return_inverse=True)
-        touched = np.searchsorted(keys, touched)
+        places = self.places(np.maximum(i, j), np.minimum(i, j))
+        touched, which = np.unique(places, return_inverse=True)
         return touched.astype(np.int32), which.astype(np.int32).ravel(), i < j
 
-    def values(self, moduli: Moduli) -> np.ndarray:
-        """The blocks for these moduli at the points, shape (blocks, N, N)."""
-        values = self.summed(moduli)
-        if self._added is not None:
-            places, blocks = self._added
-            values[places] += blocks
-        return self.held(values)
-
-    def summed(self, moduli: Moduli) -> np.ndarray:
-        """The blocks without what is added and held."""
+    def summed(self, data: Moduli) -> np.ndarray:
+        """See ``Stiffness``."""
         values = np.zeros((len(self.rows), self.N**2))
-        for block, places in zip(self.points.blocks, self._places, strict=True):
+        for block, pairs in zip(self._points.blocks, self._pairs, strict=True):
             k = block.nodes.shape[1]
             a, b = np.tril_indices(k)
-            for part, (touched, which, turned) in zip(block.parts, places, strict=True):
-                K = part.stiffness(moduli)
+            for part, (touched, which, turned) in zip(block.parts, pairs, strict=True):
+                K = part.stiffness(data)
                 K = K.reshape(-1, k, self.N, k, self.N)[:, a, :, b, :].swapaxes(0, 1)
                 K[turned] = K[turned].swapaxes(1, 2)
                 found = [np.bincount(which, c, len(touched)) for c in K.reshape(-1, self.N**2).T]
@@ -84,82 +129,50 @@ class StiffnessBlocks(Blocks):
         return values.reshape(-1, self.N, self.N)
 
 
-class Stiffness:
-    """``StiffnessBlocks`` as a matrix for NGSolve's direct solvers: its lower half."""
+class SymbolicStiffness(Stiffness):
+    """Assembled by a symbolic form of NGSolve: slower, the formula to be seen.
 
-    def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
-        self._blocks = StiffnessBlocks(points, free, added)
-        self.matrix = pattern_matrix(H1(points.mesh, order=points.order, dim=points.kinematics.N))
-        if self.entries.shape[0] != len(self._blocks.rows):
-            raise RuntimeError("the block matrix has another pattern than the scalar one")
+    ``form`` makes it of a trial and a test function, ``enter`` makes coefficients follow the data.
+    """
 
-    def another(self, blocks: StiffnessBlocks | None = None) -> Stiffness:
-        """One more matrix on the same pattern, assembled by other blocks if there are some."""
-        other = copy(self)
-        other.matrix, other._blocks = self.matrix.CreateMatrix(), blocks or self._blocks
-        return other
+    def __init__(
+        self,
+        mesh: Mesh,
+        order: int,
+        free: np.ndarray,
+        form: Callable[[ProxyFunction, ProxyFunction], SumOfIntegrals],
+        enter: Callable[[Any], object],
+    ) -> None:
+        super().__init__(mesh, order, free)
+        self._form = BilinearForm(self._space, symmetric=True, symmetric_storage=True)
+        self._form += form(*self._space.TnT())
+        self._enter = enter
 
-    @property
-    def entries(self) -> np.ndarray:
-        """View of the entries, shape (entries, N, N)."""
-        N = self._blocks.N
-        return self.matrix.AsVector().FV().NumPy().reshape(-1, N, N)
-
-    def whole(self) -> SparseMatrixd:
-        """A matrix with both triangles, number by number, for solvers that need it."""
-        blocks, nodes = self._blocks, len(self._blocks.free)
-        starts = np.searchsorted(blocks.rows, np.arange(nodes + 1))
-        shape = (blocks.N * nodes,) * 2
-        return both_triangles(bsr_matrix((self.entries, blocks.columns, starts), shape=shape))
-
-    def diagonal_places(self, nodes: np.ndarray) -> np.ndarray:
-        """Where in ``entries`` the diagonal blocks of these nodes are."""
-        return np.flatnonzero(self._blocks.rows == self._blocks.columns)[nodes]
-
-    def fill(self, moduli: Moduli) -> None:
-        """Assemble the entries for these moduli at the points."""
-        self.entries[:] = self._blocks.values(moduli)
+    def summed(self, data: Any) -> np.ndarray:
+        """See ``Stiffness``."""
+        self._enter(data)
+        return self.entries(self._form.Assemble().mat)
 
 
-class SymbolicBlocks(StiffnessBlocks):
-    """The same matrix, assembled by a symbolic form of NGSolve: slower, the formula to be seen."""
+def by_moduli(points: Points, free: np.ndarray) -> SymbolicStiffness:
+    """The same as ``ElementStiffness``."""
+    functions, kinematics = PointFunctions(points), points.kinematics
+    shapes = [(len(points),)] * 3 + [(len(points), kinematics.d)]
+    known = [functions.function(np.zeros(shape)) for shape in shapes]
 
-    def __init__(self, points: Points, free: np.ndarray, added: csr_matrix | None = None) -> None:
-        super().__init__(points, free, added)
-        self._functions, kinematics = PointFunctions(points), points.kinematics
-        shapes = [(len(points),)] * 3 + [(len(points), kinematics.d)]
-        self._moduli = [self._functions.function(np.zeros(shape)) for shape in shapes]
-        bulk, across, extra, direction = self._moduli
-        u, v = VectorH1(points.mesh, order=points.order).TnT()
+    def form(u: ProxyFunction, v: ProxyFunction) -> SumOfIntegrals:
+        bulk, across, extra, direction = known
         e, d = (kinematics.coordinates(kinematics.strain(w)) for w in (u, v))
         volume = Trace(kinematics.strain(u)) * Trace(kinematics.strain(v))
         along = InnerProduct(direction, e) * InnerProduct(direction, d)
         power = bulk * volume + across * InnerProduct(e, d) + extra * along
-        self._form = BilinearForm((kinematics.weight * power).Compile() * dx(intrules=points.rules))
+        return (kinematics.weight * power).Compile() * dx(intrules=points.rules)
 
-    def summed(self, moduli: Moduli) -> np.ndarray:
-        """The blocks without what is added and held."""
-        for function, values in zip(self._moduli, vars(moduli).values(), strict=True):
-            function.vec.data = self._functions.function(values).vec
-        matrix = self._form.Assemble().mat
-        return ComponentBlocks(matrix, self.free).values(matrix)
+    def enter(moduli: Moduli) -> None:
+        for function, values in zip(known, vars(moduli).values(), strict=True):
+            function.vec.data = functions.function(values).vec
 
-
-class ComponentBlocks(Blocks):
-    """Those of matrices of NGSolve that go component by component, made for one of them."""
-
-    def __init__(self, matrix: BaseMatrix, free: np.ndarray) -> None:
-        self.free, (nodes, self.N) = free, free.shape
-        pattern = csr_matrix(tuple(map(np.asarray, matrix.CSR())))[:nodes, :nodes].tocoo()
-        self._lower = pattern.row >= pattern.col
-        self.rows, self.columns = (a[self._lower] for a in (pattern.row, pattern.col))
-
-    def values(self, matrix: BaseMatrix) -> np.ndarray:
-        """The blocks of a matrix, shape (blocks, N, N)."""
-        whole, nodes = csr_matrix(tuple(map(np.asarray, matrix.CSR()))), len(self.free)
-        parts = [slice(first, first + nodes) for first in range(0, nodes * self.N, nodes)]
-        entries = [whole[i, j].data[self._lower] for i in parts for j in parts]
-        return self.held(np.stack(entries, axis=1).reshape(-1, self.N, self.N))
+    return SymbolicStiffness(points.mesh, points.order, free, form, enter)
 
 
 def pattern_matrix(space: H1) -> BaseMatrix:

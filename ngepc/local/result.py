@@ -8,9 +8,9 @@ import numpy as np
 from ngsolve import L2, GridFunction
 
 from ngepc.checks.kinds import require_instance
+from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.law import SOFTEST
 from ngepc.discretisation.points import Moduli, PointFunctions
-from ngepc.local.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import elements_by_shape
 from ngepc.results.result import DiscreteSolution

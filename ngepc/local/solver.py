@@ -9,11 +9,11 @@ import numpy as np
 from ngsolve import GridFunction
 
 from ngepc.checks.declared import Check, Declared
+from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.prolongation import at_vertices
-from ngepc.discretisation.stiffness import Blocks, StiffnessBlocks, SymbolicBlocks
+from ngepc.discretisation.stiffness import Stiffness, by_moduli
 from ngepc.linalg.direct import require_solver
 from ngepc.local.active_set import InexactTarget
-from ngepc.local.factors import Factors
 from ngepc.local.iterative import Iterative, IterativeTangent
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
@@ -39,14 +39,14 @@ class SymbolicForms(Declared):
 
     inverse: Annotated[str | Iterative, Check(require_solver)] = "sparsecholesky"
 
-    def tangent(self, discrete: DiscreteProblem, blocks: Blocks) -> Factors | IterativeTangent:
-        """The tangent of a discrete problem."""
+    def tangent(self, discrete: DiscreteProblem, fast: Stiffness) -> Factors | IterativeTangent:
+        """The tangent of a discrete problem, in place of the ``fast`` one."""
         if not isinstance(discrete, DiscreteProblem):
             raise ValueError(f"inverse={self!r}: primal_newton has symbolic forms of its own")
-        blocks = SymbolicBlocks(discrete.points, discrete.free, discrete.added)
+        stiffness = by_moduli(discrete.points, discrete.free).with_added(discrete.added)
         if isinstance(self.inverse, str):
-            return Factors(discrete, self.inverse, blocks)
-        return self.inverse.tangent(discrete, blocks)
+            return Factors(discrete, self.inverse, stiffness)
+        return self.inverse.tangent(discrete, stiffness)
 
 
 def solve_exactly(
@@ -66,8 +66,7 @@ def solve_exactly(
     if isinstance(inverse, str):
         tangent = Factors(discrete, inverse)
     else:
-        blocks = StiffnessBlocks(discrete.points, discrete.free, discrete.added)
-        tangent = inverse.tangent(discrete, blocks)
+        tangent = inverse.tangent(discrete, discrete.stiffness)
     if isinstance(tangent, IterativeTangent):
         target = InexactTarget(discrete, tangent.forcing, tolerance)
     limits = tolerance, max_iterations

@@ -24,7 +24,7 @@ import numpy as np
 from ngepc.discretisation.balance import Balance, Frame
 from ngepc.discretisation.law import Law, Return
 from ngepc.discretisation.points import Moduli, Points
-from ngepc.discretisation.stiffness import Stiffness
+from ngepc.discretisation.stiffness import ElementStiffness
 from ngepc.model.problem import Problem
 
 
@@ -37,9 +37,9 @@ class DiscreteProblem(Frame):
         self.law = Law(problem, self.points)
 
     @cached_property
-    def stiffness(self) -> Stiffness:
-        """The pattern of the tangents; who fills it takes ``another()``."""
-        return Stiffness(self.points, self.supports.free, self.added)
+    def stiffness(self) -> ElementStiffness:
+        """What assembles the tangents, see ``Frame``."""
+        return ElementStiffness(self.points, self.free).with_added(self.added)
 
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:

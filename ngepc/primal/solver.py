@@ -21,6 +21,7 @@ from ngsolve import GridFunction, InnerProduct, Norm
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.points import interpolated
 from ngepc.linalg.direct import require_solver
 from ngepc.model.problem import Problem, as_scalar
@@ -29,6 +30,9 @@ from ngepc.results.fields import frobenius
 from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import Monitor
 from ngepc.results.result import DiscreteSolution
+
+ANSWER = 1e-8
+"""Relative residual of linear systems that are solved by iterations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,8 +142,13 @@ def primal_newton(
     require_function("monitor", monitor, "a record", optional=True)
     options = PrimalOptions() if options is None else options
     require_instance("options", options, PrimalOptions, "PrimalOptions(...)")
-    reduced = ReducedEnergy(problem, options.inverse)
+    reduced, inverse = ReducedEnergy(problem), options.inverse
     u = reduced.starting_displacement(start)
     state = PrimalState(reduced, u, np.zeros(len(reduced.contact)))
+    if isinstance(inverse, str):
+        tangent = Factors(reduced, inverse)
+    else:
+        tangent = inverse.tangent(reduced, reduced.stiffness)
+        tangent.accuracy = ANSWER
     limits = options.tolerance, options.max_iterations
-    return newton_iteration(state, reduced, PrimalResult, *limits, monitor)
+    return newton_iteration(state, tangent, PrimalResult, *limits, monitor)

@@ -51,8 +51,9 @@ class LinearStep:
         self.moduli = state.on_sphere().moduli
         self.tape = Tape([*radial_return(state, self.moduli), *contact.given()])
         self._free, k = state.discrete.free.ravel(), contact.stiffness
-        self._stiffness = state.discrete.stiffness.another()
-        self._stiffness.fill(self.moduli)
+        stiffness = state.discrete.stiffness
+        self._matrix = stiffness.matrix()
+        stiffness.entries(self._matrix)[:] = stiffness.values(self.moduli)
         soften = self._with_springs()
         square = (eye(len(k), format="csr") - contact.slope).tocsr()
         upper, lower, per_k = contact.rows.T.tocsr(), contact.pushed @ contact.rows, diags(1 / k)
@@ -60,13 +61,17 @@ class LinearStep:
         # the system (K, upper; lower, square), its transpose with rows in units of force, and L
         self._ways = (upper, lower, square, soften), tuple(block.tocsr() for block in turned)
         try:
-            self._inverse = self._stiffness.matrix.Inverse(inverse="sparsecholesky")
+            self._inverse = self._matrix.Inverse(inverse="sparsecholesky")
         except SOLVER_ERRORS as error:
             raise TangentError(f"the tangent could not be factorised: {error}") from error
 
     def _with_springs(self) -> csr_matrix:
         """Add the springs of rows that belong to one vertex; L, shape (n, n)."""
-        contact, stiffness, (nodes, N) = self.contact, self._stiffness, self.discrete.free.shape
+        contact, stiffness, (nodes, N) = (
+            self.contact,
+            self.discrete.stiffness,
+            self.discrete.free.shape,
+        )
         R, G, k = contact.rows, contact.blocks.copy(), contact.stiffness
         follows, G[:, 1:, 0] = G[:, 1:, 0].any(), 0.0
         row = np.repeat(np.arange(R.shape[0]), np.diff(R.indptr))
@@ -78,7 +83,8 @@ class LinearStep:
         single = np.append(single, np.repeat(single, contact.law.d))
         springs = diags(np.where(single, k, 0.0)) @ matrix_of_rows(G @ soften)
         blocks = (R.T @ springs @ R).tobsr((N, N))
-        stiffness.entries[stiffness.diagonal_places(blocks.indices)] += blocks.data
+        diagonal = stiffness.places(blocks.indices, blocks.indices)
+        stiffness.entries(self._matrix)[diagonal] += blocks.data
         reached = single | (np.diff(contact.slope.indptr) == 0)
         self._by_springs = not follows and reached.all()
         return matrix_of_rows(soften) + diags(contact.conditions.springs(k) / k)
@@ -154,7 +160,7 @@ class LinearStep:
     def _answer(self, blocks: tuple[csr_matrix, ...], right: np.ndarray) -> np.ndarray:
         """The solution up to what springs miss, by one back-substitution."""
         (force, given), (upper, lower, _, soften) = np.split(right, [len(self._free)]), blocks
-        forces, pushed = soften @ given, self._stiffness.matrix.CreateColVector()
+        forces, pushed = soften @ given, self._matrix.CreateColVector()
         pushed.FV().NumPy()[:] = force - upper @ forces
         u = (self._inverse * pushed).Evaluate().FV().NumPy()
         return np.append(u, forces - soften @ (lower @ u))

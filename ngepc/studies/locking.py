@@ -7,8 +7,8 @@ from functools import partial
 from ngsolve import IfPos, Mesh, x, y
 from ngsolve.meshes import MakeStructured2DMesh
 
+from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.points import Points
-from ngepc.local.factors import Factors
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem

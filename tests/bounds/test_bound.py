@@ -18,9 +18,9 @@ from ngepc import (
 )
 from ngepc.bounds.bound import bound_of_state, error_bound, setting_of
 from ngepc.bounds.setting import Effort
+from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block, lshape
 from ngepc.geometries.bisection import triangulated
-from ngepc.local.factors import Factors
 from ngepc.studies.bounds import LIMITS
 from ngepc.studies.examples import example
 

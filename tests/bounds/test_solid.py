@@ -23,8 +23,8 @@ from ngepc.bounds.coverage import FACET_RULES
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.setting import Effort
 from ngepc.bounds.simplices import FACETS, Simplices
+from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
-from ngepc.local.factors import Factors
 from ngepc.model.kinematics import SOLID
 from ngepc.studies.large import indented_block
 

@@ -20,7 +20,7 @@ from ngepc.discretisation.law import Law
 from ngepc.discretisation.loads import Supports, nodal
 from ngepc.discretisation.points import Moduli, PointFunctions, Points, interpolated
 from ngepc.discretisation.rows import contact_rows
-from ngepc.discretisation.stiffness import Stiffness
+from ngepc.discretisation.stiffness import ElementStiffness
 from ngepc.geometries import block, ring
 from ngepc.model.hardening import Swift, Voce
 
@@ -209,14 +209,15 @@ def some_moduli(points, random):
 def test_the_filled_matrix_is_the_strain_law_and_forces_applied(body, random):
     """B' C B on what is free, the identity on what is held, twice in the same matrix."""
     points, free = points_of(*body), supports_of(*body).free
-    stiffness = Stiffness(points, free)
-    right, left = (stiffness.matrix.CreateColVector() for _ in range(2))
+    stiffness = ElementStiffness(points, free)
+    matrix = stiffness.matrix()
+    right, left = (matrix.CreateColVector() for _ in range(2))
     for _ in range(2):
         moduli = some_moduli(points, random)
-        stiffness.fill(moduli)
+        stiffness.entries(matrix)[:] = stiffness.values(moduli)
         u = random.normal(size=free.shape)
         right.FV().NumPy()[:] = u.ravel()
-        left.data = stiffness.matrix * right
+        left.data = matrix * right
         volume, deviator = points.strain(np.where(free, u, 0.0))
         forces = points.forces(moduli.bulk * volume, moduli(deviator))
         assert close(left.FV().NumPy().reshape(u.shape), np.where(free, forces, u))

@@ -19,12 +19,13 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
+from ngepc.discretisation.factors import Factors
+from ngepc.discretisation.stiffness import Stiffness
 from ngepc.dual.algorithm import NewtonSystem
 from ngepc.dual.path import PathOptions, follow_path
 from ngepc.dual.stopping import ADVICE
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
-from ngepc.primal.energy import ReducedEnergy
 from ngepc.primal.solver import PrimalOptions, primal_newton
 
 NAN = math.nan
@@ -177,8 +178,8 @@ def test_failed_factorisation_is_named_with_the_last_good_state(small, monkeypat
 
 
 def test_primal_failed_factorisation_is_named(small, monkeypatch):
-    monkeypatch.setattr(ReducedEnergy, "_factorise", lambda self, A: broken_factorisation(self))
-    result = primal_newton(small)
+    monkeypatch.setattr(Stiffness, "whole", lambda self, A: broken_factorisation(self))
+    result = primal_newton(small, options=PrimalOptions(inverse="umfpack"))
     assert result.status is Status.NONFINITE
     assert "singular" in result.message
     assert np.isfinite(state_of(result)).all()
@@ -322,7 +323,7 @@ def test_ctrl_c_anywhere_in_a_step_returns_the_last_state(small, monkeypatch, wh
 
 
 def test_ctrl_c_in_the_primal_solver_returns_the_last_state(small, monkeypatch):
-    calls, direction = [], ReducedEnergy.linearise
+    calls, direction = [], Factors.linearise
 
     def interrupted(self, here):
         calls.append(None)
@@ -330,7 +331,7 @@ def test_ctrl_c_in_the_primal_solver_returns_the_last_state(small, monkeypatch):
             raise KeyboardInterrupt
         return direction(self, here)
 
-    monkeypatch.setattr(ReducedEnergy, "linearise", interrupted)
+    monkeypatch.setattr(Factors, "linearise", interrupted)
     result = primal_newton(small)
     assert (result.status, result.iterations) == (Status.STOPPED, 2)
     assert np.isfinite(state_of(result)).all()

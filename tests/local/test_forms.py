@@ -20,7 +20,7 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
-from ngepc.local.factors import Factors
+from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem
 
 CHOLESKY = "sparsecholesky"

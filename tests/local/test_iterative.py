@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.sparse import diags, vstack
 
-from ngepc.discretisation.stiffness import StiffnessBlocks
+from ngepc.discretisation.factors import Factors
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.closed import Closed, Rubbing
-from ngepc.local.factors import Factors
 from ngepc.local.iterative import FullPattern, Iterative, IterativeTangent
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly, starting_state
@@ -32,8 +31,7 @@ def discrete(request):
 
 
 def tangent_of(discrete, most=2000):
-    blocks = StiffnessBlocks(discrete.points, discrete.free, discrete.added)
-    return IterativeTangent(discrete, blocks, Plain(max_iterations=most))
+    return IterativeTangent(discrete, discrete.stiffness, Plain(max_iterations=most))
 
 
 def elastic(discrete):

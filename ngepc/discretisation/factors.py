@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.sparse import diags
 
+from ngepc.discretisation.balance import Balance, Frame
 from ngepc.discretisation.contact_step import EXAMINED
-from ngepc.discretisation.points import Moduli
-from ngepc.discretisation.stiffness import StiffnessBlocks
+from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError
-from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.processes import require_whole
 
 LOST = 1e-3
@@ -26,51 +26,50 @@ residuals of 4 instead of 1e-5.  One by one takes three times as long and loses 
 class Factors:
     """A tangent whose factors are computed again for each state, on one sparsity pattern.
 
-    ``name`` is NGSolve's of a direct solver, ``blocks`` assemble the tangents, None for the fast
-    way; ``moduli`` are those that are factorised, ``back_substitutions`` the solves since then.
+    ``name`` is NGSolve's of a direct solver, ``stiffness`` assembles the tangents, by default that
+    of the frame; ``moduli`` are those that are factorised, ``back_substitutions`` the solves since
+    then.
     """
 
     linear_iterations, examined = 0, EXAMINED
-    moduli: Moduli | None = None
+    moduli: Any = None
 
-    def __init__(
-        self, discrete: DiscreteProblem, name: str, blocks: StiffnessBlocks | None = None
-    ) -> None:
-        problem = discrete.problem
+    def __init__(self, frame: Frame, name: str, stiffness: Stiffness | None = None) -> None:
+        problem = frame.problem
         require_whole(f"inverse={name!r} and all that needs factors", problem.mesh)
-        self._discrete, self._free = discrete, discrete.supports.free
-        self._stiffness = discrete.stiffness.another(blocks)
+        self._frame, self._free = frame, frame.free
+        self._stiffness = stiffness or frame.stiffness
+        self._matrix = self._stiffness.matrix()
         self._name, self._inverse, self.back_substitutions = name, None, 0
         self._in_blocks = name in FROM_LOWER_TRIANGLE
-        self._right, self._left = (self._stiffness.matrix.CreateColVector() for _ in range(2))
+        self._right, self._left = (self._matrix.CreateColVector() for _ in range(2))
         nodal = problem.order == 1 and not problem.contact_pairs
         self.stiffened = self._stiffened if nodal else None
 
-    def linearise(self, here: State) -> None:
+    def linearise(self, here: Balance) -> None:
         """Take the tangent at a state."""
         self.update(here.moduli)
 
-    def update(self, moduli: Moduli) -> None:
+    def update(self, moduli: Any) -> None:
         """Assemble and factorise; FactorisationError if the direct solver gives up."""
-        self._stiffness.fill(moduli)
+        self._stiffness.entries(self._matrix)[:] = self._stiffness.values(moduli)
         self.moduli, self.back_substitutions = moduli, 0
         self._factorise()
 
     def _stiffened(self, springs: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """``solve`` with springs of the contact rows, each of which belongs to one node."""
-        discrete, R = self._discrete, self._discrete.contact.matrix
-        added = discrete.added + R.T @ diags(springs) @ R
-        blocks = StiffnessBlocks(discrete.points, discrete.free, added.tocsr())
-        held = Factors(discrete, self._name, blocks)
+        R = self._frame.contact.matrix
+        added = self._frame.added + R.T @ diags(springs) @ R
+        held = Factors(self._frame, self._name, self._stiffness.with_added(added.tocsr()))
         held.update(self.moduli)
         return held.solve
 
     def _factorise(self) -> None:
         try:
             if not self._in_blocks:
-                self._inverse = self._stiffness.whole().Inverse(inverse=self._name)
+                self._inverse = self._stiffness.whole(self._matrix).Inverse(inverse=self._name)
             elif self._inverse is None:
-                self._inverse = self._stiffness.matrix.Inverse(inverse=self._name)
+                self._inverse = self._matrix.Inverse(inverse=self._name)
             else:
                 self._inverse.Update()
         except SOLVER_ERRORS as error:
@@ -87,7 +86,7 @@ class Factors:
         self._right.FV().NumPy()[:] = np.where(self._free, forces, 0.0).ravel()
         self._left.data = self._inverse * self._right
         if self.back_substitutions == 1 and self._in_blocks:
-            rest = (self._right - self._stiffness.matrix * self._left).Evaluate()
+            rest = (self._right - self._matrix * self._left).Evaluate()
             if rest.Norm() > LOST * self._right.Norm():
                 self._in_blocks = False
                 self._factorise()
@@ -100,5 +99,5 @@ class Factors:
     def multiply(self, u: np.ndarray) -> np.ndarray:
         """The tangent times displacements that vanish where held, both (nodes, N)."""
         self._right.FV().NumPy()[:] = u.ravel()
-        self._left.data = self._stiffness.matrix * self._right
+        self._left.data = self._matrix * self._right
         return self._left.FV().NumPy().reshape(u.shape).copy()
