@@ -101,3 +101,10 @@ class Factors:
         self._right.FV().NumPy()[:] = u.ravel()
         self._left.data = self._matrix * self._right
         return self._left.FV().NumPy().reshape(u.shape).copy()
+
+
+def tangent_of(frame: Frame, inverse: str | Any, stiffness: Stiffness | None = None) -> Any:
+    """The tangent for a solver of ``NewtonOptions``; ``stiffness`` as of ``Factors``."""
+    if isinstance(inverse, str):
+        return Factors(frame, inverse, stiffness)
+    return inverse.tangent(frame, stiffness or frame.stiffness)

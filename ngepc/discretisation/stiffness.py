@@ -66,8 +66,10 @@ class Stiffness(Blocks):
 
     def places(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
         """Where the blocks of pairs of nodes i >= j are."""
-        nodes = np.int64(len(self.free))
-        return np.searchsorted(self.rows * nodes + self.columns, i * nodes + j)
+        keys, wanted = (
+            r.astype(np.int64) * len(self.free) + c for r, c in ((self.rows, self.columns), (i, j))
+        )
+        return np.searchsorted(keys, wanted)
 
     def summed(self, data: Any) -> np.ndarray:
         """The blocks without what is added and held, shape (blocks, N, N)."""

@@ -27,6 +27,9 @@ from ngepc.local.system import State
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.support import rigid_motions
 
+ACCURACY = 1e-8
+"""Relative residual of ``solve``, for callers that take it for exact."""
+
 RESTART = 60
 """Directions that minimal residuals keep."""
 
@@ -93,7 +96,6 @@ class IterativeTangent:
     """
 
     examined, stiffened = FEW, None
-    accuracy = 1e-12  # relative residual of ``solve``, for callers that take it for exact
 
     def __init__(self, frame: Frame, blocks: Blocks, solver: Iterative) -> None:
         self._frame, self._processes = frame, frame.contact.processes
@@ -138,14 +140,14 @@ class IterativeTangent:
         self._lower, pinned = None, self._pattern.matrix(values)
         self._precondition = self._preconditioner(self.matrix, pinned)
 
-    def solve(self, forces: np.ndarray, accuracy: float | None = None) -> np.ndarray:
+    def solve(self, forces: np.ndarray, accuracy: float = ACCURACY) -> np.ndarray:
         """Displacements, zero where held, that answer nodal forces; both (nodes, N).
 
-        ``accuracy`` is a relative residual, by default that of the tangent.
+        ``accuracy`` is a relative residual.
         """
         closed = Closed(self._frame, np.zeros(len(self._frame.contact.rows), dtype=bool))
         right = closed.project(forces.ravel())
-        tolerance = (accuracy or self.accuracy) * self._processes.norm(right)
+        tolerance = accuracy * self._processes.norm(right)
         return self.minimise(closed, right, np.zeros_like(right), tolerance).reshape(forces.shape)
 
     def minimise(

@@ -9,7 +9,7 @@ import numpy as np
 from ngsolve import GridFunction
 
 from ngepc.checks.declared import Check, Declared
-from ngepc.discretisation.factors import Factors
+from ngepc.discretisation.factors import Factors, tangent_of
 from ngepc.discretisation.prolongation import at_vertices
 from ngepc.discretisation.stiffness import Stiffness, by_moduli
 from ngepc.linalg.direct import require_solver
@@ -44,9 +44,7 @@ class SymbolicForms(Declared):
         if not isinstance(discrete, DiscreteProblem):
             raise ValueError(f"inverse={self!r}: primal_newton has symbolic forms of its own")
         stiffness = by_moduli(discrete.points, discrete.free).with_added(discrete.added)
-        if isinstance(self.inverse, str):
-            return Factors(discrete, self.inverse, stiffness)
-        return self.inverse.tangent(discrete, stiffness)
+        return tangent_of(discrete, self.inverse, stiffness)
 
 
 def solve_exactly(
@@ -63,10 +61,7 @@ def solve_exactly(
     """
     discrete, target = DiscreteProblem(problem), None
     state = starting_state(discrete, start)
-    if isinstance(inverse, str):
-        tangent = Factors(discrete, inverse)
-    else:
-        tangent = inverse.tangent(discrete, discrete.stiffness)
+    tangent = tangent_of(discrete, inverse)
     if isinstance(tangent, IterativeTangent):
         target = InexactTarget(discrete, tangent.forcing, tolerance)
     limits = tolerance, max_iterations

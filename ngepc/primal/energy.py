@@ -35,10 +35,8 @@ class ReducedEnergy(Frame):
         self.mapping = ReturnMapping(problem, self.displacement)
         self.rules = plastic_points(problem.mesh, problem.order)
         self.forces = LinearForm(self._integral(self.mapping.power(space.TestFunction())))
-        self.density, self.plastic = (
-            self.mapping.energy_density.Compile(),
-            self.mapping.plastic.Compile(),
-        )
+        self.density = self.mapping.energy_density.Compile()
+        self.plastic = self.mapping.plastic.Compile()
         given = problem.mesh, problem.order, self.free
         self._tangent = SymbolicStiffness(*given, self._power, self.at)
 
@@ -75,14 +73,9 @@ class ReducedEnergy(Frame):
 class PrimalState(Balance):
     """An iterate: displacements and contact forces, see ``Balance``, and the discrete energy."""
 
-    reduced: ReducedEnergy
+    frame: ReducedEnergy
     u: np.ndarray
     contact: np.ndarray
-
-    @property
-    def frame(self) -> ReducedEnergy:
-        """The discrete energy, see ``Balance``."""
-        return self.reduced
 
     def on_sphere(self) -> PrimalState:
         """The same state: its tangent always is that of the energy."""
@@ -92,21 +85,21 @@ class PrimalState(Balance):
         """The work of the stress at u + t du times du, and the state there, see ``iteration``."""
 
         def moved(t: float, contact: np.ndarray) -> PrimalState:
-            return PrimalState(self.reduced, self.u + t * change, contact)
+            return PrimalState(self.frame, self.u + t * change, contact)
 
         return lambda t: float(np.vdot(moved(t, self.contact).internal_forces, change)), moved
 
     @cached_property
     def energy(self) -> float:
         """J, smallest over p, and friction (force times length)."""
-        reduced, u = self.reduced.at(self.u), self.u
+        reduced, u = self.frame.at(self.u), self.u
         work = np.vdot(reduced.load - 0.5 * reduced.supports.pull(u), u)
         return reduced.integral(reduced.density) - float(work) + self.friction_work
 
     @cached_property
     def internal_forces(self) -> np.ndarray:
         """Nodal forces of the stress and on the springs (nodes, N), the gradient plus the load."""
-        reduced = self.reduced.at(self.u)
+        reduced = self.frame.at(self.u)
         stress = nodal(reduced.forces.Assemble().vec.FV().NumPy(), reduced.problem)
         return stress + reduced.supports.pull(self.u)
 
@@ -118,10 +111,10 @@ class PrimalState(Balance):
     @property
     def plastic_measure(self) -> float:
         """Area or volume of what yields in this step."""
-        reduced = self.reduced.at(self.u)
+        reduced = self.frame.at(self.u)
         return reduced.integral(reduced.plastic)
 
     @property
     def flowing(self) -> float:
         """The largest |p| where a law hardens no more."""
-        return self.reduced.at(self.u).mapping.flowing()
+        return self.frame.at(self.u).mapping.flowing()

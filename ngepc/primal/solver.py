@@ -5,8 +5,8 @@ differentiable energy under the contact conditions N u <= gaps.  All iterates bu
 feasible and every step goes downhill.
 
 Everything is assembled from symbolic forms of NGSolve: it is the independent witness of
-``ngepc.local``, with which it shares supports, loads, integration rules, contact rows and the loop
-(``results.iteration``); energy, tangent and plastic strain are its own.
+``ngepc.local``, with which it shares supports, loads, integration rules, contact rows, factors and
+the loop (``results.iteration``); energy, tangent and plastic strain are its own.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ngsolve import GridFunction, InnerProduct, Norm
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.discretisation.factors import Factors
+from ngepc.discretisation.factors import tangent_of
 from ngepc.discretisation.points import interpolated
 from ngepc.linalg.direct import require_solver
 from ngepc.model.problem import Problem, as_scalar
@@ -30,9 +30,6 @@ from ngepc.results.fields import frobenius
 from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import Monitor
 from ngepc.results.result import DiscreteSolution
-
-ANSWER = 1e-8
-"""Relative residual of linear systems that are solved by iterations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +67,7 @@ class PrimalResult(DiscreteSolution):
     @cached_property
     def largest_strain(self) -> float:
         """The largest |eps(u)| at the points."""
-        mesh, rules = self.problem.mesh, self.state.reduced.rules
+        mesh, rules = self.problem.mesh, self.state.frame.rules
         points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
         return self.problem.processes.most(np.asarray(frobenius(self.strain)(points)))
 
@@ -84,7 +81,7 @@ class PrimalResult(DiscreteSolution):
         is left.
         """
         state, problem = self.state, self.problem
-        reduced = state.reduced.at(state.u)
+        reduced = state.frame.at(state.u)
         mapping, p_0 = reduced.mapping, problem.p_0
         p, back = mapping.plastic_increment, problem.kinematics.coordinates(problem.alpha_0[1])
         density = (
@@ -102,7 +99,7 @@ class PrimalResult(DiscreteSolution):
     @cached_property
     def plastic_increment(self) -> GridFunction:
         """Coordinates of the plastic strain p gained in this step, d components."""
-        mapping = self.state.reduced.at(self.state.u).mapping
+        mapping = self.state.frame.at(self.state.u).mapping
         return interpolated(self.problem, mapping.plastic_increment)
 
 
@@ -142,13 +139,9 @@ def primal_newton(
     require_function("monitor", monitor, "a record", optional=True)
     options = PrimalOptions() if options is None else options
     require_instance("options", options, PrimalOptions, "PrimalOptions(...)")
-    reduced, inverse = ReducedEnergy(problem), options.inverse
-    u = reduced.starting_displacement(start)
-    state = PrimalState(reduced, u, np.zeros(len(reduced.contact)))
-    if isinstance(inverse, str):
-        tangent = Factors(reduced, inverse)
-    else:
-        tangent = inverse.tangent(reduced, reduced.stiffness)
-        tangent.accuracy = ANSWER
+    frame = ReducedEnergy(problem)
+    u = frame.starting_displacement(start)
+    state = PrimalState(frame, u, np.zeros(len(frame.contact)))
+    tangent = tangent_of(frame, options.inverse)
     limits = options.tolerance, options.max_iterations
     return newton_iteration(state, tangent, PrimalResult, *limits, monitor)

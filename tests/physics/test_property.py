@@ -164,7 +164,7 @@ def test_a_lie_is_found(monkeypatch):
 
     def of_another_problem(problem):
         other = primal_newton(lighter)
-        other.state.reduced.problem = problem
+        other.state.frame.problem = problem
         return other
 
     with monkeypatch.context() as patch:
