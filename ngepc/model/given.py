@@ -77,10 +77,8 @@ class Given:
         """Names of Gamma_c, where rigid obstacles are; empty without."""
         names, pairs = self.contact, self.contact_pairs
         if pairs:
-            names = [] if isinstance(names, Contact) else [n for n in names if n not in pairs]
-        if names is None or (pairs and not names):
-            return ()
-        return boundary_names("contact", names, self.mesh)
+            names = None if names in pairs else [n for n in names if n not in pairs] or None
+        return () if names is None else boundary_names("contact", names, self.mesh)
 
     @property
     def touching_names(self) -> tuple[str, ...]:

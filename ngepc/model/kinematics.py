@@ -120,19 +120,19 @@ TWO_DIMENSIONAL = Kinematics("two-dimensional", 2, _PLANE)
 AXISYMMETRIC = Kinematics("axisymmetric", 2, _SOLID[:3], hoop=True)
 SOLID = Kinematics("solid", 3, _SOLID)
 
-KINEMATICS = {k.name: k for k in (PLANE_STRAIN, TWO_DIMENSIONAL, AXISYMMETRIC, SOLID)}
+KINEMATICS = (PLANE_STRAIN, TWO_DIMENSIONAL, AXISYMMETRIC, SOLID)
 
 
 def kinematics_of(name: Kinematics | str | None, dimension: int) -> Kinematics:
     """The kinematics with a name, or itself; None is plane strain in 2D and solid in 3D."""
-    if name is None:
-        return PLANE_STRAIN if dimension == 2 else SOLID
     if isinstance(name, Kinematics) and dimension == name.N:
         return name
-    legal = [k.name for k in KINEMATICS.values() if dimension == k.N]
-    needed = f"kinematics={name!r}: one of {legal} is needed in {dimension} dimensions"
+    legal = {k.name: k for k in KINEMATICS if dimension == k.N}
+    if name is None:
+        return next(iter(legal.values()))
+    needed = f"kinematics={name!r}: one of {list(legal)} is needed in {dimension} dimensions"
     if not isinstance(name, Kinematics | str):
         raise TypeError(needed)
     if name not in legal:
         raise ValueError(needed)
-    return KINEMATICS[name]
+    return legal[name]

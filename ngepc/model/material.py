@@ -138,10 +138,7 @@ def lame_parameters(young: float, poisson: float) -> tuple[float, float]:
 
 def split_hardening(value: object) -> tuple:
     """(alpha_1, alpha_2) from ``initial_hardening``; None for what is not given."""
-    if value is None:
-        return None, None
     if isinstance(value, tuple):
         return value
-    if isinstance(value, CoefficientFunction) and len(value.dims) == 2:
-        return None, value
-    return value, None
+    tensor = isinstance(value, CoefficientFunction) and len(value.dims) == 2
+    return (None, value) if tensor else (value, None)

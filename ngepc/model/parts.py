@@ -38,9 +38,6 @@ INSTALL = (
 )
 
 
-Numbered = tuple[np.ndarray, np.ndarray]
-"""Vertices of simplices, shape (k, corners), and the number of the region of each."""
-
 _RINGS = (
     ((2, 3), (0, 1), (0, 2), (1, 2), (1, 3), (0, 3)),
     ((0, 2), (1, 3), (0, 1), (1, 2), (2, 3), (0, 3)),
@@ -51,30 +48,31 @@ _RINGS = (
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Some of the simplices of a mesh."""
+    """Some of the simplices of a mesh.
+
+    ``regions`` are those of the body and of its boundaries, also without anything here: dimension,
+    name and vertices of their simplices, shape (k, dimension + 1).
+    """
 
     points: np.ndarray  # coordinates of the vertices, shape (vertices, N)
-    materials: tuple[str, ...]  # names of all regions, also of those without anything here
-    boundaries: tuple[str, ...]
-    elements: Numbered  # simplices of the body
-    facets: Numbered  # and of its boundaries
+    regions: list[tuple[int, str, np.ndarray]]
     copies: dict[int, np.ndarray]  # number of another process -> the vertices it has as well
     interfaces: frozenset[str]  # names of boundaries inside the body
 
     def refined(self) -> tuple[Piece, np.ndarray]:
         """The piece with all edges halved, and the ends of each edge, in the order of middles."""
-        corners, count = self.elements[0], len(self.points)
-        ends = [corners[:, pair] for pair in combinations(range(corners.shape[1]), 2)]
+        N, count = self.points.shape[1], len(self.points)
+        corners = np.concatenate([simplices for d, _, simplices in self.regions if d == N])
+        ends = [corners[:, pair] for pair in combinations(range(N + 1), 2)]
         ends = np.sort(np.concatenate(ends), axis=1)
         keys = np.unique(ends[:, 0] * count + ends[:, 1])
         parents = np.column_stack(np.divmod(keys, count))
         points = np.concatenate([self.points, self.points[parents].mean(axis=1)])
-        elements, facets = (_halved(*kind, keys, points) for kind in (self.elements, self.facets))
-        fine = replace(self, points=points, elements=elements, facets=facets, copies={})
-        return fine, parents
+        regions = [(d, name, _halved(cells, keys, points)) for d, name, cells in self.regions]
+        return replace(self, points=points, regions=regions, copies={}), parents
 
 
-def _halved(corners: np.ndarray, index: np.ndarray, keys: np.ndarray, points: np.ndarray) -> tuple:
+def _halved(corners: np.ndarray, keys: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Simplices cut at the middles of their edges: the middle of edge k is vertex count + k.
 
     Inside a tetrahedron an octahedron is left, cut along its shortest diagonal (Bey, 1995).
@@ -95,7 +93,7 @@ def _halved(corners: np.ndarray, index: np.ndarray, keys: np.ndarray, points: np
             lengths.append(np.linalg.norm(points[at[a]] - points[at[b]], axis=1))
         shortest = np.argmin(np.round(lengths, 12), axis=0)[:, None]
         children += [np.choose(shortest, cut) for cut in zip(*cuts, strict=True)]
-    return np.concatenate(children), np.tile(index, len(children))
+    return np.concatenate(children)
 
 
 class MeshPart(Mesh):
@@ -108,20 +106,13 @@ class MeshPart(Mesh):
     parents: np.ndarray | None = None  # vertices between which those beyond lie, shape (k, 2)
 
     def __init__(self, piece: Piece, processes: Team) -> None:
-        N = piece.points.shape[1]
-        kinds = (N, piece.materials, piece.elements), (N - 1, piece.boundaries, piece.facets)
-        groups = [
-            (d, name, nodes[index == number])
-            for d, names, (nodes, index) in kinds
-            for number, name in enumerate(names)
-        ]
-        super().__init__(netgen_mesh(N, piece.points, groups))
+        super().__init__(netgen_mesh(piece.points.shape[1], piece.points, piece.regions))
         self.piece, self.processes = piece, processes
         self.interfaces = piece.interfaces  # names of boundaries inside the body
 
     def GetBoundaries(self) -> tuple[str, ...]:
         """The names of all boundaries of the body; NGSolve forgets those that have no element."""
-        return self.piece.boundaries
+        return tuple(name for d, name, _ in self.piece.regions if d < self.dim)
 
     def refined(self) -> MeshPart:
         """The part of the mesh with all edges halved; the processes refine at the same time.
@@ -182,29 +173,32 @@ def _require_simplices(mesh: Mesh, count: int) -> None:
         raise ValueError("mesh has other elements: triangles or tetrahedra are needed")
     if mesh.ne < count:
         raise ValueError(f"mesh has {mesh.ne} elements: {count}, one for each process, are needed")
-    if connected(mesh.ne, *check_conforming(*element_facets(mesh))).any():
-        raise ValueError("mesh has several parts: one that hangs together is needed")
 
 
 def _pieces(mesh: Mesh, count: int) -> list[Piece]:
     """The pieces of a mesh for ``count`` processes."""
     _require_simplices(mesh, count)
     N, points, (keys, owners) = mesh.dim, vertex_coordinates(mesh), element_facets(mesh)
-    (elements, materials), (facets, index) = cells_of(mesh, N), cells_of(mesh, N - 1)
+    if connected(mesh.ne, *check_conforming(keys, owners)).any():
+        raise ValueError("mesh has several parts: one that hangs together is needed")
+    (elements, material), (facets, boundary) = cells_of(mesh, N), cells_of(mesh, N - 1)
     elements, facets = elements[:, : N + 1], np.sort(facets[:, :N], axis=1)
     part, wanted = partition(points[elements].mean(axis=1), count), combine(facets, mesh)
     owner = part[owners[np.searchsorted(keys, wanted)]]
-    inner = index[np.isin(wanted, keys[1:][np.diff(keys) == 0])]
-    regions = mesh.GetMaterials(), mesh.GetBoundaries()
-    interfaces = frozenset(regions[1][k] for k in np.unique(inner))
+    inner = boundary[np.isin(wanted, keys[1:][np.diff(keys) == 0])]
+    materials, boundaries = mesh.GetMaterials(), mesh.GetBoundaries()
+    interfaces = frozenset(boundaries[k] for k in np.unique(inner))
+    of_body = [(N, name, elements, part, material == k) for k, name in enumerate(materials)]
+    of_sides = [(N - 1, name, facets, owner, boundary == k) for k, name in enumerate(boundaries)]
     vertices, pieces = [np.unique(elements[part == rank]) for rank in range(count)], []
     for rank, mine in enumerate(vertices):
         common = {r: np.intersect1d(mine, other) for r, other in enumerate(vertices) if r != rank}
         copies = {r: np.searchsorted(mine, v) for r, v in common.items() if len(v)}
-        has, its = part == rank, owner == rank
-        body = np.searchsorted(mine, elements[has]), materials[has]
-        sides = np.searchsorted(mine, facets[its]), index[its]
-        pieces.append(Piece(points[mine], *regions, body, sides, copies, interfaces))
+        regions = [
+            (d, name, np.searchsorted(mine, cells[there & (home == rank)]))
+            for d, name, cells, home, there in of_body + of_sides
+        ]
+        pieces.append(Piece(points[mine], regions, copies, interfaces))
     return pieces
 
 

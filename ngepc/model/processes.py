@@ -114,8 +114,6 @@ class Team:
 
     def together(self, work: Callable[[], T]) -> T:
         """Do a work that may fail: what one process raises, all raise."""
-        if self.comm is None:
-            return work()
         value, error = None, None
         try:
             value = work()

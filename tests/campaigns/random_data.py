@@ -28,7 +28,7 @@ from ngepc.sensitivity.parameters import MATERIAL
 def random_problem(seed):
     """A small problem that yields; kinematics, order and contact follow ``seed``."""
     random = np.random.default_rng(seed)
-    kinematics = list(KINEMATICS.values())[seed % 4]
+    kinematics = KINEMATICS[seed % 4]
     N, two = kinematics.N, (seed // 24) % 2 == 1
     quads = seed % 4 != 3 and seed % 3 == 0 and not two
     if two:
