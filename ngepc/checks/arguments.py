@@ -169,13 +169,10 @@ def require_field(
 ) -> np.ndarray:
     """The samples of a coefficient with one of ``shapes``, with ``corners`` at vertices too.
 
-    ``how`` may have these and the range of ``require_in``; ``shapes`` are those of a scalar if not
-    given, None for a coefficient that was checked before.
+    ``how`` may have these and the range of ``require_in``; without ``shapes`` it is a scalar.
     """
-    shapes, corners = how.pop("shapes", SCALAR), how.pop("corners", False)
-    where = "|".join(boundaries or ["the body"])
-    if shapes is not None:
-        require_coefficient(name, value, shapes)
+    where, corners = "|".join(boundaries or ["the body"]), how.pop("corners", False)
+    require_coefficient(name, value, how.pop("shapes", SCALAR))
     try:
         samples = sample(value, mesh, boundaries)
         if corners:

@@ -50,7 +50,7 @@ def _check_data(problem: Given) -> None:
         given = getattr(problem, name)
         if given is not None:
             given = require_components(name, given, problem.N)
-            require_field(name, given, problem.mesh, where, shapes=None)
+            require_field(name, given, problem.mesh, where, shapes=[(problem.N,)])
     check_history(problem)
     if problem.processes.size > 1:
         require_without(problem, "a mesh that processes share", "order", "pairs", "places")
@@ -91,7 +91,7 @@ def check_material(problem: Given) -> None:
         if check.func is require_datum:
             require_field(name, getattr(material, name), mesh, **check.keywords)
     bulk = N * material.lame_lambda + 2 * material.lame_mu
-    bulk = require_field(f"{N} lame_lambda + 2 lame_mu", bulk, mesh, shapes=None).min()
+    bulk = require_in(f"{N} lame_lambda + 2 lame_mu", sample(bulk, mesh), "the body").min()
     if bulk <= 0:
         raise ValueError(
             f"lame_lambda={material.lame_lambda!r}: the elasticity is not elliptic, "
@@ -100,7 +100,7 @@ def check_material(problem: Given) -> None:
     if material.law is not None:
         check_law(material.law, mesh)
     name = "the hardening h = k + (H sigma_y)^2 k_1"
-    h = require_field(name, material.effective_hardening, mesh, shapes=None).min()
+    h = require_in(name, sample(material.effective_hardening, mesh), "the body").min()
     if h <= 0 and material.law is None:
         raise ValueError(
             f"{name} falls to {h:g}: > 0 is needed, "

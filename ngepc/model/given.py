@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import CF, CoefficientFunction, Id, Mesh
 
-from ngepc.checks.arguments import Coefficient, boundary_names, is_number
+from ngepc.checks.arguments import Coefficient, boundary_names, is_number, require_components
 from ngepc.model.elements import corner_vertices, outward_normal
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
@@ -99,7 +99,8 @@ class Given:
     @property
     def loads(self) -> dict[Place, CoefficientFunction]:
         """Single place -> force per area, per length (edges) or force (points)."""
-        loads = {p: as_vector(g) for p, g in self.single("traction").items()}
+        given = self.single("traction").items()
+        loads = {place: require_components("traction", g, self.N) for place, g in given}
         for name, value in self.single("pressure").items():
             push = -as_scalar(value) * self.normal
             loads[name] = loads[name] + push if name in loads else push
@@ -145,12 +146,14 @@ class Given:
     @property
     def f(self) -> CoefficientFunction | None:
         """Body force as a vector-valued coefficient, or None."""
-        return as_vector(self.body_force)
+        f = self.body_force
+        return None if f is None else require_components("body_force", f, self.N)
 
     @property
     def u_0(self) -> CoefficientFunction | None:
         """Displacement at the begin of the step as a vector-valued coefficient, or None."""
-        return as_vector(self.initial_displacement)
+        u_0 = self.initial_displacement
+        return None if u_0 is None else require_components("initial_displacement", u_0, self.N)
 
     @property
     def p_0(self) -> CoefficientFunction:
@@ -194,12 +197,6 @@ class Given:
 def as_scalar(value: Coefficient) -> CoefficientFunction:
     """A number or scalar coefficient as a CoefficientFunction."""
     return CF(float(value)) if is_number(value) else value
-
-
-def as_vector(value: Vector | None) -> CoefficientFunction | None:
-    """A vector coefficient from itself or a sequence of its components; None for None."""
-    whole = value is None or isinstance(value, CoefficientFunction)
-    return value if whole else CF(tuple(map(as_scalar, value)))
 
 
 def require_without(problem: Given, what: str, *limits: str, advice: str = "") -> None:

@@ -103,7 +103,8 @@ class Obstacle(Declared):
 
     def _check_data(self, X: Field, mesh: Mesh) -> None:
         """Raise ValueError where the data of the obstacle at ``X`` make no gap."""
-        require_field("motion", X, mesh, sorted(set(mesh.GetBoundaries())), shapes=None)
+        names = sorted(set(mesh.GetBoundaries()))
+        require_field("motion", X, mesh, names, shapes=[(mesh.dim,)])
 
 
 @dataclass(frozen=True)
@@ -183,7 +184,7 @@ class SignedDistance(Obstacle):
         names, axes = sorted(set(mesh.GetBoundaries())), np.eye(mesh.dim).tolist()
         require_field("distance", self.level(X, X)[2], mesh, names)
         gradient = CF(tuple(self.level(X, CF(tuple(axis)))[1] for axis in axes))
-        if not require_field("distance", gradient, mesh, names, shapes=None).any():
+        if not require_field("distance", gradient, mesh, names, shapes=[(mesh.dim,)]).any():
             raise ValueError("distance has no gradient on the boundary: one in x, y, z is needed")
 
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import Mesh
+from ngsolve import CoefficientFunction, Mesh
 
-from ngepc.checks.arguments import Coefficient, boundary_names, is_number, require_vector, sample
+from ngepc.checks.arguments import Coefficient, boundary_names, require_vector, sample
 from ngepc.checks.declared import Along, Datum, Declared, Flag, NotNegativeDatum, Text
 from ngepc.model.elements import corner_vertices, vertex_coordinates
 
@@ -173,16 +173,18 @@ def _nearest(point: Point, mesh: Mesh) -> np.ndarray:
     return np.array([nearest])
 
 
-def values_at(value: Coefficient, mesh: Mesh, place: Place) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the vertices of a place and the values of a coefficient there, (k, components).
+def values_at(
+    value: Coefficient | Sequence[float], mesh: Mesh, place: Place
+) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the vertices of a place and the values there, shape (k, components).
 
-    On a boundary once for each corner of its elements, elsewhere once for each vertex.
+    Those of a coefficient on a boundary once for each corner of its elements, others once for each
+    vertex.
     """
-    if is_number(value):
-        vertices = vertices_at(place, mesh)
-        return vertices, np.full((len(vertices), 1), float(value))
-    if isinstance(place, str):
+    if isinstance(place, str) and isinstance(value, CoefficientFunction):
         return corner_vertices(mesh, [place]), sample(value, mesh, [place], corners=True)
     vertices = vertices_at(place, mesh)
+    if not isinstance(value, CoefficientFunction):
+        return vertices, np.tile(np.array(value, dtype=float), (len(vertices), 1))
     found = value(mesh(*vertex_coordinates(mesh)[vertices].T))
     return vertices, np.asarray(found, dtype=float).reshape(len(vertices), -1)

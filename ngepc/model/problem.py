@@ -10,7 +10,6 @@ from ngepc.model.checks import check_mesh, check_problem
 from ngepc.model.elements import outward_normal
 from ngepc.model.given import Given
 from ngepc.model.given import as_scalar as as_scalar
-from ngepc.model.given import as_vector as as_vector
 from ngepc.model.kinematics import kinematics_of
 from ngepc.model.material import Material
 

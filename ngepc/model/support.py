@@ -6,7 +6,7 @@ together by facets.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -19,11 +19,10 @@ from ngepc.model.elements import (
     element_facets,
     element_nodes,
     facets_of,
-    outward_normal,
     vertex_coordinates,
 )
 from ngepc.model.given import Given
-from ngepc.model.places import Place, values_at, vertices_at
+from ngepc.model.places import values_at
 from ngepc.model.processes import processes_of
 
 FREE_NORMAL = 0.1
@@ -105,8 +104,7 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
 
     ``held`` has the values of ``held_values``.
     """
-    mesh = problem.mesh
-    rollers = {p: directed(mesh, p, r.direction) for p, r in problem.rollers.items()}
+    mesh, rollers = problem.mesh, problem.rollers.items()
     for name in problem.contact_names:
         vertices, normal = values_at(problem.normal, mesh, name)
         gap = values_at(problem.gaps[name], mesh, name)[1][:, 0]
@@ -127,7 +125,8 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
                     f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} hold the "
                     f"normal displacement of contact={name!r} at {where}, gap={gap[k]:g}: {why}"
                 )
-        for place, (nodes, directions) in rollers.items():
+        for place, roller in rollers:
+            nodes, directions = values_at(roller.direction or problem.normal, mesh, place)
             both = np.isin(vertices, nodes)
             for node, n in zip(vertices[both], normal[both], strict=True):
                 if (np.abs(directions[nodes == node] @ n) > np.sqrt(1 - FREE_NORMAL**2)).any():
@@ -137,25 +136,16 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
                     )
 
 
-def directed(
-    mesh: Mesh, place: Place, direction: Sequence[float] | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices of a place, with one unit vector or the normals of the boundary elements there."""
-    if direction is None:
-        return values_at(outward_normal(mesh), mesh, place)
-    vertices = vertices_at(place, mesh)
-    return vertices, np.tile(np.array(direction), (len(vertices), 1))
-
-
 def constraints(problem: Given) -> tuple[np.ndarray, np.ndarray]:
     """Vertices that supports and springs hold, (k,), and along which unit vectors, (k, N)."""
     mesh, axes = problem.mesh, np.eye(problem.N)
     along = [(place, axes[component]) for place, component, _ in problem.held]
-    along += [(place, roller.direction) for place, roller in problem.rollers.items()]
+    along += [(place, r.direction or problem.normal) for place, r in problem.rollers.items()]
     for place, springs in problem.spring_constants.items():
-        stiff = (values_at(k, mesh, place)[1].max(initial=0.0) > 0 for _, k in springs)
-        along += [(place, d) for (d, _), held in zip(springs, stiff, strict=True) if held]
-    found = [directed(mesh, *one) for one in along]
+        for d, k in springs:
+            if values_at(k, mesh, place)[1].max(initial=0.0) > 0:
+                along.append((place, d or problem.normal))
+    found = [values_at(d, mesh, place) for place, d in along]
     if problem.kinematics.hoop:  # u_r / r is a strain: only the motion along the axis is free
         found.append((np.arange(mesh.nv), np.tile(axes[0], (mesh.nv, 1))))
     vertices = [np.zeros(0, dtype=int), *(vertices for vertices, _ in found)]

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from ngsolve import GridFunction, Mesh, VectorH1
 
-from ngepc.checks.arguments import Coefficient, is_number, require_coefficient
+from ngepc.checks.arguments import Coefficient, is_number, require_components
 from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.discretisation.conditions import ContactConditions, at_rows
@@ -27,7 +27,7 @@ from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.given import Given
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, places
-from ngepc.model.problem import Problem, as_vector
+from ngepc.model.problem import Problem
 from ngepc.sensitivity.radial import Data
 
 MATERIAL = tuple(field.name for field in fields(Material) if field.name != "law")
@@ -242,10 +242,8 @@ def vertex_motion(problem: Problem, change: object) -> np.ndarray:
         raise ValueError("parameters='shape': Direction('shape', V) with a vector V is needed")
     if mesh.GetCurveOrder() > 1:
         raise ValueError(f"mesh: curved of order {mesh.GetCurveOrder()}, a straight one is needed")
-    V = as_vector(change)
-    require_coefficient("change", V, [(mesh.dim,)])
     nodal = GridFunction(VectorH1(mesh, order=1))
-    nodal.Set(V, dual=True)
+    nodal.Set(require_components("change", change, mesh.dim), dual=True)
     motion = nodal.vec.FV().NumPy().reshape(mesh.dim, -1).T.copy()
     radii = np.asarray(mesh.ngmesh.Coordinates())[:, 0]
     if problem.kinematics.hoop and np.abs(motion[radii <= 1e-12 * radii.max(), 0]).any():
