@@ -7,7 +7,7 @@ from ngsolve import CF
 
 from ngepc.bounds.coverage import CONSTANT, FACET_RULES, on_facets
 from ngepc.bounds.simplices import Simplices
-from ngepc.checks.arguments import boundary_names
+from ngepc.model.elements import cells_of
 from ngepc.model.problem import Problem, as_scalar
 
 
@@ -28,12 +28,12 @@ class Boundary:
     def __init__(self, problem: Problem, cells: Simplices) -> None:
         self.problem, self.cells = problem, cells
         mesh, N, self.rule = problem.mesh, cells.N, FACET_RULES[cells.N]
-        elements = (mesh.ngmesh.Elements1D() if N == 2 else mesh.ngmesh.Elements2D()).NumPy()
-        vertices = elements["nodes"][:, :N].astype(int) - 1
+        vertices, region = cells_of(mesh, N - 1)
+        vertices = vertices[:, :N]
         self._order = vertices.argsort(axis=1)
         self._facet = cells.facets_between(vertices)
         names = mesh.GetBoundaries()
-        self._name = np.array([names[k - 1] for k in elements["index"].tolist()], dtype=object)
+        self._name = np.array([names[k] for k in region.tolist()], dtype=object)
         self.given = np.repeat(cells.outer[:, None], N, axis=1)
         self.given[self._facet] &= ~self._held()
         self.traction = np.zeros((len(cells.facets), N, N))
@@ -51,15 +51,10 @@ class Boundary:
         """Components that a support holds, shape (boundary elements, N)."""
         problem = self.problem
         held = np.zeros((len(self._facet), problem.N), dtype=bool)
-        held[self._on(problem.clamped_names, f"clamped={problem.clamped!r}")] = True
-        for key, components in (problem.prescribed or {}).items():
-            argument = f"prescribed[{key!r}]"
-            on = self._on(boundary_names("prescribed", key, problem.mesh), argument)
-            for c, value in enumerate(components):
-                if value is not None:
-                    held[on, c] = True
-                    values = on_facets(problem, as_scalar(value))
-                    self.rule.check_affine(argument, values[on])
+        for argument, name, component, value in problem.held:
+            on = self._on((name,), argument)
+            held[on, component] = True
+            self.rule.check_affine(argument, on_facets(problem, as_scalar(value))[on])
         return held
 
     def _read_tractions(self) -> None:

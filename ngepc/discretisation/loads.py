@@ -43,7 +43,7 @@ BONUS_ORDER = 3  # order by which the rules of loads exceed that of the displace
 def displacement_space(problem: Problem) -> FESpace:
     """V_h: continuous vectors of the problem's order; held components are not free."""
     fixed, elsewhere = {axis: [] for axis in range(problem.N)}, []
-    for place, axis, _ in problem.held:
+    for _, place, axis, _ in problem.held:
         if isinstance(place, str):
             fixed[axis].append(place)
         else:
@@ -69,7 +69,7 @@ def prescribed_displacement(problem: Problem, V: FESpace) -> GridFunction:
     """A function in ``V`` with the prescribed values, linear on edges, zero at all free nodes."""
     lift, one = GridFunction(V), GridFunction(V)
     to, source = lift.vec.FV().NumPy(), one.vec.FV().NumPy()
-    for place, axis, component in problem.held:
+    for _, place, axis, component in problem.held:
         if place in problem.clamped_names:
             continue
         first = V.Range(axis).start

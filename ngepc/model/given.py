@@ -112,11 +112,12 @@ class Given:
         return {name: g for name, g in self.loads.items() if isinstance(name, str)}
 
     @property
-    def held(self) -> list[tuple[Place, int, Coefficient]]:
-        """(single place, component, displacement) of what is clamped and prescribed."""
-        given = dict.fromkeys(self.clamped_names, (0.0,) * self.N) | self.single("prescribed")
-        components = {p: c for p, c in given.items() if not isinstance(c, Roller)}
-        return [(p, i, u) for p, c in components.items() for i, u in enumerate(c) if u is not None]
+    def held(self) -> list[tuple[str, Place, int, Coefficient]]:
+        """(argument, single place, component, displacement) of what is clamped and prescribed."""
+        given = [(f"clamped={name!r}", name, (0.0,) * self.N) for name in self.clamped_names]
+        each = self.single("prescribed").items()
+        given += [(f"prescribed[{p!r}]", p, c) for p, c in each if not isinstance(c, Roller)]
+        return [(a, p, i, u) for a, p, c in given for i, u in enumerate(c) if u is not None]
 
     @property
     def rollers(self) -> dict[Place, Roller]:

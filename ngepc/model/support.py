@@ -38,10 +38,10 @@ def check_support(problem: Given) -> None:
     A part that may touch another body can be held by contact alone: whether it is shows in the
     solution.
     """
-    pairs = problem.processes.together(partial(_parts, problem))
+    parts = problem.processes.together(partial(_parts, problem))
     sides = [name for pair in problem.contact_pairs for name in (pair.first, pair.second)]
     touching = corner_vertices(problem.mesh, sides)
-    for motions, vertices in free_motions(problem, pairs):
+    for motions, vertices in free_motions(problem, parts):
         if not np.isin(vertices, touching).any():
             x, processes = vertex_coordinates(problem.mesh)[vertices], problem.processes
             centre = processes.total(x.sum(axis=0)) / processes.total(len(x))
@@ -52,7 +52,7 @@ def check_support(problem: Given) -> None:
             )
 
 
-def _parts(problem: Given) -> np.ndarray:
+def _parts(problem: Given) -> list[np.ndarray]:
     """``part_vertices`` of this process, after all checks that need no other one."""
     keys, owners = element_facets(problem.mesh)
     a, b = check_conforming(keys, owners)
@@ -83,8 +83,7 @@ def held_values(problem: Given) -> np.ndarray:
     """The given displacements at the vertices, shape (vertices, N), NaN where free."""
     mesh, N = problem.mesh, problem.N
     held, owner = np.full((mesh.nv, N), np.nan), np.full((mesh.nv, N), "", dtype=object)
-    for place, i, value in problem.held:
-        argument = "clamped" if place in problem.clamped_names else f"prescribed[{place!r}]"
+    for argument, place, i, value in problem.held:
         vertices, values = values_at(value, mesh, place)
         values, old = values[:, 0], held[vertices, i]
         scale = max(np.abs(values).max(initial=0.0), np.nanmax(np.abs(old), initial=0.0))
@@ -139,7 +138,7 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
 def constraints(problem: Given) -> tuple[np.ndarray, np.ndarray]:
     """Vertices that supports and springs hold, (k,), and along which unit vectors, (k, N)."""
     mesh, axes = problem.mesh, np.eye(problem.N)
-    along = [(place, axes[component]) for place, component, _ in problem.held]
+    along = [(place, axes[component]) for _, place, component, _ in problem.held]
     along += [(place, r.direction or problem.normal) for place, r in problem.rollers.items()]
     for place, springs in problem.spring_constants.items():
         for d, k in springs:
@@ -152,18 +151,19 @@ def constraints(problem: Given) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(vertices), np.vstack([np.zeros((0, problem.N)), *(d for _, d in found)])
 
 
-def free_motions(problem: Given, pairs: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def free_motions(
+    problem: Given, parts: list[np.ndarray]
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Free rigid motions of each part that has any, (vertices of the mesh, N, k), and its vertices.
 
-    ``pairs`` are those of ``part_vertices``.  Each part is looked at alone, also one that shares a
-    vertex or an edge with others.
+    Each part, of ``part_vertices``, is looked at alone, also one that shares a vertex or an edge
+    with others.
     """
     x, processes = vertex_coordinates(problem.mesh), problem.processes
     vertices, directions = constraints(problem)
-    scaled = x / processes.most(np.ptp(x[pairs[:, 1]], axis=0))
+    scaled = x / processes.most(np.ptp(x[np.concatenate(parts)], axis=0))
     rows = np.einsum("nj,njk->nk", directions, rigid_motions(scaled[vertices]))
-    for part in range(pairs[-1, 0] + 1):
-        own = pairs[pairs[:, 0] == part, 1]
+    for own in parts:
         columns, here = rows.shape[1], processes.all(rows[np.isin(vertices, own)])
         R = np.linalg.qr(np.vstack([*here, np.zeros((columns, columns))]), mode="r")
         _, size, motion = np.linalg.svd(R)
@@ -185,17 +185,17 @@ def rigid_motions(x: np.ndarray) -> np.ndarray:
     return motions
 
 
-def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Sorted pairs (part, vertex): the vertices of each part that hangs together by facets.
+def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
+    """The vertices of each part that hangs together by facets.
 
     ``a`` and ``b`` are the pairs of elements that share a facet.
     """
     if processes_of(mesh).size > 1:  # one part: distribute() sees to that
-        return np.column_stack([np.zeros(mesh.nv, dtype=int), np.arange(mesh.nv)])
+        return [np.arange(mesh.nv)]
     part, nodes = connected(mesh.ne, a, b), element_nodes(mesh)[:, : 2**mesh.dim]
     element, corner = np.nonzero(nodes >= 0)
-    entries = np.ones(len(element)), (part[element], nodes[element, corner])
-    return np.column_stack(csr_matrix(entries).nonzero())
+    has = csr_matrix((np.ones(len(element)), (part[element], nodes[element, corner])))
+    return np.split(has.indices, has.indptr[1:-1])
 
 
 def connected(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:

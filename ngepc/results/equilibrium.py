@@ -59,7 +59,7 @@ class Equilibrium:
         problem, V = self.problem, displacement_space(self.problem)
         supports = (*problem.clamped_names, *problem.single("prescribed"))
         here = {place: np.zeros(self.free.shape) for place in supports}
-        for place, axis, _ in problem.held:
+        for _, place, axis, _ in problem.held:
             here[place][axis, nodes_at(V.components[axis], place)] = 1.0
         held = {place: problem.processes.summed(mask.T).T > 0 for place, mask in here.items()}
         fixed = np.where(self.free, 0.0, self.missing)

@@ -267,7 +267,7 @@ PROBLEMS = {
     ),
     "clamped and moved corner": (
         {"prescribed": {"left": (0.1, None)}},
-        "prescribed['left'] gives u_x = 0.1 at a vertex where clamped gives 0",
+        "prescribed['left'] gives u_x = 0.1 at a vertex where clamped='clamped' gives 0",
     ),
     "corner moved twice": (
         {
