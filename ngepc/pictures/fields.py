@@ -93,7 +93,7 @@ def plot_field(
     sources = sources_of("source", source, title or "")
     if axes is not None and len(sources) > 1:
         raise ValueError(f"source: one result is needed for given axes, there are {len(sources)}")
-    what, corners, colours = on_one_scale(sources.values(), field, units, (vmin, vmax))
+    what, corners, colours = on_one_scale(sources.values(), field, drawing.units, (vmin, vmax))
     panels = drawing.bodies(sources, corners, colours, bar=True)
     figure, place = panels[0].figure, {"shrink": 0.85, "fraction": 0.05}
     if axes is None and figure.get_figwidth() > 3 * figure.get_figheight():
@@ -164,7 +164,7 @@ def _draw_sets(
     drawing: Drawing, source: object, sampled: Corners, sets: np.ndarray, words: str = ""
 ) -> Figure:
     """Each triangle in the colour of the set, 0, 1 or 2, that it belongs to."""
-    corners = replace(sampled, values=np.repeat(sets[:, None], 3, axis=1))
+    corners = replace(sampled, values=np.repeat(sets[:, None], 3, axis=1).astype(float))
     colours = ScalarMappable(Normalize(0, len(SETS) - 1), ListedColormap(SETS))
     title = "\n".join(filter(None, (words, _method(source))))
     return drawing.bodies({title: source}, [corners], colours)[0].figure

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, rgb_to_hsv
+from matplotlib.colors import Normalize, rgb_to_hsv, to_rgb
 from ngsolve import CF
 from solved import block_primal
 
-from ngepc.pictures import plot_field, stills
+from ngepc.pictures import plot_field, plot_plastic_zone, stills
 from ngepc.pictures.stills import solid_image
+from ngepc.pictures.style import ELASTIC, PLASTIC
 
 pytestmark = pytest.mark.usefixtures("draws_solids")
 SIZE = (3.0, 2.0, 1.0)
@@ -47,6 +48,14 @@ def test_the_face_in_front_is_seen_in_its_colour(around, above, face):
     near = [np.abs(np.exp(2j * np.pi * rgb_to_hsv(middle)[0]) - np.exp(2j * np.pi * h[0]))
             + abs(rgb_to_hsv(middle)[1] - h[1]) for h in hues]  # fmt: skip
     assert int(np.argmin(near)) == face
+
+
+def test_a_plastic_zone_is_dark_and_the_rest_is_light():
+    """The mean colour of the body; orange is for contact, in pictures of active sets."""
+    for threshold, colour in ((0.0, PLASTIC), (1e9, ELASTIC)):
+        image = plot_plastic_zone(block_primal(), threshold).axes[0].images[0].get_array()
+        mean = image[opaque(image), :3].mean(axis=0) / 255
+        assert mean.tolist() == pytest.approx(to_rgb(colour), abs=0.2)
 
 
 def test_areas_are_those_of_parallel_projections():
