@@ -9,6 +9,7 @@ import html
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from string import Template
 
@@ -38,6 +39,9 @@ img { max-width: 100%; }
 """)
 
 Section = tuple[str, Sequence[object]]
+
+SAID = ("mesh", "material", "kinematics", "order", "clamped", "traction", "pressure", "contact")
+"""Data of a problem that are described by their places, or with the body."""
 
 
 def write_report(path: str | os.PathLike, title: str, *sections: Section, footer: str = "") -> Path:
@@ -125,13 +129,23 @@ def html_table(rows: Sequence[Mapping[str, object]]) -> str:
 
 def describe_problem(problem: Problem) -> list[dict[str, str]]:
     """The data of a problem as rows 'what', 'value', for a table."""
-    mesh = problem.mesh
-    rows = {"body": f"{problem.N} dimensions, {mesh.nv} nodes, {mesh.ne} elements"}
-    for name, value in {**vars(problem.material), "gap": problem.gap}.items():
-        if value is not None:
-            shown = "varies" if isinstance(value, CoefficientFunction) else value
-            rows[name.replace("_", " ")] = f"{value:g}" if is_number(value) else str(shown)
+    size = f"{problem.mesh.nv} nodes, {problem.mesh.ne} elements"
+    rows = {"body": f"{size}, order {problem.order}, {problem.kinematics.name}"}
+    data = {field.name: getattr(problem, field.name) for field in fields(problem)}
+    for name, value in (vars(problem.material) | data).items():
+        if value is not None and name not in SAID:
+            rows[name.replace("_", " ")] = _said(value)
     parts = (problem.clamped_names, problem.loads, problem.touching_names)
     for name, names in zip(("clamped", "loaded", "contact"), parts, strict=True):
         rows[name] = ", ".join(map(str, names)) or "none"
     return [{"what": key, "value": value} for key, value in rows.items()]
+
+
+def _said(value: object) -> str:
+    """A datum, by place and component, in words."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{place}: {_said(there)}" for place, there in value.items())
+    if isinstance(value, tuple | list):
+        return f"({', '.join(map(_said, value))})"
+    shown = "varies" if isinstance(value, CoefficientFunction) else value
+    return f"{value:g}" if is_number(value) else str(shown)

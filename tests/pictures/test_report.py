@@ -5,10 +5,13 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from browser import Browser, chromium
+from ngsolve import CF, x
 from solved import lshape_dual, lshape_primal
 
+from ngepc import Coulomb, Problem
+from ngepc.geometries import block
 from ngepc.pictures import plot_field
-from ngepc.pictures.report import html_table, write_report
+from ngepc.pictures.report import describe_problem, html_table, write_report
 from ngepc.pictures.views import show, viewer_installed
 
 ROWS = [
@@ -76,6 +79,21 @@ def test_pictures_and_text_are_inside_the_file(tmp_path):
     assert ["status", "converged"] in read.rows
     assert ["gap", "0.1"] in read.rows
     assert "http" not in text.replace("data:image", "")
+
+
+def test_a_problem_is_described_by_all_it_is_given():
+    material = lshape_primal().problem.material
+    gap, held = {"contact": 0.1, "right": CF(1.0) * x}, {"clamped": (0, None), "left": (0, 0)}
+    given = {"gap": gap, "prescribed": held, "friction": Coulomb(0.3), "order": 2}
+    given |= {"body_force": (0, -1), "pressure": {"contact": 1}, "contact": "contact|right"}
+    problem = Problem(block.structured_mesh(2, 2), material, None, **given)
+    said = {row["what"]: row["value"] for row in describe_problem(problem)}
+    assert said["body"] == "9 nodes, 4 elements, order 2, plane strain"
+    assert said["gap"] == "contact: 0.1, right: varies"
+    assert said["prescribed"] == "clamped: (0, None), left: (0, 0)"
+    assert (said["body force"], said["loaded"]) == ("(0, -1)", "contact")
+    assert (said["clamped"], said["contact"]) == ("none", "contact, right")
+    assert "0.3" in said["friction"]
 
 
 def test_reports_are_written_whole_or_not_at_all(tmp_path):
