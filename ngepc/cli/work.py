@@ -20,15 +20,15 @@ from ngepc.bounds.adaptive import solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
 from ngepc.discretisation.loads import displacement_space
-from ngepc.dual.newton import NewtonOptions, prepared, semismooth_newton
+from ngepc.dual.newton import NewtonOptions, prepared
 from ngepc.dual.path import PathOptions, follow_path
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import Coupled
+from ngepc.model.problem import Problem
 from ngepc.pictures.monitors import progress_line
 from ngepc.pictures.report import standard_figures, write_report
 from ngepc.pictures.style import save_figure
 from ngepc.pictures.views import EXTRA, show, viewer_installed
-from ngepc.primal.solver import primal_newton
 from ngepc.results import checkpoint, records
 from ngepc.results.files import check_folder, check_writable
 from ngepc.results.outcome import History, IterationRecord, Status
@@ -49,10 +49,11 @@ def solve(args: argparse.Namespace) -> int:
     """``ngepc solve``: one problem by the default, the paper's or the primal method."""
     if args.method == "primal" and args.gamma is not None:
         raise ValueError(f"--gamma {args.gamma:g}: the primal method has no regularisation")
-    others = {"--gamma": args.gamma is not None, "--save": args.save is not None}
-    others |= {"--method primal": args.method == "primal", "--start": args.start != "zero"}
-    for option in (name for name, there in others.items() if there and args.error is not None):
-        raise ValueError(f"--error {args.error:g} and {option}: leave one of them out")
+    found = given(args, ("--gamma G", "--save FILE", *NEWTON))
+    others = ["--" + name.replace("_", "-") for name in found]
+    others += ["--method primal"] * (args.method == "primal") + ["--start"] * (args.start != "zero")
+    if others and args.error is not None:
+        raise ValueError(f"--error {args.error:g} and {others[0]}: leave one of them out")
     check_targets(args.json, args.save)
     if args.figures is not None:
         check_folder(args.figures)
@@ -101,7 +102,7 @@ def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
     elif args.start != "zero":
         if not Path(args.start).is_file():
             raise ValueError(f"--start {args.start}: zero, coarse or a file of --save is needed")
-        start = load_run(Path(args.start))[1]
+        start = load_run(Path(args.start))[2]
     with nullcontext() if args.quiet or args.verbose else progress_line(args.problem) as line:
         result = solved_by(method, problem, start, options, line)
     seconds = time.perf_counter() - begin
@@ -109,29 +110,27 @@ def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
     return result, seconds, error_bound(result).relative if solution else None
 
 
-def load_run(path: Path) -> tuple[dict, Result]:
-    """The record and the result of a saved run, fields included.
+def load_run(path: Path) -> tuple[dict, Problem, GridFunction | DualResult]:
+    """The record of a saved run, its problem and its state, to start from.
 
-    The primal method is started where it ended; the default method, which needs a dozen steps,
-    solves again.  ValueError if there is no such file, or it is damaged or no run.
+    That is the displacement, of the paper's method the result.  ValueError if there is no such
+    file, or it is damaged or no run.
     """
     if not path.is_file():
         raise ValueError(f"{path}: no such run; make one by ngepc solve ... --save {path}")
     stored = checkpoint.load(path, FINGERPRINT)
     kept, state = stored.record, stored.arrays["state"]
     problem, record = example(**kept["place"]), kept["record"]
-    if record["method"] == "default":
-        return record, semismooth_newton(problem)
-    if record["method"] == "primal":
+    if record["method"] != "paper":
         u = GridFunction(displacement_space(problem))
         u.vec.FV().NumPy()[:] = state
-        return record, primal_newton(problem, u)
+        return record, problem, u
     functional = prepared(problem, Coupled(record["gamma"]), NewtonOptions())
     v = functional.blocks.H_vector()
     v.FV().NumPy()[:] = state
     history = History([IterationRecord(**row) for row in kept["history"]])
     y, status = functional.blocks.primal_of(v), Status[record["status"].upper()]
-    return record, DualResult(functional, y, v, status, "", history)
+    return record, problem, DualResult(functional, y, v, status, "", history)
 
 
 def path(args: argparse.Namespace) -> int:
@@ -180,15 +179,21 @@ def study(args: argparse.Namespace) -> int:
 
 
 def report(args: argparse.Namespace) -> int:
-    """``ngepc report RUN``: one HTML file about a saved run."""
-    record, result = load_run(args.run_file)
+    """``ngepc report RUN``: one HTML file about a saved run.
+
+    The default and the primal method solve again, in a dozen steps, also what was not finished.
+    """
+    record, problem, result = load_run(args.run_file)
+    if record["method"] != "paper":
+        result = solved_by(record["method"], problem)
+        record |= records.solve_record(record["problem"], result, record["wall_time_s"])
     view = show(result) if viewer_installed() else f"For a view to turn and zoom: {EXTRA}"
     *figures, residuals = standard_figures(result, THRESHOLDS[record["problem"]]).values()
     numbers = [{"what": key.replace("_", " "), "value": record[key]} for key in NUMBERS]
     page = write_report(
         args.out or args.run_file.with_suffix(".html"),
         f"{record['problem']}: {record['method']} method on {record['nodes']} nodes",
-        ("The problem", [result.problem]),
+        ("The problem", [problem]),
         ("Numbers", [numbers, *filter(None, [record["message"]])]),
         ("The deformed body", [view, *figures]),
         ("How the solver got there", [residuals]),

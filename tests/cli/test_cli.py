@@ -133,6 +133,7 @@ def test_figures_are_written(tmp_path, capsys):
         (["solve", "lshape", "--start", "warm"], "coarse"),
         (["study", "table9"], "table1"),
         (["solve", "lshape", "--method", "primal", "--gamma", "3"], "no regularisation"),
+        (["solve", "lshape", "--error", "0.1", "--max-iterations", "5"], "--max-iterations"),
         (["study", "table1", "--levels", "7"], "1 to 6"),
         (["study", "table1", "--rows", "1e7"], "1e0"),
     ],
@@ -187,6 +188,21 @@ def test_saved_run_becomes_a_report(choice, tmp_path, capsys):
     text = page.read_text()
     assert "contact force" in text
     assert text.count("data:image/png") >= 5
+
+
+@pytest.mark.parametrize("method", ["default", "primal"])
+def test_a_report_on_an_unfinished_run_tells_what_its_pictures_show(method, tmp_path, capsys):
+    saved, arguments = tmp_path / "run.npz", ["lshape", "--nodes", "113", "--method", method]
+    limit = ["--max-iterations", "2"]
+    assert main(["solve", *arguments, *limit, "--save", str(saved)]) == 1
+    assert main(["report", str(saved)]) == 0
+    text = (tmp_path / "run.html").read_text()
+    assert "converged" in text
+    assert "iteration_limit" not in text
+    capsys.readouterr()
+    whole = record_of(capsys, *arguments)["iterations"]
+    assert f'<td class="text">iterations</td><td>{whole}</td>' in text
+    assert record_of(capsys, *arguments, "--start", str(saved))["iterations"] <= whole - 2
 
 
 def test_report_without_the_viewer_is_written_and_names_the_extra(tmp_path, monkeypatch):
