@@ -26,25 +26,19 @@ PLACES = ("out", "figures", "save", "json", "checkpoint")
 """Arguments that name files or folders to be written."""
 
 
-class Interrupt:
-    """A handler of SIGINT that raises KeyboardInterrupt and remembers it."""
-
-    pressed = False
-
-    def __call__(self, number: int, frame: FrameType | None) -> NoReturn:
-        """Handle the signal."""
-        self.pressed = True
-        raise KeyboardInterrupt
-
-
 @contextmanager
 def remembered() -> Iterator[None]:
-    """Handle SIGINT by ``Interrupt`` where Python's own handler is in charge."""
+    """Remember SIGINT, ``pressed`` on the handler, where Python's own one is in charge."""
+
+    def handle(number: int, frame: FrameType | None) -> NoReturn:
+        handle.pressed = True
+        raise KeyboardInterrupt
+
     usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if not usual or threading.current_thread() is not threading.main_thread():
         yield
         return
-    signal.signal(signal.SIGINT, Interrupt())
+    signal.signal(signal.SIGINT, handle)
     try:
         yield
     finally:

@@ -55,8 +55,8 @@ def plot_history(
     figure = Picture(figsize=(7.6, 3.3))
     draw_runs(figure.subplots(1, 2), runs, tolerance)
     if len(histories) > 1:
-        handles, labels = figure.axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
+        curves = figure.axes[0].get_legend_handles_labels()
+        figure.legend(*curves, loc="outside lower center", ncols=4)
     return figure
 
 

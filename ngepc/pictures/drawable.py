@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from matplotlib.cm import ScalarMappable
-from ngsolve import CoefficientFunction, InnerProduct, sqrt
+from ngsolve import CoefficientFunction
 
 from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.pictures.sampling import Corners, Ends, colour_scale, corners_of, visible
-from ngepc.results.fields import Fields
+from ngepc.results.fields import Fields, frobenius
 
 SIGNED = "RdBu_r"
 """Colours of fields whose signs are equally welcome: components of vectors and matrices."""
@@ -65,16 +65,16 @@ class Drawable(NamedTuple):
 
 
 def drawable(
-    source: object, field: str | CoefficientFunction, units: UnitNames | None = None
+    source: object, field: str | CoefficientFunction, units: UnitNames = PLAIN
 ) -> Drawable:
     """The field called ``field`` of a result or of recovered ``Fields``, or a coefficient.
 
     Vectors and matrices are drawn by their Euclidean and Frobenius norms, their components by
     names such as 'displacement_x' and 'stress_xy'; of solids also their 'contact_pressure'.
     """
-    units, fields = require_units("units", units), fields_of(source)
+    fields = fields_of(source)
     if isinstance(field, CoefficientFunction):
-        return Drawable(visible(fields, norm_of(field)))
+        return Drawable(visible(fields, field if field.dim == 1 else frobenius(field)))
     if not isinstance(field, str):
         raise TypeError(f"field={field!r}: the name of a field or a CoefficientFunction is needed")
     if field == "contact_pressure":
@@ -103,7 +103,7 @@ def drawable(
         coefficient = coefficient[index if rank == 2 else index[0]]
         symbol, colormap = f"{symbol}_{{{letters}}}", SIGNED
     elif rank:
-        coefficient, symbol = norm_of(coefficient), f"|{symbol}|" + "_F" * (rank == 2)
+        coefficient, symbol = frobenius(coefficient), f"|{symbol}|" + "_F" * (rank == 2)
     label = f"{title} ${symbol}$ ({getattr(units, unit, unit)})"
     return Drawable(visible(fields, coefficient), label, colormap)
 
@@ -151,8 +151,3 @@ def field_of(source: object, name: str) -> CoefficientFunction:
         if isinstance(found, CoefficientFunction):
             return found
     raise ValueError(f"field={name!r}: this result has no such field")
-
-
-def norm_of(coefficient: CoefficientFunction) -> CoefficientFunction:
-    """A scalar as it is; the Euclidean or Frobenius norm of anything else."""
-    return sqrt(InnerProduct(coefficient, coefficient)) if coefficient.dim > 1 else coefficient

@@ -98,7 +98,7 @@ def show(
     require_text("name", name)
     require_text("title", title)
     drawing, viewer = Drawing(deformation_scale, units, mesh_lines=mesh_lines), viewer_script()
-    what, _, colours = on_one_scale(sources.values(), field, units, (vmin, vmax))
+    what, _, colours = on_one_scale(sources.values(), field, drawing.units, (vmin, vmax))
     pairs, peak = zip(sources.values(), what, strict=True), _peak(sources.values())
     scenes = [_scene(one, drawn, colours, drawing, peak) for one, drawn in pairs]
     captions, labels = ([""], list(sources)) if name else (list(sources), [""])

@@ -102,12 +102,12 @@ class Benchmarks(Work):
             figure = picture(result, benchmark) if shows else drawn_numbers(quantities)
             figure.axes[0].set_title(problem)
             save_figure(figure, self.folder / f"benchmark_{file}.png")
-        rows = [about] + [{} for _ in quantities[1:]]
-        for q, row in zip(quantities, rows, strict=True):
-            row |= {**q._asdict(), "beyond": "" if q.holds else " (beyond)"}
+        rows = []
+        for q in quantities:
+            row = {**q._asdict(), "beyond": "" if q.holds else " (beyond)"}
             row |= {"difference": q.difference, "percent": 100 * q.difference}
-            row |= {"allowed": 100 * q.tolerance}
-        return rows
+            rows.append(row | {"allowed": 100 * q.tolerance})
+        return [about | rows[0], *rows[1:]]
 
     def succeeded(self, records: Sequence[dict]) -> bool:
         """Whether every difference beyond its tolerance is explained."""

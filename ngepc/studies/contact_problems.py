@@ -10,6 +10,7 @@ from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule
 from ngepc.evolution.solver import evolve
 from ngepc.geometries.published import half_block, roller_on_block, rounded_blocks, shrunk_rings
+from ngepc.model.elements import vertex_coordinates
 from ngepc.model.material import Material
 from ngepc.model.places import Contact, Coulomb
 from ngepc.model.problem import Problem
@@ -28,14 +29,10 @@ def step42() -> Solved:
     return result, [Quantity("contact force", 37.3058, "P", 1e-5, 4 * result.contact_force)]
 
 
-def abscissas(result: DiscreteSolution) -> np.ndarray:
-    """The x coordinates of the nodes that may touch."""
-    return np.asarray(result.problem.mesh.ngmesh.Coordinates())[result.rows.vertices, 0]
-
-
 def fitted(result: DiscreteSolution, least: float = 0.15) -> tuple[float, float]:
     """Peak pressure and half width of p^2 = p_0^2 (1 - x^2/a^2), fitted where p is not small."""
-    place, p = abscissas(result), result.nodal_contact_forces / result.rows.weights
+    place = vertex_coordinates(result.problem.mesh)[result.rows.vertices, 0]
+    p = result.nodal_contact_forces / result.rows.weights
     inner = (p > least * p.max()) & (place > 0.05 * place[p > 0].max())
     slope, top = np.polyfit(place[inner] ** 2, p[inner] ** 2, 1)
     return math.sqrt(top), math.sqrt(-top / slope)
@@ -101,7 +98,8 @@ def mindlin(fine: float = 0.05) -> Solved:
     aside = {"prescribed": {"upper end": (0.01, -0.04)}, "friction": Coulomb(mu)}
     sheared = replace(problem, **aside, initial_displacement=pressed.displacement)
     result = semismooth_newton(sheared, start=pressed).raise_for_status()
-    P, Q, place = result.contact_force, abs(result.friction_force[0]), abscissas(result)
+    P, Q = result.contact_force, abs(result.friction_force[0])
+    place = vertex_coordinates(blocks)[result.rows.vertices, 0]
     a = math.sqrt(4 * P * R / (math.pi * E / (2 * (1 - nu**2))))
     c, peak = a * math.sqrt(1 - Q / (mu * P)), 2 * P / (math.pi * a)
     disc = [np.sqrt(np.maximum(1 - (place / r) ** 2, 0)) for r in (a, c)]

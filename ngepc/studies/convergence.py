@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from ngsolve import BaseVector, InnerProduct
 
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.result import DualResult
@@ -41,17 +42,22 @@ def convergence_quotients(problem: Problem, gamma: float, start: DualResult | No
     ||v^j - v*||_H of the last six iterates (stress), 'meaningful' says which of them are above ten
     times the rounding; 'reference_residual' and 'rounding' belong to v* and the correction there.
     """
-    duals: list[np.ndarray] = []
+    duals: list = []
     result = semismooth_newton(
-        problem, gamma, start, PRECISE, lambda r: duals.append(np.array(r.snapshot().v))
+        problem, gamma, start, PRECISE, lambda r: duals.append(r.snapshot().v)
     ).or_interrupted()
     residuals = result.history.residual_norms
     reached = [k for k, residual in enumerate(residuals) if residual < OPTIONS.tolerance]
     omega = reached[0] if reached else len(residuals) - 1
     best = omega + int(np.argmin(residuals[omega:]))
-    distances = [h_norm(result, v - duals[best]) for v in duals[: omega + 1][-LAST:]]
-    following = duals[min(best + 1, len(duals) - 1)]
-    rounding = h_norm(result, following - duals[best]) or result.residual_rounding
+
+    def distance(v: BaseVector) -> float:
+        """||v - v*||_H = b(v - v*, v - v*)^(1/2)."""
+        apart = (v - duals[best]).Evaluate()
+        return math.sqrt(max(0.0, InnerProduct(result.functional.blocks.B * apart, apart)))
+
+    distances = [distance(v) for v in duals[: omega + 1][-LAST:]]
+    rounding = distance(duals[min(best + 1, len(duals) - 1)]) or result.residual_rounding
     return {
         "iterations": omega,
         "status": "converged" if reached else result.status.label,
@@ -61,14 +67,6 @@ def convergence_quotients(problem: Problem, gamma: float, start: DualResult | No
         "reference_residual": residuals[best],
         "rounding": rounding,
     }
-
-
-def h_norm(result: DualResult, w: np.ndarray) -> float:
-    """||w||_H = b(w, w)^(1/2) of a coefficient vector on H."""
-    functional = result.functional
-    v = functional.blocks.H_vector()
-    v.FV().NumPy()[:] = w
-    return math.sqrt(max(0.0, functional.tichonov(v, v) * functional.weights.tichonov))
 
 
 class Figure4(OverMeshes):

@@ -78,9 +78,9 @@ class Table3(OverMeshes):
         there = replace(self.options, gamma_start=path.gamma_end, gamma_end=path.gamma_end)
         direct = follow_path(path.last.problem, there).or_interrupted()
         column, h = FAMILIES["wrench"].index(nodes), mesh_width(path.last.problem.mesh)
-        end = {"iterations": direct.total_inner_iterations, "status": direct.status.label}
-        end |= {"path_value": direct.path_values[-1], "residual_norm": direct.residual_norms[-1]}
-        end["halvings"] = direct.steps[-1].halvings
+        told = ("iterations", "path_value", "residual_norm", "halvings")
+        end = {"status": direct.status.label}
+        end |= {name: getattr(direct.steps[-1], name) for name in told}
         names = ("outer_iterations", "total_inner_iterations", "inner_iterations", "gamma_end",
                  "path_values", "residual_norms")  # fmt: skip
         changes, bound = [step.change for step in path.steps], self.options.outer_tolerance * h

@@ -105,7 +105,7 @@ class Work(ABC):
         """The heads of the table, then its entries, row by row."""
         columns = [c.partition("=") for c in " ".join(self.columns.split()).split(" | ")]
         heads, entries = ([c[k].strip() for c in columns] for k in (0, 2))
-        told = self.told(records)
+        told = [spoken(record) for record in self.told(records)]
         rows = [[shown(entry, record) for entry in entries] for record in told]
         if self.across is None:
             return [heads, *rows]
@@ -157,7 +157,7 @@ def spoken(record: Mapping) -> dict:
 def shown(entry: str, record: Mapping) -> str:
     """What a format says about a record; nothing where it has no such number, or None."""
     try:
-        return entry.format(**spoken(record))
+        return entry.format(**record)
     except (KeyError, TypeError):
         return ""
 
