@@ -19,7 +19,6 @@ import numpy as np
 from ngsolve import L2, GridFunction
 
 from ngepc.bounds.conjugate import Conjugate
-from ngepc.bounds.coverage import on_facets
 from ngepc.bounds.plane import PlaneSetting
 from ngepc.bounds.setting import Setting, stress_coordinates
 from ngepc.bounds.solid import SolidSetting
@@ -27,6 +26,7 @@ from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.loads import nodal
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.places import values_at
 from ngepc.model.problem import Problem
 from ngepc.results.result import DiscreteSolution
 
@@ -150,22 +150,20 @@ def error_bound(result: object) -> ErrorBound:
         raise TypeError(f"result={result!r}: a result with a displacement is needed")
     exact = isinstance(result, ExactResult)
     setting = setting_of(result.discrete if exact else DiscreteProblem(problem))
-    state = result.state if exact else state_of(setting, result)
+    state = result.state if exact else state_of(setting.discrete, result)
     return bound_of_state(setting, state, Factors(setting.discrete, "sparsecholesky"))
 
 
-def state_of(setting: Setting, result: object) -> State:
+def state_of(discrete: DiscreteProblem, result: object) -> State:
     """Displacement and contact forces of any result, with the best plastic strain."""
-    discrete, rows = setting.discrete, setting.discrete.rows
     if isinstance(result, DiscreteSolution):
-        return discrete.state(result.state.u.copy(), contact=result.state.contact)
-    u = nodal(result.displacement.vec.FV().NumPy(), setting.problem)
-    multipliers = np.zeros(len(rows))
-    if len(rows):
-        ends = setting.boundary.on_contact(on_facets(setting.problem, result.contact_pressure))
-        there = setting.contact.row_of >= 0
-        multipliers[setting.contact.row_of[there]] = np.maximum(ends[there], 0.0)
-    return discrete.state(u.copy(), contact=multipliers * rows.weights)
+        return discrete.state(result.state.u, contact=result.state.contact)
+    problem, rows, pressure = discrete.problem, discrete.rows, np.zeros(discrete.problem.mesh.nv)
+    where = "|".join(problem.contact_names)
+    vertices, values = values_at(result.contact_pressure, problem.mesh, where)
+    pressure[vertices] = np.maximum(values[:, 0], 0.0)
+    u = nodal(result.displacement.vec.FV().NumPy(), problem)
+    return discrete.state(u.copy(), contact=pressure[rows.vertices] * rows.weights)
 
 
 def setting_of(discrete: DiscreteProblem) -> Setting:
@@ -212,7 +210,7 @@ def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
     conjugate, law = Conjugate(setting.discrete.law), setting.discrete.law
     density = law.energy_density(state.volume, state.at)
     density += conjugate.value(conjugate.completed(z[:, None]))[:, 0]
-    strain = stress_coordinates(setting.problem.N, state.volume, state.deviator, 0.0)
+    strain = stress_coordinates(state.volume, state.deviator, 0.0)
     gap = density - np.einsum("pc,pc->p", z, strain)
     friction = contact.friction_work(forces, state.gaps, 0.0)
     return setting.discrete.points.integral(gap) + float(forces @ state.gaps + friction)

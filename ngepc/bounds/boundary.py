@@ -7,6 +7,7 @@ from ngsolve import CF
 
 from ngepc.bounds.coverage import CONSTANT, FACET_RULES, on_facets
 from ngepc.bounds.simplices import Simplices
+from ngepc.checks.arguments import Coefficient
 from ngepc.model.elements import cells_of
 from ngepc.model.problem import Problem, as_scalar
 
@@ -29,11 +30,9 @@ class Boundary:
         self.problem, self.cells = problem, cells
         mesh, N, self.rule = problem.mesh, cells.N, FACET_RULES[cells.N]
         vertices, region = cells_of(mesh, N - 1)
-        vertices = vertices[:, :N]
-        self._order = vertices.argsort(axis=1)
-        self._facet = cells.facets_between(vertices)
-        names = mesh.GetBoundaries()
-        self._name = np.array([names[k] for k in region.tolist()], dtype=object)
+        self._order = vertices[:, :N].argsort(axis=1)
+        self._facet = cells.facets_between(vertices[:, :N])
+        self._name = np.array(mesh.GetBoundaries())[region]
         self.given = np.repeat(cells.outer[:, None], N, axis=1)
         self.given[self._facet] &= ~self._held()
         self.traction = np.zeros((len(cells.facets), N, N))
@@ -54,7 +53,7 @@ class Boundary:
         for argument, name, component, value in problem.held:
             on = self._on((name,), argument)
             held[on, component] = True
-            self.rule.check_affine(argument, on_facets(problem, as_scalar(value))[on])
+            self._affine(argument, value, on)
         return held
 
     def _read_tractions(self) -> None:
@@ -72,24 +71,23 @@ class Boundary:
 
     def _read_contact(self) -> None:
         on = self._on(self.problem.contact_names, f"contact={self.problem.contact!r}")
-        self._touching, self.contact = on, self._facet[on]
-        rule = self.rule
+        self.contact, rule = self._facet[on], self.rule
         psi = on_facets(self.problem, self.problem.psi)[on]
         lowest = rule.affine_defect(psi)[:, :, 0].min(axis=1, initial=0.0)[:, None]
         above = psi[:, : self.cells.N, 0] + lowest
         weights = self.cells.measure[self.contact][:, None] * rule.weights
         more = (weights * (psi[:, :, 0] - above @ rule.shares.T)) @ rule.shares
         self.gap, self.excess = self._at_vertices(above, on), self._at_vertices(more, on)
-        friction = 0.0 if self.problem.friction is None else self.problem.friction
-        bounds = on_facets(self.problem, as_scalar(friction))
-        rule.check_affine("friction", bounds[on])
-        self.friction = self.on_contact(bounds)
+        bound = 0.0 if self.problem.friction is None else self.problem.friction
+        self.friction = self._at_vertices(self._affine("friction", bound, on)[:, :, 0], on)
         if self.problem.initial_displacement is not None:
-            rule.check_affine("initial_displacement", on_facets(self.problem, self.problem.u_0)[on])
+            self._affine("initial_displacement", self.problem.u_0, on)
 
-    def on_contact(self, values: np.ndarray) -> np.ndarray:
-        """From ``on_facets`` to the values at the vertices of the contact facets."""
-        return self._at_vertices(values[self._touching][:, :, 0], self._touching)
+    def _affine(self, name: str, value: Coefficient, on: np.ndarray) -> np.ndarray:
+        """A coefficient at the rule's points of some boundary elements, affine on each of them."""
+        values = on_facets(self.problem, as_scalar(value))[on]
+        self.rule.check_affine(name, values)
+        return values
 
     def _at_vertices(self, values: np.ndarray, on: np.ndarray) -> np.ndarray:
         """Values of boundary elements in the order of the vertices of their facets."""

@@ -14,6 +14,7 @@ CLEAR = 1e-12  # part of the largest displacement that counts as no penetration
 NORMAL_PASSES = 50  # most passes over the facets that meet at a vertex until all of them are clear
 # NGSolve's function of an edge is this times the product of the hat functions of its ends
 BUBBLE = -0.5
+EDGES = ((2, 0), (1, 2), (0, 1))  # the ends of these edges of a triangle, in NGSolve's order
 
 
 class ContactFacets:
@@ -31,7 +32,7 @@ class ContactFacets:
         self.nodes, self._hats = c.facets[on], (1 + np.eye(self.N)) / (self.N * (self.N + 1))
         if self.problem.order == 2:
             nodes, edge = discrete.points.blocks[0].nodes, np.empty(len(c.facets), dtype=int)
-            for k, ends in enumerate(((2, 0), (1, 2), (0, 1))):
+            for k, ends in enumerate(EDGES):
                 edge[c.facets_between(nodes[:, ends])] = nodes[:, 3 + k]
             self.nodes = np.column_stack([self.nodes, edge[on]])
             self._hats = np.column_stack([self._hats, np.full(2, BUBBLE / 12)])
@@ -54,9 +55,10 @@ class ContactFacets:
         return self.measure[:, None, None] * np.matmul(self._hats.T, values)
 
     def room(self, u: np.ndarray) -> np.ndarray:
-        """The gap less u . n at the vertices, shape (facets, N)."""
-        there = u[self.nodes[:, : self.N]]
-        return self.boundary.gap - np.einsum("eac,ec->ea", there, self.normal)
+        """The gap less u . n by ``nodes``, shape (facets, nodes)."""
+        room = -np.einsum("eac,ec->ea", u[self.nodes], self.normal)
+        room[:, : self.N] += self.boundary.gap
+        return room
 
     def cleared(self, u: np.ndarray) -> np.ndarray:
         """Nodal displacements near ``u`` that meet supports and clear the obstacle everywhere.
@@ -67,15 +69,16 @@ class ContactFacets:
         u = np.where(self.discrete.supports.free, u, self.discrete.supports.values)
         rounding = CLEAR * np.abs(u).max(initial=0.0)
         for _ in range(NORMAL_PASSES):
-            stuck = self.room(u).min(initial=0.0) < -rounding
+            stuck = self.room(u)[:, : self.N].min(initial=0.0) < -rounding
             if not stuck:
                 break
             for end in range(self.N):
                 self._lower(u, self.nodes[:, end], -self.room(u)[:, end], 1.0)
         if self.problem.order == 2 and not stuck:
-            room, edge = np.sqrt(np.maximum(self.room(u), 0.0)), self.nodes[:, 2]
-            rise = BUBBLE * np.einsum("ec,ec->e", u[edge], self.normal)
-            stuck = self._lower(u, edge, rise - room.sum(axis=1) ** 2, BUBBLE)
+            room = self.room(u)
+            ends = np.sqrt(np.maximum(room[:, :2], 0.0)).sum(axis=1)
+            excess = -BUBBLE * room[:, 2] - ends**2
+            stuck = self._lower(u, self.nodes[:, 2], excess, BUBBLE)
         if stuck:
             raise RuntimeError("the displacement could not be moved clear of the obstacle")
         return u
@@ -148,9 +151,7 @@ class ContactFacets:
 
     def gaps(self, state: State, P: np.ndarray) -> np.ndarray:
         """The integral of P (psi - u . n) + F |slip| - T . slip over each facet."""
-        room = -np.einsum("eac,ec->ea", state.u[self.nodes], self.normal)
-        room[:, : self.N] += self.boundary.gap
-        pressed = self.moments(P[:, :, None])[:, :, 0] * room
+        pressed = self.moments(P[:, :, None])[:, :, 0] * self.room(state.u)
         dragged = self.moments(self.friction(state)) * self.slip(state.u)
         result = pressed.sum(axis=1) + (P * self.boundary.excess).sum(axis=1)
         return result - dragged.sum(axis=(1, 2)) + self.friction_works(state.u)

@@ -21,6 +21,7 @@ import math
 from itertools import combinations
 
 import numpy as np
+from scipy.special import perm
 
 from ngepc.bounds.oscillation import rotating_loads
 from ngepc.bounds.simplices import FACETS, Simplices
@@ -154,12 +155,8 @@ def _derivative(
     powers: np.ndarray, part: int, at: np.ndarray, order: tuple[int, int]
 ) -> np.ndarray:
     """Derivatives of the monomials of a part at a point, among those of all three."""
-    result = np.zeros((3, len(powers)))
-    result[part] = 1.0
-    for x, times, power in zip(at, order, powers.T, strict=True):
-        for i in range(times):
-            result[part] *= power - i
-        result[part] *= x ** np.maximum(power - times, 0)
+    result, left = np.zeros((3, len(powers))), np.maximum(powers - order, 0)
+    result[part] = np.prod(perm(powers, order) * at**left, axis=1)
     return result.ravel()
 
 

@@ -74,6 +74,7 @@ def contact_force_bracket(result: ExactResult) -> Between:
     """
     require_instance("result", result, ExactResult, "a result without gamma")
     problem, force = result.problem, float(result.contact_force)
+    require_without(problem, "a bracket", "friction")
     if not problem.contact_names:
         raise ValueError("contact=None: a contact force needs contact")
 
@@ -81,8 +82,8 @@ def contact_force_bracket(result: ExactResult) -> Between:
         """The problem with the obstacle nearer by t."""
         return replace(problem, gap={name: gap - t for name, gap in problem.gaps.items()})
 
-    size = float(np.abs(result.state.u).max())
-    lower, upper = slopes(result, moved, lambda a, b: b.energy - a.least_energy, force, size)
+    here, size = error_bound(result), float(np.abs(result.state.u).max())
+    lower, upper = slopes(result, here, moved, lambda a, b: b.energy - a.least_energy, force, size)
     return Between(max(lower, 0.0), upper, force)
 
 
@@ -107,6 +108,7 @@ def displacement_bracket(
     """
     require_instance("result", result, ExactResult, "a result without gamma")
     problem, u = result.problem, result.state.u
+    require_without(problem, "a bracket", "friction")
     load = replace(problem, traction=traction, body_force=body_force, pressure=None)
     forces = applied_forces(load, result.discrete.supports.space)
     size = float(np.abs(forces).sum() * np.abs(u).max())
@@ -115,21 +117,22 @@ def displacement_bracket(
 
     def loaded(t: float) -> Problem:
         """The problem with t times the load on top."""
-        g = dict(problem.tractions)
+        g, f = dict(problem.tractions), problem.f
         for name, value in load.tractions.items():
             g[name] = t * value + g[name] if name in g else t * value
-        parts = [f for f in (problem.f, load.f and t * load.f) if f is not None]
-        return replace(
-            problem, traction=g, body_force=sum(parts[1:], *parts[:1]) if parts else None
-        )
+        if load.f is not None:
+            f = t * load.f if f is None else t * load.f + f
+        return replace(problem, traction=g, pressure=None, body_force=f)
 
-    work, large = float(np.vdot(forces, u)), error_bound(result).strain_energy / size
-    lower, upper = slopes(result, loaded, lambda a, b: a.energy - b.least_energy, work, large)
+    here, work = error_bound(result), float(np.vdot(forces, u))
+    large = here.strain_energy / size
+    lower, upper = slopes(result, here, loaded, lambda a, b: a.energy - b.least_energy, work, large)
     return Between(lower, upper, work)
 
 
 def slopes(
     result: ExactResult,
+    here: ErrorBound,
     problem_at: Callable[[float], Problem],
     rise: Callable[[ErrorBound, ErrorBound], float],
     slope: float,
@@ -138,11 +141,9 @@ def slopes(
     """The largest lower and the smallest upper slope of chords that were found.
 
     ``problem_at`` is the problem with the parameter changed by a number, ``rise`` no less than the
-    change of the energy along a chord, from the bounds at its ends; ``slope`` says about how steep
-    the energy is, ``length`` which change is large.
+    change of the energy along a chord, from the bounds at its ends, of which ``here`` is that of
+    the result; ``slope`` says about how steep the energy is, ``length`` which change is large.
     """
-    require_without(result.problem, "a bracket", "friction")
-    here = error_bound(result)
     part = math.sqrt(here.total / here.strain_energy)
     first = part * min(2 * here.strain_energy / abs(slope), length) if slope else part * length
     found = []

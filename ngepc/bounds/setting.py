@@ -159,7 +159,7 @@ class Setting(ABC):
 
     def strain(self, state: State) -> np.ndarray:
         """The strain coordinates whose product with a stress is sigma : eps, as ``on_parts``."""
-        return self.on_parts(stress_coordinates(self.problem.N, state.volume, state.deviator, 0.0))
+        return self.on_parts(stress_coordinates(state.volume, state.deviator, 0.0))
 
     def balanced(self, state: State, tangent: Factors, load: np.ndarray) -> np.ndarray:
         """Stresses (points, c) in equilibrium with nodal forces (nodes, N).
@@ -178,7 +178,7 @@ class Setting(ABC):
             volume, e = points.strain(change)
             mean, deviator = mean + tangent.moduli.bulk * volume, deviator + tangent.moduli(e)
             forces = forces + tangent.multiply(change)
-        return stress_coordinates(self.problem.N, mean, deviator)
+        return stress_coordinates(mean, deviator)
 
 
 def factorise(state: State, tangent: Factors) -> None:
@@ -187,14 +187,12 @@ def factorise(state: State, tangent: Factors) -> None:
         tangent.update(state.moduli)
 
 
-def stress_coordinates(
-    N: int, mean: np.ndarray, deviator: np.ndarray, plane: float = 1.0
-) -> np.ndarray:
+def stress_coordinates(mean: np.ndarray, deviator: np.ndarray, plane: float = 1.0) -> np.ndarray:
     """Coordinates (nt, c) of ``Conjugate`` from the mean part and deviatoric coordinates.
 
     In plane strain the in-plane trace takes ``plane`` times what sigma_zz differs from the mean.
     """
-    if N == 3 or deviator.shape[1] == 2:
+    if deviator.shape[1] != 3:
         return np.concatenate([mean[:, None], deviator], axis=1)
     first = mean + plane * deviator[:, 1] / R6
     return np.stack([first, deviator[:, 0], deviator[:, 2]], axis=1)

@@ -134,7 +134,7 @@ class SolidSetting(Setting):
         """An admissible stress for which the bound is small, its mean on each cell, and P."""
         c, faces, law = self.cells, self.faces, self.discrete.law
         factorise(state, tangent)
-        z = stress_coordinates(3, law.bulk * state.volume, law.stress(state.at))
+        z = stress_coordinates(law.bulk * state.volume, law.stress(state.at))
         H = self.conjugate.compliance(self.conjugate.completed(z[:, None]))[:, 0]
         own = self.constant_moments(z) + faces.fill(H, self.carried.inner)
         P, found = self.sharpened(state, tangent, own, P)
@@ -203,7 +203,7 @@ class SolidSetting(Setting):
             if np.abs(missing).max() <= BALANCED * size:
                 break
             volume, e = points.strain(tangent.solve(missing))
-            z = stress_coordinates(3, tangent.moduli.bulk * volume, tangent.moduli(e))
+            z = stress_coordinates(tangent.moduli.bulk * volume, tangent.moduli(e))
             own = own + self.constant_moments(z)
         return own
 

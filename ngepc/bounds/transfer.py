@@ -13,7 +13,7 @@ import numpy as np
 from netgen.meshing import NetgenGeometry
 from ngsolve import CF, L2, CoefficientFunction, GridFunction, Integrate, Mesh
 
-from ngepc.bounds.contact import BUBBLE
+from ngepc.bounds.contact import BUBBLE, EDGES
 from ngepc.bounds.coverage import varies_inside
 from ngepc.bounds.simplices import marked
 from ngepc.discretisation.loads import nodal
@@ -155,7 +155,7 @@ def carried_state(old: ExactResult, discrete: DiscreteProblem, parents: np.ndarr
 
     u, corners = np.empty_like(supports.values), at_corners(old.state.u)
     if problem.order == 2:
-        a, b = np.array([(2, 0), (1, 2), (0, 1)]).T
+        a, b = np.transpose(EDGES)
         bubbles, along = old.state.u[there[:, ends:]], share[:, a] - share[:, b]
         corners += BUBBLE * np.matmul(share[:, :, a] * share[:, :, b], bubbles)
         u[nodes[:, ends:]] = -np.matmul(along[:, :, a] * along[:, :, b], bubbles)

@@ -40,6 +40,15 @@ def test_displacement(pair):
     assert fine.relative < 0.55 * coarse.relative < 0.1
 
 
+def test_pressure_is_a_load_once(pair):
+    """On top of a pressure stands the load of the goal: the bracket of the same traction."""
+    pushed = replace(pair[0].problem, traction=None, pressure={"load": 10.0})
+    by_traction = displacement_bracket(pair[0], UNIT)
+    bracket = displacement_bracket(semismooth_newton(pushed), UNIT)
+    assert bracket.lower == pytest.approx(by_traction.lower, rel=1e-9)
+    assert bracket.upper == pytest.approx(by_traction.upper, rel=1e-9)
+
+
 def test_body_forces_are_goals_and_loads():
     """The mean displacement of a block that hangs, in closed form where it is one column."""
     rollers = {"left": (0, None), "right": (0, None)}
