@@ -144,6 +144,12 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
     return tuple(dict.fromkeys(parts))
 
 
+def corner_rule(shape: ET, dim: int) -> IntegrationRule:
+    """The vertices of a shape in so many dimensions, as points of a rule without weights."""
+    vertices = [tuple(v[:dim]) for v in ElementTopology(shape).vertices]
+    return IntegrationRule(points=vertices, weights=[0.0] * len(vertices))
+
+
 def sample(
     value: Coefficient, mesh: Mesh, boundaries: Names = None, *, corners: bool = False
 ) -> np.ndarray:
@@ -155,9 +161,7 @@ def sample(
         return np.array([[float(value)]])
     dim, rules = mesh.dim - (boundaries is not None), {}
     for shape in ELEMENT_TYPES[dim]:
-        vertices = [tuple(v[:dim]) for v in ElementTopology(shape).vertices]
-        at_corners = IntegrationRule(points=vertices, weights=[0.0] * len(vertices))
-        rules[shape] = at_corners if corners else IntegrationRule(shape, 2)
+        rules[shape] = corner_rule(shape, dim) if corners else IntegrationRule(shape, 2)
     region = VOL if boundaries is None else mesh.Boundaries("|".join(boundaries))
     points = mesh.MapToAllElements(rules, region)
     found = np.asarray(value(points), dtype=float)

@@ -12,27 +12,24 @@ are averaged at their nodes; faces that meet at an angle have a row each.
 
 from __future__ import annotations
 
-from itertools import chain, repeat
-
 import numpy as np
-from ngsolve import BND, H1, ElementId, FESpace, GridFunction
+from ngsolve import H1, FESpace, GridFunction
 from scipy.sparse import csr_matrix, diags, eye, vstack
 from scipy.sparse.linalg import spsolve
 
 from ngepc.checks.arguments import Coefficient
-from ngepc.discretisation.loads import Supports, nodal, nodes_at
+from ngepc.discretisation.loads import Supports, given_at, nodal, nodes_at
 from ngepc.discretisation.mortar import mortar_rows
-from ngepc.discretisation.quadrature import rules_of
 from ngepc.discretisation.rows import (
     ContactRows,
     contact_rows,
     joined,
+    mapped_facets,
     meeting_faces,
     rows_along,
-    surface_measure,
 )
 from ngepc.linalg.friction import FrictionCone
-from ngepc.model.places import Coulomb, Place, Roller, values_at
+from ngepc.model.places import Coulomb, Place, Roller
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import Team
 from ngepc.model.support import FREE_NORMAL, HELD_NORMAL
@@ -212,7 +209,8 @@ def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows
     for place, roller in problem.rollers.items():
         nodes, directions = _directions(problem, scalar, place, roller)
         directions /= np.linalg.norm(directions, axis=1)[:, None]
-        values, new = _nodal_values(problem, scalar, place, roller)[nodes], []
+        at, given = given_at(scalar, place, roller.value)
+        values, new = given[np.searchsorted(at, nodes)], []
         for node, d, value in zip(nodes.tolist(), directions, values, strict=True):
             if node not in held:
                 fixed = np.flatnonzero(~supports.free[node])
@@ -242,21 +240,10 @@ def _directions(
     if roller.direction is not None:
         nodes = nodes_at(scalar, place)
         return nodes, np.tile(np.array(roller.direction, dtype=float), (len(nodes), 1))
-    region = problem.mesh.Boundaries(place)
-    points = problem.mesh.MapToAllElements(rules_of(problem.N - 1, 1), region)
-    normals = surface_measure(problem, points)[:, None] * np.asarray(problem.normal(points))
-    facets = [scalar.GetDofNrs(ElementId(BND, facet.nr)) for facet in region.Elements()]
-    corners = np.repeat(normals, [len(nodes) for nodes in facets], axis=0)
-    nodes, sums = meeting_faces(chain.from_iterable(facets), repeat(place, len(corners)), corners)
+    nodes, corners = [], []
+    for _, of_facets, _, area, points in mapped_facets(problem, scalar, place, 1):
+        nodes.append(of_facets.ravel())
+        corners.append(np.repeat(area * problem.normal(points), of_facets.shape[1], axis=0))
+    nodes, corners = np.concatenate(nodes), np.vstack(corners)
+    nodes, sums = meeting_faces(nodes, np.zeros(len(nodes)), corners)
     return nodes, sums @ corners
-
-
-def _nodal_values(problem: Problem, scalar: FESpace, place: Place, roller: Roller) -> np.ndarray:
-    """Coefficients of the given displacement along the direction, shape (nodes,)."""
-    values = GridFunction(scalar)
-    if isinstance(place, str):
-        values.Set(as_scalar(roller.value), definedon=problem.mesh.Boundaries(place))
-    else:
-        vertices, given = values_at(roller.value, problem.mesh, place)
-        values.vec.FV().NumPy()[vertices] = given[:, 0]
-    return values.vec.FV().NumPy().copy()

@@ -33,6 +33,7 @@ from ngsolve import (
 from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from scipy.sparse import csr_matrix
 
+from ngepc.checks.arguments import Coefficient
 from ngepc.model.elements import plastic_order, vertex_coordinates
 from ngepc.model.places import Edge, Place, Point, values_at, vertices_at
 from ngepc.model.problem import Problem, as_scalar
@@ -67,21 +68,22 @@ def nodes_at(scalar: FESpace, place: Place) -> np.ndarray:
 
 def prescribed_displacement(problem: Problem, V: FESpace) -> GridFunction:
     """A function in ``V`` with the prescribed values, linear on edges, zero at all free nodes."""
-    lift, one = GridFunction(V), GridFunction(V)
-    to, source = lift.vec.FV().NumPy(), one.vec.FV().NumPy()
+    lift = GridFunction(V)
     for _, place, axis, component in problem.held:
-        if place in problem.clamped_names:
-            continue
-        first = V.Range(axis).start
-        if isinstance(place, str):
-            region = problem.mesh.Boundaries(place)
-            one.components[axis].Set(as_scalar(component), definedon=region)
-            dofs = first + nodes_at(V.components[axis], place)
-            to[dofs] = source[dofs]
-        else:
-            vertices, values = values_at(component, problem.mesh, place)
-            to[first + vertices] = values[:, 0]
+        if place not in problem.clamped_names:
+            nodes, values = given_at(V.components[axis], place, component)
+            lift.vec.FV().NumPy()[V.Range(axis).start + nodes] = values
     return lift
+
+
+def given_at(scalar: FESpace, place: Place, value: Coefficient) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes of a place, and a given function there, linear on edges."""
+    if not isinstance(place, str):
+        vertices, values = values_at(value, scalar.mesh, place)
+        return vertices, values[:, 0]
+    function, nodes = GridFunction(scalar), nodes_at(scalar, place)
+    function.Set(as_scalar(value), definedon=scalar.mesh.Boundaries(place))
+    return nodes, function.vec.FV().NumPy()[nodes]
 
 
 def plastic_space(problem: Problem) -> FESpace:

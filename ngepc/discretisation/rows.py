@@ -11,19 +11,21 @@ every dimension, which those of the nodal values of quadratic triangles are not.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from ngsolve import BND, H1, ElementId, FESpace, IntegrationRule, specialcf
+from ngsolve import BND, ET, H1, ElementId, FESpace, specialcf
 from scipy.sparse import csr_matrix, diags, vstack
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import norm
 
+from ngepc.checks.arguments import corner_rule
 from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.quadrature import rules_of
-from ngepc.model.places import values_at
 from ngepc.model.problem import Problem
+from ngepc.model.processes import Team
 
 SAME_FACE = 0.7  # cosine above which facets of one boundary at a vertex belong to one face
 SAME_FACE_ACROSS = 0.985  # the same for facets of two boundaries
@@ -128,113 +130,105 @@ def joined(parts: list[ContactRows]) -> ContactRows:
 
 
 def meeting_faces(
-    nodes: Iterable[int], names: Iterable[str], normals: np.ndarray
+    nodes: np.ndarray, names: np.ndarray, normals: np.ndarray
 ) -> tuple[np.ndarray, csr_matrix]:
     """The faces that meet at nodes: facets of a node whose normals differ little are one.
 
     From node, boundary and normal, as long as it is large, of each corner of a facet: nodes of the
     faces and the matrix that sums corners, shape (faces, corners).
     """
-    at: dict[int, list[tuple[str, np.ndarray]]] = {}
-    places = []
-    for node, name, normal in zip(nodes, names, normals, strict=True):
-        here = at.setdefault(node, [])
-        for k, (first, total) in enumerate(here):
-            least = SAME_FACE if name == first else SAME_FACE_ACROSS
-            if total @ normal > least * np.linalg.norm(total) * np.linalg.norm(normal):
-                here[k] = first, total + normal
-                break
-        else:
-            k = len(here)
-            here.append((name, normal))
-        places.append((node, k))
-    found, row = np.unique(np.reshape(places, (-1, 2)).astype(int), axis=0, return_inverse=True)
-    where, shape = (row.ravel(), np.arange(len(places))), (len(found), len(places))
-    return found[:, 0], csr_matrix((np.ones(len(places)), where), shape=shape)
+    count = len(nodes)
+    ones, corners, size = np.ones(count), np.arange(count), np.linalg.norm(normals, axis=1)
+    at = csr_matrix((ones, (corners, nodes)), shape=(count, nodes.max(initial=0) + 1))
+    i, j = (at @ at.T).nonzero()
+    least = np.where(names[i] == names[j], SAME_FACE, SAME_FACE_ACROSS)
+    alike = np.einsum("pc,pc->p", normals[i], normals[j]) > least * size[i] * size[j]
+    graph = csr_matrix((ones[i[alike]], (i[alike], j[alike])), shape=(count, count))
+    face = connected_components(graph)[1]
+    found, row = np.unique(np.column_stack([nodes, face]), axis=0, return_inverse=True)
+    sums = csr_matrix((ones, (row.ravel(), corners)), shape=(len(found), count))
+    return found[:, 0], sums
 
 
 def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
-    N, nodes = problem.N, supports.space.ndof // problem.N
     corners, means = _corners(problem)
-    corners = _shared(corners, problem)
-    integrals = np.reshape([given for *_, given in corners], (-1, 2 + N))
-    at, names = ([corner[k] for corner in corners] for k in (1, 0))
+    corners = _shared(corners, problem.processes)
+    names, at, integrals = corners[:, 0], corners[:, 1].astype(int), corners[:, 2:]
     vertices, sums = meeting_faces(at, names, integrals[:, 2:])
     m, integrals = len(vertices), sums @ integrals
     weights, gaps, normals = integrals[:, 0], integrals[:, 1], integrals[:, 2:]
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    if means is None:
-        means = csr_matrix((np.ones(m), (np.arange(m), vertices)), shape=(m, nodes))
+    if problem.order == 1:
+        where, shape = (np.arange(m), vertices), (m, means.shape[1])
+        means = csr_matrix((np.ones(m), where), shape=shape)
     else:
         means = diags(1 / weights) @ sums @ means
     rows = rows_along(normals, means, vertices=vertices, gaps=gaps / weights, weights=weights)
     return rows.movable(supports.free)
 
 
-Corner = tuple[str, int, np.ndarray]
-"""A corner of a contact facet: boundary, vertex, integrals with its hat of 1, gap and normal."""
+def _corners(problem: Problem) -> tuple[np.ndarray, csr_matrix]:
+    """The corners of all contact facets, and integrals of functions there, (corners, nodes).
+
+    A corner has the number of its boundary, its vertex and integrals with its hat: of 1, of the gap
+    and of the normal, shape (corners, 4 + N).  For order one the gap is that of the vertex.
+    """
+    mesh, N, order = problem.mesh, problem.N, problem.order
+    scalar = H1(mesh, order=order)
+    found, means = [np.zeros((0, 4 + N))], [csr_matrix((0, scalar.ndof))]
+    for number, name in enumerate(problem.contact_names):
+        psi = problem.gaps[name]
+        facets = mapped_facets(problem, scalar, name, 2 if order == 1 else 6)
+        for shape, nodes, shapes, area, points in facets:
+            given = np.column_stack([np.ones(len(points)), psi(points), problem.normal(points)])
+            vertices = nodes[:, nodes[0] < mesh.nv]
+            hats = (area[:, :, None] * shapes[:, : vertices.shape[1]]).swapaxes(1, 2)
+            integrals = hats @ given.reshape(*area.shape, 2 + N)
+            if order == 1:
+                rule, region = corner_rule(shape, N - 1), mesh.Boundaries(name)
+                at_corners = psi(mesh.MapToAllElements({shape: rule}, region))
+                integrals[:, :, 1] = integrals[:, :, 0] * at_corners.reshape(vertices.shape)
+            boundary, integrals = np.full(vertices.size, number), integrals.reshape(-1, 2 + N)
+            found.append(np.column_stack([boundary, vertices.ravel(), integrals]))
+            columns = nodes.repeat(vertices.shape[1], axis=0).ravel()
+            where = np.arange(vertices.size).repeat(nodes.shape[1]), columns
+            shape = vertices.size, scalar.ndof
+            means.append(csr_matrix(((hats @ shapes).ravel(), where), shape=shape))
+    return np.vstack(found), vstack(means, format="csr")
 
 
-def _corners(problem: Problem) -> tuple[list[Corner], csr_matrix | None]:
-    """The corners of all contact facets; for order two means of functions too, (corners, nodes)."""
-    mesh, order = problem.mesh, problem.order
-    linear, scalar = H1(mesh, order=1), H1(mesh, order=order)
-    rules, found, entries = rules_of(problem.N - 1, 2 if order == 1 else 6), [], []
-    for name in problem.contact_names:
-        region, psi = mesh.Boundaries(name), problem.gaps[name]
-        points = mesh.MapToAllElements(rules, region)
-        if not len(points):
+def mapped_facets(
+    problem: Problem, space: FESpace, name: str, order: int
+) -> Iterator[tuple[ET, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """The facets of a boundary shape by shape, with the points of a rule.
+
+    Shape, nodes in a scalar space (facets, k), its functions at the points (points, k), the surface
+    that belongs to them (facets, points), 2 pi r times as much on a ring, and the mapped points.
+    """
+    mesh, N, region = problem.mesh, problem.N, problem.mesh.Boundaries(name)
+    for shape, rule in rules_of(N - 1, order).items():
+        facets = [ElementId(BND, facet.nr) for facet in region.Elements() if facet.type == shape]
+        if not facets:
             continue
-        normals, gaps = np.asarray(problem.normal(points)), np.ravel(psi(points))
-        given = np.column_stack([np.ones(len(points)), gaps, normals.reshape(len(points), -1)])
-        given *= surface_measure(problem, points)[:, None]
-        first, gaps = 0, iter(values_at(psi, mesh, name)[1][:, 0])
-        for facet in region.Elements():
-            number = ElementId(BND, facet.nr)
-            rule = rules[linear.GetFE(number).type]
-            here, first = given[first : first + len(rule)], first + len(rule)
-            hats = _shapes(linear, number, rule).T * np.array(rule.weights)
-            means, nodes = (
-                (hats * here[:, 0]) @ _shapes(scalar, number, rule),
-                scalar.GetDofNrs(number),
-            )
-            for vertex, integrals, row in zip(facet.vertices, hats @ here, means, strict=True):
-                if order == 1:
-                    integrals[1] = integrals[0] * next(gaps)
-                else:
-                    entries += [(len(found), *e) for e in zip(nodes, row, strict=True)]
-                found.append((name, vertex.nr, integrals))
-    if not entries:
-        return found, None
-    row, column, values = np.transpose(entries)
-    return found, csr_matrix((values, (row, column)), shape=(len(found), scalar.ndof))
+        points, element = mesh.MapToAllElements({shape: rule}, region), space.GetFE(facets[0])
+        nodes = np.array([space.GetDofNrs(facet) for facet in facets])
+        shapes = np.array([np.array(element.CalcShape(*point)) for point in rule.points])
+        J = specialcf.JacobianMatrix(N, N - 1)(points).reshape(-1, N, N - 1)
+        area = np.sqrt(np.linalg.det(J.swapaxes(1, 2) @ J))
+        area *= np.ravel(problem.kinematics.weight(points))
+        yield shape, nodes, shapes, area.reshape(len(facets), -1) * np.array(rule.weights), points
 
 
-def _shared(corners: list[Corner], problem: Problem) -> list[Corner]:
+def _shared(corners: np.ndarray, processes: Team) -> np.ndarray:
     """The corners with those that other processes have at common vertices, in one order on all."""
-    processes, sent = problem.processes, {}
     if processes.size == 1:
         return corners
+    number, sent = processes.numbers, {}
+    corners[:, 1] = number[corners[:, 1].astype(int)]
     for rank, nodes in processes.copies.items():
-        place = {node: k for k, node in enumerate(nodes.tolist())}
-        sent[rank] = [(name, place[v], given) for name, v, given in corners if v in place]
-    found = {processes.rank: corners}
-    for rank, theirs in processes.traded(sent).items():
-        nodes = processes.copies[rank].tolist()
-        found[rank] = [(name, nodes[v], given) for name, v, given in theirs]
-    return [corner for rank in sorted(found) for corner in found[rank]]
-
-
-def _shapes(space: FESpace, number: ElementId, rule: IntegrationRule) -> np.ndarray:
-    """The shape functions of a facet at the points of a rule, shape (points, k)."""
-    element = space.GetFE(number)
-    return np.array([np.array(element.CalcShape(*point)) for point in rule.points])
-
-
-def surface_measure(problem: Problem, points: np.ndarray) -> np.ndarray:
-    """Surface per reference facet at mapped points, times 2 pi r where the body is a ring."""
-    N = problem.N
-    J = specialcf.JacobianMatrix(N, N - 1)(points).reshape(-1, N, N - 1)
-    area = np.sqrt(np.linalg.det(J.transpose(0, 2, 1) @ J))
-    return area * np.ravel(problem.kinematics.weight(points))
+        sent[rank] = corners[np.isin(corners[:, 1], number[nodes])]
+    found = processes.traded(sent) | {processes.rank: corners}
+    every, order = np.vstack([found[rank] for rank in sorted(found)]), np.argsort(number)
+    every[:, 1] = order[np.searchsorted(number, every[:, 1], sorter=order)]
+    return every
