@@ -20,7 +20,7 @@ from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.parameters import geometry, on_moving_mesh
+from ngepc.sensitivity.parameters import on_moving_mesh
 from ngepc.sensitivity.radial import Data, radial_return
 
 
@@ -226,11 +226,7 @@ def slope_by_mesh(functional: Functional, state: State, change: Data) -> float:
     """The part of a functional's derivative along a change that only the mesh carries."""
     if "shape" not in change:
         return 0.0
-
-    def read(there: State) -> Data:
-        """What carries the rest, and the value of the functional."""
-        return geometry(state, there) + Data(value=functional.slope(there).value)
-
-    found, moduli = on_moving_mesh(state, change["shape"], read), state.on_sphere().moduli
-    carried = functional.slope(state).by.paired(radial_return(state, moduli).forward(found))
+    found = on_moving_mesh(state, change["shape"], lambda there: functional.slope(there).value)
+    data = radial_return(state, state.on_sphere().moduli).forward(found)
+    carried = functional.slope(state).by.paired(data)
     return float(found["value"]) - carried

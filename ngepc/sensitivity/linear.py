@@ -50,7 +50,8 @@ class LinearStep:
         self.contact = contact = LinearContact(state) if contact is None else contact
         self.moduli = state.on_sphere().moduli
         self.tape = Tape([*radial_return(state, self.moduli), *contact.given()])
-        self._free, k = state.discrete.free.ravel(), contact.stiffness
+        k = contact.stiffness
+        self._free = np.append(self.discrete.free.ravel(), np.ones(len(k)))  # and all rows
         stiffness = state.discrete.stiffness
         self._matrix = stiffness.matrix()
         stiffness.entries(self._matrix)[:] = stiffness.values(self.moduli)
@@ -67,11 +68,8 @@ class LinearStep:
 
     def _with_springs(self) -> csr_matrix:
         """Add the springs of rows that belong to one vertex; L, shape (n, n)."""
-        contact, stiffness, (nodes, N) = (
-            self.contact,
-            self.discrete.stiffness,
-            self.discrete.free.shape,
-        )
+        contact, stiffness = self.contact, self.discrete.stiffness
+        nodes, N = self.discrete.free.shape
         R, G, k = contact.rows, contact.blocks.copy(), contact.stiffness
         follows, G[:, 1:, 0] = G[:, 1:, 0].any(), 0.0
         row = np.repeat(np.arange(R.shape[0]), np.diff(R.indptr))
@@ -96,7 +94,7 @@ class LinearStep:
         known = self.tape.forward(data + self._strain(moved))
         force = data["load"] - discrete.points.forces(known["mean"], known["stress"])
         force = force - discrete.supports.pull(moved)
-        u, x = self.solve(force, np.zeros(len(discrete.contact)) + known["given"])
+        u, x, _ = self.solve(force, np.zeros(len(discrete.contact)) + known["given"])
         u = u + moved
         return self.tape.forward(data + self._strain(u) + Data(u=u, contact=x))
 
@@ -109,12 +107,12 @@ class LinearStep:
             strain = np.zeros_like(self.state.deviator) + direct["strain"]
             density = (np.zeros(len(weights)) + direct["volume"]) / weights
             force = force + discrete.points.forces(density, strain / weights[:, None])
-        z, w = self.solve(force, np.zeros(len(discrete.contact)) + by["contact"], transposed=True)
+        given = np.zeros(len(discrete.contact)) + by["contact"]
+        z, w, left = self.solve(force, given, transposed=True)
         strained = -weights * self._strain(z)
         stress = Data(mean=strained["volume"], stress=strained["strain"], given=w, load=z)
         found = self.tape.backward(by + stress)
-        support = found["values"] + force - self.internal(z)
-        found["values"] = np.where(discrete.free, 0.0, support)
+        found["values"] = np.where(discrete.free, 0.0, found["values"] + left)
         return found
 
     def _strain(self, u: np.ndarray) -> Data:
@@ -129,37 +127,43 @@ class LinearStep:
 
     def solve(
         self, force: np.ndarray, given: np.ndarray, *, transposed: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """u (nodes, N), zero where held, and x, shape (n,), of the system or its transpose.
 
-        TangentError if corrections do not converge: the tangent is singular, or rows are dependent.
+        Last what is left of the force, reactions where held, (nodes, N).  TangentError if
+        corrections do not converge: the tangent is singular, or rows are dependent.
         """
         blocks, scale = self._ways[transposed], self.contact.stiffness if transposed else 1.0
-        right = np.append(np.where(self._free, force.ravel(), 0.0), scale * given)
-        x, left, relative, size = np.zeros_like(right), right, np.inf, np.linalg.norm(right)
-        operator = LinearOperator(
-            (len(right),) * 2, lambda r: self._product(blocks, self._answer(blocks, r)), dtype=float
-        )
+        right, free = np.append(force.ravel(), scale * given), self._free
+
+        def improved(r: np.ndarray) -> np.ndarray:
+            """The system times what springs make of a right hand side."""
+            return free * self._product(blocks, self._answer(blocks, r))
+
+        x, rest, relative, size = np.zeros_like(right), right, np.inf, np.linalg.norm(free * right)
+        operator = LinearOperator((len(right),) * 2, improved, dtype=float)
         for _ in range(REFINEMENTS if size > 0 else 0):
+            left = free * rest
             if not self._by_springs:
                 left, _ = gmres(operator, left, rtol=INNER, restart=MOST, maxiter=ROUNDS)
             x = x + self._answer(blocks, left)
-            left = right - self._product(blocks, x)
-            before, relative = relative, np.linalg.norm(left) / size
+            rest = right - self._product(blocks, x)
+            before, relative = relative, np.linalg.norm(free * rest) / size
             if relative <= ACCURATE or relative > 0.5 * before:
                 break
         if size > 0 and not relative <= ACCEPTED:
             raise TangentError(f"the derivative system is singular: residual {relative:.2g} left")
-        return x[: force.size].reshape(force.shape), x[force.size :]
+        u, held = (a[: force.size].reshape(force.shape) for a in (x, rest))
+        return u, x[force.size :], held
 
     def _product(self, blocks: tuple[csr_matrix, ...], x: np.ndarray) -> np.ndarray:
-        (u, forces), (upper, lower, square, _) = np.split(x, [len(self._free)]), blocks
+        (u, forces), (upper, lower, square, _) = np.split(x, [self.state.u.size]), blocks
         pushed = self.internal(u.reshape(self.state.u.shape)).ravel() + upper @ forces
-        return np.append(np.where(self._free, pushed, 0.0), lower @ u + square @ forces)
+        return np.append(pushed, lower @ u + square @ forces)
 
     def _answer(self, blocks: tuple[csr_matrix, ...], right: np.ndarray) -> np.ndarray:
         """The solution up to what springs miss, by one back-substitution."""
-        (force, given), (upper, lower, _, soften) = np.split(right, [len(self._free)]), blocks
+        (force, given), (upper, lower, _, soften) = np.split(right, [self.state.u.size]), blocks
         forces, pushed = soften @ given, self._matrix.CreateColVector()
         pushed.FV().NumPy()[:] = force - upper @ forces
         u = (self._inverse * pushed).Evaluate().FV().NumPy()

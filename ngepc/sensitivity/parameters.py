@@ -11,20 +11,28 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from ngsolve import GridFunction, Mesh, VectorH1
 
-from ngepc.checks.arguments import Coefficient, is_number, require_components
+from ngepc.checks.arguments import (
+    Coefficient,
+    is_number,
+    require_coefficient,
+    require_components,
+    require_field,
+    require_in,
+)
 from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
-from ngepc.discretisation.conditions import ContactConditions, at_rows
+from ngepc.discretisation.conditions import at_rows, roller_rows
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.rows import contact_rows
 from ngepc.evolution.load_path import scaled
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.given import Given
+from ngepc.model.checks import check_acting, check_contact, check_history
+from ngepc.model.given import ACTING, Given
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, places
 from ngepc.model.problem import Problem
@@ -49,8 +57,9 @@ class Direction(Declared):
     datum
         A material constant such as "lame_mu", or "traction", "pressure", "body_force", "gap",
         "prescribed", "friction" (the bound, or Coulomb's coefficient), "initial_plastic_strain".
-        After a colon one boundary: "traction:left", "prescribed:top".  "shape" moves the vertices
-        by ``change``, a vector, while nobody else uses the mesh.
+        After a colon one boundary: "traction:left", "prescribed:top".  A clamped boundary is a
+        prescribed one here.  "shape" moves the vertices by ``change``, a vector, while nobody else
+        uses the mesh.
     change
         What is added to the datum per unit, of the form that ``Problem`` or ``Material`` takes it:
         ``mesh.MaterialCF({"core": 1.0})`` for the constant of one region.  None for the natural
@@ -95,37 +104,53 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
 def changed_data(state: State, direction: Direction) -> Data:
     """The change of the data of a discrete problem per unit of a direction.
 
-    ValueError if the problem has no such datum.
+    TypeError, ValueError if the problem has no such datum, or the change is not legal for it.
     """
     discrete, problem = state.discrete, state.discrete.problem
     datum, change = _change(problem, direction)
     if datum in MATERIAL:
         return _material(state, datum, change)
+    if datum == "shape":
+        motion = vertex_motion(problem, change)
+        return on_moving_mesh(state, motion) + Data(shape=motion)
+    other, rows = _with_change(problem, datum, change), discrete.rows
     if datum in LOADS:  # forces are linear in a load
-        body = {"kinematics": problem.kinematics, datum: change}
-        alone = Given(problem.mesh, problem.material, **body)
-        return Data(load=applied_forces(alone, discrete.supports.space))
+        return Data(load=applied_forces(other, discrete.supports.space))
     if datum == "initial_plastic_strain":
         return Data(initial=discrete.points.at(problem.kinematics.coordinates(change)))
     if datum == "friction":
-        values = at_rows(problem, discrete.rows, change)
+        values = at_rows(problem, rows, change)
         coulomb = isinstance(problem.friction, Coulomb)
-        return Data(coefficient=values) if coulomb else Data(cap=discrete.rows.weights * values)
-    if datum == "shape":
-        motion = vertex_motion(problem, change)
-        found = on_moving_mesh(state, motion, lambda there: geometry(state, there))
-        return found + Data(shape=motion)
-    gaps, supports = np.zeros(len(discrete.contact)), discrete.supports
+        return Data(coefficient=values) if coulomb else Data(cap=rows.weights * values)
+    gaps = np.zeros(len(discrete.contact))
     if datum == "prescribed":
-        other = replace(problem, prescribed=scaled(problem.single("prescribed"), 0.0) | change)
-        supports, part = Supports(other), discrete.contact.roller_part
-        gaps[part] = ContactConditions(other, supports).rows.gaps[part]
+        supports = Supports(other)
+        if other.rollers.keys() != problem.rollers.keys() or supports.values[discrete.free].any():
+            raise ValueError(f"prescribed={change!r}: the problem has no such support")
+        for place, moved in roller_rows(other, supports).items():
+            gaps[discrete.contact.rollers[place]] = moved.gaps
         return Data(values=supports.values, gaps=gaps)
-    moved = dict.fromkeys(problem.contact_names, 0.0) | change
-    whole = all(is_number(value) and value == 1 for value in moved.values())
-    rows = None if whole else contact_rows(replace(problem, gap=moved), supports)
-    gaps[discrete.contact.on_obstacles] = 1.0 if whole else rows.gaps
+    whole = all(is_number(value) and value == 1 for value in change.values())
+    moved = 1.0 if whole else contact_rows(other, discrete.supports).gaps
+    gaps[discrete.contact.on_obstacles] = moved
     return Data(gaps=gaps)
+
+
+def _with_change(problem: Problem, datum: str, change: object) -> Given:
+    """The data with a legal change in place of one of them, without clamps and other loads."""
+    other = Given(**vars(problem) | dict.fromkeys(("clamped", *LOADS)) | {datum: change})
+    for argument, place, value in other.acting if datum in ACTING else ():
+        check_acting(other, argument, place, value)
+    if datum == "body_force":
+        f = require_components(datum, change, problem.N)
+        require_field(datum, f, problem.mesh, shapes=[(problem.N,)])
+    if datum == "friction":
+        require_field(datum, change, problem.mesh, problem.touching_names)
+    if datum == "gap":
+        check_contact(other)
+    if datum == "initial_plastic_strain":
+        check_history(other)
+    return other
 
 
 def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
@@ -133,30 +158,38 @@ def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
     (datum, _, boundary), change = direction.datum.partition(":"), direction.change
     given = getattr(problem.material if datum in MATERIAL else problem, datum, None)
     missing = given is None or given == {}
-    if missing and datum != "shape" and (change is None or datum == "friction"):
+    if missing and datum != "shape" and (change is None or datum in ("friction", "gap")):
         raise ValueError(f"parameters={datum!r}: the problem has none")
     if change is None:
         given = given.coefficient if isinstance(given, Coulomb) else given
         change = 1.0 if datum == "gap" or is_number(given) else given
-    if datum in BY_BOUNDARY:
-        if not isinstance(change, Mapping):
-            change = dict.fromkeys(problem.contact_names, change)
-        change = {p: v for key, v in change.items() for p in places(datum, key, problem.mesh)}
-        if not change:
-            raise ValueError(f"parameters={datum!r}: the problem has none")
-        if boundary and boundary not in change:
-            legal = ", ".join(sorted(map(str, change)))
-            raise ValueError(f"parameters='{datum}:{boundary}': one of {legal} is needed")
-        change = {boundary: change[boundary]} if boundary else change
-    return datum, change
+    if datum not in BY_BOUNDARY:
+        return datum, change
+    if datum == "gap" and not isinstance(change, Mapping):
+        change = dict.fromkeys(problem.contact_names, change)
+    require_mapping(datum, change, "boundary name -> change")
+    change = {p: v for key, v in change.items() for p in places(datum, key, problem.mesh)}
+    if boundary and boundary not in change:
+        legal = ", ".join(sorted(map(str, change)))
+        raise ValueError(f"parameters='{datum}:{boundary}': one of {legal} is needed")
+    change = {boundary: change[boundary]} if boundary else change
+    kept = {}
+    if datum == "gap":
+        kept = dict.fromkeys(problem.contact_names, 0.0)
+    if datum == "prescribed":
+        kept = dict.fromkeys(problem.clamped_names, (0.0,) * problem.N)
+        kept |= scaled(problem.single("prescribed"), 0.0)
+    return datum, kept | change
 
 
 def _material(state: State, datum: str, change: Coefficient) -> Data:
     """By a complex step in the formulas of the material, exact to rounding."""
     problem, points = state.discrete.problem, state.discrete.points
+    require_coefficient(datum, change)
     alpha_1, _ = split_hardening(problem.initial_hardening)
     known = vars(problem.material) | {"alpha_1": alpha_1 or 0.0, "change": change}
     known = {n: v if v is None or is_number(v) else points.at(v) for n, v in known.items()}
+    require_in(datum, np.reshape(known["change"], (-1, 1)), "the body")
     known[datum] = known[datum] + COMPLEX * 1j * known["change"]
     m = copy(problem.material)
     vars(m).update({name: known[name] for name in MATERIAL})
@@ -173,8 +206,10 @@ def _material(state: State, datum: str, change: Coefficient) -> Data:
     return Data({name: zero + slope for name, slope in slopes.items() if np.any(slope)})
 
 
-def on_moving_mesh(old: State, motion: np.ndarray, read: Callable[[State], Data]) -> Data:
-    """d/dt of what is read off a state on the mesh x + t V; displacements and forces stay.
+def on_moving_mesh(
+    old: State, motion: np.ndarray, functional: Callable[[State], float] | None = None
+) -> Data:
+    """d/dt of the data on the mesh x + t V, and "value" of a functional; u and forces stay.
 
     ``motion`` is V at the vertices, shape (vertices, N) (length per unit of the parameter).
     """
@@ -185,7 +220,8 @@ def on_moving_mesh(old: State, motion: np.ndarray, read: Callable[[State], Data]
         with moved_mesh(problem.mesh, k * step * motion):
             discrete = DiscreteProblem(problem)
             state = discrete.state(old.u, contact=_turned(old.contact, old.discrete, discrete))
-            found += weight / step * read(state)
+            data = geometry(old, state) + Data({"value": functional(state)} if functional else {})
+            found += weight / step * data
     return found
 
 

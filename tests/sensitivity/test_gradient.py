@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from campaigns.derivatives import Derivatives, compared, envelope_error, taylor_slopes
 from campaigns.random_data import last_state, moved, once, random_problem, sizes
-from ngsolve import CF, IfPos, InnerProduct, Integrate, ds, dx, x, y
+from ngsolve import CF, Id, IfPos, InnerProduct, Integrate, ds, dx, x, y
 
 from ngepc import (
     Coulomb,
     Material,
     NewtonOptions,
     Problem,
+    Roller,
     SolverError,
     evolve,
     lshape_problem,
@@ -175,11 +176,49 @@ def test_the_answer_is_a_mapping_that_says_what_it_is_worth(lshape_result):
         ("prescribed", "the problem has none"),
         ("traction:left", "one of load is needed"),
         ("hardening:left", "only 'hardening' has a derivative"),
+        (Direction("gap", {"load": 1.0}), "the contact boundaries are"),
+        (Direction("gap", 1 / (x - x)), "finite values are needed"),
+        (Direction("lame_mu", CF((x, y))), "a scalar is needed"),
+        (Direction("lame_mu", 1 / (x - x)), "finite values are needed"),
+        (Direction("traction", {"load": (1.0, 2.0, 3.0)}), "2 components are needed"),
+        (Direction("traction", {"load": (np.nan, 0.0)}), "a finite number is needed"),
+        (Direction("body_force", (1.0, 2.0, 3.0)), "2 components are needed"),
+        (Direction("initial_plastic_strain", Id(2)), "plastic strains are trace-free"),
+        (Direction("prescribed", {"load": (1.0, None)}), "no such support"),
+        (Direction("prescribed", {"load": Roller(None, 1.0)}), "no such support"),
     ],
 )
 def test_parameters_that_are_refused(lshape_result, parameters, text):
+    wanted = {"one": parameters} if isinstance(parameters, Direction) else parameters
     with pytest.raises(ValueError, match=text):
-        gradient(lshape_result, "contact_force", parameters)
+        gradient(lshape_result, "contact_force", wanted)
+
+
+def test_changes_of_loads_and_supports_name_their_boundary(lshape_result):
+    for datum in ("traction", "pressure", "prescribed"):
+        with pytest.raises(TypeError, match="a mapping of boundary name -> change is needed"):
+            gradient(lshape_result, "contact_force", {"one": Direction(datum, (1.0, 0.0))})
+
+
+def test_obstacle_and_support_that_meet_move_either_way():
+    """Also where the changed data would not be those of a body: a clamp above the obstacle."""
+    stiff = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=10.0)
+    mesh = block.structured_mesh(4, 4, simplices=True)
+    push = {"clamped": (0.0, 10.0)}
+    problem = Problem(mesh, stiff, "left", push, contact="contact", gap=1e-3)
+    motions = {
+        "away": Direction("gap", 1.0),
+        "closer": Direction("gap", -1.0),
+        "tilted": Direction("gap", -x),
+        "back": Direction("gap", x),
+        "lifted": Direction("prescribed", {"left": (0.0, 1.0)}),
+    }
+    for p in (problem, replace(problem, clamped=None, prescribed={"left": (0.0, 0.0)})):
+        slopes = gradient(semismooth_newton(p), "contact_force", motions)
+        assert slopes["away"] < slopes["back"] < -1.0
+        assert slopes["closer"] == pytest.approx(-slopes["away"], rel=1e-12)
+        assert slopes["tilted"] == pytest.approx(-slopes["back"], rel=1e-12)
+        assert slopes["lifted"] == pytest.approx(-slopes["away"], rel=1e-9)
 
 
 @pytest.mark.parametrize(
