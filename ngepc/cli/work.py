@@ -31,7 +31,7 @@ from ngepc.pictures.style import save_figure
 from ngepc.pictures.views import EXTRA, show, viewer_installed
 from ngepc.results import checkpoint, records
 from ngepc.results.files import check_folder, check_writable
-from ngepc.results.outcome import History, IterationRecord, Status
+from ngepc.results.outcome import Status
 from ngepc.results.result import Result
 from ngepc.studies.examples import THRESHOLDS, coarse_start, example, solved_by
 from ngepc.studies.work import Work
@@ -126,11 +126,9 @@ def load_run(path: Path) -> tuple[dict, Problem, GridFunction | DualResult]:
         u.vec.FV().NumPy()[:] = state
         return record, problem, u
     functional = prepared(problem, Coupled(record["gamma"]), NewtonOptions())
-    v = functional.blocks.H_vector()
-    v.FV().NumPy()[:] = state
-    history = History([IterationRecord(**row) for row in kept["history"]])
-    y, status = functional.blocks.primal_of(v), Status[record["status"].upper()]
-    return record, problem, DualResult(functional, y, v, status, "", history)
+    status = Status[record["status"].upper()]
+    rows = kept["history"]
+    return record, problem, DualResult.restored(functional, state, status, rows)
 
 
 def path(args: argparse.Namespace) -> int:

@@ -75,7 +75,7 @@ def prolongate(source: FESpace, values: BaseVector, target: FESpace) -> np.ndarr
     """Degrees of freedom in ``target`` of a P1 function in ``source``, a space of the same kind.
 
     They are zero where not free, and functions on a part of the boundary are zero at other
-    vertices; to a refined mesh this is exact.
+    vertices; to the same or a refined mesh this is exact.
     """
     old, new = source.mesh, target.mesh
     components = GridFunction(source).dim
@@ -85,5 +85,6 @@ def prolongate(source: FESpace, values: BaseVector, target: FESpace) -> np.ndarr
     known = np.zeros((old.nv, components))
     known[old_vertices] = values.FV().NumPy().reshape(components, -1)[:, old_dofs].T
     result = np.zeros((components, target.ndof // components))
-    result[:, new_dofs] = at_points(old, known, vertex_coordinates(new)[new_vertices]).T
+    points, same = vertex_coordinates(new)[new_vertices], old is new
+    result[:, new_dofs] = (known[new_vertices] if same else at_points(old, known, points)).T
     return result.ravel() * np.array(target.FreeDofs(), dtype=float)

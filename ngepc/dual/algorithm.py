@@ -21,7 +21,7 @@ from ngepc.dual.functional import DualFunctional, Iterate
 from ngepc.dual.result import DualResult
 from ngepc.dual.stopping import Tolerances, ended, judged
 from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError, SparseSum
-from ngepc.linalg.linesearch import ROUNDING, Descent, FullSteps, LineSearch, Step
+from ngepc.linalg.linesearch import Descent, FullSteps, LineSearch, Step
 from ngepc.results.outcome import History, IterationRecord, Monitor, Status
 
 logger = logging.getLogger(__name__)
@@ -52,7 +52,7 @@ def algorithm_7_1(
             system.factorise(functional, here.hessian())
             dy, dv = system.solve((-here.residual).Evaluate())  # (a) the Newton system (7.1)
             line = DualLine(here, dy, dv)
-            step = search.search(line.phi) if line.slope < 0 else None  # (b) Armijo's rule
+            step = search.search(line) if line.slope_0 < 0 else None  # (b) Armijo's rule
             if step is None:
                 status = line.fault()
                 break
@@ -97,7 +97,8 @@ class NewtonSystem:
         self._blocks, self._solver, self._first = blocks, inverse, blocks.Y.ndof
         mirrored = inverse not in FROM_LOWER_TRIANGLE
         self._sum = SparseSum(blocks.saddle.mat, [blocks.B], self._first, mirrored=mirrored)
-        self._functional = self._inverse = None
+        self._sum.add(blocks.saddle.mat)
+        self._saddle, self._inverse = self._sum.values.copy(), None
 
     def factorise(self, functional: DualFunctional, hessian: BaseMatrix | None) -> None:
         """Assemble and factorise the Newton matrix; None leaves the nonsmooth terms out.
@@ -106,12 +107,8 @@ class NewtonSystem:
         """
         if functional.blocks is not self._blocks:
             raise ValueError("functional has blocks of its own: one on the same blocks is needed")
-        if functional is not self._functional:
-            self._sum.values[:] = 0.0
-            self._sum.add(self._blocks.saddle.mat)
-            self._sum.add(self._blocks.B, self._first, 1 / functional.weights.tichonov)
-            self._functional, self._constant = functional, self._sum.values.copy()
-        self._sum.values[:] = self._constant
+        self._sum.values[:] = self._saddle
+        self._sum.add(self._blocks.B, self._first, 1 / functional.weights.tichonov)
         if hessian is not None:
             self._sum.add(hessian, self._first)
         matrix = self._sum.matrix()
@@ -141,23 +138,17 @@ class NewtonSystem:
         return (1.0 * dy).Evaluate(), (1.0 * dv).Evaluate()
 
 
-class DualLine:
-    """J*_gamma along (y + t dy, v + t dv); ``slope`` is its derivative at t = 0."""
+class DualLine(Descent):
+    """J*_gamma along (y + t dy, v + t dv)."""
 
     def __init__(self, here: Iterate, dy: BaseVector, dv: BaseVector) -> None:
         self.here, self.dy, self.dv, functional = here, dy, dv, here.functional
-        self.slope = InnerProduct(here.residual, dv)
+        self.energy_0, self.magnitude = here.energy, here.magnitude
+        self.slope_0 = InnerProduct(here.residual, dv)
         image = (functional.blocks.Lambda * dy).Evaluate()
         self._smooth_slope = InnerProduct(functional.linear_residual(here.y, here.v), dv)
         self._curvature = InnerProduct(image, dv) + functional.tichonov(dv, dv)
         self._last = 0.0, here
-
-    @property
-    def phi(self) -> Descent:
-        """The function of t as line searches take it."""
-        start = {"energy_0": self.here.energy, "slope_0": self.slope}
-        phi = {"energy": self.energy, "derivative": self.derivative}
-        return Descent(**phi, **start, magnitude=self.here.magnitude)
 
     def at(self, t: float) -> Iterate:
         """The iterate at a step length; the last one is kept."""
@@ -179,8 +170,8 @@ class DualLine:
     def fault(self) -> Status:
         """Why there is no step length; the data may have changed."""
         again = Iterate(self.here.functional, self.here.v, self.here.y)
-        values = self.slope, *again.penalties, InnerProduct(again.multipliers, self.dv)
+        values = self.slope_0, *again.penalties, InnerProduct(again.multipliers, self.dv)
         if not math.isfinite(sum(values)):
             return Status.NONFINITE
-        drowned = 0 <= self.slope <= ROUNDING * self.here.magnitude
+        drowned = self.slope_0 >= 0 and self.is_rounding(self.slope_0)
         return Status.STAGNATED if drowned else Status.LINESEARCH_FAILED

@@ -51,11 +51,8 @@ from ngepc.dual.spaces import Coupled
 from ngepc.model.elements import elements_by_shape
 
 ROUNDING_SAMPLES = 2
-
 EPSILON = float(np.finfo(float).eps)
-
-TINY = 1e-290
-"""What is added to |q|: q / |q| is zero at q = 0."""
+TINY = 1e-290  # is added to |q|: q / |q| is zero at q = 0
 
 
 class RadialLaw:
@@ -183,14 +180,10 @@ class DualFunctional:
     def carried(self, old: DualFunctional, v: BaseVector) -> BaseVector:
         """The v in H_h with the nodal values of an earlier v, on this or another mesh."""
         w = self.blocks.H_vector()
-        same_mesh = old.blocks.problem.mesh is self.blocks.problem.mesh
         parts = old.blocks.parts(v), self.blocks.parts(w)
         spaces = old.blocks.H.components, self.blocks.H.components
         for values, to, source, target in zip(*parts, *spaces, strict=True):
-            if same_mesh and source.ndof == target.ndof:
-                to.FV().NumPy()[:] = values.FV().NumPy() * np.array(target.FreeDofs(), dtype=float)
-            else:
-                to.FV().NumPy()[:] = prolongate(source, values, target)
+            to.FV().NumPy()[:] = prolongate(source, values, target)
         return w
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -142,23 +142,19 @@ def follow_path(
     watchers = {"monitor": monitor, "newton_monitor": newton_monitor, "observer": observer}
     for name, watcher in watchers.items():
         require_function(name, watcher, "what it is shown", optional=True)
-    newton = options.newton
-    unlimited = replace(options, max_outer_iterations=1, newton=replace(newton, max_iterations=1))
-    store = PathStore(checkpoint, problem, {"spaces": repr(spaces), **asdict(unlimited)})
-    saved, blocks = store.load(), LinearBlocks(problem, spaces, newton.inverse)
+    store, newton = PathStore(checkpoint, problem, spaces, options), options.newton
+    steps, kept = store.load()
+    blocks = LinearBlocks(problem, spaces, newton.inverse)
     rules, system = Rules(options, blocks), NewtonSystem(blocks, newton.inverse)
     functional = partial(DualFunctional, blocks, newton.quadrature_points)
     how = newton.linesearch, newton.max_iterations, newton_monitor
-    steps, last, v = [], None, blocks.H_vector()
-    if saved is not None:
-        steps, v.FV().NumPy()[:], history = saved
-        y, end = blocks.primal_of(v), steps[-1]
-        last = DualResult(functional(end.gamma), y, v, end.status, "", history)
+    last = DualResult.restored(functional(steps[-1].gamma), **kept) if steps else None
     try:
         while (status := rules.status(steps)) is None:
             gamma, aim = rules.next(steps)
+            v = blocks.H_vector() if last is None else last.v
             last = algorithm_7_1(system, functional(gamma), v, aim, *how)
-            v, steps = last.v, [*steps, PathStep.after(steps, last)]
+            steps.append(PathStep.after(steps, last))
             store.save(steps, last)
             logger.info("gamma %.4g: %s", gamma, steps[-1])
             if observer is not None:

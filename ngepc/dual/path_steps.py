@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
+from ngepc.checks.declared import Declared
 from ngepc.checks.kinds import require_path
 from ngepc.dual.functional import Iterate
 from ngepc.dual.result import DualResult
+from ngepc.dual.spaces import DualSpaces
 from ngepc.model.problem import Problem
 from ngepc.results import checkpoint
 from ngepc.results.files import check_writable
-from ngepc.results.outcome import Ending, History, IterationRecord, Status
+from ngepc.results.outcome import Ending, Status
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,28 +110,32 @@ class PathResult(Ending):
 class PathStore:
     """The checkpoint of a path, None for none; OSError, before any work, if it cannot be written.
 
-    It belongs to a problem and to what is ``told`` of the rest of the work.
+    It belongs to a problem, the spaces and all options but the limits.
     """
 
-    def __init__(self, path: Path | str | None, problem: Problem, told: Mapping) -> None:
+    def __init__(
+        self, path: Path | str | None, problem: Problem, spaces: DualSpaces, options: Declared
+    ) -> None:
         self._path = None if path is None else require_path("checkpoint", path)
         if self._path is not None:
             if not self._path.parent.is_dir():
                 raise FileNotFoundError(f"checkpoint {self._path}: there is no such folder")
             check_writable(self._path)
+            told = asdict(replace(options, max_outer_iterations=1)) | {"spaces": repr(spaces)}
+            told["newton"]["max_iterations"] = 1
             self._fingerprint = checkpoint.work_fingerprint("path", problem, **told)
 
-    def load(self) -> tuple[list[PathStep], np.ndarray, History] | None:
-        """The steps on disk, the dual variable and the history of the last; None without a file.
+    def load(self) -> tuple[list[PathStep], dict]:
+        """The steps on disk and what restores the last result; none without a file.
 
         ValueError if the file is damaged or belongs to other work.
         """
         saved = None if self._path is None else checkpoint.load(self._path, self._fingerprint)
         if saved is None:
-            return None
+            return [], {}
         steps = [PathStep(**s | {"status": Status[s["status"]]}) for s in saved.record["steps"]]
-        history = [IterationRecord(**record) for record in saved.record["history"]]
-        return steps, saved.arrays["v"], History(history)
+        rows = saved.record["history"]
+        return steps, {"v": saved.arrays["v"], "status": steps[-1].status, "rows": rows}
 
     def save(self, steps: list[PathStep], last: DualResult) -> None:
         """Write the steps and the last result, whole or not at all, if it has converged."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 from ngsolve import H1, CoefficientFunction, GridFunction, Integrate, Norm, ds
 from ngsolve.la import BaseVector
 
@@ -14,7 +15,7 @@ from ngepc.dual.functional import DualFunctional, Iterate, total
 from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.equilibrium import Equilibrium
-from ngepc.results.outcome import History, Status
+from ngepc.results.outcome import History, IterationRecord, Status
 from ngepc.results.result import Result
 
 
@@ -40,6 +41,16 @@ class DualResult(Result):
     status: Status
     message: str
     history: History
+
+    @classmethod
+    def restored(
+        cls, functional: DualFunctional, v: np.ndarray, status: Status, rows: list[dict]
+    ) -> DualResult:
+        """A result that was kept: v, how it ended and ``History.as_rows``; y is solved for."""
+        vector, history = functional.blocks.H_vector(), [IterationRecord(**row) for row in rows]
+        vector.FV().NumPy()[:] = v
+        y = functional.blocks.primal_of(vector)
+        return cls(functional, y, vector, status, "", History(history))
 
     @property
     def problem(self) -> Problem:

@@ -12,29 +12,21 @@ so a body of another size needs L = its size to give the scaled result.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 from ngsolve import CF, InnerProduct, grad
 from ngsolve.comp import ProxyFunction
 
-from ngepc.checks.declared import Declared, Positive
+from ngepc.checks.declared import Check, Declared, Positive
 from ngepc.checks.kinds import require_instance
 
 
 @dataclass(frozen=True)
 class SurfaceGradient:
-    """(R2): H^1_0(Gamma_c) x H^1_0(Omega)^d with L (grad z, grad w) + (grad q, grad r).
+    """(R2): H^1_0(Gamma_c) x H^1_0(Omega)^d with L (grad z, grad w) + (grad q, grad r)."""
 
-    Attributes
-    ----------
-    fixed
-        Whether z = 0 at the ends of Gamma_c and q = 0 on the boundary of the body.
-    values
-        How much of (z, w) / L and (q, r) / L^2 there is beside the gradients.
-    """
-
-    fixed: ClassVar[bool] = True
-    values: ClassVar[float] = 0.0
+    fixed: ClassVar[bool] = True  # z = 0 at the ends of Gamma_c, q = 0 on the boundary of the body
+    values: ClassVar[float] = 0.0  # how much of (z, w) / L and (q, r) / L^2 there is besides
 
     def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CF:
         """The integrand of <B_z z, w> on Gamma_c, with the reference length."""
@@ -71,6 +63,10 @@ class Units(Declared):
     length: Positive = 1.0
 
 
+PRODUCT = Check(require_instance, kind=SurfaceGradient, needed="SurfaceGradient() or FullProduct()")
+UNITS = Check(require_instance, kind=Units, needed="Units(...)")
+
+
 @dataclass(frozen=True, kw_only=True)
 class DualSpaces(Declared):
     """What stays along a path in gamma: matrices are assembled for it once.
@@ -88,14 +84,8 @@ class DualSpaces(Declared):
         If an argument is of the wrong kind.
     """
 
-    tichonov: SurfaceGradient = field(default_factory=SurfaceGradient)
-    units: Units = field(default_factory=Units)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        needed = "SurfaceGradient() or FullProduct()"
-        require_instance("tichonov", self.tichonov, SurfaceGradient, needed)
-        require_instance("units", self.units, Units, "Units(...)")
+    tichonov: Annotated[SurfaceGradient, PRODUCT] = field(default_factory=SurfaceGradient)
+    units: Annotated[Units, UNITS] = field(default_factory=Units)
 
 
 class Weights(NamedTuple):

@@ -26,8 +26,7 @@ class Step:
     halvings: int
 
 
-@dataclass(frozen=True, kw_only=True)
-class Descent:
+class Descent(Protocol):
     """A convex function phi of the step length alpha, with phi'(0) < 0."""
 
     energy: Callable[[float], float]  # phi
