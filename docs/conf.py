@@ -94,6 +94,7 @@ def setup(app: object) -> None:
 
 def without_checks(app: object, function: object, bound: bool) -> None:
     """Signatures show the types of fields; their ranges stand in the text beside them."""
+    function = getattr(function, "__func__", function)
     if isinstance(function, FunctionType):
         owner = function.__globals__.get(function.__qualname__.rpartition(".")[0])
         fields = get_type_hints(owner) if is_dataclass(owner) else {}

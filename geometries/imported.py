@@ -47,8 +47,8 @@ def mesh(source: object) -> Mesh:
     Raises
     ------
     TypeError, ValueError
-        If it is none, has no elements or shapes that are not known, is neither plane nor solid, or
-        has groups without a name.
+        If it is none, has no elements or shapes that are not known, is neither plane nor solid, has
+        groups without a name, or sets that share cells.
     """
     require_attributes("source", source, ("points", "cells", "cell_sets"), "a meshio.Mesh")
     groups = list(_groups(source))
@@ -91,10 +91,16 @@ def _groups(source: object) -> Iterator[tuple[int, str, np.ndarray]]:
             yield dimension, named[dimension, int(tag)], cells[tags[number] == tag]
             rest[tags[number] == tag] = False
         for name, sets in source.cell_sets.items() if tags is None else ():
-            inside = sets[number] if sets[number] is not None else ()
+            inside = np.asarray([] if sets[number] is None else sets[number], dtype=int)
+            if not rest[inside].all():
+                this = f"source.cell_sets[{name!r}]"
+                raise ValueError(
+                    f"{this} has {block.type!r} cells that another set has, too: "
+                    f"one set for each cell is needed, del {this} leaves it out"
+                )
             if len(inside):
-                yield dimension, name, cells[np.asarray(inside, dtype=int)]
-                rest[np.asarray(inside, dtype=int)] = False
+                yield dimension, name, cells[inside]
+                rest[inside] = False
         if rest.any():
             yield dimension, "body" if dimension > 1 else "free", cells[rest]
 

@@ -115,6 +115,11 @@ class BoundedResult:
         """Newton steps on all meshes."""
         return sum(record.iterations for record in self.records)
 
+    def __repr__(self) -> str:
+        found = f"relative error at most {self.bound.relative:.3g}, {self.asked:g} asked"
+        meshes = f"{len(self.records)} meshes, {self.records[-1].nodes} nodes"
+        return f"<BoundedResult: {found}, {meshes}>"
+
 
 def solve_to(
     problem: Problem,

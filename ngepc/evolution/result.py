@@ -147,6 +147,10 @@ class EvolutionStep:
         """The problem of the step, with p_0 and alpha_0 as they were at its begin."""
         return self.fields.problem
 
+    def __repr__(self) -> str:
+        time, steps, force = self.record.time, self.record.iterations, self.record.contact_force
+        return f"<EvolutionStep: to time {time:g}, Newton steps {steps}, contact force {force:.8g}>"
+
 
 @dataclass(eq=False)
 class Evolution(Ending):
@@ -169,6 +173,10 @@ class Evolution(Ending):
     memory: Memory
     status: Status = Status.CONVERGED
     message: str = ""
+
+    def __repr__(self) -> str:
+        reached = f", the last one to time {self.times[-1]:g}" if self.steps else ""
+        return f"<Evolution: {self.status}, {len(self.steps)} steps{reached}>"
 
     @property
     def times(self) -> list[float]:

@@ -33,7 +33,7 @@ h2 { font-size: 1.2rem; margin-top: 2.4rem; padding-top: .8rem; border-top: 1px 
 .wide { overflow-x: auto; margin: .9rem 0; }
 table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; }
 th, td { padding: .28rem .8rem; border-bottom: 1px solid #d9dee3; text-align: right; }
-td.text { text-align: left; }
+.text { text-align: left; }
 img { max-width: 100%; }
 </style></head><body><h1>$title</h1>$content<footer>$footer</footer></body></html>
 """)
@@ -116,7 +116,11 @@ def _inline(text: str) -> str:
 def html_table(rows: Sequence[Mapping[str, object]]) -> str:
     """A table whose columns are the keys in order of appearance, numbers with four digits."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    lines = ["".join(f"<th>{html.escape(str(column))}</th>" for column in columns)]
+    lines = [""]
+    for column in columns:
+        words = all(isinstance(row.get(column), str) for row in rows)
+        kind = ' class="text"' if words else ""
+        lines[0] += f"<th{kind}>{html.escape(str(column))}</th>"
     for row in rows:
         cells = []
         for value in map(row.get, columns):

@@ -421,6 +421,8 @@ def test_records_tell_the_force_of_every_support(rolled, solver):
     pushes = np.array(evolution.column("contact_resultant"))[:, 1]
     assert pushes == pytest.approx(-np.array(evolution.column("contact_force")), rel=1e-9)
     assert pushes.min() < -0.5
+    assert repr(evolution) == "<Evolution: converged, 4 steps, the last one to time 2>"
+    assert repr(evolution.steps[0]).startswith("<EvolutionStep: to time 0.5, Newton steps ")
     with pytest.raises(ValueError, match=r"support='right'.* of clamped, left"):
         evolution.reactions("right")
 

@@ -115,6 +115,13 @@ def test_cell_sets_are_names_too():
     named = imported.mesh(meshio.Mesh(source.points, source.cells, cell_sets=sets))
     assert set(named.GetBoundaries()) == set(mesh.GetBoundaries())
     assert named.GetMaterials() == ("steel",)
+    twice = meshio.Mesh(source.points, source.cells, cell_sets=sets | {"section": sets["steel"]})
+    with pytest.raises(
+        ValueError, match=r"cell_sets\['section'\] has 'quad' cells that another set"
+    ):
+        imported.mesh(twice)
+    del twice.cell_sets["section"]
+    assert imported.mesh(twice).ne == mesh.ne
 
 
 def refused(change):
