@@ -96,8 +96,7 @@ class NewtonSystem:
     def __init__(self, blocks: LinearBlocks, inverse: str) -> None:
         self._blocks, self._solver, self._first = blocks, inverse, blocks.Y.ndof
         mirrored = inverse not in FROM_LOWER_TRIANGLE
-        self._sum = SparseSum(blocks.saddle.mat, [blocks.B], self._first, mirrored=mirrored)
-        self._sum.add(blocks.saddle.mat)
+        self._sum = SparseSum(blocks.saddle.mat, mirrored=mirrored)
         self._saddle, self._inverse = self._sum.values.copy(), None
 
     def factorise(self, functional: DualFunctional, hessian: BaseMatrix | None) -> None:

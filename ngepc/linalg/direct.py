@@ -6,8 +6,6 @@ alone and are added in place, so that the pattern and its symbolic factorisation
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from netgen.meshing import NgException
 from ngsolve import BitArray
@@ -87,48 +85,30 @@ def from_entries(
 
 
 class SparseSum:
-    """The sum of symmetric blocks in one fixed pattern.
+    """A matrix in symmetric storage, and what is added to it in its pattern.
 
-    ``largest`` has the size of the sum and symmetric storage; its pattern and those of the blocks,
-    whose row and column 0 stand at ``first`` in the sum, make that of the sum.  ``mirrored`` asks
-    for both triangles in any case; ``values`` are the entries of the lower one, row by row.
+    ``mirrored`` asks for both triangles; ``values`` are the entries of the lower one, row by row.
     """
 
-    def __init__(
-        self,
-        largest: BaseMatrix,
-        blocks: Sequence[BaseMatrix] = (),
-        first: int = 0,
-        *,
-        mirrored: bool = False,
-    ) -> None:
-        size = self._size = largest.height
-        self._keys, _ = self._entries(largest, 0)
-        found = (self._entries(block, first)[0] for block in blocks)
-        more = [keys[~self._places(keys)[1]] for keys in found]
-        self._matrix, self._source = largest.CreateMatrix(), slice(None)
-        if mirrored or any(len(keys) for keys in more):
-            self._keys = np.unique(np.concatenate([self._keys, *more]))
-            numbers, where = np.arange(len(self._keys)), np.divmod(self._keys, size)
-            self._matrix = both_triangles(coo_matrix((numbers, where), shape=(size, size)))
+    def __init__(self, first: BaseMatrix, *, mirrored: bool = False) -> None:
+        rows, columns, values = lower_triangle(first)
+        self._size, self.values = first.height, values.copy()
+        self._keys = rows * self._size + columns
+        self._matrix, self._source = first.CreateMatrix(), slice(None)
+        if mirrored:
+            numbers, shape = np.arange(len(rows)), (self._size, self._size)
+            self._matrix = both_triangles(coo_matrix((numbers, (rows, columns)), shape=shape))
             self._source = self._matrix.AsVector().FV().NumPy().astype(np.int64)
-        self.values = np.zeros(len(self._keys))
-
-    def _entries(self, block: BaseMatrix, first: int) -> tuple[np.ndarray, np.ndarray]:
-        """Keys row * size + column in the sum and values of a block's lower triangle."""
-        rows, columns, values = lower_triangle(block)
-        return (rows + first) * self._size + columns + first, values
-
-    def _places(self, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the keys are among those of the sum, and which of them are there."""
-        where = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
-        return where, self._keys[where] == keys
 
     def add(self, block: BaseMatrix, first: int = 0, factor: float = 1.0) -> None:
-        """Add ``factor`` times a block; a ValueError if it has entries outside of the pattern."""
-        keys, values = self._entries(block, first)
-        where, known = self._places(keys)
-        if not known.all():
+        """Add ``factor`` times a block whose row and column 0 stand at ``first`` in the sum.
+
+        A ValueError if it has entries outside of the pattern.
+        """
+        rows, columns, values = lower_triangle(block)
+        keys = (rows + first) * self._size + columns + first
+        where = np.searchsorted(self._keys, keys)
+        if not np.array_equal(self._keys.take(where, mode="clip"), keys):
             raise ValueError("block has entries outside of the pattern of the sum")
         self.values[where] += factor * values
 
