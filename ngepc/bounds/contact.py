@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.equilibration import moments_of
@@ -37,18 +38,15 @@ class ContactFacets:
             self.nodes = np.column_stack([self.nodes, edge[on]])
             self._hats = np.column_stack([self._hats, np.full(2, BUBBLE / 12)])
         self._start = initial_displacements(self.problem, discrete.supports)
-        vertices, rows = c.facets[on], discrete.rows
-        order = np.argsort(rows.vertices, kind="stable")
-        first, last = (
-            np.searchsorted(rows.vertices[order], vertices, s) for s in ("left", "right")
-        )
-        self.row_of, best = np.full(vertices.shape, -1), np.full(vertices.shape, -2.0)
-        for k in range(int((last - first).max(initial=0))):
-            row = order[np.minimum(first + k, len(order) - 1)]
-            cosine = (rows.normals[row] * self.normal[:, None]).sum(axis=2)
-            better = (first + k < last) & (cosine > best)
-            self.row_of = np.where(better, row, self.row_of)
-            best = np.where(better, cosine, best)
+        rows, corners = discrete.rows, c.facets[on].ravel()
+        numbers, shape = np.arange(len(rows)), (len(c.points), len(rows))
+        of_vertices = csr_matrix((np.ones(len(rows)), (rows.vertices, numbers)), shape)
+        corner, row = of_vertices[corners].nonzero()
+        cosine = np.einsum("ic,ic->i", rows.normals[row], self.normal[corner // self.N])
+        nearest = np.argsort(cosine, kind="stable")  # comes last, and is the one that stays
+        self.row_of = np.full(len(corners), -1)
+        self.row_of[corner[nearest]] = row[nearest]
+        self.row_of = self.row_of.reshape(-1, self.N)
 
     def moments(self, values: np.ndarray) -> np.ndarray:
         """Of affine functions, from vertex values (facets, N, .), by ``nodes``."""

@@ -48,6 +48,8 @@ class Element:
         self.basis, self.coordinates = basis, np.concatenate([unit[None] / N, basis])
         self.corners = np.vstack([np.zeros(N), unit, np.full(N, 1 / (N + 1))])
         self.parts = [(*facet, N + 1) for facet in FACETS[N]]
+        places = np.insert(self.corners[np.array(self.parts)], 0, 1.0, axis=2)
+        self._slopes = np.linalg.inv(places)[:, 1:]  # of the hat functions of each part, as columns
         equations = np.vstack([self._jumps(), self._divergences()])
         _, size, vectors = np.linalg.svd(equations)
         rank = int((size > 1e-10 * size[0]).sum())
@@ -68,18 +70,12 @@ class Element:
         rows[:, part, self.parts[part].index(vertex)] = (self.components @ n).T
         return rows.reshape(N, -1)
 
-    def _normal(self, vertices: tuple[int, ...]) -> np.ndarray:
-        """A normal of the facet with these vertices, as long as the facet is large."""
-        edges = self.corners[list(vertices[1:])] - self.corners[vertices[0]]
-        minors = [np.linalg.det(np.delete(edges, i, axis=1)) for i in range(self.N)]
-        return np.array(minors) * (-1.0) ** np.arange(self.N) / math.factorial(self.N - 1)
-
     def _jumps(self) -> np.ndarray:
         """The jumps of sigma n at the vertices of the inner facets."""
         rows = []
         for k, j in combinations(range(self.N + 1), 2):
-            facet = tuple(v for v in self.parts[k] if v in self.parts[j])
-            n = self._normal(facet)
+            n = self._slopes[k][:, self.parts[k].index(j)]  # part j lacks the vertex j
+            facet = [v for v in self.parts[k] if v != j]
             rows += [self._tractions(k, v, n) - self._tractions(j, v, n) for v in facet]
         return np.concatenate(rows)
 
@@ -87,9 +83,7 @@ class Element:
         """The divergence on each part, shape (N (N + 1), unknowns)."""
         N = self.N
         rows = np.zeros((N + 1, N, N + 1, N + 1, len(self.components)))
-        for k, part in enumerate(self.parts):
-            places = self.corners[list(part)]
-            slopes = np.linalg.inv(np.column_stack([np.ones(N + 1), places]))[1:]
+        for k, slopes in enumerate(self._slopes):
             rows[k, :, k] = np.einsum("cij,ja->iac", self.components, slopes)
         return rows.reshape(N * (N + 1), -1)
 
@@ -97,8 +91,7 @@ class Element:
         """Moments of sigma n, outward, with the hat functions of the facets' vertices."""
         N, rows = self.N, []
         for k, facet in enumerate(FACETS[N]):
-            n = self._normal(facet)
-            n *= np.sign(n @ (self.corners[facet[0]] - self.corners[k])) / (N * (N + 1))
+            n = -self._slopes[k][:, -1] / (math.factorial(N + 1) * (N + 1))
             tractions = [self._tractions(k, v, n) for v in facet]
             rows += [sum(tractions) + own for own in tractions]
         return np.concatenate(rows)

@@ -18,7 +18,8 @@ Changes = Mapping[str, object]
 """Field of ``Problem`` -> its value in the step; what is not named is as in the problem."""
 
 # The body, and what earlier steps decide, do not change; a load cycle scales its loads
-CARRIED = ("mesh", "material", "initial_plastic_strain", "initial_hardening")
+CARRIED = ("mesh", "material", "kinematics", "initial_plastic_strain", "initial_hardening")
+CARRIED += ("initial_accumulated", "initial_displacement")
 LOADS = ("traction", "pressure", "body_force", "initial_strain", "prescribed")
 
 

@@ -244,7 +244,7 @@ class EvolutionFile:
         count, pending = min(reached, key=itemgetter(0))  # a run may end between two files
         names, rows = ("u", "p", "contact"), found["steps"][:count]
         arrays = [{n: stored.arrays.get(f"{n}{i}") for n in names} for i in range(count)]
-        return list(zip(rows, arrays, strict=True)), [(time, level) for time, level in pending]
+        return list(zip(rows, arrays, strict=True)), pending
 
     def check(self, problem: Problem, row: dict) -> None:
         """ValueError if ``problem`` is not what the step of a row was solved for."""

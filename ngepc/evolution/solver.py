@@ -20,8 +20,7 @@ from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.transfer import check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
-from ngepc.discretisation.loads import Supports, displacement_space
-from ngepc.discretisation.prolongation import nodal_values
+from ngepc.discretisation.loads import displacement_space
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule, as_schedule
 from ngepc.evolution.result import (
@@ -198,8 +197,7 @@ class _Run:
         changes = dict(self.schedule.at(time))
         rough = changes.get("friction", self.problem.friction) is not None
         if rough and self.start is not None:
-            u_0 = nodal_values(self.start, self.problem)
-            changes["initial_displacement"] = Supports(self.problem).function(u_0)
+            changes["initial_displacement"] = self.start
         return self.evolution.memory.problem(self.problem, changes)
 
     def _solve(self, time: float, level: int) -> tuple[Status, str]:

@@ -345,6 +345,8 @@ def test_memory_of_the_initial_state_is_what_was_given():
         ([(1.0, {}), (1.0, {})], "does not come after"),
         ([(1.0, {"gaps": 0.1})], "name 'gaps'"),
         ([(1.0, {"mesh": None})], "name 'mesh'"),
+        ([(1.0, {"initial_accumulated": 0.1})], "name 'initial_accumulated'"),
+        ([(1.0, {"initial_displacement": (0, 0)})], "name 'initial_displacement'"),
         ([(float("nan"), {})], "times"),
         ([(1.0, {"gap": float("nan")})], "gap"),
     ],
