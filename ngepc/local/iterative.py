@@ -20,7 +20,7 @@ from ngepc.checks.declared import Check, Count, Declared
 from ngepc.discretisation.balance import Frame
 from ngepc.discretisation.contact_step import FEW
 from ngepc.discretisation.stiffness import Blocks
-from ngepc.linalg.descent import Linear, conjugate_gradients
+from ngepc.linalg.descent import Linear, conjugate_gradients, minimal_residuals
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local.closed import Closed
 from ngepc.local.system import State
@@ -29,9 +29,6 @@ from ngepc.model.support import rigid_motions
 
 ACCURACY = 1e-8
 """Relative residual of ``solve``, for callers that take it for exact."""
-
-RESTART = 60
-"""Directions that minimal residuals keep."""
 
 Preconditioner = Callable[[csr_matrix, csr_matrix], Linear]
 """A tangent, and the same with closed rows pinned -> a symmetric positive definite map of vectors.
@@ -156,13 +153,11 @@ class IterativeTangent:
         """The x that ``closed`` leaves free with K x = right there, flat, from such a ``start``.
 
         ``tolerance`` bounds the norm of the forces that remain.  FactorisationError if that takes
-        more than ``most`` iterations or the preconditioner is not positive.
+        more than ``max_iterations`` or the preconditioner is not positive.
         """
         self.prepare(closed)
         self.back_substitutions += 1
-        oblique = self._processes.any(np.array(closed.slanted))
-        iterate = self._minimal_residuals if oblique else self._conjugate_gradients
-        multiply = closed.stiffened(self.multiply)
+        multiply, processes = closed.stiffened(self.multiply), self._processes
 
         def image(x: np.ndarray) -> np.ndarray:
             """The tangent times x, projected."""
@@ -172,51 +167,20 @@ class IterativeTangent:
             """The preconditioner times r, projected."""
             return closed.project(self._precondition(r))
 
-        moved = self._processes.dot(start, start) > 0
+        moved = processes.dot(start, start) > 0
         left = closed.project(right - multiply(start) if moved else right)
-        if self._processes.norm(left) <= tolerance:
+        if processes.norm(left) <= tolerance:
             return start
-        return start + iterate(image, precondition, left, tolerance)
-
-    def _conjugate_gradients(
-        self, multiply: Linear, precondition: Linear, right: np.ndarray, tolerance: float
-    ) -> np.ndarray:
-        """For positive definite maps (Gould, Hribar, Nocedal 2001)."""
-        taken, dot = 0, self._processes.dot
-        steps = conjugate_gradients(multiply, precondition, right, dot)
+        oblique, taken = processes.any(np.array(closed.slanted)), 0
+        method = minimal_residuals if oblique else conjugate_gradients
+        steps = method(image, precondition, left, processes.dot)
         for taken, (x, r, _) in enumerate(islice(steps, self._most), start=1):
-            if np.sqrt(dot(r, r)) <= tolerance:
+            if processes.norm(r) <= tolerance:
                 self.linear_iterations += taken
-                return x
+                return start + x
         if taken < self._most:
-            raise FactorisationError("the multigrid preconditioner is not positive definite")
-        raise FactorisationError(f"conjugate gradients did not converge in {taken} iterations")
-
-    def _minimal_residuals(
-        self, multiply: Linear, precondition: Linear, right: np.ndarray, tolerance: float
-    ) -> np.ndarray:
-        """Where the projection is oblique: restarted GMRES (Saad and Schultz 1986)."""
-        dot, x, r, iterations = self._processes.dot, np.zeros_like(right), right, 0
-        while iterations < self._most:
-            left = size = np.sqrt(dot(r, r))
-            if size <= tolerance:
-                self.linear_iterations += iterations
-                return x
-            basis, H = [r / size], np.zeros((RESTART + 1, RESTART))
-            while left > 0.9 * tolerance and len(basis) <= min(RESTART, self._most - iterations):
-                k, image = len(basis), multiply(precondition(basis[-1]))
-                for j, known in enumerate(basis):
-                    H[j, k - 1] = dot(known, image)
-                    image = image - H[j, k - 1] * known
-                H[k, k - 1] = np.sqrt(dot(image, image))
-                goal = size * np.eye(k + 1)[0]
-                y = np.linalg.lstsq(H[: k + 1, :k], goal, rcond=None)[0]
-                left = np.linalg.norm(H[: k + 1, :k] @ y - goal)
-                basis.append(image / (H[k, k - 1] or 1.0))
-            iterations += len(y)
-            x = x + precondition(np.tensordot(y, basis[:-1], 1))
-            r = right - multiply(x)
-        raise FactorisationError(f"minimal residuals did not converge in {iterations} iterations")
+            raise FactorisationError("the preconditioner is not positive definite")
+        raise FactorisationError(f"the linear solver did not converge in {taken} iterations")
 
 
 def low_energy_modes(frame: Frame) -> np.ndarray:

@@ -1,9 +1,10 @@
-"""Conjugate gradients step by step."""
+"""Krylov methods step by step."""
 
 import numpy as np
 import pytest
 
-from ngepc.linalg.descent import conjugate_gradients
+from ngepc.linalg import descent
+from ngepc.linalg.descent import conjugate_gradients, minimal_residuals
 
 
 def system(n):
@@ -41,3 +42,26 @@ def test_the_inverse_as_preconditioner_takes_one_step():
 def test_indefinite_matrices_end_the_steps():
     assert not list(conjugate_gradients(lambda x: -x, lambda r: r, np.ones(3)))
     assert not list(conjugate_gradients(lambda x: x, lambda r: -r, np.ones(3)))
+
+
+def test_minimal_residuals_are_the_smallest_of_their_krylov_space():
+    A, b = system(12)
+    A[0, :] += 3.0  # not symmetric
+    scale, basis, before = 1 / A.diagonal(), [], b @ b
+    steps = minimal_residuals(A.dot, lambda r: scale * r, b, np.vdot)
+    for k, (x, left, lost) in zip(range(10), steps, strict=False):
+        basis.append(A @ (scale * (basis[-1] if k else b)))
+        least = b - np.array(basis).T @ np.linalg.lstsq(np.array(basis).T, b, rcond=None)[0]
+        np.testing.assert_allclose(left, least, atol=1e-8)
+        np.testing.assert_allclose(left, b - A @ x, atol=1e-11)
+        assert before - left @ left == pytest.approx(lost, abs=1e-10)
+        before = left @ left
+
+
+def test_minimal_residuals_go_on_after_a_restart(monkeypatch):
+    monkeypatch.setattr(descent, "KEPT", 3)
+    A, b = system(12)
+    A[0, :] += 3.0
+    steps = minimal_residuals(A.dot, lambda r: r, b, np.vdot)
+    x = next(x for x, left, _ in steps if np.linalg.norm(left) < 1e-10)
+    np.testing.assert_allclose(x, np.linalg.solve(A, b), rtol=1e-8)

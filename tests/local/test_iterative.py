@@ -92,7 +92,7 @@ def test_pins_are_projections_across_the_normals(discrete):
 
 
 def test_rows_that_slip_push_obliquely(discrete):
-    """Forces along what the rows push go, all displacements that keep them stay; GMRES solves."""
+    """Forces along what the rows push go, all displacements that keep them stay."""
     rows, rng = discrete.rows, np.random.default_rng(5)
     m, active = len(rows), np.arange(len(rows)) % 3 > 0
     sticks = np.repeat((np.arange(m) % 3 == 1)[:, None], 2, axis=1)
