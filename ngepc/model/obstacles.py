@@ -38,6 +38,7 @@ from ngepc.checks.arguments import (
 from ngepc.checks.declared import Along, Check, Declared, Positive, Vector
 from ngepc.checks.kinds import require_instance
 from ngepc.model.elements import outward_normal, vertex_coordinates
+from ngepc.model.processes import processes_of
 
 COORDINATES = (x, y, z)
 
@@ -94,7 +95,7 @@ class Obstacle(Declared):
             legal = " or ".join(map(str, self.dimensions()))
             raise ValueError(f"{self!r} needs a mesh of dimension {legal}, this one has {N}")
         if far is None:
-            far = 10 * float(np.ptp(vertex_coordinates(mesh), axis=0).max())
+            far = 10 * processes_of(mesh).most(np.ptp(vertex_coordinates(mesh), axis=0))
         far = require_number("far", far, 0, strict=True)
         if motion is not None:
             X = X - require_components("motion", motion, N)
@@ -184,7 +185,8 @@ class SignedDistance(Obstacle):
         names, axes = sorted(set(mesh.GetBoundaries())), np.eye(mesh.dim).tolist()
         require_field("distance", self.level(X, X)[2], mesh, names)
         gradient = CF(tuple(self.level(X, CF(tuple(axis)))[1] for axis in axes))
-        if not require_field("distance", gradient, mesh, names, shapes=[(mesh.dim,)]).any():
+        found = require_field("distance", gradient, mesh, names, shapes=[(mesh.dim,)])
+        if len(found) and not found.any():  # a part of a body may have no boundary
             raise ValueError("distance has no gradient on the boundary: one in x, y, z is needed")
 
 

@@ -1,6 +1,7 @@
 """One time step of quasi-static elasto-plasticity with contact, (2.14), and those of section 7."""
 
 from dataclasses import dataclass
+from functools import partial
 
 from ngsolve import Mesh
 
@@ -83,7 +84,7 @@ class Problem(Given):
     """
 
     def __post_init__(self) -> None:
-        check_mesh(self.mesh)
+        self.processes.together(partial(check_mesh, self.mesh))
         vars(self)["kinematics"] = kinematics_of(self.kinematics, self.mesh.dim)
         vars(self)["order"] = require_integer("order", self.order, 1, 2)
         check_problem(self)

@@ -38,7 +38,8 @@ def check_support(problem: Given) -> None:
     A part that may touch another body can be held by contact alone: whether it is shows in the
     solution.
     """
-    parts = problem.processes.together(partial(_parts, problem))
+    held = _agreed(problem, problem.processes.together(partial(held_values, problem)))
+    parts = problem.processes.together(partial(_parts, problem, held))
     sides = [name for pair in problem.contact_pairs for name in (pair.first, pair.second)]
     touching = corner_vertices(problem.mesh, sides)
     for motions, vertices in free_motions(problem, parts):
@@ -52,7 +53,20 @@ def check_support(problem: Given) -> None:
             )
 
 
-def _parts(problem: Given) -> list[np.ndarray]:
+def _agreed(problem: Given, held: np.ndarray) -> np.ndarray:
+    """``held_values`` of all processes: a boundary may end where another one has its elements."""
+    count = problem.processes.summed((~np.isnan(held)).astype(float))
+    values = problem.processes.summed(np.nan_to_num(held)) / np.where(count > 0, count, np.nan)
+    scale = np.abs(held).max(initial=0.0, where=~np.isnan(held))
+    if problem.processes.any(np.abs(held - values) > 1e-8 * scale):
+        raise ValueError(
+            f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} give a vertex that "
+            "processes share different displacements: the values must agree"
+        )
+    return values
+
+
+def _parts(problem: Given, held: np.ndarray) -> list[np.ndarray]:
     """``part_vertices`` of this process, after all checks that need no other one."""
     keys, owners = element_facets(problem.mesh)
     a, b = check_conforming(keys, owners)
@@ -63,7 +77,7 @@ def _parts(problem: Given) -> list[np.ndarray]:
             raise ValueError(f"contact={name!r} is not a boundary of elements of the mesh")
         if (beside > 1).any() or name in getattr(problem.mesh, "interfaces", ()):
             raise ValueError(f"contact={name!r} lies inside the body: an outer boundary is needed")
-    check_free_normal(problem, held_values(problem))
+    check_free_normal(problem, held)
     return part_vertices(problem.mesh, a, b)
 
 

@@ -11,12 +11,13 @@ from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
-from ngsolve import x
+from ngsolve import Mesh, x
 
 from ngepc import (
     Coulomb,
     NewtonOptions,
     PETSc,
+    Problem,
     PyAMG,
     evolve,
     lshape_problem,
@@ -99,6 +100,22 @@ def refusals(problem):
     return {name: said(work) for name, work in works.items()}
 
 
+def faults(comm):
+    """What one of two processes cannot see: a vertex held twice where they meet, a flat element."""
+    material = lshape_problem(lshape.mesh(maxh=0.5)).material
+    flat = block.structured_mesh(4, 1, simplices=True)
+    for point in flat.ngmesh.Points():
+        if tuple(point.p)[:2] == (0.0, 0.0):
+            point[0], point[1] = 0.125, 0.5  # on the diagonal of the cell
+    apart = shared(block.structured_mesh(1, 1, simplices=True), comm, 0)
+    supports = {"contact": (0.0, 0.1), "left": (0.0, 0.0)}
+    works = {
+        "held twice": lambda: Problem(apart, material, None, prescribed=supports),
+        "flat": lambda: Problem(shared(Mesh(flat.ngmesh), comm, 0), material),
+    }
+    return {name: comm.allgather(said(work)) for name, work in works.items()}
+
+
 def history(problem, folder):
     """Pressed in and pulled back; stopped after two steps, and taken up from the files."""
     steps = [(1.0, {"gap": 0.1}), (2.0, {"gap": 0.08}), (3.0, {"gap": 0.2})]
@@ -146,6 +163,8 @@ def found(comm, folder):
         if comm.size > 1:
             results[name]["refusals"] = problem.processes.all(refusals(problem))
     results["history"] = history(problem, Path(folder))
+    if comm.size == 2:
+        results["faults"] = faults(comm)
     return results
 
 

@@ -91,6 +91,14 @@ def test_what_is_not_done_is_refused_by_name_on_all_processes(runs):
     assert "PyAMG" in first["pyamg"]
 
 
+def test_what_one_process_alone_sees_or_none_is_refused_by_all(runs):
+    told = runs[2]["faults"]
+    for name, words in {"held twice": "the values must agree", "flat": "degenerate"}.items():
+        first, second = told[name]
+        assert first == second
+        assert words in first
+
+
 @pytest.mark.parametrize("count", [2, 3])
 def test_histories_go_on_from_the_files_of_all_processes(runs, count):
     one, several = runs[1]["history"], runs[count]["history"]
