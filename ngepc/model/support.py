@@ -97,6 +97,10 @@ def held_values(problem: Given) -> np.ndarray:
     """The given displacements at the vertices, shape (vertices, N), NaN where free."""
     mesh, N = problem.mesh, problem.N
     held, owner = np.full((mesh.nv, N), np.nan), np.full((mesh.nv, N), "", dtype=object)
+    if problem.kinematics.hoop:
+        radii = np.abs(vertex_coordinates(mesh)[:, 0])
+        axis = radii <= 1e-12 * radii.max()
+        held[axis, 0], owner[axis, 0] = 0.0, "the axis of revolution"
     for argument, place, i, value in problem.held:
         vertices, values = values_at(value, mesh, place)
         values, old = values[:, 0], held[vertices, i]

@@ -254,6 +254,10 @@ PROBLEMS = {
     "springs that push": ({"springs": {"left": -1.0}}, "falls to -1: values >= 0 are needed"),
     "one spring at a point": ({"springs": {Point((0.0, 1.0)): 1.0}}, "2 numbers are needed"),
     "springs of three": ({"springs": {"left": (1, 1, 1)}}, "2 numbers are needed"),
+    "a hole on the axis": (
+        {"kinematics": "axisymmetric", "prescribed": {Point((0.0, 0.5)): (0.1, None)}},
+        "gives u_x = 0.1 at a vertex where the axis of revolution gives 0: the values must agree",
+    ),
     "springs where clamped": ({"springs": {"clamped": 1.0}}, "springs and clamped overlap"),
     "NaN pressure": ({"pressure": {"left": NAN}}, "pressure['left']=nan: a finite number"),
     "load on a held boundary": (
