@@ -82,30 +82,21 @@ def corner_vertices(mesh: Mesh, names: Sequence[str]) -> np.ndarray:
     return corners[corners >= 0]
 
 
-def facets_of(mesh: Mesh, name: str) -> np.ndarray:
-    """The elements of a boundary as ``element_facets`` tells them."""
-    corners = boundary_corners(mesh, [name])
-    return combine(np.sort(np.where(corners < 0, mesh.nv, corners), axis=1), mesh)
-
-
 def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """An integer for each facet of each element, in rising order, and the number of the element.
-
-    The N lowest vertex numbers of a facet identify it.
-    """
+    """``facet_keys`` of all facets of all elements, in rising order, and the number of each one."""
     keys, owners = [], []
     for numbers, nodes in elements_by_shape(mesh):
         for facet in SHAPES[mesh.dim, nodes.shape[1]][1].split():
-            corners = nodes[:, [int(corner) for corner in facet]]
-            keys.append(combine(np.sort(corners, axis=1), mesh))
+            keys.append(facet_keys(nodes[:, [int(corner) for corner in facet]], mesh))
             owners.append(numbers)
     order = np.argsort(np.concatenate(keys), kind="stable")
     return np.concatenate(keys)[order], np.concatenate(owners)[order]
 
 
-def combine(vertices: np.ndarray, mesh: Mesh) -> np.ndarray:
-    """One integer for the N first vertex numbers of each row."""
-    return vertices[:, : mesh.dim].astype(np.int64) @ mesh.nv ** np.arange(mesh.dim)[::-1]
+def facet_keys(corners: np.ndarray, mesh: Mesh) -> np.ndarray:
+    """An integer for each facet, of vertex numbers, -1 for none; the N lowest identify it."""
+    lowest = np.sort(np.where(corners < 0, mesh.nv, corners), axis=1)[:, : mesh.dim]
+    return lowest.astype(np.int64) @ mesh.nv ** np.arange(mesh.dim)[::-1]
 
 
 def outward_normal(mesh: Mesh) -> CoefficientFunction:

@@ -19,9 +19,9 @@ from ngepc.checks.kinds import require_mesh
 from ngepc.geometries.outlines import netgen_mesh
 from ngepc.model.elements import (
     cells_of,
-    combine,
     element_facets,
     element_nodes,
+    facet_keys,
     vertex_coordinates,
 )
 from ngepc.model.processes import Team
@@ -56,7 +56,6 @@ class Piece:
 
     points: np.ndarray  # coordinates of the vertices, shape (vertices, N)
     regions: list[tuple[int, str, np.ndarray]]
-    copies: dict[int, np.ndarray]  # number of another process -> the vertices it has as well
     interfaces: frozenset[str]  # names of boundaries inside the body
 
     def refined(self) -> tuple[Piece, np.ndarray]:
@@ -69,7 +68,7 @@ class Piece:
         parents = np.column_stack(np.divmod(keys, count))
         points = np.concatenate([self.points, self.points[parents].mean(axis=1)])
         regions = [(d, name, _halved(cells, keys, points)) for d, name, cells in self.regions]
-        return replace(self, points=points, regions=regions, copies={}), parents
+        return replace(self, points=points, regions=regions), parents
 
 
 def _halved(corners: np.ndarray, keys: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -160,8 +159,8 @@ def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
         raise ImportError(INSTALL)
     comm = MPI.COMM_WORLD if comm is None else comm
     work = partial(_pieces, mesh, comm.size) if comm.rank == 0 else list
-    piece = comm.scatter(Team(comm).together(work))
-    return MeshPart(piece, Team(comm, piece.copies, len(piece.points)))
+    piece, copies = comm.scatter(Team(comm).together(work))
+    return MeshPart(piece, Team(comm, copies, len(piece.points)))
 
 
 def _require_simplices(mesh: Mesh, count: int) -> None:
@@ -175,15 +174,15 @@ def _require_simplices(mesh: Mesh, count: int) -> None:
         raise ValueError(f"mesh has {mesh.ne} elements: {count}, one for each process, are needed")
 
 
-def _pieces(mesh: Mesh, count: int) -> list[Piece]:
-    """The pieces of a mesh for ``count`` processes."""
+def _pieces(mesh: Mesh, count: int) -> list[tuple[Piece, dict[int, np.ndarray]]]:
+    """The pieces for ``count`` processes, each with number of another -> vertices it has too."""
     _require_simplices(mesh, count)
     N, points, (keys, owners) = mesh.dim, vertex_coordinates(mesh), element_facets(mesh)
     if connected(mesh.ne, *check_conforming(keys, owners)).any():
         raise ValueError("mesh has several parts: one that hangs together is needed")
     (elements, material), (facets, boundary) = cells_of(mesh, N), cells_of(mesh, N - 1)
     elements, facets = elements[:, : N + 1], np.sort(facets[:, :N], axis=1)
-    part, wanted = partition(points[elements].mean(axis=1), count), combine(facets, mesh)
+    part, wanted = partition(points[elements].mean(axis=1), count), facet_keys(facets, mesh)
     owner = part[owners[np.searchsorted(keys, wanted)]]
     inner = boundary[np.isin(wanted, keys[1:][np.diff(keys) == 0])]
     materials, boundaries = mesh.GetMaterials(), mesh.GetBoundaries()
@@ -198,7 +197,7 @@ def _pieces(mesh: Mesh, count: int) -> list[Piece]:
             (d, name, np.searchsorted(mine, cells[there & (home == rank)]))
             for d, name, cells, home, there in of_body + of_sides
         ]
-        pieces.append(Piece(points[mine], regions, copies, interfaces))
+        pieces.append((Piece(points[mine], regions, interfaces), copies))
     return pieces
 
 

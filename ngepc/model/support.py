@@ -15,10 +15,11 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ngepc.model.elements import (
+    boundary_corners,
     corner_vertices,
     element_facets,
     element_nodes,
-    facets_of,
+    facet_keys,
     vertex_coordinates,
 )
 from ngepc.model.given import Given
@@ -71,7 +72,7 @@ def _parts(problem: Given, held: np.ndarray) -> list[np.ndarray]:
     keys, owners = element_facets(problem.mesh)
     a, b = check_conforming(keys, owners)
     for name in problem.contact_names:
-        wanted = facets_of(problem.mesh, name)
+        wanted = facet_keys(boundary_corners(problem.mesh, [name]), problem.mesh)
         beside = np.searchsorted(keys, wanted, "right") - np.searchsorted(keys, wanted)
         if (beside == 0).any():
             raise ValueError(f"contact={name!r} is not a boundary of elements of the mesh")
