@@ -150,5 +150,6 @@ def semismooth_newton(
 
 def prepared(problem: Problem, regularisation: Coupled, options: NewtonOptions) -> DualFunctional:
     """J*_gamma of a regularised problem with its matrices assembled."""
-    blocks, R = LinearBlocks(problem, regularisation, options.inverse), regularisation
-    return DualFunctional(blocks, options.quadrature_points, R.gamma, R.gamma_tichonov)
+    blocks = LinearBlocks(problem, regularisation, options.inverse)
+    gammas = regularisation.gamma, regularisation.gamma_tichonov
+    return DualFunctional(blocks, options.quadrature_points, *gammas)

@@ -92,7 +92,8 @@ class Calibration:
     Parameters
     ----------
     values, intervals
-        Name -> constant, and (lower, upper) of its confidence interval, linearised in logarithms.
+        Name -> constant, and (lower, upper) of its confidence interval, linearised in logarithms:
+        (0, inf) where the data do not tell.
     problem
         The problem with these constants.
     residuals, condition
@@ -211,7 +212,7 @@ def _statistics(found: OptimizeResult, confidence: float, known: bool) -> tuple[
         condition = float((singular[0] / singular[-1]) ** 2) if singular[-1] > 0 else np.inf
         error = np.sqrt(np.nan_to_num((right / singular[:, None]) ** 2, posinf=np.inf).sum(0))
         factor = stats.norm.ppf(0.5 + confidence / 2)
-        if not known:
-            error = error * np.sqrt(2 * found.cost / max(m - n, 1))
+        if not known:  # nothing tells it where as many measurements as constants are fitted
+            error = error * np.sqrt(2 * found.cost / (m - n)) if m > n else np.full(n, np.inf)
             factor = stats.t.ppf(0.5 + confidence / 2, max(m - n, 1))
         return condition, np.exp(found.x + factor * np.outer([-1, 1], error))

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, eye
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from ngepc.linalg.direct import SOLVER_ERRORS, FactorisationError
+from ngepc.discretisation.factors import Factors
+from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import matrix_of_rows
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
@@ -42,7 +43,7 @@ class LinearStep:
     misses the solution by 1 / PENALTY only.  Where there is no such part and all rows are such, it
     is repeated with what is left; otherwise it is the preconditioner of GMRES.
 
-    By default contact has the sides of the solution.  TangentError if there are no factors.
+    By default contact has the sides of the solution.  FactorisationError if there are no factors.
     """
 
     def __init__(self, state: State, contact: LinearContact | None = None) -> None:
@@ -52,24 +53,19 @@ class LinearStep:
         self.tape = Tape([*radial_return(state, self.moduli), *contact.given()])
         k = contact.stiffness
         self._free = np.append(self.discrete.free.ravel(), np.ones(len(k)))  # and all rows
-        stiffness = state.discrete.stiffness
-        self._matrix = stiffness.matrix()
-        stiffness.entries(self._matrix)[:] = stiffness.values(self.moduli)
-        soften = self._with_springs()
+        springs, soften = self._springs()
+        stiffness = self.discrete.stiffness.with_added(self.discrete.added + springs)
+        self._factors = Factors(self.discrete, "sparsecholesky", stiffness)
         square = (eye(len(k), format="csr") - contact.slope).tocsr()
         upper, lower, per_k = contact.rows.T.tocsr(), contact.pushed @ contact.rows, diags(1 / k)
         turned = lower.T, diags(k) @ contact.rows, diags(k) @ square.T, soften @ per_k
         # the system (K, upper; lower, square), its transpose with rows in units of force, and L
         self._ways = (upper, lower, square, soften), tuple(block.tocsr() for block in turned)
-        try:
-            self._inverse = self._matrix.Inverse(inverse="sparsecholesky")
-        except SOLVER_ERRORS as error:
-            raise TangentError(f"the tangent could not be factorised: {error}") from error
+        self._factors.update(self.moduli)
 
-    def _with_springs(self) -> csr_matrix:
-        """Add the springs of rows that belong to one vertex; L, shape (n, n)."""
-        contact, stiffness = self.contact, self.discrete.stiffness
-        nodes, N = self.discrete.free.shape
+    def _springs(self) -> tuple[csr_matrix, csr_matrix]:
+        """Springs of rows that belong to one vertex, u flattened node by node; L, shape (n, n)."""
+        contact, (nodes, N) = self.contact, self.discrete.free.shape
         R, G, k = contact.rows, contact.blocks.copy(), contact.stiffness
         follows, G[:, 1:, 0] = G[:, 1:, 0].any(), 0.0
         row = np.repeat(np.arange(R.shape[0]), np.diff(R.indptr))
@@ -79,13 +75,10 @@ class LinearStep:
         penalty = np.where(single, PENALTY, 1.0)[:, None, None]
         soften = np.linalg.inv(np.eye(G.shape[1]) - G + G / penalty)
         single = np.append(single, np.repeat(single, contact.law.d))
-        springs = diags(np.where(single, k, 0.0)) @ matrix_of_rows(G @ soften)
-        blocks = (R.T @ springs @ R).tobsr((N, N))
-        diagonal = stiffness.places(blocks.indices, blocks.indices)
-        stiffness.entries(self._matrix)[diagonal] += blocks.data
+        springs = R.T @ diags(np.where(single, k, 0.0)) @ matrix_of_rows(G @ soften) @ R
         reached = single | (np.diff(contact.slope.indptr) == 0)
         self._by_springs = not follows and reached.all()
-        return matrix_of_rows(soften) + diags(contact.conditions.springs(k) / k)
+        return springs, matrix_of_rows(soften) + diags(contact.conditions.springs(k) / k)
 
     def forward(self, data: Data) -> Data:
         """The changes of the solution with its data, and these."""
@@ -164,7 +157,10 @@ class LinearStep:
     def _answer(self, blocks: tuple[csr_matrix, ...], right: np.ndarray) -> np.ndarray:
         """The solution up to what springs miss, by one back-substitution."""
         (force, given), (upper, lower, _, soften) = np.split(right, [self.state.u.size]), blocks
-        forces, pushed = soften @ given, self._matrix.CreateColVector()
-        pushed.FV().NumPy()[:] = force - upper @ forces
-        u = (self._inverse * pushed).Evaluate().FV().NumPy()
+        forces = soften @ given
+        pushed = (force - upper @ forces).reshape(self.state.u.shape)
+        try:
+            u = self._factors.solve(pushed).ravel()
+        except FactorisationError as error:
+            raise TangentError(f"the derivative does not exist: {error}") from error
         return np.append(u, forces - soften @ (lower @ u))

@@ -77,6 +77,18 @@ def test_elastic_data_do_not_identify_hardening():
     assert "do not identify all of lame_mu, hardening" in found.message
 
 
+def test_as_many_measurements_as_constants_tell_nothing_of_an_unknown_noise():
+    problem, schedule = indentation(0.03)
+    once = Schedule(schedule.times[-2:-1], schedule.changes)
+    force = evolve(problem, once).column("contact_force")
+    found = calibrate(problem, Curve(once, "contact_force", force), {"yield_stress": 2.5})
+    assert found.values["yield_stress"] == pytest.approx(2.0, rel=1e-6)
+    assert found.intervals["yield_stress"] == (0.0, np.inf)
+    curve = Curve(once, "contact_force", force, 0.01 * force[0])
+    low, high = calibrate(problem, curve, {"yield_stress": 2.5}).intervals["yield_stress"]
+    assert 1.5 < low < 2.0 < high < 2.5
+
+
 def test_what_is_refused(deep):
     problem, schedule, force = deep
     with pytest.raises(ValueError, match="one value for each of 7 times"):
