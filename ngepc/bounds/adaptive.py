@@ -18,7 +18,6 @@ from ngepc.bounds.bound import (
     feasible_state,
     setting_of,
 )
-from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.transfer import bisected_to, carried_state, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
@@ -150,7 +149,6 @@ def solve_to(
     require_function("monitor", monitor, "a record", optional=True)
     options = Refinement() if options is None else options
     require_instance("options", options, Refinement, "Refinement(...)")
-    check_covered(problem)
     check_carried(problem)
     records: list[MeshRecord] = []
     state, small = starting_state(DiscreteProblem(problem), None), 0.0

@@ -16,11 +16,12 @@ class Boundary:
     """What is given on each facet of the outer boundary.
 
     ``given`` (nf, N) are the components of the traction that are known, contact included;
-    ``traction`` (nf, N, N) has, at the vertices of each facet, the affine function with the moments
-    of g (stress), zero elsewhere; ``uneven`` the facets with tractions and what g has beyond that
-    at the points of the rule, (., points, N).  ``contact`` are the numbers of the contact facets;
-    at their vertices, (contact facets, N), ``gap`` is an affine function nowhere above psi,
-    ``excess`` the integral of psi - gap times hat functions, ``friction`` F (stress) or zero.
+    ``moments`` (nf, N, N) are those of g with the hat functions of each facet's vertices (force),
+    zero elsewhere; ``uneven`` the facets with tractions and what g has, at the points of the rule,
+    beyond the affine function with these moments, (., points, N).  ``contact`` are the numbers of
+    the contact facets; at their vertices, (contact facets, N), ``gap`` is an affine function
+    nowhere above psi, ``excess`` the integral of psi - gap times hat functions, ``friction`` F
+    (stress) or zero.
 
     ValueError for friction or displacements that are not affine on facets, and for boundaries
     inside the body.
@@ -35,7 +36,7 @@ class Boundary:
         self._name = np.array(mesh.GetBoundaries())[region]
         self.given = np.repeat(cells.outer[:, None], N, axis=1)
         self.given[self._facet] &= ~self._held()
-        self.traction = np.zeros((len(cells.facets), N, N))
+        self.moments = np.zeros((len(cells.facets), N, N))
         self._read_tractions()
         self._read_contact()
 
@@ -67,7 +68,8 @@ class Boundary:
         affine = N * (N + 1) * (moments - moments.sum(axis=1, keepdims=True) / (N + 1))
         rest = np.where(self.given[facets][:, None], values - rule.shares @ affine, 0.0)
         rest[:, np.abs(rest).max(initial=0.0) <= CONSTANT * np.abs(values).max(initial=0.0)] = 0.0
-        self.traction[facets], self.uneven = self._at_vertices(affine, on), (facets, rest)
+        moments *= self.cells.measure[facets][:, None, None]
+        self.moments[facets], self.uneven = self._at_vertices(moments, on), (facets, rest)
 
     def _read_contact(self) -> None:
         on = self._on(self.problem.contact_names, f"contact={self.problem.contact!r}")

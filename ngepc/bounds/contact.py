@@ -6,7 +6,6 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.equilibration import moments_of
 from ngepc.discretisation.conditions import initial_displacements
 from ngepc.local.system import DiscreteProblem, State
 
@@ -137,7 +136,7 @@ class ContactFacets:
         F, slip = self.boundary.friction, self.slip(u)
         size = np.linalg.norm(slip[:, : self.N], axis=2)
         if self.problem.order == 1:
-            return (moments_of(F, self.measure) * size).sum(axis=1)
+            return (self.moments(F[:, :, None])[:, :, 0] * size).sum(axis=1)
         middle = np.linalg.norm(slip[:, :2].mean(axis=1) + BUBBLE / 2 * slip[:, 2], axis=1)
         total = F.sum(axis=1)
         between = total * (size.sum(axis=1) / 12 + middle / 6)

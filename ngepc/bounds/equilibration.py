@@ -98,10 +98,3 @@ class Patches:
         if left > BALANCED * size:
             raise RuntimeError(f"the stress is out of equilibrium by {left / size:.1e} of its size")
         return mu.reshape(-1, N, N)
-
-
-def moments_of(values: np.ndarray, measure: np.ndarray) -> np.ndarray:
-    """Moments with the hat functions of affine functions, from vertex values (n, N, ...)."""
-    N = values.shape[1]
-    size = measure.reshape(-1, *[1] * (values.ndim - 1)) / (N * (N + 1))
-    return size * (values + values.sum(axis=1, keepdims=True))

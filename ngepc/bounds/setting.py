@@ -5,7 +5,6 @@ Strains of displacements of order two are affine on each cell, and three points 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass
 
@@ -16,7 +15,7 @@ from ngepc.bounds.conjugate import R6, Conjugate
 from ngepc.bounds.contact import ContactFacets
 from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.element import ELEMENTS
-from ngepc.bounds.equilibration import Patches, moments_of
+from ngepc.bounds.equilibration import Patches
 from ngepc.bounds.oscillation import CarriedLoads
 from ngepc.bounds.parts import AT_POINTS, TO_NODES, exceeding
 from ngepc.bounds.simplices import Simplices
@@ -47,12 +46,18 @@ class Effort:
     steps: int = 12
 
 
-class Setting(ABC):
+class Setting:
     """Geometry, data and spaces of a discrete problem.
 
     ``conjugate`` and ``at_nodes`` are phi* at the points and at the nodes of the parts of each
     cell, ``weights`` those of the points at which stresses are integrated.  ValueError for what no
     bound covers.
+
+    Those who inherit have ``best_stress(state, tangent, P)``: an admissible stress for which the
+    bound is small, again at points, and its P.  It is sought near a state, by a tangent of a state
+    near it (or without factors), from the contact pressure P (contact facets, N). The first are
+    coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2, c), the second
+    those at the points of ``strain``.
     """
 
     weights = np.ones(1)
@@ -104,17 +109,6 @@ class Setting(ABC):
         """The same at points of the parts (nt, 18, c), or constants once for each cell."""
         return values[:, None] if self.each == 1 else np.matmul(AT_POINTS, self.at_corners(values))
 
-    @abstractmethod
-    def best_stress(
-        self, state: State, tangent: Factors, P: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """An admissible stress for which the bound is small, again at points, and its P.
-
-        It is sought near a state, by a tangent of a state near it (or without factors), from the
-        contact pressure P (contact facets, N). The first are coordinates at the vertices of the
-        N + 1 parts of each cell, (nt, (N + 1)^2, c), the second those at the points of ``strain``.
-        """
-
     def energy(self, state: State) -> float:
         """No less than J(u), with friction as ``contact`` has it."""
         more = float(self.contact.friction_works(state.u).sum() + self._missed(state).sum())
@@ -126,8 +120,7 @@ class Setting(ABC):
         The latter, (nodes, N), are of loads as far as the stress carries them, and of contact.
         """
         c, outer, contact = self.cells, self.cells.outer, self.contact
-        moments, forces = np.zeros_like(self.boundary.traction), self.discrete.load.copy()
-        moments[outer] = moments_of(self.boundary.traction[outer], c.measure[outer])
+        moments, forces = self.boundary.moments.copy(), self.discrete.load.copy()
         if self.problem.order == 1:
             forces = c.at_nodes(self.carried.nodal, c.nodes)
             forces += c.at_nodes(moments[outer], c.facets[outer])
@@ -166,19 +159,25 @@ class Setting(ABC):
 
         What is missing in the nodal forces is made up for by a tangent.
         """
-        law, points = self.discrete.law, self.discrete.points
-        mean, deviator = law.bulk * state.volume, law.stress(state.at)
-        forces = state.internal_forces
+        z, forces = self.stress(state), state.internal_forces
         for _ in range(PASSES):
             missing = np.where(self.discrete.free, load - forces, 0)
             if np.abs(missing).max() <= BALANCED * np.abs(forces).max():
                 break
             factorise(state, tangent)
             change = tangent.solve(missing)
-            volume, e = points.strain(change)
-            mean, deviator = mean + tangent.moduli.bulk * volume, deviator + tangent.moduli(e)
-            forces = forces + tangent.multiply(change)
-        return stress_coordinates(mean, deviator)
+            z, forces = z + self.answer(tangent, change), forces + tangent.multiply(change)
+        return z
+
+    def stress(self, state: State) -> np.ndarray:
+        """The discrete stress of a state at the points, (points, c)."""
+        law = self.discrete.law
+        return stress_coordinates(law.bulk * state.volume, law.stress(state.at))
+
+    def answer(self, tangent: Factors, change: np.ndarray) -> np.ndarray:
+        """The stress of a change of the displacements (nodes, N) by a tangent, (points, c)."""
+        volume, e = self.discrete.points.strain(change)
+        return stress_coordinates(tangent.moduli.bulk * volume, tangent.moduli(e))
 
 
 def factorise(state: State, tangent: Factors) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.parts import RULE, portions
-from ngepc.bounds.setting import BALANCED, PASSES, Effort, Setting, factorise, stress_coordinates
+from ngepc.bounds.setting import BALANCED, PASSES, Effort, Setting, factorise
 from ngepc.bounds.simplices import FACETS
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.descent import conjugate_gradients
@@ -132,9 +132,8 @@ class SolidSetting(Setting):
         self, state: State, tangent: Factors, P: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """An admissible stress for which the bound is small, its mean on each cell, and P."""
-        c, faces, law = self.cells, self.faces, self.discrete.law
+        c, faces, z = self.cells, self.faces, self.stress(state)
         factorise(state, tangent)
-        z = stress_coordinates(law.bulk * state.volume, law.stress(state.at))
         H = self.conjugate.compliance(self.conjugate.completed(z[:, None]))[:, 0]
         own = self.constant_moments(z) + faces.fill(H, self.carried.inner)
         P, found = self.sharpened(state, tangent, own, P)
@@ -196,15 +195,13 @@ class SolidSetting(Setting):
 
     def balanced_moments(self, tangent: Factors, own: np.ndarray, given: np.ndarray) -> np.ndarray:
         """Moments whose sums at the vertices are those of the given ones: constants are added."""
-        c, points, size = self.cells, self.discrete.points, np.abs(own).max()
+        c, size = self.cells, np.abs(own).max()
         for _ in range(PASSES):
             missing = self.faces.kept(given.reshape(-1, 3) - c.sums(own))
             missing = c.at_nodes(missing, c.facets)
             if np.abs(missing).max() <= BALANCED * size:
                 break
-            volume, e = points.strain(tangent.solve(missing))
-            z = stress_coordinates(tangent.moduli.bulk * volume, tangent.moduli(e))
-            own = own + self.constant_moments(z)
+            own = own + self.constant_moments(self.answer(tangent, tangent.solve(missing)))
         return own
 
     def constant_moments(self, z: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from netgen.meshing import NetgenGeometry
 from ngsolve import CF, L2, CoefficientFunction, GridFunction, Integrate, Mesh
 
 from ngepc.bounds.contact import BUBBLE, EDGES
-from ngepc.bounds.coverage import varies_inside
+from ngepc.bounds.coverage import check_covered, varies_inside
 from ngepc.bounds.simplices import marked
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions, Points, on_children
@@ -83,7 +83,8 @@ def bisected_to(
 
 
 def check_carried(problem: Problem) -> None:
-    """Refuse, by name, boundary data made of finite element functions: they belong to one mesh."""
+    """Refuse, by name, what no bound covers, and boundary data made of finite element functions."""
+    check_covered(problem)
     names = [*ACTING, "gap", "friction", "initial_displacement"]
     if problem.f is not None and varies_inside(problem, problem.f):
         names.append("body_force")

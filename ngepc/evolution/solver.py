@@ -16,7 +16,6 @@ from ngsolve import GridFunction
 
 from ngepc.bounds.adaptive import Refinement, next_mesh
 from ngepc.bounds.bound import ErrorBound, error_bound
-from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.transfer import check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
@@ -150,7 +149,6 @@ class _Run:
         for time in self.schedule.times:
             step = self._problem_at(time)
             if self.error is not None:
-                check_covered(step)
                 check_carried(step)
                 require_without(step, "error=...", "friction")
                 if step.order == 2 and not is_zero(step.material.isotropic_hardening):
