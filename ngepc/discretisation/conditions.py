@@ -30,7 +30,7 @@ from ngepc.discretisation.rows import (
 )
 from ngepc.linalg.friction import FrictionCone
 from ngepc.model.places import Coulomb, Place, Roller
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 from ngepc.model.processes import Team
 from ngepc.model.support import FREE_NORMAL, HELD_NORMAL
 
@@ -68,7 +68,7 @@ class ContactConditions:
         self.matrix, self._closed_at = rows.normal, rows.gaps
         if self.friction.d:
             self.matrix = vstack([rows.normal, rows.tangential], format="csr")
-            origin = rows.slip(initial_displacements(problem, supports))
+            origin = rows.tangential @ initial_displacements(problem, supports).ravel()
             self._closed_at = np.append(rows.gaps, origin)
         self._transposed = self.matrix.T.tocsr()
 
@@ -180,12 +180,12 @@ def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone:
 
 def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarray:
     """A coefficient at the vertices of the rows, shape (m,)."""
-    space, processes = H1(problem.mesh, order=1), problem.processes
-    values, region = GridFunction(space), problem.mesh.Boundaries("|".join(problem.touching_names))
-    values.Set(as_scalar(value), definedon=region)
-    here = np.array(space.GetDofs(region), dtype=float)  # not on all processes with a vertex
-    sums = processes.summed(here * values.vec.FV().NumPy())
-    return (sums / np.maximum(processes.summed(here), 1))[rows.vertices]
+    space = H1(problem.mesh, order=1)
+    nodes, values = given_at(space, "|".join(problem.touching_names), value)
+    sums = np.zeros((space.ndof, 2))  # values and how many: not on all processes with a vertex
+    sums[nodes] = np.column_stack([values, np.ones(len(nodes))])
+    total, count = problem.processes.summed(sums)[rows.vertices].T
+    return total / np.maximum(count, 1)
 
 
 def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:

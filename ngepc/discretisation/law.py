@@ -96,12 +96,9 @@ class Law:
         s = self.two_mu[:, None] * (e - self.initial) - self.back
         size = np.sqrt(np.einsum("pd,pd->p", s, s))
         yields, M = size > (1 + ROUNDING) * self.beta, self.two_mu + self.hardening
-        if self.isotropic is None:
-            gained, slope = np.where(yields, (size - self.beta) / M, 0.0), np.zeros_like(size)
-        else:
-            gained = self.gained_at(np.where(yields, size, self.beta), M)
-            slope = self._slope(gained)
-            slope = np.where(yields, slope / (M + slope), 0.0)
+        gained = self.gained_at(np.where(yields, size, self.beta), M)
+        slope = self._slope(gained)
+        slope = np.where(yields, slope / (M + slope), 0.0)
         return Return(s, size, yields, gained, self.bound(gained), slope)
 
     def bound(self, gained: np.ndarray) -> np.ndarray:
@@ -113,6 +110,8 @@ class Law:
 
     def _slope(self, gained: np.ndarray) -> np.ndarray:
         """beta'(g)."""
+        if self.isotropic is None:
+            return np.zeros_like(gained)
         return PEEQ**2 * self.isotropic.slope(self.accumulated + PEEQ * gained)
 
     def gained_at(self, size: np.ndarray, modulus: np.ndarray) -> np.ndarray:
@@ -141,8 +140,6 @@ class Law:
 
     def flowing(self, gained: np.ndarray) -> np.ndarray:
         """|p| where a law hardens no more, 0 elsewhere (points,)."""
-        if self.isotropic is None:
-            return np.zeros_like(gained)
         stiff = self.hardening + self._slope(gained) > SOFTEST * self.two_mu
         return np.where(stiff, 0.0, gained)
 

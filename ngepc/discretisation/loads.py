@@ -34,7 +34,13 @@ from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from scipy.sparse import csr_matrix
 
 from ngepc.checks.arguments import Coefficient
-from ngepc.model.elements import plastic_order, vertex_coordinates
+from ngepc.model.elements import (
+    cells_of,
+    element_facets,
+    facet_keys,
+    plastic_order,
+    vertex_coordinates,
+)
 from ngepc.model.places import Edge, Place, Point, values_at, vertices_at
 from ngepc.model.problem import Problem, as_scalar
 
@@ -94,16 +100,11 @@ def plastic_space(problem: Problem) -> FESpace:
 
 def outer_boundaries(mesh: Mesh) -> set[str]:
     """Names of the boundaries of the body, without the interfaces between materials."""
-    facets = "edges" if mesh.dim == 2 else "faces"
-    return {
-        name
-        for name in set(mesh.GetBoundaries())
-        if any(
-            len(mesh[facet].elements) == 1
-            for element in mesh.Boundaries(name).Elements()
-            for facet in getattr(element, facets)[:1]
-        )
-    }
+    facets, elements = np.unique(element_facets(mesh)[0], return_counts=True)
+    nodes, region = cells_of(mesh, mesh.dim - 1)
+    corners = nodes[:, : 2 ** (mesh.dim - 1)]
+    outer = region[np.isin(facet_keys(corners, mesh), facets[elements == 1])]
+    return {mesh.GetBoundaries()[number] for number in np.unique(outer)}
 
 
 def contact_space(problem: Problem, *, ends_fixed: bool = True) -> FESpace:

@@ -65,14 +65,6 @@ class ContactRows:
         part = self.normal @ diags(free.ravel().astype(float))
         return self.chosen(np.flatnonzero(norm(part, axis=1) > HELD))
 
-    def slip(self, u: np.ndarray) -> np.ndarray:
-        """Tangential displacements of the rows, shape (m, N - 1)."""
-        return (self.tangential @ u.ravel()).reshape(self.tangents.shape[:2])
-
-    def friction_forces(self, multipliers: np.ndarray) -> np.ndarray:
-        """T' lambda_t for tangential multipliers (m, N - 1), shape (nodes, N)."""
-        return (self.tangential.T @ multipliers.ravel()).reshape(-1, self.normals.shape[1])
-
 
 def rows_along(
     normals: np.ndarray,
