@@ -83,10 +83,14 @@ class Benchmarks(Work):
             renderer()
 
     def cells(self) -> list[dict]:
-        """One for each problem."""
-        return [{"problem": name} for name in self.rows]
+        """One for each problem, with the file of its picture if there is one."""
+        cells = [{"problem": name} for name in self.rows]
+        for cell in cells if self.figures else ():
+            name = "".join(c if c.isalnum() else "_" for c in cell["problem"].lower())
+            cell["file"] = f"benchmark_{name}.png"
+        return cells
 
-    def solve(self, problem: str) -> list[dict]:
+    def solve(self, problem: str, file: str = "") -> list[dict]:
         """A record for each quantity; what belongs to the whole problem stands in the first one."""
         benchmark, begin = BENCHMARKS[problem], time.process_time()
         result, quantities = benchmark.solve()
@@ -96,12 +100,11 @@ class Benchmarks(Work):
             "elements": result.problem.mesh.ne if result else 0,
             "unknowns": result.displacement.space.ndof if result else 0,
         }
-        if self.figures:
-            file = "".join(c if c.isalnum() else "_" for c in problem.lower())
+        if file:
             shows = benchmark.field and result is not None
             figure = picture(result, benchmark) if shows else drawn_numbers(quantities)
             figure.axes[0].set_title(problem)
-            save_figure(figure, self.folder / f"benchmark_{file}.png")
+            save_figure(figure, self.folder / file)
         rows = []
         for q in quantities:
             row = {**q._asdict(), "beyond": "" if q.holds else " (beyond)"}
