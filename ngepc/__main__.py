@@ -22,9 +22,6 @@ import argcomplete
 from ngepc.cli.commands import parser
 from ngepc.results.files import no_empty_folders
 
-PLACES = ("out", "figures", "save", "json", "checkpoint")
-"""Arguments that name files or folders to be written."""
-
 
 @contextmanager
 def remembered() -> Iterator[None]:
@@ -57,8 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = parsed(arguments)
     level = logging.INFO if args.verbose else logging.WARNING
     logging.basicConfig(stream=sys.stderr, level=level, format="%(name)s: %(message)s")
-    named = (vars(args).get(name) for name in PLACES)
-    places = [place for place in named if isinstance(place, Path)]
+    places = [value for value in vars(args).values() if isinstance(value, Path)]
     try:
         with remembered(), no_empty_folders(places):
             work = importlib.import_module("ngepc.cli.work")  # now NGSolve is loaded

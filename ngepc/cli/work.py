@@ -1,7 +1,5 @@
 """What the commands do, a function for each that returns the exit status, and what they say."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import shutil

@@ -1,7 +1,5 @@
 """For lectures and exercises: a look at results, answers and quizzes that check themselves."""
 
-from __future__ import annotations
-
 import html
 import json
 import sys

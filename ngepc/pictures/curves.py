@@ -1,7 +1,5 @@
 """Curves with matplotlib: residual histories, iteration counts, contact pressures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -48,6 +46,8 @@ def plot_history(
         require_instance(f"histories[{label!r}]", history, History, "a History")
         if not history.records:
             raise ValueError(f"histories[{label!r}] has no records: a run fills them")
+    if tolerance is not None:
+        require_number("tolerance", tolerance, 0, strict=True)
     runs = [
         (history, 0, {"label": label or None, **line_style(index, len(history.records))})
         for index, (label, history) in enumerate(histories.items())
@@ -77,7 +77,6 @@ def draw_runs(
         axes.set_xlabel("Newton step")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if tolerance is not None:
-        require_number("tolerance", tolerance, 0, strict=True)
         left.axhline(tolerance, color=GUIDE, linewidth=0.8, linestyle=":")
 
 

@@ -3,8 +3,6 @@
 Shared by matplotlib figures, webgui views and VTU files.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ returned.  All fields are point data on each element's own corners, so that jump
 have three and tensors nine components, as ParaView expects, also in two dimensions.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Mapping, Sequence

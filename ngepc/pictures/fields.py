@@ -4,8 +4,6 @@ Every function returns a ``matplotlib.figure.Figure``; ``figure.savefig(path)`` 
 SVG.  Curved elements are drawn curved.  Curves over something are in ``ngepc.pictures.curves``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -161,7 +159,7 @@ def plot_mesh(source: object, *, axes: Axes | None = None) -> Figure:
 
 
 def _draw_sets(
-    drawing: Drawing, source: object, sampled: Corners, sets: np.ndarray, words: str = ""
+    drawing: "Drawing", source: object, sampled: Corners, sets: np.ndarray, words: str = ""
 ) -> Figure:
     """Each triangle in the colour of the set, 0, 1 or 2, that it belongs to."""
     corners = replace(sampled, values=np.repeat(sets[:, None], 3, axis=1).astype(float))

@@ -5,8 +5,6 @@ keeps the state.  ``record.snapshot()`` is the result of a run that had stopped 
 costs nothing until it is called.  Those here keep a line up to date, or draw the run.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -103,7 +101,7 @@ class LivePlotMonitor:
         end = time.monotonic()
         self._next = end + max(self.interval, 4 * (end - begin))
 
-    def __enter__(self) -> LivePlotMonitor:
+    def __enter__(self) -> "LivePlotMonitor":
         """The monitor itself, with nothing seen."""
         self.runs: list[History] = []
         self._last, self._handle, self._next = None, None, float("-inf")

@@ -3,8 +3,6 @@
 Everything is inside the file, so that it opens from disk without network; it is written in one go.
 """
 
-from __future__ import annotations
-
 import html
 import os
 import re

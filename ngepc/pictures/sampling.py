@@ -4,8 +4,6 @@ Elements are sampled one by one, since fields may jump.  Curved elements, and th
 displacement is not linear, are cut finely enough to look curved.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

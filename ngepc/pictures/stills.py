@@ -1,7 +1,5 @@
 """Still pictures of solids: VTK draws their triangles, without a screen, into an image."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import sys

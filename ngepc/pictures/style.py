@@ -3,8 +3,6 @@
 No pyplot state is touched, so that figures work in notebooks, scripts and servers alike.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Callable
@@ -38,7 +36,7 @@ class Picture(Figure):
         """Axes in this style, also those of ``subplots``."""
         return super().add_subplot(*arguments, **options)
 
-    def like(self, drawn: Figure) -> Picture:
+    def like(self, drawn: Figure) -> "Picture":
         """The picture itself, its axes where a drawn one has them: a layout takes half the time."""
         require_instance("drawn", drawn, Figure, "a Figure")
         self.set_layout_engine("none")

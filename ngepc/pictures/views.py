@@ -5,8 +5,6 @@ to a file, which opens from disk in any browser with WebGL 2; ``page.html#3`` st
 The drawing is NGSolve's webgui, whose script is embedded.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 import html

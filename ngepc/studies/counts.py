@@ -126,14 +126,6 @@ BLOCK_RATIOS = (1e-1, 1e-3)
 BLOCKS = {"tetrahedra": {281: 1, 1745: 2, 12193: 3}, "hexahedra": {343: 6, 1728: 11, 12167: 22}}
 """Elements -> nodes -> refinements of a coarse mesh, or cells along an edge."""
 
-NOTE = (
-    "Cold starts, nested ones from the next coarser mesh, and the primal method; tolerance 1e-10 "
-    "(relative forces out of balance); CPU seconds of one thread, set-up included. Rows with h / "
-    "mu are Example (a) with other hardening, and a sphere of radius 1 pressed 0.03 into a unit "
-    "cube. GetFEM 5.4.2 with its best parameter: measured earlier, on a quiet machine, not here. "
-    "'stagnated': the residual has come down to its own rounding, which is above 1e-10 there."
-)
-
 
 def problem_of(body: str, nodes: int, ratio: float | None) -> Problem:
     """An example, its hardening ``ratio`` times mu if that is given, or a block of elements."""
@@ -157,6 +149,14 @@ class NewtonCounts(OverMeshes):
         | nested: steps = {nested[steps]} | CPU s = {nested[cpu_s]:.2f}
         | primal: steps = {primal[steps]} | CPU s = {primal[cpu_s]:.2f}
         | GetFEM: steps = {getfem[0]} | CPU s = {getfem[1]}"""
+    note = (
+        "Cold starts, nested ones from the next coarser mesh, and the primal method; tolerance "
+        "1e-10 (relative forces out of balance); CPU seconds of one thread, set-up included. Rows "
+        "with h / mu are Example (a) with other hardening, and a sphere of radius 1 pressed 0.03 "
+        "into a unit cube. GetFEM 5.4.2 with its best parameter: measured earlier, on a quiet "
+        "machine, not here. 'stagnated': the residual has come down to its own rounding, which is "
+        "above 1e-10 there."
+    )
 
     def cells(self) -> list[dict]:
         """Both examples, then small hardening, then blocks."""
@@ -193,4 +193,4 @@ class NewtonCounts(OverMeshes):
             total = sum(run["iterations"] for run in runs)
             found.append(f"{title}: {total} nested steps on {len(runs)} meshes, the first one "
                          f"started from {examples.BODIES[body].COARSE_NODES} nodes.")  # fmt: skip
-        return [NOTE, *found]
+        return [self.note, *found]

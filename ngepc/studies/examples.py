@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.geometries import lshape, wrench
@@ -22,8 +22,6 @@ THRESHOLDS = {"lshape": 0.1, "wrench": 1e-2}
 FAMILIES = {name: body.PAPER_NODES for name, body in BODIES.items()}
 METHODS = ("default", "primal")
 """Those without a gamma."""
-
-Made = TypeVar("Made")
 
 
 @lru_cache(maxsize=16)
@@ -91,7 +89,7 @@ def timed(solve: Callable[..., Result], *given: object) -> tuple[Result, dict]:
     }
 
 
-def in_own_process(work: Callable[..., Made], *given: object) -> Made:
+def in_own_process(work: Callable[..., Any], *given: object) -> Any:
     """What a function of a module returns in a new process, whose memory is its own."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         return pool.submit(work, *given).result()
