@@ -38,9 +38,6 @@ img { max-width: 100%; }
 
 Section = tuple[str, Sequence[object]]
 
-SAID = ("mesh", "material", "kinematics", "order", "clamped", "traction", "pressure", "contact")
-"""Data of a problem that are described by their places, or with the body."""
-
 
 def write_report(path: str | os.PathLike, title: str, *sections: Section, footer: str = "") -> Path:
     """Write a report from sections to an HTML file; returns its path.
@@ -130,16 +127,13 @@ def html_table(rows: Sequence[Mapping[str, object]]) -> str:
 
 
 def describe_problem(problem: Problem) -> list[dict[str, str]]:
-    """The data of a problem as rows 'what', 'value', for a table."""
+    """The data that a problem is given as rows 'what', 'value', for a table."""
     size = f"{problem.mesh.nv} nodes, {problem.mesh.ne} elements"
     rows = {"body": f"{size}, order {problem.order}, {problem.kinematics.name}"}
     data = {field.name: getattr(problem, field.name) for field in fields(problem)}
     for name, value in (vars(problem.material) | data).items():
-        if value is not None and name not in SAID:
+        if value is not None and name not in ("mesh", "material", "kinematics", "order"):
             rows[name.replace("_", " ")] = _said(value)
-    parts = (problem.clamped_names, problem.loads, problem.touching_names)
-    for name, names in zip(("clamped", "loaded", "contact"), parts, strict=True):
-        rows[name] = ", ".join(map(str, names)) or "none"
     return [{"what": key, "value": value} for key, value in rows.items()]
 
 
