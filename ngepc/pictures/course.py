@@ -55,7 +55,7 @@ class Quiz(tuple):
         parts = []
         for question in self:
             right = question["choices"][0]
-            parts.append(f"<p>{html.escape(question['text'])}</p>")
+            parts.append(f"<p style='margin-top: 1em'>{html.escape(question['text'])}</p>")
             for choice in sorted(question["choices"]):
                 said = f"Right. {question['why']}" if choice == right else "No. Try another."
                 choice, said = html.escape(choice), html.escape(said)

@@ -77,7 +77,9 @@ def drawable(
         raise TypeError(f"field={field!r}: the name of a field or a CoefficientFunction is needed")
     if field == "contact_pressure":
         if not fields.problem.touching_names or fields.problem.N == 2:
-            raise ValueError("field='contact_pressure': a solid with a contact boundary is needed")
+            plane = "that of plane bodies is drawn by plot_contact_pressure"
+            needed = f"a solid with a contact boundary is needed; {plane}"
+            raise ValueError(f"field='contact_pressure': {needed}")
         label = f"contact pressure ({units.stress})"
         return Drawable(pressure_on_boundary(source), label, "YlGnBu")
     match = re.fullmatch(r"(.+)_([xyz]{1,2})", field)

@@ -106,6 +106,7 @@ def show(
     legend = Picture(figsize=(3.6, 0.6))
     axes = legend.add_subplot()
     legend.colorbar(colours, cax=axes, orientation="horizontal", label=what[0].label)
+    axes.locator_params(nbins=6)
     texts = {"title": html.escape(title), "name": html.escape(name), "viewer": viewer}
     texts |= {"legend": png_address(legend, 200), "data": base64.b64encode(data).decode()}
     return View(PAGE.substitute(texts))

@@ -35,9 +35,12 @@ def check_folder(folder: Path) -> None:
             probe.flush()
             os.fsync(probe.fileno())
     except OSError as error:
-        raise type(error)(
-            error.errno, f"folder {folder} cannot be written: {error.strerror or error}"
-        ) from error
+        raise _named(error, f"folder {folder}") from error
+
+
+def _named(error: OSError, place: str) -> OSError:
+    """The same error with what cannot be written in place of a temporary name."""
+    return type(error)(error.errno, f"{place} cannot be written: {error.strerror or error}")
 
 
 @contextmanager
@@ -67,8 +70,11 @@ def replace_contents(path: Path, content: bytes) -> None:
     if is_special(path):
         path.write_bytes(content)
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise _named(error, str(path)) from error
     try:
         with os.fdopen(handle, "wb") as stream:
             stream.write(content)
