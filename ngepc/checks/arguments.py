@@ -144,24 +144,26 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
     return tuple(dict.fromkeys(parts))
 
 
-def corner_rule(shape: ET, dim: int) -> IntegrationRule:
-    """The vertices of a shape in so many dimensions, as points of a rule without weights."""
-    vertices = [tuple(v[:dim]) for v in ElementTopology(shape).vertices]
-    return IntegrationRule(points=vertices, weights=[0.0] * len(vertices))
+def corner_rules(dim: int) -> dict[ET, IntegrationRule]:
+    """The vertices of each shape in so many dimensions, as points of a rule without weights."""
+    rules = {}
+    for shape in ELEMENT_TYPES[dim]:
+        vertices = [tuple(v[:dim]) for v in ElementTopology(shape).vertices]
+        rules[shape] = IntegrationRule(points=vertices, weights=[0.0] * len(vertices))
+    return rules
 
 
 def sample(
-    value: Coefficient, mesh: Mesh, boundaries: Names = None, *, corners: bool = False
+    value: Coefficient, mesh: Mesh, boundaries: Names = None, rules: dict | None = None
 ) -> np.ndarray:
     """Values of a coefficient, shape (points, components); a number is its own single sample.
 
-    The points are inside all elements (or boundary elements), with ``corners`` their vertices.
+    The points are those of ``rules`` in all elements (or boundary elements), by default inside.
     """
     if not isinstance(value, CoefficientFunction):
         return np.array([[float(value)]])
-    dim, rules = mesh.dim - (boundaries is not None), {}
-    for shape in ELEMENT_TYPES[dim]:
-        rules[shape] = corner_rule(shape, dim) if corners else IntegrationRule(shape, 2)
+    dim = mesh.dim - (boundaries is not None)
+    rules = rules or {shape: IntegrationRule(shape, 2) for shape in ELEMENT_TYPES[dim]}
     region = VOL if boundaries is None else mesh.Boundaries("|".join(boundaries))
     points = mesh.MapToAllElements(rules, region)
     found = np.asarray(value(points), dtype=float)
@@ -180,7 +182,8 @@ def require_field(
     try:
         samples = sample(value, mesh, boundaries)
         if corners:
-            samples = np.vstack([samples, sample(value, mesh, boundaries, corners=True)])
+            rules = corner_rules(mesh.dim - (boundaries is not None))
+            samples = np.vstack([samples, sample(value, mesh, boundaries, rules)])
     except (NgException, RuntimeError, TypeError, ValueError) as error:  # NGSolve's and Python's
         raise ValueError(f"{name} cannot be evaluated on {where}: {error}") from error
     return require_in(name, samples, where, **how)

@@ -21,7 +21,7 @@ from scipy.sparse import csr_matrix, diags, vstack
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import norm
 
-from ngepc.checks.arguments import corner_rule
+from ngepc.checks.arguments import corner_rules, sample
 from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.quadrature import rules_of
 from ngepc.model.problem import Problem
@@ -178,8 +178,7 @@ def _corners(problem: Problem) -> tuple[np.ndarray, csr_matrix]:
             hats = (area[:, :, None] * shapes[:, : vertices.shape[1]]).swapaxes(1, 2)
             integrals = hats @ given.reshape(*area.shape, 2 + N)
             if order == 1:
-                rule, region = corner_rule(shape, N - 1), mesh.Boundaries(name)
-                at_corners = psi(mesh.MapToAllElements({shape: rule}, region))
+                at_corners = sample(psi, mesh, [name], {shape: corner_rules(N - 1)[shape]})
                 integrals[:, :, 1] = integrals[:, :, 0] * at_corners.reshape(vertices.shape)
             boundary, integrals = np.full(vertices.size, number), integrals.reshape(-1, 2 + N)
             found.append(np.column_stack([boundary, vertices.ravel(), integrals]))

@@ -13,8 +13,8 @@ import numpy as np
 from ngsolve import CoefficientFunction, Det, Mesh, specialcf
 
 from ngepc.checks.arguments import (
-    Coefficient,
     boundary_names,
+    corner_rules,
     require_coefficient,
     require_components,
     require_datum,
@@ -77,7 +77,7 @@ def check_mesh(mesh: Mesh) -> None:
     if not np.isfinite(size).all() or np.abs(size).min() <= 1e-14 * np.abs(size).max():
         raise ValueError("mesh has degenerate elements (zero area or volume)")
     if (nodes[:, 2**mesh.dim - 1] >= 0).any():
-        corner = sample(determinant, mesh, corners=True)
+        corner = sample(determinant, mesh, rules=corner_rules(mesh.dim))
         size = np.append(size, corner[np.abs(corner) > 1e-12 * np.abs(size).max()])
     if size.min() < 0 < size.max():
         raise ValueError("mesh has inverted elements (Jacobian determinants of both signs)")
@@ -227,22 +227,12 @@ def check_history(problem: Given) -> None:
     for name, value in scalars.items():
         if value is not None:
             require_field(name, value, problem.mesh)
-            require_in(name, _where_histories_live(value, problem), "the body", least=0)
+            # elsewhere what earlier steps leave may fall below the values that it interpolates
+            values = sample(value, problem.mesh, rules=plastic_points(problem.mesh, problem.order))
+            seen = np.where(np.abs(values) > 1e-14 * np.abs(values).max(), values, 0.0)
+            require_in(name, seen, "the body", least=0)
     if back_stress is not None:
         _symmetric("initial_hardening", back_stress, problem)
-
-
-def _where_histories_live(value: Coefficient, problem: Given) -> np.ndarray:
-    """Values at the integration points, (points, 1); what is below rounding is 0.
-
-    Between them the polynomials that earlier steps leave may fall below what they interpolate.
-    """
-    if not isinstance(value, CoefficientFunction):
-        return np.array([[float(value)]])
-    mesh = problem.mesh
-    points = mesh.MapToAllElements(plastic_points(mesh, problem.order), mesh.Materials(".*"))
-    values = np.reshape(value(points), (-1, 1))
-    return np.where(np.abs(values) > 1e-14 * np.abs(values).max(), values, 0.0)
 
 
 def _symmetric(name: str, value: CoefficientFunction, problem: Given) -> np.ndarray:

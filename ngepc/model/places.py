@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import CoefficientFunction, Mesh
 
-from ngepc.checks.arguments import Coefficient, boundary_names, require_vector, sample
+from ngepc.checks.arguments import Coefficient, boundary_names, corner_rules, require_vector, sample
 from ngepc.checks.declared import Along, Datum, Declared, Flag, NotNegativeDatum, Text
 from ngepc.model.elements import corner_vertices, vertex_coordinates
 
@@ -182,7 +182,8 @@ def values_at(
     vertex.
     """
     if isinstance(place, str) and isinstance(value, CoefficientFunction):
-        return corner_vertices(mesh, [place]), sample(value, mesh, [place], corners=True)
+        rules = corner_rules(mesh.dim - 1)
+        return corner_vertices(mesh, [place]), sample(value, mesh, [place], rules)
     vertices = vertices_at(place, mesh)
     if not isinstance(value, CoefficientFunction):
         return vertices, np.tile(np.array(value, dtype=float), (len(vertices), 1))
