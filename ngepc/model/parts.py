@@ -7,7 +7,6 @@ and no process ever has the fine mesh.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from typing import Any
@@ -37,6 +36,7 @@ INSTALL = (
     "'conda install -c conda-forge mpi4py openmpi' anywhere"
 )
 
+Regions = list[tuple[int, str, np.ndarray]]
 
 _RINGS = (
     ((2, 3), (0, 1), (0, 2), (1, 2), (1, 3), (0, 3)),
@@ -46,41 +46,16 @@ _RINGS = (
 """Middles of edges of a tetrahedron: two that a diagonal inside joins, then those around it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """Some of the simplices of a mesh.
-
-    ``regions`` are those of the body and of its boundaries, also without anything here: dimension,
-    name and vertices of their simplices, shape (k, dimension + 1).
-    """
-
-    points: np.ndarray  # coordinates of the vertices, shape (vertices, N)
-    regions: list[tuple[int, str, np.ndarray]]
-    interfaces: frozenset[str]  # names of boundaries inside the body
-
-    def refined(self) -> tuple[Piece, np.ndarray]:
-        """The piece with all edges halved, and the ends of each edge, in the order of middles."""
-        N, count = self.points.shape[1], len(self.points)
-        corners = np.concatenate([simplices for d, _, simplices in self.regions if d == N])
-        ends = [corners[:, pair] for pair in combinations(range(N + 1), 2)]
-        ends = np.sort(np.concatenate(ends), axis=1)
-        keys = np.unique(ends[:, 0] * count + ends[:, 1])
-        parents = np.column_stack(np.divmod(keys, count))
-        points = np.concatenate([self.points, self.points[parents].mean(axis=1)])
-        regions = [(d, name, _halved(cells, keys, points)) for d, name, cells in self.regions]
-        return replace(self, points=points, regions=regions), parents
-
-
-def _halved(corners: np.ndarray, keys: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _halved(corners: np.ndarray, edges: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Simplices cut at the middles of their edges: the middle of edge k is vertex count + k.
 
     Inside a tetrahedron an octahedron is left, cut along its shortest diagonal (Bey, 1995).
     """
-    k, count = corners.shape[1], len(points) - len(keys)
+    k, count = corners.shape[1], len(points) - len(edges)
     at = {(i, i): corners[:, i] for i in range(k)}
     for a, b in combinations(range(k), 2):
         low, high = np.sort(corners[:, [a, b]], axis=1).T
-        at[a, b] = at[b, a] = count + np.searchsorted(keys, low * count + high)
+        at[a, b] = at[b, a] = count + np.searchsorted(edges, low * count + high)
     children = [np.stack([at[i, j] for j in range(k)], axis=1) for i in range(k)]
     if k == 3:
         children.append(np.stack([at[0, 1], at[1, 2], at[0, 2]], axis=1))
@@ -96,41 +71,55 @@ def _halved(corners: np.ndarray, keys: np.ndarray, points: np.ndarray) -> np.nda
 
 
 class MeshPart(Mesh):
-    """The part of a mesh that this process has.
+    """The part of a mesh that this process has, of simplices.
 
-    It is made of its simplices and of which ``processes`` have the others, and the common vertices.
+    ``regions`` are those of the body and of its boundaries, also without anything here: dimension,
+    name and vertices of their simplices, shape (k, dimension + 1).  ``interfaces`` are the names of
+    boundaries inside the body, and ``processes`` know who has the common vertices as well.
     """
 
     coarse: MeshPart | None = None  # the part before refinement
     parents: np.ndarray | None = None  # vertices between which those beyond lie, shape (k, 2)
 
-    def __init__(self, piece: Piece, processes: Team) -> None:
-        super().__init__(netgen_mesh(piece.points.shape[1], piece.points, piece.regions))
-        self.piece, self.processes = piece, processes
-        self.interfaces = piece.interfaces  # names of boundaries inside the body
+    def __init__(
+        self, points: np.ndarray, regions: Regions, interfaces: frozenset[str], processes: Team
+    ) -> None:
+        super().__init__(netgen_mesh(points.shape[1], points, regions))
+        self.regions, self.interfaces, self.processes = regions, interfaces, processes
 
     def GetBoundaries(self) -> tuple[str, ...]:
         """The names of all boundaries of the body; NGSolve forgets those that have no element."""
-        return tuple(name for d, name, _ in self.piece.regions if d < self.dim)
+        return tuple(name for d, name, _ in self.regions if d < self.dim)
 
     def refined(self) -> MeshPart:
-        """The part of the mesh with all edges halved; the processes refine at the same time.
+        """The part of the mesh with all edges halved; the processes refine at the same time."""
+        corners = np.concatenate([cells for d, _, cells in self.regions if d == self.dim])
+        ends = [corners[:, pair] for pair in combinations(range(self.dim + 1), 2)]
+        ends = np.sort(np.concatenate(ends), axis=1)
+        edges = np.unique(ends[:, 0] * self.nv + ends[:, 1])
+        parents, points = np.column_stack(np.divmod(edges, self.nv)), vertex_coordinates(self)
+        points = np.concatenate([points, points[parents].mean(axis=1)])
+        regions = [(d, name, _halved(cells, edges, points)) for d, name, cells in self.regions]
+        processes = Team(self.processes.comm, self._common(parents), len(points))
+        fine = MeshPart(points, regions, self.interfaces, processes)
+        fine.coarse, fine.parents = self, parents
+        return fine
+
+    def _common(self, parents: np.ndarray) -> dict[int, np.ndarray]:
+        """Number of another process -> the vertices that it has as well, with middles of edges.
 
         An edge whose ends are on two processes need not be: they tell each other which ones are.
         """
-        (piece, parents), processes = self.piece.refined(), self.processes
+        processes, copies = self.processes, {}
         pairs = np.sort(processes.numbers[parents], axis=1)
         keys = pairs[:, 0] * processes.count + pairs[:, 1]
         near = {r: np.isin(parents, nodes).all(axis=1) for r, nodes in processes.copies.items()}
         others = processes.traded({rank: keys[edges] for rank, edges in near.items()})
-        copies = {}
         for rank, edges in near.items():
             _, which, _ = np.intersect1d(keys[edges], others[rank], return_indices=True)
             added = self.nv + np.flatnonzero(edges)[which]
             copies[rank] = np.concatenate([processes.copies[rank], added])
-        fine = MeshPart(piece, Team(processes.comm, copies, len(piece.points)))
-        fine.coarse, fine.parents = self, parents
-        return fine
+        return copies
 
 
 def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
@@ -159,8 +148,8 @@ def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
         raise ImportError(INSTALL)
     comm = MPI.COMM_WORLD if comm is None else comm
     work = partial(_pieces, mesh, comm.size) if comm.rank == 0 else list
-    piece, copies = comm.scatter(Team(comm).together(work))
-    return MeshPart(piece, Team(comm, copies, len(piece.points)))
+    points, regions, interfaces, copies = comm.scatter(Team(comm).together(work))
+    return MeshPart(points, regions, interfaces, Team(comm, copies, len(points)))
 
 
 def _require_simplices(mesh: Mesh, count: int) -> None:
@@ -174,8 +163,8 @@ def _require_simplices(mesh: Mesh, count: int) -> None:
         raise ValueError(f"mesh has {mesh.ne} elements: {count}, one for each process, are needed")
 
 
-def _pieces(mesh: Mesh, count: int) -> list[tuple[Piece, dict[int, np.ndarray]]]:
-    """The pieces for ``count`` processes, each with number of another -> vertices it has too."""
+def _pieces(mesh: Mesh, count: int) -> list[tuple]:
+    """Points, regions and interfaces for ``count`` processes, and the copies of ``Team``."""
     _require_simplices(mesh, count)
     N, points, (keys, owners) = mesh.dim, vertex_coordinates(mesh), element_facets(mesh)
     if connected(mesh.ne, *check_conforming(keys, owners)).any():
@@ -197,7 +186,7 @@ def _pieces(mesh: Mesh, count: int) -> list[tuple[Piece, dict[int, np.ndarray]]]
             (d, name, np.searchsorted(mine, cells[there & (home == rank)]))
             for d, name, cells, home, there in of_body + of_sides
         ]
-        pieces.append((Piece(points[mine], regions, interfaces), copies))
+        pieces.append((points[mine], regions, interfaces, copies))
     return pieces
 
 
