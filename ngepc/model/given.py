@@ -68,8 +68,7 @@ class Given:
     @property
     def contact_pairs(self) -> tuple[Contact, ...]:
         """The pairs of boundaries of two bodies that touch or are tied."""
-        several = isinstance(self.contact, Sequence) and not isinstance(self.contact, str | bytes)
-        parts = self.contact if several else (self.contact,)
+        parts = self.contact if isinstance(self.contact, tuple | list) else (self.contact,)
         return tuple(part for part in parts if isinstance(part, Contact))
 
     @property
