@@ -205,7 +205,7 @@ def feasible_state(setting: Setting, given: State) -> tuple[State, float]:
 def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
     """No less than J(u) - J_h: the same bound with a discrete stress and the discrete contact."""
     contact = setting.discrete.contact
-    forces = state.contact - contact.defect(state.contact, 0.0)
+    forces = contact.friction.projected(state.contact)
     z = setting.balanced(state, tangent, setting.discrete.load - contact.forces(forces))
     conjugate, law = Conjugate(setting.discrete.law), setting.discrete.law
     density = law.energy_density(state.volume, state.at)

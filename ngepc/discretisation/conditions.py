@@ -155,9 +155,10 @@ class ContactConditions:
         mean = np.where(mean > 0, mean, normal)
         return np.concatenate([normal, np.repeat(mean, self.friction.d)])
 
-    def defect(self, x: np.ndarray, pushed: np.ndarray) -> np.ndarray:
-        """x minus the admissible forces closest to x - k gaps, any k > 0: zero where all holds."""
-        return x - self.friction.projected(x - pushed)
+    def defect(self, x: np.ndarray, pushed: np.ndarray) -> float:
+        """Norm of x minus admissible forces closest to x - k gaps, any k > 0; zero if all hold."""
+        own = (x - self.friction.projected(x - pushed))[self.own]
+        return float(np.sqrt(self.processes.total(float(own @ own))))
 
     def friction_work(self, x: np.ndarray, gaps: np.ndarray, rounding: float) -> float:
         """The sum of b |slip| over the rows (force times length); less than rounding is no slip."""

@@ -87,8 +87,7 @@ class InexactTarget:
         if rough and not settled:
             return self._secants(here, tangent, accuracy, at)
         change = self._contact.processes.spread(at.change.reshape(here.u.shape))
-        nothing = np.zeros_like(at.forces)
-        return change, at.forces - self._contact.defect(at.forces, nothing)
+        return change, self._contact.friction.projected(at.forces)
 
     def _sets(
         self, here: State, tangent: IterativeTangent, accuracy: float
@@ -120,7 +119,7 @@ class InexactTarget:
             pressing = contact.normal(at.forces - c * at.gaps)
             rounding = contact.normal(c) * here.touching_distance
             closes = (pressing > np.where(active, 0.0, rounding)) | contact.rows.tied
-            settled = whole and self._defect(at, c) <= scale
+            settled = whole and contact.defect(at.forces, c * at.gaps) <= scale
             if settled and not processes.any(closes != active):
                 return at, True
             active = closes
@@ -139,17 +138,13 @@ class InexactTarget:
 
         All on the way is in balance, so that no length costs a solve.
         """
-        before, nearer, length = self._defect(at, c), found, 1.0
+        before, nearer, length = self._contact.defect(at.forces, c * at.gaps), found, 1.0
         while length > SHORTEST:
-            if self._defect(nearer, c) < before:
+            if self._contact.defect(nearer.forces, c * nearer.gaps) < before:
                 return nearer, length == 1
             length /= 2
             nearer = Meeting(*(a + length * (b - a) for a, b in zip(at, found, strict=True)))
         return found, True
-
-    def _defect(self, at: Meeting, c: np.ndarray) -> float:
-        defect = self._contact.defect(at.forces, c * at.gaps)[self._contact.own]
-        return float(np.sqrt(self._contact.processes.total(float(defect @ defect))))
 
     def _secants(
         self, here: State, tangent: IterativeTangent, accuracy: float, at: Meeting | None
