@@ -157,10 +157,9 @@ def follow_path(
             steps.append(PathStep.after(steps, last))
             store.save(steps, last)
             logger.info("gamma %.4g: %s", gamma, steps[-1])
-            if observer is not None:
-                observer(last)
-            if monitor is not None:
-                monitor(steps[-1])
+            for watcher, seen in ((observer, last), (monitor, steps[-1])):
+                if watcher is not None:
+                    watcher(seen)
     except (StopIteration, KeyboardInterrupt):
         if last is None:
             raise  # there is no state yet

@@ -34,7 +34,7 @@ class PathStep:
     @classmethod
     def after(cls, before: list[PathStep], result: DualResult) -> PathStep:
         """The record of a result that comes after these steps."""
-        here, change = Iterate(result.functional, result.v), None
+        here, change = Iterate(result.functional, result.v, result.y), None
         if before:
             value, rise = before[-1].path_value, abs(here.energy - before[-1].path_value)
             change = 0.0 if rise == 0 else rise / abs(value) if value else math.inf

@@ -34,7 +34,6 @@ class LinearContact:
     closed: np.ndarray  # boolean, shape (m,) as all but the direction
     slips: np.ndarray  # boolean
     bound: np.ndarray  # b (force)
-    slip: np.ndarray  # its length
     trial: np.ndarray  # |t + k slip| with the stiffness k of the row, more than b where it slips
     along: np.ndarray  # e, zero where nothing is known of it, shape (m, d)
     grows: np.ndarray  # boolean: the bound is mu n
@@ -46,10 +45,9 @@ class LinearContact:
         self.state, self.conditions = state, state.discrete.contact
         self.law, self.stiffness = self.conditions.friction, state.discrete.row_stiffness
         law, tied, m = self.law, state.discrete.rows.tied, len(state.multipliers)
-        y, gaps = state.contact - self.stiffness * state.gaps, law.split(state.gaps)[1]
+        y = state.contact - self.stiffness * state.gaps
         y[:m], law.split(y)[1][tied] = state.multipliers, 0.0
         slipping, self.along, self.bound, self.trial = law.slipping(y)
-        self.slip = np.maximum(-(self.along * gaps).sum(axis=1), 0.0)
         self.grows = law.grows(y[:m])
         self.coefficient = np.where(self.grows, law.coefficient, 0.0)
         self.closed = (y[:m] > 0) | tied if closed is None else closed

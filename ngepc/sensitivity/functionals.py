@@ -46,7 +46,9 @@ def _primal_energy(state: State) -> Slope:
     law, at, weights = state.discrete.law, state.at, state.discrete.points.weights
     elastic = law.stress(at) / law.two_mu[:, None]
     contact, still = LinearContact(state), np.zeros(len(state.multipliers))
-    slip, bound = (np.where(contact.slips, a, 0.0) for a in (contact.slip, contact.bound))
+    slid = -(contact.along * contact.law.split(state.gaps)[1]).sum(axis=1)
+    slip = np.where(contact.slips, np.maximum(slid, 0.0), 0.0)
+    bound = np.where(contact.slips, contact.bound, 0.0)
     dragged = state.discrete.contact.forces(contact.stacked(still, bound))
     by = weights * Data(
         two_mu=0.5 * ((elastic**2).sum(1) - (law.initial**2).sum(1)),

@@ -128,13 +128,12 @@ class LinearStep:
         """
         blocks, scale = self._ways[transposed], self.contact.stiffness if transposed else 1.0
         right, free = np.append(force.ravel(), scale * given), self._free
-
-        def improved(r: np.ndarray) -> np.ndarray:
-            """The system times what springs make of a right hand side."""
-            return free * self._product(blocks, self._answer(blocks, r))
-
         x, rest, relative, size = np.zeros_like(right), right, np.inf, np.linalg.norm(free * right)
-        operator = LinearOperator((len(right),) * 2, improved, dtype=float)
+        operator = LinearOperator(
+            (len(right),) * 2,
+            lambda r: free * self._product(blocks, self._answer(blocks, r)),
+            dtype=float,
+        )
         for _ in range(REFINEMENTS if size > 0 else 0):
             left = free * rest
             if not self._by_springs:
