@@ -24,17 +24,12 @@ Solve = Callable[[np.ndarray], np.ndarray]
 
 
 def with_contact(
-    here: Balance,
-    solve: Solve,
-    change: np.ndarray,
-    forces: np.ndarray,
-    compliance: Compliance,
-    slack: float = 0.0,
+    here: Balance, solve: Solve, change: np.ndarray, forces: np.ndarray, compliance: Compliance
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Newton's step and the forces at its end, where they meet the conditions; None if none do.
 
     ``change`` is the step with the ``forces`` of the rows as they are, ``solve`` maps nodal forces
-    to displacements, both (nodes, N), ``slack`` is what the gaps may miss (length).
+    to displacements, both (nodes, N).
     """
     conditions = here.frame.contact
 
@@ -47,7 +42,7 @@ def with_contact(
 
     gaps = here.gaps - conditions.displacement(change)
     sizes = np.abs(here.u + change).max(initial=0.0), -conditions.normal(gaps).min(initial=0.0)
-    slack = max(slack, ROUNDING * float(max(sizes)))
+    slack = ROUNDING * float(max(sizes))
     found = solve_by_secants(conditions.friction, product, compliance, gaps, forces, slack)
     if found is None:
         return None

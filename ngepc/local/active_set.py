@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ngepc.discretisation.contact_step import with_contact
 from ngepc.discretisation.rows import HELD
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import SHORTEST, SOFT
 from ngepc.local.closed import Closed, Rubbing
 from ngepc.local.iterative import IterativeTangent
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.results.iteration import ExactTarget
 
 SETS = 30
 """Most active sets of one Newton step."""
@@ -33,12 +33,6 @@ PART = 0.1
 
 FINEST = 1e-9
 """Smallest relative residual of a linear system."""
-
-ANSWER = 3e-5
-"""Largest relative residual of the systems that tell what rows with friction answer."""
-
-SLACK = 0.3
-"""What secants may leave of the conditions, as a part of what the linear systems leave."""
 
 
 class Meeting(NamedTuple):
@@ -59,7 +53,7 @@ class InexactTarget:
     def __init__(self, discrete: DiscreteProblem, forcing: float, tolerance: float) -> None:
         self._forcing, self._tolerance, self._before = forcing, tolerance, 0.0
         self._frame, self._contact = discrete, discrete.contact
-        self._compliance = discrete.compliance()
+        self._exact = ExactTarget(discrete)
         free, tangential = discrete.free.ravel(), discrete.rows.tangential
         moved = np.asarray(abs(tangential[:, np.flatnonzero(free)]).sum(axis=1)).ravel()
         self._movable = (moved > HELD).reshape(discrete.rows.tangents.shape[:2])
@@ -83,9 +77,13 @@ class InexactTarget:
         except FactorisationError:
             if not rough:
                 raise
-            at, settled = None, False
+            settled = False
         if rough and not settled:
-            return self._secants(here, tangent, accuracy, at)
+            if self._contact.processes.size > 1:
+                raise FactorisationError(
+                    "friction on parts: no active set was found; try smaller load steps"
+                )
+            return self._exact.solved(here, tangent)
         change = self._contact.processes.spread(at.change.reshape(here.u.shape))
         return change, self._contact.friction.projected(at.forces)
 
@@ -145,26 +143,3 @@ class InexactTarget:
             length /= 2
             nearer = Meeting(*(a + length * (b - a) for a, b in zip(at, found, strict=True)))
         return found, True
-
-    def _secants(
-        self, here: State, tangent: IterativeTangent, accuracy: float, at: Meeting | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Contact with friction by secants; what they leave of the gaps is made up for at last."""
-        discrete, contact, rows = here.discrete, here.discrete.contact, here.discrete.rows
-        if contact.processes.size > 1:
-            raise FactorisationError(
-                "friction on parts: no active set was found; try smaller load steps"
-            )
-        solve = partial(tangent.solve, accuracy=min(ANSWER, accuracy))
-        if at is None:
-            at = Meeting(solve(-here.imbalance), here.contact, here.gaps)
-        slack = SLACK * accuracy * here.residual_norm * here.force_scale
-        start, slack = at.change.reshape(here.u.shape), slack / discrete.row_stiffness.max()
-        found = with_contact(here, solve, start, at.forces, self._compliance, slack)
-        if found is None:
-            raise FactorisationError(contact.unsolvable)
-        change, forces = found
-        left = here.open_gap - rows.normal @ change.ravel()
-        active = (contact.normal(forces) > 0) | (left < 0) | rows.tied
-        moved = Closed(discrete, active).moved(left[active])
-        return change + moved.reshape(change.shape), forces

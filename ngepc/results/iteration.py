@@ -54,6 +54,10 @@ class ExactTarget:
     def __call__(self, here: Any, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
         """Take the tangent at a state and solve; FactorisationError if that cannot be done."""
         tangent.linearise(here)
+        return self.solved(here, tangent)
+
+    def solved(self, here: Any, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The same with a tangent that is the one there."""
         change = tangent.solve(-here.imbalance)
         found = with_contact(here, tangent.solve, change, here.contact, self._compliance)
         if found is None:
