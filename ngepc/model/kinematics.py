@@ -44,7 +44,7 @@ _SOLID = np.array(
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """One row of the table above.
+    """How displacements become strains, one row of the table in ``ngepc.model.kinematics``.
 
     Parameters
     ----------

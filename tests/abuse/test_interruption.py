@@ -361,6 +361,12 @@ def test_full_disk_is_an_error_before_the_work(tmp_path):
         assert [p for p in room.rglob("*") if p.is_file()] == [], name
 
 
+def test_what_cannot_be_written_is_named_and_not_a_temporary_file(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match=r"file/page\.html cannot be written: "):
+        write_text(tmp_path / "file" / "page.html", "")
+
+
 def test_a_file_in_place_of_the_folder_is_an_error_before_the_work(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("precious")
