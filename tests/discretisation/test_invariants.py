@@ -19,7 +19,7 @@ from ngepc import Material, Problem
 from ngepc.discretisation.law import Law
 from ngepc.discretisation.loads import Supports, nodal
 from ngepc.discretisation.points import Moduli, PointFunctions, Points, interpolated
-from ngepc.discretisation.rows import contact_rows
+from ngepc.discretisation.rows import contact_rows, meeting_faces
 from ngepc.discretisation.stiffness import ElementStiffness
 from ngepc.geometries import block, ring
 from ngepc.model.hardening import Swift, Voce
@@ -422,3 +422,17 @@ def test_nodal_values_become_a_function_and_nodal_values_again(body, random):
     u = random.normal(size=supports.free.shape)
     back = nodal(supports.function(u).vec.FV().NumPy(), supports.problem)
     assert (back == u).all()
+
+
+@given(generators)
+@TIGHT
+def test_faces_at_a_node_do_not_depend_on_the_order_of_its_facets(random):
+    normals = random.normal(size=(12, 3)) + [0.0, 0.0, 1.5]
+    nodes, names = random.integers(0, 3, 12), random.integers(0, 2, 12)
+    order, found = random.permutation(12), []
+    for turn in (np.arange(12), order):
+        at, sums = meeting_faces(nodes[turn], names[turn], normals[turn])
+        assert (sums.sum(axis=0) == 1).all()  # each facet belongs to one face
+        found.append(np.column_stack([at, sums @ normals[turn]]))
+    first, second = (np.sort(faces @ [100.0, 1.0, 10.0, 3.0]) for faces in found)
+    assert first == pytest.approx(second)
