@@ -75,16 +75,6 @@ class ContactConditions:
     def __len__(self) -> int:
         return len(self._closed_at)
 
-    @property
-    def unsolvable(self) -> str:
-        """Why there may be no solution."""
-        if not self.friction.d:
-            return "the contact conditions of neighbouring nodes are dependent"
-        return (
-            "contact with friction was not solved: for a large coefficient there may be no solution"
-            " or several; try a smaller load step"
-        )
-
     def displacement(self, u: np.ndarray) -> np.ndarray:
         """R u for nodal displacements (nodes, N)."""
         return self.matrix @ u.ravel()

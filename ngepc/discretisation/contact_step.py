@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ngepc.discretisation.balance import Balance
+from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.secants import Compliance, solve_by_secants
 
 ROUNDING = 3e-14  # gaps of closed rows below this part of the displacements are zero
@@ -23,15 +24,23 @@ PROBES, DOUBT, EXHAUSTED = 40, 1e-6, 1e-8
 Solve = Callable[[np.ndarray], np.ndarray]
 
 
-def with_contact(
-    here: Balance, solve: Solve, change: np.ndarray, forces: np.ndarray, compliance: Compliance
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Newton's step and the forces at its end, where they meet the conditions; None if none do.
+UNSOLVABLE = {
+    False: "the contact conditions of neighbouring nodes are dependent",
+    True: "contact with friction was not solved: for a large coefficient there may be no solution "
+    "or several; try a smaller load step",
+}
+"""Why no forces may meet the conditions, by friction."""
 
-    ``change`` is the step with the ``forces`` of the rows as they are, ``solve`` maps nodal forces
-    to displacements, both (nodes, N).
+
+def with_contact(
+    here: Balance, solve: Solve, compliance: Compliance
+) -> tuple[np.ndarray, np.ndarray]:
+    """Newton's step, and the forces of the rows at its end, which meet the conditions there.
+
+    ``solve`` maps nodal forces to displacements, both (nodes, N).  FactorisationError if no forces
+    are found.
     """
-    conditions = here.frame.contact
+    conditions, change = here.frame.contact, solve(-here.imbalance)
 
     def product(more: np.ndarray) -> np.ndarray:
         """What the rows move by more forces, which change the step."""
@@ -43,9 +52,9 @@ def with_contact(
     gaps = here.gaps - conditions.displacement(change)
     sizes = np.abs(here.u + change).max(initial=0.0), -conditions.normal(gaps).min(initial=0.0)
     slack = ROUNDING * float(max(sizes))
-    found = solve_by_secants(conditions.friction, product, compliance, gaps, forces, slack)
+    found = solve_by_secants(conditions.friction, product, compliance, gaps, here.contact, slack)
     if found is None:
-        return None
+        raise FactorisationError(UNSOLVABLE[conditions.friction.d > 0])
     springs = conditions.springs(here.frame.row_stiffness)  # what they carry belongs to rollers
     return change, found + springs * conditions.displacement(change)
 

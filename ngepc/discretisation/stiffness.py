@@ -43,7 +43,7 @@ class Blocks:
 class Stiffness(Blocks):
     """The blocks of tangents that elements add up to (``summed``), and matrices for them.
 
-    What they are ``filled`` with, moduli or displacements, depends on who sums them.
+    ``data`` are what a tangent follows from: moduli at the points, or displacements.
     """
 
     def __init__(self, mesh: Mesh, order: int, free: np.ndarray) -> None:

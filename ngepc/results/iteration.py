@@ -58,11 +58,7 @@ class ExactTarget:
 
     def solved(self, here: Any, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
         """The same with a tangent that is the one there."""
-        change = tangent.solve(-here.imbalance)
-        found = with_contact(here, tangent.solve, change, here.contact, self._compliance)
-        if found is None:
-            raise FactorisationError(here.frame.contact.unsolvable)
-        return found
+        return with_contact(here, tangent.solve, self._compliance)
 
 
 def newton_iteration(

@@ -427,7 +427,7 @@ def test_nodal_values_become_a_function_and_nodal_values_again(body, random):
 @given(generators)
 @TIGHT
 def test_faces_at_a_node_do_not_depend_on_the_order_of_its_facets(random):
-    normals = random.normal(size=(12, 3)) + [0.0, 0.0, 1.5]
+    normals = random.normal(loc=(0.0, 0.0, 1.5), size=(12, 3))
     nodes, names = random.integers(0, 3, 12), random.integers(0, 2, 12)
     order, found = random.permutation(12), []
     for turn in (np.arange(12), order):
