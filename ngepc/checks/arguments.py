@@ -70,18 +70,17 @@ def require_integer(name: str, value: object, least: int, most: float = inf) -> 
     return int(value)
 
 
-def require_vector(name: str, value: object, lengths: Iterable[int]) -> tuple[float, ...]:
+def require_vector(name: str, value: object, lengths: Sequence[int]) -> tuple[float, ...]:
     """``value``, a sequence of finite numbers of one of the given lengths, as a tuple of floats."""
-    legal = tuple(lengths)
-    text = " or ".join(map(str, legal))
+    text = " or ".join(map(str, lengths))
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
         raise TypeError(f"{name}={value!r}: a sequence of {text} numbers is needed")
-    if len(value) not in legal:
+    if len(value) not in lengths:
         raise ValueError(f"{name}={value!r}: {text} numbers are needed")
     return tuple(require_number(f"{name}[{i}]", x) for i, x in enumerate(value))
 
 
-def require_direction(name: str, value: object, lengths: Iterable[int]) -> tuple[float, ...]:
+def require_direction(name: str, value: object, lengths: Sequence[int]) -> tuple[float, ...]:
     """``value``, a vector other than zero, as one of length 1."""
     vector = np.array(require_vector(name, value, lengths))
     if not vector.any():
