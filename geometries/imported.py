@@ -62,13 +62,13 @@ def mesh(source: object) -> Mesh:
     number = np.full(len(points), -1)
     number[used] = np.arange(len(used))
     points = np.column_stack([points[used, :N], np.zeros((len(used), 3 - N))])
-    body = [(name, _oriented(number[c], points, N)) for d, name, c in groups if d == N]
-    sides = [(name, number[c]) for d, name, c in groups if d == N - 1]
+    body = [(name or "body", _oriented(number[c], points, N)) for d, name, c in groups if d == N]
+    sides = [(name, number[c]) for d, name, c in groups if d == N - 1 and name]
     return _assembled(N, points, body, sides)
 
 
 def _groups(source: object) -> Iterator[tuple[int, str, np.ndarray]]:
-    """Dimension, name and corners of the cells of each group in each block of cells."""
+    """Dimension, name, '' for none, and corners of the cells of each group in each block."""
     named = {(int(dim), int(tag)): n for n, (tag, dim) in getattr(source, "field_data", {}).items()}
     tags = source.cell_data.get("gmsh:physical")
     for number, block in enumerate(source.cells):
@@ -102,7 +102,7 @@ def _groups(source: object) -> Iterator[tuple[int, str, np.ndarray]]:
                 yield dimension, name, cells[inside]
                 rest[inside] = False
         if rest.any():
-            yield dimension, "body" if dimension > 1 else "free", cells[rest]
+            yield dimension, "", cells[rest]
 
 
 def _oriented(cells: np.ndarray, points: np.ndarray, N: int) -> np.ndarray:

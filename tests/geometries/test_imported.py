@@ -4,6 +4,7 @@ import meshio
 import numpy as np
 import pytest
 from bodies import MESHES, STEEL
+from ngsolve import BND
 from ngsolve.meshes import MakeStructured3DMesh
 
 from ngepc import Problem, semismooth_newton
@@ -102,6 +103,18 @@ def test_what_has_no_group_is_free():
     assert len(list(again.Boundaries("free").Elements())) == 4 * 4
     with pytest.raises(ValueError, match="there is no boundary 'top'; this mesh has 'clamped'"):
         Problem(again, STEEL, contact="top", gap=0.0)
+
+
+@pytest.mark.parametrize("shape", ["triangles", "tetrahedra"])
+def test_facets_in_no_set_are_free_if_they_are_outer(shape):
+    """Also in space, also where the file lists them, and those inside the body are none."""
+    mesh = MESHES[shape]()
+    source = as_meshio(mesh)
+    cells = [*source.cells, (source.cells[-1].type, source.cells[0].data[:, : mesh.dim])]
+    again = imported.mesh(meshio.Mesh(source.points, cells))
+    assert again.GetMaterials() == ("body",)
+    assert set(again.GetBoundaries()) == {"free"}
+    assert len(list(again.Boundaries("free").Elements())) == len(list(mesh.Elements(BND)))
 
 
 def test_cell_sets_are_names_too():
