@@ -10,15 +10,18 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from ngsolve import CoefficientFunction, Mesh
 
 from ngepc._version import __version__
-from ngepc.checks.arguments import sample
-from ngepc.model.places import Coulomb, values_at
+from ngepc.checks.arguments import is_number, sample
+from ngepc.model.given import ACTING, Components
+from ngepc.model.places import Place, values_at
 from ngepc.model.problem import Problem
 from ngepc.results.files import replace_contents
 
@@ -95,33 +98,35 @@ def digest_of(parts: Iterable[str | np.ndarray]) -> str:
     """A digest of texts and arrays in their order."""
     digest = hashlib.sha256()
     for part in parts:
-        digest.update(part.encode() if isinstance(part, str) else np.ascontiguousarray(part))
+        text = isinstance(part, str)
+        digest.update(f"{part}\n".encode() if text else np.ascontiguousarray(part))
     return digest.hexdigest()
 
 
 def problem_fingerprint(problem: Problem) -> str:
     """A digest of all data of a problem but its mesh, sampled on the mesh."""
-    mesh, material, law = problem.mesh, problem.material, problem.material.law
-    names = (problem.clamped_names, problem.contact_names, *problem.contact_pairs)
-    told = [repr((*names, problem.kinematics.name, problem.order)), type(law).__qualname__]
-    body = [material.lame_lambda, material.lame_mu, material.effective_hardening]
-    body += [material.hardening, problem.beta, problem.p_0, *problem.alpha_0, problem.eps_0]
-    body += [problem.accumulated_0, problem.u_0, problem.f, *(() if law is None else law.data)]
-    told += ["none" if value is None else sample(value, mesh) for value in body]
-    for kind in (problem.tractions, problem.gaps):
-        for name, value in sorted(kind.items()):
-            told += [name, sample(value, mesh, [name])]
-    if problem.friction is not None:
-        law = problem.friction
-        value = law.coefficient if isinstance(law, Coulomb) else law
-        told.append("Tresca" if value is law else "Coulomb")
-        told.append(sample(value, mesh, list(problem.touching_names)))
-    given = problem.single("prescribed").items()
-    placed = [("held", p, values) for p, values in given if p not in problem.rollers]
-    placed += [(f"roller {r.direction}", p, [r.value]) for p, r in problem.rollers.items()]
-    placed += [("spring", p, [k for _, k in s]) for p, s in problem.spring_constants.items()]
-    placed += [("load", p, [g]) for p, g in problem.loads.items() if not isinstance(p, str)]
-    for kind, place, values in sorted(placed, key=lambda entry: (entry[0], str(entry[1]))):
-        told.append(f"{kind} {place}")
-        told += ["free" if v is None else values_at(v, mesh, place)[1] for v in values]
-    return digest_of(told)
+    given = {field.name: getattr(problem, field.name) for field in fields(problem)}
+    given |= {name: problem.single(name) for name in ACTING}
+    given |= {"mesh": None, "clamped": problem.clamped_names, "gap": problem.gaps}
+    given["contact"] = problem.contact_names, problem.contact_pairs
+    given["friction"] = {"|".join(problem.touching_names): problem.friction}
+    return digest_of(part for name in given for part in (name, *data_of(given[name], problem.mesh)))
+
+
+def data_of(value: object, mesh: Mesh, place: Place | None = None) -> Iterator[str | np.ndarray]:
+    """The texts and numbers of a datum, those of a coefficient in the body or at a place."""
+    if isinstance(value, CoefficientFunction):
+        inside = place is None or isinstance(place, str)
+        yield sample(value, mesh, place and [place]) if inside else values_at(value, mesh, place)[1]
+    elif isinstance(value, Mapping):
+        for key, one in sorted(value.items(), key=str):
+            yield str(key)
+            yield from data_of(one, mesh, key)
+    elif isinstance(value, Components):
+        for one in value:
+            yield from data_of(one, mesh, place)
+    elif is_dataclass(value):
+        yield type(value).__qualname__
+        yield from data_of(tuple(vars(value).values()), mesh, place)
+    else:
+        yield repr(float(value) if is_number(value) else value)

@@ -395,6 +395,47 @@ def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():
     assert len(digests) == 3
 
 
+def test_all_data_of_a_problem_are_in_its_fingerprint():
+    """Also fields of one's own kinematics, and of a material with the same law; places by name."""
+    from ngsolve import CF
+
+    from ngepc.model.kinematics import PLANE_STRAIN, Kinematics
+    from ngepc.model.places import Point, Roller
+    from ngepc.results.checkpoint import problem_fingerprint
+
+    @dataclasses.dataclass(frozen=True, eq=False)
+    class Slice(Kinematics):
+        thickness: float = 1.0
+
+    def digest(**changes):
+        data = {"clamped": "clamped", "contact": "contact", "gap": 0, "kinematics": PLANE_STRAIN}
+        given = {"mesh": mesh, "material": MATERIALS["combined"], **data, **changes}
+        return problem_fingerprint(Problem(**given))
+
+    mesh = block.structured_mesh(2, 2)
+    plane = (PLANE_STRAIN.N, PLANE_STRAIN.basis)
+    elastic = {"lame_lambda": 1e3, "lame_mu": 1e3, "yield_stress": 1.0}
+    hardened = [
+        Material.isotropic(**elastic, hardening_modulus=H, hardening_stiffness=k)
+        for H, k in ((2.0, 1.0), (1.0, 4.0))  # the same (H sigma_y)^2 k
+    ]
+    corner = Point((1, 1))
+    different = [
+        *({"kinematics": Slice("slice", *plane, thickness=h)} for h in (1.0, 5.0)),
+        *({"material": one} for one in hardened),
+        *({"springs": {"left": k}} for k in (1.0, (1.0, 1.0))),
+        *({"traction": {corner: (f, 0.0)}} for f in (1.0, CF(2.0) * x + 2)),
+        *({"prescribed": {"left": c}} for c in ((0, None), (None, 0), Roller(), Roller((1, 2)))),
+        *({"gap": g} for g in (0.1, x, 1 - x)),
+    ]
+    assert len({digest(**changes) for changes in different}) == len(different)
+    both = {"left|right": 1.0}
+    assert digest(gap=0.0) == digest(gap={"contact": 0})
+    assert digest(pressure=both) == digest(pressure={"right": 1.0, "left": 1})
+    assert digest(pressure=both) != digest(traction={"left|right": (1.0, 0.0)})
+    assert digest(clamped=("left", "right")) == digest(clamped="left|right")
+
+
 @pytest.fixture(scope="module")
 def rolled():
     """A square between rollers and an obstacle, pulled and pushed; its history and its file."""
