@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import CF
+from ngsolve import BND, CF
 
-from ngepc.bounds.coverage import CONSTANT, FACET_RULES, on_facets
+from ngepc.bounds.coverage import CONSTANT, FACET_RULES
 from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import Coefficient
 from ngepc.model.elements import cells_of
@@ -61,11 +61,10 @@ class Boundary:
         tractions, rule, N = self.problem.tractions, self.rule, self.problem.N
         on = self._on(tuple(tractions), "traction")
         g = self.problem.mesh.BoundaryCF(tractions, default=CF((0.0,) * N))
-        values, facets = on_facets(self.problem, g)[on], self._facet[on]
-        if self.problem.order == 2:
-            rule.check_affine("traction", values)
+        values = self._values(g, on) if self.problem.order == 1 else self._affine("traction", g, on)
         moments = np.einsum("q,qa,eqi->eai", rule.weights, rule.shares, values)
         affine = N * (N + 1) * (moments - moments.sum(axis=1, keepdims=True) / (N + 1))
+        facets = self._facet[on]
         rest = np.where(self.given[facets][:, None], values - rule.shares @ affine, 0.0)
         rest[:, np.abs(rest).max(initial=0.0) <= CONSTANT * np.abs(values).max(initial=0.0)] = 0.0
         moments *= self.cells.measure[facets][:, None, None]
@@ -74,7 +73,7 @@ class Boundary:
     def _read_contact(self) -> None:
         on = self._on(self.problem.contact_names, f"contact={self.problem.contact!r}")
         self.contact, rule = self._facet[on], self.rule
-        psi = on_facets(self.problem, self.problem.psi)[on]
+        psi = self._values(self.problem.psi, on)
         lowest = rule.affine_defect(psi)[:, :, 0].min(axis=1, initial=0.0)[:, None]
         above = psi[:, : self.cells.N, 0] + lowest
         weights = self.cells.measure[self.contact][:, None] * rule.weights
@@ -85,10 +84,18 @@ class Boundary:
         if self.problem.initial_displacement is not None:
             self._affine("initial_displacement", self.problem.u_0, on)
 
+    def _values(self, value: Coefficient, on: np.ndarray) -> np.ndarray:
+        """A coefficient at the rule's points of some boundary elements, (elements, points, k)."""
+        rule, value = self.rule, as_scalar(value)
+        points = self.problem.mesh.MapToAllElements({rule.shape: rule.rule}, BND)
+        return np.asarray(value(points)).reshape(-1, len(rule.weights), value.dim)[on]
+
     def _affine(self, name: str, value: Coefficient, on: np.ndarray) -> np.ndarray:
-        """A coefficient at the rule's points of some boundary elements, affine on each of them."""
-        values = on_facets(self.problem, as_scalar(value))[on]
-        self.rule.check_affine(name, values)
+        """The same; refused, by name, where it is not affine on each element."""
+        values = self._values(value, on)
+        defect = np.abs(self.rule.affine_defect(values)).max(initial=0.0)
+        if defect > CONSTANT * np.abs(values).max(initial=1e-300):
+            raise ValueError(f"{name} is not affine on the boundary elements: bounds need it")
         return values
 
     def _at_vertices(self, values: np.ndarray, on: np.ndarray) -> np.ndarray:

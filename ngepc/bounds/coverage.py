@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import BND, ET, VOL, CoefficientFunction, IntegrationRule
+from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule
 
 from ngepc.model.elements import has_straight_simplices
 from ngepc.model.given import require_without
@@ -39,12 +39,6 @@ class FacetRule:
     def affine_defect(self, values: np.ndarray) -> np.ndarray:
         """By how much values (facets, points, k) exceed the affine function of their vertices."""
         return values - self.shares @ values[:, : self.shares.shape[1]]
-
-    def check_affine(self, name: str, values: np.ndarray) -> None:
-        """Refuse, by name, what is not affine on each facet."""
-        defect = np.abs(self.affine_defect(values)).max(initial=0.0)
-        if defect > CONSTANT * np.abs(values).max(initial=1e-300):
-            raise ValueError(f"{name} is not affine on the boundary elements: bounds need it")
 
 
 FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 5)}  # by dimension
@@ -88,10 +82,3 @@ def varies_inside(problem: Problem, value: CoefficientFunction, affine: bool = F
         known = np.array([(1.0, *p) for p in _INSIDE[ET.TRIG].points])[:, : problem.N + 1]
         values = values - known @ (np.linalg.pinv(known) @ values)
     return np.ptp(values, axis=1).max() > CONSTANT * size
-
-
-def on_facets(problem: Problem, value: CoefficientFunction) -> np.ndarray:
-    """A coefficient at the rule's points of all boundary elements, shape (elements, points, k)."""
-    rule = FACET_RULES[problem.N]
-    points = problem.mesh.MapToAllElements({rule.shape: rule.rule}, BND)
-    return np.asarray(value(points)).reshape(-1, len(rule.weights), value.dim)
