@@ -72,10 +72,9 @@ class Memory:
         """``base`` with the changes of a step and this memory as its initial state."""
         material, tensor = base.material, base.kinematics.tensor
         given = {name: self.functions.function(v) for name, v in self.arrays.items()}
-        hardening = back_stress = tensor(given["back_stress"])
-        if not is_zero(material.isotropic_hardening):
-            scalar = given["hardening_variable"]
-            hardening = scalar if is_zero(material.hardening) else (scalar, back_stress)
+        hardening = tensor(given["back_stress"])
+        if not is_zero(material.hardening_modulus):
+            hardening = given["hardening_variable"], hardening
         return replace(
             base,
             **changes,

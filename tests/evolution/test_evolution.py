@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import FLAT
-from ngsolve import IfPos, InnerProduct, Integrate, ds, specialcf, x
+from ngsolve import CF, IfPos, InnerProduct, Integrate, ds, specialcf, x
 
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule, load_cycle
@@ -156,6 +156,22 @@ def test_one_step_is_the_solver_alone():
     alone = primal_newton(problem)
     assert evolution.steps[0].record.primal_energy == pytest.approx(alone.primal_energy, rel=1e-14)
     assert evolution.steps[0].record.contact_force == pytest.approx(alone.contact_force, rel=1e-12)
+
+
+@pytest.mark.parametrize(("stiffness", "hardening"), [(0.0, K), (K1, 0.0)])
+def test_a_given_history_stays_where_nothing_adds_to_it(stiffness, hardening):
+    """A scalar that moves the bound but does not grow, a back stress that stays."""
+    isotropic = {"hardening_modulus": H, "hardening_stiffness": stiffness}
+    material = Material(**ELASTIC, **isotropic, hardening=hardening)
+    back = CF((0.3, 0, 0, 0, -0.3, 0, 0, 0, 0), dims=(3, 3))
+    mesh = block.structured_mesh(2, 2)
+    data = {"traction": {"right": (4.0, 0)}, "initial_hardening": (0.1, back)}
+    problem = Problem(mesh, material, **data)
+    alone = primal_newton(problem)
+    first = evolve(problem, [(1.0, {})]).steps[0]
+    assert first.record.primal_energy == pytest.approx(alone.primal_energy, rel=1e-12)
+    without = primal_newton(dataclasses.replace(problem, initial_hardening=0.1))
+    assert abs(without.primal_energy - alone.primal_energy) > 1e-3 * abs(alone.primal_energy)
 
 
 def test_work_balances_energy_as_steps_shrink():
