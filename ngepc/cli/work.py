@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -90,9 +91,10 @@ def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
         bounded = solve_to(problem, args.error, monitor=lambda mesh: tell(
             f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps: energy error at most "
             f"{100 * mesh.relative:.3g} percent"))  # fmt: skip
-        if bounded.message:
-            tell(f"ngepc solve: {bounded.message}")
-        return bounded.result, time.perf_counter() - begin, bounded.bound.relative
+        result, seconds = bounded.result, time.perf_counter() - begin
+        if result.status.is_success and not bounded.reached:
+            result = replace(result, status=Status.MESH_LIMIT, ending=bounded.message)
+        return result, seconds, bounded.bound.relative
     options, start = NewtonOptions(**given(args, NEWTON)), None
     method = args.method if args.gamma is None else args.gamma
     if args.start == "coarse":
@@ -179,6 +181,7 @@ def report(args: argparse.Namespace) -> int:
 
     The default and the primal method solve again, in a dozen steps, also what was not finished.
     """
+    check_targets(args.out)
     record, problem, result = load_run(args.run_file)
     if record["method"] != "paper":
         result = solved_by(record["method"], problem)

@@ -6,9 +6,11 @@ import os
 import subprocess
 import sys
 import time
+from functools import partial
 
 import pytest
 
+from ngepc import Refinement, solve_to
 from ngepc.__main__ import main, parsed
 from ngepc.cli.commands import COMMANDS, EXAMPLES
 from ngepc.results.records import FIELDS
@@ -99,6 +101,16 @@ def test_not_converged_is_exit_status_1_with_the_json_written(tmp_path, capsys):
     arguments = ["solve", "lshape", "--nodes", "113", "--max-iterations", "2"]
     assert main([*arguments, "--json", str(target)]) == 1
     assert json.loads(target.read_text())["status"] == "iteration_limit"
+
+
+def test_an_error_that_no_allowed_mesh_reaches_is_exit_status_1(monkeypatch, capsys):
+    few = partial(solve_to, options=Refinement(max_nodes=100))
+    monkeypatch.setattr("ngepc.cli.work.solve_to", few)
+    assert main(["solve", "lshape", "--nodes", "33", "--error", "1e-3", "--json", "-"]) == 1
+    record = json.loads(capsys.readouterr().out)
+    assert record["status"] == "mesh_limit"
+    assert record["error_bound"] > 1e-3
+    assert "max_nodes=100" in record["message"]
 
 
 def test_solve_starts_from_the_coarse_mesh(capsys):
