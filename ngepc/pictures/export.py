@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr
 from ngsolve import CF, CoefficientFunction, VTKOutput
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_mapping, require_path
+from ngepc.checks.kinds import require_instance, require_mapping, require_path
 from ngepc.pictures.drawable import KINDS, field_of, fields_of
 from ngepc.results.records import write_text
 
@@ -61,10 +61,8 @@ def export_vtu(
         require_number("times in source", time)
         fields_of(state, f"source[{time!r}]" if history else "source")
     path = require_path("path", path, ".pvd" if history else ".vtu")
-    texts = isinstance(fields, Sequence) and not isinstance(fields, str | bytes)
-    if not texts or not all(isinstance(name, str) for name in fields):
-        raise TypeError(f"fields={fields!r}: a sequence of names of fields is needed")
-    if not fields or not set(fields) <= set(KINDS):
+    require_instance("fields", fields, (list, tuple), "a list or tuple of names of fields")
+    if not fields or not all(name in [*KINDS] for name in fields):
         raise ValueError(f"fields={fields!r}: at least one, of {', '.join(KINDS)}, is needed")
     processes, listed = fields_of(state).problem.processes, []
     for number, (time, state) in enumerate(steps.items()):

@@ -9,7 +9,7 @@ import numpy as np
 from ngsolve import x, y
 
 from ngepc.bounds.adaptive import MeshRecord, solve_to
-from ngepc.bounds.bound import error_bound
+from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.dual.newton import semismooth_newton
 from ngepc.geometries import block
 from ngepc.model.material import Material
@@ -99,8 +99,8 @@ class Bounds(OverMeshes):
         """One mesh, or a record for each of an adaptive run, steps and time from the first one."""
         problem, begin, run = bounded_example(body, kind, nodes), time.process_time(), []
 
-        def note(nodes: int, energy: float, bound: object, **more: object) -> None:
-            error = energy - LIMITS[body]
+        def note(nodes: int, bound: ErrorBound | MeshRecord, **more: object) -> None:
+            error = bound.energy - LIMITS[body]
             found = {"error": error, "bound": bound.total, "effectivity": bound.total / error}
             found |= {"relative": bound.relative, "percent": 100 * bound.relative}
             example = f"{body} {kind}".removesuffix(" uniform")
@@ -109,7 +109,7 @@ class Bounds(OverMeshes):
         def adapted(mesh: MeshRecord) -> None:
             steps = mesh.iterations + (run[-1]["steps"] if run else 0)
             spent = time.process_time() - begin
-            note(mesh.nodes, mesh.energy, mesh, steps=steps, cpu_s=spent, apart="with it")
+            note(mesh.nodes, mesh, steps=steps, cpu_s=spent, apart="with it")
             if run[-1]["error"] <= TARGETS[body, kind]:
                 raise StopIteration
 
@@ -121,7 +121,7 @@ class Bounds(OverMeshes):
         bound = error_bound(result)
         spent = {"cpu_s": told["cpu_s"], "bound_cpu_s": time.process_time() - solved}
         spent["apart"] = f"{spent['bound_cpu_s']:.2f}"
-        note(nodes, bound.energy, bound, steps=result.iterations, **spent)
+        note(nodes, bound, steps=result.iterations, **spent)
         return run
 
     def told(self, records: Sequence[dict]) -> list[dict]:

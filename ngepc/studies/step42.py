@@ -35,7 +35,7 @@ WHOLE = {"left|right|front|back": (0, 0, None)}
 QUARTER = {"side_x|side_y": (0, 0, None), "mirror_x": (0, None, None), "mirror_y": (None, 0, None)}
 
 
-def step42_problem(mesh: Mesh, prescribed: dict | None = None) -> Problem:
+def step42_problem(mesh: Mesh, prescribed: dict = QUARTER) -> Problem:
     """The problem of step-42 on a mesh of ``geometries.quarter_cube``.
 
     For the whole cube, ``geometries.block``, with ``prescribed=WHOLE``.
@@ -43,9 +43,9 @@ def step42_problem(mesh: Mesh, prescribed: dict | None = None) -> Problem:
     lame_lambda, mu = lame_parameters(2e5, 0.3)
     elastic = {"lame_lambda": lame_lambda, "lame_mu": mu, "yield_stress": BOUND}
     hardening = {"hardening_modulus": 1 / BOUND, "hardening_stiffness": 2 * mu * 0.01 / 0.99}
-    steel, supports = Material.isotropic(**elastic, **hardening), prescribed or QUARTER
+    steel = Material.isotropic(**elastic, **hardening)
     gap = Sphere((0.5, 0.5, 1.6), 0.6).gap(mesh, motion=(0.0, 0.0, -0.01))
-    return Problem(mesh, steel, contact="contact", gap=gap, prescribed=supports)
+    return Problem(mesh, steel, contact="contact", gap=gap, prescribed=prescribed)
 
 
 def equal_cells(n: int) -> Mesh:
