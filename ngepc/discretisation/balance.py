@@ -13,7 +13,9 @@ press or stick determine z; a motion that is zero on all of them is left undeter
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from ngsolve import H1, LinearForm, dx, specialcf
@@ -96,12 +98,24 @@ class Frame:
 
 
 class Balance:
-    """Forces and gaps of an iterate; the iterates of both exact methods inherit it."""
+    """Forces and gaps of an iterate, a value; the iterates of both exact methods inherit it."""
 
     frame: Frame
     u: np.ndarray  # nodal displacements, shape (nodes, N)
     contact: np.ndarray  # forces of the rows: normal ones >= 0, with friction then tangential ones
     internal_forces: np.ndarray  # nodal forces of the stress, shape (nodes, N)
+    energy: float  # J with the p that is best for u, and friction (force times length)
+    moduli: Any  # what ``Frame.stiffness`` assembles the tangent for
+    flowing: float  # the largest |p| where a law hardens no more
+    plastic_measure: float  # area or volume of what yields in this step
+
+    def on_sphere(self) -> Balance:
+        """The state whose tangent is that of the energy, by default this one."""
+        return self
+
+    def along(self, change: np.ndarray) -> tuple[Callable, Callable]:
+        """The work of the stress at u + t du times du, and the state there with forces of rows."""
+        raise NotImplementedError
 
     @property
     def multipliers(self) -> np.ndarray:

@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ngepc.discretisation.contact_step import with_contact
 from ngepc.discretisation.rows import HELD
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import SHORTEST, SOFT
 from ngepc.local.closed import Closed, Rubbing
 from ngepc.local.iterative import IterativeTangent
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.results.iteration import ExactTarget
 
 SETS = 30
 """Most active sets of one Newton step."""
@@ -53,7 +53,7 @@ class InexactTarget:
     def __init__(self, discrete: DiscreteProblem, forcing: float, tolerance: float) -> None:
         self._forcing, self._tolerance, self._before = forcing, tolerance, 0.0
         self._frame, self._contact = discrete, discrete.contact
-        self._exact = ExactTarget(discrete)
+        self._compliance = discrete.compliance()
         free, tangential = discrete.free.ravel(), discrete.rows.tangential
         moved = np.asarray(abs(tangential[:, np.flatnonzero(free)]).sum(axis=1)).ravel()
         self._movable = (moved > HELD).reshape(discrete.rows.tangents.shape[:2])
@@ -83,7 +83,7 @@ class InexactTarget:
                 raise FactorisationError(
                     "friction on parts: no active set was found; try smaller load steps"
                 )
-            return self._exact.solved(here, tangent)
+            return with_contact(here, tangent.solve, self._compliance)
         change = self._contact.processes.spread(at.change.reshape(here.u.shape))
         return change, self._contact.friction.projected(at.forces)
 

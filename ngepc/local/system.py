@@ -92,7 +92,7 @@ class State(Balance):
         return other
 
     def along(self, change: np.ndarray) -> tuple[Callable, Callable]:
-        """The work of the stress at u + t du times du, and the state there, see ``iteration``.
+        """The work of the stress at u + t du times du, and the state there, see ``Balance``.
 
         Strains are affine in t; w moves along.
         """

@@ -77,12 +77,8 @@ class PrimalState(Balance):
     u: np.ndarray
     contact: np.ndarray
 
-    def on_sphere(self) -> PrimalState:
-        """The same state: its tangent always is that of the energy."""
-        return self
-
     def along(self, change: np.ndarray) -> tuple[Callable, Callable]:
-        """The work of the stress at u + t du times du, and the state there, see ``iteration``."""
+        """The work of the stress at u + t du times du, and the state there, see ``Balance``."""
 
         def moved(t: float, contact: np.ndarray) -> PrimalState:
             return PrimalState(self.frame, self.u + t * change, contact)

@@ -1,12 +1,9 @@
 """The Newton loop of both exact methods: tests first, each with its reason, then a step.
 
 A step goes towards the minimum of Newton's model over N u <= gaps, friction included, as far as the
-energy falls.  States are values, a ``Balance`` with ``energy``, ``flowing`` (the largest |p| where
-a law hardens no more), ``plastic_measure`` (what yields) and ``on_sphere()`` (the state whose
-tangent is that of the energy); ``along(du)`` has the work of the stress at u + t du times du, and
-makes the state there with forces of the rows.  A tangent has ``linearise(state)`` and
-``solve(forces)``, both (nodes, N); ``examined`` are the most solves that tell whether friction
-allows other equilibria, ``stiffened``, if there is one, makes ``solve`` with springs of the rows.
+energy falls.  A tangent has ``linearise(state)`` and ``solve(forces)``, both (nodes, N);
+``examined`` are the most solves that tell whether friction allows other equilibria, ``stiffened``,
+if there is one, makes ``solve`` with springs of the rows.
 """
 
 from __future__ import annotations
@@ -41,7 +38,7 @@ QUADRATIC = 5.0
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
 
-Target = Callable[[Any, Any], tuple[np.ndarray, np.ndarray]]
+Target = Callable[[Balance, Any], tuple[np.ndarray, np.ndarray]]
 """State and tangent -> where Newton's model is smallest: du, (nodes, N), and forces of the rows."""
 
 
@@ -51,18 +48,14 @@ class ExactTarget:
     def __init__(self, frame: Frame) -> None:
         self._compliance = frame.compliance()
 
-    def __call__(self, here: Any, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, here: Balance, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
         """Take the tangent at a state and solve; FactorisationError if that cannot be done."""
         tangent.linearise(here)
-        return self.solved(here, tangent)
-
-    def solved(self, here: Any, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
-        """The same with a tangent that is the one there."""
         return with_contact(here, tangent.solve, self._compliance)
 
 
 def newton_iteration(
-    state: Any,
+    state: Balance,
     tangent: Any,
     result: Callable[..., Any],
     tolerance: float,
@@ -102,7 +95,9 @@ def newton_iteration(
     return result(state, status, message, history)
 
 
-def record_of(state: Any, tangent: Any, number: int, length: float, trials: int) -> IterationRecord:
+def record_of(
+    state: Balance, tangent: Any, number: int, length: float, trials: int
+) -> IterationRecord:
     """What the history keeps of a state and of the step that led to it."""
     area = state.frame.contact.area
     return IterationRecord(
@@ -120,7 +115,7 @@ def record_of(state: Any, tangent: Any, number: int, length: float, trials: int)
     )
 
 
-def newton_step(here: Any, tangent: Any, target: Target) -> tuple[Any, float, int] | None:
+def newton_step(here: Balance, tangent: Any, target: Target) -> tuple[Balance, float, int] | None:
     """The next state, the step length and its trials; None if no length lowers the energy."""
     change, contact = target(here, tangent)
     internal_work, moved = here.along(change)
@@ -162,7 +157,7 @@ def uniqueness(here: Balance, tangent: Any) -> tuple[Status, str]:
 
 
 def end_of(
-    here: Any, before: float | None, history: History, tolerance: float, max_iterations: int
+    here: Balance, before: float | None, history: History, tolerance: float, max_iterations: int
 ) -> tuple[Status | None, str]:
     """Whether the run ends with a state, the residual before it, and why; None to go on."""
     steps, residual = len(history.records) - 1, here.residual_norm

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from typing import Any
 
 import numpy as np
 from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
 
+from ngepc.discretisation.balance import Balance
 from ngepc.discretisation.rows import ContactRows
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
@@ -112,7 +112,7 @@ class DiscreteSolution(Result):
     They have ``largest_strain`` besides, the largest |eps(u)| at the points.
     """
 
-    state: Any  # the last iterate: displacements and forces of the rows, and what follows
+    state: Balance  # the last iterate: displacements and forces of the rows, and what follows
     status: Status
     ending: str  # a sentence about how the run ended, empty if it converged
     history: History
