@@ -38,13 +38,6 @@ INSTALL = (
 
 Regions = list[tuple[int, str, np.ndarray]]
 
-_RINGS = (
-    ((2, 3), (0, 1), (0, 2), (1, 2), (1, 3), (0, 3)),
-    ((0, 2), (1, 3), (0, 1), (1, 2), (2, 3), (0, 3)),
-    ((1, 2), (0, 3), (0, 1), (1, 3), (2, 3), (0, 2)),
-)
-"""Middles of edges of a tetrahedron: two that a diagonal inside joins, then those around it."""
-
 
 def _halved(corners: np.ndarray, edges: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Simplices cut at the middles of their edges: the middle of edge k is vertex count + k.
@@ -60,11 +53,12 @@ def _halved(corners: np.ndarray, edges: np.ndarray, points: np.ndarray) -> np.nd
     if k == 3:
         children.append(np.stack([at[0, 1], at[1, 2], at[0, 2]], axis=1))
     if k == 4:
-        cuts, lengths = [], []
-        for a, b, *ring in _RINGS:
+        cuts, lengths = [], []  # for each pair of opposite edges, whose middles a diagonal joins
+        for (a, b), (c, d) in ((2, 3), (0, 1)), ((2, 0), (1, 3)), ((1, 2), (0, 3)):
+            ends, ring = [at[a, b], at[c, d]], [at[c, a], at[d, a], at[d, b], at[c, b]]
             around = zip(ring, (*ring[1:], ring[0]), strict=True)
-            cuts.append([np.stack([at[e] for e in (a, b, *pair)], axis=1) for pair in around])
-            lengths.append(np.linalg.norm(points[at[a]] - points[at[b]], axis=1))
+            cuts.append([np.stack([*ends, *pair], axis=1) for pair in around])
+            lengths.append(np.linalg.norm(points[ends[0]] - points[ends[1]], axis=1))
         shortest = np.argmin(np.round(lengths, 12), axis=0)[:, None]
         children += [np.choose(shortest, cut) for cut in zip(*cuts, strict=True)]
     return np.concatenate(children)
