@@ -83,7 +83,7 @@ def corner_vertices(mesh: Mesh, names: Sequence[str]) -> np.ndarray:
 
 
 def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """``facet_keys`` of all facets of all elements, in rising order, and the number of each one."""
+    """``facet_keys`` of all facets of all elements, rising, and the numbers of their elements."""
     keys, owners = [], []
     for numbers, nodes in elements_by_shape(mesh):
         for facet in SHAPES[mesh.dim, nodes.shape[1]][1].split():
