@@ -42,7 +42,7 @@ class ContactFacets:
         of_vertices = csr_matrix((np.ones(len(rows)), (rows.vertices, numbers)), shape)
         corner, row = of_vertices[corners].nonzero()
         cosine = np.einsum("ic,ic->i", rows.normals[row], self.normal[corner // self.N])
-        nearest = np.argsort(cosine, kind="stable")  # comes last, and is the one that stays
+        nearest = np.argsort(-cosine, kind="stable")[::-1]  # comes last: it is the one that stays
         self.row_of = np.full(len(corners), -1)
         self.row_of[corner[nearest]] = row[nearest]
         self.row_of = self.row_of.reshape(-1, self.N)
