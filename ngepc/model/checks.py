@@ -34,13 +34,13 @@ from ngepc.model.support import check_support
 
 def check_problem(problem: Given) -> None:
     """Raise TypeError or ValueError for the first thing that is wrong with ``problem``."""
-    problem.processes.together(partial(_check_data, problem))
+    for check in (check_material, check_data):
+        problem.processes.together(partial(check, problem))
     check_support(problem)
 
 
-def _check_data(problem: Given) -> None:
-    """What is wrong with the data on this process's part of the mesh."""
-    check_material(problem)
+def check_data(problem: Given) -> None:
+    """What is wrong with the data but the material, on this process's part of the mesh."""
     check_places(problem)
     for argument, place, value in problem.acting:
         check_acting(problem, argument, place, value)

@@ -31,8 +31,8 @@ from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.rows import contact_rows
 from ngepc.evolution.load_path import scaled
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.checks import check_acting, check_contact, check_history
-from ngepc.model.given import ACTING, Given
+from ngepc.model.checks import check_data
+from ngepc.model.given import Given
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, places
 from ngepc.model.problem import Problem
@@ -113,15 +113,17 @@ def changed_data(state: State, direction: Direction) -> Data:
     if datum == "shape":
         motion = vertex_motion(problem, change)
         return on_moving_mesh(state, motion) + Data(shape=motion)
-    other, rows = _with_change(problem, datum, change), discrete.rows
+    if datum == "friction":
+        require_field(datum, change, problem.mesh, problem.touching_names)
+        values = at_rows(problem, discrete.rows, change)
+        coulomb = isinstance(problem.friction, Coulomb)
+        return Data(coefficient=values) if coulomb else Data(cap=discrete.rows.weights * values)
+    other = Given(**vars(problem) | dict.fromkeys(("clamped", *LOADS)) | {datum: change})
+    check_data(other)
     if datum in LOADS:  # forces are linear in a load
         return Data(load=applied_forces(other, discrete.supports.space))
     if datum == "initial_plastic_strain":
         return Data(initial=discrete.points.at(problem.kinematics.coordinates(change)))
-    if datum == "friction":
-        values = at_rows(problem, rows, change)
-        coulomb = isinstance(problem.friction, Coulomb)
-        return Data(coefficient=values) if coulomb else Data(cap=rows.weights * values)
     gaps = np.zeros(len(discrete.contact))
     if datum == "prescribed":
         supports = Supports(other)
@@ -134,23 +136,6 @@ def changed_data(state: State, direction: Direction) -> Data:
     moved = 1.0 if whole else contact_rows(other, discrete.supports).gaps
     gaps[discrete.contact.on_obstacles] = moved
     return Data(gaps=gaps)
-
-
-def _with_change(problem: Problem, datum: str, change: object) -> Given:
-    """The data with a legal change in place of one of them, without clamps and other loads."""
-    other = Given(**vars(problem) | dict.fromkeys(("clamped", *LOADS)) | {datum: change})
-    for argument, place, value in other.acting if datum in ACTING else ():
-        check_acting(other, argument, place, value)
-    if datum == "body_force":
-        f = require_components(datum, change, problem.N)
-        require_field(datum, f, problem.mesh, shapes=[(problem.N,)])
-    if datum == "friction":
-        require_field(datum, change, problem.mesh, problem.touching_names)
-    if datum == "gap":
-        check_contact(other)
-    if datum == "initial_plastic_strain":
-        check_history(other)
-    return other
 
 
 def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
