@@ -51,7 +51,8 @@ class InexactTarget:
     """
 
     def __init__(self, discrete: DiscreteProblem, forcing: float, tolerance: float) -> None:
-        self._forcing, self._tolerance, self._before = forcing, tolerance, 0.0
+        self._forcing, self._tolerance = forcing, tolerance
+        self._before = 0.0
         self._frame, self._contact = discrete, discrete.contact
         self._compliance = discrete.compliance()
         free, tangential = discrete.free.ravel(), discrete.rows.tangential
@@ -71,7 +72,8 @@ class InexactTarget:
     def __call__(self, here: State, tangent: IterativeTangent) -> tuple[np.ndarray, np.ndarray]:
         """The change of u, and contact there; FactorisationError if they are not found."""
         tangent.linearise(here)
-        accuracy, rough = self.accuracy(here.residual_norm), self._contact.friction.d > 0
+        accuracy = self.accuracy(here.residual_norm)
+        rough = self._contact.friction.d > 0
         try:
             at, settled = self._sets(here, tangent, accuracy)
         except FactorisationError:

@@ -60,7 +60,8 @@ class Closed:
     """
 
     def __init__(self, frame: Frame, active: np.ndarray, rubbing: Rubbing | None = None) -> None:
-        self.free, rows, m = frame.free.ravel().astype(float), frame.contact.rows, len(active)
+        self.free = frame.free.ravel().astype(float)
+        rows, m = frame.contact.rows, len(active)
         nothing = np.zeros((m, 0))
         sticks, bound, slant, stiffness = rubbing or (*[nothing] * 3, csr_matrix((0, 0)))
         self._bound, self._stiffness, self._m = bound.ravel(), stiffness, m

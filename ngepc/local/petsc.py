@@ -81,14 +81,16 @@ class PETScPreconditioner:
 
     def __init__(self, pattern: FullPattern, frame: Frame, options: str) -> None:
         self._N, self._processes = frame.free.shape[1], frame.contact.processes
-        self._shared, own = self._processes.size > 1, self._processes.own
+        self._shared = self._processes.size > 1
         self._comm = self._processes.comm if self._shared else petsc.COMM_SELF
         petsc.garbage_cleanup(self._comm)  # Python frees shared objects only when all do
         self._matrix = self._total(pattern) if self._shared else None
-        self._levels, self._pc = "-pc_type" not in options.split(), None
+        self._levels = "-pc_type" not in options.split()
+        self._pc: object | None = None
         self._spaces: list[object] | None = None
         usual = MULTIGRID + (SHARED if self._shared else ALONE)
         self._options = usual + options if self._levels else options
+        own = self._processes.own
         self._graph = pattern.graph[own][:, own]
         self._modes = self._orthonormal(low_energy_modes(frame))
 

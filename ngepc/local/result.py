@@ -62,10 +62,11 @@ class ExactResult(DiscreteSolution):
         """
         state, discrete = self.state, self.discrete
         law, points, supports = discrete.law, discrete.points, discrete.supports
-        tangent, zero = Factors(discrete, "sparsecholesky"), np.zeros_like(law.two_mu)
-        tangent.update(Moduli(law.bulk, law.two_mu, zero, np.zeros_like(state.deviator)))
-        pressure, stress, u = law.bulk * state.volume, law.stress(state.at), state.u
-        missing = state.missing
+        elastic = law.bulk, law.two_mu, np.zeros_like(law.two_mu), np.zeros_like(state.deviator)
+        tangent = Factors(discrete, "sparsecholesky")
+        tangent.update(Moduli(*elastic))
+        pressure, stress = law.bulk * state.volume, law.stress(state.at)
+        u, missing = state.u, state.missing
         for _ in range(2):
             change = tangent.solve(-missing)
             volume, e = points.strain(change)

@@ -116,8 +116,10 @@ def problem_fingerprint(problem: Problem) -> str:
 def data_of(value: object, mesh: Mesh, place: Place | None = None) -> Iterator[str | np.ndarray]:
     """The texts and numbers of a datum, those of a coefficient in the body or at a place."""
     if isinstance(value, CoefficientFunction):
-        inside = place is None or isinstance(place, str)
-        yield sample(value, mesh, place and [place]) if inside else values_at(value, mesh, place)[1]
+        if place is None or isinstance(place, str):
+            yield sample(value, mesh, place and [place])
+        else:
+            yield values_at(value, mesh, place)[1]
     elif isinstance(value, Mapping):
         for key, one in sorted(value.items(), key=str):
             yield str(key)

@@ -68,8 +68,10 @@ def newton_iteration(
     The monitor gets the record of each iterate and may raise StopIteration; ``target`` is exact by
     default.  What is returned is ``result`` of the last state, whatever its status says.
     """
-    history, before, length, trials = History(), None, 1.0, 0
-    status, message, target = None, "", target or ExactTarget(state.frame)
+    history, before = History(), None
+    length, trials = 1.0, 0
+    status, message = None, ""
+    target = target or ExactTarget(state.frame)
     try:
         while status is None:
             record = record_of(state, tangent, len(history.records), length, trials)
@@ -119,8 +121,8 @@ def newton_step(here: Balance, tangent: Any, target: Target) -> tuple[Balance, f
     """The next state, the step length and its trials; None if no length lowers the energy."""
     change, contact = target(here, tangent)
     internal_work, moved = here.along(change)
-    (rows_slope, held), frame = contact_work(here, change, contact), here.frame
-    outer_work = frame.contact.processes.dot(frame.load - held, change)
+    rows_slope, held = contact_work(here, change, contact)
+    outer_work = here.frame.contact.processes.dot(here.frame.load - held, change)
 
     def slope(t: float) -> float:
         """d/dt of J(u + t du), friction with the bounds of the target included."""
