@@ -17,13 +17,12 @@ from scipy.sparse import bsr_matrix, csr_matrix, diags
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Check, Count, Declared
-from ngepc.discretisation.balance import Frame
+from ngepc.discretisation.balance import Balance, Frame
 from ngepc.discretisation.contact_step import FEW
-from ngepc.discretisation.stiffness import Blocks
+from ngepc.discretisation.stiffness import Blocks, Stiffness
 from ngepc.linalg.descent import Linear, conjugate_gradients, minimal_residuals
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local.closed import Closed
-from ngepc.local.system import State
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.support import rigid_motions
 
@@ -45,9 +44,9 @@ class Iterative(Declared):
     forcing: Annotated[float, Check(require_number, least=1e-12)] = 3e-3
     max_iterations: Count = 500
 
-    def tangent(self, frame: Frame, blocks: Blocks) -> IterativeTangent:
-        """The tangent of a discrete problem, whose entries ``blocks`` knows."""
-        return IterativeTangent(frame, blocks, self)
+    def tangent(self, frame: Frame, stiffness: Stiffness) -> IterativeTangent:
+        """The tangent of a discrete problem, assembled by ``stiffness``."""
+        return IterativeTangent(frame, stiffness, self)
 
     def preconditioner(self, pattern: FullPattern, frame: Frame) -> Preconditioner:
         """What makes preconditioners for matrices with a pattern, nodes coupled as by ``graph``."""
@@ -94,23 +93,19 @@ class IterativeTangent:
 
     examined, stiffened = FEW, None
 
-    def __init__(self, frame: Frame, blocks: Blocks, solver: Iterative) -> None:
+    def __init__(self, frame: Frame, stiffness: Stiffness, solver: Iterative) -> None:
         self._frame, self._processes = frame, frame.contact.processes
         self.forcing, self._most = solver.forcing, solver.max_iterations
-        self._blocks, self._pattern = blocks, FullPattern(blocks)
+        self._stiffness, self._pattern = stiffness, FullPattern(stiffness)
         self._preconditioner = solver.preconditioner(self._pattern, frame)
         self._lower: np.ndarray | None = None
         self.back_substitutions = self.linear_iterations = 0
 
-    def update(self, state: object) -> None:
-        """Assemble from what ``Blocks.values`` takes; the first solve makes a hierarchy."""
-        self._lower = self._blocks.values(state)
+    def linearise(self, here: Balance) -> None:
+        """Assemble the tangent at a state; the first solve makes a hierarchy."""
+        self._lower = self._stiffness.values(here.moduli)
         self.matrix = self._pattern.matrix(self._lower)
         self.back_substitutions = self.linear_iterations = 0
-
-    def linearise(self, here: State) -> None:
-        """Take the tangent of the primal-dual method at a state."""
-        self.update(here.moduli)
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """The tangent times nodal displacements, flat."""
@@ -123,9 +118,9 @@ class IterativeTangent:
         """
         if self._lower is None:
             return
-        nodes, projections = closed.pins(self._blocks.N)
-        rows, columns, N = self._blocks.rows, self._blocks.columns, self._blocks.N
-        place, values = np.full(len(self._blocks.free), -1), self._lower
+        rows, columns, N = self._stiffness.rows, self._stiffness.columns, self._stiffness.N
+        nodes, projections = closed.pins(N)
+        place, values = np.full(len(self._stiffness.free), -1), self._lower
         place[nodes] = np.arange(len(nodes))
         padded = np.concatenate([projections, np.eye(N)[None]])  # number -1: not pinned
         hit = np.flatnonzero((place[rows] >= 0) | (place[columns] >= 0))

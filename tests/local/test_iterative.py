@@ -35,15 +35,10 @@ def tangent_of(discrete, most=2000):
     return IterativeTangent(discrete, discrete.stiffness, Plain(max_iterations=most))
 
 
-def elastic(discrete):
-    state = starting_state(discrete, None)
-    return state.moduli
-
-
 def test_both_triangles_are_the_matrix_of_the_direct_solver(discrete):
     tangent, factors = tangent_of(discrete), Factors(discrete, "sparsecholesky")
-    tangent.update(elastic(discrete))
-    factors.update(elastic(discrete))
+    for one in (tangent, factors):
+        one.linearise(starting_state(discrete, None))
     matrix = tangent.matrix.toarray()
     assert np.abs(matrix - matrix.T).max() < 1e-14 * matrix.max()
     forces = np.random.default_rng(1).standard_normal(discrete.supports.free.shape)
@@ -112,7 +107,7 @@ def test_rows_that_slip_push_obliquely(discrete):
     assert forces[:m] == pytest.approx(n, abs=1e-12)
     assert forces[m:] == pytest.approx((slant * n[:, None]).ravel() - stiffness @ gaps[m:])
     tangent = tangent_of(discrete)
-    tangent.update(elastic(discrete))
+    tangent.linearise(starting_state(discrete, None))
     right = closed.project(rng.standard_normal(x.size))
     u = tangent.minimise(closed, right, np.zeros_like(right), 1e-9)
     assert np.abs(held @ u).max() < 1e-13
@@ -122,7 +117,7 @@ def test_rows_that_slip_push_obliquely(discrete):
 
 def test_conjugate_gradients_minimise_over_what_is_free(discrete):
     tangent = tangent_of(discrete)
-    tangent.update(elastic(discrete))
+    tangent.linearise(starting_state(discrete, None))
     closed = Closed(discrete, np.ones(len(discrete.rows), dtype=bool))
     right = closed.project(np.random.default_rng(3).standard_normal(discrete.supports.free.size))
     x = tangent.minimise(closed, right, np.zeros_like(right), 1e-9)
@@ -132,14 +127,14 @@ def test_conjugate_gradients_minimise_over_what_is_free(discrete):
 
 def test_too_few_iterations_are_said(discrete):
     tangent = tangent_of(discrete, most=3)
-    tangent.update(elastic(discrete))
+    tangent.linearise(starting_state(discrete, None))
     with pytest.raises(FactorisationError, match="did not converge in 3 iterations"):
         tangent.solve(np.ones(discrete.supports.free.shape))
 
 
 def test_an_indefinite_preconditioner_is_said(discrete):
     tangent = tangent_of(discrete)
-    tangent.update(elastic(discrete))
+    tangent.linearise(starting_state(discrete, None))
     closed = Closed(discrete, np.zeros(len(discrete.rows), dtype=bool))
     tangent.prepare(closed)
     tangent._precondition = np.negative
