@@ -92,7 +92,7 @@ def without_markup(line: str) -> str:
 
 def list_notes(app: Sphinx, docname: str, source: list[str]) -> None:
     """Complete the lists of notes.md and tables.md by pages not listed; mend links to results/."""
-    listed = re.compile(r"^[\w/.]+$", re.MULTILINE)
+    listed = re.compile(r"^(?:.* <)?([\w/.]+)>?$", re.MULTILINE)
     if docname in ("notes", "tables"):
         app.env.note_reread()  # it depends on which pages there are
         folder = "results/" if docname == "tables" else ""
