@@ -85,7 +85,8 @@ def check_mesh(mesh: Mesh) -> None:
 
 def check_material(problem: Given) -> None:
     """Elliptic elasticity, positive yield stress and hardening everywhere; radii x >= 0."""
-    material, mesh, N = problem.material, problem.mesh, problem.kinematics.size
+    material, mesh = problem.material, problem.mesh
+    N = problem.kinematics.size
     require_instance("material", material, Material, "a Material")
     for name, check in declared_checks(Material).items():
         if check.func is require_datum:
@@ -211,10 +212,10 @@ def check_history(problem: Given) -> None:
     """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
     N, hardening = problem.kinematics.size, problem.initial_hardening
     if problem.initial_plastic_strain is not None:
-        p = _symmetric("initial_plastic_strain", problem.initial_plastic_strain, problem)
-        trace, size = np.abs(np.trace(p, axis1=1, axis2=2)).max(), np.abs(p).max()
-        if trace > 1e-10 * max(size, 1e-300):
-            name = "initial_plastic_strain"
+        name = "initial_plastic_strain"
+        p = _symmetric(name, problem.initial_plastic_strain, problem)
+        trace = np.abs(np.trace(p, axis1=1, axis2=2)).max()
+        if trace > 1e-10 * max(np.abs(p).max(), 1e-300):
             raise ValueError(f"{name} has trace up to {trace:g}: plastic strains are trace-free")
     if problem.initial_strain is not None:
         require_coefficient("initial_strain", problem.initial_strain, [(), (N, N)])
@@ -228,8 +229,10 @@ def check_history(problem: Given) -> None:
         if value is not None:
             require_field(name, value, problem.mesh)
             # elsewhere what earlier steps leave may fall below the values that it interpolates
-            values = sample(value, problem.mesh, rules=plastic_points(problem.mesh, problem.order))
-            seen = np.where(np.abs(values) > 1e-14 * np.abs(values).max(), values, 0.0)
+            rules = plastic_points(problem.mesh, problem.order)
+            values = sample(value, problem.mesh, rules=rules)
+            size = np.abs(values)
+            seen = np.where(size > 1e-14 * size.max(), values, 0.0)
             require_in(name, seen, "the body", least=0)
     if back_stress is not None:
         _symmetric("initial_hardening", back_stress, problem)

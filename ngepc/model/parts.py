@@ -55,7 +55,8 @@ def _halved(corners: np.ndarray, edges: np.ndarray, points: np.ndarray) -> np.nd
     if k == 4:
         cuts, lengths = [], []  # for each pair of opposite edges, whose middles a diagonal joins
         for (a, b), (c, d) in ((2, 3), (0, 1)), ((2, 0), (1, 3)), ((1, 2), (0, 3)):
-            ends, ring = [at[a, b], at[c, d]], [at[c, a], at[d, a], at[d, b], at[c, b]]
+            ends = at[a, b], at[c, d]
+            ring = at[c, a], at[d, a], at[d, b], at[c, b]
             around = zip(ring, (*ring[1:], ring[0]), strict=True)
             cuts.append([np.stack([*ends, *pair], axis=1) for pair in around])
             lengths.append(np.linalg.norm(points[ends[0]] - points[ends[1]], axis=1))
@@ -91,7 +92,8 @@ class MeshPart(Mesh):
         ends = [corners[:, pair] for pair in combinations(range(self.dim + 1), 2)]
         ends = np.sort(np.concatenate(ends), axis=1)
         edges = np.unique(ends[:, 0] * self.nv + ends[:, 1])
-        parents, points = np.column_stack(np.divmod(edges, self.nv)), vertex_coordinates(self)
+        parents = np.column_stack(np.divmod(edges, self.nv))
+        points = vertex_coordinates(self)
         points = np.concatenate([points, points[parents].mean(axis=1)])
         regions = [(d, name, _halved(cells, edges, points)) for d, name, cells in self.regions]
         processes = Team(self.processes.comm, self._common(parents), len(points))
@@ -160,19 +162,24 @@ def _require_simplices(mesh: Mesh, count: int) -> None:
 def _pieces(mesh: Mesh, count: int) -> list[tuple]:
     """Points, regions and interfaces for ``count`` processes, and the copies of ``Team``."""
     _require_simplices(mesh, count)
-    N, points, (keys, owners) = mesh.dim, vertex_coordinates(mesh), element_facets(mesh)
+    N, points = mesh.dim, vertex_coordinates(mesh)
+    keys, owners = element_facets(mesh)
     if connected(mesh.ne, *check_conforming(keys, owners)).any():
         raise ValueError("mesh has several parts: one that hangs together is needed")
-    (elements, material), (facets, boundary) = cells_of(mesh, N), cells_of(mesh, N - 1)
-    elements, facets = elements[:, : N + 1], np.sort(facets[:, :N], axis=1)
-    part, wanted = partition(points[elements].mean(axis=1), count), facet_keys(facets, mesh)
+    elements, material = cells_of(mesh, N)
+    elements = elements[:, : N + 1]
+    facets, boundary = cells_of(mesh, N - 1)
+    facets = np.sort(facets[:, :N], axis=1)
+    part = partition(points[elements].mean(axis=1), count)
+    wanted = facet_keys(facets, mesh)
     owner = part[owners[np.searchsorted(keys, wanted)]]
     inner = boundary[np.isin(wanted, keys[1:][np.diff(keys) == 0])]
     materials, boundaries = mesh.GetMaterials(), mesh.GetBoundaries()
     interfaces = frozenset(boundaries[k] for k in np.unique(inner))
     of_body = [(N, name, elements, part, material == k) for k, name in enumerate(materials)]
     of_sides = [(N - 1, name, facets, owner, boundary == k) for k, name in enumerate(boundaries)]
-    vertices, pieces = [np.unique(elements[part == rank]) for rank in range(count)], []
+    vertices = [np.unique(elements[part == rank]) for rank in range(count)]
+    pieces = []
     for rank, mine in enumerate(vertices):
         common = {r: np.intersect1d(mine, other) for r, other in enumerate(vertices) if r != rank}
         copies = {r: np.searchsorted(mine, v) for r, v in common.items() if len(v)}

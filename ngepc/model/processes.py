@@ -82,7 +82,8 @@ class Team:
         if self.comm is None:
             return values
         given = self._exchanged(values) | {self.rank: values[self._inner]}
-        nodes, result = self.copies | {self.rank: self._inner}, values.copy()
+        nodes = self.copies | {self.rank: self._inner}
+        result = values.copy()
         result[self._inner] = 0
         for rank in sorted(given):
             result[nodes[rank]] += given[rank]

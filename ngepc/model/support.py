@@ -39,13 +39,15 @@ def check_support(problem: Given) -> None:
     A part that may touch another body can be held by contact alone: whether it is shows in the
     solution.
     """
-    held = _agreed(problem, problem.processes.together(partial(held_values, problem)))
-    parts = problem.processes.together(partial(_parts, problem, held))
+    processes = problem.processes
+    held = processes.together(partial(held_values, problem))
+    held = _agreed(problem, held)
+    parts = processes.together(partial(_parts, problem, held))
     sides = [name for pair in problem.contact_pairs for name in (pair.first, pair.second)]
     touching = corner_vertices(problem.mesh, sides)
     for motions, vertices in free_motions(problem, parts):
         if not np.isin(vertices, touching).any():
-            x, processes = vertex_coordinates(problem.mesh)[vertices], problem.processes
+            x = vertex_coordinates(problem.mesh)[vertices]
             centre = processes.total(x.sum(axis=0)) / processes.total(len(x))
             raise ValueError(
                 f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave "
@@ -56,10 +58,11 @@ def check_support(problem: Given) -> None:
 
 def _agreed(problem: Given, held: np.ndarray) -> np.ndarray:
     """``held_values`` of all processes: a boundary may end where another one has its elements."""
-    count = problem.processes.summed((~np.isnan(held)).astype(float))
-    values = problem.processes.summed(np.nan_to_num(held)) / np.where(count > 0, count, np.nan)
-    scale = np.abs(held).max(initial=0.0, where=~np.isnan(held))
-    if problem.processes.any(np.abs(held - values) > 1e-8 * scale):
+    processes, given = problem.processes, ~np.isnan(held)
+    count = processes.summed(given.astype(float))
+    values = processes.summed(np.nan_to_num(held)) / np.where(count > 0, count, np.nan)
+    scale = np.abs(held).max(initial=0.0, where=given)
+    if processes.any(np.abs(held - values) > 1e-8 * scale):
         raise ValueError(
             f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} give a vertex that "
             "processes share different displacements: the values must agree"
@@ -69,17 +72,18 @@ def _agreed(problem: Given, held: np.ndarray) -> np.ndarray:
 
 def _parts(problem: Given, held: np.ndarray) -> list[np.ndarray]:
     """``part_vertices`` of this process, after all checks that need no other one."""
-    keys, owners = element_facets(problem.mesh)
+    mesh = problem.mesh
+    keys, owners = element_facets(mesh)
     a, b = check_conforming(keys, owners)
     for name in problem.contact_names:
-        wanted = facet_keys(boundary_corners(problem.mesh, [name]), problem.mesh)
+        wanted = facet_keys(boundary_corners(mesh, [name]), mesh)
         beside = np.searchsorted(keys, wanted, "right") - np.searchsorted(keys, wanted)
         if (beside == 0).any():
             raise ValueError(f"contact={name!r} is not a boundary of elements of the mesh")
-        if (beside > 1).any() or name in getattr(problem.mesh, "interfaces", ()):
+        if (beside > 1).any() or name in getattr(mesh, "interfaces", ()):
             raise ValueError(f"contact={name!r} lies inside the body: an outer boundary is needed")
     check_free_normal(problem, held)
-    return part_vertices(problem.mesh, a, b)
+    return part_vertices(mesh, a, b)
 
 
 def check_conforming(keys: np.ndarray, owners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -183,8 +187,9 @@ def free_motions(
     scaled = x / processes.most(np.ptp(x[np.concatenate(parts)], axis=0))
     rows = np.einsum("nj,njk->nk", directions, rigid_motions(scaled[vertices]))
     for own in parts:
-        columns, here = rows.shape[1], processes.all(rows[np.isin(vertices, own)])
-        R = np.linalg.qr(np.vstack([*here, np.zeros((columns, columns))]), mode="r")
+        here = processes.all(rows[np.isin(vertices, own)])
+        square = np.zeros((rows.shape[1], rows.shape[1]))
+        R = np.linalg.qr(np.vstack([*here, square]), mode="r")
         _, size, motion = np.linalg.svd(R)
         free = motion[size <= 1e-8]
         if len(free):
@@ -211,7 +216,8 @@ def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
     """
     if processes_of(mesh).size > 1:  # one part: distribute() sees to that
         return [np.arange(mesh.nv)]
-    part, nodes = connected(mesh.ne, a, b), element_nodes(mesh)[:, : 2**mesh.dim]
+    part = connected(mesh.ne, a, b)
+    nodes = element_nodes(mesh)[:, : 2**mesh.dim]
     element, corner = np.nonzero(nodes >= 0)
     has = csr_matrix((np.ones(len(element)), (part[element], nodes[element, corner])))
     return np.split(has.indices, has.indptr[1:-1])
