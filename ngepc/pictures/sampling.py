@@ -166,7 +166,8 @@ def colour_scale(
         order = np.flatnonzero(shown)[np.argsort(values[shown])]
         part = np.cumsum(areas[order]) / areas[order].sum()
         low, high = values[order[np.searchsorted(part, [0.02, 0.98])]].tolist()
-        low = low if shown.all() else min(0.0, low)
+        if not shown.all():  # zero is seen as well
+            low, high = min(0.0, low), max(0.0, high)
     low = lowest if low - lowest <= 0.25 * span else low
     high = highest if highest - high <= 0.25 * span else high
     low = 0.0 if lowest >= 0.0 and low <= 0.2 * high else low

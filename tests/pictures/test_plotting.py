@@ -283,6 +283,15 @@ def test_a_field_without_peaks_is_shown_in_full():
     assert (limits.vmin, limits.vmax, limits.extend) == (2.0, 3.0, "neither")
 
 
+@pytest.mark.parametrize("zeros", [0, 1, 30])
+def test_the_scale_of_the_negative_field_is_the_mirrored_one(zeros):
+    """A yield function that is zero in most of the body has zero on its scale."""
+    values = np.r_[np.zeros(zeros), np.linspace(8.0, 10.0, 40)]
+    scale, mirrored = (colour_scale(strips(v, np.ones(len(v)))) for v in (values, -values))
+    assert (mirrored.vmin, mirrored.vmax) == (-scale.vmax, -scale.vmin)
+    assert scale.vmin == (0.0 if zeros else 8.0)
+
+
 def test_colour_range_settles_under_refinement_while_the_maximum_grows():
     most, peak = [], []
     for nodes in (417, 1601, 6273):
