@@ -162,6 +162,13 @@ class OneLineParser(argparse.ArgumentParser):
         """Exit with status 2."""
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
+    def parse_known_args(self, *args: object, **named: object) -> tuple[argparse.Namespace, list]:
+        """The arguments; those not known are an error of the command that they were given to."""
+        found, rest = super().parse_known_args(*args, **named)
+        if rest:
+            self.error(f"unrecognized arguments: {' '.join(rest)}")
+        return found, rest
+
 
 def parser() -> argparse.ArgumentParser:
     """The argument parser with all commands and studies."""

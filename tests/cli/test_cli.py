@@ -146,6 +146,8 @@ def test_figures_are_written(tmp_path, capsys):
         (["study", "table9"], "table1"),
         (["solve", "lshape", "--method", "primal", "--gamma", "3"], "no regularisation"),
         (["solve", "lshape", "--error", "0.1", "--max-iterations", "5"], "--max-iterations"),
+        (["solve", "lshape", "--gama", "3"], "see ngepc solve --help"),
+        (["study", "duality", "--levels", "1"], "see ngepc study duality --help"),
         (["study", "table1", "--levels", "7"], "1 to 6"),
         (["study", "table1", "--rows", "1e7"], "1e0"),
     ],
