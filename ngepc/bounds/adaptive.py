@@ -11,13 +11,7 @@ from typing import Annotated
 import numpy as np
 from ngsolve import Mesh
 
-from ngepc.bounds.bound import (
-    ErrorBound,
-    algebraic_part,
-    bound_of_state,
-    feasible_state,
-    setting_of,
-)
+from ngepc.bounds.bound import ErrorBound, bound_of_state, setting_of
 from ngepc.bounds.transfer import bisected_to, carried_state, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
@@ -193,7 +187,7 @@ def solved(state: State, small: float, options: Refinement) -> tuple[ExactResult
     They pause at a step that lowers the energy by less than a ``small`` amount.
     """
     setting, tangent = setting_of(state.discrete), Factors(state.discrete, "sparsecholesky")
-    steps, bound, energies = 0, None, []
+    steps, energies = 0, []
 
     def pause(record: IterationRecord) -> None:
         energies.append(record.energy)
@@ -205,16 +199,13 @@ def solved(state: State, small: float, options: Refinement) -> tuple[ExactResult
         result = newton_iteration(state, tangent, ExactResult, *limits, pause)
         steps += result.iterations
         paused = result.status == Status.STOPPED and abs(energies[-2] - energies[-1]) < small
-        algebraic = 0.0
-        if paused and bound is not None:
-            algebraic = algebraic_part(setting, feasible_state(setting, result.state)[0], tangent)
-        if bound is None or algebraic <= ALGEBRAIC_SHARE * bound.total:
-            bound = bound_of_state(setting, result.state, tangent)
-            algebraic = bound.algebraic
+        bound = bound_of_state(setting, result.state, tangent)
         if not paused:
             return result, bound, steps
-        if algebraic <= ALGEBRAIC_SHARE * bound.total:
-            part = bound.algebraic / bound.total if bound.total > 0 else 0.0
+        # no step removes what it costs to clear the obstacle between the nodes
+        left = bound.algebraic - (bound.state.energy - result.primal_energy)
+        if left <= ALGEBRAIC_SHARE * bound.total:
+            part = left / bound.total if bound.total > 0 else 0.0
             ending = f"Newton's part of the error bound is {part:.1e} after {steps} steps."
             return replace(result, status=Status.BOUNDED, ending=ending), bound, steps
         state, small = result.state, small / 30

@@ -44,7 +44,8 @@ class ErrorBound:
     total
         No less than the energy error (force times length).
     algebraic
-        No less than J(u) - J_h, the part that further iterations on this mesh would remove.
+        No less than J(u) - J_h: what further iterations on this mesh would remove, and what it
+        cost to clear the obstacle between the nodes.
     per_cell
         What each cell adds to ``total``, nowhere negative but for rounding.
     admissible
