@@ -124,7 +124,7 @@ def joined(parts: list[ContactRows]) -> ContactRows:
 def meeting_faces(
     nodes: np.ndarray, names: np.ndarray, normals: np.ndarray
 ) -> tuple[np.ndarray, csr_matrix]:
-    """The faces that meet at nodes: facets of a node whose normals differ little are one.
+    """The faces that meet at nodes: facets of a node that pairs of close normals connect are one.
 
     From node, boundary and normal, as long as it is large, of each corner of a facet: nodes of the
     faces and the matrix that sums corners, shape (faces, corners).
