@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from itertools import product
 
 import numpy as np
 from ngsolve import CoefficientFunction, Det, Mesh, specialcf
@@ -175,6 +176,7 @@ def _prescribed(problem: Given, name: str, place: Place, given: object) -> list:
 def check_contact(problem: Given) -> None:
     """Pairs of two different boundaries; a finite gap on rigid obstacles, and none without one."""
     mesh, names, given = problem.mesh, problem.contact_names, problem.gap
+    met: set[frozenset[str]] = set()
     for pair in problem.contact_pairs:
         one, two = (boundary_names("contact", n, mesh) for n in (pair.first, pair.second))
         if {*one} & {*two} or {*one, *two} & {*names}:
@@ -182,6 +184,10 @@ def check_contact(problem: Given) -> None:
             raise ValueError(f"contact={pair!r}: {needed}")
         if np.intersect1d(corner_vertices(mesh, one), corner_vertices(mesh, two)).size:
             raise ValueError(f"contact={pair!r}: the bodies share nodes; mesh them without Glue")
+        both = {frozenset(meeting) for meeting in product(one, two)}
+        if both & met:
+            raise ValueError(f"contact={pair!r}: another pair has these boundaries, name them once")
+        met |= both
     if names and given is None:
         raise ValueError(f"contact={problem.contact!r} needs a gap: a number or coefficient")
     if given is not None and not names:

@@ -203,6 +203,15 @@ def test_bad_pairs_are_refused(name):
     assert message in str(caught.value)
 
 
+@pytest.mark.parametrize("tied", [False, True])
+def test_two_boundaries_meet_in_one_pair(tied):
+    """Both ways glue is too stiff, glued and free at once nothing is a solution."""
+    pairs = [Contact("above", "below", tied=True), Contact("below", "above", tied=tied)]
+    prescribed = {"left": (0, None), "bottom": (0, 0), "top": (0, 0)}
+    with pytest.raises(ValueError, match="another pair has these boundaries"):
+        Problem(squares(), ELASTIC, None, prescribed=prescribed, contact=pairs)
+
+
 def test_the_regularised_method_refuses_pairs():
     with pytest.raises(ValueError, match="rigid obstacles only"):
         semismooth_newton(stacked(2), gamma=1e3)
