@@ -113,7 +113,8 @@ def gradient(
         for name, direction in wanted.items():
             if number == 0 or not direction.inherited:
                 change = changed_data(linear.state, direction)
-                derivatives[name] += by.paired(change)
+                moved = linear.with_supports(change) if "values" in change else change
+                derivatives[name] += by.paired(moved)
                 if number == last:
                     derivatives[name] += slope_by_mesh(functional, linear.state, change)
     return Gradient(derivatives, value, tuple(found))

@@ -4,9 +4,10 @@
 
 With z and w from the transposed system for F_u and F_x, a functional F changes with the data m by
 
-    dF/dm = F_m - z . r_m + w . given_m + (F_u - K z - R'zeta) . values_m,      zeta = - k G' w,
+    dF/dm = F_m - z . r_m + w . given_m,
 
-for the prescribed values of the held components: one solve for any number of parameters.
+one solve for any number of parameters.  Prescribed values of held components change r by strains,
+springs and rows, F by what it has of u there.
 """
 
 from __future__ import annotations
@@ -82,17 +83,23 @@ class LinearStep:
 
     def forward(self, data: Data) -> Data:
         """The changes of the solution with its data, and these."""
-        discrete, at_rest = self.discrete, np.zeros_like(self.state.u)
-        moved = at_rest + data["values"]
-        known = self.tape.forward(data + self._strain(moved))
-        force = data["load"] - discrete.points.forces(known["mean"], known["stress"])
-        force = force - discrete.supports.pull(moved)
-        u, x, _ = self.solve(force, np.zeros(len(discrete.contact)) + known["given"])
-        u = u + moved
+        known = self.tape.forward(self.with_supports(data))
+        force = known["load"] - known["springs"]
+        force = force - self.discrete.points.forces(known["mean"], known["stress"])
+        u, x = self.solve(force, np.zeros(len(self.discrete.contact)) + known["given"])
+        u = u + data["values"]
         return self.tape.forward(data + self._strain(u) + Data(u=u, contact=x))
 
+    def with_supports(self, data: Data) -> Data:
+        """Data with what the motion of the supports alone makes of strains and springs."""
+        u = np.zeros_like(self.state.u) + data["values"]
+        return data + self._strain(u) + Data(u=u, springs=self.discrete.supports.pull(u))
+
     def reverse(self, by: Data) -> Data:
-        """The derivative of a functional by all data, from that by the solution and the data."""
+        """The derivative of a functional by all data, from that by the solution and the data.
+
+        To be paired with data ``with_supports`` where these move.
+        """
         discrete, weights = self.discrete, self.discrete.points.weights
         direct = self.tape.backward(by)
         force = np.zeros_like(self.state.u) + direct["u"]
@@ -100,13 +107,10 @@ class LinearStep:
             strain = np.zeros_like(self.state.deviator) + direct["strain"]
             density = (np.zeros(len(weights)) + direct["volume"]) / weights
             force = force + discrete.points.forces(density, strain / weights[:, None])
-        given = np.zeros(len(discrete.contact)) + by["contact"]
-        z, w, left = self.solve(force, given, transposed=True)
+        z, w = self.solve(force, np.zeros(len(discrete.contact)) + by["contact"], transposed=True)
         strained = -weights * self._strain(z)
-        stress = Data(mean=strained["volume"], stress=strained["strain"], given=w, load=z)
-        found = self.tape.backward(by + stress)
-        found["values"] = np.where(discrete.free, 0.0, found["values"] + left)
-        return found
+        stress = Data(mean=strained["volume"], stress=strained["strain"], given=w)
+        return self.tape.backward(by + stress + Data(load=z, springs=-z))
 
     def _strain(self, u: np.ndarray) -> Data:
         volume, strain = self.discrete.points.strain(u)
@@ -120,33 +124,34 @@ class LinearStep:
 
     def solve(
         self, force: np.ndarray, given: np.ndarray, *, transposed: bool = False
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray]:
         """u (nodes, N), zero where held, and x, shape (n,), of the system or its transpose.
 
-        Last what is left of the force, reactions where held, (nodes, N).  TangentError if
-        corrections do not converge: the tangent is singular, or rows are dependent.
+        TangentError if corrections do not converge: the tangent is singular, or rows are dependent.
         """
         blocks, scale = self._ways[transposed], self.contact.stiffness if transposed else 1.0
-        right, free = np.append(force.ravel(), scale * given), self._free
-        x, rest, relative, size = np.zeros_like(right), right, np.inf, np.linalg.norm(free * right)
+        free, right = self._free, self._free * np.append(force.ravel(), scale * given)
+        x, left, relative, size = np.zeros_like(right), right, 1.0, np.linalg.norm(right)
         operator = LinearOperator(
             (len(right),) * 2,
             lambda r: free * self._product(blocks, self._answer(blocks, r)),
             dtype=float,
         )
+        sure = False
         for _ in range(REFINEMENTS if size > 0 else 0):
-            left = free * rest
             if not self._by_springs:
                 left, _ = gmres(operator, left, rtol=INNER, restart=MOST, maxiter=ROUNDS)
             x = x + self._answer(blocks, left)
-            rest = right - self._product(blocks, x)
-            before, relative = relative, np.linalg.norm(free * rest) / size
+            if sure:
+                break
+            left = right - free * self._product(blocks, x)
+            before, relative = relative, np.linalg.norm(left) / size
             if relative <= ACCURATE or relative > 0.5 * before:
                 break
-        if size > 0 and not relative <= ACCEPTED:
+            sure = relative**2 / before <= ACCURATE  # it gains as much as the one before
+        if size > 0 and not (sure or relative <= ACCEPTED):
             raise TangentError(f"the derivative system is singular: residual {relative:.2g} left")
-        u, held = (a[: force.size].reshape(force.shape) for a in (x, rest))
-        return u, x[force.size :], held
+        return x[: force.size].reshape(force.shape), x[force.size :]
 
     def _product(self, blocks: tuple[csr_matrix, ...], x: np.ndarray) -> np.ndarray:
         (u, forces), (upper, lower, square, _) = np.split(x, [self.state.u.size]), blocks

@@ -35,9 +35,9 @@ class Data(dict):
 
     At the points two_mu, bulk, hardening, beta, alpha_1, kinematic (k), isotropic (k_1 H sigma_y),
     mean (the stress) and volume of shape (points,), back, initial, trial (s), p, stress and strain
-    of shape (points, d).  load, values, start (u_0) and u of shape (nodes, N); gaps and contact of
-    shape (n,), cap (F), coefficient (mu) and bound (b) of friction (m,); shape, the motion of
-    the vertices.
+    of shape (points, d).  load, springs, values, start (u_0) and u of shape (nodes, N); gaps and
+    contact of shape (n,), cap (F), coefficient (mu) and bound (b) of friction (m,); shape, the
+    motion of the vertices.
     """
 
     __array_ufunc__ = None  # an array in front multiplies all
