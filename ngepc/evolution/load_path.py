@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -116,7 +117,7 @@ def load_cycle(problem: Problem, factors: Sequence[float], steps: int = 1) -> Sc
     Raises
     ------
     TypeError, ValueError
-        If an argument is not legal.
+        If an argument is not legal, or the problem has no loads.
     """
     require_instance("problem", problem, Problem, "a Problem")
     steps, corners = require_integer("steps", steps, 1), [0.0, *numbers_in("factors", factors)]
@@ -124,11 +125,10 @@ def load_cycle(problem: Problem, factors: Sequence[float], steps: int = 1) -> Sc
         raise ValueError(f"factors={factors!r}: at least one number is needed")
     times = np.arange(1, steps * (len(corners) - 1) + 1) / steps
     loads = {name: getattr(problem, name) for name in LOADS}
-
-    def changes(time: float) -> Changes:
-        return scaled(loads, float(np.interp(time, np.arange(len(corners)), corners)))
-
-    return Schedule(tuple(times.tolist()), changes)
+    if all(value is None for value in loads.values()):
+        raise ValueError(f"problem has no loads to scale: one of {', '.join(LOADS)} is needed")
+    factor = partial(np.interp, xp=np.arange(len(corners)), fp=corners)
+    return Schedule(tuple(times.tolist()), lambda time: scaled(loads, float(factor(time))))
 
 
 def scaled(data: object, factor: float) -> object:

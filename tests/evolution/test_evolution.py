@@ -388,6 +388,8 @@ def test_schedules_check_their_times():
         Schedule([1.0], {})
     with pytest.raises(ValueError, match="factors"):
         load_cycle(punched(), [])
+    with pytest.raises(ValueError, match="problem has no loads to scale"):
+        load_cycle(dataclasses.replace(punched(), traction=None), [1])
 
 
 def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():
