@@ -14,10 +14,11 @@ from ngsolve import CF, L2, CoefficientFunction, GridFunction, Id, IfPos, InnerP
 from ngsolve.comp import ProxyFunction
 from ngsolve.fem import CacheCF, NewtonCF
 
+from ngepc.checks.arguments import Coefficient, is_number
 from ngepc.discretisation.law import SOFTEST
 from ngepc.discretisation.points import PointFunctions, Points
 from ngepc.model.material import PEEQ
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 
 YIELD_ROUNDING = 1e-9
 """Part of beta by which |s| has to exceed beta, for the tangent of an elastic point to change.
@@ -41,13 +42,18 @@ class ReturnMapping:
     """
 
     def __init__(self, problem: Problem, displacement: GridFunction) -> None:
-        self.kinematics, back = problem.kinematics, problem.alpha_0[1]
-        beta, h = as_scalar(problem.beta), problem.effective_hardening
-        two_mu = 2 * as_scalar(problem.material.lame_mu)
+        points = Points(problem.mesh, problem.kinematics, problem.order)
+        self._points, self._functions = points, PointFunctions(points)
+        self.kinematics = problem.kinematics
+        beta, h = self._own(problem.beta), self._own(problem.material.effective_hardening)
+        two_mu = 2 * self._own(problem.material.lame_mu)
         self._two_mu, self._h, self._modulus = two_mu, h, two_mu + h
-        lame_lambda, size = as_scalar(problem.material.lame_lambda), self.kinematics.size
+        lame_lambda, size = self._own(problem.material.lame_lambda), self.kinematics.size
+        given = problem.initial_hardening, problem.initial_plastic_strain, problem.initial_strain
+        tensors = zip(given, (problem.alpha_0[1], problem.p_0, problem.eps_0), strict=True)
+        back, p_0, eps_0 = (t if g is None else self._own(t) for g, t in tensors)
         self._bulk = lame_lambda + two_mu / size
-        e = self.kinematics.strain(displacement) - (problem.p_0 + problem.eps_0)
+        e = self.kinematics.strain(displacement) - (p_0 + eps_0)
         s = self.kinematics.coordinates(two_mu * e - back)
         length = IfPos(Norm(s) - beta, Norm(s), beta)  # > 0
         self.elastic_strain_trial, self._trial, self._length = e, s, length
@@ -63,18 +69,20 @@ class ReturnMapping:
         kept, back = IfPos(Norm(s) - beta, self.bound, Norm(s)), self.kinematics.coordinates(back)
         shape = Norm(s) * Norm(s) * h / (two_mu * self._modulus) + kept * kept / self._modulus
         given = InnerProduct(back, back + 2 * s) / two_mu
-        given -= two_mu * InnerProduct(problem.p_0, problem.p_0)
+        given -= two_mu * InnerProduct(p_0, p_0)
         volume = self._bulk * Trace(e) * Trace(e)
         self.energy_density = 0.5 * (volume + shape + 2 * self.hardening_energy + given)
 
     def _eliminate(self, problem: Problem, beta: CoefficientFunction) -> None:
         """|p|, in closed form or by Newton's method, with beta(|p|), its slope and integral."""
-        law, x, M = problem.material.law, problem.accumulated_0, self._modulus
+        law, M = problem.material.law, self._modulus
+        x = self._own(problem.initial_accumulated or 0.0)
         self._solution, self._softest = None, 0.0
         if law is None:
             g = self._gained = (self._length - beta) / M
             self.bound, self._slope, self.hardening_energy = beta, CF(0.0), beta * g
             return
+        law = law.at(self._own)
 
         def bound(g: CoefficientFunction) -> CoefficientFunction:
             """beta(g) (stress)."""
@@ -84,13 +92,24 @@ class ReturnMapping:
         equation = (M * g + bound(g)) / self._length - 1
         self._solution = NewtonCF(equation, CF(0.0), tol=SOLVED, maxiter=50)
         self._softest = SOFTEST
-        self._points = Points(problem.mesh, self.kinematics, problem.order)
-        self._functions = PointFunctions(self._points)
         g = self._gained = self._functions.function(self._points.at(self._solution))
         self.bound, more = bound(g), PEEQ * g
         self._slope = PEEQ**2 * law.slope(x + more)
         stored = law.energy(x + more) - law.energy(x) - law.stress(x) * more
         self.hardening_energy = beta * g + stored
+
+    def _own(self, value: Coefficient) -> CoefficientFunction:
+        """Data as a function on the mesh, the same at the points.
+
+        With coefficients that NGSolve cannot evaluate for several points at once, such as functions
+        on other meshes, it leaves matrices on ``H1(dim=N)`` unset.
+        """
+        if is_number(value):
+            return CF(float(value))
+        function = self._functions.function(self._points.at(value))
+        if not value.dims:
+            return function
+        return CF(tuple(function[i] for i in range(value.dim)), dims=tuple(value.dims))
 
     def update(self) -> None:
         """Solve for |p| at the points, where a law of hardening makes it no closed form."""

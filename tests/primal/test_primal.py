@@ -448,6 +448,19 @@ def test_a_displacement_that_solves_the_problem_is_a_good_start(nodes, solve):
     assert again.contact_force == pytest.approx(solution.contact_force, rel=1e-9)
 
 
+def test_initial_strains_may_be_functions_on_another_mesh():
+    """NGSolve evaluates them one point at a time, and not in every form."""
+    before = semismooth_newton(lshape_problem(lshape.paper_mesh(113)))
+    problem = dataclasses.replace(
+        lshape_problem(lshape.paper_mesh(113)),
+        initial_plastic_strain=before.plastic_strain,
+        initial_hardening=before.fields.back_stress,
+    )
+    primal, exact = primal_newton(problem), semismooth_newton(problem)
+    assert primal.status is exact.status is Status.CONVERGED
+    assert primal.primal_energy == pytest.approx(exact.primal_energy, rel=1e-12)
+
+
 def test_a_start_follows_its_mesh_through_refinement():
     problem = example_a(lshape.paper_mesh(33))
     coarse = primal_newton(problem)
