@@ -40,7 +40,10 @@ class Pieces:
 
     def __init__(self, problem):
         result = semismooth_newton(problem, regularisation=COUPLED)
-        self.functional, self.here = result.functional, Iterate(result.functional, result.v)
+        self.functional, self.here = (
+            result.functional,
+            Iterate(result.functional, result.v),
+        )
         self.system = NewtonSystem(self.functional.blocks, "sparsecholesky")
         self.system.factorise(self.functional, self.here.hessian())
         self.dy, self.dv = self.system.solve(self.here.residual)

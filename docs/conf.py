@@ -99,4 +99,6 @@ def without_checks(app: object, function: object, bound: bool) -> None:
         owner = function.__globals__.get(function.__qualname__.rpartition(".")[0])
         fields = get_type_hints(owner) if is_dataclass(owner) else {}
         hints = function.__annotations__ if fields else get_type_hints(function)
-        function.__annotations__ = {name: fields.get(name, hints[name]) for name in hints}
+        function.__annotations__ = {
+            name: fields.get(name, hints[name]) for name in hints
+        }

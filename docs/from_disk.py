@@ -61,11 +61,19 @@ def finish(app: Sphinx, exception: Exception | None) -> None:
     if exception or not static.is_dir():
         return
     texts = {name: text_of(app.env.get_doctree(name)) for name in app.env.found_docs}
-    (static / "pages.js").write_text(f"const pages = {json.dumps(texts)};{FETCH}", "utf-8")
+    (static / "pages.js").write_text(
+        f"const pages = {json.dumps(texts)};{FETCH}", "utf-8"
+    )
     share_viewer(Path(app.outdir), static)
     mathjax = static / "mathjax"
-    used = {p for part in LOADED for p in (mathjax / part, *(mathjax / part).rglob("*"))}
-    spare = {*mathjax.rglob("*"), *static.rglob("*.map"), *(static / "locales").rglob("*")}
+    used = {
+        p for part in LOADED for p in (mathjax / part, *(mathjax / part).rglob("*"))
+    }
+    spare = {
+        *mathjax.rglob("*"),
+        *static.rglob("*.map"),
+        *(static / "locales").rglob("*"),
+    }
     for path in spare - used:
         if path.is_file():
             path.unlink()

@@ -25,7 +25,11 @@ def names_of(module: str) -> list[str]:
     """The documented names of a module; checks of arguments are none."""
     if module == "ngepc":
         pages = (Path(__file__).parent / "api").glob("*.md")
-        listed = {line.strip() for page in pages for line in page.read_text("utf-8").split("\n")}
+        listed = {
+            line.strip()
+            for page in pages
+            for line in page.read_text("utf-8").split("\n")
+        }
         return [name for name in ngepc.__all__ if name not in listed and name[0] != "_"]
     home = importlib.import_module(module)
     inside = (module, f"{module}.") if hasattr(home, "__path__") else (module,)
@@ -42,8 +46,14 @@ def overview(names: list[str]) -> list[str]:
     """A definition list: each name, linked, with the first paragraph of its docstring."""
     lines = [".. container:: overview", ""]
     for name in names:
-        summary = " ".join(inspect.getdoc(getattr(ngepc, name)).split("\n\n")[0].split())
-        lines += [f"   :py:obj:`{name} <ngepc.{name}>`", f"      {without_markup(summary)}", ""]
+        summary = " ".join(
+            inspect.getdoc(getattr(ngepc, name)).split("\n\n")[0].split()
+        )
+        lines += [
+            f"   :py:obj:`{name} <ngepc.{name}>`",
+            f"      {without_markup(summary)}",
+            "",
+        ]
     return lines
 
 

@@ -20,7 +20,8 @@ MOST_NODES = 5_000_000
 
 
 def triangulated(
-    quadrilaterals: Sequence[Quadrilateral], boundary_name: Callable[[Point, Point], str]
+    quadrilaterals: Sequence[Quadrilateral],
+    boundary_name: Callable[[Point, Point], str],
 ) -> Mesh:
     """Two triangles for each quadrilateral (a, b, c, d), cut along its diagonal ac.
 
@@ -47,7 +48,10 @@ def triangulated(
     edges = [(t[i], t[(i + 1) % 3]) for t in triangles for i in range(3)]
     shared = Counter(frozenset(e) for e in edges)
     outer = [(e, boundary_name(*e)) for e in edges if shared[frozenset(e)] == 1]
-    region = {name: netgen_mesh.AddRegion(name, dim=1) for name in sorted({n for _, n in outer})}
+    region = {
+        name: netgen_mesh.AddRegion(name, dim=1)
+        for name in sorted({n for _, n in outer})
+    }
     for (a, b), name in outer:
         netgen_mesh.Add(Element1D([point[a], point[b]], index=region[name]))
     netgen_mesh.Update()

@@ -18,7 +18,13 @@ from ngepc.checks.kinds import require_flag
 from .outlines import meshed, polygon, require_mesh_width, require_sides
 
 _NAMES = {"bottom": "clamped", "top": "contact"}
-_NAMES_3D = {"back": "left", "front": "right", "left": "front", "right": "back", **_NAMES}
+_NAMES_3D = {
+    "back": "left",
+    "front": "right",
+    "left": "front",
+    "right": "back",
+    **_NAMES,
+}
 
 
 def mesh(maxh: float = 0.25, size: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
@@ -94,7 +100,9 @@ def structured_mesh(
     require_flag("simplices", simplices)
     size = require_sides((1.0,) * len(cells) if size is None else size, (2, 3))
     if len(size) != len(cells):
-        raise ValueError(f"size={size!r}: {len(cells)} sides are needed for {len(cells)} counts")
+        raise ValueError(
+            f"size={size!r}: {len(cells)} sides are needed for {len(cells)} counts"
+        )
     if nz is None:
         unit = MakeStructured2DMesh(quads=not simplices, **cells)
     else:
@@ -118,12 +126,25 @@ def _stretched(unit: Mesh, size: Sequence[float]) -> Mesh:
 def _brick(size: Sequence[float]) -> Solid | Solid2d:
     if len(size) == 2:
         a, b = size
-        corners = {"clamped": (0, 0), "right": (a, 0), "contact": (a, b), "left": (0, b)}
+        corners = {
+            "clamped": (0, 0),
+            "right": (a, 0),
+            "contact": (a, b),
+            "left": (0, b),
+        }
         return polygon((at, name) for name, at in corners.items())
-    low = Pnt(0, 0, 0), {"left": Vec(-1, 0, 0), "front": Vec(0, -1, 0), "clamped": Vec(0, 0, -1)}
-    high = Pnt(*size), {"right": Vec(1, 0, 0), "back": Vec(0, 1, 0), "contact": Vec(0, 0, 1)}
+    low = (
+        Pnt(0, 0, 0),
+        {"left": Vec(-1, 0, 0), "front": Vec(0, -1, 0), "clamped": Vec(0, 0, -1)},
+    )
+    high = (
+        Pnt(*size),
+        {"right": Vec(1, 0, 0), "back": Vec(0, 1, 0), "contact": Vec(0, 0, 1)},
+    )
     planes = [
-        Plane(corner, n).bc(name) for corner, sides in (low, high) for name, n in sides.items()
+        Plane(corner, n).bc(name)
+        for corner, sides in (low, high)
+        for name, n in sides.items()
     ]
     brick = planes[0]
     for plane in planes[1:]:

@@ -24,14 +24,26 @@ SHAPES = {
 }
 """Name of a cell without the number of its nodes -> dimension and corners."""
 
-_TURNED = {3: (0, 2, 1), 4: (0, 3, 2, 1), 8: (0, 3, 2, 1, 4, 7, 6, 5), 6: (0, 2, 1, 3, 5, 4)}
+_TURNED = {
+    3: (0, 2, 1),
+    4: (0, 3, 2, 1),
+    8: (0, 3, 2, 1, 4, 7, 6, 5),
+    6: (0, 2, 1, 3, 5, 4),
+}
 _TURNED_TETRA = (0, 2, 1, 3)
 
 _SIDES = {
     (2, 3): ((0, 1), (1, 2), (2, 0)),
     (2, 4): ((0, 1), (1, 2), (2, 3), (3, 0)),
     (3, 4): ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
-    (3, 8): ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+    (3, 8): (
+        (0, 3, 2, 1),
+        (4, 5, 6, 7),
+        (0, 1, 5, 4),
+        (1, 2, 6, 5),
+        (2, 3, 7, 6),
+        (3, 0, 4, 7),
+    ),
     (3, 6): ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
 }
 
@@ -50,26 +62,41 @@ def mesh(source: object) -> Mesh:
         If it is none, has no elements or shapes that are not known, is neither plane nor solid, has
         groups without a name, or sets that share cells.
     """
-    require_attributes("source", source, ("points", "cells", "cell_sets"), "a meshio.Mesh")
+    require_attributes(
+        "source", source, ("points", "cells", "cell_sets"), "a meshio.Mesh"
+    )
     groups = list(_groups(source))
     N = max((dimension for dimension, *_ in groups), default=0)
     if N < 2:
-        raise ValueError(f"source={source!r}: triangles, quadrilaterals or solid cells are needed")
+        raise ValueError(
+            f"source={source!r}: triangles, quadrilaterals or solid cells are needed"
+        )
     points = np.asarray(source.points, dtype=float)
     if N == 2 and points.shape[1] == 3 and np.ptp(points[:, 2]) > 1e-9 * np.ptp(points):
-        raise ValueError("source: a plane mesh with constant z, or solid cells, are needed")
-    used = np.unique(np.concatenate([cells.ravel() for d, _, cells in groups if d == N]))
+        raise ValueError(
+            "source: a plane mesh with constant z, or solid cells, are needed"
+        )
+    used = np.unique(
+        np.concatenate([cells.ravel() for d, _, cells in groups if d == N])
+    )
     number = np.full(len(points), -1)
     number[used] = np.arange(len(used))
     points = np.column_stack([points[used, :N], np.zeros((len(used), 3 - N))])
-    body = [(name or "body", _oriented(number[c], points, N)) for d, name, c in groups if d == N]
+    body = [
+        (name or "body", _oriented(number[c], points, N))
+        for d, name, c in groups
+        if d == N
+    ]
     sides = [(name, number[c]) for d, name, c in groups if d == N - 1 and name]
     return _assembled(N, points, body, sides)
 
 
 def _groups(source: object) -> Iterator[tuple[int, str, np.ndarray]]:
     """Dimension, name, '' for none, and corners of the cells of each group in each block."""
-    named = {(int(dim), int(tag)): n for n, (tag, dim) in getattr(source, "field_data", {}).items()}
+    named = {
+        (int(dim), int(tag)): n
+        for n, (tag, dim) in getattr(source, "field_data", {}).items()
+    }
     tags = source.cell_data.get("gmsh:physical")
     for number, block in enumerate(source.cells):
         shape = block.type.rstrip("0123456789")
@@ -109,7 +136,8 @@ def _oriented(cells: np.ndarray, points: np.ndarray, N: int) -> np.ndarray:
     """The cells with a positive determinant at their first corner."""
     x = points[cells]
     if N == 2:
-        a, b = x[:, 1, :2] - x[:, 0, :2], x[:, -1, :2] - x[:, 0, :2]
+        a = x[:, 1, :2] - x[:, 0, :2]
+        b = x[:, -1, :2] - x[:, 0, :2]
         size = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
         turned = _TURNED[cells.shape[1]]
     else:

@@ -27,7 +27,8 @@ def netgen_mesh(
     dim: int, points: np.ndarray, groups: Iterable[tuple[int, str, np.ndarray]]
 ) -> NetgenMesh:
     """A mesh of Netgen of groups (dimension, name, corners of cells by number of the point)."""
-    mesh, regions = NetgenMesh(dim=dim), {}
+    mesh = NetgenMesh(dim=dim)
+    regions = {}
     mesh.AddPoints(np.ascontiguousarray(points))
     for d, name, cells in groups:
         if (d, name) not in regions:
@@ -48,7 +49,9 @@ def outward(mesh: Mesh) -> Mesh:
     triangles = netgen_mesh.Elements2D().NumPy()["nodes"][:, :3]
     left_of = {(t[i], t[(i + 1) % 3]) for t in triangles.tolist() for i in range(3)}
     ends = netgen_mesh.Elements1D().NumPy()["nodes"]
-    wrong = np.array([tuple(edge) not in left_of for edge in ends[:, :2].tolist()], dtype=bool)
+    wrong = np.array(
+        [tuple(edge) not in left_of for edge in ends[:, :2].tolist()], dtype=bool
+    )
     ends[wrong, :2] = ends[wrong, 1::-1]
     netgen_mesh.SetGeometry(None)
     netgen_mesh.Update()

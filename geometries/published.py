@@ -31,14 +31,18 @@ def polygon(corners: Sequence[tuple[float, float]]) -> Face:
     return path.Close().Face()
 
 
-def name_edges(shape: Face, distances: Callable[..., dict[str, float]], otherwise: str) -> None:
+def name_edges(
+    shape: Face, distances: Callable[..., dict[str, float]], otherwise: str
+) -> None:
     """Name edges by the first of the ``distances`` of their centres that is zero."""
     for edge in shape.edges:
         found = (name for name, d in distances(edge.center).items() if abs(d) < 1e-9)
         edge.name = next(found, otherwise)
 
 
-def half_block(width: float, depth: float, patch: float, fine: float, maxh: float) -> Mesh:
+def half_block(
+    width: float, depth: float, patch: float, fine: float, maxh: float
+) -> Mesh:
     """The right half, x > 0, of a block below y = 0, fine on the patch 0 < x < ``patch``.
 
     Boundaries ``contact`` (the patch), ``symmetry`` (x = 0), ``bottom``, ``right`` and ``free``;
@@ -65,7 +69,8 @@ def roller_on_block(fine: float) -> Mesh:
     top of the half disc, ``symmetry`` x = 0, ``bottom``, ``free``.
     """
     disc = Circle((0, 50), 50).Face() * Rectangle(50, 50).Face()
-    box, under = Rectangle(9, 6).Face(), MoveTo(0, -6).Rectangle(9, 6).Face()
+    box = Rectangle(9, 6).Face()
+    under = MoveTo(0, -6).Rectangle(9, 6).Face()
     block = MoveTo(0, -200).Rectangle(100, 200).Face()
     parts = [(disc * box, fine, "roller"), (disc - box, 6, "roller")]
     parts += [(block * under, 1.4 * fine, "block"), (block - under, 12, "block")]
@@ -75,7 +80,8 @@ def roller_on_block(fine: float) -> Mesh:
         return {"symmetry": c.x, "bottom": c.y + 200, "load": c.y - 50}
 
     for shape, maxh, name in parts:
-        shape.faces.name, shape.faces.maxh = name, maxh
+        shape.faces.name = name
+        shape.faces.maxh = maxh
         name_edges(shape, sides, "free")
     (tip, *_), _, (top, *_), _ = parts
     for edge in tip.edges:
@@ -94,18 +100,25 @@ def rounded_blocks(fine: float) -> Mesh:
 
     Materials ``lower`` and ``upper``; their boundaries ``lower arc``, ``lower end``, ``lower``, ...
     """
-    faces, W, H, tip, radius = [], 10.0, 10.0, 1.6, 80.0
+    faces = []
+    W = 10.0
+    H = 10.0
+    tip = 1.6
+    radius = 80.0
     for side, h, name in ((-1, 1.3 * fine, "lower"), (1, fine, "upper")):
         corners = [(-W, 0), (-tip, 0), (tip, 0), (W, 0), (W, side * H), (-W, side * H)]
         face = polygon(corners if side == 1 else corners[::-1])
         face.faces.name = face.edges.name = name
         for edge in face.edges:
             if abs(edge.center.y) < 1e-9 and abs(edge.center.x) < tip:
-                edge.name, edge.maxh = f"{name} arc", h
+                edge.name = f"{name} arc"
+                edge.maxh = h
             if abs(edge.center.y - side * H) < 1e-9:
                 edge.name = f"{name} end"
         faces.append(face)
-    mesh = Mesh(OCCGeometry(Compound(faces), dim=2).GenerateMesh(maxh=1.5, grading=0.15))
+    mesh = Mesh(
+        OCCGeometry(Compound(faces), dim=2).GenerateMesh(maxh=1.5, grading=0.15)
+    )
     above = {v.nr for el in mesh.Materials("upper").Elements() for v in el.vertices}
     for number, point in enumerate(mesh.ngmesh.Points()):
         side = 1 if number in above else -1
@@ -121,7 +134,9 @@ def shrunk_rings(
     Boundaries ``left`` and ``bottom`` are symmetry edges; ``inner inside``, ``inner outside``,
     ``outer inside`` and ``outer outside`` the arcs.
     """
-    faces, box, half = [], Rectangle(2 * outer, 2 * outer).Face(), interference / 2
+    faces = []
+    box = Rectangle(2 * outer, 2 * outer).Face()
+    half = interference / 2
     radii = {"inner": (inner, middle + half), "outer": (middle - half, outer)}
     for number, (name, (a, b)) in enumerate(radii.items()):
         face = (Circle((0, 0), b).Face() - Circle((0, 0), a).Face()) * box
@@ -144,15 +159,19 @@ def stacked_blocks(N: int, maxh: float) -> Mesh:
     ``right`` its right, ``top`` that of the other, ``side`` the rest.
     """
     if N == 2:
-        lower, upper = MoveTo(0, 0).Rectangle(1, 0.7), MoveTo(0.2, 0.7).Rectangle(0.6, 0.4)
+        lower = MoveTo(0, 0).Rectangle(1, 0.7)
+        upper = MoveTo(0.2, 0.7).Rectangle(0.6, 0.4)
         bodies = [body.Face() for body in (lower, upper)]
     else:
         bodies = [Box((0, 0, 0), (1, 1, 0.7)), Box((0.2, 0.2, 0.7), (0.8, 0.8, 1.1))]
     up = (Y, Z)[N - 2]
     names = (("clamped", "below", "right"), ("above", "top", "side"))
-    for body, size, (bottom, top, right) in zip(bodies, (maxh, 0.7 * maxh), names, strict=True):
+    for body, size, (bottom, top, right) in zip(
+        bodies, (maxh, 0.7 * maxh), names, strict=True
+    ):
         sides = body.edges if N == 2 else body.faces
         (body.faces if N == 2 else body.solids).maxh = size * (1 if N == 2 else 1.5)
-        sides.name, sides.Max(X).name = "side", right
+        sides.name = "side"
+        sides.Max(X).name = right
         sides.Min(up).name, sides.Max(up).name = bottom, top
     return Mesh(OCCGeometry(Compound(bodies), dim=N).GenerateMesh(maxh=1))

@@ -15,7 +15,10 @@ from .outlines import meshed, require_mesh_width, require_sides
 
 
 def mesh(
-    maxh: float = 0.8, fine: float = 0.05, size: Sequence[float] = (8.0, 4.0), patch: float = 1.0
+    maxh: float = 0.8,
+    fine: float = 0.05,
+    size: Sequence[float] = (8.0, 4.0),
+    patch: float = 1.0,
 ) -> Mesh:
     """Triangles of width at most ``fine`` on the patch, growing to ``maxh`` away from it.
 
@@ -37,8 +40,18 @@ def mesh(
     require_mesh_width(maxh, max(a, b), 2)
     require_number("fine", fine, max(a, b) / 1000, most=maxh)
     require_number("patch", patch, 0, strict=True, below=a)
-    corners = [(-a / 2, -b), (a / 2, -b), (a / 2, 0), (patch / 2, 0), (-patch / 2, 0), (-a / 2, 0)]
-    edges = [EdgeInfo(bc=name) for name in ("clamped", "right", "top", "contact", "top", "left")]
+    corners = [
+        (-a / 2, -b),
+        (a / 2, -b),
+        (a / 2, 0),
+        (patch / 2, 0),
+        (-patch / 2, 0),
+        (-a / 2, 0),
+    ]
+    edges = [
+        EdgeInfo(bc=name)
+        for name in ("clamped", "right", "top", "contact", "top", "left")
+    ]
     edges[3] = EdgeInfo(bc="contact", maxh=fine)
     outline = [item for pair in zip(corners, edges, strict=True) for item in pair]
     return meshed(Solid2d(outline), maxh)

@@ -18,7 +18,11 @@ _NAMES = {"left": "mirror_x", "front": "mirror_y", "right": "side_x", "back": "s
 
 
 def mesh(
-    cells: int = 8, layers: int | None = None, *, grading: float = 3.0, simplices: bool = True
+    cells: int = 8,
+    layers: int | None = None,
+    *,
+    grading: float = 3.0,
+    simplices: bool = True,
 ) -> Mesh:
     """``cells`` x ``cells`` x ``layers`` cells: hexahedra, or each cut into six tetrahedra.
 

@@ -38,10 +38,14 @@ def quarter_mesh(maxh: float = 0.2, inner: float = 1.0, outer: float = 2.0) -> M
     ring = _ring(inner, outer)
     a = 2 * outer
     corners = {"bottom": (0, 0), "beyond": (a, 0), "above": (a, a), "left": (0, a)}
-    return _meshed(maxh, outer, ring * polygon((at, name) for name, at in corners.items()))
+    return _meshed(
+        maxh, outer, ring * polygon((at, name) for name, at in corners.items())
+    )
 
 
-def shell_octant_mesh(maxh: float = 0.5, inner: float = 1.0, outer: float = 2.0) -> Mesh:
+def shell_octant_mesh(
+    maxh: float = 0.5, inner: float = 1.0, outer: float = 2.0
+) -> Mesh:
     """The eighth x, y, z > 0 of the spherical shell inner < r < outer, as tetrahedra.
 
     Parameters
@@ -58,8 +62,14 @@ def shell_octant_mesh(maxh: float = 0.5, inner: float = 1.0, outer: float = 2.0)
     """
     _check_radii(inner, outer)
     require_mesh_width(maxh, 2 * outer, 3)
-    body = Sphere(Pnt(0, 0, 0), outer).bc("outer") - Sphere(Pnt(0, 0, 0), inner).bc("inner")
-    for name, n in {"left": (-1, 0, 0), "front": (0, -1, 0), "bottom": (0, 0, -1)}.items():
+    body = Sphere(Pnt(0, 0, 0), outer).bc("outer") - Sphere(Pnt(0, 0, 0), inner).bc(
+        "inner"
+    )
+    for name, n in {
+        "left": (-1, 0, 0),
+        "front": (0, -1, 0),
+        "bottom": (0, 0, -1),
+    }.items():
         body = body * Plane(Pnt(0, 0, 0), Vec(*n)).bc(name)
     return meshed(body, maxh)
 

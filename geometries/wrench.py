@@ -44,7 +44,8 @@ def _square(x: int, y: int) -> Quadrilateral:
 
 
 def _slice(x: int) -> Quadrilateral:
-    bottom, top = {3: 2.0}, {3: 3.0}
+    bottom = {3: 2.0}
+    top = {3: 3.0}
     low = [bottom.get(s, round(2.6 - 0.2 * s, 10)) for s in (x, x + 1)]
     high = [top.get(s, round(3.6 - 0.2 * s, 10)) for s in (x, x + 1)]
     return (x, low[0]), (x + 1, low[1]), (x + 1, high[1]), (x, high[0])
@@ -69,7 +70,9 @@ def paper_mesh(nodes: int = PAPER_NODES[0]) -> Mesh:
     ValueError
         If no mesh of the family has ``nodes`` nodes.
     """
-    quadrilaterals = [_square(*corner) for corner in _JAW] + [_slice(x) for x in range(3, 8)]
+    quadrilaterals = [_square(*corner) for corner in _JAW] + [
+        _slice(x) for x in range(3, 8)
+    ]
     return refined_to(triangulated(quadrilaterals, _boundary_name), nodes, smallest=26)
 
 

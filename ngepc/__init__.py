@@ -22,7 +22,10 @@ def _homes() -> dict[str, str]:
 
 _HOME = _homes()
 
-__all__ = ["__version__", *sorted(n for n, home in _HOME.items() if home.count(".") > 1)]
+__all__ = [
+    "__version__",
+    *sorted(n for n, home in _HOME.items() if home.count(".") > 1),
+]
 
 _GONE = {
     "DualParameters": "Coupled(gamma, ...) has what is left of it",

@@ -63,8 +63,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"ngepc {args.command}: error: {error}\n")
         return 2
     except KeyboardInterrupt:
-        kept = ", and the same command goes on from there" if args.command == "study" else ""
-        sys.stderr.write(f"ngepc {args.command}: stopped by you; what was written is kept{kept}\n")
+        kept = (
+            ", and the same command goes on from there"
+            if args.command == "study"
+            else ""
+        )
+        sys.stderr.write(
+            f"ngepc {args.command}: stopped by you; what was written is kept{kept}\n"
+        )
         return 130
 
 

@@ -6,7 +6,9 @@ from ngsolve.meshes import MakeStructured3DMesh
 from ngepc import Material, Problem, outward_normal
 from ngepc.geometries import block, ring
 
-STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+STEEL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+)
 
 FLAT = {2: "two-dimensional", 3: "solid"}
 """Dimension of a mesh -> kinematics in which tensors are as large: the law of the paper."""
@@ -54,7 +56,11 @@ def pressed_body(shape, kinematics=None, order=1, material=STEEL):
         blown = {"inner": -1.4 * outward_normal(mesh)}
         sides = {"left": (0, None), "bottom": (None, 0)}
         if mesh.dim == 3:
-            sides = {"left": (0, None, None), "front": (None, 0, None), "bottom": (None, None, 0)}
+            sides = {
+                "left": (0, None, None),
+                "front": (None, 0, None),
+                "bottom": (None, None, 0),
+            }
         return Problem(
             mesh,
             clamped=None,
@@ -64,7 +70,11 @@ def pressed_body(shape, kinematics=None, order=1, material=STEEL):
             gap=5e-4 * x,
             **model,
         )
-    pull, lift = ((2.0, 1.5), (0.0, 1.0)) if mesh.dim == 2 else ((2.0, 0.5, 1.0), (0.0, 0.0, 1.0))
+    pull, lift = (
+        ((2.0, 1.5), (0.0, 1.0))
+        if mesh.dim == 2
+        else ((2.0, 0.5, 1.0), (0.0, 0.0, 1.0))
+    )
     gap = 3e-4 + 2e-3 * (x - 0.3) ** 2
     load = {"traction": {"right": pull}, "body_force": lift}
     return Problem(mesh, contact="contact", gap=gap, **load, **model)

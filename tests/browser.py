@@ -82,12 +82,19 @@ class Browser:
         self._target = self.call("Target.createTarget", url="about:blank")["targetId"]
         if old is not None:
             self.call("Target.closeTarget", targetId=old)
-        attached = self.call("Target.attachToTarget", targetId=self._target, flatten=True)
+        attached = self.call(
+            "Target.attachToTarget", targetId=self._target, flatten=True
+        )
         self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
         width, height = self.size
-        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        size = {
+            "width": width,
+            "height": height,
+            "deviceScaleFactor": 1,
+            "mobile": False,
+        }
         self.call("Emulation.setDeviceMetricsOverride", **size)
 
     def __exit__(self, *_: object) -> None:
@@ -102,7 +109,9 @@ class Browser:
         self._new_tab()
         self.seen = Seen()
         self.call("Page.navigate", url=path.resolve().as_uri() + fragment)
-        self.wait_for("document.readyState === 'complete' && location.protocol === 'file:'")
+        self.wait_for(
+            "document.readyState === 'complete' && location.protocol === 'file:'"
+        )
         self.settle()
         return self.seen
 
@@ -114,7 +123,10 @@ class Browser:
     def evaluate(self, expression: str) -> object:
         """The value of a JavaScript expression, promises awaited."""
         answer = self.call(
-            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+            "Runtime.evaluate",
+            expression=expression,
+            returnByValue=True,
+            awaitPromise=True,
         )
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
@@ -123,7 +135,9 @@ class Browser:
         """Wait until a JavaScript condition holds."""
         end = time.monotonic() + seconds
         while not self.evaluate(condition):
-            assert time.monotonic() < end, f"{condition} did not come true in {seconds} s"
+            assert time.monotonic() < end, (
+                f"{condition} did not come true in {seconds} s"
+            )
             time.sleep(0.05)
 
     def pixels(self) -> np.ndarray:
@@ -163,7 +177,10 @@ class Browser:
                 self.seen.requests.append(address)
         elif method == "Runtime.exceptionThrown":
             self.seen.errors.append(str(data["exceptionDetails"]))
-        elif method == "Runtime.consoleAPICalled" and data["type"] in ("error", "assert"):
+        elif method == "Runtime.consoleAPICalled" and data["type"] in (
+            "error",
+            "assert",
+        ):
             self.seen.errors.append(str(data["args"]))
         elif method == "Log.entryAdded" and data["entry"]["level"] == "error":
             self.seen.errors.append(data["entry"]["text"])

@@ -94,7 +94,9 @@ class Ring:
         """Rho for a pressure; a where the whole ring is elastic."""
         if pressure <= self.inner_pressure(self.a):
             return self.a
-        return brentq(lambda r: self.inner_pressure(r) - pressure, self.a, self.b, xtol=1e-14)
+        return brentq(
+            lambda r: self.inner_pressure(r) - pressure, self.a, self.b, xtol=1e-14
+        )
 
     def displacement(self, pressure):
         """u as a coefficient, a vector."""

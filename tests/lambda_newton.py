@@ -20,13 +20,17 @@ class MultiplierEquation:
 
     def __init__(self, functional, inverse):
         self.functional, self.blocks = functional, functional.blocks
-        self._linear, self._newton = (NewtonSystem(self.blocks, inverse) for _ in range(2))
+        self._linear, self._newton = (
+            NewtonSystem(self.blocks, inverse) for _ in range(2)
+        )
         self._linear.factorise(functional, None)
         self._minus_w_hat = self._affine(self.blocks.H_vector())
 
     def _affine(self, v):
         """N_gamma v - w^, by the condensed D that ``N_inverse`` has, roundings included."""
-        right = (self.blocks.Lambda.T * v + self.blocks.load - self.blocks.D_lift).Evaluate()
+        right = (
+            self.blocks.Lambda.T * v + self.blocks.load - self.blocks.D_lift
+        ).Evaluate()
         y = (self.blocks.lift.vec + self.blocks.primal_response(right)).Evaluate()
         return self.functional.linear_residual(y, v)
 

@@ -36,7 +36,9 @@ from ngsolve import (
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem, as_scalar
 
-STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1000.0)
+STEEL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1000.0
+)
 
 FINE_ORDER = 12
 
@@ -72,11 +74,15 @@ class Manufactured:
         """J(u, p) of (2.14) by a high order on the mesh of the problem (force times length)."""
         problem, u, p = self.problem, self.displacement, self.plastic_increment
         elastic = self.strain - tensor(p, 2)
-        stored = InnerProduct(self.stress, elastic) + problem.effective_hardening * p * p
+        stored = (
+            InnerProduct(self.stress, elastic) + problem.effective_hardening * p * p
+        )
         density = stored / 2 + as_scalar(problem.beta) * Norm(p) - problem.f * u
         fine = {"bonus_intorder": FINE_ORDER}
         work = sum(
-            Integrate(g * u, problem.mesh, definedon=problem.mesh.Boundaries(name), order=20)
+            Integrate(
+                g * u, problem.mesh, definedon=problem.mesh.Boundaries(name), order=20
+            )
             for name, g in problem.tractions.items()
         )
         return Integrate(density * dx(**fine), problem.mesh) - work
@@ -116,8 +122,12 @@ def stretched_and_pressed(
     )
     p = returned(e, material)
     elastic = e - tensor(p, 2)
-    sigma = material.lame_lambda * Trace(elastic) * Id(2) + 2 * material.lame_mu * elastic
-    f = CF(tuple(-sigma[i, 0].Diff(x) - sigma[i, 1].Diff(y) for i in range(2))).Compile()
+    sigma = (
+        material.lame_lambda * Trace(elastic) * Id(2) + 2 * material.lame_mu * elastic
+    )
+    f = CF(
+        tuple(-sigma[i, 0].Diff(x) - sigma[i, 1].Diff(y) for i in range(2))
+    ).Compile()
     sigma = sigma.Compile()
     inside = 1 - ((x - 0.5) / 0.3) ** 2
     pi = pressure * IfPos(inside, inside * inside, 0.0)

@@ -66,7 +66,9 @@ class SaddleForms:
     def __init__(self, discrete: DiscreteProblem, inverse: str) -> None:
         self.discrete, self._name, self._inverse = discrete, inverse, None
         self.back_substitutions = 0
-        assert not discrete.added.nnz, "springs, rollers and floating parts are not in the forms"
+        assert not discrete.added.nnz, (
+            "springs, rollers and floating parts are not in the forms"
+        )
         problem, V = discrete.problem, discrete.supports.space
         require_without(problem, "the saddle form", "law", "strain")
         local = L2(problem.mesh, order=plastic_order(problem.mesh, problem.order))
@@ -98,9 +100,15 @@ class SaddleForms:
         stress_power = mu_1 * Trace(e) * Trace(d) + two_mu * InnerProduct(e, d)
         balance = stress_power - two_mu * InnerProduct(p, kinematics.coordinates(d))
         definition = c * p - two_mu * kinematics.coordinates(e) - q
-        return balance + InnerProduct(definition, r) + InnerProduct(self._flow(c * p, q), t)
+        return (
+            balance
+            + InnerProduct(definition, r)
+            + InnerProduct(self._flow(c * p, q), t)
+        )
 
-    def _flow(self, cp: CoefficientFunction, q: CoefficientFunction) -> CoefficientFunction:
+    def _flow(
+        self, cp: CoefficientFunction, q: CoefficientFunction
+    ) -> CoefficientFunction:
         """B c dp + (I - B) dq = dq + B (c dp - dq)."""
         problem, kinematics = self.discrete.problem, self.discrete.problem.kinematics
         two_mu, beta = 2 * as_scalar(problem.material.lame_mu), as_scalar(problem.beta)
@@ -109,7 +117,9 @@ class SaddleForms:
         size = IfPos(Norm(s) - beta, Norm(s), beta)  # max(|s|, beta) > 0
         d, ds = s / size, cp - q
         along = InnerProduct(-self.dual, d)
-        part = IfPos(along, IfPos(beta - along, along, beta), 0.0)  # of w along s, in [0, beta]
+        part = IfPos(
+            along, IfPos(beta - along, along, beta), 0.0
+        )  # of w along s, in [0, beta]
         yields = Norm(s) - (1 + ROUNDING) * beta
         across = CacheCF(IfPos(yields, beta / size, 1.0).Compile())
         extra = CacheCF(IfPos(yields, part / size, 0.0).Compile())

@@ -24,7 +24,9 @@ def lshape_primal(nodes: int = 417):
 @cache
 def block_primal():
     """A coarse block that yields under shear and touches a flat obstacle."""
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+    )
     problem = Problem(
         block.mesh(maxh=0.5),
         material,

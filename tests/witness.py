@@ -35,13 +35,19 @@ def elastic_product(problem, h, u, p, v, r):
     m = problem.material
     strain, tensor = problem.kinematics.strain, problem.kinematics.tensor
     e, d = strain(u) - tensor(p), strain(v) - tensor(r)
-    return m.lame_lambda * Trace(e) * Trace(d) + 2 * m.lame_mu * InnerProduct(e, d) + h * p * r
+    return (
+        m.lame_lambda * Trace(e) * Trace(d)
+        + 2 * m.lame_mu * InnerProduct(e, d)
+        + h * p * r
+    )
 
 
 def energy(problem, u, p):
     """J(u, p) of (2.14) without friction (force times length)."""
     h = problem.effective_hardening
-    stored = elastic_product(problem, h, u, p, u, p) / 2 + as_scalar(problem.beta) * Norm(p)
+    stored = elastic_product(problem, h, u, p, u, p) / 2 + as_scalar(
+        problem.beta
+    ) * Norm(p)
     work = sum(Integrate(term, problem.mesh) for term in load_terms(problem, u, p))
     return Integrate(stored, problem.mesh) - work
 
@@ -55,13 +61,19 @@ def balance_residual(result):
     V = u.space
     v = V.TestFunction()
     internal, applied = LinearForm(V), LinearForm(V)
-    internal += InnerProduct(result.stress, problem.kinematics.strain(v)) * dx(bonus_intorder=2)
+    internal += InnerProduct(result.stress, problem.kinematics.strain(v)) * dx(
+        bonus_intorder=2
+    )
     for name, g in problem.tractions.items():
         applied += g * v * ds(name, bonus_intorder=3)
     if problem.f is not None:
         applied += problem.f * v * dx(bonus_intorder=3)
     inside, outside = (f.Assemble().vec.FV().NumPy() for f in (internal, applied))
-    push = (result.rows.normal.T @ result.nodal_contact_forces).reshape(-1, problem.N).T.ravel()
+    push = (
+        (result.rows.normal.T @ result.nodal_contact_forces)
+        .reshape(-1, problem.N)
+        .T.ravel()
+    )
     free = np.array(list(V.FreeDofs()), dtype=bool)
     balance = np.linalg.norm((inside - outside + push)[free])
     return float(balance / max(np.linalg.norm(inside), np.linalg.norm(outside), 1e-300))
@@ -78,7 +90,9 @@ def feasible_bound(primal, other):
     u.vec.data = other.displacement.vec
     values = u.vec.FV().NumPy().reshape(problem.N, -1)
     overlap = np.maximum(-(contact.gaps - contact.normal @ values.T.ravel()), 0.0)
-    for depth, vertex, normal in zip(overlap, contact.vertices, contact.normals, strict=True):
+    for depth, vertex, normal in zip(
+        overlap, contact.vertices, contact.normals, strict=True
+    ):
         values[:, vertex] -= depth * normal
     du, dp = primal.displacement - u, primal.plastic_increment - p
     h = problem.effective_hardening
@@ -113,12 +127,17 @@ def dual_residual(result, points=POINTS):
     points
         Quadrature points for M^2 on each element.
     """
-    blocks, w, problem = result.functional.blocks, result.functional.weights, result.problem
+    blocks, w, problem = (
+        result.functional.blocks,
+        result.functional.weights,
+        result.problem,
+    )
     parts = [GridFunction(space) for space in blocks.H.components]
     for part, values in zip(parts, blocks.parts(result.v), strict=True):
         part.vec.data = values
     y, other = (
-        _primal_of(problem, blocks.Y, parts, solver) for solver in ("umfpack", "sparsecholesky")
+        _primal_of(problem, blocks.Y, parts, solver)
+        for solver in ("umfpack", "sparsecholesky")
     )
     total, rounding = 0.0, 0.0
     for number, part in enumerate(parts):
@@ -201,7 +220,9 @@ def _flow(problem, w, q, points):
     size = Norm(q) + 1e-300
     excess = w.plastic * (size - as_scalar(problem.beta))
     gradient = IfPos(excess, excess / size, 0.0) * (q * q.space.TestFunction())
-    return LinearForm(gradient * dx(intrules=fine_rules(problem.N, points))).Assemble().vec
+    return (
+        LinearForm(gradient * dx(intrules=fine_rules(problem.N, points))).Assemble().vec
+    )
 
 
 _contact_terms, _plastic_terms = (_overlap, _pull), (_increment, _flow)

@@ -37,17 +37,25 @@ def main(out: Path, coarse: bool = False) -> str:
     exact = forces(**TRUTH)
     noise = 0.02 * exact.max()
     measured = exact + noise * np.random.default_rng(0).standard_normal(len(exact))
-    found = calibrate(body(**START), Curve(PATH, "contact_force", measured, noise), START)
+    found = calibrate(
+        body(**START), Curve(PATH, "contact_force", measured, noise), START
+    )
     assert found.evaluations <= 15
     for name, (low, high) in found.intervals.items():
         assert low < TRUTH[name] < high, f"{name}: {low} to {high} misses {TRUTH[name]}"
-    line = check("yield stress", found.values["yield_stress"], TRUTH["yield_stress"], 0.1)
-    line += ", " + check("hardening", found.values["hardening"], TRUTH["hardening"], 0.15)
+    line = check(
+        "yield stress", found.values["yield_stress"], TRUTH["yield_stress"], 0.1
+    )
+    line += ", " + check(
+        "hardening", found.values["hardening"], TRUTH["hardening"], 0.15
+    )
 
     side = 4 if coarse else 5
     ys, hs = np.geomspace(1.2, 6, side), np.geomspace(15, 250, side)
     table = np.array([[forces(yield_stress=y, hardening=h) for h in hs] for y in ys])
-    values = [RectBivariateSpline(np.log(ys), np.log(hs), F) for F in np.moveaxis(table, 2, 0)]
+    values = [
+        RectBivariateSpline(np.log(ys), np.log(hs), F) for F in np.moveaxis(table, 2, 0)
+    ]
     between = np.array([s(np.log(YIELDS), np.log(HARDENINGS)) for s in values])
     misfit = 0.5 * (((between - measured[:, None, None]) / noise) ** 2).sum(axis=0)
 

@@ -24,7 +24,9 @@ def membrane(nodes, yield_stress, order=1):
     )
     mesh = cook.bisected_mesh(nodes)
     load = {"load": (0.0, 1 / 16)}
-    return Problem(mesh, material, traction=load, kinematics="two-dimensional", order=order)
+    return Problem(
+        mesh, material, traction=load, kinematics="two-dimensional", order=order
+    )
 
 
 def tip(result):
@@ -51,13 +53,17 @@ def main(out: Path, coarse: bool = False) -> str:
         plain(axes, "nodes", "elastic tip displacement (length)")
         for order, tips in elastic.items():
             axes.semilogx(family, tips, "o-", label=f"order {order}")
-        axes.axhline(REFERENCE, color="k", linestyle="--", linewidth=1, label="reference 23.96")
+        axes.axhline(
+            REFERENCE, color="k", linestyle="--", linewidth=1, label="reference 23.96"
+        )
         axes.set_xticks(family, [str(n) for n in family])
         axes.minorticks_off()
         axes.legend(fontsize=8, frameon=False)
 
     def body(axes):
-        plot_field(yielding, axes=axes, deformation_scale=0.3, title="displacement x 0.3")
+        plot_field(
+            yielding, axes=axes, deformation_scale=0.3, title="displacement x 0.3"
+        )
 
     save(beside(curve, body), out, "cook")
     return f"cook: {line} (primal)"

@@ -35,7 +35,9 @@ def pressed(mesh, yield_stress):
 
 def half_width(result):
     """a from the second moment of the pressure, P a^2 / 4 for Hertz's."""
-    moment = Integrate(result.contact_pressure * x * x * ds("contact"), result.problem.mesh)
+    moment = Integrate(
+        result.contact_pressure * x * x * ds("contact"), result.problem.mesh
+    )
     return math.sqrt(4 * moment / result.contact_force)
 
 
@@ -59,13 +61,19 @@ def main(out: Path, coarse: bool = False) -> str:
         s = np.linspace(-a, a, 200)
         for result, label in ((elastic, "elastic"), (plastic, "elastoplastic")):
             (position, pressure) = pressure_curves(result)[0]
-            axes.plot(position - 0.5, pressure, ".-", markersize=3, linewidth=1, label=label)
-        axes.plot(s, peak * np.sqrt(1 - (s / a) ** 2), "k--", linewidth=1, label="Hertz")
+            axes.plot(
+                position - 0.5, pressure, ".-", markersize=3, linewidth=1, label=label
+            )
+        axes.plot(
+            s, peak * np.sqrt(1 - (s / a) ** 2), "k--", linewidth=1, label="Hertz"
+        )
         axes.legend(fontsize=8, frameon=False)
 
     def body(axes):
         plot_field(plastic, axes=axes, vmin=0, vmax=0.025, title="elastoplastic")
-        axes.add_patch(Circle((0, RADIUS - DEPTH), RADIUS, facecolor="#d5d9de", zorder=2))
+        axes.add_patch(
+            Circle((0, RADIUS - DEPTH), RADIUS, facecolor="#d5d9de", zorder=2)
+        )
         axes.set(xlim=(-0.8, 0.8), ylim=(-1.0, 0.25))
 
     save(beside(curves, body, height=3.4), out, "hertz")

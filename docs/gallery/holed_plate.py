@@ -22,15 +22,21 @@ STRETCH, CORNERS = 1.2e-3, (1, -1, 1, -1, 1)
 
 def quarter(maxh):
     """A quarter of the plate, its top moved by STRETCH at factor 1."""
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+    )
     supports = {"left": (0, None), "bottom": (None, 0), "top": (None, STRETCH)}
-    return Problem(plate.quarter_mesh(maxh), material, clamped=None, prescribed=supports)
+    return Problem(
+        plate.quarter_mesh(maxh), material, clamped=None, prescribed=supports
+    )
 
 
 def loop(history):
     """Displacement and force of the top at the steps; the force by virtual work with (0, y)."""
     factors = np.interp(history.times, range(len(CORNERS) + 1), (0, *CORNERS))
-    forces = history.values(lambda fields: Integrate(fields.stress[1, 1], history.problem.mesh))
+    forces = history.values(
+        lambda fields: Integrate(fields.stress[1, 1], history.problem.mesh)
+    )
     return STRETCH * factors, np.array(forces)
 
 

@@ -30,9 +30,14 @@ def main(out: Path, coarse: bool = False) -> str:
     reference = 4 * primal_newton(problem).contact_force
     force = graded_result.contact_force
     line += ", graded " + check("force", 4 * force, reference, 1e-8)
-    assert abs(graded_result.reaction + graded_result.contact_resultant)[2] < 1e-9 * force
+    assert (
+        abs(graded_result.reaction + graded_result.contact_resultant)[2] < 1e-9 * force
+    )
 
-    bodies = {"step-42, hexahedra": whole, "a quarter, graded tetrahedra": graded_result}
+    bodies = {
+        "step-42, hexahedra": whole,
+        "a quarter, graded tetrahedra": graded_result,
+    }
     onto_the_planes_of_symmetry = (-135, 25)
     figure = plot_field(bodies, vmin=0, vmax=0.1, view=onto_the_planes_of_symmetry)
     save(figure, out, "indentation")

@@ -16,7 +16,9 @@ from ngepc import Material, Problem, semismooth_newton
 from ngepc.geometries import ring
 from ngepc.pictures import beside, plot_field
 
-MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+MATERIAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+)
 GAP, PRESSURES = 4e-4, (0.3, 0.6, 0.9, 1.2, 1.5)
 
 
@@ -40,15 +42,21 @@ def main(out: Path, coarse: bool = False) -> str:
     mesh = ring.quarter_mesh(0.1 if coarse else 0.05)
     wall = Integrate(CF(1) * ds("outer"), mesh)
     results = [solved(mesh, pressure) for pressure in PRESSURES]
-    shells = [PressedShell(material=MATERIAL, N=2, pressure=P, gap=GAP) for P in PRESSURES]
+    shells = [
+        PressedShell(material=MATERIAL, N=2, pressure=P, gap=GAP) for P in PRESSURES
+    ]
     last, exact = results[-1], shells[-1]
 
     error = last.displacement - exact.displacement_vector
-    size = Integrate(InnerProduct(exact.displacement_vector, exact.displacement_vector), mesh)
+    size = Integrate(
+        InnerProduct(exact.displacement_vector, exact.displacement_vector), mesh
+    )
     error = math.sqrt(Integrate(InnerProduct(error, error), mesh) / size)
     assert error < (0.01 if coarse else 0.002)
     tolerance = 0.05 if coarse else 0.02
-    line = check("contact", last.contact_force / wall, exact.contact_pressure, tolerance)
+    line = check(
+        "contact", last.contact_force / wall, exact.contact_pressure, tolerance
+    )
     r = np.linspace(1, 2, 2001)
     yielded = float(np.mean(exact.plastic_strain(r) * r) * math.pi / 2)
     strain = Integrate(last.equivalent_plastic_strain, mesh)
@@ -58,10 +66,16 @@ def main(out: Path, coarse: bool = False) -> str:
         plain(axes, "internal pressure (stress)", "contact pressure (stress)")
         P = np.linspace(0, PRESSURES[-1], 100)
         closed = [
-            PressedShell(material=MATERIAL, N=2, pressure=p, gap=GAP).contact_pressure for p in P
+            PressedShell(material=MATERIAL, N=2, pressure=p, gap=GAP).contact_pressure
+            for p in P
         ]
         axes.plot(P, closed, "k-", linewidth=1, label="closed form")
-        axes.plot(PRESSURES, [r.contact_force / wall for r in results], "o", label="exact method")
+        axes.plot(
+            PRESSURES,
+            [r.contact_force / wall for r in results],
+            "o",
+            label="exact method",
+        )
         axes.legend(fontsize=8, frameon=False)
 
     def body(axes):

@@ -59,7 +59,9 @@ class _Part:
     def radial_stress(self, r: float) -> float:
         """K S + k t."""
         volume = self.N * self.over_r(r, math.log(r)) + self.shear(r)
-        return self.bulk * volume + self.k * (2 * self.mu * self.k * self.shear(r) - self.c)
+        return self.bulk * volume + self.k * (
+            2 * self.mu * self.k * self.shear(r) - self.c
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +160,9 @@ class PressedShell:
         if self.outer * free.over_r(self.outer, 0.0) > self.gap:
             rest, unit = self._held(0.0), self._held(1.0)
             base = rest.radial_stress(self.inner)
-            free = self._held((-self.pressure - base) / (unit.radial_stress(self.inner) - base))
+            free = self._held(
+                (-self.pressure - base) / (unit.radial_stress(self.inner) - base)
+            )
         return free, free
 
     def _pressure_for(self, rho: float) -> float:

@@ -12,8 +12,12 @@ from netgen.meshing import SetMessageImportance
 def run(main: Callable[[Path, bool], str]) -> None:
     """Run a script: ``python NAME.py [--out DIR] [--coarse]``, one line of numbers, one picture."""
     parser = ArgumentParser(description=main.__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder for the picture")
-    parser.add_argument("--coarse", action="store_true", help="coarse meshes, a few seconds")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out"), help="folder for the picture"
+    )
+    parser.add_argument(
+        "--coarse", action="store_true", help="coarse meshes, a few seconds"
+    )
     arguments = parser.parse_args()
     SetMessageImportance(0)
     print(main(arguments.out, arguments.coarse))
@@ -22,7 +26,9 @@ def run(main: Callable[[Path, bool], str]) -> None:
 def check(name: str, value: float, exact: float, relative: float) -> str:
     """The text 'name value (exact exact)'; an AssertionError where they differ by more."""
     text = f"{name} {value:.5g} ({exact:.5g})"
-    assert abs(value - exact) <= relative * abs(exact), f"{text}: more than {relative:.1%} apart"
+    assert abs(value - exact) <= relative * abs(exact), (
+        f"{text}: more than {relative:.1%} apart"
+    )
     return text
 
 

@@ -37,8 +37,14 @@ def main(out: Path, coarse: bool = False) -> str:
     factors = np.interp(history.times, range(5), (0, *CORNERS))
 
     def curves(axes):
-        plain(axes, "displacement of the handle's end less the elastic one (length)", "load factor")
-        axes.plot([0, *(u - elastic * factors)], [0, *(LOAD * factors)], ".-", markersize=5)
+        plain(
+            axes,
+            "displacement of the handle's end less the elastic one (length)",
+            "load factor",
+        )
+        axes.plot(
+            [0, *(u - elastic * factors)], [0, *(LOAD * factors)], ".-", markersize=5
+        )
 
     def body(axes):
         turned = history.steps[steps - 1].fields

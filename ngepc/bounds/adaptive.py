@@ -51,7 +51,9 @@ class Refinement(Declared):
         Most Newton steps on one mesh.
     """
 
-    marking: Annotated[float, Check(require_number, least=0, strict=True, most=1)] = 0.25
+    marking: Annotated[float, Check(require_number, least=0, strict=True, most=1)] = (
+        0.25
+    )
     max_nodes: Annotated[int, Check(require_integer, least=3)] = 200_000
     max_iterations: Count = 100
 
@@ -109,7 +111,9 @@ class BoundedResult:
         return sum(record.iterations for record in self.records)
 
     def __repr__(self) -> str:
-        found = f"relative error at most {self.bound.relative:.3g}, {self.asked:g} asked"
+        found = (
+            f"relative error at most {self.bound.relative:.3g}, {self.asked:g} asked"
+        )
         meshes = f"{len(self.records)} meshes, {self.records[-1].nodes} nodes"
         return f"<BoundedResult: {found}, {meshes}>"
 
@@ -145,12 +149,15 @@ def solve_to(
     require_instance("options", options, Refinement, "Refinement(...)")
     check_carried(problem)
     records: list[MeshRecord] = []
-    state, small = starting_state(DiscreteProblem(problem), None), 0.0
+    state = starting_state(DiscreteProblem(problem), None)
+    small = 0.0
     while True:
         result, bound, steps = solved(state, small, options)
         parts = (bound.energy, bound.total, bound.algebraic, bound.relative)
         records.append(MeshRecord(result.problem.mesh.nv, steps, *parts))
-        log.info("nodes:%(nodes)6d energy:%(energy).8e bound:%(total).2e", vars(records[-1]))
+        log.info(
+            "nodes:%(nodes)6d energy:%(energy).8e bound:%(total).2e", vars(records[-1])
+        )
         message = ""
         try:
             if monitor is not None:
@@ -167,27 +174,36 @@ def solve_to(
                     state = carried_state(result, discrete, parents)
                     small = SMALL_STEP * bound.total
                     continue
-                message = f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
+                message = (
+                    f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
+                )
         return BoundedResult(result, bound, relative_error, records, message)
 
 
-def next_mesh(bound: ErrorBound, asked: float, options: Refinement) -> tuple[Mesh, np.ndarray]:
+def next_mesh(
+    bound: ErrorBound, asked: float, options: Refinement
+) -> tuple[Mesh, np.ndarray]:
     """The mesh after that of a bound, in steps of equal size to the relative error asked for.
 
     With the parents of its elements, see ``transfer``.
     """
-    mesh, wanted = bound.problem.mesh, AIM * asked / bound.relative
+    mesh = bound.problem.mesh
+    wanted = AIM * asked / bound.relative
     meshes = max(1, round(math.log(wanted) / (2 / mesh.dim * math.log(FEWER))))
     return bisected_to(mesh, bound.per_cell, options.marking, wanted ** (1 / meshes))
 
 
-def solved(state: State, small: float, options: Refinement) -> tuple[ExactResult, ErrorBound, int]:
+def solved(
+    state: State, small: float, options: Refinement
+) -> tuple[ExactResult, ErrorBound, int]:
     """Newton steps on one mesh until their part of the bound is small, and their number.
 
     They pause at a step that lowers the energy by less than a ``small`` amount.
     """
-    setting, tangent = setting_of(state.discrete), Factors(state.discrete, "sparsecholesky")
-    steps, energies = 0, []
+    setting = setting_of(state.discrete)
+    tangent = Factors(state.discrete, "sparsecholesky")
+    steps = 0
+    energies = []
 
     def pause(record: IterationRecord) -> None:
         energies.append(record.energy)
@@ -195,10 +211,13 @@ def solved(state: State, small: float, options: Refinement) -> tuple[ExactResult
             raise StopIteration
 
     while True:
-        limits, energies[:] = (TOLERANCE, options.max_iterations - steps), [math.nan]
+        limits = (TOLERANCE, options.max_iterations - steps)
+        energies[:] = [math.nan]
         result = newton_iteration(state, tangent, ExactResult, *limits, pause)
         steps += result.iterations
-        paused = result.status == Status.STOPPED and abs(energies[-2] - energies[-1]) < small
+        paused = (
+            result.status == Status.STOPPED and abs(energies[-2] - energies[-1]) < small
+        )
         bound = bound_of_state(setting, result.state, tangent)
         if not paused:
             return result, bound, steps
@@ -206,6 +225,9 @@ def solved(state: State, small: float, options: Refinement) -> tuple[ExactResult
         left = bound.algebraic - (bound.state.energy - result.primal_energy)
         if left <= ALGEBRAIC_SHARE * bound.total:
             part = left / bound.total if bound.total > 0 else 0.0
-            ending = f"Newton's part of the error bound is {part:.1e} after {steps} steps."
+            ending = (
+                f"Newton's part of the error bound is {part:.1e} after {steps} steps."
+            )
             return replace(result, status=Status.BOUNDED, ending=ending), bound, steps
-        state, small = result.state, small / 30
+        state = result.state
+        small = small / 30

@@ -22,7 +22,9 @@ from ngepc.bounds.simplices import sliced
 
 # entries of a symmetric matrix that are kept
 FIRST, SECOND = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
-LEVEL = 1e-9  # a smaller component of a unit normal is none, nor is a smaller eigenvalue
+LEVEL = (
+    1e-9  # a smaller component of a unit normal is none, nor is a smaller eigenvalue
+)
 
 
 class Rule:
@@ -37,7 +39,8 @@ class Rule:
 
     def __init__(self, degree: int) -> None:
         k = {3: 3, 4: 6}[degree]
-        self.shares, self.weights = {3: RULE[3], 6: SIX}[k], np.tile(WEIGHTS[k] / 3, 3)
+        self.shares = {3: RULE[3], 6: SIX}[k]
+        self.weights = np.tile(WEIGHTS[k] / 3, 3)
         self.nodal = {3: np.eye(3), 6: AT_NODES}[k] @ np.linalg.inv(RULE[k])
         rows = airy_stresses(3, self.shares)
         if degree == 4:
@@ -75,10 +78,15 @@ class AirySpace:
     of_triangles = ("det", "area", "unknowns", "piola", "_reference")
 
     def __init__(self, boundary: Boundary, degree: int, piola: np.ndarray) -> None:
-        self._boundary, self.rule, self.piola = boundary, RULES[degree], piola
+        self._boundary = boundary
+        self.rule = RULES[degree]
+        self.piola = piola
         c = self._cells = boundary.cells
-        self.det, self.area = c.det, c.volume
-        self.vertices, nt, ne = 3 * len(c.points), len(c.nodes), len(c.facets)
+        self.det = c.det
+        self.area = c.volume
+        self.vertices = 3 * len(c.points)
+        nt = len(c.nodes)
+        ne = len(c.facets)
         corners = (3 * c.nodes[:, :, None] + np.arange(3)).reshape(-1, 9)
         unknowns = [corners, self.vertices + c.facet_of]
         held, bend, even = self._held()
@@ -87,31 +95,43 @@ class AirySpace:
             unknowns += [unknowns[1] + ne, unknowns[1] + 2 * ne]
             unknowns += [self.vertices + 3 * ne + np.arange(3 * nt).reshape(-1, 3)]
             free += [even, bend, np.ones(3 * nt, dtype=bool)]
-        self.unknowns, self.free = np.concatenate(unknowns, axis=1), np.concatenate(free)
+        self.unknowns = np.concatenate(unknowns, axis=1)
+        self.free = np.concatenate(free)
         self._reference = self._to_reference(self.unknowns.shape[1])
 
     def _held(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Unknowns of vertices that are held; edges where ``bend`` and ``even`` are free."""
-        c, given, row = self._cells, self._boundary.given, np.arange(len(self._cells.facets))
+        c = self._cells
+        given = self._boundary.given
+        row = np.arange(len(self._cells.facets))
         both = c.outer & given.all(axis=1)
         single = c.outer & given.any(axis=1) & ~both
         component = np.where(given[:, 0], 0, 1)
         level = np.abs(c.normal) < LEVEL
-        across, along = single & level[row, component], single & level[row, 1 - component]
+        across = single & level[row, component]
+        along = single & level[row, 1 - component]
         closed = both | (single & ~across & ~along)
-        self._affine = closed | along  # the function along these edges, and derivatives there:
-        self._constant = [closed | ((component == k) & (across | along)) for k in (0, 1)]
+        self._affine = (
+            closed | along
+        )  # the function along these edges, and derivatives there:
+        self._constant = [
+            closed | ((component == k) & (across | along)) for k in (0, 1)
+        ]
         vertex = np.zeros((len(c.points), 3), dtype=bool)
         vertex[c.facets[self._affine].ravel(), 0] = True
         for k, edges in enumerate(self._constant):  # of dPhi/dx_(1 - k)
             vertex[c.facets[edges].ravel(), 2 - k] = True
-        vertex[vertex.sum(axis=1).argmax()] |= ~vertex.any(axis=0)  # what no stress sees
+        vertex[vertex.sum(axis=1).argmax()] |= ~vertex.any(
+            axis=0
+        )  # what no stress sees
         return vertex.ravel(), ~(closed | across), ~self._affine
 
     def modes(self) -> np.ndarray:
         """Unknowns that are held and move together without tractions, shape (modes, unknowns)."""
-        c, free = self._cells, self.free[: self.vertices]
-        held, length = np.flatnonzero(~free), c.measure.mean()
+        c = self._cells
+        free = self.free[: self.vertices]
+        held = np.flatnonzero(~free)
+        length = c.measure.mean()
         count = ~free.reshape(-1, 3) * (~free.reshape(-1, 3)).sum(axis=1, keepdims=True)
         pinned = 3 * count.argmax(axis=0) + np.arange(3)  # what no stress sees
         rows = [np.zeros((3, self.vertices))]
@@ -122,10 +142,13 @@ class AirySpace:
                 row[np.arange(len(row)), 3 * end + 2 - k] = sign
             rows.append(row)
         start, end = c.facets[self._affine].T
-        row, there = np.zeros((len(start), self.vertices)), np.arange(len(start))
+        row = np.zeros((len(start), self.vertices))
+        there = np.arange(len(start))
         row[there, 3 * end], row[there, 3 * start] = 1.0, -1.0
         for k in (0, 1):
-            row[there, 3 * start + 1 + k] = (c.points[start, k] - c.points[end, k]) / length
+            row[there, 3 * start + 1 + k] = (
+                c.points[start, k] - c.points[end, k]
+            ) / length
         equations = np.concatenate([*rows, row])[:, held]
         squares = equations.T @ equations
         _, vectors = eigh(squares, subset_by_value=(-np.inf, LEVEL * squares.max()))
@@ -139,13 +162,17 @@ class AirySpace:
 
     def gathered(self, local: np.ndarray) -> np.ndarray:
         """Sums over the triangles of what each says about its unknowns (nt, n)."""
-        return np.bincount(self.unknowns.ravel(), local.ravel(), minlength=len(self.free))
+        return np.bincount(
+            self.unknowns.ravel(), local.ravel(), minlength=len(self.free)
+        )
 
     def _to_reference(self, n: int) -> np.ndarray:
         """Unknowns of the reference triangle from those of the mesh, shape (nt, n, n)."""
-        c, k = self._cells, np.arange(3)
+        c = self._cells
+        k = np.arange(3)
         J = c.jacobian.swapaxes(1, 2)
-        directions, tangents = np.matmul(NORMALS, J), np.matmul(LEGS, J)  # images of the normals
+        directions = np.matmul(NORMALS, J)
+        tangents = np.matmul(LEGS, J)  # images of the normals
         across = np.einsum("tki,tki->tk", directions, c.normal[c.facet_of])
         size = np.einsum("tki,tki->tk", tangents, tangents)
         along = np.einsum("tki,tki->tk", directions, tangents) / size
@@ -168,20 +195,28 @@ class AirySpace:
         The entries of the vertices, (nt, 54), and the rows of the n - 9 other unknowns: their first
         nine columns, then the rest.
         """
-        (nt, n), table = self.unknowns.shape, self.rule.stiffness
+        nt, n = self.unknowns.shape
+        table = self.rule.stiffness
         table = (table if H.shape[1] > 1 else table.sum(axis=0)).reshape(-1, n * n)
-        corners, cross, rest = (np.empty((nt, *k)) for k in ((54,), (n - 9, 9), (n - 9, n - 9)))
+        corners, cross, rest = (
+            np.empty((nt, *k)) for k in ((54,), (n - 9, 9), (n - 9, n - 9))
+        )
         for cells in portions(nt):
             part = self.of(cells)
             M = part.piola * (np.sqrt(part.area) / part.det)[:, None, None]
-            products = M[:, FIRST, :, None] * M[:, SECOND, None]  # six entries of M H M'
+            products = (
+                M[:, FIRST, :, None] * M[:, SECOND, None]
+            )  # six entries of M H M'
             six = np.matmul(
-                H[cells].reshape(len(M), -1, 9), products.reshape(-1, 6, 9).swapaxes(1, 2)
+                H[cells].reshape(len(M), -1, 9),
+                products.reshape(-1, 6, 9).swapaxes(1, 2),
             )
-            K, T = (six.reshape(len(M), -1) @ table).reshape(-1, n, n), part._reference
+            K = (six.reshape(len(M), -1) @ table).reshape(-1, n, n)
+            T = part._reference
             K = np.matmul(np.matmul(T.swapaxes(1, 2), K), T)
             corners[cells] = K[:, CORNER_ROWS, CORNER_COLUMNS]
-            cross[cells], rest[cells] = K[:, 9:, :9], K[:, 9:, 9:]
+            cross[cells] = K[:, 9:, :9]
+            rest[cells] = K[:, 9:, 9:]
         return corners, cross, rest
 
     def stress(self, x: np.ndarray) -> np.ndarray:
@@ -202,5 +237,8 @@ class AirySpace:
     def forces(self, strain: np.ndarray) -> np.ndarray:
         """The transpose of ``stress`` with the weights of the points, by triangle, (nt, n)."""
         M = self.piola * (self.area / self.det)[:, None, None]
-        pulled = np.matmul(strain, M.swapaxes(1, 2)).reshape(len(M), 1, -1) @ self.rule.forces
+        pulled = (
+            np.matmul(strain, M.swapaxes(1, 2)).reshape(len(M), 1, -1)
+            @ self.rule.forces
+        )
         return np.matmul(pulled, self._reference)[:, 0]

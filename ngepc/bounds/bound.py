@@ -92,15 +92,23 @@ class ErrorBound:
         What the body stores elastically and by hardening, and what it dissipates in the step.
         """
         state, law = self.state, self.state.discrete.law
-        stress, p = law.stress(state.at), state.at.gained
-        elastic = law.bulk * state.volume**2 + np.einsum("pd,pd->p", stress, stress) / law.two_mu
+        stress = law.stress(state.at)
+        p = state.at.gained
+        elastic = (
+            law.bulk * state.volume**2
+            + np.einsum("pd,pd->p", stress, stress) / law.two_mu
+        )
         plastic = (law.hardening * p / 2 + law.beta) * p
         return state.discrete.points.integral(elastic / 2 + plastic)
 
     @property
     def relative(self) -> float:
         """``total`` over the strain energy; 0 for a body without stress and without error."""
-        return self.total / self.strain_energy if self.strain_energy > 0 else float(self.total > 0)
+        return (
+            self.total / self.strain_energy
+            if self.strain_energy > 0
+            else float(self.total > 0)
+        )
 
     @property
     def stress(self) -> float:
@@ -159,7 +167,11 @@ def state_of(discrete: DiscreteProblem, result: object) -> State:
     """Displacement and contact forces of any result, with the best plastic strain."""
     if isinstance(result, DiscreteSolution):
         return discrete.state(result.state.u, contact=result.state.contact)
-    problem, rows, pressure = discrete.problem, discrete.rows, np.zeros(discrete.problem.mesh.nv)
+    problem, rows, pressure = (
+        discrete.problem,
+        discrete.rows,
+        np.zeros(discrete.problem.mesh.nv),
+    )
     where = "|".join(problem.contact_names)
     vertices, values = values_at(result.contact_pressure, problem.mesh, where)
     pressure[vertices] = np.maximum(values[:, 0], 0.0)
@@ -181,15 +193,25 @@ def bound_of_state(setting: Setting, given: State, tangent: Factors) -> ErrorBou
     contact.check_touching(given)
     state, moved = feasible_state(setting, given)
     algebraic = algebraic_part(setting, state, tangent)
-    z, at_points, P = setting.best_stress(state, tangent, contact.pressure(state.multipliers))
-    gaps = setting.at_nodes.integrals(z, setting.cells.volume, setting.gaps(state, at_points))
+    z, at_points, P = setting.best_stress(
+        state, tangent, contact.pressure(state.multipliers)
+    )
+    gaps = setting.at_nodes.integrals(
+        z, setting.cells.volume, setting.gaps(state, at_points)
+    )
     gaps += np.bincount(contact.owner, contact.gaps(state, P), minlength=len(gaps))
-    law, whole = setting.conjugate, gaps
-    if setting.carried.left.any():  # (gaps^(1/2) + rho / (2 m)^(1/2))^2, J is m-convex in eps(u)
+    law = setting.conjugate
+    whole = gaps
+    if (
+        setting.carried.left.any()
+    ):  # (gaps^(1/2) + rho / (2 m)^(1/2))^2, J is m-convex in eps(u)
         softest = law.two_mu * law.hardening / (law.two_mu + law.hardening)
         m = np.minimum(softest, setting.problem.kinematics.size * law.bulk)
-        whole = (np.sqrt(np.maximum(gaps, 0.0)) + setting.carried.left / np.sqrt(2 * m)) ** 2
-    total, energy = float(whole.sum()), setting.energy(state)
+        whole = (
+            np.sqrt(np.maximum(gaps, 0.0)) + setting.carried.left / np.sqrt(2 * m)
+        ) ** 2
+    total = float(whole.sum())
+    energy = setting.energy(state)
     oscillation = total - float(gaps.sum())
     return ErrorBound(state, energy, total, algebraic, whole, z, P, moved, oscillation)
 
@@ -208,7 +230,8 @@ def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
     contact = setting.discrete.contact
     forces = contact.friction.projected(state.contact)
     z = setting.balanced(state, tangent, setting.discrete.load - contact.forces(forces))
-    conjugate, law = Conjugate(setting.discrete.law), setting.discrete.law
+    conjugate = Conjugate(setting.discrete.law)
+    law = setting.discrete.law
     density = law.energy_density(state.volume, state.at)
     density += conjugate.value(conjugate.completed(z[:, None]))[:, 0]
     strain = stress_coordinates(state.volume, state.deviator, 0.0)

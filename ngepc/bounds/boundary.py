@@ -28,7 +28,8 @@ class Boundary:
     """
 
     def __init__(self, problem: Problem, cells: Simplices) -> None:
-        self.problem, self.cells = problem, cells
+        self.problem = problem
+        self.cells = cells
         mesh, N, self.rule = problem.mesh, cells.N, FACET_RULES[cells.N]
         vertices, region = cells_of(mesh, N - 1)
         self._order = vertices[:, :N].argsort(axis=1)
@@ -44,7 +45,9 @@ class Boundary:
         """Which boundary elements have one of these names; they lie on the outer boundary."""
         chosen = np.isin(self._name, list(names))
         if not self.cells.outer[self._facet[chosen]].all():
-            raise ValueError(f"{argument}: bounds need it on the outer boundary of the body")
+            raise ValueError(
+                f"{argument}: bounds need it on the outer boundary of the body"
+            )
         return chosen
 
     def _held(self) -> np.ndarray:
@@ -58,17 +61,27 @@ class Boundary:
         return held
 
     def _read_tractions(self) -> None:
-        tractions, rule, N = self.problem.tractions, self.rule, self.problem.N
+        tractions = self.problem.tractions
+        rule = self.rule
+        N = self.problem.N
         on = self._on(tuple(tractions), "traction")
         g = self.problem.mesh.BoundaryCF(tractions, default=CF((0.0,) * N))
-        values = self._values(g, on) if self.problem.order == 1 else self._affine("traction", g, on)
+        values = (
+            self._values(g, on)
+            if self.problem.order == 1
+            else self._affine("traction", g, on)
+        )
         moments = np.einsum("q,qa,eqi->eai", rule.weights, rule.shares, values)
         affine = N * (N + 1) * (moments - moments.sum(axis=1, keepdims=True) / (N + 1))
         facets = self._facet[on]
         rest = np.where(self.given[facets][:, None], values - rule.shares @ affine, 0.0)
-        rest[:, np.abs(rest).max(initial=0.0) <= CONSTANT * np.abs(values).max(initial=0.0)] = 0.0
+        rest[
+            :,
+            np.abs(rest).max(initial=0.0) <= CONSTANT * np.abs(values).max(initial=0.0),
+        ] = 0.0
         moments *= self.cells.measure[facets][:, None, None]
-        self.moments[facets], self.uneven = self._at_vertices(moments, on), (facets, rest)
+        self.moments[facets] = self._at_vertices(moments, on)
+        self.uneven = (facets, rest)
 
     def _read_contact(self) -> None:
         on = self._on(self.problem.contact_names, f"contact={self.problem.contact!r}")
@@ -78,15 +91,21 @@ class Boundary:
         above = psi[:, : self.cells.N, 0] + lowest
         weights = self.cells.measure[self.contact][:, None] * rule.weights
         more = (weights * (psi[:, :, 0] - above @ rule.shares.T)) @ rule.shares
-        self.gap, self.excess = self._at_vertices(above, on), self._at_vertices(more, on)
+        self.gap, self.excess = (
+            self._at_vertices(above, on),
+            self._at_vertices(more, on),
+        )
         bound = 0.0 if self.problem.friction is None else self.problem.friction
-        self.friction = self._at_vertices(self._affine("friction", bound, on)[:, :, 0], on)
+        self.friction = self._at_vertices(
+            self._affine("friction", bound, on)[:, :, 0], on
+        )
         if self.problem.initial_displacement is not None:
             self._affine("initial_displacement", self.problem.u_0, on)
 
     def _values(self, value: Coefficient, on: np.ndarray) -> np.ndarray:
         """A coefficient at the rule's points of some boundary elements, (elements, points, k)."""
-        rule, value = self.rule, as_scalar(value)
+        rule = self.rule
+        value = as_scalar(value)
         points = self.problem.mesh.MapToAllElements({rule.shape: rule.rule}, BND)
         return np.asarray(value(points)).reshape(-1, len(rule.weights), value.dim)[on]
 
@@ -95,7 +114,9 @@ class Boundary:
         values = self._values(value, on)
         defect = np.abs(self.rule.affine_defect(values)).max(initial=0.0)
         if defect > CONSTANT * np.abs(values).max(initial=1e-300):
-            raise ValueError(f"{name} is not affine on the boundary elements: bounds need it")
+            raise ValueError(
+                f"{name} is not affine on the boundary elements: bounds need it"
+            )
         return values
 
     def _at_vertices(self, values: np.ndarray, on: np.ndarray) -> np.ndarray:

@@ -67,7 +67,8 @@ class Conjugate:
     def __init__(self, law: Law, each: int = 1) -> None:
         for name in OF_LAW[:4]:
             setattr(self, name, getattr(law, name)[::each])
-        self.back, self.initial = law.back[::each, None], law.initial[::each, None]
+        self.back = law.back[::each, None]
+        self.initial = law.initial[::each, None]
         self.d = self.back.shape[2]
         self.whole = self.d != 3  # no direction without an equation
 
@@ -83,16 +84,20 @@ class Conjugate:
         if self.whole:
             return self._completed(z[..., 0], z[..., 1:])
         bulk, two_mu, h = (v[:, None] for v in (self.bulk, self.two_mu, self.hardening))
-        stiff, free = 1 / (6 * bulk) + 1 / two_mu, z[..., 0] / (R6 * bulk) - self.initial[..., 1]
+        stiff = 1 / (6 * bulk) + 1 / two_mu
+        free = z[..., 0] / (R6 * bulk) - self.initial[..., 1]
         zeta = free / stiff
         for step in range(ZETA_STEPS + 1):
             d = np.stack([z[..., 1], zeta, z[..., 2]], axis=-1)
             at = self._completed(z[..., 0] - zeta / R6, d)
             if step == ZETA_STEPS or not at.over.any():
                 return at
-            n, part = at.direction[..., 1], at.over / np.where(at.size > 0, at.size, 1.0)
+            n = at.direction[..., 1]
+            part = at.over / np.where(at.size > 0, at.size, 1.0)
             slope = stiff * zeta - free + n * at.over / h
-            zeta = zeta - slope / (stiff + ((at.over > 0) * n**2 + part * (1 - n**2)) / h)
+            zeta = zeta - slope / (
+                stiff + ((at.over > 0) * n**2 + part * (1 - n**2)) / h
+            )
 
     def _completed(self, m: np.ndarray, d: np.ndarray) -> Completed:
         s = d - self.back
@@ -116,12 +121,15 @@ class Conjugate:
         strain = at.deviator / self.two_mu[:, None, None] + self.initial
         strain = strain + (at.over / self.hardening[:, None])[..., None] * at.direction
         first = (at.mean / self.bulk[:, None])[..., None]
-        return np.concatenate([first, strain if self.whole else strain[..., [0, 2]]], axis=-1)
+        return np.concatenate(
+            [first, strain if self.whole else strain[..., [0, 2]]], axis=-1
+        )
 
     def compliance(self, at: Completed) -> np.ndarray:
         """d2 phi*/dz2, shape (triangles, points, 3, 3)."""
         n = at.direction
-        h, size = self.hardening[:, None], np.where(at.size > 0, at.size, 1.0)
+        h = self.hardening[:, None]
+        size = np.where(at.size > 0, at.size, 1.0)
         across = at.over / size / h
         along = (at.over > 0) / h - across
         whole = along[..., None, None] * n[..., :, None] * n[..., None, :]
@@ -132,12 +140,15 @@ class Conjugate:
         result[..., 0, 0], result[..., 1:, 1:] = bulk, whole
         if self.whole:
             return result
-        column, corner = result[..., [0, 1, 3], 2], bulk / 6 + whole[..., 1, 1]
+        column = result[..., [0, 1, 3], 2]
+        corner = bulk / 6 + whole[..., 1, 1]
         column[..., 0] = -bulk / R6  # the Schur complement of zeta, which m contains
         product = column[..., :, None] * column[..., None, :] / corner[..., None, None]
         return result[..., [[0], [1], [3]], [0, 1, 3]] - product
 
-    def integrals(self, nodal: np.ndarray, volume: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    def integrals(
+        self, nodal: np.ndarray, volume: np.ndarray, rest: np.ndarray
+    ) -> np.ndarray:
         """Upper bounds of int phi* over each cell, plus ``rest``, shape (cells,).
 
         The plastic term is the integral of the squared distance of s from the ball |q| <= beta.
@@ -148,7 +159,9 @@ class Conjugate:
         ``nodal`` (cells, nodes, c) are stress coordinates at the nodes of the parts of each cell:
         the vertices of three or four parts, or vertices and edge midpoints of three.
         """
-        at, count, k = self.completed(nodal), len(nodal), NODES[nodal.shape[1]]
+        at = self.completed(nodal)
+        count = len(nodal)
+        k = NODES[nodal.shape[1]]
         mean, total, s = (
             coefficients(v.reshape(count, -1, k, v[0, 0].size))
             for v in (at.mean, self._total(at), at.size[..., None] * at.direction)
@@ -159,12 +172,15 @@ class Conjugate:
         result = rest + smooth.sum(axis=1) / 2
         outside = np.einsum("tkid,tkid->tki", s, s) > self.beta[:, None, None] ** 2
         cell, place = np.nonzero(outside.any(axis=2))
-        s, weight = s[cell, place], part[cell, 0]
+        s = s[cell, place]
+        weight = part[cell, 0]
         bound, likely = self._plastic(s, weight, cell)
         allowed = WORTH[k] * max(result.sum() + likely.sum(), 0.0)
         for level in range(SPLIT_LEVELS[k] + 1):
-            gain, last = bound - likely, level == SPLIT_LEVELS[k]
-            order, kept = np.argsort(gain), np.full(len(gain), last)
+            gain = bound - likely
+            last = level == SPLIT_LEVELS[k]
+            order = np.argsort(gain)
+            kept = np.full(len(gain), last)
             kept[order[np.cumsum(gain[order]) <= allowed / 2]] = True
             result += np.bincount(cell[kept], bound[kept], minlength=count)
             allowed -= gain[kept].sum()
@@ -180,10 +196,15 @@ class Conjugate:
         self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """The bound and a rule for polynomials s (parts, k, d) on parts of cells."""
-        two_h, k = 2 * self.hardening[cell], s.shape[1]
+        two_h = 2 * self.hardening[cell]
+        k = s.shape[1]
         bound = square_integrals(beyond(s, self.beta[cell]), volume) / two_h
         if k == 6:
-            bound = np.minimum(bound, excess_integrals(s, self.beta[cell], volume) / two_h)
+            bound = np.minimum(
+                bound, excess_integrals(s, self.beta[cell], volume) / two_h
+            )
         inside = beyond(np.matmul(RULE[k], s), self.beta[cell])
-        likely = volume * (np.einsum("tqd,tqd->tq", inside, inside) @ WEIGHTS[k]) / two_h
+        likely = (
+            volume * (np.einsum("tqd,tqd->tq", inside, inside) @ WEIGHTS[k]) / two_h
+        )
         return bound, np.minimum(likely, bound)

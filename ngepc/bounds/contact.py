@@ -11,10 +11,16 @@ from ngepc.local.system import DiscreteProblem, State
 
 LEVEL = 1e-9  # square of the free part of a normal that moves nothing
 CLEAR = 1e-12  # part of the largest displacement that counts as no penetration
-NORMAL_PASSES = 50  # most passes over the facets that meet at a vertex until all of them are clear
+NORMAL_PASSES = (
+    50  # most passes over the facets that meet at a vertex until all of them are clear
+)
 # NGSolve's function of an edge is this times the product of the hat functions of its ends
 BUBBLE = -0.5
-EDGES = ((2, 0), (1, 2), (0, 1))  # the ends of these edges of a triangle, in NGSolve's order
+EDGES = (
+    (2, 0),
+    (1, 2),
+    (0, 1),
+)  # the ends of these edges of a triangle, in NGSolve's order
 
 
 class ContactFacets:
@@ -26,23 +32,37 @@ class ContactFacets:
     """
 
     def __init__(self, discrete: DiscreteProblem, boundary: Boundary) -> None:
-        self.discrete, self.boundary, self.problem = discrete, boundary, discrete.problem
-        c, on, self.N = boundary.cells, boundary.contact, boundary.cells.N
-        self.normal, self.measure, self.owner = c.normal[on], c.measure[on], c.owners[on, 0]
-        self.nodes, self._hats = c.facets[on], (1 + np.eye(self.N)) / (self.N * (self.N + 1))
+        self.discrete = discrete
+        self.boundary = boundary
+        self.problem = discrete.problem
+        c = boundary.cells
+        on = boundary.contact
+        self.N = boundary.cells.N
+        self.normal = c.normal[on]
+        self.measure = c.measure[on]
+        self.owner = c.owners[on, 0]
+        self.nodes, self._hats = (
+            c.facets[on],
+            (1 + np.eye(self.N)) / (self.N * (self.N + 1)),
+        )
         if self.problem.order == 2:
-            nodes, edge = discrete.points.blocks[0].nodes, np.empty(len(c.facets), dtype=int)
+            nodes = discrete.points.blocks[0].nodes
+            edge = np.empty(len(c.facets), dtype=int)
             for k, ends in enumerate(EDGES):
                 edge[c.facets_between(nodes[:, ends])] = nodes[:, 3 + k]
             self.nodes = np.column_stack([self.nodes, edge[on]])
             self._hats = np.column_stack([self._hats, np.full(2, BUBBLE / 12)])
         self._start = initial_displacements(self.problem, discrete.supports)
-        rows, corners = discrete.rows, c.facets[on].ravel()
-        numbers, shape = np.arange(len(rows)), (len(c.points), len(rows))
+        rows = discrete.rows
+        corners = c.facets[on].ravel()
+        numbers = np.arange(len(rows))
+        shape = (len(c.points), len(rows))
         of_vertices = csr_matrix((np.ones(len(rows)), (rows.vertices, numbers)), shape)
         corner, row = of_vertices[corners].nonzero()
         cosine = np.einsum("ic,ic->i", rows.normals[row], self.normal[corner // self.N])
-        nearest = np.argsort(-cosine, kind="stable")[::-1]  # comes last: it is the one that stays
+        nearest = np.argsort(-cosine, kind="stable")[
+            ::-1
+        ]  # comes last: it is the one that stays
         self.row_of = np.full(len(corners), -1)
         self.row_of[corner[nearest]] = row[nearest]
         self.row_of = self.row_of.reshape(-1, self.N)
@@ -77,10 +97,14 @@ class ContactFacets:
             excess = -BUBBLE * room[:, 2] - ends**2
             stuck = self._lower(u, self.nodes[:, 2], excess, BUBBLE)
         if stuck:
-            raise RuntimeError("the displacement could not be moved clear of the obstacle")
+            raise RuntimeError(
+                "the displacement could not be moved clear of the obstacle"
+            )
         return u
 
-    def _lower(self, u: np.ndarray, nodes: np.ndarray, excess: np.ndarray, value: float) -> bool:
+    def _lower(
+        self, u: np.ndarray, nodes: np.ndarray, excess: np.ndarray, value: float
+    ) -> bool:
         """Lower u . n by a positive excess (facets,); whether supports forbid it somewhere.
 
         The unknowns of the nodes (facets,) count ``value`` times.
@@ -96,8 +120,11 @@ class ContactFacets:
 
         Where a support holds a vertex it is the mean of the others.
         """
-        values = np.append(np.maximum(multipliers, 0.0) / self.discrete.rows.weights, 0.0)
-        P, there = values[self.row_of], self.row_of >= 0
+        values = np.append(
+            np.maximum(multipliers, 0.0) / self.discrete.rows.weights, 0.0
+        )
+        P = values[self.row_of]
+        there = self.row_of >= 0
         mean = P.sum(axis=1) / np.maximum(there.sum(axis=1), 1)
         return np.where(there, P, mean[:, None])
 
@@ -117,9 +144,12 @@ class ContactFacets:
 
     def friction(self, state: State) -> np.ndarray:
         """Tangential tractions |T| <= F on the obstacle (stress), (facets, N, N)."""
-        rows, bound = self.discrete.rows, self.boundary.friction
+        rows = self.discrete.rows
+        bound = self.boundary.friction
         forces = np.einsum("md,mdc->mc", state.tangential_forces, rows.tangents)
-        stress = np.append(forces / rows.weights[:, None], np.zeros((1, self.N)), axis=0)
+        stress = np.append(
+            forces / rows.weights[:, None], np.zeros((1, self.N)), axis=0
+        )
         T = self._across(stress[self.row_of])
         size = np.linalg.norm(T, axis=2)
         return (np.minimum(size, bound) / np.where(size > 0, size, 1.0))[:, :, None] * T
@@ -133,11 +163,14 @@ class ContactFacets:
 
         Of parabolas the sizes of Bernstein's coefficients are taken.
         """
-        F, slip = self.boundary.friction, self.slip(u)
+        F = self.boundary.friction
+        slip = self.slip(u)
         size = np.linalg.norm(slip[:, : self.N], axis=2)
         if self.problem.order == 1:
             return (self.moments(F[:, :, None])[:, :, 0] * size).sum(axis=1)
-        middle = np.linalg.norm(slip[:, :2].mean(axis=1) + BUBBLE / 2 * slip[:, 2], axis=1)
+        middle = np.linalg.norm(
+            slip[:, :2].mean(axis=1) + BUBBLE / 2 * slip[:, 2], axis=1
+        )
         total = F.sum(axis=1)
         between = total * (size.sum(axis=1) / 12 + middle / 6)
         return self.measure * ((F * size).sum(axis=1) / 6 + between)

@@ -25,7 +25,8 @@ class FacetRule:
     """
 
     def __init__(self, shape: ET, order: int) -> None:
-        self.shape, inside = shape, IntegrationRule(shape, order)
+        self.shape = shape
+        inside = IntegrationRule(shape, order)
         N = 2 if shape == ET.SEGM else 3
         points = np.array(inside.points)[:, : N - 1]
         points = np.column_stack([points, 1 - points.sum(axis=1)])
@@ -46,7 +47,16 @@ FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 5)}  # by dimensi
 
 def check_covered(problem: Problem) -> None:
     """Refuse by name (ValueError) what there is no guaranteed bound for."""
-    limits = ["revolution", "pairs", "law", "strain", "Coulomb", "places", "springs", "corner"]
+    limits = [
+        "revolution",
+        "pairs",
+        "law",
+        "strain",
+        "Coulomb",
+        "places",
+        "springs",
+        "corner",
+    ]
     require_without(problem, "a bound", *limits)
     if problem.N == 3:
         require_without(problem, "a bound in three dimensions", "order")
@@ -55,7 +65,8 @@ def check_covered(problem: Problem) -> None:
             "mesh: bounds need triangles or tetrahedra with straight edges;"
             " error_indicators(result) estimates on others, without a guarantee"
         )
-    material, (scalar, back) = problem.material, problem.alpha_0
+    material = problem.material
+    scalar, back = problem.alpha_0
     coefficients = {
         "lame_lambda": material.lame_lambda,
         "lame_mu": material.lame_mu,
@@ -63,22 +74,32 @@ def check_covered(problem: Problem) -> None:
         "hardening": material.effective_hardening,
         "initial_plastic_strain": problem.initial_plastic_strain,
         "initial_hardening": None if problem.initial_hardening is None else scalar,
-        "initial_hardening (alpha_2)": None if problem.initial_hardening is None else back,
+        "initial_hardening (alpha_2)": None
+        if problem.initial_hardening is None
+        else back,
         "body_force": problem.f if problem.order == 2 else None,
     }
     for name, value in coefficients.items():
         affine = problem.order == 2 and name in AFFINE
-        if isinstance(value, CoefficientFunction) and varies_inside(problem, value, affine):
+        if isinstance(value, CoefficientFunction) and varies_inside(
+            problem, value, affine
+        ):
             needed = "affine functions" if affine else "one value"
-            raise ValueError(f"{name} varies inside elements: bounds need {needed} on each element")
+            raise ValueError(
+                f"{name} varies inside elements: bounds need {needed} on each element"
+            )
 
 
-def varies_inside(problem: Problem, value: CoefficientFunction, affine: bool = False) -> bool:
+def varies_inside(
+    problem: Problem, value: CoefficientFunction, affine: bool = False
+) -> bool:
     """Whether a coefficient is more than a constant, or an affine function, on an element."""
     points = problem.mesh.MapToAllElements(_INSIDE, VOL)
     values = np.asarray(value(points)).reshape(problem.mesh.ne, -1, value.dim)
     size = np.abs(values).max(initial=1e-300)
     if affine:
-        known = np.array([(1.0, *p) for p in _INSIDE[ET.TRIG].points])[:, : problem.N + 1]
+        known = np.array([(1.0, *p) for p in _INSIDE[ET.TRIG].points])[
+            :, : problem.N + 1
+        ]
         values = values - known @ (np.linalg.pinv(known) @ values)
     return np.ptp(values, axis=1).max() > CONSTANT * size

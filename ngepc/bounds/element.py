@@ -41,27 +41,39 @@ class Element:
     """
 
     def __init__(self, N: int) -> None:
-        pairs = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
-        unit, basis = np.eye(N), {2: TWO_DIMENSIONAL, 3: SOLID}[N].basis
+        pairs = {
+            2: ((0, 0), (1, 1), (0, 1)),
+            3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)),
+        }
+        unit = np.eye(N)
+        basis = {2: TWO_DIMENSIONAL, 3: SOLID}[N].basis
         outer = [np.outer(unit[i], unit[j]) for i, j in pairs[N]]
-        self.N, self.components = N, np.array([np.sign(E + E.T) for E in outer])
-        self.basis, self.coordinates = basis, np.concatenate([unit[None] / N, basis])
+        self.N = N
+        self.components = np.array([np.sign(E + E.T) for E in outer])
+        self.basis = basis
+        self.coordinates = np.concatenate([unit[None] / N, basis])
         self.corners = np.vstack([np.zeros(N), unit, np.full(N, 1 / (N + 1))])
         self.parts = [(*facet, N + 1) for facet in FACETS[N]]
         places = np.insert(self.corners[np.array(self.parts)], 0, 1.0, axis=2)
-        self._slopes = np.linalg.inv(places)[:, 1:]  # of the hat functions of each part, as columns
+        self._slopes = np.linalg.inv(places)[
+            :, 1:
+        ]  # of the hat functions of each part, as columns
         equations = np.vstack([self._jumps(), self._divergences()])
         _, size, vectors = np.linalg.svd(equations)
         rank = int((size > 1e-10 * size[0]).sum())
         turning = rotating_loads(N).transpose(1, 2, 0).reshape(N * (N + 1), -1)
         loads = -np.hstack([np.tile(unit, (N + 1, 1)), turning])
-        given = np.vstack([np.zeros((len(equations) - len(loads), loads.shape[1])), loads])
+        given = np.vstack(
+            [np.zeros((len(equations) - len(loads), loads.shape[1])), loads]
+        )
         forced = np.linalg.lstsq(equations, given, rcond=None)[0]
         both = np.hstack([vectors[rank:].T, forced])
         self.free, self.moments = len(vectors) - rank, self._facet_moments() @ both
         self.stresses = both.reshape((N + 1) ** 2, len(pairs[N]), -1)
         closed = both[:, : self.free] @ np.linalg.pinv(self.moments[:, : self.free])
-        self.of_data = np.hstack([closed, forced - closed @ self.moments[:, self.free :]])
+        self.of_data = np.hstack(
+            [closed, forced - closed @ self.moments[:, self.free :]]
+        )
 
     def _tractions(self, part: int, vertex: int, n: np.ndarray) -> np.ndarray:
         """Rows of sigma n at a vertex of a part, shape (N, unknowns)."""
@@ -89,7 +101,8 @@ class Element:
 
     def _facet_moments(self) -> np.ndarray:
         """Moments of sigma n, outward, with the hat functions of the facets' vertices."""
-        N, rows = self.N, []
+        N = self.N
+        rows = []
         for k, facet in enumerate(FACETS[N]):
             n = -self._slopes[k][:, -1] / (math.factorial(N + 1) * (N + 1))
             tractions = [self._tractions(k, v, n) for v in facet]
@@ -98,14 +111,17 @@ class Element:
 
     def piola(self, cells: Simplices) -> np.ndarray:
         """Coordinates from components of reference stresses, to the right of them, (nt, c, c)."""
-        J, c = cells.jacobian, len(self.components)
+        J = cells.jacobian
+        c = len(self.components)
         images = np.einsum("tij,cjk,tlk->tcil", J, self.components, J, optimize=True)
         flat = images.reshape(-1, self.N**2) @ self.coordinates.reshape(c, -1).T
         return flat.reshape(-1, c, c) / cells.det[:, None, None]
 
     def tensors(self, z: np.ndarray) -> np.ndarray:
         """The matrices (..., N, N) of stress coordinates (..., c)."""
-        return z[..., :1, None] * np.eye(self.N) + np.tensordot(z[..., 1:], self.basis, 1)
+        return z[..., :1, None] * np.eye(self.N) + np.tensordot(
+            z[..., 1:], self.basis, 1
+        )
 
 
 ELEMENTS = {N: Element(N) for N in (2, 3)}
@@ -122,14 +138,19 @@ def airy_stresses(degree: int, shares: np.ndarray) -> np.ndarray:
 
     They are known at barycentric points (q, 3) of each part.
     """
-    powers = np.array([(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)])
-    smooth, centre = [], CORNERS.mean(axis=0)  # jumps at points of the three inner edges
+    powers = np.array(
+        [(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)]
+    )
+    smooth = []
+    centre = CORNERS.mean(axis=0)  # jumps at points of the three inner edges
     for v in range(3):
         a, b = (k for k in range(3) if k != v)
         for t in np.linspace(0, 1, 5):
             place = (1 - t) * CORNERS[v] + t * centre
             for order in ORDERS:
-                jump = _derivative(powers, a, place, order) - _derivative(powers, b, place, order)
+                jump = _derivative(powers, a, place, order) - _derivative(
+                    powers, b, place, order
+                )
                 smooth.append(jump)
     numbers = _airy_numbers(powers)[: 12 if degree == 3 else 18]
     known = np.array(smooth + numbers)
@@ -138,7 +159,10 @@ def airy_stresses(degree: int, shares: np.ndarray) -> np.ndarray:
     rows = []
     for k, part in enumerate(ELEMENTS[2].parts):
         for place in shares @ ELEMENTS[2].corners[list(part)]:
-            second = [_derivative(powers, k, place, order) for order in ((0, 2), (2, 0), (1, 1))]
+            second = [
+                _derivative(powers, k, place, order)
+                for order in ((0, 2), (2, 0), (1, 1))
+            ]
             xx, yy, xy = np.array(second) @ coefficients
             rows.append((xx, yy, -xy))
     return np.array(rows)
@@ -148,18 +172,25 @@ def _derivative(
     powers: np.ndarray, part: int, at: np.ndarray, order: tuple[int, int]
 ) -> np.ndarray:
     """Derivatives of the monomials of a part at a point, among those of all three."""
-    result, left = np.zeros((3, len(powers))), np.maximum(powers - order, 0)
+    result = np.zeros((3, len(powers)))
+    left = np.maximum(powers - order, 0)
     result[part] = np.prod(perm(powers, order) * at**left, axis=1)
     return result.ravel()
 
 
 def _airy_numbers(powers: np.ndarray) -> list[np.ndarray]:
     """Values and gradients at the vertices, then three numbers of each edge, kind by kind."""
-    rows = [_derivative(powers, (v + 1) % 3, CORNERS[v], o) for v in range(3) for o in ORDERS]
+    rows = [
+        _derivative(powers, (v + 1) % 3, CORNERS[v], o)
+        for v in range(3)
+        for o in ORDERS
+    ]
     edges = []
     for k, (i, _) in enumerate(PAIRS):
         places = [CORNERS[i] + t * LEGS[k] for t in (0, 0.25, 0.5, 0.75, 1)]
-        value, x, y = (np.array([_derivative(powers, k, p, o) for p in places]) for o in ORDERS)
+        value, x, y = (
+            np.array([_derivative(powers, k, p, o) for p in places]) for o in ORDERS
+        )
         slope, across = (d[0] * x + d[1] * y for d in (LEGS[k], NORMALS[k]))
         bend = across[2] - (across[0] + across[4]) / 2
         even = value[2] - (value[0] + value[4]) / 2 - (slope[0] - slope[4]) / 8

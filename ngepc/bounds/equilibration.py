@@ -43,10 +43,13 @@ class Patches:
         sides = np.full((2, c.facets.size), -1)
         sides[np.where(signs > 0, 0, 1), moment] = corner
         outer = np.repeat(c.outer, N)
-        self._outside, self._pairs = np.where(outer, sides[0], -1), sides[:, ~outer]
+        self._outside = np.where(outer, sides[0], -1)
+        self._pairs = sides[:, ~outer]
         vertex = c.nodes.ravel()[self._order]
         self._first = np.flatnonzero(np.diff(vertex, prepend=-1))
-        graph = csr_matrix((np.ones(self._pairs.shape[1]), self._pairs), 2 * (len(number),))
+        graph = csr_matrix(
+            (np.ones(self._pairs.shape[1]), self._pairs), 2 * (len(number),)
+        )
         if connected_components(graph, directed=False)[0] > len(self._first):
             by = {2: "edges", 3: "faces"}[N]
             raise ValueError(f"mesh: bounds need parts that hang together by {by}")
@@ -54,28 +57,39 @@ class Patches:
         self._inverses: list[csr_matrix] = []
         for k, free in enumerate(self._free.T):
             same = [j for j in range(k) if (self._free[:, j] == free).all()]
-            self._inverses.append(self._inverses[same[0]] if same else self._inverse(free > 0))
+            self._inverses.append(
+                self._inverses[same[0]] if same else self._inverse(free > 0)
+            )
 
     def _inverse(self, free: np.ndarray) -> csr_matrix:
         """Of the graph Laplacians; where no moment is open outside, a corner is held."""
         size = np.diff(self._first, append=len(self._order))
-        first, width = np.repeat(self._first, size), np.repeat(size, size)
-        rows, place = np.append(0, np.cumsum(width)), np.arange(len(width)) - first
+        first = np.repeat(self._first, size)
+        width = np.repeat(size, size)
+        rows = np.append(0, np.cumsum(width))
+        place = np.arange(len(width)) - first
         outside = self._outside[free & (self._outside >= 0)]
-        degree = np.bincount(np.append(self._pairs.ravel(), outside), minlength=len(width))
+        degree = np.bincount(
+            np.append(self._pairs.ravel(), outside), minlength=len(width)
+        )
         opened = np.zeros(len(width), dtype=bool)
         opened[first[outside]] = True
         degree[self._first[~opened[self._first]]] += 1
-        (a, b), entries = self._pairs, np.zeros(rows[-1])
+        a, b = self._pairs
+        entries = np.zeros(rows[-1])
         entries[rows[:-1] + place] = degree
         entries[rows[a] + place[b]] = entries[rows[b] + place[a]] = -1.0
         for k in np.unique(size):
             block = rows[self._first[size == k]][:, None] + np.arange(k * k)
-            entries[block] = np.linalg.inv(entries[block].reshape(-1, k, k)).reshape(-1, k * k)
+            entries[block] = np.linalg.inv(entries[block].reshape(-1, k, k)).reshape(
+                -1, k * k
+            )
         columns = np.arange(rows[-1]) - np.repeat(rows[:-1] - first, width)
         return csr_matrix((entries, columns, rows), 2 * (len(width),))
 
-    def repaired(self, wished: np.ndarray, needed: np.ndarray, given: np.ndarray) -> np.ndarray:
+    def repaired(
+        self, wished: np.ndarray, needed: np.ndarray, given: np.ndarray
+    ) -> np.ndarray:
         """The facet moments, outward of the first cell, shape (nf, N vertices, N).
 
         They are near the ``wished`` ones (nf, N, N), those of tractions on the outer boundary are
@@ -96,5 +110,7 @@ class Patches:
             if left <= ROUNDING * size:
                 break
         if left > BALANCED * size:
-            raise RuntimeError(f"the stress is out of equilibrium by {left / size:.1e} of its size")
+            raise RuntimeError(
+                f"the stress is out of equilibrium by {left / size:.1e} of its size"
+            )
         return mu.reshape(-1, N, N)

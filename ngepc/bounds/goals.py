@@ -80,10 +80,15 @@ def contact_force_bracket(result: ExactResult) -> Between:
 
     def moved(t: float) -> Problem:
         """The problem with the obstacle nearer by t."""
-        return replace(problem, gap={name: gap - t for name, gap in problem.gaps.items()})
+        return replace(
+            problem, gap={name: gap - t for name, gap in problem.gaps.items()}
+        )
 
-    here, size = error_bound(result), float(np.abs(result.state.u).max())
-    lower, upper = slopes(result, here, moved, lambda a, b: b.energy - a.least_energy, force, size)
+    here = error_bound(result)
+    size = float(np.abs(result.state.u).max())
+    lower, upper = slopes(
+        result, here, moved, lambda a, b: b.energy - a.least_energy, force, size
+    )
     return Between(max(lower, 0.0), upper, force)
 
 
@@ -107,26 +112,33 @@ def displacement_bracket(
         As ``error_bound``, for loads that are not legal, and where the solver fails.
     """
     require_instance("result", result, ExactResult, "a result without gamma")
-    problem, u = result.problem, result.state.u
+    problem = result.problem
+    u = result.state.u
     require_without(problem, "a bracket", "friction")
     load = replace(problem, traction=traction, body_force=body_force, pressure=None)
     forces = applied_forces(load, result.discrete.supports.space)
     size = float(np.abs(forces).sum() * np.abs(u).max())
     if not size > 0:
-        raise ValueError(f"traction={traction!r}: a load is needed, and a body that moves")
+        raise ValueError(
+            f"traction={traction!r}: a load is needed, and a body that moves"
+        )
 
     def loaded(t: float) -> Problem:
         """The problem with t times the load on top."""
-        g, f = dict(problem.tractions), problem.f
+        g = dict(problem.tractions)
+        f = problem.f
         for name, value in load.tractions.items():
             g[name] = t * value + g[name] if name in g else t * value
         if load.f is not None:
             f = t * load.f if f is None else t * load.f + f
         return replace(problem, traction=g, pressure=None, body_force=f)
 
-    here, work = error_bound(result), float(np.vdot(forces, u))
+    here = error_bound(result)
+    work = float(np.vdot(forces, u))
     large = here.strain_energy / size
-    lower, upper = slopes(result, here, loaded, lambda a, b: a.energy - b.least_energy, work, large)
+    lower, upper = slopes(
+        result, here, loaded, lambda a, b: a.energy - b.least_energy, work, large
+    )
     return Between(lower, upper, work)
 
 
@@ -145,13 +157,20 @@ def slopes(
     the result; ``slope`` says about how steep the energy is, ``length`` which change is large.
     """
     part = math.sqrt(here.total / here.strain_energy)
-    first = part * min(2 * here.strain_energy / abs(slope), length) if slope else part * length
+    first = (
+        part * min(2 * here.strain_energy / abs(slope), length)
+        if slope
+        else part * length
+    )
     found = []
     for sign in (-1.0, 1.0):
-        best, t = math.inf, first
+        best = math.inf
+        t = first
         for _ in range(PASSES):
             moved = problem_at(sign * t)
-            near = solve_exactly(moved, result, TOLERANCE, MOST_STEPS, "sparsecholesky", None)
+            near = solve_exactly(
+                moved, result, TOLERANCE, MOST_STEPS, "sparsecholesky", None
+            )
             if near.status not in SOLVED:
                 raise RuntimeError(f"no bracket: {near.message}")
             there = error_bound(near)

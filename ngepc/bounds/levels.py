@@ -14,7 +14,9 @@ from ngepc.discretisation.stiffness import Blocks, pattern_matrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
 from ngepc.linalg.direct import lower_triangle
 
-EDGE_STEPS = 6  # degree of the polynomial that stands for the inverse on the edges, plus one
+EDGE_STEPS = (
+    6  # degree of the polynomial that stands for the inverse on the edges, plus one
+)
 LEAST = 0.2  # where the eigenvalues begin for which it is small, relative to their upper bound
 MODES_UP_TO = 1000
 """Triangles up to which resultants between supports are unknowns.
@@ -32,11 +34,14 @@ class TwoLevels(Blocks):
     N = 3
 
     def __init__(self, space: AirySpace, cells: Simplices) -> None:
-        self.space, self._count, nv = space, space.vertices, np.int64(len(cells.points))
+        self.space = space
+        self._count = space.vertices
+        nv = np.int64(len(cells.points))
         self._times = np.bincount(space.unknowns.ravel(), minlength=len(space.free))
         self.matrix = pattern_matrix(H1(cells.mesh, order=1, dim=3))
         self.rows, self.columns, _ = lower_triangle(self.matrix)
-        keys, ends = self.rows * nv + self.columns, cells.facets.astype(np.int64)
+        keys = self.rows * nv + self.columns
+        ends = cells.facets.astype(np.int64)
         edge = np.searchsorted(keys, ends[:, 1] * nv + ends[:, 0])[cells.facet_of]
         corner = np.searchsorted(keys, np.arange(nv) * (nv + 1))[cells.nodes]
         a, b = np.tril_indices(3)
@@ -55,21 +60,29 @@ class TwoLevels(Blocks):
         unknowns, held ones too.
         """
         space, part, count = self.space, self.space.of(chosen), self._count
-        self._corners, self._edges = part.unknowns[:, :9], part.unknowns[:, 9:] - count
+        self._corners = part.unknowns[:, :9]
+        self._edges = part.unknowns[:, 9:] - count
         corners, self._cross, rest = blocks
         self._forces = forces
         times = np.bincount(part.unknowns.ravel(), minlength=len(space.free))
         self._free = space.free & (times == self._times)
         self.free = self._free[:count].reshape(-1, 3)
         self._take_edges(rest)
-        values, swap = corners.reshape(-1, 6, 3, 3), self._turned[chosen]
+        values = corners.reshape(-1, 6, 3, 3)
+        swap = self._turned[chosen]
         values[swap] = values[swap].swapaxes(1, 2)
-        where, values = self._places[chosen].ravel(), values.reshape(-1, 9)
-        one, shape = np.arange(len(where) + 1), (len(self.rows), len(where))
+        where = self._places[chosen].ravel()
+        values = values.reshape(-1, 9)
+        one = np.arange(len(where) + 1)
+        shape = (len(self.rows), len(where))
         sums = csc_matrix((np.ones(len(where)), where, one), shape) @ values
-        self.matrix.AsVector().FV().NumPy()[:] = self.held(sums.reshape(-1, 3, 3)).ravel()
+        self.matrix.AsVector().FV().NumPy()[:] = self.held(
+            sums.reshape(-1, 3, 3)
+        ).ravel()
         there = self.free.any(axis=1)
-        self._inverse = self.matrix.Inverse(BitArray(there.tolist()), inverse="sparsecholesky")
+        self._inverse = self.matrix.Inverse(
+            BitArray(there.tolist()), inverse="sparsecholesky"
+        )
         few = len(part.unknowns) == len(space.unknowns) <= MODES_UP_TO
         modes = space.modes() if few else []  # with free unknowns that follow them
         self._modes = np.array([mode - self._relaxed(forces(mode)) for mode in modes])
@@ -79,7 +92,8 @@ class TwoLevels(Blocks):
         """K x; without modes x vanishes on held unknowns, and what would hold them is left out."""
         if len(self._modes):
             return self._forces(x)
-        vertex, edge = x[: self._count], x[self._count :]
+        vertex = x[: self._count]
+        edge = x[self._count :]
         self._right.FV().NumPy()[:] = vertex
         self._left.data = self.matrix * self._right
         of_edges = self._unscale * (self._edge_matrix @ (self._unscale * edge))
@@ -94,7 +108,9 @@ class TwoLevels(Blocks):
     def _on_edges(self, vertex: np.ndarray) -> np.ndarray:
         """Forces on the edges from vertices."""
         forces = np.matmul(self._cross, vertex[self._corners][:, :, None])
-        return np.bincount(self._edges.ravel(), forces.ravel(), minlength=len(self._scale))
+        return np.bincount(
+            self._edges.ravel(), forces.ravel(), minlength=len(self._scale)
+        )
 
     def precondition(self, r: np.ndarray) -> np.ndarray:
         """What nearly solves K x = r."""
@@ -105,24 +121,32 @@ class TwoLevels(Blocks):
 
     def _take_edges(self, K: np.ndarray) -> None:
         """The matrix of the edges, its diagonal scaled to one, and a bound of its eigenvalues."""
-        free, edges = self._free[self._count :], self._edges
+        free = self._free[self._count :]
+        edges = self._edges
         each = edges.shape[1]
-        row, column = np.repeat(edges, each, axis=1).ravel(), np.tile(edges, each).ravel()
-        diagonal = np.bincount(edges.ravel(), np.einsum("tkk->tk", K).ravel(), len(free))
+        row = np.repeat(edges, each, axis=1).ravel()
+        column = np.tile(edges, each).ravel()
+        diagonal = np.bincount(
+            edges.ravel(), np.einsum("tkk->tk", K).ravel(), len(free)
+        )
         self._unscale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         self._scale = free / self._unscale
         values = K.ravel() * self._scale[row] * self._scale[column]
-        self._edge_matrix = csr_matrix((values, (row, column)), shape=(len(free), len(free)))
+        self._edge_matrix = csr_matrix(
+            (values, (row, column)), shape=(len(free), len(free))
+        )
         self._largest = abs(self._edge_matrix).sum(axis=1).max()
 
     def _of_edges(self, r: np.ndarray) -> np.ndarray:
         """What nearly answers forces on edges: Chebyshev's polynomial, positive for all of them."""
-        middle, half = self._largest * (1 + LEAST) / 2, self._largest * (1 - LEAST) / 2
+        middle = self._largest * (1 + LEAST) / 2
+        half = self._largest * (1 - LEAST) / 2
         r = self._scale * r
         x = step = r / middle
         rho = half / middle
         for _ in range(EDGE_STEPS - 1):
-            left, before = r - self._edge_matrix @ x, rho
+            left = r - self._edge_matrix @ x
+            before = rho
             rho = 1 / (2 * middle / half - before)
             step = rho * before * step + 2 * rho / half * left
             x = x + step

@@ -34,7 +34,8 @@ REFERENCE = {
 """Edges from the first vertex, as columns: an equilateral triangle, and the tetrahedron with edges
 1, 1 and four of 3^(1/2)/2, whose bisected edges cut it into eight similar ones."""
 
-INSIDE, OUTSIDE = {2: 0.441, 3: 0.651}, {2: 1.003, 3: 1.685}  # C and C' by dimension
+INSIDE = {2: 0.441, 3: 0.651}
+OUTSIDE = {2: 1.003, 3: 1.685}  # C and C' by dimension
 FACET = {2: 1.0, 3: math.sqrt(2) / 4}  # |E'|
 
 
@@ -50,7 +51,9 @@ def rotations(N: int) -> np.ndarray:
 def rotating_loads(N: int) -> np.ndarray:
     """The loads of rotations on the parts of the reference cell, (N (N - 1)/2, parts, N)."""
     corners = np.vstack([np.zeros(N), np.eye(N)])
-    middles = -(corners - corners.mean(axis=0)) / (N + 1)  # of the parts, from the centre
+    middles = -(corners - corners.mean(axis=0)) / (
+        N + 1
+    )  # of the parts, from the centre
     return np.einsum("aij,kj->aki", rotations(N), middles)
 
 
@@ -63,8 +66,10 @@ class CarriedLoads:
 
     def __init__(self, boundary: Boundary) -> None:
         self.cells = c = boundary.cells
-        N, count = c.N, len(c.nodes)
-        self.nodal, self.left = np.zeros((count, N + 1, N)), np.zeros(count)
+        N = c.N
+        count = len(c.nodes)
+        self.nodal = np.zeros((count, N + 1, N))
+        self.left = np.zeros(count)
         self.inner = np.zeros((count, N * (N + 1) // 2))
         if boundary.problem.f is not None:
             self._carry(boundary.problem.f)
@@ -72,33 +77,45 @@ class CarriedLoads:
 
     def _carry(self, force: CoefficientFunction) -> None:
         """The loads of a body force, from points of a rule of degree two on the parts."""
-        c, N = self.cells, self.cells.N
+        c = self.cells
+        N = self.cells.N
         share = (1 - (N + 2) ** -0.5) / (N + 1)
         inside = share + (1 - (N + 1) * share) * np.eye(N + 1)
         parts = np.repeat(np.eye(N + 1)[None], N + 1, axis=0)
         parts[np.arange(N + 1), np.arange(N + 1)] = 1 / (N + 1)
         places = np.matmul(inside, parts).reshape(-1, N + 1)
         shape = ET.TRIG if N == 2 else ET.TET
-        rule = IntegrationRule([tuple(p[:N]) for p in places.tolist()], [1.0] * len(places))
+        rule = IntegrationRule(
+            [tuple(p[:N]) for p in places.tolist()], [1.0] * len(places)
+        )
         points = c.mesh.MapToAllElements({shape: rule}, VOL)
         f, at = (
             np.asarray(value(points)).reshape(len(c.nodes), -1, N)
             for value in (force, CF((x, y, z)[:N]))
         )
-        there = np.matmul(at - c.points[c.nodes[:, 0]][:, None], c.inverse.transpose(0, 2, 1))
+        there = np.matmul(
+            at - c.points[c.nodes[:, 0]][:, None], c.inverse.transpose(0, 2, 1)
+        )
         share = np.concatenate([1 - there.sum(axis=2, keepdims=True), there], axis=2)
         weight = c.volume[:, None, None] / len(places)
         self.nodal = weight * np.matmul(share.transpose(0, 2, 1), f)
-        work = np.matmul(self.nodal, c.inverse.transpose(0, 2, 1))  # of reference displacements
-        loads, turns = rotating_loads(N), rotations(N)
+        work = np.matmul(
+            self.nodal, c.inverse.transpose(0, 2, 1)
+        )  # of reference displacements
+        loads = rotating_loads(N)
+        turns = rotations(N)
         corners = np.vstack([np.zeros(N), np.eye(N)]) - 1 / (N + 1)
         gram = np.einsum("aki,bki->ab", loads, loads) / (math.factorial(N) * (N + 1))
         torque = np.einsum("tvi,aij,vj->ta", work, turns, corners)
         mean = work.sum(axis=1) * math.factorial(N)
         self.inner = np.concatenate([mean, torque @ np.linalg.inv(gram)], axis=1)
         part = share.argmin(axis=2)
-        carried = mean[:, None] + np.einsum("ta,atqi->tqi", self.inner[:, N:], loads[:, part])
-        carried = np.matmul(carried, c.jacobian.transpose(0, 2, 1)) / c.det[:, None, None]
+        carried = mean[:, None] + np.einsum(
+            "ta,atqi->tqi", self.inner[:, N:], loads[:, part]
+        )
+        carried = (
+            np.matmul(carried, c.jacobian.transpose(0, 2, 1)) / c.det[:, None, None]
+        )
         if np.abs(f - carried).max() > CONSTANT * np.abs(f).max():
             inverse, square, _ = from_reference(c, slice(None))
             rest = np.matmul(f - carried, inverse.transpose(0, 2, 1))
@@ -107,7 +124,9 @@ class CarriedLoads:
 
     def _leave_tractions(self, boundary: Boundary) -> None:
         """What tractions leave."""
-        c, (facets, rest), weights = self.cells, boundary.uneven, boundary.rule.weights
+        c = self.cells
+        facets, rest = boundary.uneven
+        weights = boundary.rule.weights
         cell = c.owners[facets, 0]
         inverse, square, det = from_reference(c, cell)
         turned = np.matmul(rest, inverse.transpose(0, 2, 1))
@@ -117,8 +136,16 @@ class CarriedLoads:
         np.add.at(self.left, cell, OUTSIDE[c.N] * scale * size)
 
 
-def from_reference(cells: Simplices, chosen: np.ndarray | slice) -> tuple[np.ndarray, ...]:
+def from_reference(
+    cells: Simplices, chosen: np.ndarray | slice
+) -> tuple[np.ndarray, ...]:
     """Of the maps M of the reference to some cells M^-1, |M|^2 and det M."""
     E = REFERENCE[cells.N]
-    size = np.linalg.norm(np.matmul(cells.jacobian[chosen], np.linalg.inv(E)), 2, axis=(1, 2))
-    return np.matmul(E, cells.inverse[chosen]), size**2, cells.det[chosen] / np.linalg.det(E)
+    size = np.linalg.norm(
+        np.matmul(cells.jacobian[chosen], np.linalg.inv(E)), 2, axis=(1, 2)
+    )
+    return (
+        np.matmul(E, cells.inverse[chosen]),
+        size**2,
+        cells.det[chosen] / np.linalg.det(E),
+    )

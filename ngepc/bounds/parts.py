@@ -24,7 +24,9 @@ def quadratics(shares: np.ndarray, others: np.ndarray | None = None) -> np.ndarr
     With other points their polar forms, which are symmetric and affine in either point.
     """
     others = shares if others is None else others
-    mixed = [shares[:, i] * others[:, j] + shares[:, j] * others[:, i] for i, j in FACETS[2]]
+    mixed = [
+        shares[:, i] * others[:, j] + shares[:, j] * others[:, i] for i, j in FACETS[2]
+    ]
     return np.concatenate([shares * others, np.stack(mixed, axis=1)], axis=1)
 
 
@@ -32,15 +34,27 @@ def _split(pairs: Sequence[tuple[str, ...]]) -> np.ndarray:
     """Barycentric coordinates of the parts whose corners are the means of two vertices each."""
     count = int(max("".join(sum(pairs, ())))) + 1
     unit = np.eye(count)
-    return np.array([[(unit[int(a)] + unit[int(b)]) / 2 for a, b in part] for part in pairs])
+    return np.array(
+        [[(unit[int(a)] + unit[int(b)]) / 2 for a, b in part] for part in pairs]
+    )
 
 
 SPLIT = {
-    3: _split([("00", "01", "02"), ("11", "12", "01"), ("22", "02", "12"), ("12", "02", "01")]),
+    3: _split(
+        [("00", "01", "02"), ("11", "12", "01"), ("22", "02", "12"), ("12", "02", "01")]
+    ),
     4: _split(
         [
-            *(("00", "01", "02", "03"), ("01", "11", "12", "13"), ("02", "12", "22", "23")),
-            *(("03", "13", "23", "33"), ("01", "02", "03", "13"), ("01", "02", "12", "13")),
+            *(
+                ("00", "01", "02", "03"),
+                ("01", "11", "12", "13"),
+                ("02", "12", "22", "23"),
+            ),
+            *(
+                ("03", "13", "23", "33"),
+                ("01", "02", "03", "13"),
+                ("01", "02", "12", "13"),
+            ),
             *(("02", "03", "13", "23"), ("02", "12", "13", "23")),
         ]
     ),
@@ -56,19 +70,28 @@ _INNER = (5 - math.sqrt(5)) / 20
 def triangle_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Barycentric points (q, 3) of a rule and their weights, which add up to one."""
     rule = IntegrationRule(ET.TRIG, degree)
-    return np.array([(x, y, 1 - x - y) for x, y, *_ in rule.points]), 2 * np.array(rule.weights)
+    return np.array([(x, y, 1 - x - y) for x, y, *_ in rule.points]), 2 * np.array(
+        rule.weights
+    )
 
 
 # points of a rule of degree four that fix quadratic functions, barycentric
 SIX, _SIX_WEIGHTS = triangle_rule(4)
 # values at the points of rules of degree two, and of degree four for quadratic functions
-RULE = {3: (1 - np.eye(3)) / 2, 4: _INNER + (1 - 4 * _INNER) * np.eye(4), 6: quadratics(SIX)}
+RULE = {
+    3: (1 - np.eye(3)) / 2,
+    4: _INNER + (1 - 4 * _INNER) * np.eye(4),
+    6: quadratics(SIX),
+}
 # weights of the points, which add up to one
 WEIGHTS = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: _SIX_WEIGHTS}
 MIDDLES = np.concatenate([np.eye(3), RULE[3]])
 AT_POINTS, TO_NODES = (
     np.concatenate(
-        [shares @ np.vstack([np.eye(3)[list(pair)], np.full(3, 1 / 3)]) for pair in FACETS[2]]
+        [
+            shares @ np.vstack([np.eye(3)[list(pair)], np.full(3, 1 / 3)])
+            for pair in FACETS[2]
+        ]
     )
     for shares in (SIX, MIDDLES)
 )
@@ -78,8 +101,11 @@ AT_POINTS, TO_NODES = (
 PORTION = 1000
 NARROW = 0.3  # part of its mean below which |s|^2 shall not fall for a Taylor polynomial of |s|
 # parts are split where |s|^2 varies by more than this share, so many times at most
-VARIES, FROM_BELOW = 0.1, 3
-AT_NODES = quadratics(MIDDLES)  # values at vertices and edge midpoints from coefficients
+VARIES = 0.1
+FROM_BELOW = 3
+AT_NODES = quadratics(
+    MIDDLES
+)  # values at vertices and edge midpoints from coefficients
 WORTH = {3: 0.004, 4: 0.02, 6: 0.007}
 """Parts are split for the plastic term until that can gain this part of the bound.
 
@@ -124,13 +150,16 @@ def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.
     """
     result = np.zeros(len(s))
     for part in portions(len(s)):
-        values, mean = np.matmul(_POINTS, s[part]), s[part].mean(axis=1, keepdims=True)
-        square, b = np.einsum("tqd,tqd->tq", values, values), beta[part, None]
+        values = np.matmul(_POINTS, s[part])
+        mean = s[part].mean(axis=1, keepdims=True)
+        square = np.einsum("tqd,tqd->tq", values, values)
+        b = beta[part, None]
         c = np.maximum(square @ _WEIGHTS, np.finfo(float).tiny)[:, None]
         least = np.linalg.norm(mean[:, 0], axis=1)
         least = least - np.linalg.norm(s[part] - mean, axis=2).max(axis=1)
         least = np.maximum(least, 0.0)[:, None] ** 2 / c
-        r, last = square / c - 1, 5 / 128 * np.maximum(least, NARROW) ** -3.5
+        r = square / c - 1
+        last = 5 / 128 * np.maximum(least, NARROW) ** -3.5
         size = np.sqrt(c) * (1 + r * (1 / 2 - r * (1 / 8 - r * (1 / 16 - last * r))))
         found = (square - 2 * b * size + b**2) @ _WEIGHTS
         result[part] = np.where(least[:, 0] >= NARROW, found, np.inf)
@@ -145,7 +174,9 @@ def square_integrals(values: np.ndarray, volume: np.ndarray) -> np.ndarray:
         return volume * (np.einsum("...qc,...qc->...q", values, values) @ WEIGHTS[k])
     total = np.einsum("...nc->...c", values)
     squares = np.einsum("...nc,...nc->...", values, values)
-    return volume / (k * (k + 1)) * (squares + np.einsum("...c,...c->...", total, total))
+    return (
+        volume / (k * (k + 1)) * (squares + np.einsum("...c,...c->...", total, total))
+    )
 
 
 def exceeding(s: np.ndarray, beta: np.ndarray, area: np.ndarray) -> np.ndarray:
@@ -160,25 +191,33 @@ def exceeding(s: np.ndarray, beta: np.ndarray, area: np.ndarray) -> np.ndarray:
 
     ``s`` (n, 3, d) are vertex values of affine functions; ``beta`` and ``area`` have shape (n,).
     """
-    result, cell = np.zeros(len(s)), np.arange(len(s))
+    result = np.zeros(len(s))
+    cell = np.arange(len(s))
     for level in range(FROM_BELOW + 1):
         out = (np.einsum("tvd,tvd->tv", s, s) > beta[:, None] ** 2).any(axis=1)
-        s, beta, area, cell = s[out], beta[out], area[out], cell[out]
+        s = s[out]
+        beta = beta[out]
+        area = area[out]
+        cell = cell[out]
         found, narrow = _exceeding(s, beta)
         done = narrow if level < FROM_BELOW else np.ones(len(s), dtype=bool)
         result += np.bincount(cell[done], (area * found)[done], minlength=len(result))
         parts = len(SPLIT[3])
         s = np.matmul(SPLIT[3].reshape(-1, 3), s[~done]).reshape(-1, 3, s.shape[2])
-        beta, area, cell = (np.repeat(v[~done], parts) for v in (beta, area / parts, cell))
+        beta, area, cell = (
+            np.repeat(v[~done], parts) for v in (beta, area / parts, cell)
+        )
     return result
 
 
 def _exceeding(s: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The bound over the area without splitting, and where that is accurate."""
-    values, mean = np.matmul(_DEGREE_SIX[0], s), s.mean(axis=1)
+    values = np.matmul(_DEGREE_SIX[0], s)
+    mean = s.mean(axis=1)
     square = np.einsum("tqd,tqd->tq", values, values)
     middle = (square @ _DEGREE_SIX[1])[:, None]
-    r, beta = square / middle - 1, beta[:, None]
+    r = square / middle - 1
+    beta = beta[:, None]
     size = np.sqrt(middle) * (1 + r * (1 / 2 - r * (1 / 8 - r / 16)))
     whole = (square - 2 * beta * size + beta**2) @ _DEGREE_SIX[1]
     length = np.linalg.norm(mean, axis=1)
@@ -186,7 +225,9 @@ def _exceeding(s: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     along = np.einsum("tvd,td->tv", s, direction) - beta
     theta = np.maximum(along, 0.0)
     twice = 2 * along - theta
-    part = (theta.sum(axis=1) * twice.sum(axis=1) + np.einsum("tv,tv->t", theta, twice)) / 12
+    part = (
+        theta.sum(axis=1) * twice.sum(axis=1) + np.einsum("tv,tv->t", theta, twice)
+    ) / 12
     outside = (along >= 0).all(axis=1)
     narrow = outside & (np.abs(r).max(axis=1, initial=0.0) <= VARIES)
     return np.maximum(np.where(outside, np.maximum(whole, part), part), 0.0), narrow

@@ -39,7 +39,9 @@ class Dual:
 
     def of(self, chosen: np.ndarray | slice) -> Dual:
         """The integral over some of the triangles."""
-        return Dual(self.space.of(chosen), self.conjugate.of(chosen), self.strain[chosen])
+        return Dual(
+            self.space.of(chosen), self.conjugate.of(chosen), self.strain[chosen]
+        )
 
     def values(self, z: np.ndarray, at: Completed) -> np.ndarray:
         """The integral over each triangle for stresses at all points or one, by the rule."""
@@ -56,7 +58,9 @@ class Model:
 
     def __init__(self, dual: Dual, centre: np.ndarray) -> None:
         at = dual.conjugate.completed(centre)
-        self.space, self.centre, self._values = dual.space, centre, dual.values(centre, at)
+        self.space = dual.space
+        self.centre = centre
+        self._values = dual.values(centre, at)
         self._gradient = dual.conjugate.gradient(at) - dual.strain
         self.compliance = dual.conjugate.compliance(at)
         self._yields = (at.over > 0).any(axis=1)
@@ -69,7 +73,8 @@ class Model:
 
     def gradient(self, z: np.ndarray) -> np.ndarray:
         """Strains at stresses, both (nt, points, 3)."""
-        H, moved = self.compliance, z - self.centre
+        H = self.compliance
+        moved = z - self.centre
         if H.shape[1] == 1:
             return np.matmul(moved, H[:, 0]) + self._gradient
         return np.matmul(H, moved[..., None])[..., 0] + self._gradient
@@ -81,7 +86,8 @@ class Model:
 
     def linearised(self, z: np.ndarray) -> tuple[float, np.ndarray]:
         """The integral for stresses, and what it pulls at the unknowns."""
-        value, forces = 0.0, np.empty(self.space.unknowns.shape)
+        value = 0.0
+        forces = np.empty(self.space.unknowns.shape)
         for cells in portions(len(z)):
             part = self.of(cells)
             slope = part.gradient(z[cells])
@@ -93,7 +99,8 @@ class Model:
         """By how much the functional exceeds the model on each triangle: zero where none yields."""
         result = np.zeros(len(z))
         for cells in portions(len(z)):
-            whole, part = dual.of(cells), self.of(cells)
+            whole = dual.of(cells)
+            part = self.of(cells)
             at = whole.conjugate.completed(z[cells])
             if part._yields.any() or at.over.any():
                 quadratic = part.values(z[cells], part.gradient(z[cells]))
@@ -107,7 +114,12 @@ class Model:
 
 
 def tightened(
-    dual: Dual, cells: Simplices, z: np.ndarray, centre: np.ndarray, rest: float, effort: Effort
+    dual: Dual,
+    cells: Simplices,
+    z: np.ndarray,
+    centre: np.ndarray,
+    rest: float,
+    effort: Effort,
 ) -> np.ndarray:
     """In-plane stresses at the points, shape (nt, points, 3), with a smaller dual functional.
 
@@ -115,7 +127,10 @@ def tightened(
     of the discrete solution, at one point or all (nt, ., 3); ``rest`` is the bound less ``dual``.
     """
     system = TwoLevels(dual.space, cells)
-    there, part, gain, bound = slice(None), dual, effort.gain, rest
+    there = slice(None)
+    part = dual
+    gain = effort.gain
+    bound = rest
     for step in range(effort.newton + 1):
         model = Model(part, centre)
         system.update(part.space.stiffness(model.compliance), model.forces, there)
@@ -128,18 +143,21 @@ def tightened(
         if step == effort.newton:
             break
         missed = model.missed(part, z[there])
-        bound, gain = promised + missed.sum(), LOCALLY * effort.gain
+        bound = promised + missed.sum()
+        gain = LOCALLY * effort.gain
         if missed.sum() <= effort.trust * bound:
             break
         worst = np.arange(len(z))[there][marked(np.abs(missed), BROKEN)]
         there = cells.around(worst, RINGS)
-        part, centre = dual.of(there), z[there]
+        part = dual.of(there)
+        centre = z[there]
     return z
 
 
 def descended(dual: Dual, z: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Z plus the longest of the parts 1, 1/2, 1/4, ... of the step that lowers the value."""
-    length, value = 1.0, dual.values(z, dual.conjugate.completed(z)).sum()
+    length = 1.0
+    value = dual.values(z, dual.conjugate.completed(z)).sum()
     while length > SHORTEST:
         trial = z + length * step
         if dual.values(trial, dual.conjugate.completed(trial)).sum() <= value:
@@ -149,7 +167,12 @@ def descended(dual: Dual, z: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 # moments of affine functions with the hat functions of edges, over half the length
-ON_SIDES = np.array([2 * np.eye(3)[[i, j]] + np.eye(3)[[j, i]] for i, j in PAIRS]).reshape(6, 3) / 3
+ON_SIDES = (
+    np.array([2 * np.eye(3)[[i, j]] + np.eye(3)[[j, i]] for i, j in PAIRS]).reshape(
+        6, 3
+    )
+    / 3
+)
 
 
 class PlaneSetting(Setting):
@@ -182,7 +205,8 @@ class PlaneSetting(Setting):
         It is made of one in equilibrium against hat functions, in-plane coordinates (points, 3),
         with mean tractions of both triangles, and of the moments of given tractions, (ne, 2, 2).
         """
-        element, size = ELEMENTS[2], self.cells.volume[:, None, None]
+        element = ELEMENTS[2]
+        size = self.cells.volume[:, None, None]
         slopes = self.cells.gradients * size
         mean = element.tensors(stress.reshape(len(slopes), self.each, -1).mean(axis=1))
         needed = np.matmul(slopes, mean)
@@ -192,4 +216,6 @@ class PlaneSetting(Setting):
             own = np.einsum("tka,tkvab->tkvb", slopes, sigma.reshape(-1, 3, 2, 2, 2))
         own = -np.broadcast_to(own, (len(own), 3, 2, 2))
         table = np.matmul(self.space.rule.shares, element.of_data.reshape(3, 3, -1))
-        return self.built(own, needed - self.carried.nodal, given, table.reshape(-1, 15))
+        return self.built(
+            own, needed - self.carried.nodal, given, table.reshape(-1, 15)
+        )

@@ -65,7 +65,8 @@ class Setting:
     def __init__(self, discrete: DiscreteProblem) -> None:
         require_whole("guaranteed bounds", discrete.problem.mesh)
         check_covered(discrete.problem)
-        self.discrete, self.problem = discrete, discrete.problem
+        self.discrete = discrete
+        self.problem = discrete.problem
         c = self.cells = Simplices(self.problem.mesh)
         self.boundary = Boundary(self.problem, c)
         self.each = len(discrete.points) // len(c.nodes)
@@ -78,9 +79,17 @@ class Setting:
             history = discrete.law.back, discrete.law.initial
             if any(np.ptp(v.reshape(-1, 3, v.shape[1]), axis=1).any() for v in history):
                 corners = [self.at_corners(values) for values in history]
-                self.conjugate, self.at_nodes = copy(self.conjugate), copy(self.conjugate)
-                for part, shares in ((self.conjugate, AT_POINTS), (self.at_nodes, TO_NODES)):
-                    part.back, part.initial = (np.matmul(shares, values) for values in corners)
+                self.conjugate, self.at_nodes = (
+                    copy(self.conjugate),
+                    copy(self.conjugate),
+                )
+                for part, shares in (
+                    (self.conjugate, AT_POINTS),
+                    (self.at_nodes, TO_NODES),
+                ):
+                    part.back, part.initial = (
+                        np.matmul(shares, values) for values in corners
+                    )
 
     def built(
         self, own: np.ndarray, needed: np.ndarray, given: np.ndarray, table: np.ndarray
@@ -90,12 +99,18 @@ class Setting:
         ``own`` (nt, N + 1, N, N) are outward, ``needed`` and ``given`` those of ``Patches``; a
         table from data as ``Element.of_data`` says where the stress is known, (nt, places, c).
         """
-        c, N = self.cells, self.cells.N
-        signs, count = c.sign[:, :, None, None], np.where(c.outer, 1.0, 2.0)[:, None, None]
+        c = self.cells
+        N = self.cells.N
+        signs = c.sign[:, :, None, None]
+        count = np.where(c.outer, 1.0, 2.0)[:, None, None]
         mean = c.sums(own * signs).reshape(-1, N, N) / count
-        around = self.patches.repaired(mean, needed, given).reshape(-1, N)[c.slot] * signs
+        around = (
+            self.patches.repaired(mean, needed, given).reshape(-1, N)[c.slot] * signs
+        )
         around = around.reshape(len(signs), -1, N)
-        moments = np.matmul(around, c.inverse.transpose(0, 2, 1)).reshape(len(signs), -1)
+        moments = np.matmul(around, c.inverse.transpose(0, 2, 1)).reshape(
+            len(signs), -1
+        )
         stress = np.concatenate([moments, self.carried.inner], axis=1) @ table.T
         return np.matmul(stress.reshape(len(signs), -1, len(self.piola[0])), self.piola)
 
@@ -107,11 +122,17 @@ class Setting:
 
     def on_parts(self, values: np.ndarray) -> np.ndarray:
         """The same at points of the parts (nt, 18, c), or constants once for each cell."""
-        return values[:, None] if self.each == 1 else np.matmul(AT_POINTS, self.at_corners(values))
+        return (
+            values[:, None]
+            if self.each == 1
+            else np.matmul(AT_POINTS, self.at_corners(values))
+        )
 
     def energy(self, state: State) -> float:
         """No less than J(u), with friction as ``contact`` has it."""
-        more = float(self.contact.friction_works(state.u).sum() + self._missed(state).sum())
+        more = float(
+            self.contact.friction_works(state.u).sum() + self._missed(state).sum()
+        )
         return state.energy - state.friction_work + more
 
     def loads(self, state: State, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -119,8 +140,11 @@ class Setting:
 
         The latter, (nodes, N), are of loads as far as the stress carries them, and of contact.
         """
-        c, outer, contact = self.cells, self.cells.outer, self.contact
-        moments, forces = self.boundary.moments.copy(), self.discrete.load.copy()
+        c = self.cells
+        outer = self.cells.outer
+        contact = self.contact
+        moments = self.boundary.moments.copy()
+        forces = self.discrete.load.copy()
         if self.problem.order == 1:
             forces = c.at_nodes(self.carried.nodal, c.nodes)
             forces += c.at_nodes(moments[outer], c.facets[outer])
@@ -137,12 +161,15 @@ class Setting:
     def phi(self, state: State) -> np.ndarray:
         """No less than int phi(eps(u)) over each cell."""
         points = self.discrete.points
-        density = points.weights * self.discrete.law.energy_density(state.volume, state.at)
+        density = points.weights * self.discrete.law.energy_density(
+            state.volume, state.at
+        )
         return density.reshape(-1, self.each).sum(axis=1) + self._missed(state)
 
     def _missed(self, state: State) -> np.ndarray:
         """By how much the sum over the points may be below the integral, for each cell."""
-        law, area = self.conjugate, self.cells.volume
+        law = self.conjugate
+        area = self.cells.volume
         if self.each != 3:
             return np.zeros(len(area))
         over = np.maximum(state.at.size - self.discrete.law.beta, 0.0).reshape(-1, 3)
@@ -159,14 +186,16 @@ class Setting:
 
         What is missing in the nodal forces is made up for by a tangent.
         """
-        z, forces = self.stress(state), state.internal_forces
+        z = self.stress(state)
+        forces = state.internal_forces
         for _ in range(PASSES):
             missing = np.where(self.discrete.free, load - forces, 0)
             if np.abs(missing).max() <= BALANCED * np.abs(forces).max():
                 break
             factorise(state, tangent)
             change = tangent.solve(missing)
-            z, forces = z + self.answer(tangent, change), forces + tangent.multiply(change)
+            z = z + self.answer(tangent, change)
+            forces = forces + tangent.multiply(change)
         return z
 
     def stress(self, state: State) -> np.ndarray:
@@ -186,7 +215,9 @@ def factorise(state: State, tangent: Factors) -> None:
         tangent.update(state.moduli)
 
 
-def stress_coordinates(mean: np.ndarray, deviator: np.ndarray, plane: float = 1.0) -> np.ndarray:
+def stress_coordinates(
+    mean: np.ndarray, deviator: np.ndarray, plane: float = 1.0
+) -> np.ndarray:
     """Coordinates (nt, c) of ``Conjugate`` from the mean part and deviatoric coordinates.
 
     In plane strain the in-plane trace takes ``plane`` times what sigma_zz differs from the mean.

@@ -33,7 +33,8 @@ class Simplices:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        self.mesh, self.N = mesh, mesh.dim
+        self.mesh = mesh
+        self.N = mesh.dim
         self.points = vertex_coordinates(mesh).copy()
         self.nodes = element_nodes(mesh)[:, : self.N + 1].copy()
         x = self.points[self.nodes]
@@ -51,18 +52,24 @@ class Simplices:
         self.place = (vertices[..., None] > vertices[..., None, :]).sum(axis=3)
         ascending = np.sort(vertices, axis=2).reshape(-1, self.N)
         keys = self.key(ascending)
-        self._keys, self._first, numbers = np.unique(keys, return_index=True, return_inverse=True)
+        self._keys, self._first, numbers = np.unique(
+            keys, return_index=True, return_inverse=True
+        )
         self.slot = self.N * numbers.reshape(len(vertices), -1, 1) + self.place
         is_first = self._first[numbers] == np.arange(len(keys))
-        self.facets, self.facet_of = ascending[self._first], numbers.reshape(len(vertices), -1)
+        self.facets = ascending[self._first]
+        self.facet_of = numbers.reshape(len(vertices), -1)
         self.sign = np.where(is_first, 1.0, -1.0).reshape(self.facet_of.shape)
         self.owners = np.full((len(self.facets), 2), -1)
-        self.owners[numbers, np.where(is_first, 0, 1)] = np.arange(len(keys)) // (self.N + 1)
+        self.owners[numbers, np.where(is_first, 0, 1)] = np.arange(len(keys)) // (
+            self.N + 1
+        )
         self.outer = self.owners[:, 1] < 0
         owner, k = np.divmod(self._first, self.N + 1)
         out = -self.gradients[owner, k]
         size = np.linalg.norm(out, axis=1)
-        self.measure, self.normal = self.N * self.volume[owner] * size, out / size[:, None]
+        self.measure = self.N * self.volume[owner] * size
+        self.normal = out / size[:, None]
 
     def key(self, vertices: np.ndarray) -> np.ndarray:
         """One integer for each facet with these ascending vertices."""
@@ -77,15 +84,21 @@ class Simplices:
 
     def at_nodes(self, values: np.ndarray, vertices: np.ndarray) -> np.ndarray:
         """The sums (nv, N) of values (..., N) that belong to these vertices (...)."""
-        places, count = vertices.ravel(), len(self.points)
+        places = vertices.ravel()
+        count = len(self.points)
         columns = values.reshape(-1, self.N).T
-        return np.stack([np.bincount(places, v, minlength=count) for v in columns], axis=1)
+        return np.stack(
+            [np.bincount(places, v, minlength=count) for v in columns], axis=1
+        )
 
     def sums(self, moments: np.ndarray) -> np.ndarray:
         """Sums over both sides of each facet of vectors at ``slot``, (nt, .., N), (N nf, N)."""
-        places, columns = self.slot.ravel(), moments.reshape(-1, self.N).T
+        places = self.slot.ravel()
+        columns = moments.reshape(-1, self.N).T
         count = self.facets.size
-        return np.stack([np.bincount(places, v, minlength=count) for v in columns], axis=1)
+        return np.stack(
+            [np.bincount(places, v, minlength=count) for v in columns], axis=1
+        )
 
     def around(self, chosen: np.ndarray, rings: int) -> np.ndarray:
         """Numbers of the chosen cells and of so many rings around them, one at least."""

@@ -30,17 +30,25 @@ from ngepc.local.system import DiscreteProblem, State
 
 # which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
-LOOSER = 15  # times the gain at which conjugate gradients stop where the pressure is sought
+LOOSER = (
+    15  # times the gain at which conjugate gradients stop where the pressure is sought
+)
 
 CHUNK = 512  # tetrahedra whose matrices are made at once: they stay in the processor's cache
 # conjugate gradients only steer the search: what is found is made admissible in double
 SINGLE = np.float32
-ELEMENT, FREE = ELEMENTS[3], ELEMENTS[3].free
+ELEMENT = ELEMENTS[3]
+FREE = ELEMENTS[3].free
 AT_POINTS = np.einsum("qa,kacj->kqcj", RULE[4], ELEMENT.stresses.reshape(4, 4, 6, -1))
 # means of the products of components of the basis, from a rule of degree two
-GRAM = np.einsum("kqci,kqdj->cdij", AT_POINTS, AT_POINTS).reshape(36, -1).astype(SINGLE) / 16
+GRAM = (
+    np.einsum("kqci,kqdj->cdij", AT_POINTS, AT_POINTS).reshape(36, -1).astype(SINGLE)
+    / 16
+)
 OWN = ELEMENT.moments[:, :FREE].copy()
-OWN_SINGLE = OWN.astype(SINGLE)  # moments of the stresses without divergence, shape (36, 30)
+OWN_SINGLE = OWN.astype(
+    SINGLE
+)  # moments of the stresses without divergence, shape (36, 30)
 
 
 class Faces:
@@ -53,7 +61,9 @@ class Faces:
     def __init__(self, boundary: Boundary, piola: np.ndarray) -> None:
         self.cells = c = boundary.cells
         self.free = np.repeat(boundary.given | ~c.outer[:, None], 3, axis=0)
-        self._given, self.closed, self._piola = self.free.astype(float), None, piola
+        self._given = self.free.astype(float)
+        self.closed = None
+        self._piola = piola
         self._inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
         self._jacobian = c.jacobian.astype(SINGLE)
 
@@ -63,10 +73,14 @@ class Faces:
         Returned are the moments (nt, 12, 3) of the best stresses with body forces (nt, 6) and
         delta = 0.
         """
-        c, count = self.cells, len(self.cells.facets)
-        D, x = np.zeros((count, 9, 9), dtype=SINGLE), np.empty((len(H), FREE), dtype=SINGLE)
+        c = self.cells
+        count = len(self.cells.facets)
+        D = np.zeros((count, 9, 9), dtype=SINGLE)
+        x = np.empty((len(H), FREE), dtype=SINGLE)
         for part in portions(len(H), CHUNK):
-            P, J, sign = self._piola[part], self._jacobian[part, None], c.sign[part]
+            P = self._piola[part]
+            J = self._jacobian[part, None]
+            sign = c.sign[part]
             product = np.matmul(np.matmul(P, H[part]), P.transpose(0, 2, 1))
             product = (product * c.volume[part, None, None]).astype(SINGLE)
             A = (product.reshape(-1, 36) @ GRAM).reshape(-1, 36, 36)
@@ -74,12 +88,15 @@ class Faces:
             pulled = np.matmul(A[:, :FREE, FREE:], loads[part, :, None].astype(SINGLE))
             x[part] = -np.matmul(inverse, pulled)[:, :, 0]
             for k, own in enumerate(OWN_SINGLE.reshape(4, 3, 3, FREE)):
-                order = np.argsort(c.place[part, k], axis=1)  # as the vertices of the face
+                order = np.argsort(
+                    c.place[part, k], axis=1
+                )  # as the vertices of the face
                 B = np.matmul(J, own[order]).reshape(-1, 9, FREE)
                 block = np.matmul(np.matmul(B, inverse), B.transpose(0, 2, 1))
                 for side in (sign[:, k] > 0, sign[:, k] < 0):
                     D[c.facet_of[part, k][side]] += block[side]
-        held, diagonal = ~self.free.reshape(-1, 9), np.arange(9)
+        held = ~self.free.reshape(-1, 9)
+        diagonal = np.arange(9)
         D[held[:, :, None] | held[:, None, :]] = 0.0
         D[:, diagonal, diagonal] += held
         self._face_inverse = np.linalg.inv(D)
@@ -88,11 +105,15 @@ class Faces:
 
     def _turned(self, reference: np.ndarray) -> np.ndarray:
         """Outward moments (nt, 12, 3) from those of the reference cell (nt, 36)."""
-        return np.matmul(reference.reshape(-1, 12, 3), self.cells.jacobian.transpose(0, 2, 1))
+        return np.matmul(
+            reference.reshape(-1, 12, 3), self.cells.jacobian.transpose(0, 2, 1)
+        )
 
     def smooth(self, r: np.ndarray) -> np.ndarray:
         """The blocks of the faces solved for r, both (3 nf, 3)."""
-        s = np.matmul(self._face_inverse, r.astype(SINGLE).reshape(-1, 9, 1)).reshape(-1, 3)
+        s = np.matmul(self._face_inverse, r.astype(SINGLE).reshape(-1, 9, 1)).reshape(
+            -1, 3
+        )
         return s if self.closed is None else self.kept(s)
 
     def kept(self, r: np.ndarray) -> np.ndarray:
@@ -132,7 +153,9 @@ class SolidSetting(Setting):
         self, state: State, tangent: Factors, P: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """An admissible stress for which the bound is small, its mean on each cell, and P."""
-        c, faces, z = self.cells, self.faces, self.stress(state)
+        c = self.cells
+        faces = self.faces
+        z = self.stress(state)
         factorise(state, tangent)
         H = self.conjugate.compliance(self.conjugate.completed(z[:, None]))[:, 0]
         own = self.constant_moments(z) + faces.fill(H, self.carried.inner)
@@ -142,7 +165,8 @@ class SolidSetting(Setting):
         found = self.displacements(tangent, b, self.effort.gain, found)
         own = own + faces.moments(faces.stresses(found[0]))
         own = self.balanced_moments(tangent, own, given)
-        needed, table = np.matmul(CORNER_SUMS, own), ELEMENT.of_data
+        needed = np.matmul(CORNER_SUMS, own)
+        table = ELEMENT.of_data
         stress = self.built(own.reshape(-1, 4, 3, 3), needed, given, table)
         return stress, stress.mean(axis=1, keepdims=True), P
 
@@ -150,18 +174,22 @@ class SolidSetting(Setting):
         self, state: State, tangent: Factors, own: np.ndarray, P: np.ndarray
     ) -> tuple[np.ndarray, tuple | None]:
         """The pressure of a body that is held where P > 0, as far as it presses, and its search."""
-        faces, on = self.faces, self.boundary.contact
+        faces = self.faces
+        on = self.boundary.contact
         closed = (P > 0).all(axis=1)[:, None]
         if not closed.any():
             return P, None
-        slots, normals = 3 * on[:, None] + np.arange(3), self.cells.normal[on][:, None]
+        slots = 3 * on[:, None] + np.arange(3)
+        normals = self.cells.normal[on][:, None]
         faces.closed = np.zeros(faces.free.shape)
         faces.closed[slots] = closed[:, :, None] * normals
         b = self.loads(state, P)[0].reshape(-1, 3) - self.cells.sums(own)
         found = self.displacements(tangent, b, LOOSER * self.effort.gain)
         faces.closed = None
         sums = self.cells.sums(own + faces.moments(faces.stresses(found[0])))
-        pressed = -(sums[slots] * normals).sum(axis=2) * 12 / self.cells.measure[on, None]
+        pressed = (
+            -(sums[slots] * normals).sum(axis=2) * 12 / self.cells.measure[on, None]
+        )
         pressed -= pressed.sum(axis=1, keepdims=True) / 4  # the values of these moments
         return np.where(closed, np.maximum(pressed, 0.0), P), found
 
@@ -173,7 +201,8 @@ class SolidSetting(Setting):
         Where faces are held the continuous displacements, which are not, are left out.  Returned
         and started from are delta (3 nf, 3) and the energy gained.
         """
-        faces, c = self.faces, self.cells
+        faces = self.faces
+        c = self.cells
 
         def coarse(r: np.ndarray) -> np.ndarray | float:
             """The part of continuous displacements."""
@@ -184,8 +213,11 @@ class SolidSetting(Setting):
         b = faces.kept(b)
         delta, total = (0 * b, 0.0) if start is None else start
         delta = delta + coarse(b if start is None else b - faces.product(delta))
-        r, change = b - faces.product(delta), 0.0
-        steps = conjugate_gradients(faces.product, lambda r: faces.smooth(r) + coarse(r), r)
+        r = b - faces.product(delta)
+        change = 0.0
+        steps = conjugate_gradients(
+            faces.product, lambda r: faces.smooth(r) + coarse(r), r
+        )
         for step in islice(steps, self.effort.steps):
             change, _, gained = step
             total += gained
@@ -193,15 +225,20 @@ class SolidSetting(Setting):
                 break
         return delta + change, total
 
-    def balanced_moments(self, tangent: Factors, own: np.ndarray, given: np.ndarray) -> np.ndarray:
+    def balanced_moments(
+        self, tangent: Factors, own: np.ndarray, given: np.ndarray
+    ) -> np.ndarray:
         """Moments whose sums at the vertices are those of the given ones: constants are added."""
-        c, size = self.cells, np.abs(own).max()
+        c = self.cells
+        size = np.abs(own).max()
         for _ in range(PASSES):
             missing = self.faces.kept(given.reshape(-1, 3) - c.sums(own))
             missing = c.at_nodes(missing, c.facets)
             if np.abs(missing).max() <= BALANCED * size:
                 break
-            own = own + self.constant_moments(self.answer(tangent, tangent.solve(missing)))
+            own = own + self.constant_moments(
+                self.answer(tangent, tangent.solve(missing))
+            )
         return own
 
     def constant_moments(self, z: np.ndarray) -> np.ndarray:

@@ -46,7 +46,9 @@ def copied(mesh: Mesh) -> tuple[Mesh, GridFunction]:
     netgen_mesh = mesh.ngmesh.Copy()
     netgen_mesh.SetGeometry(NetgenGeometry())
     finer = Mesh(netgen_mesh)
-    number = GridFunction(L2(finer, order=0, autoupdate=True), autoupdate=True, nested=True)
+    number = GridFunction(
+        L2(finer, order=0, autoupdate=True), autoupdate=True, nested=True
+    )
     number.vec.FV().NumPy()[:] = np.arange(mesh.ne)
     return finer, number
 
@@ -71,9 +73,12 @@ def bisected_to(
     (finer, number), sums = copied(mesh), np.maximum(indicators, 0.0)
 
     def scale() -> np.ndarray:
-        return np.array(Integrate(CF(1), finer, element_wise=True)) ** (1 + 2 / mesh.dim)
+        return np.array(Integrate(CF(1), finer, element_wise=True)) ** (
+            1 + 2 / mesh.dim
+        )
 
-    density, wanted = sums / scale(), left * sums.sum()
+    density = sums / scale()
+    wanted = left * sums.sum()
     while finer.ne == mesh.ne or sums.sum() > CLOSE * wanted:
         chosen = marked(sums, min(share, (1 - wanted / sums.sum()) / 0.75))
         finer.SetRefinementFlags(chosen.tolist())
@@ -128,22 +133,29 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
     names = ["initial_plastic_strain", "initial_hardening", "initial_accumulated"]
     if problem.f is not None and not varies_inside(problem, problem.f):
         names.append("body_force")
-    material, finer = problem.material, copy(problem)
+    material = problem.material
+    finer = copy(problem)
     changes = {f.name: carried(getattr(material, f.name)) for f in fields(Material)}
     vars(finer).update({name: carried(getattr(problem, name)) for name in names})
     vars(finer).update(mesh=mesh, material=replace(material, **changes))
     return finer
 
 
-def carried_state(old: ExactResult, discrete: DiscreteProblem, parents: np.ndarray) -> State:
+def carried_state(
+    old: ExactResult, discrete: DiscreteProblem, parents: np.ndarray
+) -> State:
     """The state on a bisected mesh: the same displacements, contact forces by their stresses.
 
     What is affine on the parents is carried by barycentric coordinates in them, what displacements
     of order two have beyond by products of these.
     """
-    problem, supports, rows = discrete.problem, discrete.supports, discrete.rows
-    ends, before = problem.N + 1, old.discrete.points.blocks[0].nodes
-    nodes, there = discrete.points.blocks[0].nodes, before[parents]
+    problem = discrete.problem
+    supports = discrete.supports
+    rows = discrete.rows
+    ends = problem.N + 1
+    before = old.discrete.points.blocks[0].nodes
+    nodes = discrete.points.blocks[0].nodes
+    there = before[parents]
     known, wanted = (
         np.insert(vertex_coordinates(mesh), 0, 1.0, axis=1)[corners[:, :ends]]
         for mesh, corners in ((old.problem.mesh, before), (problem.mesh, nodes))
@@ -157,13 +169,18 @@ def carried_state(old: ExactResult, discrete: DiscreteProblem, parents: np.ndarr
     u, corners = np.empty_like(supports.values), at_corners(old.state.u)
     if problem.order == 2:
         a, b = np.transpose(EDGES)
-        bubbles, along = old.state.u[there[:, ends:]], share[:, a] - share[:, b]
+        bubbles = old.state.u[there[:, ends:]]
+        along = share[:, a] - share[:, b]
         corners += BUBBLE * np.matmul(share[:, :, a] * share[:, :, b], bubbles)
         u[nodes[:, ends:]] = -np.matmul(along[:, :, a] * along[:, :, b], bubbles)
     u[nodes[:, :ends]] = corners
-    pressure, friction = (f.vec.FV().NumPy() for f in (old.contact_pressure, old.friction_stress))
+    pressure, friction = (
+        f.vec.FV().NumPy() for f in (old.contact_pressure, old.friction_stress)
+    )
     stress = np.empty((problem.mesh.nv, 1 + problem.N))
-    stress[nodes[:, :ends]] = at_corners(np.column_stack([pressure, -nodal(friction, problem)]))
+    stress[nodes[:, :ends]] = at_corners(
+        np.column_stack([pressure, -nodal(friction, problem)])
+    )
     forces = stress[rows.vertices] * rows.weights[:, None]
     dragged = np.einsum("mdc,mc->md", rows.tangents, forces[:, 1:])
     contact = np.concatenate([forces[:, 0], dragged.ravel()])[: len(discrete.contact)]

@@ -27,7 +27,9 @@ SCALAR: Shapes = ((),)
 ELEMENT_TYPES = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD), 3: (ET.TET, ET.HEX, ET.PRISM)}
 """Element shapes by dimension."""
 
-_PATTERN = frozenset("\\^$.*+?()[]{}|")  # signs that NGSolve does not take for themselves
+_PATTERN = frozenset(
+    "\\^$.*+?()[]{}|"
+)  # signs that NGSolve does not take for themselves
 
 
 def is_number(value: object) -> bool:
@@ -54,7 +56,11 @@ def require_number(
     legal = math.isfinite(number) and least <= number <= most and number < below
     if not legal or (strict and number == least):
         bounds = {">" if strict else ">=": least, "<=": most, "<": below}
-        parts = [f"{sign} {bound:g}" for sign, bound in bounds.items() if math.isfinite(bound)]
+        parts = [
+            f"{sign} {bound:g}"
+            for sign, bound in bounds.items()
+            if math.isfinite(bound)
+        ]
         needed = " ".join(["a finite number", " and ".join(parts)]).strip()
         raise ValueError(f"{name}={value!r}: {needed} is needed")
     return number
@@ -70,7 +76,9 @@ def require_integer(name: str, value: object, least: int, most: float = inf) -> 
     return int(value)
 
 
-def require_vector(name: str, value: object, lengths: Sequence[int]) -> tuple[float, ...]:
+def require_vector(
+    name: str, value: object, lengths: Sequence[int]
+) -> tuple[float, ...]:
     """``value``, a sequence of finite numbers of one of the given lengths, as a tuple of floats."""
     text = " or ".join(map(str, lengths))
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
@@ -80,7 +88,9 @@ def require_vector(name: str, value: object, lengths: Sequence[int]) -> tuple[fl
     return tuple(require_number(f"{name}[{i}]", x) for i, x in enumerate(value))
 
 
-def require_direction(name: str, value: object, lengths: Sequence[int]) -> tuple[float, ...]:
+def require_direction(
+    name: str, value: object, lengths: Sequence[int]
+) -> tuple[float, ...]:
     """``value``, a vector other than zero, as one of length 1."""
     vector = np.array(require_vector(name, value, lengths))
     if not vector.any():
@@ -90,11 +100,14 @@ def require_direction(name: str, value: object, lengths: Sequence[int]) -> tuple
 
 def require_coefficient(name: str, value: object, shapes: Shapes = SCALAR) -> None:
     """Accept finite numbers and CoefficientFunctions of one of the given shapes."""
-    shape, legal = (), [tuple(s) for s in shapes]
+    shape = ()
+    legal = [tuple(s) for s in shapes]
     if is_number(value):
         require_number(name, value)
     elif not isinstance(value, CoefficientFunction):
-        raise TypeError(f"{name}={value!r}: a number or a CoefficientFunction is needed")
+        raise TypeError(
+            f"{name}={value!r}: a number or a CoefficientFunction is needed"
+        )
     elif value.is_complex:
         raise TypeError(f"{name} is complex: a real coefficient is needed")
     else:
@@ -104,7 +117,9 @@ def require_coefficient(name: str, value: object, shapes: Shapes = SCALAR) -> No
         raise ValueError(f"{name} has shape {shape or 'scalar'}: {text} is needed")
 
 
-def require_datum(name: str, value: object, least: float = -inf, **bounds: float) -> object:
+def require_datum(
+    name: str, value: object, least: float = -inf, **bounds: float
+) -> object:
     """``value``, a scalar coefficient, or a number in its range as a float."""
     if is_number(value):
         return require_number(name, value, least, **bounds)
@@ -126,7 +141,8 @@ def require_components(name: str, value: object, N: int) -> CoefficientFunction:
 
 def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
     """The names in ``value`` ('a', 'a|b' or a sequence), each an existing boundary of ``mesh``."""
-    parts, asked = value.split("|") if isinstance(value, str) else value, f"{argument}={value!r}: "
+    parts = value.split("|") if isinstance(value, str) else value
+    asked = f"{argument}={value!r}: "
     listed = isinstance(parts, Sequence) and not isinstance(parts, bytes)
     if not listed or not all(isinstance(part, str) for part in parts):
         raise TypeError(f"{asked}a boundary name or several ('left|right') are needed")
@@ -134,7 +150,9 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
     for part in parts:
         if part not in known:
             legal = ", ".join(map(repr, known))
-            raise ValueError(f"{asked}there is no boundary {part!r}; this mesh has {legal}")
+            raise ValueError(
+                f"{asked}there is no boundary {part!r}; this mesh has {legal}"
+            )
         if _PATTERN & set(part):
             signs = "".join(sorted(_PATTERN)) + ", a pattern to NGSolve: rename it"
             raise ValueError(f"{asked}the name {part!r} has one of the signs {signs}")
@@ -176,20 +194,31 @@ def require_field(
 
     ``how`` may have these and the range of ``require_in``; without ``shapes`` it is a scalar.
     """
-    where, corners = "|".join(boundaries or ["the body"]), how.pop("corners", False)
+    where = "|".join(boundaries or ["the body"])
+    corners = how.pop("corners", False)
     require_coefficient(name, value, how.pop("shapes", SCALAR))
     try:
         samples = sample(value, mesh, boundaries)
         if corners:
             rules = corner_rules(mesh.dim - (boundaries is not None))
             samples = np.vstack([samples, sample(value, mesh, boundaries, rules)])
-    except (NgException, RuntimeError, TypeError, ValueError) as error:  # NGSolve's and Python's
+    except (
+        NgException,
+        RuntimeError,
+        TypeError,
+        ValueError,
+    ) as error:  # NGSolve's and Python's
         raise ValueError(f"{name} cannot be evaluated on {where}: {error}") from error
     return require_in(name, samples, where, **how)
 
 
 def require_in(
-    name: str, samples: np.ndarray, where: str, least: float = -inf, *, strict: bool = False
+    name: str,
+    samples: np.ndarray,
+    where: str,
+    least: float = -inf,
+    *,
+    strict: bool = False,
 ) -> np.ndarray:
     """Refuse samples, (points, components), that are not finite, < ``least`` or, ``strict``, =."""
     wrong = np.count_nonzero(~np.isfinite(samples).all(axis=1))
@@ -199,5 +228,7 @@ def require_in(
     found = float(samples.min(initial=inf))
     if found < least or (strict and found == least):
         sign = ">" if strict else ">="
-        raise ValueError(f"{name} falls to {found:g}: values {sign} {least:g} are needed")
+        raise ValueError(
+            f"{name} falls to {found:g}: values {sign} {least:g} are needed"
+        )
     return samples

@@ -40,7 +40,9 @@ NotNegativeDatum = Annotated[Coefficient, Check(require_datum, least=0)]
 def declared_check(hint: object) -> Check | None:
     """The check in a hint, also in that of an argument that may be None."""
     parts = (hint, *(part for part in get_args(hint) if get_args(part)))
-    return next((a for part in parts for a in get_args(part) if isinstance(a, Check)), None)
+    return next(
+        (a for part in parts for a in get_args(part) if isinstance(a, Check)), None
+    )
 
 
 def declared_checks(kind: type) -> dict[str, Check]:

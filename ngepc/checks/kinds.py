@@ -16,20 +16,26 @@ from ngsolve import Mesh
 T = TypeVar("T")
 
 
-def require_instance(name: str, value: T, kind: type | tuple[type, ...], needed: str) -> T:
+def require_instance(
+    name: str, value: T, kind: type | tuple[type, ...], needed: str
+) -> T:
     """``value``, an instance of ``kind``; ``needed`` says what that is."""
     if not isinstance(value, kind):
         raise TypeError(f"{name}={value!r}: {needed} is needed")
     return value
 
 
-def require_attributes(name: str, value: object, attributes: Iterable[str], needed: str) -> None:
+def require_attributes(
+    name: str, value: object, attributes: Iterable[str], needed: str
+) -> None:
     """Accept any object, but no class, that has the ``attributes`` of a protocol."""
     if isinstance(value, type) or not all(hasattr(value, a) for a in attributes):
         raise TypeError(f"{name}={value!r}: {needed} is needed")
 
 
-def require_mesh(name: str, value: object, dimensions: tuple[int, ...] = (2, 3)) -> None:
+def require_mesh(
+    name: str, value: object, dimensions: tuple[int, ...] = (2, 3)
+) -> None:
     """Accept an NGSolve mesh of one of the dimensions."""
     require_instance(name, value, Mesh, "an ngsolve.Mesh")
     if value.dim not in dimensions:
@@ -37,7 +43,9 @@ def require_mesh(name: str, value: object, dimensions: tuple[int, ...] = (2, 3))
         raise ValueError(f"{name} has dimension {value.dim}: {legal} is needed")
 
 
-def require_function(name: str, value: object, of: str, *, optional: bool = False) -> None:
+def require_function(
+    name: str, value: object, of: str, *, optional: bool = False
+) -> None:
     """Accept a function ``of`` what is said, or None if it is ``optional``."""
     if not callable(value) and not (optional and value is None):
         raise TypeError(f"{name}={value!r}: a function of {of} is needed")
@@ -62,7 +70,9 @@ def require_path(name: str, value: object, suffix: str = "") -> Path:
     if not os.fspath(value):
         raise ValueError(f"{name}={value!r}: the name of a file is needed")
     if suffix and Path(value).suffix != suffix:
-        raise ValueError(f"{name}={str(value)!r}: a name that ends in {suffix!r} is needed")
+        raise ValueError(
+            f"{name}={str(value)!r}: a name that ends in {suffix!r} is needed"
+        )
     return Path(value)
 
 

@@ -31,7 +31,9 @@ def words(text: str) -> tuple[str, ...]:
     """Words separated by commas, such as 1e0,1e3,default."""
     parts = tuple(word.strip() for word in text.split(","))
     if not all(parts):
-        raise argparse.ArgumentTypeError(f"{text!r}: words separated by commas are needed")
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: words separated by commas are needed"
+        )
     return parts
 
 
@@ -43,7 +45,9 @@ def counts(text: str) -> tuple[int, ...]:
 def location(text: str) -> Path:
     """The name of a file or folder, not empty; '-' may stand for standard output."""
     if not text:
-        raise argparse.ArgumentTypeError(f"{text!r}: the name of a file or folder is needed")
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: the name of a file or folder is needed"
+        )
     return Path(text)
 
 
@@ -51,11 +55,21 @@ OPTIONS = {
     "problem": (("lshape", "wrench"), "Example (a) or (b) of the paper"),
     "--nodes N": (count, "mesh of the paper's family; default the first of its tables"),
     "--maxh H": (positive, "CSG mesh of this width instead"),
-    "--json FILE": (location, "the result, - for standard output: ngepc.results.records.FIELDS"),
+    "--json FILE": (
+        location,
+        "the result, - for standard output: ngepc.results.records.FIELDS",
+    ),
     "--method": (("default", "primal"), "default: default", "default"),
     "--gamma G": (positive, "of the paper's method"),
-    "--start START": (str, "zero, coarse (solved on a coarse mesh) or file of --save", "zero"),
-    "--error PART": (positive, "bisect the mesh until the energy error is at most this part"),
+    "--start START": (
+        str,
+        "zero, coarse (solved on a coarse mesh) or file of --save",
+        "zero",
+    ),
+    "--error PART": (
+        positive,
+        "bisect the mesh until the energy error is at most this part",
+    ),
     "--tolerance X": (positive, "default 1e-10"),
     "--max-iterations N": (count, "default 300"),
     "--save FILE": (location, "keep the run in a .npz file"),
@@ -64,19 +78,31 @@ OPTIONS = {
     "--growth X": (positive, "theta > 1, default 7"),
     "--gamma-end G": (positive, "go up to this gamma, whatever the path value does"),
     "--inner-tolerance X": (positive, "tau_in, default 10"),
-    "--inner-scale C": (positive, "on the inner tolerances, default 0.1, 1 in the paper"),
+    "--inner-scale C": (
+        positive,
+        "on the inner tolerances, default 0.1, 1 in the paper",
+    ),
     "--outer-tolerance X": (positive, "tau_out, default 0.7"),
     "--residual-tolerance X": (positive, "follow the path until the residual is below"),
     "--max-outer-iterations N": (count, "values of gamma, default 30"),
-    "--checkpoint FILE": (location, "kept after each gamma; the same command goes on from it"),
+    "--checkpoint FILE": (
+        location,
+        "kept after each gamma; the same command goes on from it",
+    ),
     "run_file": (location, "file of ngepc solve --save"),
     "--out FILE": (location, "the HTML file; default beside the run"),
     "folder": (location, "where to; it is made if missing"),
     "--solutions": (None, "solutions of the exercises, too"),
     "--force": (None, "replace files that are there already"),
     "--out DIR": (location, "default out", Path("out")),
-    "--levels N": (count, "meshes from the coarsest, default 3; radii of the norm gap, default 7"),
-    "--rows A,B": (words, "names of rows, such as 1e0,default,default*,primal or NAFEMS R94"),
+    "--levels N": (
+        count,
+        "meshes from the coarsest, default 3; radii of the norm gap, default 7",
+    ),
+    "--rows A,B": (
+        words,
+        "names of rows, such as 1e0,default,default*,primal or NAFEMS R94",
+    ),
     "--figures": (None, "pictures, too"),
     "--lshape-nodes N": (count, "mesh of Example (a)"),
     "--wrench-nodes N": (count, "mesh of Example (b)"),
@@ -162,7 +188,9 @@ class OneLineParser(argparse.ArgumentParser):
         """Exit with status 2."""
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
-    def parse_known_args(self, *args: object, **named: object) -> tuple[argparse.Namespace, list]:
+    def parse_known_args(
+        self, *args: object, **named: object
+    ) -> tuple[argparse.Namespace, list]:
         """The arguments; those not known are an error of the command that they were given to."""
         found, rest = super().parse_known_args(*args, **named)
         if rest:
@@ -175,18 +203,27 @@ def parser() -> argparse.ArgumentParser:
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     common.add_argument("--verbose", action="store_true", help="log every Newton step")
     common.add_argument("--quiet", action="store_true", help="no progress, no summary")
-    page = {"formatter_class": argparse.RawDescriptionHelpFormatter, "parents": [common]}
+    page = {
+        "formatter_class": argparse.RawDescriptionHelpFormatter,
+        "parents": [common],
+    }
     text = "Elasto-plastic contact by semismooth Newton methods."
-    top = OneLineParser(prog="ngepc", description=text, epilog=examples_of("ngepc"), **page)
+    top = OneLineParser(
+        prog="ngepc", description=text, epilog=examples_of("ngepc"), **page
+    )
     top.add_argument("--version", action="version", version=f"ngepc {__version__}")
     subs = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, command in COMMANDS.items():
-        sub = subs.add_parser(name, help=command.help, epilog=examples_of(f"ngepc {name}"), **page)
+        sub = subs.add_parser(
+            name, help=command.help, epilog=examples_of(f"ngepc {name}"), **page
+        )
         declare(sub, command.options)
         if name == "study":
             studies = sub.add_subparsers(dest="study", required=True, metavar="STUDY")
     for name, study in STUDIES.items():
-        sub = studies.add_parser(name, help=study.help, description=study.help, parents=[common])
+        sub = studies.add_parser(
+            name, help=study.help, description=study.help, parents=[common]
+        )
         declare(sub, (*study.options, "--out DIR"))
     return top
 
@@ -211,4 +248,6 @@ def declare(parser: argparse.ArgumentParser, options: Sequence[str]) -> None:
 def given(args: argparse.Namespace, options: Sequence[str]) -> dict[str, object]:
     """What Python calls these options -> their values, where there are any."""
     names = (usage.split()[0].lstrip("-").replace("-", "_") for usage in options)
-    return {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    return {
+        name: getattr(args, name) for name in names if getattr(args, name) is not None
+    }

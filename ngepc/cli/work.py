@@ -47,12 +47,18 @@ OF_PATHS = ("message", "outer_iterations", "inner_iterations", "total_inner_iter
 def solve(args: argparse.Namespace) -> int:
     """``ngepc solve``: one problem by the default, the paper's or the primal method."""
     if args.method == "primal" and args.gamma is not None:
-        raise ValueError(f"--gamma {args.gamma:g}: the primal method has no regularisation")
+        raise ValueError(
+            f"--gamma {args.gamma:g}: the primal method has no regularisation"
+        )
     found = given(args, ("--gamma G", "--save FILE", *NEWTON))
     others = ["--" + name.replace("_", "-") for name in found]
-    others += ["--method primal"] * (args.method == "primal") + ["--start"] * (args.start != "zero")
+    others += ["--method primal"] * (args.method == "primal") + ["--start"] * (
+        args.start != "zero"
+    )
     if others and args.error is not None:
-        raise ValueError(f"--error {args.error:g} and {others[0]}: leave one of them out")
+        raise ValueError(
+            f"--error {args.error:g} and {others[0]}: leave one of them out"
+        )
     check_targets(args.json, args.save)
     if args.figures is not None:
         check_folder(args.figures)
@@ -66,18 +72,28 @@ def solve(args: argparse.Namespace) -> int:
         "error_bound": error,
         **records.provenance(),
     }
-    bound = "not bounded" if error is None else f"at most {100 * error:.3g} percent, guaranteed"
+    bound = (
+        "not bounded"
+        if error is None
+        else f"at most {100 * error:.3g} percent, guaranteed"
+    )
     summarise(record, bound, args.json, args.quiet)
-    written, how = [], "give --save FILE next time to be able to go on"
+    written = []
+    how = "give --save FILE next time to be able to go on"
     if args.save is not None:
         place = {"name": args.problem, "nodes": args.nodes, "maxh": args.maxh}
         kept = {"place": place, "record": record, "history": result.history.as_rows()}
         vector = result.v if record["method"] == "paper" else result.displacement.vec
-        checkpoint.save(args.save, FINGERPRINT, kept, {"state": np.array(vector.FV().NumPy())})
-        written, how = [args.save], f"resume with: {record['command']} --start {args.save}"
+        checkpoint.save(
+            args.save, FINGERPRINT, kept, {"state": np.array(vector.FV().NumPy())}
+        )
+        written = [args.save]
+        how = f"resume with: {record['command']} --start {args.save}"
     if args.figures is not None:
         for name, figure in standard_figures(result, THRESHOLDS[args.problem]).items():
-            written.append(save_figure(figure, args.figures / f"{args.problem}_{name}.png"))
+            written.append(
+                save_figure(figure, args.figures / f"{args.problem}_{name}.png")
+            )
     if not args.quiet and str(args.json) != "-":
         name_written(written)
     return exit_status("solve", record["status"], f"step {record['iterations']}", how)
@@ -86,24 +102,33 @@ def solve(args: argparse.Namespace) -> int:
 def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
     """The result, the seconds it took, and the guaranteed relative energy error of solutions."""
     tell = teller(args.quiet)
-    problem, begin = example(args.problem, args.nodes, args.maxh), time.perf_counter()
+    problem = example(args.problem, args.nodes, args.maxh)
+    begin = time.perf_counter()
     if args.error is not None:
         bounded = solve_to(problem, args.error, monitor=lambda mesh: tell(
             f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps: energy error at most "
             f"{100 * mesh.relative:.3g} percent"))  # fmt: skip
-        result, seconds = bounded.result, time.perf_counter() - begin
+        result = bounded.result
+        seconds = time.perf_counter() - begin
         if result.status.is_success and not bounded.reached:
             result = replace(result, status=Status.MESH_LIMIT, ending=bounded.message)
         return result, seconds, bounded.bound.relative
-    options, start = NewtonOptions(**given(args, NEWTON)), None
+    options = NewtonOptions(**given(args, NEWTON))
+    start = None
     method = args.method if args.gamma is None else args.gamma
     if args.start == "coarse":
         start = coarse_start(args.problem, method, options)
     elif args.start != "zero":
         if not Path(args.start).is_file():
-            raise ValueError(f"--start {args.start}: zero, coarse or a file of --save is needed")
+            raise ValueError(
+                f"--start {args.start}: zero, coarse or a file of --save is needed"
+            )
         start = load_run(Path(args.start))[2]
-    with nullcontext() if args.quiet or args.verbose else progress_line(args.problem) as line:
+    with (
+        nullcontext()
+        if args.quiet or args.verbose
+        else progress_line(args.problem) as line
+    ):
         result = solved_by(method, problem, start, options, line)
     seconds = time.perf_counter() - begin
     solution = result.status.is_success and not hasattr(result, "regularisation")
@@ -117,10 +142,14 @@ def load_run(path: Path) -> tuple[dict, Problem, GridFunction | DualResult]:
     file, or it is damaged or no run.
     """
     if not path.is_file():
-        raise ValueError(f"{path}: no such run; make one by ngepc solve ... --save {path}")
+        raise ValueError(
+            f"{path}: no such run; make one by ngepc solve ... --save {path}"
+        )
     stored = checkpoint.load(path, FINGERPRINT)
-    kept, state = stored.record, stored.arrays["state"]
-    problem, record = example(**kept["place"]), kept["record"]
+    kept = stored.record
+    state = stored.arrays["state"]
+    problem = example(**kept["place"])
+    record = kept["record"]
     if record["method"] != "paper":
         u = GridFunction(displacement_space(problem))
         u.vec.FV().NumPy()[:] = state
@@ -134,8 +163,10 @@ def load_run(path: Path) -> tuple[dict, Problem, GridFunction | DualResult]:
 def path(args: argparse.Namespace) -> int:
     """``ngepc path``: follow the path in gamma by Algorithm 7.2."""
     check_targets(args.json)
-    options, tell = PathOptions(**given(args, PATH)), teller(args.quiet)
-    problem, begin = example(args.problem, args.nodes, args.maxh), time.perf_counter()
+    options = PathOptions(**given(args, PATH))
+    tell = teller(args.quiet)
+    problem = example(args.problem, args.nodes, args.maxh)
+    begin = time.perf_counter()
 
     def note(step: object) -> None:
         change = "" if step.change is None else f", V changes by {step.change:.3g}"
@@ -144,7 +175,9 @@ def path(args: argparse.Namespace) -> int:
 
     followed = follow_path(problem, options, note, checkpoint=args.checkpoint)
     record = {
-        **records.solve_record(args.problem, followed.last, time.perf_counter() - begin),
+        **records.solve_record(
+            args.problem, followed.last, time.perf_counter() - begin
+        ),
         **{name: getattr(followed, name) for name in OF_PATHS},
         "status": followed.status.label,
         "changes": [step.change for step in followed.steps],
@@ -169,7 +202,8 @@ def study(args: argparse.Namespace) -> int:
     """``ngepc study NAME``: measure, write, name what was written."""
     chosen = STUDIES[args.study]
     check_folder(args.out)
-    tell, options = teller(args.quiet), given(args, chosen.options)
+    tell = teller(args.quiet)
+    options = given(args, chosen.options)
     work = study_class(chosen)(args.out, progress=tell, **options)
     found = work.run()
     name_written(work.write(found))
@@ -186,8 +220,12 @@ def report(args: argparse.Namespace) -> int:
     if record["method"] != "paper":
         result = solved_by(record["method"], problem)
         record |= records.solve_record(record["problem"], result, record["wall_time_s"])
-    view = show(result) if viewer_installed() else f"For a view to turn and zoom: {EXTRA}"
-    *figures, residuals = standard_figures(result, THRESHOLDS[record["problem"]]).values()
+    view = (
+        show(result) if viewer_installed() else f"For a view to turn and zoom: {EXTRA}"
+    )
+    *figures, residuals = standard_figures(
+        result, THRESHOLDS[record["problem"]]
+    ).values()
     numbers = [{"what": key.replace("_", " "), "value": record[key]} for key in NUMBERS]
     page = write_report(
         args.out or args.run_file.with_suffix(".html"),
@@ -206,14 +244,20 @@ def notebooks(args: argparse.Namespace) -> int:
     """``ngepc notebooks DIR``: copy all notebooks, none if one is there, and say how to go on."""
     start = Path(ngepc.__file__).parent / "notebooks"
     folders = ("", "exercises", "solutions") if args.solutions else ("", "exercises")
-    wanted = [file for folder in folders for file in sorted((start / folder).glob("*.ipynb"))]
+    wanted = [
+        file for folder in folders for file in sorted((start / folder).glob("*.ipynb"))
+    ]
     if not wanted:
-        raise FileNotFoundError(f"there are no notebooks in {start}: install ngepc again")
+        raise FileNotFoundError(
+            f"there are no notebooks in {start}: install ngepc again"
+        )
     copies = {file: args.folder / file.relative_to(start) for file in wanted}
     present = [copy for copy in copies.values() if copy.exists()]
     if present and not args.force:
         how = "give another folder, or --force to replace them"
-        raise FileExistsError(f"{present[0]} is there already ({len(present)} files): {how}")
+        raise FileExistsError(
+            f"{present[0]} is there already ({len(present)} files): {how}"
+        )
     for original, copy in copies.items():
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(original, copy)
@@ -247,7 +291,9 @@ def name_written(paths: Iterable[Path]) -> None:
     sys.stdout.write("".join(f"wrote {path}\n" for path in paths))
 
 
-def summarise(record: dict, error: str, target: Path | None, quiet: bool, **other: object) -> None:
+def summarise(
+    record: dict, error: str, target: Path | None, quiet: bool, **other: object
+) -> None:
     """Put what people want to know of a solve on standard output, the record into ``target``.
 
     A ``target`` '-' puts the JSON on standard output instead; ``quiet`` leaves out the rest;
@@ -274,7 +320,9 @@ def summarise(record: dict, error: str, target: Path | None, quiet: bool, **othe
         "energy error": error,
         "time": f"{record['wall_time_s']:.2f} s",
     }
-    sys.stdout.write("".join(f"{label:13s}  {value}\n" for label, value in lines.items()))
+    sys.stdout.write(
+        "".join(f"{label:13s}  {value}\n" for label, value in lines.items())
+    )
     sys.stdout.write(f"{record['message']}\n" if record["message"] else "")
     name_written([] if target is None else [target])
 

@@ -53,10 +53,13 @@ class Frame:
     stiffness_diagonal: np.ndarray  # of the elastic stiffness, shape (nodes, N)
 
     def __init__(self, problem: Problem) -> None:
-        self.problem, self.supports = problem, Supports(problem)
+        self.problem = problem
+        self.supports = Supports(problem)
         self.contact = ContactConditions(problem, self.supports)
         self.rows, self.free = self.contact.rows, self.supports.free
-        self.load = applied_forces(problem, self.supports.space)  # nodal forces, (nodes, N)
+        self.load = applied_forces(
+            problem, self.supports.space
+        )  # nodal forces, (nodes, N)
 
     @cached_property
     def row_stiffness(self) -> np.ndarray:
@@ -67,9 +70,14 @@ class Frame:
     def yield_forces(self) -> float:
         """Norm of nodal forces of stresses at the yield bound."""
         problem, mesh = self.problem, self.problem.mesh
-        density = problem.kinematics.weight * as_scalar(problem.beta) / specialcf.mesh_size
-        rules, test = plastic_points(mesh, problem.order), H1(mesh, order=1).TestFunction()
-        forces = LinearForm(density * test * dx(intrules=rules)).Assemble().vec.FV().NumPy()
+        density = (
+            problem.kinematics.weight * as_scalar(problem.beta) / specialcf.mesh_size
+        )
+        rules = plastic_points(mesh, problem.order)
+        test = H1(mesh, order=1).TestFunction()
+        forces = (
+            LinearForm(density * test * dx(intrules=rules)).Assemble().vec.FV().NumPy()
+        )
         return problem.processes.norm(problem.processes.summed(forces))
 
     @cached_property
@@ -82,7 +90,9 @@ class Frame:
         """What tangents have besides the stress: springs, also those that only steer the steps."""
         weak = diags(self.floating.springs.ravel())
         parts = self.supports.stiffness, self.contact.grip(self.row_stiffness), weak
-        return sum((part for part in parts[1:] if part.count_nonzero()), parts[0]).tocsr()
+        return sum(
+            (part for part in parts[1:] if part.count_nonzero()), parts[0]
+        ).tocsr()
 
     def starting_displacement(self, start: object | None) -> np.ndarray:
         """Prescribed displacements, and inside those of ``start`` (``nodal_values``) or zero."""
@@ -102,7 +112,9 @@ class Balance:
 
     frame: Frame
     u: np.ndarray  # nodal displacements, shape (nodes, N)
-    contact: np.ndarray  # forces of the rows: normal ones >= 0, with friction then tangential ones
+    contact: (
+        np.ndarray
+    )  # forces of the rows: normal ones >= 0, with friction then tangential ones
     internal_forces: np.ndarray  # nodal forces of the stress, shape (nodes, N)
     energy: float  # J with the p that is best for u, and friction (force times length)
     moduli: Any  # what ``Frame.stiffness`` assembles the tangent for
@@ -160,7 +172,8 @@ class Balance:
     @property
     def sliding(self) -> np.ndarray:
         """Boolean, shape (m,): rows with friction that slip."""
-        bound, slip = self.frame.contact.bound(self.contact), np.linalg.norm(self.slip, axis=1)
+        bound = self.frame.contact.bound(self.contact)
+        slip = np.linalg.norm(self.slip, axis=1)
         return (bound > 0) & (slip > self.touching_distance)
 
     @property
@@ -178,7 +191,9 @@ class Balance:
     @cached_property
     def friction_work(self) -> float:
         """The sum of bound times |slip| (force times length), zero without friction."""
-        return self.frame.contact.friction_work(self.contact, self.gaps, self.touching_distance)
+        return self.frame.contact.friction_work(
+            self.contact, self.gaps, self.touching_distance
+        )
 
     @property
     def _processes(self) -> Team:
@@ -188,9 +203,16 @@ class Balance:
     @cached_property
     def force_scale(self) -> float:
         """The force that residuals are relative to."""
-        sizes = [self._processes.norm(a) for a in (self.frame.load, self.internal_forces)]
-        size, rounding = max(*sizes, self.contact_defect), ROUNDING_SCALE * self.trial_forces
-        return size if rounding <= size else max(size, min(rounding, self.frame.yield_forces))
+        sizes = [
+            self._processes.norm(a) for a in (self.frame.load, self.internal_forces)
+        ]
+        size = max(*sizes, self.contact_defect)
+        rounding = ROUNDING_SCALE * self.trial_forces
+        return (
+            size
+            if rounding <= size
+            else max(size, min(rounding, self.frame.yield_forces))
+        )
 
     @cached_property
     def trial_forces(self) -> float:
@@ -201,7 +223,9 @@ class Balance:
     @cached_property
     def contact_defect(self) -> float:
         """Norm of what the forces of contact lack, min(lambda, k gap) without friction."""
-        return self.frame.contact.defect(self.contact, self.frame.row_stiffness * self.gaps)
+        return self.frame.contact.defect(
+            self.contact, self.frame.row_stiffness * self.gaps
+        )
 
     @cached_property
     def residual_norm(self) -> float:
@@ -236,20 +260,28 @@ class Floating:
     of a Newton step, not the displacement, and cost about a factor SOFT in convergence."""
 
     def __init__(self, frame: Frame) -> None:
-        self._contact, self._load = frame.contact, frame.load
-        found, x = floating_motions(frame.problem), vertex_coordinates(frame.problem.mesh)
+        self._contact = frame.contact
+        self._load = frame.load
+        found = floating_motions(frame.problem)
+        x = vertex_coordinates(frame.problem.mesh)
         self.centres = [x[vertices].mean(axis=0) for _, vertices in found]
         self._motions = np.zeros((*frame.load.shape, sum(m.shape[2] for m, _ in found)))
         if found:
-            self._motions[: len(x)] = np.concatenate([motions for motions, _ in found], axis=2)
-        self._on_rows = frame.contact.matrix @ self._motions.reshape(frame.load.size, -1)
+            self._motions[: len(x)] = np.concatenate(
+                [motions for motions, _ in found], axis=2
+            )
+        self._on_rows = frame.contact.matrix @ self._motions.reshape(
+            frame.load.size, -1
+        )
         soft = SOFT[frame.contact.friction.d > 0] if found else 0.0
         self.springs = soft / len(frame.load) * frame.stiffness_diagonal
 
     @property
     def compliance(self) -> np.ndarray:
         """C with C C' = R Z (Z' K Z)^-1 Z' R', the compliance of the rows by these springs K."""
-        stiffness = np.einsum("nia,ni,nib->ab", self._motions, self.springs, self._motions)
+        stiffness = np.einsum(
+            "nia,ni,nib->ab", self._motions, self.springs, self._motions
+        )
         return np.linalg.solve(np.linalg.cholesky(stiffness), self._on_rows.T).T
 
     @cached_property
@@ -265,11 +297,15 @@ class Floating:
         if not self.centres or size == 0:
             return ""
         n, k = self._on_rows.shape
-        tied, friction = self._contact.rows.tied, self._contact.friction
-        m, row = len(tied), np.repeat(np.arange(len(tied)), friction.d)
+        tied = self._contact.rows.tied
+        friction = self._contact.friction
+        m = len(tied)
+        row = np.repeat(np.arange(len(tied)), friction.d)
         most = np.append(np.full(m, np.inf), friction.cap[row] / size)
         least = np.append(np.where(tied, -np.inf, 0.0), -most[m:])
-        grip = csr_matrix((friction.coefficient[row], (np.arange(n - m), row)), (n - m, m))
+        grip = csr_matrix(
+            (friction.coefficient[row], (np.arange(n - m), row)), (n - m, m)
+        )
         no = csr_matrix((n - m, 2 * k))
         limits = vstack([hstack([-grip, s * eye(n - m), no]) for s in (1, -1)])
         missing = linprog(
@@ -288,7 +324,8 @@ class Floating:
         """How many motions the rows with contact forces leave free: those that press or stick."""
         if not self.centres:
             return 0
-        normal, bound = self._contact.normal(forces), self._contact.bound(forces)
+        normal = self._contact.normal(forces)
+        bound = self._contact.bound(forces)
         presses = np.abs(normal) > SMALL * np.abs(normal).max(initial=0.0)
         size = np.linalg.norm(self._contact.tangential(forces), axis=1)
         sticks = np.repeat(size < (1 - SMALL) * bound, self._contact.friction.d)

@@ -49,23 +49,33 @@ class ContactConditions:
     roller_part: slice  # the rows of rollers
     rollers: dict[Place, slice]  # place of each roller -> its rows
     friction: FrictionCone  # the law of the forces, without tangents where there is no friction
-    processes: Team  # share the body; rows at common vertices are on all that have the vertex
-    own: slice | np.ndarray  # what selects the forces of rows that this process answers for
+    processes: (
+        Team  # share the body; rows at common vertices are on all that have the vertex
+    )
+    own: (
+        slice | np.ndarray
+    )  # what selects the forces of rows that this process answers for
     matrix: csr_matrix  # R, shape (n, nodes N), n = m without friction and m N with it
 
     def __init__(self, problem: Problem, supports: Supports) -> None:
         pairs = [mortar_rows(problem, supports, pair) for pair in problem.contact_pairs]
         rollers = roller_rows(problem, supports)
         parts = [contact_rows(problem, supports), *pairs, *rollers.values()]
-        rows, ends = joined(parts), np.cumsum(list(map(len, parts))).tolist()
-        self.rows, self.on_obstacles = rows, slice(0, ends[0])
+        rows = joined(parts)
+        ends = np.cumsum(list(map(len, parts))).tolist()
+        self.rows = rows
+        self.on_obstacles = slice(0, ends[0])
         self.roller_part = slice(ends[len(pairs)], len(rows))
-        self.rollers = {p: slice(*ends[k : k + 2]) for k, p in enumerate(rollers, len(pairs))}
-        self.friction, self.processes = friction_cone(problem, rows), problem.processes
+        self.rollers = {
+            p: slice(*ends[k : k + 2]) for k, p in enumerate(rollers, len(pairs))
+        }
+        self.friction = friction_cone(problem, rows)
+        self.processes = problem.processes
         self._own_rows = self.processes.owned(rows.vertices)
         tangents = np.repeat(rows.vertices, self.friction.d)
         self.own = self.processes.owned(np.append(rows.vertices, tangents))
-        self.matrix, self._closed_at = rows.normal, rows.gaps
+        self.matrix = rows.normal
+        self._closed_at = rows.gaps
         if self.friction.d:
             self.matrix = vstack([rows.normal, rows.tangential], format="csr")
             origin = rows.tangential @ initial_displacements(problem, supports).ravel()
@@ -98,21 +108,28 @@ class ContactConditions:
 
     def grip(self, row_stiffness: np.ndarray) -> csr_matrix:
         """These springs between displacements flattened node by node."""
-        R, springs = self.rows.normal[self.roller_part], self.springs(row_stiffness)
+        R = self.rows.normal[self.roller_part]
+        springs = self.springs(row_stiffness)
         return (R.T @ diags(springs[self.roller_part]) @ R).tocsr()
 
     def on_rollers(self, u: np.ndarray, free: np.ndarray) -> np.ndarray:
         """The displacement nearest to ``u`` that the rollers allow, both (nodes, N)."""
-        R, gaps = self.rows.normal[self.roller_part], self.gaps(u)[self.roller_part]
+        R = self.rows.normal[self.roller_part]
+        gaps = self.gaps(u)[self.roller_part]
         if not len(gaps):
             return u
         movable = R @ diags(free.ravel().astype(float))
-        return u + (movable.T @ spsolve((movable @ movable.T).tocsc(), gaps)).reshape(u.shape)
+        return u + (movable.T @ spsolve((movable @ movable.T).tocsc(), gaps)).reshape(
+            u.shape
+        )
 
     def roller_forces(self, x: np.ndarray) -> dict[Place, np.ndarray]:
         """Nodal forces of the body on each roller, shape (nodes, N)."""
-        normal, (_, N) = self.rows.normal, self.rows.normals.shape
-        return {p: (normal[on].T @ x[on]).reshape(-1, N) for p, on in self.rollers.items()}
+        normal = self.rows.normal
+        _, N = self.rows.normals.shape
+        return {
+            p: (normal[on].T @ x[on]).reshape(-1, N) for p, on in self.rollers.items()
+        }
 
     def sum_of(self, forces: np.ndarray) -> np.ndarray:
         """The sum over all rows of forces, shape (m, ...)."""
@@ -141,7 +158,8 @@ class ContactConditions:
         That of its normal if they are held; from the diagonal of the stiffness matrix (nodes, N).
         """
         each = self.matrix.power(2) @ diagonal.ravel()
-        normal, mean = self.normal(each), self.tangential(each).mean(axis=1)
+        normal = self.normal(each)
+        mean = self.tangential(each).mean(axis=1)
         mean = np.where(mean > 0, mean, normal)
         return np.concatenate([normal, np.repeat(mean, self.friction.d)])
 
@@ -158,10 +176,13 @@ class ContactConditions:
 
 def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone:
     """The law of contact and friction row by row, without tangents where there is no friction."""
-    law, d = problem.friction, problem.N - 1
-    cap, coefficient = np.full(len(rows), np.inf), np.full(len(rows), STEEPEST)
+    law = problem.friction
+    d = problem.N - 1
+    cap = np.full(len(rows), np.inf)
+    coefficient = np.full(len(rows), STEEPEST)
     if law is None:
-        coefficient, d = np.zeros(len(rows)), 0
+        coefficient = np.zeros(len(rows))
+        d = 0
     elif isinstance(law, Coulomb):
         coefficient = at_rows(problem, rows, law.coefficient)
     else:
@@ -173,7 +194,9 @@ def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarr
     """A coefficient at the vertices of the rows, shape (m,)."""
     space = H1(problem.mesh, order=1)
     nodes, values = given_at(space, "|".join(problem.touching_names), value)
-    sums = np.zeros((space.ndof, 2))  # values and how many: not on all processes with a vertex
+    sums = np.zeros(
+        (space.ndof, 2)
+    )  # values and how many: not on all processes with a vertex
     sums[nodes] = np.column_stack([values, np.ones(len(nodes))])
     total, count = problem.processes.summed(sums)[rows.vertices].T
     return total / np.maximum(count, 1)
@@ -181,7 +204,8 @@ def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarr
 
 def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:
     """Nodal displacements at the begin of the step, shape (nodes, N), zero if none are given."""
-    given, space = problem.initial_displacement, supports.space
+    given = problem.initial_displacement
+    space = supports.space
     if given is None:
         return np.zeros_like(supports.values)
     own = isinstance(given, GridFunction) and given.space.mesh is space.mesh
@@ -196,19 +220,23 @@ def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows
 
     A ValueError if two supports give a node different displacements along one direction.
     """
-    scalar, held, result = H1(problem.mesh, order=problem.order), {}, {}
+    scalar = H1(problem.mesh, order=problem.order)
+    held = {}
+    result = {}
     for place, roller in problem.rollers.items():
         nodes, directions = _directions(problem, scalar, place, roller)
         directions /= np.linalg.norm(directions, axis=1)[:, None]
         at, given = given_at(scalar, place, roller.value)
-        values, new = given[np.searchsorted(at, nodes)], []
+        values = given[np.searchsorted(at, nodes)]
+        new = []
         for node, d, value in zip(nodes.tolist(), directions, values, strict=True):
             if node not in held:
                 fixed = np.flatnonzero(~supports.free[node])
                 held[node] = np.eye(problem.N)[fixed], supports.values[node, fixed]
             basis, known = held[node]  # directions that supports hold, orthonormal
             shares = basis @ d
-            rest, left = d - shares @ basis, value - shares @ known
+            rest = d - shares @ basis
+            left = value - shares @ known
             size = np.linalg.norm(rest)
             if size < HELD_NORMAL and abs(left) > 1e-8 * max(1e-300, *np.abs(known)):
                 raise ValueError(
@@ -217,9 +245,17 @@ def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows
                 )
             new.append(size >= FREE_NORMAL)
             if new[-1]:
-                held[node] = np.vstack([basis, rest / size]), np.append(known, left / size)
-        means, no = csr_matrix(eye(scalar.ndof))[nodes[new]], np.zeros(sum(new))
-        given = {"vertices": no.astype(int), "gaps": values[new], "weights": no}  # no contact area
+                held[node] = (
+                    np.vstack([basis, rest / size]),
+                    np.append(known, left / size),
+                )
+        means = csr_matrix(eye(scalar.ndof))[nodes[new]]
+        no = np.zeros(sum(new))
+        given = {
+            "vertices": no.astype(int),
+            "gaps": values[new],
+            "weights": no,
+        }  # no contact area
         result[place] = rows_along(directions[new], means, tied=True, **given)
     return result
 
@@ -231,10 +267,14 @@ def _directions(
     if roller.direction is not None:
         nodes = nodes_at(scalar, place)
         return nodes, np.tile(np.array(roller.direction, dtype=float), (len(nodes), 1))
-    nodes, corners = [], []
+    nodes = []
+    corners = []
     for _, of_facets, _, area, points in mapped_facets(problem, scalar, place, 1):
         nodes.append(of_facets.ravel())
-        corners.append(np.repeat(area * problem.normal(points), of_facets.shape[1], axis=0))
-    nodes, corners = np.concatenate(nodes), np.vstack(corners)
+        corners.append(
+            np.repeat(area * problem.normal(points), of_facets.shape[1], axis=0)
+        )
+    nodes = np.concatenate(nodes)
+    corners = np.vstack(corners)
     nodes, sums = meeting_faces(nodes, np.zeros(len(nodes)), corners)
     return nodes, sums @ corners

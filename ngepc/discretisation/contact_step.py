@@ -13,12 +13,15 @@ from ngepc.linalg.secants import Compliance, solve_by_secants
 ROUNDING = 3e-14  # gaps of closed rows below this part of the displacements are zero
 BESIDE = 1e-3  # where the slope of friction is taken beside a kink, as a part of the step length
 
-EXAMINED, FEW = 600, 60
+EXAMINED = 600
+FEW = 60
 """Most forces of rows among which other equilibria are looked for, by factors or by iterations."""
 
 SPRINGS = 1e4  # springs of rows over their stiffness, which turn a compliance round (Woodbury)
 
-PROBES, DOUBT, EXHAUSTED = 40, 1e-6, 1e-8
+PROBES = 40
+DOUBT = 1e-6
+EXHAUSTED = 1e-8
 """Lanczos steps at most, the chance that they miss a second solution, and what counts as zero."""
 
 Solve = Callable[[np.ndarray], np.ndarray]
@@ -50,17 +53,27 @@ def with_contact(
         return conditions.displacement(answer)
 
     gaps = here.gaps - conditions.displacement(change)
-    sizes = np.abs(here.u + change).max(initial=0.0), -conditions.normal(gaps).min(initial=0.0)
+    sizes = (
+        np.abs(here.u + change).max(initial=0.0),
+        -conditions.normal(gaps).min(initial=0.0),
+    )
     slack = ROUNDING * float(max(sizes))
-    found = solve_by_secants(conditions.friction, product, compliance, gaps, here.contact, slack)
+    found = solve_by_secants(
+        conditions.friction, product, compliance, gaps, here.contact, slack
+    )
     if found is None:
         raise FactorisationError(UNSOLVABLE[conditions.friction.d > 0])
-    springs = conditions.springs(here.frame.row_stiffness)  # what they carry belongs to rollers
+    springs = conditions.springs(
+        here.frame.row_stiffness
+    )  # what they carry belongs to rollers
     return change, found + springs * conditions.displacement(change)
 
 
 def rival(
-    here: Balance, solve: Solve, most: int, stiffened: Callable[[np.ndarray], Solve] | None = None
+    here: Balance,
+    solve: Solve,
+    most: int,
+    stiffened: Callable[[np.ndarray], Solve] | None = None,
 ) -> tuple[bool, str]:
     """Whether Coulomb's law has other forces at a solution, and a sentence about it.
 
@@ -68,8 +81,11 @@ def rival(
     (``is_unique``), with the compliance S + 1/springs.  Where it is not proved all rows that press
     and those closest to it are examined, ``most`` forces at most, each with one solve.
     """
-    conditions, gaps, forces = here.frame.contact, here.gaps, here.contact
-    cone, processes = conditions.friction, conditions.processes
+    conditions = here.frame.contact
+    gaps = here.gaps
+    forces = here.contact
+    cone = conditions.friction
+    processes = conditions.processes
     if not processes.any(np.isinf(cone.cap) & (cone.coefficient > 0)):
         return False, ""
 
@@ -103,7 +119,8 @@ def rival(
     other = cone.of(rows).rival(S, gaps[chosen], forces[chosen])
     if other is None:
         return False, ""
-    found, ours = other[: len(rows)][~cone.tied[rows]].sum(), n[~cone.tied].sum()
+    found = other[: len(rows)][~cone.tied[rows]].sum()
+    ours = n[~cone.tied].sum()
     return True, f"One of them has the contact force {found:.6g} instead of {ours:.6g}."
 
 
@@ -118,7 +135,9 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
     uniform probability).  ``follows`` is mu e (m, d), ``compliance`` and ``stiffness`` are d -> S d
     and its inverse, both for (n, t).
     """
-    m, known, T = len(follows), [], np.zeros((PROBES + 1, PROBES + 1))
+    m = len(follows)
+    known = []
+    T = np.zeros((PROBES + 1, PROBES + 1))
     g = np.random.default_rng(0).standard_normal(m + follows.size)
     d = stiffness(g)
     for k in range(PROBES):
@@ -132,15 +151,20 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
             if chance <= DOUBT or size <= EXHAUSTED:
                 return True
             T[k, k - 1] = T[k - 1, k] = size
-        v, Sv = d / size, g / size
+        v = d / size
+        Sv = g / size
         known.append((v, Sv))
-        back = np.append((follows * Sv[m:].reshape(follows.shape)).sum(axis=1), 0 * Sv[m:])  # E'Sv
+        back = np.append(
+            (follows * Sv[m:].reshape(follows.shape)).sum(axis=1), 0 * Sv[m:]
+        )  # E'Sv
         slanted = np.append(0 * v[:m], follows * v[:m, None])  # E v
-        d, g = (slanted + stiffness(back)) / 2, (compliance(slanted) + back) / 2
+        d = (slanted + stiffness(back)) / 2
+        g = (compliance(slanted) + back) / 2
         T[k, k] = d @ Sv
         for v, Sv in known * 2:
             share = d @ Sv
-            d, g = d - share * v, g - share * Sv
+            d = d - share * v
+            g = g - share * Sv
     return False
 
 
@@ -154,17 +178,22 @@ def contact_work(
     step, where they balance it but for rounding; rows that slip dissipate their bound, taken there,
     times the way.  Gaps and slips that count as rounding are none.
     """
-    conditions, slip, touching = here.frame.contact, here.slip, here.touching_distance
+    conditions = here.frame.contact
+    slip = here.slip
+    touching = here.touching_distance
     way = conditions.tangential(conditions.displacement(change))
     moves = np.linalg.norm(np.stack([slip, slip + way]), axis=2).max(axis=0) > touching
     way, bound = np.where(moves[:, None], way, 0.0), conditions.bound(following)
     closed = (here.open_gap <= touching) & (conditions.normal(following) > 0)
-    idle = np.append(closed | conditions.rows.tied, np.repeat(~moves, conditions.friction.d))
+    idle = np.append(
+        closed | conditions.rows.tied, np.repeat(~moves, conditions.friction.d)
+    )
 
     def slope(t: float) -> float:
         """Just before t (just after 0)."""
         there = slip + max(t * (1 - BESIDE), BESIDE) * way
-        along, size = np.einsum("ij,ij->i", there, way), np.linalg.norm(there, axis=1)
+        along = np.einsum("ij,ij->i", there, way)
+        size = np.linalg.norm(there, axis=1)
         return float(conditions.sum_of(bound * along / np.where(size > 0, size, 1.0)))
 
     return slope, conditions.forces(np.where(idle, following, 0.0))

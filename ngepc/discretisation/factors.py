@@ -31,16 +31,22 @@ class Factors:
     then.
     """
 
-    linear_iterations, examined = 0, EXAMINED
+    linear_iterations = 0
+    examined = EXAMINED
     moduli: Any = None
 
-    def __init__(self, frame: Frame, name: str, stiffness: Stiffness | None = None) -> None:
+    def __init__(
+        self, frame: Frame, name: str, stiffness: Stiffness | None = None
+    ) -> None:
         problem = frame.problem
         require_whole(f"inverse={name!r} and all that needs factors", problem.mesh)
-        self._frame, self._free = frame, frame.free
+        self._frame = frame
+        self._free = frame.free
         self._stiffness = stiffness or frame.stiffness
         self._matrix = self._stiffness.matrix()
-        self._name, self._inverse, self.back_substitutions = name, None, 0
+        self._name = name
+        self._inverse = None
+        self.back_substitutions = 0
         self._in_blocks = name in FROM_LOWER_TRIANGLE
         self._right, self._left = (self._matrix.CreateColVector() for _ in range(2))
         nodal = problem.order == 1 and not problem.contact_pairs
@@ -53,21 +59,26 @@ class Factors:
     def update(self, moduli: Any) -> None:
         """Assemble and factorise; FactorisationError if the direct solver gives up."""
         self._stiffness.entries(self._matrix)[:] = self._stiffness.values(moduli)
-        self.moduli, self.back_substitutions = moduli, 0
+        self.moduli = moduli
+        self.back_substitutions = 0
         self._factorise()
 
     def _stiffened(self, springs: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """``solve`` with springs of the contact rows, each of which belongs to one node."""
         R = self._frame.contact.matrix
         added = self._frame.added + R.T @ diags(springs) @ R
-        held = Factors(self._frame, self._name, self._stiffness.with_added(added.tocsr()))
+        held = Factors(
+            self._frame, self._name, self._stiffness.with_added(added.tocsr())
+        )
         held.update(self.moduli)
         return held.solve
 
     def _factorise(self) -> None:
         try:
             if not self._in_blocks:
-                self._inverse = self._stiffness.whole(self._matrix).Inverse(inverse=self._name)
+                self._inverse = self._stiffness.whole(self._matrix).Inverse(
+                    inverse=self._name
+                )
             elif self._inverse is None:
                 self._inverse = self._matrix.Inverse(inverse=self._name)
             else:
@@ -103,7 +114,9 @@ class Factors:
         return self._left.FV().NumPy().reshape(u.shape).copy()
 
 
-def tangent_of(frame: Frame, inverse: str | Any, stiffness: Stiffness | None = None) -> Any:
+def tangent_of(
+    frame: Frame, inverse: str | Any, stiffness: Stiffness | None = None
+) -> Any:
     """The tangent for a solver of ``NewtonOptions``; ``stiffness`` as of ``Factors``."""
     if isinstance(inverse, str):
         return Factors(frame, inverse, stiffness)

@@ -34,7 +34,9 @@ count as elastic, so that unloading needs one Newton step.
 
 ENDLESS = 1e6  # |p| beyond which no |p| is looked for where nothing bounds it
 SOFTEST = 1e-8  # part of the elastic modulus that tangents keep where a law does not harden at all
-EXACT = 4 * np.finfo(float).eps  # part of a stress to which equations at the points are solved
+EXACT = (
+    4 * np.finfo(float).eps
+)  # part of a stress to which equations at the points are solved
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,8 @@ class Law:
     accumulated: np.ndarray  # PEEQ where the law starts
 
     def __init__(self, problem: Problem, points: Points) -> None:
-        kinematics, material = points.kinematics, problem.material
+        kinematics = points.kinematics
+        material = problem.material
         self.two_mu = points.at(2 * material.lame_mu)
         self.bulk = points.at(material.lame_lambda) + self.two_mu / kinematics.size
         self.hardening = points.at(problem.effective_hardening)
@@ -84,7 +87,8 @@ class Law:
             self.back = points.at(kinematics.coordinates(problem.alpha_0[1]))
         if problem.initial_plastic_strain is not None:
             self.initial = points.at(kinematics.coordinates(problem.p_0))
-        self.swelling, self.distortion = 0.0, 0.0
+        self.swelling = 0.0
+        self.distortion = 0.0
         if problem.initial_strain is not None:
             self.swelling = points.at(Trace(problem.eps_0))
             self.distortion = points.at(kinematics.coordinates(problem.eps_0))
@@ -95,7 +99,8 @@ class Law:
         """The law at the coordinates ``e`` of dev eps, shape (points, d)."""
         s = self.two_mu[:, None] * (e - self.initial) - self.back
         size = np.sqrt(np.einsum("pd,pd->p", s, s))
-        yields, M = size > (1 + ROUNDING) * self.beta, self.two_mu + self.hardening
+        yields = size > (1 + ROUNDING) * self.beta
+        M = self.two_mu + self.hardening
         gained = self.gained_at(np.where(yields, size, self.beta), M)
         slope = self._slope(gained)
         slope = np.where(yields, slope / (M + slope), 0.0)
@@ -105,7 +110,8 @@ class Law:
         """beta(g) for |p| = g (stress), shape (points,)."""
         if self.isotropic is None:
             return self.beta
-        x, there = self.accumulated, self.isotropic
+        x = self.accumulated
+        there = self.isotropic
         return self.beta + PEEQ * (there.stress(x + PEEQ * gained) - there.stress(x))
 
     def _slope(self, gained: np.ndarray) -> np.ndarray:
@@ -123,11 +129,14 @@ class Law:
         high = np.where(modulus > 0, over / np.where(modulus > 0, modulus, 1), ENDLESS)
         if self.isotropic is None:
             return high
-        low, g, before = np.zeros_like(size), np.zeros_like(size), np.inf
+        low = np.zeros_like(size)
+        g = np.zeros_like(size)
+        before = np.inf
         exact = EXACT * np.maximum(size, self.beta)
         for _ in range(100):
             excess = modulus * g + self.bound(g) - size
-            low, high = np.where(excess <= 0, g, low), np.where(excess >= 0, g, high)
+            low = np.where(excess <= 0, g, low)
+            high = np.where(excess >= 0, g, high)
             done = (np.abs(excess) <= exact) | (over == 0)
             if done.all():
                 break
@@ -147,13 +156,16 @@ class Law:
         """int_0^g beta for |p| = g (energy per volume), shape (points,)."""
         if self.isotropic is None:
             return self.beta * gained
-        x, more, there = self.accumulated, PEEQ * gained, self.isotropic
+        x = self.accumulated
+        more = PEEQ * gained
+        there = self.isotropic
         beyond = there.energy(x + more) - there.energy(x) - there.stress(x) * more
         return self.beta * gained + beyond
 
     def stress(self, at: Return) -> np.ndarray:
         """dev sigma in coordinates, shape (points, d), without the cancellation of e and p."""
-        h, two_mu = self.hardening, self.two_mu
+        h = self.hardening
+        two_mu = self.two_mu
         size = np.maximum(at.size, at.radius)
         kept = np.where(at.yields, (h + two_mu * at.radius / size) / (two_mu + h), 1.0)
         return kept[:, None] * at.trial + self.back
@@ -168,7 +180,9 @@ class Law:
         history -= two_mu * np.einsum("pd,pd->p", self.initial, self.initial)
         return 0.5 * (self.bulk * volume * volume + shape + history)
 
-    def complementary_density(self, pressure: np.ndarray, stress: np.ndarray) -> np.ndarray:
+    def complementary_density(
+        self, pressure: np.ndarray, stress: np.ndarray
+    ) -> np.ndarray:
         """The conjugate of ``energy_density`` at a stress, inf where none can be (points,).
 
         As a function of all the strain, the initial one included.  ``pressure`` is the factor of
@@ -177,11 +191,20 @@ class Law:
         size = np.linalg.norm(stress - self.back, axis=1)
         g = self.gained_at(size, self.hardening)
         reached = np.where(g < np.inf, g, 0.0)
-        flow = size * reached - 0.5 * self.hardening * reached**2 - self.hardening_energy(reached)
+        flow = (
+            size * reached
+            - 0.5 * self.hardening * reached**2
+            - self.hardening_energy(reached)
+        )
         total = stress + self.two_mu[:, None] * self.initial
         shape = 0.5 * np.einsum("pd,pd->p", total, total) / self.two_mu
         free = pressure * self.swelling + np.sum(stress * self.distortion, axis=1)
-        return 0.5 * pressure**2 / self.bulk + shape + np.where(g < np.inf, flow, np.inf) + free
+        return (
+            0.5 * pressure**2 / self.bulk
+            + shape
+            + np.where(g < np.inf, flow, np.inf)
+            + free
+        )
 
     def yielding_part(self, at: Return) -> np.ndarray:
         """w = r s / max(r, |s|), -q = dev sigma - dev alpha_2 - h p of (3.8), shape (points, d)."""
@@ -189,9 +212,12 @@ class Law:
 
     def linearised(self, at: Return, w: np.ndarray, ds: np.ndarray) -> np.ndarray:
         """w + dw for a change ds of s, from |s| w = r(|s|) s linearised where s yields."""
-        size, direction = np.maximum(at.size, at.radius), at.direction
+        size = np.maximum(at.size, at.radius)
+        direction = at.direction
         along = np.einsum("pd,pd->p", direction, ds)
-        moved = (at.radius[:, None] * (at.trial + ds) - along[:, None] * w) / size[:, None]
+        moved = (at.radius[:, None] * (at.trial + ds) - along[:, None] * w) / size[
+            :, None
+        ]
         moved += (at.slope * along)[:, None] * direction
         return np.where(at.yields[:, None], moved, at.trial + ds)
 
@@ -207,12 +233,16 @@ class Law:
         along s is kept, as at least r' |s|: the moduli stay below 2 mu_2.  With w = r d this is
         the derivative of the radial return.
         """
-        two_mu, h, size = self.two_mu, self.hardening, np.maximum(at.size, at.radius)
+        two_mu = self.two_mu
+        h = self.hardening
+        size = np.maximum(at.size, at.radius)
         direction = at.direction
         part = two_mu / (two_mu + h)
         across = np.where(at.yields, part * (h + two_mu * at.radius / size), two_mu)
         along = np.maximum(np.einsum("pd,pd->p", direction, w), at.slope * size)
         along = np.minimum(along, at.radius)
         kept = 1.0 if self.isotropic is None else 1 - SOFTEST
-        extra = np.where(at.yields, kept * part * two_mu * (at.slope - along / size), 0.0)
+        extra = np.where(
+            at.yields, kept * part * two_mu * (at.slope - along / size), 0.0
+        )
         return Moduli(self.bulk, across, extra, direction)

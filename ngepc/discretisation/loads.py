@@ -49,13 +49,16 @@ BONUS_ORDER = 3  # order by which the rules of loads exceed that of the displace
 
 def displacement_space(problem: Problem) -> FESpace:
     """V_h: continuous vectors of the problem's order; held components are not free."""
-    fixed, elsewhere = {axis: [] for axis in range(problem.N)}, []
+    fixed = {axis: [] for axis in range(problem.N)}
+    elsewhere = []
     for _, place, axis, _ in problem.held:
         if isinstance(place, str):
             fixed[axis].append(place)
         else:
             elsewhere.append((place, axis))
-    conditions = {f"dirichlet{'xyz'[a]}": "|".join(names) for a, names in fixed.items() if names}
+    conditions = {
+        f"dirichlet{'xyz'[a]}": "|".join(names) for a, names in fixed.items() if names
+    }
     V = VectorH1(problem.mesh, order=problem.order, **conditions)
     for place, axis in elsewhere:
         for dof in nodes_at(V.components[axis], place).tolist():
@@ -68,7 +71,11 @@ def nodes_at(scalar: FESpace, place: Place) -> np.ndarray:
     if isinstance(place, Point):
         return vertices_at(place, scalar.mesh)
     on_edges = isinstance(place, Edge)
-    region = scalar.mesh.BBoundaries(place.name) if on_edges else scalar.mesh.Boundaries(place)
+    region = (
+        scalar.mesh.BBoundaries(place.name)
+        if on_edges
+        else scalar.mesh.Boundaries(place)
+    )
     return np.flatnonzero(np.array(scalar.GetDofs(region), dtype=bool))
 
 
@@ -82,12 +89,15 @@ def prescribed_displacement(problem: Problem, V: FESpace) -> GridFunction:
     return lift
 
 
-def given_at(scalar: FESpace, place: Place, value: Coefficient) -> tuple[np.ndarray, np.ndarray]:
+def given_at(
+    scalar: FESpace, place: Place, value: Coefficient
+) -> tuple[np.ndarray, np.ndarray]:
     """The nodes of a place, and a given function there, linear on edges."""
     if not isinstance(place, str):
         vertices, values = values_at(value, scalar.mesh, place)
         return vertices, values[:, 0]
-    function, nodes = GridFunction(scalar), nodes_at(scalar, place)
+    function = GridFunction(scalar)
+    nodes = nodes_at(scalar, place)
     function.Set(as_scalar(value), definedon=scalar.mesh.Boundaries(place))
     return nodes, function.vec.FV().NumPy()[nodes]
 
@@ -131,7 +141,9 @@ def work_of(problem: Problem, v: CoefficientFunction | ProxyFunction) -> list:
         if not isinstance(place, Point)
     ]
     if problem.f is not None:
-        work.append(weight * InnerProduct(problem.f, v) * dx(bonus_intorder=BONUS_ORDER))
+        work.append(
+            weight * InnerProduct(problem.f, v) * dx(bonus_intorder=BONUS_ORDER)
+        )
     return work
 
 
@@ -139,7 +151,9 @@ def region_measure(problem: Problem, place: str | Edge) -> DifferentialSymbol:
     """Ds on a boundary or along edges, with points for data that vary."""
     if isinstance(place, str):
         return ds(place, bonus_intorder=BONUS_ORDER)
-    return dx(definedon=problem.mesh.BBoundaries(place.name), bonus_intorder=BONUS_ORDER)
+    return dx(
+        definedon=problem.mesh.BBoundaries(place.name), bonus_intorder=BONUS_ORDER
+    )
 
 
 def nodal(vector: np.ndarray, problem: Problem) -> np.ndarray:
@@ -160,19 +174,29 @@ def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
     return problem.processes.summed(forces)
 
 
-def spring_matrix(problem: Problem, V: FESpace, place: Place, springs: list[tuple]) -> csr_matrix:
+def spring_matrix(
+    problem: Problem, V: FESpace, place: Place, springs: list[tuple]
+) -> csr_matrix:
     """Forces per displacement, flattened node by node, of one of ``Problem.spring_constants``."""
-    N, (u, v) = problem.N, V.TnT()
+    N = problem.N
+    u, v = V.TnT()
     if isinstance(place, Point):
         vertices = vertices_at(place, problem.mesh)
         rows = (N * vertices[:, None] + np.arange(N)).ravel()
         numbers = [values_at(k, problem.mesh, place)[1][:, 0] for _, k in springs]
-        return csr_matrix((np.stack(numbers, axis=1).ravel(), (rows, rows)), shape=(V.ndof, V.ndof))
-    along = [(problem.normal if d is None else CF(tuple(d)), as_scalar(k)) for d, k in springs]
+        return csr_matrix(
+            (np.stack(numbers, axis=1).ravel(), (rows, rows)), shape=(V.ndof, V.ndof)
+        )
+    along = [
+        (problem.normal if d is None else CF(tuple(d)), as_scalar(k))
+        for d, k in springs
+    ]
     density = sum(k * (d * u) * (d * v) for d, k in along)
     form = BilinearForm(V)
     form += problem.kinematics.weight * density * region_measure(problem, place)
-    matrix = csr_matrix(tuple(map(np.asarray, form.Assemble().mat.CSR())), shape=(V.ndof, V.ndof))
+    matrix = csr_matrix(
+        tuple(map(np.asarray, form.Assemble().mat.CSR())), shape=(V.ndof, V.ndof)
+    )
     by_node = nodal(np.arange(V.ndof), problem).ravel()
     matrix = matrix[by_node][:, by_node]
     matrix.eliminate_zeros()
@@ -185,25 +209,33 @@ class Supports:
     space: FESpace  # ``displacement_space``
     free: np.ndarray  # boolean, shape (nodes, N): components that no support holds
     values: np.ndarray  # prescribed displacements, zero elsewhere, shape (nodes, N)
-    springs: dict[Place, csr_matrix]  # their forces per displacement, u flattened node by node
+    springs: dict[
+        Place, csr_matrix
+    ]  # their forces per displacement, u flattened node by node
     stiffness: csr_matrix  # the sum of ``springs``
 
     def __init__(self, problem: Problem) -> None:
-        self.problem, self.space = problem, displacement_space(problem)
+        self.problem = problem
+        self.space = displacement_space(problem)
         free = nodal(np.array(list(self.space.FreeDofs()), dtype=bool), problem)
         holding = problem.processes.summed((~free).astype(float))
         self.free = holding == 0
-        lift = nodal(prescribed_displacement(problem, self.space).vec.FV().NumPy(), problem)
+        lift = nodal(
+            prescribed_displacement(problem, self.space).vec.FV().NumPy(), problem
+        )
         self.values = problem.processes.summed(lift.copy()) / np.maximum(holding, 1)
         if problem.kinematics.hoop:  # on the axis the radial displacement vanishes
-            radii, scalar = np.abs(vertex_coordinates(problem.mesh)[:, 0]), self.space.components[0]
+            radii = np.abs(vertex_coordinates(problem.mesh)[:, 0])
+            scalar = self.space.components[0]
             there = radii <= 1e-12 * radii.max()
             self.free[: len(there)][there, 0] = False
             for facet in problem.mesh.Elements(BND):
                 if all(there[vertex.nr] for vertex in facet.vertices):
                     self.free[list(scalar.GetDofNrs(facet)), 0] = False
         constants = problem.spring_constants.items()
-        self.springs = {p: spring_matrix(problem, self.space, p, k) for p, k in constants}
+        self.springs = {
+            p: spring_matrix(problem, self.space, p, k) for p, k in constants
+        }
         self.stiffness = sum(self.springs.values(), csr_matrix((free.size, free.size)))
 
     def pull(self, u: np.ndarray, place: Place | None = None) -> np.ndarray:

@@ -42,30 +42,46 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
     )
     at = overlap(one, two)
     if not len(at.weights):
-        raise ValueError(f"contact={pair!r}: the two boundaries nowhere face each other")
-    weights, (points, N) = at.weights, at.lam.shape
+        raise ValueError(
+            f"contact={pair!r}: the two boundaries nowhere face each other"
+        )
+    weights = at.weights
+    points, N = at.lam.shape
     if problem.kinematics.hoop:
-        weights = 2 * np.pi * weights * (at.lam * one.corners[at.first, :, 0]).sum(axis=1)
+        weights = (
+            2 * np.pi * weights * (at.lam * one.corners[at.first, :, 0]).sum(axis=1)
+        )
     share = weights[:, None] * biorthogonal(len(one.corners), at)
     vertices, row = np.unique(one.vertices[at.first], return_inverse=True)
     where = row.ravel(), np.repeat(np.arange(points), N)
     sums = csr_matrix((share.ravel(), where), shape=(len(vertices), points))
     area = np.asarray(sums.sum(axis=1)).ravel()
     kept = area > COVERED * area.max()
-    averages, vertices, area = diags(1 / area[kept]) @ sums[kept], vertices[kept], area[kept]
+    averages = diags(1 / area[kept]) @ sums[kept]
+    vertices = vertices[kept]
+    area = area[kept]
     space = H1(problem.mesh, order=problem.order)
     jumps = one.means(space, at.first, at.lam) - two.means(space, at.second, at.other)
-    means, free = averages @ jumps, supports.free[vertices]
+    means = averages @ jumps
+    free = supports.free[vertices]
     if pair.tied:
         every = np.tile(np.arange(len(area)), N)
-        given = {"vertices": vertices[every], "weights": area[every], "free": free[every]}
+        given = {
+            "vertices": vertices[every],
+            "weights": area[every],
+            "free": free[every],
+        }
         axes = np.repeat(np.eye(N), len(area), axis=0)
-        rows = rows_along(axes, means[every], gaps=np.zeros(len(every)), tied=True, **given)
+        rows = rows_along(
+            axes, means[every], gaps=np.zeros(len(every)), tied=True, **given
+        )
         return rows.chosen(np.flatnonzero(free.T.ravel()))
     normals = _unit(averages @ at.normals)
     along = averages @ means_along(jumps, at.normals)
     given = {"vertices": vertices, "weights": area}
-    rows = rows_along(normals, means, along, gaps=averages @ at.gaps, free=free, **given)
+    rows = rows_along(
+        normals, means, along, gaps=averages @ at.gaps, free=free, **given
+    )
     return rows.movable(supports.free)
 
 
@@ -75,28 +91,42 @@ class Surface:
     vertices: np.ndarray  # numbers, shape (facets, N)
     corners: np.ndarray  # coordinates, shape (facets, N, N)
     normals: np.ndarray  # unit outer ones of the facets, shape (facets, N)
-    nodal: np.ndarray  # unit normals at the corners, averaged over the facets, (facets, N, N)
+    nodal: (
+        np.ndarray
+    )  # unit normals at the corners, averaged over the facets, (facets, N, N)
     areas: np.ndarray  # or lengths, shape (facets,), as are the next ones
     radii: np.ndarray  # largest distance of a corner from the centre
 
     def __init__(self, problem: Problem, names: tuple[str, ...]) -> None:
-        mesh, N = problem.mesh, problem.N
+        mesh = problem.mesh
+        N = problem.N
         region = mesh.Boundaries("|".join(names))
         facets = list(region.Elements())
         if any(len(facet.vertices) != N for facet in facets):
-            raise ValueError(f"contact between {names} and another body needs triangular facets")
+            raise ValueError(
+                f"contact between {names} and another body needs triangular facets"
+            )
         self._numbers = [ElementId(BND, facet.nr) for facet in facets]
         self.vertices = np.array([[v.nr for v in facet.vertices] for facet in facets])
         self.corners = np.asarray(mesh.ngmesh.Coordinates())[self.vertices, :N]
         self.centres = self.corners.mean(axis=1)
-        self.radii = np.linalg.norm(self.corners - self.centres[:, None], axis=2).max(axis=1)
+        self.radii = np.linalg.norm(self.corners - self.centres[:, None], axis=2).max(
+            axis=1
+        )
         middle = IntegrationRule(points=[(1 / N,) * (N - 1)], weights=[1.0])
         shape = {2: ET.SEGM, 3: ET.TRIG}[N]
-        outward = np.asarray(problem.normal(mesh.MapToAllElements({shape: middle}, region)))
+        outward = np.asarray(
+            problem.normal(mesh.MapToAllElements({shape: middle}, region))
+        )
         sides = self.corners[:, 1:] - self.corners[:, :1]
-        turned = sides[:, 0, ::-1] * [1, -1] if N == 2 else 0.5 * np.cross(*sides.swapaxes(0, 1))
+        turned = (
+            sides[:, 0, ::-1] * [1, -1]
+            if N == 2
+            else 0.5 * np.cross(*sides.swapaxes(0, 1))
+        )
         turned *= np.sign((turned * outward.reshape(-1, N)).sum(axis=1))[:, None]
-        self.areas, self.normals = np.linalg.norm(turned, axis=1), _unit(turned)
+        self.areas = np.linalg.norm(turned, axis=1)
+        self.normals = _unit(turned)
         sums = np.zeros((mesh.nv, N))
         for column in self.vertices.T:
             np.add.at(sums, column, turned)
@@ -106,7 +136,8 @@ class Surface:
         """A function of a space at barycentric coordinates lam (n, N), shape (n, nodes)."""
         nodes = np.array([space.GetDofNrs(number) for number in self._numbers])[facets]
         if nodes.shape[1] > lam.shape[1]:
-            element, N = space.GetFE(self._numbers[0]), lam.shape[1]
+            element = space.GetFE(self._numbers[0])
+            N = lam.shape[1]
             pairs = np.array([*combinations_with_replacement(range(N), 2)])
             known = np.eye(N)[pairs].mean(axis=1)
             values = [np.array(element.CalcShape(*point[:-1])) for point in known]
@@ -132,16 +163,20 @@ class Overlap:
 def overlap(one: Surface, two: Surface) -> Overlap:
     """The points on the overlaps of two surfaces that face each other."""
     i, j = _candidates(one, two)
-    seen, N = _seen(one, i, two.corners[j]), one.corners.shape[-1]
+    seen = _seen(one, i, two.corners[j])
+    N = one.corners.shape[-1]
     pieces = np.clip(seen, 0, 1)[:, None] if N == 2 else _fans(_clipped(seen))
     size = np.abs(np.linalg.det(pieces))
     pair, piece = np.nonzero(size > THIN)
-    x, w = np.array([point[: N - 1] for point in RULES[N].points]), np.array(RULES[N].weights)
+    x = np.array([point[: N - 1] for point in RULES[N].points])
+    w = np.array(RULES[N].weights)
     x = np.column_stack([1 - x.sum(axis=1), x])
     lam = (x @ pieces[pair, piece]).reshape(-1, N)
     weights = (size[pair, piece] * one.areas[i[pair]])[:, None] * w / w.sum()
-    i, j = np.repeat(i[pair], len(w)), np.repeat(j[pair], len(w))
-    here, normals = _between(one.corners[i], lam), _unit(_between(one.nodal[i], lam))
+    i = np.repeat(i[pair], len(w))
+    j = np.repeat(j[pair], len(w))
+    here = _between(one.corners[i], lam)
+    normals = _unit(_between(one.nodal[i], lam))
     other = _hit(two.corners[j], here, normals if N == 2 else one.normals[i])
     gaps = ((_between(two.corners[j], other) - here) * normals).sum(axis=1)
     near = gaps > -(one.radii[i] + two.radii[j])
@@ -153,7 +188,9 @@ def _candidates(one: Surface, two: Surface) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of facets that are close and face each other."""
     tree = cKDTree(two.centres)
     nearest, _ = tree.query(one.centres)
-    found = tree.query_ball_point(one.centres, nearest + one.radii + 2 * two.radii.max())
+    found = tree.query_ball_point(
+        one.centres, nearest + one.radii + 2 * two.radii.max()
+    )
     i = np.repeat(np.arange(len(found)), [len(part) for part in found])
     j = np.concatenate([np.asarray(part, dtype=int) for part in found])
     facing = np.einsum("pc,pc->p", one.normals[i], two.normals[j]) < 0
@@ -163,13 +200,18 @@ def _candidates(one: Surface, two: Surface) -> tuple[np.ndarray, np.ndarray]:
 def _seen(one: Surface, i: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Barycentric coordinates in facets of points y along the normals, both (pairs, N, N)."""
     if y.shape[-1] == 3:
-        corners, normals = (np.repeat(a[i], 3, axis=0) for a in (one.corners, one.normals))
+        corners, normals = (
+            np.repeat(a[i], 3, axis=0) for a in (one.corners, one.normals)
+        )
         return _hit(corners, y.reshape(-1, 3), normals).reshape(y.shape)
-    a, n_a = one.corners[i, :1], one.nodal[i, :1]
-    side, turn = np.diff(one.corners[i], axis=1), np.diff(one.nodal[i], axis=1)
+    a = one.corners[i, :1]
+    n_a = one.nodal[i, :1]
+    side = np.diff(one.corners[i], axis=1)
+    turn = np.diff(one.nodal[i], axis=1)
     t = ((y - a) * side).sum(axis=2) / (side**2).sum(axis=2)
     for _ in range(8):  # Newton's method: a + t side - y is parallel to n_a + t turn
-        offset, normal = a + t[..., None] * side - y, n_a + t[..., None] * turn
+        offset = a + t[..., None] * side - y
+        normal = n_a + t[..., None] * turn
         t = t - _cross(offset, normal) / (_cross(side, normal) + _cross(offset, turn))
     return np.stack([1 - t, t], axis=2)
 
@@ -178,15 +220,19 @@ def _hit(corners: np.ndarray, start: np.ndarray, direction: np.ndarray) -> np.nd
     """Barycentric coordinates (n, N) where lines from points meet facets (n, N, N)."""
     sides = corners[:, 1:] - corners[:, :1]
     axes = np.concatenate([sides, direction[:, None]], axis=1)
-    found = np.linalg.solve(axes.swapaxes(1, 2), (start - corners[:, 0])[..., None])[:, :-1, 0]
+    found = np.linalg.solve(axes.swapaxes(1, 2), (start - corners[:, 0])[..., None])[
+        :, :-1, 0
+    ]
     return np.column_stack([1 - found.sum(axis=1), found])
 
 
 def _clipped(polygon: np.ndarray) -> np.ndarray:
     """Convex polygons (pairs, k, N) where no coordinate is negative; corners may be repeated."""
     for side in range(polygon.shape[-1]):
-        following, (pairs, k, _) = np.roll(polygon, -1, axis=1), polygon.shape
-        a, b = polygon[..., side], following[..., side]
+        following = np.roll(polygon, -1, axis=1)
+        pairs, k, _ = polygon.shape
+        a = polygon[..., side]
+        b = following[..., side]
         crosses = (a >= 0) != (b >= 0)
         t = np.where(crosses, a / np.where(crosses, a - b, 1.0), 0.0)
         cut = polygon + t[..., None] * (following - polygon)
@@ -209,7 +255,11 @@ def biorthogonal(count: int, at: Overlap) -> np.ndarray:
     """The biorthogonal functions of facets at points (points, N); hats where little is covered."""
     N = at.lam.shape[1]
     mass = np.zeros((count, N, N))
-    np.add.at(mass, at.first, at.weights[:, None, None] * at.lam[:, :, None] * at.lam[:, None, :])
+    np.add.at(
+        mass,
+        at.first,
+        at.weights[:, None, None] * at.lam[:, :, None] * at.lam[:, None, :],
+    )
     size = np.linalg.eigvalsh(mass)
     good = size[:, 0] > SLIVER * size[:, -1]
     A = np.broadcast_to(np.eye(N), mass.shape).copy()

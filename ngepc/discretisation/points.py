@@ -46,20 +46,26 @@ class Elements:
     Slopes are the N derivatives, on bodies of revolution also that along the circumference, 1/r.
     """
 
-    basis: np.ndarray  # numbers of a strain by the slopes of a displacement, shape (s, N, slopes)
+    basis: (
+        np.ndarray
+    )  # numbers of a strain by the slopes of a displacement, shape (s, N, slopes)
     averaged: bool  # tr eps is the mean over each element
     shapes: np.ndarray  # shape functions at the points, shape (p, k)
     nodes: np.ndarray  # numbers, shape (elements, k)
     points: np.ndarray  # numbers among all points, shape (elements, p)
     weights: np.ndarray  # of the points, shape (elements, p)
-    slopes: np.ndarray  # of the shape functions at the points, shape (elements, p, k, slopes)
+    slopes: (
+        np.ndarray
+    )  # of the shape functions at the points, shape (elements, p, k, slopes)
 
     @property
     def parts(self) -> Iterator[Elements]:
         """The elements in chunks, as views."""
         for first in range(0, len(self.nodes), CHUNK):
             names = ("nodes", "points", "weights", "slopes")
-            yield replace(self, **{n: getattr(self, n)[first : first + CHUNK] for n in names})
+            yield replace(
+                self, **{n: getattr(self, n)[first : first + CHUNK] for n in names}
+            )
 
     @property
     def _shares(self) -> np.ndarray:
@@ -72,13 +78,18 @@ class Elements:
         rows = np.einsum("scj,epkj->epskc", self.basis, self.slopes, optimize=True)
         rows = rows.reshape(*rows.shape[:3], -1)
         if self.averaged:
-            rows[:, :, 0] = np.einsum("ep,epk->ek", self._shares, rows[:, :, 0])[:, None]
+            rows[:, :, 0] = np.einsum("ep,epk->ek", self._shares, rows[:, :, 0])[
+                :, None
+            ]
         return rows
 
     def strain(self, u: np.ndarray) -> np.ndarray:
         """Strains, shape (elements, p, s): the rows times u, without making them."""
         slopes = np.matmul(u[self.nodes].swapaxes(1, 2)[:, None], self.slopes)
-        found = slopes.reshape(*slopes.shape[:2], -1) @ self.basis.reshape(len(self.basis), -1).T
+        found = (
+            slopes.reshape(*slopes.shape[:2], -1)
+            @ self.basis.reshape(len(self.basis), -1).T
+        )
         if self.averaged:
             found[:, :, 0] = (self._shares * found[:, :, 0]).sum(axis=1)[:, None]
         return found
@@ -94,7 +105,8 @@ class Elements:
 
     def stiffness(self, moduli: Moduli) -> np.ndarray:
         """B' C B, shape (elements, k N, k N)."""
-        rows, points = self.rows(), self.points
+        rows = self.rows()
+        points = self.points
         along = np.einsum("epd,epdk->epk", moduli.direction[points], rows[:, :, 1:])
         rows = np.concatenate([rows, along[:, :, None]], axis=2)
         factors = np.empty(rows.shape[:3])
@@ -102,7 +114,9 @@ class Elements:
         factors[:, :, 1:-1] = (self.weights * moduli.across[points])[:, :, None]
         factors[:, :, -1] = self.weights * moduli.extra[points]
         flat = rows.reshape(len(rows), -1, rows.shape[-1])
-        return np.matmul(flat.transpose(0, 2, 1) * factors.reshape(len(rows), 1, -1), flat)
+        return np.matmul(
+            flat.transpose(0, 2, 1) * factors.reshape(len(rows), 1, -1), flat
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,17 +141,27 @@ class Points:
     order one from volume locking (docs/locking.md).
     """
 
-    rules: dict[ET, IntegrationRule]  # for ``dx(intrules=...)`` and ``mesh.MapToAllElements``
+    rules: dict[
+        ET, IntegrationRule
+    ]  # for ``dx(intrules=...)`` and ``mesh.MapToAllElements``
     scalar: H1  # the space of one displacement component; its degrees of freedom are the nodes
     weights: np.ndarray  # volume that belongs to each point, shape (points,)
     blocks: list[Elements]  # one for each shape
     processes: Team  # share the mesh; each has the points of its own elements
 
     def __init__(
-        self, mesh: Mesh, kinematics: Kinematics, order: int, *, mean_volume: bool = False
+        self,
+        mesh: Mesh,
+        kinematics: Kinematics,
+        order: int,
+        *,
+        mean_volume: bool = False,
     ) -> None:
-        self.mesh, self.kinematics, self.order = mesh, kinematics, order
-        self.processes, self.rules = processes_of(mesh), plastic_points(mesh, order)
+        self.mesh = mesh
+        self.kinematics = kinematics
+        self.order = order
+        self.processes = processes_of(mesh)
+        self.rules = plastic_points(mesh, order)
         self.scalar = H1(mesh, order=order)
         self._mapped = mesh.MapToAllElements(self.rules, mesh.Materials(".*"))
         jacobians = specialcf.JacobianMatrix(mesh.dim)(self._mapped)
@@ -160,10 +184,16 @@ class Points:
         mesh, N, sizes = self.mesh, self.kinematics.N, np.zeros(self.mesh.ne, dtype=int)
         basis = np.concatenate([np.eye(N)[None], self.kinematics.basis[:, :N, :N]])
         if self.kinematics.hoop:
-            ring = np.append(1.0, self.kinematics.basis[:, 2, 2])[:, None, None] * np.eye(N)[:, :1]
-            basis, radii = np.concatenate([basis, ring], axis=2), self.at(x)
+            ring = (
+                np.append(1.0, self.kinematics.basis[:, 2, 2])[:, None, None]
+                * np.eye(N)[:, :1]
+            )
+            basis = np.concatenate([basis, ring], axis=2)
+            radii = self.at(x)
         alike = elements_by_shape(mesh)
-        kinds = [self.scalar.GetFE(ElementId(VOL, int(of_shape[0]))) for of_shape, _ in alike]
+        kinds = [
+            self.scalar.GetFE(ElementId(VOL, int(of_shape[0]))) for of_shape, _ in alike
+        ]
         for (of_shape, _), element in zip(alike, kinds, strict=True):
             sizes[of_shape] = len(self.rules[element.type])
         firsts = np.cumsum(sizes) - sizes
@@ -174,13 +204,19 @@ class Points:
             if self.order == 2:
                 ids = (ElementId(VOL, number) for number in of_shape.tolist())
                 nodes = np.array([self.scalar.GetDofNrs(one) for one in ids])
-            slopes = np.array([np.array(fe.CalcDShape(*point)) for point in rule.points])
+            slopes = np.array(
+                [np.array(fe.CalcDShape(*point)) for point in rule.points]
+            )
             shapes = np.array([np.array(fe.CalcShape(*point)) for point in rule.points])
-            slopes = np.einsum("pkj,epji->epki", slopes, inverses[points], optimize=True)
+            slopes = np.einsum(
+                "pkj,epji->epki", slopes, inverses[points], optimize=True
+            )
             if self.kinematics.hoop:
                 hoop = shapes / radii[points][:, :, None]
                 slopes = np.concatenate([slopes, hoop[..., None]], axis=3)
-            yield Elements(basis, averaged, shapes, nodes, points, self.weights[points], slopes)
+            yield Elements(
+                basis, averaged, shapes, nodes, points, self.weights[points], slopes
+            )
 
     def strain(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """tr eps(u) and the coordinates of dev eps(u), shapes (points,) and (points, d)."""
@@ -201,17 +237,26 @@ class Points:
 
     def diagonal(self, bulk: np.ndarray, shear: np.ndarray) -> np.ndarray:
         """Diagonal of B' C B for C = bulk I (x) I + shear Id, shape (nodes, N)."""
-        C = self.weights[:, None] * np.column_stack([bulk, *[shear] * self.kinematics.d])
-        return self._gathered(lambda p: np.einsum("eps,epsk->ek", C[p.points], p.rows() ** 2))
+        C = self.weights[:, None] * np.column_stack(
+            [bulk, *[shear] * self.kinematics.d]
+        )
+        return self._gathered(
+            lambda p: np.einsum("eps,epsk->ek", C[p.points], p.rows() ** 2)
+        )
 
     def _gathered(self, local: Callable[[Elements], np.ndarray]) -> np.ndarray:
         """The sum over elements of what a part has at its nodes, shape (nodes, N)."""
-        count, N = self.scalar.ndof, self.kinematics.N
+        count = self.scalar.ndof
+        N = self.kinematics.N
         result = np.zeros((count, N))
         for block in self.blocks:
-            values = np.concatenate([local(part) for part in block.parts]).reshape(-1, N)
+            values = np.concatenate([local(part) for part in block.parts]).reshape(
+                -1, N
+            )
             for c in range(N):
-                result[:, c] += np.bincount(block.nodes.ravel(), values[:, c], minlength=count)
+                result[:, c] += np.bincount(
+                    block.nodes.ravel(), values[:, c], minlength=count
+                )
         return self.processes.summed(result)
 
     def integral(self, density: np.ndarray) -> float:
@@ -230,14 +275,20 @@ class PointFunctions:
             values = np.empty((*numbers.shape, numbers.shape[1]))
             for k, those in enumerate(numbers.T):
                 shape.vec[:] = 0.0
-                shape.vec.FV().NumPy()[those] = 1.0  # they follow each other as the points do
+                shape.vec.FV().NumPy()[those] = (
+                    1.0  # they follow each other as the points do
+                )
                 values[:, :, k] = points.at(shape)[numbers]
             self._inverses.append(np.linalg.inv(values))
 
     def function(self, values: np.ndarray, name: str = "gfu") -> GridFunction:
         """The function with these values at the points, shape (points,) or (points, d)."""
         columns = values.reshape(len(values), -1)
-        space = self._scalar if values.ndim == 1 else VectorValued(self._scalar, columns.shape[1])
+        space = (
+            self._scalar
+            if values.ndim == 1
+            else VectorValued(self._scalar, columns.shape[1])
+        )
         result = GridFunction(space, name=name)
         result.vec.FV().NumPy()[:] = self._applied(self._inverses, columns).T.ravel()
         return result
@@ -264,7 +315,9 @@ def on_children(
     those of the second mesh lie in.
     """
     known, wanted = (
-        np.stack([points.at(v) for v in (1.0, x, y, z)], axis=1).reshape(points.mesh.ne, -1, 4)
+        np.stack([points.at(v) for v in (1.0, x, y, z)], axis=1).reshape(
+            points.mesh.ne, -1, 4
+        )
         for points in (before, after)
     )
     q = known.shape[1]  # as many of 1, x, y, z

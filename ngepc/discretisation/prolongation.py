@@ -16,9 +16,13 @@ def vertex_dofs(space: FESpace, mesh: Mesh) -> np.ndarray:
     """Vertices that carry a degree of freedom of a scalar P1 space, and these degrees, (2, k)."""
     if space.ndof == mesh.nv:
         return np.tile(np.arange(mesh.nv), (2, 1))
-    on_boundary = sorted({v.nr for element in mesh.Elements(BND) for v in element.vertices})
+    on_boundary = sorted(
+        {v.nr for element in mesh.Elements(BND) for v in element.vertices}
+    )
     pairs = [(v, space.GetDofNrs(NodeId(VERTEX, v))[0]) for v in on_boundary]
-    return np.array([pair for pair in pairs if pair[1] >= 0], dtype=int).reshape(-1, 2).T
+    return (
+        np.array([pair for pair in pairs if pair[1] >= 0], dtype=int).reshape(-1, 2).T
+    )
 
 
 def at_points(mesh: Mesh, vertex_values: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -36,7 +40,9 @@ def at_points(mesh: Mesh, vertex_values: np.ndarray, points: np.ndarray) -> np.n
     return result
 
 
-def at_vertices(own: Mesh, values: np.ndarray, mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
+def at_vertices(
+    own: Mesh, values: np.ndarray, mesh: Mesh, chosen: np.ndarray
+) -> np.ndarray:
     """A P1 function of one mesh at chosen vertices of another: (chosen, k) from (own.nv, k).
 
     Where processes share ``mesh`` it has to be refined from ``own``, otherwise a ValueError.
@@ -54,20 +60,32 @@ def nodal_values(start: object, problem: Problem) -> np.ndarray:
     On the same mesh and for the same order it is itself, otherwise it is evaluated at the vertices
     and varies linearly between them.  A TypeError or ValueError if it has not N components.
     """
-    source = start if isinstance(start, GridFunction) else getattr(start, "displacement", start)
-    N, mesh = problem.N, problem.mesh
+    source = (
+        start
+        if isinstance(start, GridFunction)
+        else getattr(start, "displacement", start)
+    )
+    N = problem.N
+    mesh = problem.mesh
     if not isinstance(source, GridFunction):
-        raise TypeError(f"start={start!r}: a displacement or a result that has one is needed")
+        raise TypeError(
+            f"start={start!r}: a displacement or a result that has one is needed"
+        )
     own = source.space.mesh
     if own.dim != N or source.dim != N:
-        raise ValueError(f"start has {source.dim} components: a displacement of {N} is needed")
+        raise ValueError(
+            f"start has {source.dim} components: a displacement of {N} is needed"
+        )
     given = np.stack([part.vec.FV().NumPy() for part in source.components], axis=1)
     count = H1(mesh, order=problem.order).ndof
     same = np.array_equal(vertex_coordinates(mesh), vertex_coordinates(own))
     if same and len(given) == count:
         return given
-    there, values = given[: own.nv], np.zeros((count, N))
-    values[: mesh.nv] = there if same else at_vertices(own, there, mesh, np.arange(mesh.nv))
+    there = given[: own.nv]
+    values = np.zeros((count, N))
+    values[: mesh.nv] = (
+        there if same else at_vertices(own, there, mesh, np.arange(mesh.nv))
+    )
     return values
 
 
@@ -77,14 +95,22 @@ def prolongate(source: FESpace, values: BaseVector, target: FESpace) -> np.ndarr
     They are zero where not free, and functions on a part of the boundary are zero at other
     vertices; to the same or a refined mesh this is exact.
     """
-    old, new = source.mesh, target.mesh
+    old = source.mesh
+    new = target.mesh
     components = GridFunction(source).dim
-    first_of = (lambda space: space) if components == 1 else (lambda space: space.components[0])
+    first_of = (
+        (lambda space: space)
+        if components == 1
+        else (lambda space: space.components[0])
+    )
     old_vertices, old_dofs = vertex_dofs(first_of(source), old)
     new_vertices, new_dofs = vertex_dofs(first_of(target), new)
     known = np.zeros((old.nv, components))
     known[old_vertices] = values.FV().NumPy().reshape(components, -1)[:, old_dofs].T
     result = np.zeros((components, target.ndof // components))
-    points, same = vertex_coordinates(new)[new_vertices], old is new
-    result[:, new_dofs] = (known[new_vertices] if same else at_points(old, known, points)).T
+    points = vertex_coordinates(new)[new_vertices]
+    same = old is new
+    result[:, new_dofs] = (
+        known[new_vertices] if same else at_points(old, known, points)
+    ).T
     return result.ravel() * np.array(target.FreeDofs(), dtype=float)

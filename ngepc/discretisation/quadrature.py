@@ -16,7 +16,9 @@ SMOOTH_ORDER = 9
 SMOOTH_VARIATION = 0.1
 """Where q varies by less than this fraction of its size, that order is exact to rounding."""
 
-IDLE, SMOOTH, KINKED = -1, 0, 1
+IDLE = -1
+SMOOTH = 0
+KINKED = 1
 """What an element is: below the threshold, beyond it and gentle, or to be looked at closely."""
 
 HIGHEST_ORDER = 60
@@ -28,12 +30,16 @@ def order_with_points(shape: ET, points: int) -> int:
         most = len(IntegrationRule(shape, order))
         if most >= points:
             return order
-    raise ValueError(f"quadrature_points={points}: at most {most} are available per {shape.name}")
+    raise ValueError(
+        f"quadrature_points={points}: at most {most} are available per {shape.name}"
+    )
 
 
 def fine_rules(dim: int, points: int) -> dict[ET, IntegrationRule]:
     """Rules with at least ``points`` points on each element shape of the dimension."""
-    return {s: IntegrationRule(s, order_with_points(s, points)) for s in ELEMENT_TYPES[dim]}
+    return {
+        s: IntegrationRule(s, order_with_points(s, points)) for s in ELEMENT_TYPES[dim]
+    }
 
 
 def rules_of(dim: int, order: int) -> dict[ET, IntegrationRule]:

@@ -27,7 +27,9 @@ from ngepc.discretisation.quadrature import rules_of
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team
 
-SAME_FACE = 0.7  # cosine above which facets of one boundary at a vertex belong to one face
+SAME_FACE = (
+    0.7  # cosine above which facets of one boundary at a vertex belong to one face
+)
 SAME_FACE_ACROSS = 0.985  # the same for facets of two boundaries
 HELD = 1e-8  # a row with a smaller free part is held by the support: no contact can happen there
 
@@ -37,12 +39,16 @@ class ContactRows:
     """The contact condition N u <= gaps; u flattened node by node, N components each."""
 
     normal: csr_matrix  # N, shape (m, nodes N)
-    tangential: csr_matrix  # tangential displacements of the rows, shape (m (N - 1), nodes N)
+    tangential: (
+        csr_matrix  # tangential displacements of the rows, shape (m (N - 1), nodes N)
+    )
     gaps: np.ndarray  # distance to the obstacle (length), shape (m,)
     weights: np.ndarray  # area of each row (length for N = 2), shape (m,)
     vertices: np.ndarray  # vertex of each row, shape (m,)
     normals: np.ndarray  # unit outer ones, shape (m, N)
-    tied: np.ndarray  # rows of glue and rollers: N u = gaps, forces of either sign, (m,)
+    tied: (
+        np.ndarray
+    )  # rows of glue and rollers: N u = gaps, forces of either sign, (m,)
 
     def __len__(self) -> int:
         return len(self.gaps)
@@ -57,7 +63,10 @@ class ContactRows:
         d = self.normals.shape[1] - 1
         tangents = (d * rows[:, None] + np.arange(d)).ravel()
         parts = {field.name: getattr(self, field.name) for field in fields(self)}
-        chosen = {name: a[tangents if name == "tangential" else rows] for name, a in parts.items()}
+        chosen = {
+            name: a[tangents if name == "tangential" else rows]
+            for name, a in parts.items()
+        }
         return ContactRows(**chosen)
 
     def movable(self, free: np.ndarray) -> ContactRows:
@@ -97,7 +106,8 @@ def rows_along(
 
 def means_along(means: csr_matrix, directions: np.ndarray) -> csr_matrix:
     """Means (m, nodes) of scalars as those of d . u for directions d (m, N), shape (m, nodes N)."""
-    M, N = means.tocoo(), directions.shape[1]
+    M = means.tocoo()
+    N = directions.shape[1]
     columns = N * M.col[:, None].astype(np.int64) + np.arange(N)
     values = M.data[:, None] * directions[M.row]
     where = np.repeat(M.row, N), columns.ravel()
@@ -116,9 +126,13 @@ def tangent_frames(normals: np.ndarray) -> np.ndarray:
 
 def joined(parts: list[ContactRows]) -> ContactRows:
     """The rows of several parts, one after the other."""
-    arrays = {f.name: [getattr(part, f.name) for part in parts] for f in fields(ContactRows)}
+    arrays = {
+        f.name: [getattr(part, f.name) for part in parts] for f in fields(ContactRows)
+    }
     sparse = {n: vstack(arrays.pop(n), format="csr") for n in ("normal", "tangential")}
-    return ContactRows(**sparse, **{n: np.concatenate(each) for n, each in arrays.items()})
+    return ContactRows(
+        **sparse, **{n: np.concatenate(each) for n, each in arrays.items()}
+    )
 
 
 def meeting_faces(
@@ -130,7 +144,9 @@ def meeting_faces(
     faces and the matrix that sums corners, shape (faces, corners).
     """
     count = len(nodes)
-    ones, corners, size = np.ones(count), np.arange(count), np.linalg.norm(normals, axis=1)
+    ones = np.ones(count)
+    corners = np.arange(count)
+    size = np.linalg.norm(normals, axis=1)
     at = csr_matrix((ones, (corners, nodes)), shape=(count, nodes.max(initial=0) + 1))
     i, j = (at @ at.T).nonzero()
     least = np.where(names[i] == names[j], SAME_FACE, SAME_FACE_ACROSS)
@@ -146,17 +162,25 @@ def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
     corners, means = _corners(problem)
     corners = _shared(corners, problem.processes)
-    names, at, integrals = corners[:, 0], corners[:, 1].astype(int), corners[:, 2:]
+    names = corners[:, 0]
+    at = corners[:, 1].astype(int)
+    integrals = corners[:, 2:]
     vertices, sums = meeting_faces(at, names, integrals[:, 2:])
-    m, integrals = len(vertices), sums @ integrals
-    weights, gaps, normals = integrals[:, 0], integrals[:, 1], integrals[:, 2:]
+    m = len(vertices)
+    integrals = sums @ integrals
+    weights = integrals[:, 0]
+    gaps = integrals[:, 1]
+    normals = integrals[:, 2:]
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     if problem.order == 1:
-        where, shape = (np.arange(m), vertices), (m, means.shape[1])
+        where = (np.arange(m), vertices)
+        shape = (m, means.shape[1])
         means = csr_matrix((np.ones(m), where), shape=shape)
     else:
         means = diags(1 / weights) @ sums @ means
-    rows = rows_along(normals, means, vertices=vertices, gaps=gaps / weights, weights=weights)
+    rows = rows_along(
+        normals, means, vertices=vertices, gaps=gaps / weights, weights=weights
+    )
     return rows.movable(supports.free)
 
 
@@ -166,21 +190,31 @@ def _corners(problem: Problem) -> tuple[np.ndarray, csr_matrix]:
     A corner has the number of its boundary, its vertex and integrals with its hat: of 1, of the gap
     and of the normal, shape (corners, 4 + N).  For order one the gap is that of the vertex.
     """
-    mesh, N, order = problem.mesh, problem.N, problem.order
+    mesh = problem.mesh
+    N = problem.N
+    order = problem.order
     scalar = H1(mesh, order=order)
-    found, means = [np.zeros((0, 4 + N))], [csr_matrix((0, scalar.ndof))]
+    found = [np.zeros((0, 4 + N))]
+    means = [csr_matrix((0, scalar.ndof))]
     for number, name in enumerate(problem.contact_names):
         psi = problem.gaps[name]
         facets = mapped_facets(problem, scalar, name, 2 if order == 1 else 6)
         for shape, nodes, shapes, area, points in facets:
-            given = np.column_stack([np.ones(len(points)), psi(points), problem.normal(points)])
+            given = np.column_stack(
+                [np.ones(len(points)), psi(points), problem.normal(points)]
+            )
             vertices = nodes[:, nodes[0] < mesh.nv]
             hats = (area[:, :, None] * shapes[:, : vertices.shape[1]]).swapaxes(1, 2)
             integrals = hats @ given.reshape(*area.shape, 2 + N)
             if order == 1:
-                at_corners = sample(psi, mesh, [name], {shape: corner_rules(N - 1)[shape]})
-                integrals[:, :, 1] = integrals[:, :, 0] * at_corners.reshape(vertices.shape)
-            boundary, integrals = np.full(vertices.size, number), integrals.reshape(-1, 2 + N)
+                at_corners = sample(
+                    psi, mesh, [name], {shape: corner_rules(N - 1)[shape]}
+                )
+                integrals[:, :, 1] = integrals[:, :, 0] * at_corners.reshape(
+                    vertices.shape
+                )
+            boundary = np.full(vertices.size, number)
+            integrals = integrals.reshape(-1, 2 + N)
             found.append(np.column_stack([boundary, vertices.ravel(), integrals]))
             columns = nodes.repeat(vertices.shape[1], axis=0).ravel()
             where = np.arange(vertices.size).repeat(nodes.shape[1]), columns
@@ -199,27 +233,42 @@ def mapped_facets(
     """
     mesh, N, region = problem.mesh, problem.N, problem.mesh.Boundaries(name)
     for shape, rule in rules_of(N - 1, order).items():
-        facets = [ElementId(BND, facet.nr) for facet in region.Elements() if facet.type == shape]
+        facets = [
+            ElementId(BND, facet.nr)
+            for facet in region.Elements()
+            if facet.type == shape
+        ]
         if not facets:
             continue
-        points, element = mesh.MapToAllElements({shape: rule}, region), space.GetFE(facets[0])
+        points = mesh.MapToAllElements({shape: rule}, region)
+        element = space.GetFE(facets[0])
         nodes = np.array([space.GetDofNrs(facet) for facet in facets])
-        shapes = np.array([np.array(element.CalcShape(*point)) for point in rule.points])
+        shapes = np.array(
+            [np.array(element.CalcShape(*point)) for point in rule.points]
+        )
         J = specialcf.JacobianMatrix(N, N - 1)(points).reshape(-1, N, N - 1)
         area = np.sqrt(np.linalg.det(J.swapaxes(1, 2) @ J))
         area *= np.ravel(problem.kinematics.weight(points))
-        yield shape, nodes, shapes, area.reshape(len(facets), -1) * np.array(rule.weights), points
+        yield (
+            shape,
+            nodes,
+            shapes,
+            area.reshape(len(facets), -1) * np.array(rule.weights),
+            points,
+        )
 
 
 def _shared(corners: np.ndarray, processes: Team) -> np.ndarray:
     """The corners with those that other processes have at common vertices, in one order on all."""
     if processes.size == 1:
         return corners
-    number, sent = processes.numbers, {}
+    number = processes.numbers
+    sent = {}
     corners[:, 1] = number[corners[:, 1].astype(int)]
     for rank, nodes in processes.copies.items():
         sent[rank] = corners[np.isin(corners[:, 1], number[nodes])]
     found = processes.traded(sent) | {processes.rank: corners}
-    every, order = np.vstack([found[rank] for rank in sorted(found)]), np.argsort(number)
+    every = np.vstack([found[rank] for rank in sorted(found)])
+    order = np.argsort(number)
     every[:, 1] = order[np.searchsorted(number, every[:, 1], sorter=order)]
     return every

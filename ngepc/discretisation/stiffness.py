@@ -33,10 +33,13 @@ class Blocks:
         """Make rows and columns of held components those of the identity."""
         held = ~self.free.all(axis=1)
         some = np.flatnonzero(held[self.rows] | held[self.columns])
-        i, j = self.free[self.rows[some]], self.free[self.columns[some]]
+        i = self.free[self.rows[some]]
+        j = self.free[self.columns[some]]
         values[some] = np.where(i[:, :, None] & j[:, None], values[some], 0.0)
         nodes, components = np.nonzero(~self.free)
-        values[np.flatnonzero(self.rows == self.columns)[nodes], components, components] = 1.0
+        values[
+            np.flatnonzero(self.rows == self.columns)[nodes], components, components
+        ] = 1.0
         return values
 
 
@@ -47,10 +50,12 @@ class Stiffness(Blocks):
     """
 
     def __init__(self, mesh: Mesh, order: int, free: np.ndarray) -> None:
-        self.free, self.N = free, free.shape[1]
+        self.free = free
+        self.N = free.shape[1]
         self._space = H1(mesh, order=order, dim=self.N)
         rows, columns, _ = lower_triangle(pattern_matrix(self._space))
-        self.rows, self.columns = rows.astype(np.int32), columns.astype(np.int32)
+        self.rows = rows.astype(np.int32)
+        self.columns = columns.astype(np.int32)
         self._added = np.zeros(0, dtype=int), 0.0
 
     def with_added(self, added: csr_matrix) -> Stiffness:
@@ -58,7 +63,8 @@ class Stiffness(Blocks):
 
         It is between nodes of one element, and takes the place of what was added before.
         """
-        other, blocks = copy(self), added.tobsr((self.N, self.N))
+        other = copy(self)
+        blocks = added.tobsr((self.N, self.N))
         i = np.repeat(np.arange(len(self.free)), np.diff(blocks.indptr))
         lower = i >= blocks.indices
         other._added = self.places(i[lower], blocks.indices[lower]), blocks.data[lower]
@@ -67,7 +73,8 @@ class Stiffness(Blocks):
     def places(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
         """Where the blocks of pairs of nodes i >= j are."""
         keys, wanted = (
-            r.astype(np.int64) * len(self.free) + c for r, c in ((self.rows, self.columns), (i, j))
+            r.astype(np.int64) * len(self.free) + c
+            for r, c in ((self.rows, self.columns), (i, j))
         )
         return np.searchsorted(keys, wanted)
 
@@ -77,7 +84,8 @@ class Stiffness(Blocks):
 
     def values(self, data: Any) -> np.ndarray:
         """The blocks, shape (blocks, N, N)."""
-        values, (places, blocks) = self.summed(data), self._added
+        values = self.summed(data)
+        places, blocks = self._added
         values[places] += blocks
         return self.held(values)
 
@@ -106,12 +114,15 @@ class ElementStiffness(Stiffness):
     def __init__(self, points: Points, free: np.ndarray) -> None:
         super().__init__(points.mesh, points.order, free)
         self._points = points
-        self._pairs = [[self._pairs_of(part) for part in block.parts] for block in points.blocks]
+        self._pairs = [
+            [self._pairs_of(part) for part in block.parts] for block in points.blocks
+        ]
 
     def _pairs_of(self, part: Elements) -> tuple[np.ndarray, ...]:
         """Blocks that some elements touch, which of these each pair is, and where to transpose."""
         a, b = np.tril_indices(part.nodes.shape[1])
-        i, j = part.nodes[:, a], part.nodes[:, b]
+        i = part.nodes[:, a]
+        j = part.nodes[:, b]
         places = self.places(np.maximum(i, j), np.minimum(i, j))
         touched, which = np.unique(places, return_inverse=True)
         return touched.astype(np.int32), which.astype(np.int32).ravel(), i < j
@@ -126,7 +137,10 @@ class ElementStiffness(Stiffness):
                 K = part.stiffness(data)
                 K = K.reshape(-1, k, self.N, k, self.N)[:, a, :, b, :].swapaxes(0, 1)
                 K[turned] = K[turned].swapaxes(1, 2)
-                found = [np.bincount(which, c, len(touched)) for c in K.reshape(-1, self.N**2).T]
+                found = [
+                    np.bincount(which, c, len(touched))
+                    for c in K.reshape(-1, self.N**2).T
+                ]
                 values[touched] += np.column_stack(found)
         return values.reshape(-1, self.N, self.N)
 
@@ -158,7 +172,8 @@ class SymbolicStiffness(Stiffness):
 
 def by_moduli(points: Points, free: np.ndarray) -> SymbolicStiffness:
     """The same as ``ElementStiffness``."""
-    functions, kinematics = PointFunctions(points), points.kinematics
+    functions = PointFunctions(points)
+    kinematics = points.kinematics
     shapes = [(len(points),)] * 3 + [(len(points), kinematics.d)]
     known = [functions.function(np.zeros(shape)) for shape in shapes]
 

@@ -20,7 +20,12 @@ from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional, Iterate
 from ngepc.dual.result import DualResult
 from ngepc.dual.stopping import Tolerances, ended, judged
-from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError, SparseSum
+from ngepc.linalg.direct import (
+    FROM_LOWER_TRIANGLE,
+    SOLVER_ERRORS,
+    FactorisationError,
+    SparseSum,
+)
 from ngepc.linalg.linesearch import Descent, FullSteps, LineSearch, Step
 from ngepc.results.outcome import History, IterationRecord, Monitor, Status
 
@@ -40,33 +45,46 @@ def algorithm_7_1(
 
     The Newton system may have been used before; without a line search all steps are full ones.
     """
-    search, history = FullSteps() if search is None else search, History()
-    step, status, cause = Step(length=1.0, energy=math.nan, halvings=0), None, ""
+    search = FullSteps() if search is None else search
+    history = History()
+    step = Step(length=1.0, energy=math.nan, halvings=0)
+    status = None
+    cause = ""
     here = before = Iterate(functional, v)
     try:
         while True:
             note(here, step, history, monitor)
-            here, status, cause = judged(here, before, history, aim, max_iterations, system.solve)
+            here, status, cause = judged(
+                here, before, history, aim, max_iterations, system.solve
+            )
             if status is not None:
                 break
             system.factorise(functional, here.hessian())
-            dy, dv = system.solve((-here.residual).Evaluate())  # (a) the Newton system (7.1)
+            dy, dv = system.solve(
+                (-here.residual).Evaluate()
+            )  # (a) the Newton system (7.1)
             line = DualLine(here, dy, dv)
-            step = search.search(line) if line.slope_0 < 0 else None  # (b) Armijo's rule
+            step = (
+                search.search(line) if line.slope_0 < 0 else None
+            )  # (b) Armijo's rule
             if step is None:
                 status = line.fault()
                 break
-            before, here = here, line.at(step.length)  # (c) the update of y and v
+            before = here
+            here = line.at(step.length)  # (c) the update of y and v
     except FactorisationError as error:
-        status, cause = Status.NONFINITE, f"{error}."
+        status = Status.NONFINITE
+        cause = f"{error}."
     except (StopIteration, KeyboardInterrupt):
-        status, cause = Status.STOPPED, f"after {len(history.records) - 1} steps"
+        status = Status.STOPPED
+        cause = f"after {len(history.records) - 1} steps"
     return ended(here, status, cause, history, aim)
 
 
 def note(here: Iterate, step: Step, history: History, monitor: Monitor | None) -> None:
     """Record an iterate and the step that led to it, log it and show it to the monitor."""
-    (contact, plastic), (pressed, yielding) = here.norms, here.active
+    contact, plastic = here.norms
+    pressed, yielding = here.active
     record = IterationRecord(
         iteration=len(history.records),
         residual_norm=here.residual_norm,
@@ -80,7 +98,10 @@ def note(here: Iterate, step: Step, history: History, monitor: Monitor | None) -
         plastic_active=yielding,
     )
     history.records.append(record)
-    logger.info("it:%(iteration)4d residual:%(residual_norm).3e energy:%(energy).12e", vars(record))
+    logger.info(
+        "it:%(iteration)4d residual:%(residual_norm).3e energy:%(energy).12e",
+        vars(record),
+    )
     if monitor is not None:
         state = here.functional, here.y, here.v, Status.STOPPED, ""
         snapshot = partial(DualResult, *state, History(list(history.records)))
@@ -94,10 +115,13 @@ class NewtonSystem:
     """
 
     def __init__(self, blocks: LinearBlocks, inverse: str) -> None:
-        self._blocks, self._solver, self._first = blocks, inverse, blocks.Y.ndof
+        self._blocks = blocks
+        self._solver = inverse
+        self._first = blocks.Y.ndof
         mirrored = inverse not in FROM_LOWER_TRIANGLE
         self._sum = SparseSum(blocks.saddle.mat, mirrored=mirrored)
-        self._saddle, self._inverse = self._sum.values.copy(), None
+        self._saddle = self._sum.values.copy()
+        self._inverse = None
 
     def factorise(self, functional: DualFunctional, hessian: BaseMatrix | None) -> None:
         """Assemble and factorise the Newton matrix; None leaves the nonsmooth terms out.
@@ -105,7 +129,9 @@ class NewtonSystem:
         FactorisationError if the direct solver gives up; ValueError for other blocks.
         """
         if functional.blocks is not self._blocks:
-            raise ValueError("functional has blocks of its own: one on the same blocks is needed")
+            raise ValueError(
+                "functional has blocks of its own: one on the same blocks is needed"
+            )
         self._sum.values[:] = self._saddle
         self._sum.add(self._blocks.B, self._first, 1 / functional.weights.tichonov)
         if hessian is not None:
@@ -127,13 +153,15 @@ class NewtonSystem:
 
     def solve(self, r: BaseVector) -> tuple[BaseVector, BaseVector]:
         """(delta y, delta v) of (7.1) for the right hand side (0, r), with the last factors."""
-        saddle, ends = self._blocks.saddle, self._blocks.X.ndof
+        saddle = self._blocks.saddle
+        ends = self._blocks.X.ndof
         right, x = (saddle.mat.CreateColVector() for _ in range(2))
         right[:] = 0.0
         right.Range(self._first, ends).data = r
         x.data = self._inverse * right
         x.data += saddle.harmonic_extension * x
-        dy, dv = x.Range(0, self._first), x.Range(self._first, ends)
+        dy = x.Range(0, self._first)
+        dv = x.Range(self._first, ends)
         return (1.0 * dy).Evaluate(), (1.0 * dv).Evaluate()
 
 
@@ -141,11 +169,17 @@ class DualLine(Descent):
     """J*_gamma along (y + t dy, v + t dv)."""
 
     def __init__(self, here: Iterate, dy: BaseVector, dv: BaseVector) -> None:
-        self.here, self.dy, self.dv, functional = here, dy, dv, here.functional
-        self.energy_0, self.magnitude = here.energy, here.magnitude
+        self.here = here
+        self.dy = dy
+        self.dv = dv
+        functional = here.functional
+        self.energy_0 = here.energy
+        self.magnitude = here.magnitude
         self.slope_0 = InnerProduct(here.residual, dv)
         image = (functional.blocks.Lambda * dy).Evaluate()
-        self._smooth_slope = InnerProduct(functional.linear_residual(here.y, here.v), dv)
+        self._smooth_slope = InnerProduct(
+            functional.linear_residual(here.y, here.v), dv
+        )
         self._curvature = InnerProduct(image, dv) + functional.tichonov(dv, dv)
         self._last = 0.0, here
 
@@ -169,7 +203,11 @@ class DualLine(Descent):
     def fault(self) -> Status:
         """Why there is no step length; the data may have changed."""
         again = Iterate(self.here.functional, self.here.v, self.here.y)
-        values = self.slope_0, *again.penalties, InnerProduct(again.multipliers, self.dv)
+        values = (
+            self.slope_0,
+            *again.penalties,
+            InnerProduct(again.multipliers, self.dv),
+        )
         if not math.isfinite(sum(values)):
             return Status.NONFINITE
         drowned = self.slope_0 >= 0 and self.is_rounding(self.slope_0)

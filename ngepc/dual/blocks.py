@@ -44,8 +44,11 @@ def elastic_terms(problem: Problem, u: CF, p: CF, v: CF, r: CF) -> list[CF]:
 
     Each part has one trial and one test function: that is several times cheaper to assemble.
     """
-    m, kinematics = problem.material, problem.kinematics
-    e, d, mu = kinematics.strain(u), kinematics.strain(v), as_scalar(m.lame_mu)
+    m = problem.material
+    kinematics = problem.kinematics
+    e = kinematics.strain(u)
+    d = kinematics.strain(v)
+    mu = as_scalar(m.lame_mu)
     return [
         m.lame_lambda * Trace(e) * Trace(d) + 2 * mu * InnerProduct(e, d),
         -2 * mu * (kinematics.coordinates(e) * r),
@@ -56,7 +59,8 @@ def elastic_terms(problem: Problem, u: CF, p: CF, v: CF, r: CF) -> list[CF]:
 
 def load_terms(problem: Problem, v: CF, r: CF) -> list:
     """The integrals of -l(v, r) in (2.15) and (2.16): loads, back stress, initial strain."""
-    m, kinematics = problem.material, problem.kinematics
+    m = problem.material
+    kinematics = problem.kinematics
     terms = work_of(problem, v)
     if problem.initial_hardening is not None:
         terms.append(-kinematics.coordinates(problem.alpha_0[1]) * r * dx)
@@ -71,7 +75,11 @@ def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
     mesh = problem.mesh
     strain_energy = Integrate(sum(elastic_terms(problem, u, p, u, p)) / 2, mesh)
     dissipation = Integrate(as_scalar(problem.beta) * Norm(p), mesh)
-    return strain_energy + dissipation - sum(Integrate(t, mesh) for t in load_terms(problem, u, p))
+    return (
+        strain_energy
+        + dissipation
+        - sum(Integrate(t, mesh) for t in load_terms(problem, u, p))
+    )
 
 
 class LinearBlocks:
@@ -87,35 +95,56 @@ class LinearBlocks:
 
     def __init__(self, problem: Problem, choice: DualSpaces, inverse: str) -> None:
         require_whole("gamma", problem.mesh)
-        lacks = ["law", "strain", "friction", "pairs", "order", "revolution", "places", "springs"]
+        lacks = [
+            "law",
+            "strain",
+            "friction",
+            "pairs",
+            "order",
+            "revolution",
+            "places",
+            "springs",
+        ]
         advice = "; leave gamma and regularisation out"
-        require_without(problem, "the paper's regularised method", *lacks, "corner", advice=advice)
-        self.problem, self.choice, fixed = problem, choice, choice.tichonov.fixed
+        require_without(
+            problem, "the paper's regularised method", *lacks, "corner", advice=advice
+        )
+        self.problem = problem
+        self.choice = choice
+        fixed = choice.tichonov.fixed
         self.residual_unit = choice.units.length ** (problem.N / 2 + 1)
         self.contact = problem.mesh.Boundaries("|".join(problem.contact_names))
-        V, Q = displacement_space(problem), plastic_space(problem)
+        V = displacement_space(problem)
+        Q = plastic_space(problem)
         Z = contact_space(problem, ends_fixed=fixed)
         R = plastic_dual_space(problem, boundary_fixed=fixed)
-        self.Y, self.H, self.X = FESpace([V, Q]), FESpace([Z, R]), FESpace([V, Q, Z, R])
+        self.Y = FESpace([V, Q])
+        self.H = FESpace([Z, R])
+        self.X = FESpace([V, Q, Z, R])
         self._assemble_dual(inverse)
         self._assemble_saddle(inverse)
         self._assemble_primal()
 
     def coupling(self, y: Sequence[CF], v: Sequence[CF]) -> CF:
         """<Lambda (u, p), (z, q)> = (tau_n u, z) on Gamma_c + (p, q)."""
-        (u, p), (z, q) = y, v
+        u, p = y
+        z, q = v
         on_contact = ds(definedon=self.contact)
         return (u * outward_normal(self.problem.mesh)) * z * on_contact + p * q * dx
 
     def _assemble_dual(self, inverse: str) -> None:
-        y, (v, w) = self.Y.TrialFunction(), self.H.TnT()
-        product, length = self.choice.tichonov, self.choice.units.length
+        y = self.Y.TrialFunction()
+        v, w = self.H.TnT()
+        product = self.choice.tichonov
+        length = self.choice.units.length
         on_contact = ds(definedon=self.contact)
-        B, psi = BilinearForm(self.H), LinearForm(self.H)
+        B = BilinearForm(self.H)
+        psi = LinearForm(self.H)
         psi += self.problem.psi * w[0] * on_contact
         B += product.contact(v[0], w[0], length) * on_contact
         B += product.plastic(v[1], w[1], length) * dx
-        self.B, self.psi = B.Assemble().mat, psi.Assemble().vec
+        self.B = B.Assemble().mat
+        self.psi = psi.Assemble().vec
         if product.fixed:
             self._require_ends()
         self.B_inverse = self.B.Inverse(self.H.FreeDofs(), inverse=inverse)
@@ -136,23 +165,32 @@ class LinearBlocks:
 
     def _assemble_saddle(self, inverse: str) -> None:
         (u, p, *v), (du, dp, *dv) = self.X.TnT()
-        self.saddle = BilinearForm(self.X, symmetric=True, symmetric_storage=True, condense=True)
+        self.saddle = BilinearForm(
+            self.X, symmetric=True, symmetric_storage=True, condense=True
+        )
         for term in elastic_terms(self.problem, u, p, du, dp):
             self.saddle += (-term).Compile() * dx
         self.saddle += self.coupling((u, p), dv) + self.coupling((du, dp), v)
         self.saddle.Assemble()
         displacements = BitArray(self.X.FreeDofs(coupling=True))
         displacements[self.Y.ndof :] = False
-        self._minus_D_inverse = symmetric_inverse(self.saddle.mat, displacements, inverse)
+        self._minus_D_inverse = symmetric_inverse(
+            self.saddle.mat, displacements, inverse
+        )
 
     def _assemble_primal(self) -> None:
         (u, p), (du, dp) = self.Y.TnT()
-        D, load = BilinearForm(self.Y, symmetric=True, symmetric_storage=True), LinearForm(self.Y)
+        D = BilinearForm(self.Y, symmetric=True, symmetric_storage=True)
+        load = LinearForm(self.Y)
         for term in elastic_terms(self.problem, u, p, du, dp):
             D += term.Compile() * dx
         for term in load_terms(self.problem, du, dp):
             load += term
-        self.D, self.load, self.lift = D.Assemble().mat, load.Assemble().vec, GridFunction(self.Y)
+        self.D, self.load, self.lift = (
+            D.Assemble().mat,
+            load.Assemble().vec,
+            GridFunction(self.Y),
+        )
         given = prescribed_displacement(self.problem, self.Y.components[0])
         self.lift.components[0].vec.data = given.vec
         self.D_lift = (self.D * self.lift.vec).Evaluate()
@@ -171,7 +209,8 @@ class LinearBlocks:
         The factors of the condensed D find y, the residual formed with D itself corrects it once:
         where h is small beside the elastic moduli, condensation alone would lose digits.
         """
-        right, y = (self.Lambda.T * v + self.load).Evaluate(), (1.0 * self.lift.vec).Evaluate()
+        right = (self.Lambda.T * v + self.load).Evaluate()
+        y = (1.0 * self.lift.vec).Evaluate()
         for _ in range(2):
             y += self.primal_response((right - self.D * y).Evaluate())
         return y
@@ -189,6 +228,7 @@ class LinearBlocks:
 
     def conjugate(self, y: BaseVector, v: BaseVector) -> float:
         """F*(Lambda* v) = <Lambda* v - l, y> - 1/2 <D y, y>, where D y = Lambda* v - l."""
-        r, y_0 = (self.Lambda.T * v + self.load).Evaluate(), (y - self.lift.vec).Evaluate()
+        r = (self.Lambda.T * v + self.load).Evaluate()
+        y_0 = (y - self.lift.vec).Evaluate()
         twice_energy = InnerProduct(r, y_0) + InnerProduct(self.D_lift, y)  # <D y, y>
         return InnerProduct(r, y) - twice_energy / 2

@@ -57,12 +57,20 @@ class DualityReport:
     deviatoric_stress: float  # of dev sigma,
     stress_deviation: float  # of q - (h p + dev (alpha_0 - sigma)) (3.8),
     mean_stress_deviation: float  # of its element means,
-    yield_deviation: float  # and of |q| - beta minus the yield function of (sigma, alpha) (3.9)
+    yield_deviation: (
+        float  # and of |q| - beta minus the yield function of (sigma, alpha) (3.9)
+    )
 
     @property
     def parts(self) -> dict[str, float]:
         """The terms that add up to the gap."""
-        terms = ("contact_term", "plastic_term", "contact_penalty", "plastic_penalty", "tichonov")
+        terms = (
+            "contact_term",
+            "plastic_term",
+            "contact_penalty",
+            "plastic_penalty",
+            "tichonov",
+        )
         return {name: getattr(self, name) for name in terms}
 
 
@@ -82,11 +90,14 @@ def duality_report(result: DualResult) -> DualityReport:
     result = getattr(result, "last", result)
     if not isinstance(result, DualResult):
         raise TypeError(f"result={result!r}: a result of the dual method is needed")
-    f, problem, v = result.functional, result.problem, result.v
+    f = result.functional
+    problem = result.problem
+    v = result.v
     overlap = (f.blocks.Lambda * result.y - f.blocks.psi).Evaluate()
     pairs = zip(f.blocks.parts(overlap), f.blocks.parts(v), strict=True)
     contact, plastic = (InnerProduct(*pair) for pair in pairs)
-    penalties, size = Iterate(f, v, result.y).penalties, Norm(result.plastic_increment)
+    penalties = Iterate(f, v, result.y).penalties
+    size = Norm(result.plastic_increment)
     return DualityReport(
         primal_energy=result.primal_energy,
         dual_energy=result.dual_energy,
@@ -107,7 +118,8 @@ def _contact(result: DualResult) -> dict[str, float]:
     measure = ds(definedon=result.functional.blocks.contact, intrules=rules)
     overlap = result.displacement * n - problem.psi
     traction = BoundaryFromVolumeCF(result.stress) * n
-    normal, product = InnerProduct(traction, n), z * overlap
+    normal = InnerProduct(traction, n)
+    product = z * overlap
     fields = {
         "tension": IfPos(z, z, 0),
         "penetration": IfPos(overlap, overlap, 0),
@@ -115,15 +127,21 @@ def _contact(result: DualResult) -> dict[str, float]:
         "normal_stress": normal,
         "normal_stress_deviation": z - normal,
     }
-    complementarity = Integrate(IfPos(product, product, -product) * measure, problem.mesh)
+    complementarity = Integrate(
+        IfPos(product, product, -product) * measure, problem.mesh
+    )
     return {"complementarity": complementarity, **_sizes(fields, measure, result)}
 
 
 def _plasticity(result: DualResult) -> dict[str, float]:
-    problem, q, excess = result.problem, result.plastic_dual, result.yield_function
+    problem = result.problem
+    q = result.plastic_dual
+    excess = result.yield_function
     dev_stress = result.fields.deviatoric_stress
     residual_stress = problem.kinematics.coordinates(problem.alpha_0[1] - dev_stress)
-    deviation = q - (problem.effective_hardening * result.plastic_increment + residual_stress)
+    deviation = q - (
+        problem.effective_hardening * result.plastic_increment + residual_stress
+    )
     means = GridFunction(VectorValued(L2(problem.mesh, order=0), q.dim))
     means.Set(deviation)
     fields = {
@@ -136,7 +154,9 @@ def _plasticity(result: DualResult) -> dict[str, float]:
     return _sizes(fields, dx(intrules=fine_rules(problem.N, POINTS)), result)
 
 
-def _sizes(fields: dict[str, CF], measure: object, result: DualResult) -> dict[str, float]:
+def _sizes(
+    fields: dict[str, CF], measure: object, result: DualResult
+) -> dict[str, float]:
     """The L2 norms."""
     mesh = result.problem.mesh
     return {

@@ -64,11 +64,14 @@ class RadialLaw:
 
     def __init__(self, q: CF, threshold: CF | float) -> None:
         norm = Norm(q)
-        size, excess = norm + TINY, norm - threshold
+        size = norm + TINY
+        excess = norm - threshold
         self.inside = IfPos(excess, 1.0, 0.0)
-        rho, direction = self.inside * excess / size, q / size
+        rho = self.inside * excess / size
+        direction = q / size
         across = self.inside * threshold / size
-        self.density, self.gradient = self.inside * excess * excess / 2, rho * q
+        self.density = self.inside * excess * excess / 2
+        self.gradient = rho * q
         self.curvature = rho * Id(q.dim) + across * OuterProduct(direction, direction)
 
 
@@ -81,23 +84,33 @@ class DualFunctional:
     """
 
     def __init__(
-        self, blocks: LinearBlocks, points: int, gamma: float, gamma_tichonov: float | None = None
+        self,
+        blocks: LinearBlocks,
+        points: int,
+        gamma: float,
+        gamma_tichonov: float | None = None,
     ) -> None:
-        self.blocks, fixed = blocks, blocks.choice
+        self.blocks = blocks
+        fixed = blocks.choice
         self.regularisation = Coupled(
-            gamma, gamma_tichonov=gamma_tichonov, tichonov=fixed.tichonov, units=fixed.units
+            gamma,
+            gamma_tichonov=gamma_tichonov,
+            tichonov=fixed.tichonov,
+            units=fixed.units,
         )
         self.weights = self.regularisation.weights
         self.v = GridFunction(blocks.H)  # where the forms are
         self.gradient = LinearForm(blocks.H)
         self.hessian = BilinearForm(blocks.H, symmetric=True, symmetric_storage=True)
-        (z, q), ((dz, dq), (w, r)) = self.v.components, blocks.H.TnT()
+        z, q = self.v.components
+        (dz, dq), (w, r) = blocks.H.TnT()
         parts = self._add_contact(z, dz, w, points), self._add_plastic(q, dq, r, points)
         self.penalties, self.active = zip(*parts, strict=True)
 
     def _add_contact(self, z: CF, dz: CF, w: CF, points: int) -> tuple[CF, CF]:
         """M^1 and its derivatives; the integrals of the energy and of contact, z < 0."""
-        rules, gamma = boundary_rules(self.blocks.problem.N, points), self.weights.contact
+        rules = boundary_rules(self.blocks.problem.N, points)
+        gamma = self.weights.contact
         on_contact = ds(definedon=self.blocks.contact, intrules=rules)
         mu = gamma * z  # (OC2_gamma): mu = [gamma z]^+
         self.gradient += IfPos(mu, mu, 0) * w * on_contact
@@ -107,16 +120,19 @@ class DualFunctional:
 
     def _add_plastic(self, q: CF, dq: CF, r: CF, points: int) -> tuple[CF, CF]:
         """M^2 and its derivatives; the integrals of the energy and, by a low order, of yielding."""
-        mesh, beta = self.blocks.problem.mesh, self.blocks.problem.beta
+        mesh = self.blocks.problem.mesh
+        beta = self.blocks.problem.beta
         beta = float(beta) if is_number(beta) else beta
-        fine, smooth = fine_rules(mesh.dim, points), rules_of(mesh.dim, SMOOTH_ORDER)
+        fine = fine_rules(mesh.dim, points)
+        smooth = rules_of(mesh.dim, SMOOTH_ORDER)
         self._elements = elements_by_shape(mesh)
         self._bounds = np.array(threshold_bounds(mesh, beta, fine))
         self._of_kind = {SMOOTH: BitArray(mesh.ne), KINKED: BitArray(mesh.ne)}
         few = dx(definedonelements=self._of_kind[SMOOTH], intrules=smooth)
         low = dx(definedonelements=self._of_kind[KINKED], intrules=smooth)
         many = dx(definedonelements=self._of_kind[KINKED], intrules=fine)
-        law, gamma = RadialLaw(q, beta), self.weights.plastic
+        law = RadialLaw(q, beta)
+        gamma = self.weights.plastic
         density, slope, curvature = (
             (gamma * f).Compile() for f in (law.density, law.gradient, law.curvature)
         )
@@ -127,7 +143,8 @@ class DualFunctional:
 
     def kinds(self, v: BaseVector) -> np.ndarray:
         """The kinds of the elements at v, ``ngepc.discretisation.quadrature``."""
-        q, kind = np.array(self.blocks.parts(v)[1].FV()), np.empty(self._bounds.shape[1], int)
+        q = np.array(self.blocks.parts(v)[1].FV())
+        kind = np.empty(self._bounds.shape[1], int)
         q = q.reshape(self.blocks.problem.kinematics.d, -1)
         for numbers, nodes in self._elements:
             kind[numbers] = classify(q, nodes, *self._bounds[:, numbers])
@@ -156,8 +173,13 @@ class DualFunctional:
 
     def residual_norms(self, r: BaseVector) -> np.ndarray:
         """<r, B^(-1) r>^(1/2) of the parts on Gamma_c and in Omega, (2,)."""
-        parts = self.blocks.parts((self.blocks.B_inverse * r).Evaluate()), self.blocks.parts(r)
-        return np.sqrt([max(0.0, InnerProduct(*pair)) for pair in zip(*parts, strict=True)])
+        parts = (
+            self.blocks.parts((self.blocks.B_inverse * r).Evaluate()),
+            self.blocks.parts(r),
+        )
+        return np.sqrt(
+            [max(0.0, InnerProduct(*pair)) for pair in zip(*parts, strict=True)]
+        )
 
     def rounding(self, y: BaseVector) -> np.ndarray:
         """What rounding in D y = Lambda* v - l leaves of the norms, whatever solver finds y.
@@ -166,8 +188,12 @@ class DualFunctional:
         D^(-1) may amplify that by lambda/h.  The norms of Lambda D^(-1) e are averaged over a few e
         of that size with random signs.
         """
-        blocks, size, signs = self.blocks, y.CreateVector(), np.random.default_rng(0)
-        D, e, squares = blocks.D.CreateMatrix(), y.CreateVector(), np.zeros(2)
+        blocks = self.blocks
+        size = y.CreateVector()
+        signs = np.random.default_rng(0)
+        D = blocks.D.CreateMatrix()
+        e = y.CreateVector()
+        squares = np.zeros(2)
         D.AsVector().FV().NumPy()[:] = np.abs(blocks.D.AsVector().FV().NumPy())
         e.FV().NumPy()[:] = np.abs(y.FV().NumPy())
         size.data = EPSILON * (D * e)
@@ -197,7 +223,9 @@ class Iterate:
     def __init__(
         self, functional: DualFunctional, v: BaseVector, y: BaseVector | None = None
     ) -> None:
-        self.functional, self.v, self._kind = functional, (1.0 * v).Evaluate(), functional.kinds(v)
+        self.functional = functional
+        self.v = (1.0 * v).Evaluate()
+        self._kind = functional.kinds(v)
         if y is not None:
             self.y = y
 
@@ -208,7 +236,9 @@ class Iterate:
 
     def _integrals(self, parts: tuple[CF, CF]) -> tuple[float, ...]:
         self.functional.enter(self.v, self._kind)
-        return tuple(Integrate(part, self.functional.blocks.problem.mesh) for part in parts)
+        return tuple(
+            Integrate(part, self.functional.blocks.problem.mesh) for part in parts
+        )
 
     @cached_property
     def penalties(self) -> tuple[float, ...]:
@@ -234,7 +264,9 @@ class Iterate:
     @cached_property
     def residual(self) -> BaseVector:
         """Psi_gamma as a functional on H."""
-        return (self.functional.linear_residual(self.y, self.v) + self.multipliers).Evaluate()
+        return (
+            self.functional.linear_residual(self.y, self.v) + self.multipliers
+        ).Evaluate()
 
     @cached_property
     def norms(self) -> np.ndarray:
@@ -249,7 +281,8 @@ class Iterate:
     @cached_property
     def smooth_energy(self) -> float:
         """The quadratic part of J*_gamma, F*(Lambda* v) - (psi, z) + T(v)."""
-        f, v = self.functional, self.v
+        f = self.functional
+        v = self.v
         conjugate = f.blocks.conjugate(self.y, v) - InnerProduct(f.blocks.psi, v)
         return conjugate + f.tichonov(v, v) / 2
 

@@ -52,12 +52,16 @@ class NewtonOptions(Declared):
     max_iterations: Count = 300
     quadrature_points: Annotated[int, Check(require_integer, least=1, most=900)] = 400
     linesearch: LineSearch | None = field(default_factory=Armijo)
-    inverse: Annotated[str | Iterative | SymbolicForms, Check(require_solver)] = "sparsecholesky"
+    inverse: Annotated[str | Iterative | SymbolicForms, Check(require_solver)] = (
+        "sparsecholesky"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.linesearch is not None and not hasattr(self.linesearch, "search"):
-            raise TypeError(f"linesearch={self.linesearch!r}: Armijo(...) or None is needed")
+            raise TypeError(
+                f"linesearch={self.linesearch!r}: Armijo(...) or None is needed"
+            )
 
 
 @overload
@@ -132,23 +136,29 @@ def semismooth_newton(
     if gamma is not None and regularisation is not None:
         raise ValueError(f"gamma={gamma!r}: give either gamma or regularisation")
     if gamma is None and regularisation is None:
-        tolerance, limit = options.tolerance, options.max_iterations
+        tolerance = options.tolerance
+        limit = options.max_iterations
         return solve_exactly(problem, start, tolerance, limit, options.inverse, monitor)
     if not isinstance(options.inverse, str):
-        raise ValueError(f"inverse={options.inverse!r}: a direct solver is needed with gamma")
+        raise ValueError(
+            f"inverse={options.inverse!r}: a direct solver is needed with gamma"
+        )
     regularisation = Coupled(gamma) if regularisation is None else regularisation
     require_instance("regularisation", regularisation, Coupled, "Coupled(...)")
     kinds = (DualResult, type(None))
     require_instance("start", start, kinds, "a result of semismooth_newton or None")
     functional = prepared(problem, regularisation, options)
     aim = Tolerances(options.tolerance * functional.blocks.residual_unit)
-    system, v = NewtonSystem(functional.blocks, options.inverse), functional.blocks.H_vector()
+    system = NewtonSystem(functional.blocks, options.inverse)
+    v = functional.blocks.H_vector()
     v = v if start is None else functional.carried(start.functional, start.v)
     how = aim, options.linesearch, options.max_iterations, monitor
     return algorithm_7_1(system, functional, v, *how)
 
 
-def prepared(problem: Problem, regularisation: Coupled, options: NewtonOptions) -> DualFunctional:
+def prepared(
+    problem: Problem, regularisation: Coupled, options: NewtonOptions
+) -> DualFunctional:
     """J*_gamma of a regularised problem with its matrices assembled."""
     blocks = LinearBlocks(problem, regularisation, options.inverse)
     gammas = regularisation.gamma, regularisation.gamma_tichonov

@@ -81,14 +81,18 @@ class PathOptions(Declared):
     residual_tolerance: Positive | None = None
     reduction: Fraction = 0.5
     max_outer_iterations: Count = 30
-    newton: NewtonOptions = field(default_factory=partial(NewtonOptions, max_iterations=1000))
+    newton: NewtonOptions = field(
+        default_factory=partial(NewtonOptions, max_iterations=1000)
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.gamma_end is not None:
             require_number("gamma_end", self.gamma_end, self.gamma_start)
             if self.residual_tolerance is not None:
-                raise ValueError("gamma_end and residual_tolerance: give one of them, not both")
+                raise ValueError(
+                    "gamma_end and residual_tolerance: give one of them, not both"
+                )
         require_instance("newton", self.newton, NewtonOptions, "NewtonOptions(...)")
 
 
@@ -139,13 +143,19 @@ def follow_path(
     require_instance("problem", problem, Problem, "a Problem")
     require_instance("options", options, PathOptions, "PathOptions(...)")
     require_instance("spaces", spaces, DualSpaces, "DualSpaces(...)")
-    watchers = {"monitor": monitor, "newton_monitor": newton_monitor, "observer": observer}
+    watchers = {
+        "monitor": monitor,
+        "newton_monitor": newton_monitor,
+        "observer": observer,
+    }
     for name, watcher in watchers.items():
         require_function(name, watcher, "what it is shown", optional=True)
-    store, newton = PathStore(checkpoint, problem, spaces, options), options.newton
+    store = PathStore(checkpoint, problem, spaces, options)
+    newton = options.newton
     steps, kept = store.load()
     blocks = LinearBlocks(problem, spaces, newton.inverse)
-    rules, system = Rules(options, blocks), NewtonSystem(blocks, newton.inverse)
+    rules = Rules(options, blocks)
+    system = NewtonSystem(blocks, newton.inverse)
     functional = partial(DualFunctional, blocks, newton.quadrature_points)
     how = newton.linesearch, newton.max_iterations, newton_monitor
     last = DualResult.restored(functional(steps[-1].gamma), **kept) if steps else None
@@ -171,7 +181,9 @@ class Rules:
     """The tolerances of a path with the widths of its mesh, and when it ends."""
 
     def __init__(self, options: PathOptions, blocks: LinearBlocks) -> None:
-        length, self.options, self.unit = blocks.choice.units.length, options, blocks.residual_unit
+        length = blocks.choice.units.length
+        self.options = options
+        self.unit = blocks.residual_unit
         self.h = mesh_width(blocks.problem.mesh) / length
         self.h_c = contact_mesh_width(blocks.problem) / length
 
@@ -180,7 +192,8 @@ class Rules:
 
         Each time the safeguard has reduced tau_out.
         """
-        times, now = 0, False
+        times = 0
+        now = False
         for step in steps:
             tau = self.options.outer_tolerance * self.options.reduction**times
             now = step.change is not None and step.change < tau * self.h
@@ -189,20 +202,24 @@ class Rules:
 
     def next(self, steps: Sequence[PathStep]) -> tuple[float, Tolerances]:
         """The next gamma and its inner tolerances, sharper once the safeguard has acted."""
-        o, unit = self.options, self.unit
+        o = self.options
+        unit = self.unit
         gamma = o.gamma_start * o.growth ** len(steps)
         gamma = gamma if o.gamma_end is None else min(gamma, o.gamma_end)
         guarded = o.residual_tolerance is not None and self.settled(steps)[0] > 0
         most = o.residual_tolerance / math.sqrt(2) if guarded else math.inf
         loose = o.inner_tolerance / math.sqrt(gamma)
-        bounds = (min(o.inner_scale * max(h, loose), most) * unit for h in (self.h_c, self.h))
+        bounds = (
+            min(o.inner_scale * max(h, loose), most) * unit for h in (self.h_c, self.h)
+        )
         return gamma, Tolerances(o.newton.tolerance * unit, tuple(bounds))
 
     def status(self, steps: Sequence[PathStep]) -> Status | None:
         """How the path has ended, None if it goes on: step (iv), with the safeguard."""
         if not steps:
             return None
-        o, last = self.options, steps[-1]
+        o = self.options
+        last = steps[-1]
         if last.status is not Status.CONVERGED:
             return last.status
         tolerance = o.residual_tolerance
@@ -212,17 +229,26 @@ class Rules:
             return Status.CONVERGED
         return Status.ITERATION_LIMIT if len(steps) >= o.max_outer_iterations else None
 
-    def message(self, status: Status, steps: Sequence[PathStep], result: DualResult) -> str:
+    def message(
+        self, status: Status, steps: Sequence[PathStep], result: DualResult
+    ) -> str:
         """What was seen, and what to try, for a path that did not converge."""
         if status is Status.CONVERGED:
             return ""
         if not steps:
             return result.message
-        last, growth = steps[-1], self.options.growth
+        last = steps[-1]
+        growth = self.options.growth
         where = f"At gamma = {last.gamma:.3g}, value {len(steps)} of the path"
         if last.status is not Status.CONVERGED:
-            return f"{where}: {result.message} A smaller growth than {growth:g} may help."
-        change = "nothing to compare" if last.change is None else f"{last.change:.3g} of V_gamma"
+            return (
+                f"{where}: {result.message} A smaller growth than {growth:g} may help."
+            )
+        change = (
+            "nothing to compare"
+            if last.change is None
+            else f"{last.change:.3g} of V_gamma"
+        )
         seen = f"{where}, the last change is {change}, the residual {last.residual_norm:.3g}."
         advice = " Raise max_outer_iterations or outer_tolerance."
         return seen + advice * (status is Status.ITERATION_LIMIT)

@@ -24,7 +24,9 @@ class PathStep:
     gamma: float
     iterations: int
     path_value: float  # V_gamma, the energy J*_gamma (force times length)
-    change: float | None  # of V_gamma, relative to that before; None for the first gamma
+    change: (
+        float | None
+    )  # of V_gamma, relative to that before; None for the first gamma
     residual_norm: float  # ||Psi_gamma||, and its parts
     contact_residual_norm: float
     plastic_residual_norm: float
@@ -34,9 +36,11 @@ class PathStep:
     @classmethod
     def after(cls, before: list[PathStep], result: DualResult) -> PathStep:
         """The record of a result that comes after these steps."""
-        here, change = Iterate(result.functional, result.v, result.y), None
+        here = Iterate(result.functional, result.v, result.y)
+        change = None
         if before:
-            value, rise = before[-1].path_value, abs(here.energy - before[-1].path_value)
+            value = before[-1].path_value
+            rise = abs(here.energy - before[-1].path_value)
             change = 0.0 if rise == 0 else rise / abs(value) if value else math.inf
         contact, plastic = here.norms.tolist()
         return cls(
@@ -114,14 +118,22 @@ class PathStore:
     """
 
     def __init__(
-        self, path: Path | str | None, problem: Problem, spaces: DualSpaces, options: Declared
+        self,
+        path: Path | str | None,
+        problem: Problem,
+        spaces: DualSpaces,
+        options: Declared,
     ) -> None:
         self._path = None if path is None else require_path("checkpoint", path)
         if self._path is not None:
             if not self._path.parent.is_dir():
-                raise FileNotFoundError(f"checkpoint {self._path}: there is no such folder")
+                raise FileNotFoundError(
+                    f"checkpoint {self._path}: there is no such folder"
+                )
             check_writable(self._path)
-            told = asdict(replace(options, max_outer_iterations=1)) | {"spaces": repr(spaces)}
+            told = asdict(replace(options, max_outer_iterations=1)) | {
+                "spaces": repr(spaces)
+            }
             told["newton"]["max_iterations"] = 1
             self._fingerprint = checkpoint.work_fingerprint("path", problem, **told)
 
@@ -130,10 +142,17 @@ class PathStore:
 
         ValueError if the file is damaged or belongs to other work.
         """
-        saved = None if self._path is None else checkpoint.load(self._path, self._fingerprint)
+        saved = (
+            None
+            if self._path is None
+            else checkpoint.load(self._path, self._fingerprint)
+        )
         if saved is None:
             return [], {}
-        steps = [PathStep(**s | {"status": Status[s["status"]]}) for s in saved.record["steps"]]
+        steps = [
+            PathStep(**s | {"status": Status[s["status"]]})
+            for s in saved.record["steps"]
+        ]
         rows = saved.record["history"]
         return steps, {"v": saved.arrays["v"], "status": steps[-1].status, "rows": rows}
 
@@ -142,4 +161,6 @@ class PathStore:
         if self._path is not None and last.status is Status.CONVERGED:
             told = [asdict(step) | {"status": step.status.name} for step in steps]
             record = {"steps": told, "history": last.history.as_rows()}
-            checkpoint.save(self._path, self._fingerprint, record, {"v": last.v.FV().NumPy()})
+            checkpoint.save(
+                self._path, self._fingerprint, record, {"v": last.v.FV().NumPy()}
+            )

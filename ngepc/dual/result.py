@@ -47,7 +47,8 @@ class DualResult(Result):
         cls, functional: DualFunctional, v: np.ndarray, status: Status, rows: list[dict]
     ) -> DualResult:
         """A result that was kept: v, how it ended and ``History.as_rows``; y is solved for."""
-        vector, history = functional.blocks.H_vector(), [IterationRecord(**row) for row in rows]
+        vector = functional.blocks.H_vector()
+        history = [IterationRecord(**row) for row in rows]
         vector.FV().NumPy()[:] = v
         y = functional.blocks.primal_of(vector)
         return cls(functional, y, vector, status, "", History(history))
@@ -112,8 +113,10 @@ class DualResult(Result):
     def equilibrium(self) -> Equilibrium:
         """Nodal forces of loads, obstacles (Lambda* v) and supports."""
         blocks, V = self.functional.blocks, self.functional.blocks.Y.components[0]
-        internal, contact = blocks.D * self.y - blocks.load, blocks.Lambda.T * self.v
-        applied, free = applied_forces(self.problem, V).T, Supports(self.problem).free.T
+        internal = blocks.D * self.y - blocks.load
+        contact = blocks.Lambda.T * self.v
+        applied = applied_forces(self.problem, V).T
+        free = Supports(self.problem).free.T
         internal, contact = (
             f.Evaluate().FV().NumPy()[: V.ndof].reshape(applied.shape).copy()
             for f in (internal, contact)

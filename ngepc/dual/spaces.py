@@ -25,8 +25,12 @@ from ngepc.checks.kinds import require_instance
 class SurfaceGradient:
     """(R2): H^1_0(Gamma_c) x H^1_0(Omega)^d with L (grad z, grad w) + (grad q, grad r)."""
 
-    fixed: ClassVar[bool] = True  # z = 0 at the ends of Gamma_c, q = 0 on the boundary of the body
-    values: ClassVar[float] = 0.0  # how much of (z, w) / L and (q, r) / L^2 there is besides
+    fixed: ClassVar[bool] = (
+        True  # z = 0 at the ends of Gamma_c, q = 0 on the boundary of the body
+    )
+    values: ClassVar[float] = (
+        0.0  # how much of (z, w) / L and (q, r) / L^2 there is besides
+    )
 
     def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CF:
         """The integrand of <B_z z, w> on Gamma_c, with the reference length."""
@@ -34,7 +38,9 @@ class SurfaceGradient:
 
     def plastic(self, q: ProxyFunction, r: ProxyFunction, length: float) -> CF:
         """The integrand of <B_q q, r> in Omega."""
-        return InnerProduct(grad(q), grad(r)) + self.values / length**2 * InnerProduct(q, r)
+        return InnerProduct(grad(q), grad(r)) + self.values / length**2 * InnerProduct(
+            q, r
+        )
 
 
 @dataclass(frozen=True)
@@ -44,7 +50,8 @@ class FullProduct(SurfaceGradient):
     No boundary condition at all, the alternative that section 7 names for q.
     """
 
-    fixed, values = False, 1.0
+    fixed = False
+    values = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +70,9 @@ class Units(Declared):
     length: Positive = 1.0
 
 
-PRODUCT = Check(require_instance, kind=SurfaceGradient, needed="SurfaceGradient() or FullProduct()")
+PRODUCT = Check(
+    require_instance, kind=SurfaceGradient, needed="SurfaceGradient() or FullProduct()"
+)
 UNITS = Check(require_instance, kind=Units, needed="Units(...)")
 
 
@@ -84,7 +93,9 @@ class DualSpaces(Declared):
         If an argument is of the wrong kind.
     """
 
-    tichonov: Annotated[SurfaceGradient, PRODUCT] = field(default_factory=SurfaceGradient)
+    tichonov: Annotated[SurfaceGradient, PRODUCT] = field(
+        default_factory=SurfaceGradient
+    )
     units: Annotated[Units, UNITS] = field(default_factory=Units)
 
 
@@ -121,8 +132,11 @@ class Coupled(DualSpaces):
     @property
     def weights(self) -> Weights:
         """The gammas in the units of the problem."""
-        stress, length = self.units.stress, self.units.length
+        stress = self.units.stress
+        length = self.units.length
         gamma_T = self.gamma if self.gamma_tichonov is None else self.gamma_tichonov
         return Weights(
-            self.gamma * length / stress, self.gamma / stress, gamma_T * stress / length**2
+            self.gamma * length / stress,
+            self.gamma / stress,
+            gamma_T * stress / length**2,
         )

@@ -60,11 +60,18 @@ class Tolerances:
     def __str__(self) -> str:
         if self.bounds is None:
             return f"the tolerance {self.tolerance:.3g}"
-        return "the tolerances {:.3g} (contact) and {:.3g} (plastic)".format(*self.bounds)
+        return "the tolerances {:.3g} (contact) and {:.3g} (plastic)".format(
+            *self.bounds
+        )
 
 
 def judged(
-    here: Iterate, before: Iterate, history: History, aim: Tolerances, most: int, solve: Solve
+    here: Iterate,
+    before: Iterate,
+    history: History,
+    aim: Tolerances,
+    most: int,
+    solve: Solve,
 ) -> Judgement:
     """Test by test, whether the iteration is over, after ``most`` steps in any case."""
     steps = len(history.records) - 1
@@ -77,7 +84,9 @@ def judged(
     if steps == most:
         return here, Status.ITERATION_LIMIT, ""
     changes = np.abs(np.diff(history.energies[-ROUNDING_STEPS - 1 :]))
-    drowned = len(changes) == ROUNDING_STEPS and changes.max() <= ROUNDING * here.magnitude
+    drowned = (
+        len(changes) == ROUNDING_STEPS and changes.max() <= ROUNDING * here.magnitude
+    )
     return here, Status.STAGNATED if drowned else None, ""
 
 
@@ -118,7 +127,8 @@ def ended(
     if status not in (Status.CONVERGED, Status.STOPPED):
         if status is not Status.NONFINITE:
             here = Iterate(here.functional, here.v)
-        last, (contact, plastic) = history.records[-1], here.norms
+        last = history.records[-1]
+        contact, plastic = here.norms
         seen = (
             f"After {last.iteration} steps the residual is {here.residual_norm:.3g} (contact "
             f"{contact:.3g}, plastic {plastic:.3g}), {aim}; last step length "

@@ -19,7 +19,13 @@ Changes = Mapping[str, object]
 """Field of ``Problem`` -> its value in the step; what is not named is as in the problem."""
 
 # The body, and what earlier steps decide, do not change; a load cycle scales its loads
-CARRIED = ("mesh", "material", "kinematics", "initial_plastic_strain", "initial_hardening")
+CARRIED = (
+    "mesh",
+    "material",
+    "kinematics",
+    "initial_plastic_strain",
+    "initial_hardening",
+)
 CARRIED += ("initial_accumulated", "initial_displacement")
 LOADS = ("traction", "pressure", "body_force", "initial_strain", "prescribed")
 
@@ -51,7 +57,8 @@ class Schedule:
 
     def __post_init__(self) -> None:
         require_function("changes", self.changes, "time")
-        begin, times = require_number("begin", self.begin), numbers_in("times", self.times)
+        begin = require_number("begin", self.begin)
+        times = numbers_in("times", self.times)
         if not times:
             raise ValueError(f"times={self.times!r}: at least one time is needed")
         for before, after in pairwise((begin, *times)):
@@ -66,7 +73,9 @@ class Schedule:
         """The changes at a time; refuses what is no mapping or names what no step may change."""
         changes = self.changes(time)
         if not isinstance(changes, Mapping):
-            raise TypeError(f"changes at time {time:g} are {changes!r}: a mapping is needed")
+            raise TypeError(
+                f"changes at time {time:g} are {changes!r}: a mapping is needed"
+            )
         legal = [f.name for f in fields(Problem) if f.name not in CARRIED]
         for name in changes:
             if name not in legal:
@@ -88,14 +97,18 @@ def as_schedule(steps: object) -> Schedule:
         raise ValueError(f"steps={steps!r}: at least one step is needed")
     times = numbers_in("times", [time for time, _ in pairs])
     listed = dict(zip(times, (changes for _, changes in pairs), strict=True))
-    return Schedule(times, listed.__getitem__, begin=math.nextafter(times[0], -math.inf))
+    return Schedule(
+        times, listed.__getitem__, begin=math.nextafter(times[0], -math.inf)
+    )
 
 
 def numbers_in(name: str, values: object) -> tuple[float, ...]:
     """``values``, a sequence of finite numbers, as floats."""
     if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str | bytes):
         raise TypeError(f"{name}={values!r}: a sequence of numbers is needed")
-    return tuple(require_number(f"{name}[{i}]", value) for i, value in enumerate(values))
+    return tuple(
+        require_number(f"{name}[{i}]", value) for i, value in enumerate(values)
+    )
 
 
 def load_cycle(problem: Problem, factors: Sequence[float], steps: int = 1) -> Schedule:
@@ -120,15 +133,20 @@ def load_cycle(problem: Problem, factors: Sequence[float], steps: int = 1) -> Sc
         If an argument is not legal, or the problem has no loads.
     """
     require_instance("problem", problem, Problem, "a Problem")
-    steps, corners = require_integer("steps", steps, 1), [0.0, *numbers_in("factors", factors)]
+    steps = require_integer("steps", steps, 1)
+    corners = [0.0, *numbers_in("factors", factors)]
     if len(corners) < 2:
         raise ValueError(f"factors={factors!r}: at least one number is needed")
     times = np.arange(1, steps * (len(corners) - 1) + 1) / steps
     loads = {name: getattr(problem, name) for name in LOADS}
     if all(value is None for value in loads.values()):
-        raise ValueError(f"problem has no loads to scale: one of {', '.join(LOADS)} is needed")
+        raise ValueError(
+            f"problem has no loads to scale: one of {', '.join(LOADS)} is needed"
+        )
     factor = partial(np.interp, xp=np.arange(len(corners)), fp=corners)
-    return Schedule(tuple(times.tolist()), lambda time: scaled(loads, float(factor(time))))
+    return Schedule(
+        tuple(times.tolist()), lambda time: scaled(loads, float(factor(time)))
+    )
 
 
 def scaled(data: object, factor: float) -> object:

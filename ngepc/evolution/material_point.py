@@ -21,13 +21,21 @@ from ngepc.model.material import Material
 from ngepc.results.outcome import Status
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")  # of a symmetric tensor
-_PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # number of each entry of a tensor
-_UNITS = (np.arange(6)[:, None, None] == _PLACES).astype(float)  # the tensor of each component
-_ENTRIES, _TRACES = _UNITS.sum(axis=(1, 2)), np.trace(_UNITS, axis1=1, axis2=2)
-_DEVIATORS = np.einsum("kij,dij->kd", _UNITS, SOLID.basis)  # and its deviatoric coordinates
+_PLACES = np.array(
+    [[0, 3, 4], [3, 1, 5], [4, 5, 2]]
+)  # number of each entry of a tensor
+_UNITS = (np.arange(6)[:, None, None] == _PLACES).astype(
+    float
+)  # the tensor of each component
+_ENTRIES = _UNITS.sum(axis=(1, 2))
+_TRACES = np.trace(_UNITS, axis1=1, axis2=2)
+_DEVIATORS = np.einsum(
+    "kij,dij->kd", _UNITS, SOLID.basis
+)  # and its deviatoric coordinates
 
 # Relative change of a strain that ends a search, and the stress that may then be missing
-EXACT, ACCEPTED = 1e-15, 1e-11
+EXACT = 1e-15
+ACCEPTED = 1e-11
 
 Path = Mapping[str, float | Sequence[float]]
 
@@ -57,11 +65,16 @@ class PointHistory:
     def von_mises(self) -> np.ndarray:
         """(3/2)^(1/2) |dev sigma|_F, shape (increments,)."""
         mean = np.trace(self.stress, axis1=1, axis2=2)[:, None, None] / 3
-        return np.sqrt(1.5) * np.linalg.norm(self.stress - mean * np.eye(3), axis=(1, 2))
+        return np.sqrt(1.5) * np.linalg.norm(
+            self.stress - mean * np.eye(3), axis=(1, 2)
+        )
 
 
 def material_point(
-    material: Material, strain: Path | None = None, stress: Path | None = None, steps: int = 1
+    material: Material,
+    strain: Path | None = None,
+    stress: Path | None = None,
+    steps: int = 1,
 ) -> PointHistory:
     """Drive a point in three dimensions along straight lines from zero through given corners.
 
@@ -84,18 +97,29 @@ def material_point(
     """
     require_instance("material", material, Material, "a Material")
     steps = require_integer("steps", steps, 1)
-    strains, stresses = _corners("strain", strain), _corners("stress", stress)
+    strains = _corners("strain", strain)
+    stresses = _corners("stress", stress)
     twice = sorted(set(strains) & set(stresses))
     if twice:
-        raise ValueError(f"stress={stress!r}: {twice[0]!r} is in strain too, one is needed")
-    given, held = strains | stresses, np.array([name in strains for name in COMPONENTS])
+        raise ValueError(
+            f"stress={stress!r}: {twice[0]!r} is in strain too, one is needed"
+        )
+    given = strains | stresses
+    held = np.array([name in strains for name in COMPONENTS])
     lengths = {len(values) for values in given.values()} - {1} or {1}
     if len(lengths) > 1:
-        raise ValueError(f"strain={strain!r}, stress={stress!r}: as many corners each are needed")
+        raise ValueError(
+            f"strain={strain!r}, stress={stress!r}: as many corners each are needed"
+        )
     (count,) = lengths
-    corners, times = np.arange(count + 1), np.arange(1, count * steps + 1) / steps
-    path = [np.append(0.0, np.ones(count) * given.get(name, (0.0,))) for name in COMPONENTS]
-    point, e, found = _Point(material), np.zeros(6), []
+    corners = np.arange(count + 1)
+    times = np.arange(1, count * steps + 1) / steps
+    path = [
+        np.append(0.0, np.ones(count) * given.get(name, (0.0,))) for name in COMPONENTS
+    ]
+    point = _Point(material)
+    e = np.zeros(6)
+    found = []
     for target in np.array([np.interp(times, corners, values) for values in path]).T:
         e = point.solved(e, target, held)
         if e is None:
@@ -117,11 +141,15 @@ class _Point:
 
     def __init__(self, material: Material) -> None:
         mesh = block.structured_mesh(1, 1, 1)
-        self._middle, self.material = mesh(0.5, 0.5, 0.5), material
+        self._middle = mesh(0.5, 0.5, 0.5)
+        self.material = material
         self.law = Law(Given(mesh, material, kinematics=SOLID), self)
-        names, zero = ("plastic_strain", "back_stress"), np.zeros((1, SOLID.d))
+        names = ("plastic_strain", "back_stress")
+        zero = np.zeros((1, SOLID.d))
         arrays = dict.fromkeys(names, zero) | {"hardening_variable": zero[:, 0]}
-        self.memory = Memory(SimpleNamespace(points=self), arrays | {"accumulated": zero[:, 0]})
+        self.memory = Memory(
+            SimpleNamespace(points=self), arrays | {"accumulated": zero[:, 0]}
+        )
 
     def __len__(self) -> int:
         return 1
@@ -140,9 +168,12 @@ class _Point:
         stress = bulk * (_TRACES @ e) * _TRACES + _DEVIATORS @ law.stress(at)[0]
         return stress / _ENTRIES, tangent / _ENTRIES[:, None], at.plastic_strain
 
-    def solved(self, e: np.ndarray, target: np.ndarray, held: np.ndarray) -> np.ndarray | None:
+    def solved(
+        self, e: np.ndarray, target: np.ndarray, held: np.ndarray
+    ) -> np.ndarray | None:
         """The strain with the given strains and stresses; None if there is none."""
-        e, free = np.where(held, target, e), ~held
+        e = np.where(held, target, e)
+        free = ~held
         scale = self.law.beta[0] + np.abs(target[free]).max(initial=0.0)
 
         def missing(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -158,7 +189,8 @@ class _Point:
 
     def accept(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Stress, plastic strain and PEEQ at the end of an increment, where the next one starts."""
-        law, (stress, _, p) = self.law, self.stress(e)
+        law = self.law
+        stress, _, p = self.stress(e)
         self.memory = self.memory.after(self.material, p)
         law.initial, law.back, alpha_1, law.accumulated = self.memory.arrays.values()
         peeq = float(law.accumulated[0])
@@ -171,6 +203,12 @@ def _corners(name: str, given: Path | None) -> dict[str, tuple[float, ...]]:
     require_instance(name, given, Mapping, "a mapping of component -> values")
     if not given.keys() <= set(COMPONENTS):
         legal = ", ".join(COMPONENTS)
-        raise ValueError(f"{name}={given!r}: components are needed, each one of {legal}")
-    lists = {key: values if np.ndim(values) else [values] for key, values in given.items()}
-    return {key: numbers_in(f"{name}[{key!r}]", values) for key, values in lists.items()}
+        raise ValueError(
+            f"{name}={given!r}: components are needed, each one of {legal}"
+        )
+    lists = {
+        key: values if np.ndim(values) else [values] for key, values in given.items()
+    }
+    return {
+        key: numbers_in(f"{name}[{key!r}]", values) for key, values in lists.items()
+    }

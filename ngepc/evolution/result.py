@@ -40,37 +40,46 @@ class Memory:
     def initial(cls, problem: Problem) -> Memory:
         """The initial state that ``problem`` was given."""
         points = Points(problem.mesh, problem.kinematics, problem.order)
-        (alpha_1, alpha_2), coordinates = problem.alpha_0, problem.kinematics.coordinates
+        alpha_1, alpha_2 = problem.alpha_0
+        coordinates = problem.kinematics.coordinates
         given = {
             "plastic_strain": coordinates(problem.p_0),
             "back_stress": coordinates(alpha_2),
             "hardening_variable": alpha_1,
             "accumulated": problem.accumulated_0,
         }
-        return cls(PointFunctions(points), {name: points.at(v) for name, v in given.items()})
+        return cls(
+            PointFunctions(points), {name: points.at(v) for name, v in given.items()}
+        )
 
     def after(self, material: Material, p: np.ndarray) -> Memory:
         """p_0 + p, alpha_2 + k p, alpha_1 + k_1 H sigma_y |p| and PEEQ after a step."""
-        at, size = self.functions.points.at, np.linalg.norm(p, axis=1)
+        at = self.functions.points.at
+        size = np.linalg.norm(p, axis=1)
         gained = {
             "plastic_strain": p,
             "back_stress": at(material.hardening)[:, None] * p,
             "hardening_variable": at(material.scalar_growth) * size,
             "accumulated": PEEQ * size,
         }
-        return replace(self, arrays={name: v + gained[name] for name, v in self.arrays.items()})
+        return replace(
+            self, arrays={name: v + gained[name] for name, v in self.arrays.items()}
+        )
 
     def on(self, problem: Problem, parents: np.ndarray) -> Memory:
         """The same functions on a mesh whose simplices lie in these ones; PEEQ stays >= 0."""
         points = Points(problem.mesh, problem.kinematics, problem.order)
         before = self.functions.points
-        carried = {k: on_children(v, before, points, parents) for k, v in self.arrays.items()}
+        carried = {
+            k: on_children(v, before, points, parents) for k, v in self.arrays.items()
+        }
         carried["accumulated"] = np.maximum(carried["accumulated"], 0.0)
         return Memory(PointFunctions(points), carried)
 
     def problem(self, base: Problem, changes: Mapping[str, object]) -> Problem:
         """``base`` with the changes of a step and this memory as its initial state."""
-        material, tensor = base.material, base.kinematics.tensor
+        material = base.material
+        tensor = base.kinematics.tensor
         given = {name: self.functions.function(v) for name, v in self.arrays.items()}
         hardening = tensor(given["back_stress"])
         if not is_zero(material.hardening_modulus):
@@ -96,22 +105,31 @@ class StepRecord:
     time: float  # end of the step
     cuts: int  # how often the interval was halved to get here
     iterations: int  # Newton steps
-    contact_force: float  # resultant of the normal contact pressure, positive in compression
+    contact_force: (
+        float  # resultant of the normal contact pressure, positive in compression
+    )
     contact_resultant: list[float]  # of the obstacles on the body, with friction
     reaction: list[float]  # of all supports on the body
-    reactions: dict[str, list[float]]  # str(place) of each support -> its force on the body
+    reactions: dict[
+        str, list[float]
+    ]  # str(place) of each support -> its force on the body
     applied_force: list[float]  # of the loads on the body
     primal_energy: float  # J(u, p) of the step, (2.14)
-    elastic_energy: float  # 1/2 int C (eps(u) - p) : (eps(u) - p) with the total plastic strain
+    elastic_energy: (
+        float  # 1/2 int C (eps(u) - p) : (eps(u) - p) with the total plastic strain
+    )
     dissipation: float  # int beta |p| with the plastic strain gained in the step
     max_plastic_strain: float  # largest |p_0 + p|_F at the points
     nodes: int  # vertices of the mesh of the step
     error_bound: float | None = None  # ``ErrorBound.relative`` where one was asked for
 
     @classmethod
-    def of(cls, result: Result, fields: Fields, points: Points, **known: object) -> StepRecord:
+    def of(
+        cls, result: Result, fields: Fields, points: Points, **known: object
+    ) -> StepRecord:
         """The numbers of a step; ``known`` are ``time``, ``cuts`` and ``error_bound``."""
-        problem, forces = fields.problem, result.equilibrium.reactions
+        problem = fields.problem
+        forces = result.equilibrium.reactions
         elastic = fields.strain - problem.eps_0 - fields.plastic_strain
         stored = 0.5 * InnerProduct(fields.stress, elastic)
         lost = as_scalar(problem.beta) * Norm(fields.plastic_increment)
@@ -124,7 +142,9 @@ class StepRecord:
             primal_energy=float(result.primal_energy),
             elastic_energy=points.integral(points.at(stored)),
             dissipation=points.integral(points.at(lost)),
-            max_plastic_strain=problem.processes.most(points.at(fields.equivalent_plastic_strain)),
+            max_plastic_strain=problem.processes.most(
+                points.at(fields.equivalent_plastic_strain)
+            ),
             nodes=nodes_of(problem.mesh),
             **known,
         )
@@ -147,7 +167,9 @@ class EvolutionStep:
         return self.fields.problem
 
     def __repr__(self) -> str:
-        time, steps, force = self.record.time, self.record.iterations, self.record.contact_force
+        time = self.record.time
+        steps = self.record.iterations
+        force = self.record.contact_force
         return f"<EvolutionStep: to time {time:g}, Newton steps {steps}, contact force {force:.8g}>"
 
 
@@ -211,8 +233,12 @@ class Evolution(Ending):
         for time, forces in zip(self.times, told, strict=True):
             if support not in forces:
                 known = f"the reactions of {', '.join(sorted(forces)) or 'none'}"
-                raise ValueError(f"support={support!r}: the step to time {time:g} tells {known}")
-        return np.reshape([forces[support] for forces in told], (len(told), self.problem.N))
+                raise ValueError(
+                    f"support={support!r}: the step to time {time:g} tells {known}"
+                )
+        return np.reshape(
+            [forces[support] for forces in told], (len(told), self.problem.N)
+        )
 
 
 class EvolutionFile:
@@ -222,15 +248,25 @@ class EvolutionFile:
     parts.
     """
 
-    def __init__(self, path: Path, problem: Problem, schedule: Schedule, solver: object) -> None:
-        self._processes, self._rows = problem.processes, []
+    def __init__(
+        self, path: Path, problem: Problem, schedule: Schedule, solver: object
+    ) -> None:
+        self._processes = problem.processes
+        self._rows = []
         name = getattr(solver, "__qualname__", type(solver).__qualname__)
-        told = {"times": list(schedule.times), "solver": name, "keeps": "forces of contact"}
+        told = {
+            "times": list(schedule.times),
+            "solver": name,
+            "keeps": "forces of contact",
+        }
         if self._processes.size > 1:
-            path = path.with_name(f"{path.stem}_{self._processes.rank:04d}{path.suffix}")
+            path = path.with_name(
+                f"{path.stem}_{self._processes.rank:04d}{path.suffix}"
+            )
             told["processes"] = self._processes.size
         self._processes.together(partial(check_writable, path))
-        self.path, self.fingerprint = path, work_fingerprint("evolution", problem, **told)
+        self.path = path
+        self.fingerprint = work_fingerprint("evolution", problem, **told)
 
     def load(self) -> tuple[list[tuple[dict, dict]], list[tuple[float, int]]]:
         """Rows and arrays of the steps that an earlier run left, and what was pending.
@@ -240,9 +276,14 @@ class EvolutionFile:
         stored = self._processes.together(partial(load, self.path, self.fingerprint))
         found = {"steps": [], "pending": []} if stored is None else stored.record
         reached = self._processes.all((len(found["steps"]), found["pending"]))
-        count, pending = min(reached, key=itemgetter(0))  # a run may end between two files
-        names, rows = ("u", "p", "contact"), found["steps"][:count]
-        arrays = [{n: stored.arrays.get(f"{n}{i}") for n in names} for i in range(count)]
+        count, pending = min(
+            reached, key=itemgetter(0)
+        )  # a run may end between two files
+        names = ("u", "p", "contact")
+        rows = found["steps"][:count]
+        arrays = [
+            {n: stored.arrays.get(f"{n}{i}") for n in names} for i in range(count)
+        ]
         return list(zip(rows, arrays, strict=True)), pending
 
     def check(self, problem: Problem, row: dict) -> None:
@@ -252,15 +293,20 @@ class EvolutionFile:
             other = f"the step to time {row['time']:g} had other data; move it away"
             raise ValueError(f"checkpoint {self.path} belongs to other work: {other}")
 
-    def save(self, steps: list[EvolutionStep], pending: list[tuple[float, int]]) -> None:
+    def save(
+        self, steps: list[EvolutionStep], pending: list[tuple[float, int]]
+    ) -> None:
         """Write all finished steps and the pending times."""
         arrays = {}
         for i, step in enumerate(steps):
-            u, p = step.fields.displacement, step.fields.plastic_increment
+            u = step.fields.displacement
+            p = step.fields.plastic_increment
             arrays |= {f"u{i}": u.vec.FV().NumPy(), f"p{i}": p.vec.FV().NumPy()}
             arrays |= {} if step.contact is None else {f"contact{i}": step.contact}
         for step in steps[len(self._rows) :]:
             digest = problem_fingerprint(step.problem)
             self._rows.append(vars(step.record) | {"fingerprint": digest})
         record = {"steps": self._rows, "pending": pending}
-        self._processes.together(partial(save, self.path, self.fingerprint, record, arrays))
+        self._processes.together(
+            partial(save, self.path, self.fingerprint, record, arrays)
+        )

@@ -38,7 +38,10 @@ from ngepc.results.result import DiscreteSolution, Result
 
 log = logging.getLogger(__name__)
 
-UNCUT = (Status.STOPPED, Status.MESH_LIMIT)  # ends of a step that a shorter one would not change
+UNCUT = (
+    Status.STOPPED,
+    Status.MESH_LIMIT,
+)  # ends of a step that a shorter one would not change
 
 StepSolver = Callable[..., Result]
 """Called as solver(problem, start=displacement of the last step or None)."""
@@ -60,7 +63,9 @@ def cold_start(solver: Callable, **settings: object) -> StepSolver:
         return solver(problem, **settings)
 
     names = ", ".join(f"{key}={value!r}" for key, value in sorted(settings.items()))
-    solve.__qualname__ = f"cold_start({getattr(solver, '__qualname__', solver)}, {names})"
+    solve.__qualname__ = (
+        f"cold_start({getattr(solver, '__qualname__', solver)}, {names})"
+    )
     return solve
 
 
@@ -117,12 +122,17 @@ def evolve(
     require_function("solver", solver, "problem and start")
     require_function("monitor", monitor, "a step", optional=True)
     path = None if checkpoint is None else require_path("checkpoint", checkpoint)
-    schedule, cuts = as_schedule(steps), require_integer("cuts", cuts, 0, 30)
-    cuts = cuts if isinstance(steps, Schedule) else 0  # what holds in between is not known
+    schedule = as_schedule(steps)
+    cuts = require_integer("cuts", cuts, 0, 30)
+    cuts = (
+        cuts if isinstance(steps, Schedule) else 0
+    )  # what holds in between is not known
     if error is not None:
         require_number("error", error, 0, strict=True)
         if path is not None:
-            raise ValueError(f"checkpoint={checkpoint!r} with error={error:g}: leave one out")
+            raise ValueError(
+                f"checkpoint={checkpoint!r} with error={error:g}: leave one out"
+            )
     refinement = Refinement() if refinement is None else refinement
     require_instance("refinement", refinement, Refinement, "Refinement(...)")
     run = _Run(problem, schedule, solver, cuts, monitor, error, refinement)
@@ -152,18 +162,28 @@ class _Run:
                 check_carried(step)
                 require_without(step, "error=...", "friction")
                 if step.order == 2 and not is_zero(step.material.isotropic_hardening):
-                    reason = "whose variable may be negative where it is affine on cells"
-                    raise ValueError(f"order=2: error= needs 1 with isotropic hardening, {reason}")
-        self.pending = [(time, 0) for time in reversed(self.schedule.times)]  # (end, halvings)
+                    reason = (
+                        "whose variable may be negative where it is affine on cells"
+                    )
+                    raise ValueError(
+                        f"order=2: error= needs 1 with isotropic hardening, {reason}"
+                    )
+        self.pending = [
+            (time, 0) for time in reversed(self.schedule.times)
+        ]  # (end, halvings)
 
     def resume(self, file: EvolutionFile) -> None:
         """Take up the finished steps of a checkpoint, if there is one."""
-        self.file, (steps, pending) = file, file.load()
+        self.file = file
+        steps, pending = file.load()
         for row, arrays in steps:
-            problem, functions = self._problem_at(row["time"]), self.evolution.memory.functions
+            problem = self._problem_at(row["time"])
+            functions = self.evolution.memory.functions
             file.check(problem, row)
             u = GridFunction(displacement_space(problem), name="displacement")
-            p = functions.function(np.zeros((len(functions.points), problem.kinematics.d)))
+            p = functions.function(
+                np.zeros((len(functions.points), problem.kinematics.d))
+            )
             for function, values in ((u, arrays["u"]), (p, arrays["p"])):
                 function.vec.FV().NumPy()[:] = values
             fields = Fields(problem, u, p)
@@ -178,8 +198,15 @@ class _Run:
                 time, level = self.pending.pop()
                 status, message = self._solve(time, level)
                 if not status.is_success and status not in UNCUT and level < self.cuts:
-                    middle = 0.5 * ((evolution.times or [self.schedule.begin])[-1] + time)
-                    log.info("step to time %g failed (%s): cut at %g", time, status.label, middle)
+                    middle = 0.5 * (
+                        (evolution.times or [self.schedule.begin])[-1] + time
+                    )
+                    log.info(
+                        "step to time %g failed (%s): cut at %g",
+                        time,
+                        status.label,
+                        middle,
+                    )
                     self.pending += [(time, level + 1), (middle, level + 1)]
                     continue
                 if status is not Status.CONVERGED:
@@ -200,17 +227,23 @@ class _Run:
 
     def _solve(self, time: float, level: int) -> tuple[Status, str]:
         """One step, on meshes that follow its bound; how it ended."""
-        start, relative = self.start, None
+        start = self.start
+        relative = None
         while True:
             result = self.solver(self._problem_at(time), start=start)
             if not isinstance(result, Result):
-                needed = "a function that returns a result like those of ngepc's solvers"
-                raise TypeError(f"solver={self.solver!r} returned {result!r}: {needed} is needed")
+                needed = (
+                    "a function that returns a result like those of ngepc's solvers"
+                )
+                raise TypeError(
+                    f"solver={self.solver!r} returned {result!r}: {needed} is needed"
+                )
             if not result.status.is_success:
                 return result.status, result.message
             if self.error is None:
                 break
-            bound, start = error_bound(result), result.displacement
+            bound = error_bound(result)
+            start = result.displacement
             relative = bound.relative
             if relative <= self.error:
                 break
@@ -231,9 +264,11 @@ class _Run:
 
     def _refine(self, bound: ErrorBound, time: float) -> str:
         """Go on with a finer mesh and the history on it; or why not."""
-        old, most = bound.problem.mesh, self.refinement.max_nodes
+        old = bound.problem.mesh
+        most = self.refinement.max_nodes
         mesh, parents = next_mesh(bound, self.error, self.refinement)
-        share, asked = f"{bound.relative:.2g}", f"{self.error:g}"
+        share = f"{bound.relative:.2g}"
+        asked = f"{self.error:g}"
         told = f"the energy error may be {share} on {old.nv} nodes, asked {asked}"
         if mesh.nv > most:
             return f"{told}; the next mesh has {mesh.nv} nodes, max_nodes={most}."

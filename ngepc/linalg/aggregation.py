@@ -11,7 +11,9 @@ from scipy.sparse import csr_matrix
 
 COARSEST = 400  # unknowns that are few enough for a direct solver
 DAMPING = 1.4  # of the Jacobi step that smooths, divided by the largest eigenvalue
-DEPENDENT = 1e-10  # modes of an aggregate count as dependent below this squared relative size
+DEPENDENT = (
+    1e-10  # modes of an aggregate count as dependent below this squared relative size
+)
 
 
 def incidence(number: np.ndarray) -> csr_matrix:
@@ -26,8 +28,10 @@ def aggregates(graph: csr_matrix) -> np.ndarray:
 
     A node none of whose neighbours is taken takes them all; the others join a neighbour's.
     """
-    starts, columns = graph.indptr.tolist(), graph.indices.tolist()
-    size, count = len(starts) - 1, 0
+    starts = graph.indptr.tolist()
+    columns = graph.indices.tolist()
+    size = len(starts) - 1
+    count = 0
     number = [-1] * size
     for i in range(size):
         around = columns[starts[i] : starts[i + 1]]
@@ -36,9 +40,12 @@ def aggregates(graph: csr_matrix) -> np.ndarray:
                 number[j] = count
             count += 1
     while True:
-        before, left = list(number), [i for i in range(size) if number[i] < 0]
+        before = list(number)
+        left = [i for i in range(size) if number[i] < 0]
         for i in left:
-            joined = (before[j] for j in columns[starts[i] : starts[i + 1]] if before[j] >= 0)
+            joined = (
+                before[j] for j in columns[starts[i] : starts[i + 1]] if before[j] >= 0
+            )
             number[i] = next(joined, -1)
         if number == before:
             return np.array(number)
@@ -51,8 +58,10 @@ def tentative(
 
     With it come the modes on the coarse level, without dependent ones, and their aggregates.
     """
-    chosen, k = np.flatnonzero(aggregate >= 0), modes.shape[1]
-    here, part = aggregate[chosen], modes[chosen]
+    chosen = np.flatnonzero(aggregate >= 0)
+    k = modes.shape[1]
+    here = aggregate[chosen]
+    part = modes[chosen]
     size = int(aggregate.max(initial=-1)) + 1
     gram = np.empty((size, k, k))
     for i, j in np.ndindex(k, k):

@@ -20,15 +20,20 @@ def conjugate_gradients(
     They end where a preconditioned residual or a curvature is not positive, that is with the
     solution or because one of the two matrices is not positive definite.
     """
-    x, r, direction, before = np.zeros_like(right), right, np.zeros_like(right), np.inf
+    x = np.zeros_like(right)
+    r = right
+    direction = np.zeros_like(right)
+    before = np.inf
     while (now := float(dot(r, z := precondition(r)))) > 0:
         direction = z + now / before * direction
         image = multiply(direction)
         curvature = float(dot(direction, image))
         if not curvature > 0:
             return
-        length, before = now / curvature, now
-        x, r = x + length * direction, r - length * image
+        length = now / curvature
+        before = now
+        x = x + length * direction
+        r = r - length * image
         yield x, r, length * now / 2
 
 
@@ -40,18 +45,23 @@ def minimal_residuals(
     Generalised conjugate residuals (Eisenstat, Elman, Schultz, SIAM J. Numer. Anal. 20, 1983) with
     restarts: the steps of GMRES, by shorter recursions that keep twice as much.
     """
-    x, r, known = np.zeros_like(right), right, []
+    x = np.zeros_like(right)
+    r = right
+    known = []
     while True:
         direction = precondition(r)
         image = multiply(direction)
         for other, its in known:
             share = dot(its, image)
-            direction, image = direction - share * other, image - share * its
+            direction = direction - share * other
+            image = image - share * its
         size = float(np.sqrt(dot(image, image)))
         if not size > 0:
             return
-        direction, image = direction / size, image / size
+        direction = direction / size
+        image = image / size
         length = dot(image, r)
-        x, r = x + length * direction, r - length * image
+        x = x + length * direction
+        r = r - length * image
         known = [*known, (direction, image)] if len(known) < KEPT else []
         yield x, r, length**2

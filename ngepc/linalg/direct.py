@@ -34,7 +34,9 @@ def require_solver(name: str, value: object) -> object:
     if hasattr(value, "tangent") and not isinstance(value, type):
         return value
     if not isinstance(value, str) or value not in DIRECT_SOLVERS:
-        raise ValueError(f"{name}={value!r}: one of {', '.join(DIRECT_SOLVERS)} is needed")
+        raise ValueError(
+            f"{name}={value!r}: one of {', '.join(DIRECT_SOLVERS)} is needed"
+        )
     if value in SHIPPED:
         return value
     try:
@@ -57,17 +59,26 @@ def symmetric_inverse(matrix: BaseMatrix, free: BitArray, name: str) -> BaseMatr
 def lower_triangle(matrix: BaseMatrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows, columns and values of the entries on and below the diagonal, row by row."""
     values, columns, starts = (np.asarray(a) for a in matrix.CSR())
-    rows = np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts.astype(np.int64)))
+    rows = np.repeat(
+        np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts.astype(np.int64))
+    )
     columns, lower = columns.astype(np.int64), columns <= rows
-    return (rows, columns, values) if lower.all() else (rows[lower], columns[lower], values[lower])
+    return (
+        (rows, columns, values)
+        if lower.all()
+        else (rows[lower], columns[lower], values[lower])
+    )
 
 
 def both_triangles(lower: csr_matrix) -> SparseMatrixd:
     """The symmetric matrix with this lower triangle, all entries stored."""
     lower = tril(lower).tocoo()
     strict = lower.row > lower.col
-    rows, columns = np.append(lower.row, lower.col[strict]), np.append(lower.col, lower.row[strict])
-    return from_entries(rows, columns, np.append(lower.data, lower.data[strict]), *lower.shape)
+    rows = np.append(lower.row, lower.col[strict])
+    columns = np.append(lower.col, lower.row[strict])
+    return from_entries(
+        rows, columns, np.append(lower.data, lower.data[strict]), *lower.shape
+    )
 
 
 def from_entries(
@@ -92,12 +103,17 @@ class SparseSum:
 
     def __init__(self, first: BaseMatrix, *, mirrored: bool = False) -> None:
         rows, columns, values = lower_triangle(first)
-        self._size, self.values = first.height, values.copy()
+        self._size = first.height
+        self.values = values.copy()
         self._keys = rows * self._size + columns
-        self._matrix, self._source = first.CreateMatrix(), slice(None)
+        self._matrix = first.CreateMatrix()
+        self._source = slice(None)
         if mirrored:
-            numbers, shape = np.arange(len(rows)), (self._size, self._size)
-            self._matrix = both_triangles(coo_matrix((numbers, (rows, columns)), shape=shape))
+            numbers = np.arange(len(rows))
+            shape = (self._size, self._size)
+            self._matrix = both_triangles(
+                coo_matrix((numbers, (rows, columns)), shape=shape)
+            )
             self._source = self._matrix.AsVector().FV().NumPy().astype(np.int64)
 
     def add(self, block: BaseMatrix, first: int = 0, factor: float = 1.0) -> None:

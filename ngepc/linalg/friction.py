@@ -29,7 +29,8 @@ STEPS = 30  # Newton steps with each c
 SHORTEST = 1e-3  # the shortest step length
 TINY = float(np.finfo(float).tiny)  # in place of zero in a denominator
 
-EXACT, SETTLED = 1e-13, 1e-10
+EXACT = 1e-13
+SETTLED = 1e-10
 """Parts of the largest force that a step may change: for sure, and where rounding ends progress."""
 
 DIFFERENT = 1e-6  # part of the largest force by which two solutions differ
@@ -46,20 +47,24 @@ def exchange(
     which end after finitely many steps.
     """
     active = (forces > 0) | tied
-    fewest, patience = len(gaps) + 1, PATIENCE
+    fewest = len(gaps) + 1
+    patience = PATIENCE
     slack = 1e-14 * max(np.abs(gaps).max(initial=0.0), np.finfo(float).tiny)
     for _ in range(100 + 20 * len(gaps)):
         change = np.where(active, 0.0, -forces)
         change[active] = -np.linalg.solve(W.block(active), (gaps + W @ change)[active])
         if not np.isfinite(change).all():
             break
-        w, x = gaps + W @ change, np.where(active, forces + change, 0.0)
+        w = gaps + W @ change
+        x = np.where(active, forces + change, 0.0)
         wrong = np.where(active, x < -1e-14 * np.abs(x).max(initial=0.0), w < -slack)
         wrong &= np.logical_not(tied)
         count = np.count_nonzero(wrong)
         if count == 0:
             return np.where((x > 0) | tied, change, -forces), True
-        fewest, patience = (count, PATIENCE) if count < fewest else (fewest, patience - 1)
+        fewest, patience = (
+            (count, PATIENCE) if count < fewest else (fewest, patience - 1)
+        )
         if patience > 0:
             active ^= wrong
         else:
@@ -73,7 +78,9 @@ class FrictionCone:
 
     cap: np.ndarray  # F (force), inf where there is none, shape (m,)
     coefficient: np.ndarray  # mu >= 0, shape (m,)
-    tied: np.ndarray  # boolean: rows that stay closed, normal forces of either sign, shape (m,)
+    tied: (
+        np.ndarray
+    )  # boolean: rows that stay closed, normal forces of either sign, shape (m,)
     d: int  # tangents of a row, 0 without friction
 
     def bound(self, n: np.ndarray) -> np.ndarray:
@@ -90,12 +97,19 @@ class FrictionCone:
         Whether they slip; e = y_t / |y_t|, zero with y_t, shape (m, d); b(y_n); |y_t|.
         """
         n, t = self.split(y)
-        b, size = self.bound(n), np.linalg.norm(t, axis=1)
-        return (size > b) | (b <= 0), t / np.where(size > 0, size, 1.0)[:, None], b, size
+        b = self.bound(n)
+        size = np.linalg.norm(t, axis=1)
+        return (
+            (size > b) | (b <= 0),
+            t / np.where(size > 0, size, 1.0)[:, None],
+            b,
+            size,
+        )
 
     def projected(self, y: np.ndarray) -> np.ndarray:
         """The point of |t| <= b(n) closest to y_t, with n = [y_n]_+; both stacked."""
-        (n, t), (slips, e, b, _) = self.split(y), self.slipping(y)
+        n, t = self.split(y)
+        slips, e, b, _ = self.slipping(y)
         n = np.where(self.tied, n, np.maximum(n, 0.0))
         return np.append(n, np.where(slips[:, None], b[:, None] * e, t))
 
@@ -119,7 +133,9 @@ class FrictionCone:
 
     def of(self, rows: np.ndarray) -> FrictionCone:
         """The law of some rows."""
-        return FrictionCone(self.cap[rows], self.coefficient[rows], self.tied[rows], self.d)
+        return FrictionCone(
+            self.cap[rows], self.coefficient[rows], self.tied[rows], self.d
+        )
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Normal (m,) and tangential parts (m, d) of forces or gaps."""
@@ -139,7 +155,8 @@ class FrictionCone:
             return exchange(W, gaps, forces, self.tied)
         n, t = self.split(W.diagonal)
         compliance = np.append(n, np.repeat(t.mean(axis=1), self.d))
-        best, zero = (np.inf, np.zeros_like(forces)), np.zeros_like(forces)
+        best = (np.inf, np.zeros_like(forces))
+        zero = np.zeros_like(forces)
         for start, soft in product((lambda: zero, lambda: _stuck(W, gaps)), SOFT):
             equation = _Equation(self, W, gaps, forces, soft / compliance)
             left, change, exact = equation.solved(start())
@@ -148,23 +165,33 @@ class FrictionCone:
             best = min(best, (left / soft, change), key=lambda found: found[0])
         return self.projected(forces + best[1]) - forces, False
 
-    def follows(self, forces: np.ndarray, gaps: np.ndarray, touching: float) -> np.ndarray:
+    def follows(
+        self, forces: np.ndarray, gaps: np.ndarray, touching: float
+    ) -> np.ndarray:
         """Mu e at a solution, (m, d), with |s + r| >= |s| + e.r for the slip s of a row and all r.
 
         That is e = t/b where they press, else the direction of the slip.
         """
-        (n, t), slip = self.split(forces), -self.split(gaps)[1]
-        b, size = self.bound(n), np.linalg.norm(slip, axis=1)
-        moves = np.where(size > touching, 1 / np.where(size > 0, size, 1.0), 0.0)[:, None] * slip
+        n, t = self.split(forces)
+        slip = -self.split(gaps)[1]
+        b = self.bound(n)
+        size = np.linalg.norm(slip, axis=1)
+        moves = (
+            np.where(size > touching, 1 / np.where(size > 0, size, 1.0), 0.0)[:, None]
+            * slip
+        )
         e = np.where((b > 0)[:, None], t / np.where(b > 0, b, 1.0)[:, None], moves)
         return self.coefficient[:, None] * e
 
-    def rival(self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray) -> np.ndarray | None:
+    def rival(
+        self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray
+    ) -> np.ndarray | None:
         """Other forces that meet the law with the compliance S, None if none is found.
 
         Starts are no contact, all rows sticking, all slips reversed, all friction at its bound.
         """
-        W, (n, t) = Compliance.of(S), self.split(forces)
+        W = Compliance.of(S)
+        n, t = self.split(forces)
         stuck = forces + _stuck(W, gaps)
         bounds = np.tile(self.bound(stuck[: len(n)])[:, None], self.d)
         tangents = -t, bounds, -bounds
@@ -172,7 +199,8 @@ class FrictionCone:
         for start in map(self.projected, (np.zeros_like(forces), stuck, *starts)):
             change, exact = self(W, gaps + S @ (start - forces), start)
             other = start + change
-            apart, size = other - forces, np.maximum(np.abs(other), np.abs(forces))
+            apart = other - forces
+            size = np.maximum(np.abs(other), np.abs(forces))
             if exact and apart @ S @ apart > DIFFERENT**2 * (S.diagonal() @ size**2):
                 return other  # forces on held tangents do no work: they are no other equilibrium
         return None
@@ -201,12 +229,18 @@ class _Equation:
         """One semismooth Newton step; None if its matrix is singular."""
         law, W, m = self.law, self.W, len(self.law.cap)
         closed = (self.trial(change)[:m] > 0) | law.tied
-        chosen, following = law.numbers(np.flatnonzero(closed)), -self.forces
+        chosen = law.numbers(np.flatnonzero(closed))
+        following = -self.forces
         following[chosen] = change[chosen]
         slack = self.c * (self.gaps + W @ following)
         y = self.forces + following - slack
-        one, blocks = np.eye(len(chosen)), law.slope(y, closed)[closed]
-        J = one - of_rows(blocks, one) + of_rows(blocks, self.c[chosen, None] * W.block(chosen))
+        one = np.eye(len(chosen))
+        blocks = law.slope(y, closed)[closed]
+        J = (
+            one
+            - of_rows(blocks, one)
+            + of_rows(blocks, self.c[chosen, None] * W.block(chosen))
+        )
         slack[m:] += (y - law.projected(y))[m:]
         try:
             following[chosen] -= np.linalg.solve(J, slack[chosen])
@@ -219,21 +253,30 @@ class _Equation:
 
         Steps are shortened to lower the residual; where that fails all of one breaks cycles.
         """
-        best = np.inf, change, False  # without the start: a change of nothing would teach nothing
-        left, scale = self.residual(change), np.abs(self.forces).max(initial=0.0)
+        best = (
+            np.inf,
+            change,
+            False,
+        )  # without the start: a change of nothing would teach nothing
+        left = self.residual(change)
+        scale = np.abs(self.forces).max(initial=0.0)
         for _ in range(STEPS):
             step = self.step(change)
             if step is None:
                 break
-            before, length, left = left, 1.0, self.residual(change + step)
+            before = left
+            length = 1.0
+            left = self.residual(change + step)
             while length > SHORTEST and not left < before:
                 length /= 2
                 left = self.residual(change + length * step)
             if not left < before:
-                length, left = 1.0, self.residual(change + step)
+                length = 1.0
+                left = self.residual(change + step)
             change = change + length * step
             x = self.forces + change
-            moved, size = np.abs(step).max(initial=0.0), max(scale, np.abs(x).max(initial=0.0))
+            moved = np.abs(step).max(initial=0.0)
+            size = max(scale, np.abs(x).max(initial=0.0))
             if moved <= EXACT * size or (moved <= SETTLED * size and left > before / 2):
                 exact = change + (self.law.projected(x) - x)
                 return left, np.where(x == 0, -self.forces, exact), True
@@ -244,7 +287,8 @@ class _Equation:
 def of_rows(blocks: np.ndarray, A: np.ndarray) -> np.ndarray:
     """``matrix_of_rows`` times a dense matrix: sparse products take longer for few rows."""
     m, size = blocks.shape[:2]
-    n, t = A[:m, None], A[m:].reshape(m, size - 1, A.shape[1])
+    n = A[:m, None]
+    t = A[m:].reshape(m, size - 1, A.shape[1])
     parts = np.matmul(blocks, np.concatenate([n, t], axis=1))
     return np.concatenate([parts[:, 0], parts[:, 1:].reshape(A[m:].shape)])
 

@@ -33,7 +33,9 @@ class Descent(Protocol):
     derivative: Callable[[float], float]  # phi'
     energy_0: float  # phi(0)
     slope_0: float  # phi'(0)
-    magnitude: float  # size of the terms that phi is summed from, which its rounding follows
+    magnitude: (
+        float  # size of the terms that phi is summed from, which its rounding follows
+    )
 
     def is_rounding(self, change: float) -> bool:
         """Whether a change of phi of this size may be nothing but rounding."""
@@ -66,19 +68,25 @@ class Armijo(Declared):
         If it is out of its range.
     """
 
-    slope: Annotated[float, Check(require_number, least=0, strict=True, below=0.5)] = 1e-4
+    slope: Annotated[float, Check(require_number, least=0, strict=True, below=0.5)] = (
+        1e-4
+    )
 
     def search(self, phi: Descent) -> Step | None:
         """The first accepted step length, None if all are refused; see ``LineSearch``."""
-        alpha, halvings = 1.0, 0
+        alpha = 1.0
+        halvings = 0
         while alpha >= SMALLEST:
             value = phi.energy(alpha)
             enough = value <= phi.energy_0 + self.slope * alpha * phi.slope_0
             if not enough and phi.is_rounding(value - phi.energy_0):
-                enough = phi.derivative(alpha) <= (1 - 2 * self.slope) * abs(phi.slope_0)
+                enough = phi.derivative(alpha) <= (1 - 2 * self.slope) * abs(
+                    phi.slope_0
+                )
             if enough:
                 return Step(length=alpha, energy=value, halvings=halvings)
-            alpha, halvings = alpha / 2, halvings + 1
+            alpha = alpha / 2
+            halvings = halvings + 1
         return None
 
 
@@ -91,7 +99,9 @@ class FullSteps:
         return Step(length=1.0, energy=phi.energy(1.0), halvings=0)
 
 
-def nearly_flat(slope: Callable[[float], float], noise: float) -> tuple[float, int] | None:
+def nearly_flat(
+    slope: Callable[[float], float], noise: float
+) -> tuple[float, int] | None:
     """A step length near the minimum of a convex phi, at most 1, and the trials before it.
 
     ``slope`` is phi', ``noise`` what rounding leaves of it; None if phi does not fall beyond that.
@@ -101,7 +111,11 @@ def nearly_flat(slope: Callable[[float], float], noise: float) -> tuple[float, i
     be tiny; NaN counts as above.
     """
     slope_0 = at_low = slope(0.0)
-    low, high, at_high, t, row = 0.0, 1.0, math.nan, 1.0, 0
+    low = 0.0
+    high = 1.0
+    at_high = math.nan
+    t = 1.0
+    row = 0
     for trials in range(EVALUATIONS):
         here = slope(t)
         flat = abs(here) <= max(-FLATNESS * slope_0, noise)
@@ -112,9 +126,13 @@ def nearly_flat(slope: Callable[[float], float], noise: float) -> tuple[float, i
         if slope_0 >= 0:
             return None
         if here < 0:
-            low, at_low, row = t, here, min(row, 0) - 1
+            low = t
+            at_low = here
+            row = min(row, 0) - 1
         else:
-            high, at_high, row = t, here, max(row, 0) + 1
+            high = t
+            at_high = here
+            row = max(row, 0) + 1
         width = high - low
         if row > IN_A_ROW:
             t = low + width / 10

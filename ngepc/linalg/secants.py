@@ -13,7 +13,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-SPANNED = 1e-12  # a force that does a smaller share of its work beyond those learned is known
+SPANNED = (
+    1e-12  # a force that does a smaller share of its work beyond those learned is known
+)
 ROUNDING = 3e-14  # part of an answer that is rounding
 FIRST = 3e-2  # part of the slack below which the first change counts as rounding
 RESTARTS = 4  # products are at most so many times as many as rows
@@ -37,12 +39,16 @@ class Compliance:
     def of(cls, S: np.ndarray) -> Compliance:
         """W = S, known from the start; a force that moves nothing has the largest diagonal."""
         S = S + np.diag(np.where(S.diagonal() > 0, 0.0, S.diagonal().max(initial=0.0)))
-        W, (sizes, vectors) = cls(np.zeros(len(S))), np.linalg.eigh((S + S.T) / 2)
-        W._columns, W._signs = vectors * np.sqrt(np.abs(sizes)), np.sign(sizes)
+        W = cls(np.zeros(len(S)))
+        sizes, vectors = np.linalg.eigh((S + S.T) / 2)
+        W._columns = vectors * np.sqrt(np.abs(sizes))
+        W._signs = np.sign(sizes)
         return W
 
     def __matmul__(self, forces: np.ndarray) -> np.ndarray:
-        return self._diagonal * forces + self._columns @ (self._signs * (forces @ self._columns))
+        return self._diagonal * forces + self._columns @ (
+            self._signs * (forces @ self._columns)
+        )
 
     @property
     def diagonal(self) -> np.ndarray:
@@ -63,11 +69,13 @@ class Compliance:
         work = force @ answer
         for v, Sv in self._learned:
             share = v @ answer
-            force, answer = force - share * v, answer - share * Sv
+            force = force - share * v
+            answer = answer - share * Sv
         size = force @ answer
         if not size > SPANNED * work:
             return False
-        v, Sv = force / np.sqrt(size), answer / np.sqrt(size)
+        v = force / np.sqrt(size)
+        Sv = answer / np.sqrt(size)
         guess = self @ v
         self._columns = np.column_stack([self._columns, Sv, guess / np.sqrt(v @ guess)])
         self._signs = np.append(self._signs, [1.0, -1.0])
@@ -101,11 +109,16 @@ def solve_by_secants(
         if exact and np.abs(compliance @ change).max(initial=0.0) <= rounding:
             return np.where(forces + change == 0, 0.0, forces)
         answer = product(change)
-        gaps, forces = gaps + answer, forces + change
+        gaps = gaps + answer
+        forces = forces + change
         if not np.isfinite(answer).all():
             return None
-        if not compliance.learn(change, answer):  # rounding of far larger answers hides this one
+        if not compliance.learn(
+            change, answer
+        ):  # rounding of far larger answers hides this one
             compliance.restart()
             compliance.learn(change, answer)
-        slack = max(slack, ROUNDING * float(np.abs(answer).max()))  # it stays in the gaps
+        slack = max(
+            slack, ROUNDING * float(np.abs(answer).max())
+        )  # it stays in the gaps
     return None

@@ -50,12 +50,17 @@ class InexactTarget:
     ``tolerance`` of the Newton iteration needs.
     """
 
-    def __init__(self, discrete: DiscreteProblem, forcing: float, tolerance: float) -> None:
-        self._forcing, self._tolerance = forcing, tolerance
+    def __init__(
+        self, discrete: DiscreteProblem, forcing: float, tolerance: float
+    ) -> None:
+        self._forcing = forcing
+        self._tolerance = tolerance
         self._before = 0.0
-        self._frame, self._contact = discrete, discrete.contact
+        self._frame = discrete
+        self._contact = discrete.contact
         self._compliance = discrete.compliance()
-        free, tangential = discrete.free.ravel(), discrete.rows.tangential
+        free = discrete.free.ravel()
+        tangential = discrete.rows.tangential
         moved = np.asarray(abs(tangential[:, np.flatnonzero(free)]).sum(axis=1)).ravel()
         self._movable = (moved > HELD).reshape(discrete.rows.tangents.shape[:2])
 
@@ -65,11 +70,16 @@ class InexactTarget:
         It is a small part of what Newton's method itself is about to leave, so that its steps do
         not depend on how the linear systems are solved.
         """
-        before, self._before = self._before, residual
+        before = self._before
+        self._before = residual
         falling = PART * (residual / before) ** 2 if before else 1.0
-        return max(min(self._forcing, falling), PART * self._tolerance / residual, FINEST)
+        return max(
+            min(self._forcing, falling), PART * self._tolerance / residual, FINEST
+        )
 
-    def __call__(self, here: State, tangent: IterativeTangent) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(
+        self, here: State, tangent: IterativeTangent
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The change of u, and contact there; FactorisationError if they are not found."""
         tangent.linearise(here)
         accuracy = self.accuracy(here.residual_norm)
@@ -97,15 +107,24 @@ class InexactTarget:
         Each set minimises Newton's model with these closed rows, friction linearised at what was
         found last; the linear systems leave ``scale`` of the forces.
         """
-        contact, processes = self._contact, self._contact.processes
-        scale = accuracy * here.residual_norm * here.force_scale if contact.friction.d else 0.0
+        contact = self._contact
+        processes = self._contact.processes
+        scale = (
+            accuracy * here.residual_norm * here.force_scale
+            if contact.friction.d
+            else 0.0
+        )
         at = Meeting(np.zeros(here.u.size), here.contact, here.gaps)
         active = here.multipliers > 0
-        active = (active if processes.any(active) else here.open_gap < 0) | contact.rows.tied
+        active = (
+            active if processes.any(active) else here.open_gap < 0
+        ) | contact.rows.tied
         out_of_balance = (here.frame.load - here.internal_forces).ravel()
         for number in range(SETS):
             c = SOFT[number // PATIENCE % len(SOFT)] * here.discrete.row_stiffness
-            closed = processes.together(partial(self._closed, active, at.forces - c * at.gaps, c))
+            closed = processes.together(
+                partial(self._closed, active, at.forces - c * at.gaps, c)
+            )
             multiply = closed.stiffened(tangent.multiply)
             fixed = closed.moved(here.gaps[closed.numbers])
             loads = out_of_balance - closed.slipping(here.gaps)
@@ -127,21 +146,28 @@ class InexactTarget:
 
     def _closed(self, active: np.ndarray, y: np.ndarray, c: np.ndarray) -> Closed:
         """Closed rows, and what they do along their tangents by the trial forces y = x - c g."""
-        contact, rubbing = self._contact, None
+        contact = self._contact
+        rubbing = None
         if contact.friction.d:
             along = contact.tangential(c)[:, 0]
             rubbing = Rubbing.by(contact.friction, active, self._movable, y, along)
         return Closed(self._frame, active, rubbing)
 
-    def _shortened(self, at: Meeting, found: Meeting, c: np.ndarray) -> tuple[Meeting, bool]:
+    def _shortened(
+        self, at: Meeting, found: Meeting, c: np.ndarray
+    ) -> tuple[Meeting, bool]:
         """The step that lowers the defect, and whether it is whole, as it is where none does.
 
         All on the way is in balance, so that no length costs a solve.
         """
-        before, nearer, length = self._contact.defect(at.forces, c * at.gaps), found, 1.0
+        before = self._contact.defect(at.forces, c * at.gaps)
+        nearer = found
+        length = 1.0
         while length > SHORTEST:
             if self._contact.defect(nearer.forces, c * nearer.gaps) < before:
                 return nearer, length == 1
             length /= 2
-            nearer = Meeting(*(a + length * (b - a) for a, b in zip(at, found, strict=True)))
+            nearer = Meeting(
+                *(a + length * (b - a) for a, b in zip(at, found, strict=True))
+            )
         return found, True

@@ -38,15 +38,23 @@ class Rubbing(NamedTuple):
 
     @classmethod
     def by(
-        cls, cone: FrictionCone, active: np.ndarray, free: np.ndarray, y: np.ndarray, c: np.ndarray
+        cls,
+        cone: FrictionCone,
+        active: np.ndarray,
+        free: np.ndarray,
+        y: np.ndarray,
+        c: np.ndarray,
     ) -> Rubbing:
         """The linearised law of closed rows at y = x - c g; c is (m,), free tangents (m, d)."""
-        (slips, e, b, size), m = cone.slipping(y), len(c)
-        slope, capped = cone.slope(y, active), active & slips & ~cone.grows(y[:m])
+        slips, e, b, size = cone.slipping(y)
+        m = len(c)
+        slope = cone.slope(y, active)
+        capped = active & slips & ~cone.grows(y[:m])
         # dt = G (dt + c dslip) along a tangent gives dt = c G / (1 - G) dslip with G = b / size
         stiff = c * size / np.maximum(size - b, np.maximum(b / STIFFEST, TINY))
         turns = np.where(slips, stiff, 0.0)[:, None, None] * slope
-        sticks, bound = (active & ~slips)[:, None] & free, np.where(capped, b, 0.0)[:, None] * e
+        sticks = (active & ~slips)[:, None] & free
+        bound = np.where(capped, b, 0.0)[:, None] * e
         return cls(sticks, bound, slope[:, 1:, 0], matrix_of_rows(turns)[m:, m:])
 
 
@@ -59,19 +67,30 @@ class Closed:
     FactorisationError if the closed rows are dependent.
     """
 
-    def __init__(self, frame: Frame, active: np.ndarray, rubbing: Rubbing | None = None) -> None:
+    def __init__(
+        self, frame: Frame, active: np.ndarray, rubbing: Rubbing | None = None
+    ) -> None:
         self.free = frame.free.ravel().astype(float)
-        rows, m = frame.contact.rows, len(active)
+        rows = frame.contact.rows
+        m = len(active)
         nothing = np.zeros((m, 0))
-        sticks, bound, slant, stiffness = rubbing or (*[nothing] * 3, csr_matrix((0, 0)))
-        self._bound, self._stiffness, self._m = bound.ravel(), stiffness, m
+        sticks, bound, slant, stiffness = rubbing or (
+            *[nothing] * 3,
+            csr_matrix((0, 0)),
+        )
+        self._bound = bound.ravel()
+        self._stiffness = stiffness
+        self._m = m
         self._tangential = T = rows.tangential[: sticks.size]
         places = np.arange(slant.size), np.arange(m + 1) * slant.shape[1]
         self._slant = csr_matrix((slant.ravel(), *places), shape=(m, slant.size))
-        self.slanted, self._springs = bool(slant.any()), (T.T @ stiffness @ T).tocsr()
-        closed, sticking = np.flatnonzero(active), np.flatnonzero(sticks)
+        self.slanted = bool(slant.any())
+        self._springs = (T.T @ stiffness @ T).tocsr()
+        closed = np.flatnonzero(active)
+        sticking = np.flatnonzero(sticks)
         self.numbers = np.append(closed, m + sticking)
-        normal, held = rows.normal[closed], T[sticking]
+        normal = rows.normal[closed]
+        held = T[sticking]
         self.rows = vstack([normal, held]).multiply(self.free).tocsr()
         pushed = vstack([normal + self._slant[closed] @ T, held])
         self._pushed = pushed.multiply(self.free).T.tocsr()
@@ -79,7 +98,9 @@ class Closed:
             gram = (self.rows @ self._pushed).tocsc()
             self._solve = splu(gram).solve if gram.shape[0] else np.copy
         except RuntimeError as error:
-            raise FactorisationError("contact rows of one node are dependent") from error
+            raise FactorisationError(
+                "contact rows of one node are dependent"
+            ) from error
 
     def moved(self, amounts: np.ndarray) -> np.ndarray:
         """A displacement of nodes at the held rows that moves these by some amounts."""
@@ -97,7 +118,8 @@ class Closed:
 
     def forces(self, imbalance: np.ndarray, gaps: np.ndarray) -> np.ndarray:
         """The forces of all rows with these gaps: those held balance nodal forces best."""
-        x, m = np.zeros(len(gaps)), self._m
+        x = np.zeros(len(gaps))
+        m = self._m
         x[self.numbers] = self._solve(self.rows @ imbalance)
         x[m:] += x[:m] @ self._slant + self._dragged(gaps)
         return x
@@ -116,7 +138,11 @@ class Closed:
         Rows over several nodes pin the one where they are largest.
         """
         rows, count = self.rows, self.rows.shape[0]
-        largest = np.asarray(abs(rows).argmax(axis=1)).ravel() if count else np.zeros(0, dtype=int)
+        largest = (
+            np.asarray(abs(rows).argmax(axis=1)).ravel()
+            if count
+            else np.zeros(0, dtype=int)
+        )
         nodes, which = np.unique(largest // N, return_inverse=True)
         columns = (largest // N * N)[:, None] + np.arange(N)
         normals = np.asarray(rows[np.arange(count)[:, None], columns].todense())

@@ -65,11 +65,15 @@ class FullPattern:
 
         def placed(kept: np.ndarray | slice) -> bsr_matrix:
             starts = np.searchsorted(i[kept], np.arange(nodes + 1))
-            return bsr_matrix((numbers[kept], j[kept], starts), shape=(N * nodes, N * nodes))
+            return bsr_matrix(
+                (numbers[kept], j[kept], starts), shape=(N * nodes, N * nodes)
+            )
 
         whole = placed(slice(None)) + placed(i != j).T
         ones = np.ones(len(whole.indices), dtype=np.int32)
-        self.blocks = csr_matrix((ones, whole.indices, whole.indptr), shape=(nodes, nodes))
+        self.blocks = csr_matrix(
+            (ones, whole.indices, whole.indptr), shape=(nodes, nodes)
+        )
         self._source = whole.tocsr()
         self._source.data -= 1
         kept = diags(lower.free.any(axis=1), dtype=np.int32)
@@ -91,12 +95,16 @@ class IterativeTangent:
     ``linear_iterations``, ``forcing`` is that of the ``solver``.
     """
 
-    examined, stiffened = FEW, None
+    examined = FEW
+    stiffened = None
 
     def __init__(self, frame: Frame, stiffness: Stiffness, solver: Iterative) -> None:
-        self._frame, self._processes = frame, frame.contact.processes
-        self.forcing, self._most = solver.forcing, solver.max_iterations
-        self._stiffness, self._pattern = stiffness, FullPattern(stiffness)
+        self._frame = frame
+        self._processes = frame.contact.processes
+        self.forcing = solver.forcing
+        self._most = solver.max_iterations
+        self._stiffness = stiffness
+        self._pattern = FullPattern(stiffness)
         self._preconditioner = solver.preconditioner(self._pattern, frame)
         self._lower: np.ndarray | None = None
         self.back_substitutions = self.linear_iterations = 0
@@ -109,7 +117,9 @@ class IterativeTangent:
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """The tangent times nodal displacements, flat."""
-        return self._processes.summed((self.matrix @ x).reshape(self._frame.free.shape)).ravel()
+        return self._processes.summed(
+            (self.matrix @ x).reshape(self._frame.free.shape)
+        ).ravel()
 
     def prepare(self, closed: Closed) -> None:
         """Make a hierarchy for the present tangent and closed rows if there is none for it.
@@ -118,13 +128,17 @@ class IterativeTangent:
         """
         if self._lower is None:
             return
-        rows, columns, N = self._stiffness.rows, self._stiffness.columns, self._stiffness.N
+        rows = self._stiffness.rows
+        columns = self._stiffness.columns
+        N = self._stiffness.N
         nodes, projections = closed.pins(N)
-        place, values = np.full(len(self._stiffness.free), -1), self._lower
+        place = np.full(len(self._stiffness.free), -1)
+        values = self._lower
         place[nodes] = np.arange(len(nodes))
         padded = np.concatenate([projections, np.eye(N)[None]])  # number -1: not pinned
         hit = np.flatnonzero((place[rows] >= 0) | (place[columns] >= 0))
-        before, same = values[hit], rows[hit] == columns[hit]
+        before = values[hit]
+        same = rows[hit] == columns[hit]
         after = padded[place[rows[hit]]] @ before @ padded[place[columns[hit]]]
         size = np.trace(before[same], axis1=1, axis2=2)[:, None, None] / N
         after[same] += size * (np.eye(N) - padded[place[rows[hit[same]]]])
@@ -137,10 +151,14 @@ class IterativeTangent:
 
         ``accuracy`` is a relative residual.
         """
-        closed = Closed(self._frame, np.zeros(len(self._frame.contact.rows), dtype=bool))
+        closed = Closed(
+            self._frame, np.zeros(len(self._frame.contact.rows), dtype=bool)
+        )
         right = closed.project(forces.ravel())
         tolerance = accuracy * self._processes.norm(right)
-        return self.minimise(closed, right, np.zeros_like(right), tolerance).reshape(forces.shape)
+        return self.minimise(closed, right, np.zeros_like(right), tolerance).reshape(
+            forces.shape
+        )
 
     def minimise(
         self, closed: Closed, right: np.ndarray, start: np.ndarray, tolerance: float
@@ -152,7 +170,8 @@ class IterativeTangent:
         """
         self.prepare(closed)
         self.back_substitutions += 1
-        multiply, processes = closed.stiffened(self.multiply), self._processes
+        multiply = closed.stiffened(self.multiply)
+        processes = self._processes
 
         def image(x: np.ndarray) -> np.ndarray:
             """The tangent times x, projected."""
@@ -166,7 +185,8 @@ class IterativeTangent:
         left = closed.project(right - multiply(start) if moved else right)
         if processes.norm(left) <= tolerance:
             return start
-        oblique, taken = processes.any(np.array(closed.slanted)), 0
+        oblique = processes.any(np.array(closed.slanted))
+        taken = 0
         method = minimal_residuals if oblique else conjugate_gradients
         steps = method(image, precondition, left, processes.dot)
         for taken, (x, r, _) in enumerate(islice(steps, self._most), start=1):
@@ -175,7 +195,9 @@ class IterativeTangent:
                 return start + x
         if taken < self._most:
             raise FactorisationError("the preconditioner is not positive definite")
-        raise FactorisationError(f"the linear solver did not converge in {taken} iterations")
+        raise FactorisationError(
+            f"the linear solver did not converge in {taken} iterations"
+        )
 
 
 def low_energy_modes(frame: Frame) -> np.ndarray:
@@ -183,9 +205,12 @@ def low_energy_modes(frame: Frame) -> np.ndarray:
 
     Nodes that are no vertices carry what is not linear: zero.
     """
-    x, processes = vertex_coordinates(frame.problem.mesh), frame.problem.processes
+    x = vertex_coordinates(frame.problem.mesh)
+    processes = frame.problem.processes
     own = x[processes.own]
-    motions = rigid_motions(x - processes.total(own.sum(axis=0)) / processes.total(len(own)))
+    motions = rigid_motions(
+        x - processes.total(own.sum(axis=0)) / processes.total(len(own))
+    )
     modes = np.zeros((*frame.free.shape, motions.shape[2]))
     modes[: len(x)] = motions
     return modes.reshape(frame.free.size, -1)

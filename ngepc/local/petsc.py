@@ -12,7 +12,12 @@ from ngepc.checks.declared import Text
 from ngepc.discretisation.balance import Frame
 from ngepc.linalg.aggregation import COARSEST, DAMPING, aggregates, incidence, tentative
 from ngepc.linalg.descent import Linear
-from ngepc.local.iterative import FullPattern, Iterative, Preconditioner, low_energy_modes
+from ngepc.local.iterative import (
+    FullPattern,
+    Iterative,
+    Preconditioner,
+    low_energy_modes,
+)
 from ngepc.model.processes import Team
 
 try:
@@ -80,10 +85,13 @@ class PETScPreconditioner:
     """
 
     def __init__(self, pattern: FullPattern, frame: Frame, options: str) -> None:
-        self._N, self._processes = frame.free.shape[1], frame.contact.processes
+        self._N = frame.free.shape[1]
+        self._processes = frame.contact.processes
         self._shared = self._processes.size > 1
         self._comm = self._processes.comm if self._shared else petsc.COMM_SELF
-        petsc.garbage_cleanup(self._comm)  # Python frees shared objects only when all do
+        petsc.garbage_cleanup(
+            self._comm
+        )  # Python frees shared objects only when all do
         self._matrix = self._total(pattern) if self._shared else None
         self._levels = "-pc_type" not in options.split()
         self._pc: object | None = None
@@ -108,12 +116,15 @@ class PETScPreconditioner:
 
     def _total(self, pattern: FullPattern) -> object:
         """Room for the sum of the matrices of all processes, by global numbers."""
-        processes, N = self._processes, self._N
+        processes = self._processes
+        N = self._N
         numbers = processes.numbers.astype(petsc.IntType)
         places = petsc.LGMap().create(numbers, bsize=N, comm=self._comm)
         own = processes.owned(slice(None))
         near, far = (pattern.blocks @ chosen.astype(np.int32) for chosen in (own, ~own))
-        theirs = processes.summed(near + far) - near - far  # at most: others may have the same ones
+        theirs = (
+            processes.summed(near + far) - near - far
+        )  # at most: others may have the same ones
         counts = [np.repeat(N * (n + theirs)[own], N) for n in (near, far)]
         size = (N * len(processes.own), N * processes.count)
         matrix = petsc.Mat().create(self._comm)
@@ -143,7 +154,8 @@ class PETScPreconditioner:
     def _create(self) -> None:
         if self._pc is not None:
             self._pc.destroy()  # one that is set up again keeps parts of its old hierarchy
-        prefix, known = f"ngepc{crc32(self._options.encode()):x}_", petsc.Options()
+        prefix = f"ngepc{crc32(self._options.encode()):x}_"
+        known = petsc.Options()
         known.prefixPush(prefix)  # the data base has room for 512 options in all
         known.insertString(self._options)
         known.prefixPop()
@@ -153,7 +165,9 @@ class PETScPreconditioner:
         self._pc.setFromOptions()
         if not self._levels:
             kind = {"bsize": self._N, "comm": self._comm}
-            vectors = [petsc.Vec().createWithArray(mode, **kind) for mode in self._modes]
+            vectors = [
+                petsc.Vec().createWithArray(mode, **kind) for mode in self._modes
+            ]
             space = petsc.NullSpace().create(vectors=vectors, comm=self._comm)
             self._matrix.setNearNullSpace(space)
         elif not self._spaces:  # small enough to be solved directly
@@ -166,7 +180,8 @@ class PETScPreconditioner:
 
     def _precondition(self, r: np.ndarray) -> np.ndarray:
         """The preconditioner times r."""
-        z, own = np.empty((len(r) // self._N, self._N)), self._processes.own
+        z = np.empty((len(r) // self._N, self._N))
+        own = self._processes.own
         left, right = self._sides
         left.getArray()[:] = r.reshape(z.shape)[own].ravel()
         self._pc.apply(left, right)
@@ -175,7 +190,8 @@ class PETScPreconditioner:
 
     def _orthonormal(self, modes: np.ndarray) -> np.ndarray:
         """The own entries of an orthonormal basis of the modes, one mode in each row."""
-        N, k = self._N, modes.shape[1]
+        N = self._N
+        k = modes.shape[1]
         own = modes.reshape(-1, N, k)[self._processes.own].reshape(-1, k)
         R = np.vstack(self._processes.all(np.linalg.qr(own, mode="r")))
         return np.ascontiguousarray(np.linalg.solve(np.linalg.qr(R, mode="r").T, own.T))
@@ -189,25 +205,34 @@ def interpolations(
     Smoothed aggregation, see ``linalg.aggregation``, with aggregates that end at the processes;
     ``modes`` (own unknowns, k) and ``graph`` are of the own nodes.
     """
-    found, spare, node = [], [], np.arange(len(modes)) // (len(modes) // graph.shape[0])
+    found = []
+    spare = []
+    node = np.arange(len(modes)) // (len(modes) // graph.shape[0])
     linear = (modes != 0).any(axis=1)
     if processes.any(~linear):
         chosen = eye(len(modes), format="csr")[:, np.flatnonzero(linear)]
         found.append(spread(chosen, matrix, processes))
-        matrix, modes, node = matrix.ptap(found[0]), modes[linear], node[linear]
+        matrix = matrix.ptap(found[0])
+        modes = modes[linear]
+        node = node[linear]
         spare.append(matrix)
     while matrix.size[0] > COARSEST:
         number = aggregates(graph)
         local, modes, coarse_node = tentative(number[node], modes)
-        plain, members = spread(local, matrix, processes), incidence(number)
+        plain = spread(local, matrix, processes)
+        members = incidence(number)
         if 2 * plain.size[1] > plain.size[0]:
             break
         image = matrix.matMult(plain)
         coarse = plain.transposeMatMult(image)
         smooth = jacobi_smoothed(matrix, plain, image)
-        found.append(smooth.duplicate(copy=True))  # without what products keep for the next one
+        found.append(
+            smooth.duplicate(copy=True)
+        )  # without what products keep for the next one
         spare += [plain, image, coarse]
-        matrix, graph, node = coarse, members.T @ graph @ members, coarse_node
+        matrix = coarse
+        graph = members.T @ graph @ members
+        node = coarse_node
     for used in spare:
         used.destroy()  # Python frees shared objects only when all processes do
     return found

@@ -10,7 +10,12 @@ from scipy.sparse import bsr_matrix, csr_matrix, eye
 from ngepc.discretisation.balance import Frame
 from ngepc.linalg.aggregation import COARSEST
 from ngepc.linalg.descent import Linear
-from ngepc.local.iterative import FullPattern, Iterative, Preconditioner, low_energy_modes
+from ngepc.local.iterative import (
+    FullPattern,
+    Iterative,
+    Preconditioner,
+    low_energy_modes,
+)
 from ngepc.model.processes import require_whole
 
 try:
@@ -46,7 +51,9 @@ class PyAMG(Iterative):
     def preconditioner(self, pattern: FullPattern, frame: Frame) -> Preconditioner:
         """V-cycles on the coarse spaces of the first tangent."""
         require_whole("inverse=PyAMG()", frame.problem.mesh)
-        modes, N, spaces = low_energy_modes(frame), frame.problem.N, []
+        modes = low_energy_modes(frame)
+        N = frame.problem.N
+        spaces = []
 
         def prepared(matrix: csr_matrix, pinned: csr_matrix) -> Linear:
             if not spaces:
@@ -56,7 +63,8 @@ class PyAMG(Iterative):
                 level = pyamg.multilevel.MultilevelSolver.Level()
                 level.A = pinned
                 if space is not None:
-                    level.P, level.R = space, space.T.tocsr()
+                    level.P = space
+                    level.R = space.T.tocsr()
                     pinned = (level.R @ pinned @ space).tocsr()
                 levels.append(level)
             solver = pyamg.multilevel.MultilevelSolver(levels, coarse_solver="splu")
@@ -73,7 +81,8 @@ def coarse_spaces(matrix: csr_matrix, modes: np.ndarray, N: int) -> list[csr_mat
     (unknowns, k).  Trailing unknowns that no mode has, those of order two, are left to a level of
     their own.  Weights of the smoothing that look at rows need no random vectors.
     """
-    found, count = [], len(modes) - int((modes != 0).any(axis=1)[::-1].argmax())
+    found = []
+    count = len(modes) - int((modes != 0).any(axis=1)[::-1].argmax())
     if count < len(modes):
         found.append(eye(len(modes), count, format="csr"))
     blocks = bsr_matrix(matrix[:count, :count], blocksize=(N, N))

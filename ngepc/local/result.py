@@ -30,19 +30,24 @@ class ExactResult(DiscreteSolution):
     @property
     def largest_strain(self) -> float:
         """The largest |eps(u)| at the points."""
-        state, size = self.state, self.problem.kinematics.size
+        state = self.state
+        size = self.problem.kinematics.size
         squared = state.volume**2 / size + (state.deviator**2).sum(1)
         return float(np.sqrt(self.discrete.points.processes.most(squared)))
 
     @cached_property
     def plastic_increment(self) -> GridFunction:
         """Coordinates of the plastic strain p gained in this step, d components."""
-        return self._functions.function(self.state.at.plastic_strain, "plastic_increment")
+        return self._functions.function(
+            self.state.at.plastic_strain, "plastic_increment"
+        )
 
     @cached_property
     def plastic_dual(self) -> GridFunction:
         """The dual variable q = h p - dev sigma + dev alpha_2 (3.8), d components (stress)."""
-        return self._functions.function(-self.discrete.law.yielding_part(self.state.at), "q")
+        return self._functions.function(
+            -self.discrete.law.yielding_part(self.state.at), "q"
+        )
 
     @cached_property
     def _functions(self) -> PointFunctions:
@@ -60,24 +65,37 @@ class ExactResult(DiscreteSolution):
 
         with the conjugate phi* of the density of J, smallest over p, as a function of the strain.
         """
-        state, discrete = self.state, self.discrete
-        law, points, supports = discrete.law, discrete.points, discrete.supports
-        elastic = law.bulk, law.two_mu, np.zeros_like(law.two_mu), np.zeros_like(state.deviator)
+        state = self.state
+        discrete = self.discrete
+        law = discrete.law
+        points = discrete.points
+        supports = discrete.supports
+        elastic = (
+            law.bulk,
+            law.two_mu,
+            np.zeros_like(law.two_mu),
+            np.zeros_like(state.deviator),
+        )
         tangent = Factors(discrete, "sparsecholesky")
         tangent.update(Moduli(*elastic))
-        pressure, stress = law.bulk * state.volume, law.stress(state.at)
-        u, missing = state.u, state.missing
+        pressure = law.bulk * state.volume
+        stress = law.stress(state.at)
+        u = state.u
+        missing = state.missing
         for _ in range(2):
             change = tangent.solve(-missing)
             volume, e = points.strain(change)
-            pressure, stress = pressure + law.bulk * volume, stress + law.two_mu[:, None] * e
+            pressure = pressure + law.bulk * volume
+            stress = stress + law.two_mu[:, None] * e
             u = u + change
             forces = points.forces(pressure, stress) + supports.pull(u)
             missing = forces + state.contact_forces - discrete.load
         held = np.where(discrete.free, 0.0, supports.values)
         work = 0.5 * np.vdot(supports.pull(u), u) - np.vdot(missing, held)
         work += state.contact @ discrete.contact.gaps(np.zeros_like(held))
-        return points.integral(law.complementary_density(pressure, stress)) + float(work)
+        return points.integral(law.complementary_density(pressure, stress)) + float(
+            work
+        )
 
 
 def error_indicators(result: ExactResult) -> GridFunction:
@@ -104,8 +122,11 @@ def error_indicators(result: ExactResult) -> GridFunction:
         For other results and other orders.
     """
     require_instance("result", result, ExactResult, "an ExactResult")
-    discrete, state = result.discrete, result.state
-    points, law, mesh = discrete.points, discrete.law, discrete.problem.mesh
+    discrete = result.discrete
+    state = result.state
+    points = discrete.points
+    law = discrete.law
+    mesh = discrete.problem.mesh
     if points.order > 1:
         raise ValueError(f"order={points.order}: error_indicators needs order 1")
     stress = np.column_stack([law.bulk * state.volume, law.stress(state.at)])
@@ -122,11 +143,15 @@ def error_indicators(result: ExactResult) -> GridFunction:
     indicators = GridFunction(L2(mesh, order=0), name="error_indicators")
     values = indicators.vec.FV().NumPy()
     for (numbers, _), block in zip(elements_by_shape(mesh), points.blocks, strict=True):
-        places, at = block.shapes, block.points
-        if len(places) == 1:  # a rule of degree two for simplices, whose one stress is constant
+        places = block.shapes
+        at = block.points
+        if (
+            len(places) == 1
+        ):  # a rule of degree two for simplices, whose one stress is constant
             k = block.nodes.shape[1]
             share = (1 - (k + 1) ** -0.5) / k
-            places, at = share + (1 - k * share) * np.eye(k), np.repeat(at, k, axis=1)
+            places = share + (1 - k * share) * np.eye(k)
+            at = np.repeat(at, k, axis=1)
         left = np.einsum("pk,ekc->epc", places, recovered[block.nodes]) - stress[at]
         along = np.einsum("epd,epd->ep", left[:, :, 1:], state.at.direction[at])
         density = left[:, :, 0] ** 2 / law.bulk[at] + soft[at] * along**2

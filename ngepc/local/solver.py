@@ -39,10 +39,14 @@ class SymbolicForms(Declared):
 
     inverse: Annotated[str | Iterative, Check(require_solver)] = "sparsecholesky"
 
-    def tangent(self, discrete: DiscreteProblem, fast: Stiffness) -> Factors | IterativeTangent:
+    def tangent(
+        self, discrete: DiscreteProblem, fast: Stiffness
+    ) -> Factors | IterativeTangent:
         """The tangent of a discrete problem, in place of the ``fast`` one."""
         if not isinstance(discrete, DiscreteProblem):
-            raise ValueError(f"inverse={self!r}: primal_newton has symbolic forms of its own")
+            raise ValueError(
+                f"inverse={self!r}: primal_newton has symbolic forms of its own"
+            )
         stiffness = by_moduli(discrete.points, discrete.free).with_added(discrete.added)
         return tangent_of(discrete, self.inverse, stiffness)
 
@@ -59,7 +63,8 @@ def solve_exactly(
 
     Arguments as of ``semismooth_newton`` and ``NewtonOptions``.
     """
-    discrete, target = DiscreteProblem(problem), None
+    discrete = DiscreteProblem(problem)
+    target = None
     state = starting_state(discrete, start)
     tangent = tangent_of(discrete, inverse)
     if isinstance(tangent, IterativeTangent):
@@ -75,18 +80,26 @@ def starting_state(discrete: DiscreteProblem, start: object | None) -> State:
     are carried over by their stresses.  TypeError or ValueError if it is no displacement.
     """
     u = discrete.starting_displacement(start)
-    pressure, rows = getattr(start, "contact_pressure", None), discrete.rows
+    pressure = getattr(start, "contact_pressure", None)
+    rows = discrete.rows
     if not isinstance(pressure, GridFunction) or not len(rows):
         return discrete.state(u)
 
     def on_rows(function: GridFunction) -> np.ndarray:
         """A P1 function, on this or another mesh, at the vertices of the rows: (m, components)."""
-        own, mesh = function.space.mesh, discrete.problem.mesh
+        own = function.space.mesh
+        mesh = discrete.problem.mesh
         values = function.vec.FV().NumPy().reshape(-1, own.nv).T
         same = own is mesh
-        return values[rows.vertices] if same else at_vertices(own, values, mesh, rows.vertices)
+        return (
+            values[rows.vertices]
+            if same
+            else at_vertices(own, values, mesh, rows.vertices)
+        )
 
-    forces = np.where(rows.tied, 0.0, np.maximum(on_rows(pressure)[:, 0], 0.0) * rows.weights)
+    forces = np.where(
+        rows.tied, 0.0, np.maximum(on_rows(pressure)[:, 0], 0.0) * rows.weights
+    )
     if discrete.contact.friction.d:
         tangential = np.zeros(rows.tangents.shape[:2])
         friction = getattr(start, "friction_stress", None)

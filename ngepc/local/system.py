@@ -49,14 +49,18 @@ class DiscreteProblem(Frame):
         return diagonal + self.problem.processes.summed(springs)
 
     def state(
-        self, u: np.ndarray, yielding: np.ndarray | None = None, contact: np.ndarray | None = None
+        self,
+        u: np.ndarray,
+        yielding: np.ndarray | None = None,
+        contact: np.ndarray | None = None,
     ) -> State:
         """The state with displacements ``u``; w = r s/|s| and no contact forces by default.
 
         What is given as w is projected onto |w| <= r(|s|).
         """
         volume, e = self.points.strain(u)
-        volume, e = volume - self.law.swelling, e - self.law.distortion
+        volume = volume - self.law.swelling
+        e = e - self.law.distortion
         at = self.law.returned(e)
         yielding = self.law.yielding_part(at) if yielding is None else yielding
         contact = np.zeros(len(self.contact)) if contact is None else contact
@@ -96,15 +100,22 @@ class State(Balance):
 
         Strains are affine in t; w moves along.
         """
-        law, points, supports = self.discrete.law, self.discrete.points, self.discrete.supports
+        law = self.discrete.law
+        points = self.discrete.points
+        supports = self.discrete.supports
         volume, e = points.strain(change)
-        pull, dot = supports.pull(change), points.processes.dot
+        pull = supports.pull(change)
+        dot = points.processes.dot
         start, rise = dot(pull, self.u), dot(pull, change)
 
         def work(t: float) -> float:
             stress = law.stress(law.returned(self.deviator + t * e))
             mean = law.bulk * (self.volume + t * volume) * volume
-            return points.integral(mean + np.einsum("pd,pd->p", stress, e)) + start + t * rise
+            return (
+                points.integral(mean + np.einsum("pd,pd->p", stress, e))
+                + start
+                + t * rise
+            )
 
         def moved(t: float, contact: np.ndarray) -> State:
             w = law.linearised(self.at, self.yielding, law.two_mu[:, None] * e)
@@ -118,7 +129,9 @@ class State(Balance):
         """J(u, p) of (2.14) with the p that is best for u, and friction (force times length)."""
         density = self.discrete.law.energy_density(self.volume, self.at)
         pull = self.discrete.supports.pull(self.u)
-        work = self.discrete.points.processes.dot(self.discrete.load - 0.5 * pull, self.u)
+        work = self.discrete.points.processes.dot(
+            self.discrete.load - 0.5 * pull, self.u
+        )
         return self.discrete.points.integral(density) - work + self.friction_work
 
     @property
@@ -140,5 +153,8 @@ class State(Balance):
     @cached_property
     def internal_forces(self) -> np.ndarray:
         """Nodal forces of the stress and on the springs, shape (nodes, N)."""
-        law, pull = self.discrete.law, self.discrete.supports.pull(self.u)
-        return pull + self.discrete.points.forces(law.bulk * self.volume, law.stress(self.at))
+        law = self.discrete.law
+        pull = self.discrete.supports.pull(self.u)
+        return pull + self.discrete.points.forces(
+            law.bulk * self.volume, law.stress(self.at)
+        )

@@ -47,21 +47,28 @@ def check_data(problem: Given) -> None:
         check_acting(problem, argument, place, value)
     check_contact(problem)
     check_friction(problem)
-    for name, where in {"body_force": None, "initial_displacement": problem.touching_names}.items():
+    for name, where in {
+        "body_force": None,
+        "initial_displacement": problem.touching_names,
+    }.items():
         given = getattr(problem, name)
         if given is not None:
             given = require_components(name, given, problem.N)
             require_field(name, given, problem.mesh, where, shapes=[(problem.N,)])
     check_history(problem)
     if problem.processes.size > 1:
-        require_without(problem, "a mesh that processes share", "order", "pairs", "places")
+        require_without(
+            problem, "a mesh that processes share", "order", "pairs", "places"
+        )
 
 
 def check_mesh(mesh: Mesh) -> None:
     """A mesh in two or three dimensions with elements of positive size, all oriented alike."""
     require_mesh("mesh", mesh)
     if mesh.comm.size > 1:
-        raise ValueError(f"mesh is on {mesh.comm.size} processes: ngepc.distribute is needed")
+        raise ValueError(
+            f"mesh is on {mesh.comm.size} processes: ngepc.distribute is needed"
+        )
     nodes = element_nodes(mesh)
     if len(nodes) == 0:
         raise ValueError("mesh has no elements: a mesh of the body is needed")
@@ -69,7 +76,9 @@ def check_mesh(mesh: Mesh) -> None:
         raise ValueError(
             "mesh has elements of second order: leave SecondOrder() out, take mesh.Curve()"
         )
-    strange = set((nodes >= 0).sum(axis=1).tolist()) - {k for N, k in SHAPES if mesh.dim == N}
+    strange = set((nodes >= 0).sum(axis=1).tolist()) - {
+        k for N, k in SHAPES if mesh.dim == N
+    }
     if strange:
         legal = "triangles, quadrilaterals, tetrahedra, prisms or hexahedra are needed"
         raise ValueError(f"mesh has elements with {min(strange)} corners: {legal}")
@@ -81,19 +90,24 @@ def check_mesh(mesh: Mesh) -> None:
         corner = sample(determinant, mesh, rules=corner_rules(mesh.dim))
         size = np.append(size, corner[np.abs(corner) > 1e-12 * np.abs(size).max()])
     if size.min() < 0 < size.max():
-        raise ValueError("mesh has inverted elements (Jacobian determinants of both signs)")
+        raise ValueError(
+            "mesh has inverted elements (Jacobian determinants of both signs)"
+        )
 
 
 def check_material(problem: Given) -> None:
     """Elliptic elasticity, positive yield stress and hardening everywhere; radii x >= 0."""
-    material, mesh = problem.material, problem.mesh
+    material = problem.material
+    mesh = problem.mesh
     N = problem.kinematics.size
     require_instance("material", material, Material, "a Material")
     for name, check in declared_checks(Material).items():
         if check.func is require_datum:
             require_field(name, getattr(material, name), mesh, **check.keywords)
     bulk = N * material.lame_lambda + 2 * material.lame_mu
-    bulk = require_in(f"{N} lame_lambda + 2 lame_mu", sample(bulk, mesh), "the body").min()
+    bulk = require_in(
+        f"{N} lame_lambda + 2 lame_mu", sample(bulk, mesh), "the body"
+    ).min()
     if bulk <= 0:
         raise ValueError(
             f"lame_lambda={material.lame_lambda!r}: the elasticity is not elliptic, "
@@ -121,8 +135,12 @@ def check_places(problem: Given) -> None:
         given = getattr(problem, argument)
         legal = boundary_names if argument == "pressure" else places
         if given is not None:
-            require_instance(argument, given, Mapping, "a mapping of boundary name -> value")
-        named[argument] = [p for key in given or {} for p in legal(argument, key, problem.mesh)]
+            require_instance(
+                argument, given, Mapping, "a mapping of boundary name -> value"
+            )
+        named[argument] = [
+            p for key in given or {} for p in legal(argument, key, problem.mesh)
+        ]
     for argument, keys in named.items():
         twice = sorted({str(place) for place in keys if keys.count(place) > 1})
         if twice:
@@ -136,15 +154,23 @@ def check_places(problem: Given) -> None:
 
 def check_acting(problem: Given, argument: str, place: Place, value: object) -> None:
     """One load, given displacement or spring; a load may have a pole at a vertex."""
-    mesh, N, name = problem.mesh, problem.N, f"{argument}[{place!r}]"
-    several, on_boundary = isinstance(value, Components), isinstance(place, str)
-    load, shape, values, least = argument in ("traction", "pressure"), (), [value], -np.inf
+    mesh = problem.mesh
+    N = problem.N
+    name = f"{argument}[{place!r}]"
+    several = isinstance(value, Components)
+    on_boundary = isinstance(place, str)
+    load = argument in ("traction", "pressure")
+    shape = ()
+    values = [value]
+    least = -np.inf
     if argument == "traction":
-        shape, values = (N,), [require_components(name, value, N)]
+        shape = (N,)
+        values = [require_components(name, value, N)]
     elif argument == "prescribed":
         values = _prescribed(problem, name, place, value)
     elif argument == "springs":
-        values, least = list(value) if several else [value], 0.0
+        values = list(value) if several else [value]
+        least = 0.0
         if len(values) != N and (several or not on_boundary):
             raise ValueError(f"{name}={value!r}: {N} numbers are needed")
     for one in values:
@@ -158,44 +184,65 @@ def check_acting(problem: Given, argument: str, place: Place, value: object) -> 
 
 def _prescribed(problem: Given, name: str, place: Place, given: object) -> list:
     """The values of N components, some of them None, or of a displacement along a direction."""
-    N, direction = problem.N, getattr(given, "direction", None)
+    N = problem.N
+    direction = getattr(given, "direction", None)
     if isinstance(given, Roller):
         if direction is None and not isinstance(place, str):
-            raise ValueError(f"{name}=Roller(): a direction is needed, only boundaries have one")
+            raise ValueError(
+                f"{name}=Roller(): a direction is needed, only boundaries have one"
+            )
         if direction is not None and len(direction) != N:
             raise ValueError(f"{name}: direction={direction!r}: {N} numbers are needed")
         return [given.value]
     if not isinstance(given, Components) or len(given) != N:
-        raise ValueError(f"{name}={given!r}: {N} components are needed, None for a free one")
+        raise ValueError(
+            f"{name}={given!r}: {N} components are needed, None for a free one"
+        )
     values = [component for component in given if component is not None]
     if place in problem.loads and len(values) == N:
-        raise ValueError(f"traction and prescribed overlap in {place}: all components are held")
+        raise ValueError(
+            f"traction and prescribed overlap in {place}: all components are held"
+        )
     return values
 
 
 def check_contact(problem: Given) -> None:
     """Pairs of two different boundaries; a finite gap on rigid obstacles, and none without one."""
-    mesh, names, given = problem.mesh, problem.contact_names, problem.gap
+    mesh = problem.mesh
+    names = problem.contact_names
+    given = problem.gap
     met: set[frozenset[str]] = set()
     for pair in problem.contact_pairs:
-        one, two = (boundary_names("contact", n, mesh) for n in (pair.first, pair.second))
+        one, two = (
+            boundary_names("contact", n, mesh) for n in (pair.first, pair.second)
+        )
         if {*one} & {*two} or {*one, *two} & {*names}:
             needed = "two different boundaries are needed, and no obstacle on them"
             raise ValueError(f"contact={pair!r}: {needed}")
         if np.intersect1d(corner_vertices(mesh, one), corner_vertices(mesh, two)).size:
-            raise ValueError(f"contact={pair!r}: the bodies share nodes; mesh them without Glue")
+            raise ValueError(
+                f"contact={pair!r}: the bodies share nodes; mesh them without Glue"
+            )
         both = {frozenset(meeting) for meeting in product(one, two)}
         if both & met:
-            raise ValueError(f"contact={pair!r}: another pair has these boundaries, name them once")
+            raise ValueError(
+                f"contact={pair!r}: another pair has these boundaries, name them once"
+            )
         met |= both
     if names and given is None:
-        raise ValueError(f"contact={problem.contact!r} needs a gap: a number or coefficient")
+        raise ValueError(
+            f"contact={problem.contact!r} needs a gap: a number or coefficient"
+        )
     if given is not None and not names:
-        raise ValueError(f"gap={given!r}: name the contact boundary too, or leave gap out")
+        raise ValueError(
+            f"gap={given!r}: name the contact boundary too, or leave gap out"
+        )
     several = isinstance(given, Mapping)
     if several and set(given) != set(names):
         wrong = sorted(map(str, given))
-        raise ValueError(f"gap names {wrong}: the contact boundaries are {sorted(names)}")
+        raise ValueError(
+            f"gap names {wrong}: the contact boundaries are {sorted(names)}"
+        )
     for name in names:
         argument, gap = (f"gap[{name!r}]", given[name]) if several else ("gap", given)
         require_field(argument, gap, mesh, [name], corners=True)
@@ -203,26 +250,35 @@ def check_contact(problem: Given) -> None:
 
 def check_friction(problem: Given) -> None:
     """A finite friction law >= 0, none without contact; no u_0 without friction."""
-    value, name = problem.friction, "friction"
+    value = problem.friction
+    name = "friction"
     if value is None and problem.initial_displacement is not None:
-        raise ValueError("initial_displacement matters for friction alone: give friction too")
+        raise ValueError(
+            "initial_displacement matters for friction alone: give friction too"
+        )
     if value is not None and problem.contact is None:
-        raise ValueError(f"friction={value!r}: name the contact boundary too, or leave it out")
+        raise ValueError(
+            f"friction={value!r}: name the contact boundary too, or leave it out"
+        )
     if isinstance(value, Coulomb):
-        name, value = "friction.coefficient", value.coefficient
+        name = "friction.coefficient"
+        value = value.coefficient
     if value is not None:
         require_field(name, value, problem.mesh, problem.touching_names, least=0)
 
 
 def check_history(problem: Given) -> None:
     """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
-    N, hardening = problem.kinematics.size, problem.initial_hardening
+    N = problem.kinematics.size
+    hardening = problem.initial_hardening
     if problem.initial_plastic_strain is not None:
         name = "initial_plastic_strain"
         p = _symmetric(name, problem.initial_plastic_strain, problem)
         trace = np.abs(np.trace(p, axis1=1, axis2=2)).max()
         if trace > 1e-10 * max(np.abs(p).max(), 1e-300):
-            raise ValueError(f"{name} has trace up to {trace:g}: plastic strains are trace-free")
+            raise ValueError(
+                f"{name} has trace up to {trace:g}: plastic strains are trace-free"
+            )
     if problem.initial_strain is not None:
         require_coefficient("initial_strain", problem.initial_strain, [(), (N, N)])
         _symmetric("initial_strain", problem.eps_0, problem)
@@ -230,7 +286,10 @@ def check_history(problem: Given) -> None:
         legal = f"a scalar, an {N} x {N} coefficient or the pair of both is needed"
         raise ValueError(f"initial_hardening={hardening!r}: {legal}")
     scalar, back_stress = split_hardening(hardening)
-    scalars = {"initial_hardening": scalar, "initial_accumulated": problem.initial_accumulated}
+    scalars = {
+        "initial_hardening": scalar,
+        "initial_accumulated": problem.initial_accumulated,
+    }
     for name, value in scalars.items():
         if value is not None:
             require_field(name, value, problem.mesh)

@@ -84,7 +84,8 @@ def corner_vertices(mesh: Mesh, names: Sequence[str]) -> np.ndarray:
 
 def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """``facet_keys`` of all facets of all elements, rising, and the numbers of their elements."""
-    keys, owners = [], []
+    keys = []
+    owners = []
     for numbers, nodes in elements_by_shape(mesh):
         for facet in SHAPES[mesh.dim, nodes.shape[1]][1].split():
             keys.append(facet_keys(nodes[:, [int(corner) for corner in facet]], mesh))
@@ -119,8 +120,11 @@ def outward_normal(mesh: Mesh) -> CoefficientFunction:
     """
     require_mesh("mesh", mesh)
     N = mesh.dim
-    n, interior = specialcf.normal(N), CF((1 / (N + 1),) * N)
-    v = BoundaryFromVolumeCF(specialcf.JacobianMatrix(N) * (interior - specialcf.xref(N)))
+    n = specialcf.normal(N)
+    interior = CF((1 / (N + 1),) * N)
+    v = BoundaryFromVolumeCF(
+        specialcf.JacobianMatrix(N) * (interior - specialcf.xref(N))
+    )
     return IfPos(InnerProduct(n, v), -1.0, 1.0) * n
 
 
@@ -146,14 +150,23 @@ def plastic_rule(shape: ET, degree: int) -> IntegrationRule:
 
     Ten inner points of degree three for curved tetrahedra: P. Keast, 1986.
     """
-    if shape is ET.TRIG and degree == 1:  # inside: on an edge may be an axis of revolution
-        return IntegrationRule([(1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3)], [1 / 6] * 3)
+    if (
+        shape is ET.TRIG and degree == 1
+    ):  # inside: on an edge may be an axis of revolution
+        return IntegrationRule(
+            [(1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3)], [1 / 6] * 3
+        )
     if shape is not ET.TET or degree < 2:
         exact = (1, 3, 5) if shape in (ET.QUAD, ET.HEX) else (1, 2, 4)
         return IntegrationRule(shape, exact[degree])
-    a, b = 0.7784952948213300, 0.0738349017262234
-    c, d = 0.4062443438840510, 0.0937556561159491
+    a = 0.7784952948213300
+    b = 0.0738349017262234
+    c = 0.4062443438840510
+    d = 0.0937556561159491
     corners = [tuple(a if i == k else b for i in range(3)) for k in range(4)]
-    middles = [tuple(c if i in pair else d for i in range(3)) for pair in combinations(range(4), 2)]
+    middles = [
+        tuple(c if i in pair else d for i in range(3))
+        for pair in combinations(range(4), 2)
+    ]
     weights = [0.0476331348432089 / 6] * 4 + [0.1349112434378610 / 6] * 6
     return IntegrationRule(corners + middles, weights)

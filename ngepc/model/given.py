@@ -6,7 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import CF, CoefficientFunction, Id, Mesh
 
-from ngepc.checks.arguments import Coefficient, boundary_names, is_number, require_components
+from ngepc.checks.arguments import (
+    Coefficient,
+    boundary_names,
+    is_number,
+    require_components,
+)
 from ngepc.model.elements import corner_vertices, outward_normal
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
@@ -63,32 +68,45 @@ class Given:
     @property
     def clamped_names(self) -> tuple[str, ...]:
         """Names of Gamma_d."""
-        return () if self.clamped is None else boundary_names("clamped", self.clamped, self.mesh)
+        return (
+            ()
+            if self.clamped is None
+            else boundary_names("clamped", self.clamped, self.mesh)
+        )
 
     @property
     def contact_pairs(self) -> tuple[Contact, ...]:
         """The pairs of boundaries of two bodies that touch or are tied."""
-        parts = self.contact if isinstance(self.contact, tuple | list) else (self.contact,)
+        parts = (
+            self.contact if isinstance(self.contact, tuple | list) else (self.contact,)
+        )
         return tuple(part for part in parts if isinstance(part, Contact))
 
     @property
     def contact_names(self) -> tuple[str, ...]:
         """Names of Gamma_c, where rigid obstacles are; empty without."""
-        names, pairs = self.contact, self.contact_pairs
+        names = self.contact
+        pairs = self.contact_pairs
         if pairs:
-            names = None if names in pairs else [n for n in names if n not in pairs] or None
+            names = (
+                None if names in pairs else [n for n in names if n not in pairs] or None
+            )
         return () if names is None else boundary_names("contact", names, self.mesh)
 
     @property
     def touching_names(self) -> tuple[str, ...]:
         """Names of all boundaries where contact conditions stand: Gamma_c and the first ones."""
-        firsts = [boundary_names("contact", p.first, self.mesh) for p in self.contact_pairs]
+        firsts = [
+            boundary_names("contact", p.first, self.mesh) for p in self.contact_pairs
+        ]
         return tuple(dict.fromkeys(sum(firsts, self.contact_names)))
 
     def single(self, argument: str) -> dict:
         """A mapping by place with one entry for each boundary of a key 'a|b'."""
         given = getattr(self, argument) or {}
-        return {p: v for key, v in given.items() for p in places(argument, key, self.mesh)}
+        return {
+            p: v for key, v in given.items() for p in places(argument, key, self.mesh)
+        }
 
     @property
     def acting(self) -> list[tuple[str, Place, object]]:
@@ -113,22 +131,33 @@ class Given:
     @property
     def held(self) -> list[tuple[str, Place, int, Coefficient]]:
         """(argument, single place, component, displacement) of what is clamped and prescribed."""
-        given = [(f"clamped={name!r}", name, (0.0,) * self.N) for name in self.clamped_names]
+        given = [
+            (f"clamped={name!r}", name, (0.0,) * self.N) for name in self.clamped_names
+        ]
         each = self.single("prescribed").items()
-        given += [(f"prescribed[{p!r}]", p, c) for p, c in each if not isinstance(c, Roller)]
-        return [(a, p, i, u) for a, p, c in given for i, u in enumerate(c) if u is not None]
+        given += [
+            (f"prescribed[{p!r}]", p, c) for p, c in each if not isinstance(c, Roller)
+        ]
+        return [
+            (a, p, i, u) for a, p, c in given for i, u in enumerate(c) if u is not None
+        ]
 
     @property
     def rollers(self) -> dict[Place, Roller]:
         """Single place -> its support along one direction."""
-        return {p: c for p, c in self.single("prescribed").items() if isinstance(c, Roller)}
+        return {
+            p: c for p, c in self.single("prescribed").items() if isinstance(c, Roller)
+        }
 
     @property
     def spring_constants(self) -> dict[Place, list[tuple]]:
         """Single place -> (direction, stiffness along it), None for the normal."""
-        axes, given = np.eye(self.N).tolist(), self.single("springs")
+        axes = np.eye(self.N).tolist()
+        given = self.single("springs")
         return {
-            place: list(zip(axes, k, strict=True)) if isinstance(k, Components) else [(None, k)]
+            place: list(zip(axes, k, strict=True))
+            if isinstance(k, Components)
+            else [(None, k)]
             for place, k in given.items()
         }
 
@@ -136,7 +165,10 @@ class Given:
     def gaps(self) -> dict[str, CoefficientFunction]:
         """Single contact boundary name -> psi as a scalar coefficient."""
         several = isinstance(self.gap, Mapping)
-        return {n: as_scalar(self.gap[n] if several else self.gap) for n in self.contact_names}
+        return {
+            n: as_scalar(self.gap[n] if several else self.gap)
+            for n in self.contact_names
+        }
 
     @property
     def psi(self) -> CoefficientFunction:
@@ -153,7 +185,11 @@ class Given:
     def u_0(self) -> CoefficientFunction | None:
         """Displacement at the begin of the step as a vector-valued coefficient, or None."""
         u_0 = self.initial_displacement
-        return None if u_0 is None else require_components("initial_displacement", u_0, self.N)
+        return (
+            None
+            if u_0 is None
+            else require_components("initial_displacement", u_0, self.N)
+        )
 
     @property
     def p_0(self) -> CoefficientFunction:
@@ -201,13 +237,18 @@ def as_scalar(value: Coefficient) -> CoefficientFunction:
 
 def require_without(problem: Given, what: str, *limits: str, advice: str = "") -> None:
     """Refuse by name what ``what`` does not cover, entries of the table below."""
-    p, friction = problem, problem.friction
+    p = problem
+    friction = problem.friction
     ring = p.kinematics.name if p.kinematics.hoop else None
-    ends = (corner_vertices(p.mesh, names) for names in (p.clamped_names, p.contact_names))
+    ends = (
+        corner_vertices(p.mesh, names) for names in (p.clamped_names, p.contact_names)
+    )
     corner = p.contact if np.intersect1d(*ends).size else None
     pairs = p.contact if p.contact_pairs else None
     coulomb = friction if isinstance(friction, Coulomb) else None
-    springs = {f"springs[{place!r}]": value for place, value in p.single("springs").items()}
+    springs = {
+        f"springs[{place!r}]": value for place, value in p.single("springs").items()
+    }
     elsewhere = {
         f"{argument}[{place!r}]": value
         for argument, place, value in p.acting
@@ -215,7 +256,10 @@ def require_without(problem: Given, what: str, *limits: str, advice: str = "") -
     }
     table = {  # what a problem may have: what is needed instead, argument -> value or None
         "revolution": ("a plane problem or a solid", {"kinematics": ring}),
-        "order": ("displacements of order 1", {"order": p.order if p.order > 1 else None}),
+        "order": (
+            "displacements of order 1",
+            {"order": p.order if p.order > 1 else None},
+        ),
         "pairs": ("rigid obstacles only, not two bodies", {"contact": pairs}),
         "law": ("linear hardening, without a law", {"material.law": p.material.law}),
         "strain": ("no initial strain", {"initial_strain": p.initial_strain}),
@@ -223,7 +267,10 @@ def require_without(problem: Given, what: str, *limits: str, advice: str = "") -
         "Coulomb": ("a given bound F of friction", {"friction": coulomb}),
         "places": ("loads and components of displacements on boundaries", elsewhere),
         "springs": ("supports that do not give way", springs),
-        "corner": ("contact away from the clamped boundary, (2.2)", {"contact": corner}),
+        "corner": (
+            "contact away from the clamped boundary, (2.2)",
+            {"contact": corner},
+        ),
     }
     for needed, there in (table[limit] for limit in limits):
         for argument, value in there.items():

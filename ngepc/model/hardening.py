@@ -15,7 +15,12 @@ from itertools import pairwise
 import numpy as np
 from ngsolve import CoefficientFunction, IfPos, Mesh, exp
 
-from ngepc.checks.arguments import Coefficient, require_datum, require_field, require_number
+from ngepc.checks.arguments import (
+    Coefficient,
+    require_datum,
+    require_field,
+    require_number,
+)
 from ngepc.checks.declared import Declared, NotNegativeDatum, PositiveDatum
 from ngepc.checks.kinds import require_sequence
 
@@ -137,15 +142,22 @@ class Tabulated(HardeningLaw):
     stress_there: Sequence[Coefficient]
 
     def __post_init__(self) -> None:
-        given, there = self.plastic_strain, self.stress_there
+        given = self.plastic_strain
+        there = self.stress_there
         require_sequence("plastic_strain", given, "numbers")
         require_sequence("stress_there", there, "numbers")
         x = tuple(require_number("plastic_strain", value) for value in given)
         if not x or x[0] != 0 or not all(a < b for a, b in pairwise(x)):
-            raise ValueError(f"plastic_strain={given!r}: increasing numbers from 0 on are needed")
+            raise ValueError(
+                f"plastic_strain={given!r}: increasing numbers from 0 on are needed"
+            )
         if len(there) != len(x):
-            raise ValueError(f"stress_there={there!r}: {len(x)} values are needed, one for each x")
-        R = tuple(require_datum("stress_there", value, 0, strict=True) for value in there)
+            raise ValueError(
+                f"stress_there={there!r}: {len(x)} values are needed, one for each x"
+            )
+        R = tuple(
+            require_datum("stress_there", value, 0, strict=True) for value in there
+        )
         vars(self).update(plastic_strain=x, stress_there=R)
 
     def energy(self, x: Value) -> Value:
@@ -155,7 +167,9 @@ class Tabulated(HardeningLaw):
 
     def stress(self, x: Value) -> Value:
         """See ``HardeningLaw``."""
-        return self.stress_there[0] + sum(c * _from_zero(x - k, x - k) for k, c in self._bends)
+        return self.stress_there[0] + sum(
+            c * _from_zero(x - k, x - k) for k, c in self._bends
+        )
 
     def slope(self, x: Value) -> Value:
         """See ``HardeningLaw``."""
@@ -172,12 +186,17 @@ class Tabulated(HardeningLaw):
 
 def check_law(law: HardeningLaw, mesh: Mesh) -> None:
     """Accept a flow stress that is finite, positive, and never falls."""
-    there, before = law.at(lambda value: require_field("law", value, mesh)), 0.0
+    there = law.at(lambda value: require_field("law", value, mesh))
+    before = 0.0
     for x in STRAINS:
         stress = there.stress(x)
-        if not (np.min(stress) > 0 and np.min(stress - before) >= -1e-12 * np.max(stress)):
+        if not (
+            np.min(stress) > 0 and np.min(stress - before) >= -1e-12 * np.max(stress)
+        ):
             found = f"the flow stress at PEEQ = {x:g} is {np.min(stress):g}"
-            needed = "positive values that never fall are needed (softening is not covered)"
+            needed = (
+                "positive values that never fall are needed (softening is not covered)"
+            )
             raise ValueError(f"law={law!r}: {found}: {needed}")
         before = stress
 

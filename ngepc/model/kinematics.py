@@ -28,7 +28,8 @@ from ngsolve import (
     x,
 )
 
-_R2, _R6 = math.sqrt(2.0), math.sqrt(6.0)
+_R2 = math.sqrt(2.0)
+_R6 = math.sqrt(6.0)
 
 _PLANE = np.array([[[1, 0], [0, -1]], [[0, 1], [1, 0]]]) / _R2
 _SOLID = np.array(
@@ -84,12 +85,17 @@ class Kinematics:
         if self.size == self.N:
             return e
         hoop = zero = CF(0.0)
-        if self.hoop and isinstance(u, GridFunction):  # drawn on the axis too: the radial strain
+        if self.hoop and isinstance(
+            u, GridFunction
+        ):  # drawn on the axis too: the radial strain
             off = x * x - 1e-24
             hoop = IfPos(off, u[0] / IfPos(off, x, 1.0), e[0, 0])
         elif self.hoop:
             hoop = u[0] / x
-        return CF((e[0, 0], e[0, 1], zero, e[1, 0], e[1, 1], zero, zero, zero, hoop), dims=(3, 3))
+        return CF(
+            (e[0, 0], e[0, 1], zero, e[1, 0], e[1, 1], zero, zero, zero, hoop),
+            dims=(3, 3),
+        )
 
     def coordinates(self, A: CoefficientFunction) -> CoefficientFunction:
         """The d coordinates of dev A, for a symmetric tensor ``A``."""
@@ -101,7 +107,9 @@ class Kinematics:
         """The trace-free symmetric tensor P(p) with the d coordinates ``p``."""
         entries = np.moveaxis(self.basis, 0, -1).reshape(self.size**2, -1)
         rows = [
-            sum(float(c) * p[i] for i, c in enumerate(row) if c) if row.any() else CF(0.0)
+            sum(float(c) * p[i] for i, c in enumerate(row) if c)
+            if row.any()
+            else CF(0.0)
             for row in entries
         ]
         return CF(tuple(rows), dims=(self.size, self.size))
@@ -130,7 +138,9 @@ def kinematics_of(name: Kinematics | str | None, dimension: int) -> Kinematics:
     legal = {k.name: k for k in KINEMATICS if dimension == k.N}
     if name is None:
         return next(iter(legal.values()))
-    needed = f"kinematics={name!r}: one of {list(legal)} is needed in {dimension} dimensions"
+    needed = (
+        f"kinematics={name!r}: one of {list(legal)} is needed in {dimension} dimensions"
+    )
     if not isinstance(name, Kinematics | str):
         raise TypeError(needed)
     if name not in legal:

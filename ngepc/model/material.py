@@ -23,7 +23,13 @@ from typing import Annotated
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import Coefficient, require_number
-from ngepc.checks.declared import Check, Datum, Declared, NotNegativeDatum, PositiveDatum
+from ngepc.checks.declared import (
+    Check,
+    Datum,
+    Declared,
+    NotNegativeDatum,
+    PositiveDatum,
+)
 from ngepc.checks.kinds import require_instance
 from ngepc.model.hardening import HardeningLaw
 
@@ -67,7 +73,12 @@ class Material(Declared):
 
     @classmethod
     def kinematic(
-        cls, *, lame_lambda: Datum, lame_mu: Datum, yield_stress: Datum, hardening: Datum
+        cls,
+        *,
+        lame_lambda: Datum,
+        lame_mu: Datum,
+        yield_stress: Datum,
+        hardening: Datum,
     ) -> Material:
         """Linear kinematic hardening: back stress ``hardening`` times p, see (2.16)."""
         elastic = {"lame_lambda": lame_lambda, "lame_mu": lame_mu}
@@ -84,13 +95,23 @@ class Material(Declared):
         hardening_stiffness: Datum,
     ) -> Material:
         """Linear isotropic hardening with the paper's H and k_1, see (2.15)."""
-        elastic = {"lame_lambda": lame_lambda, "lame_mu": lame_mu, "yield_stress": yield_stress}
-        H, k_1 = hardening_modulus, hardening_stiffness
+        elastic = {
+            "lame_lambda": lame_lambda,
+            "lame_mu": lame_mu,
+            "yield_stress": yield_stress,
+        }
+        H = hardening_modulus
+        k_1 = hardening_stiffness
         return cls(**elastic, hardening_modulus=H, hardening_stiffness=k_1)
 
     @classmethod
     def with_law(
-        cls, *, lame_lambda: Datum, lame_mu: Datum, law: HardeningLaw, hardening: Datum = 0.0
+        cls,
+        *,
+        lame_lambda: Datum,
+        lame_mu: Datum,
+        law: HardeningLaw,
+        hardening: Datum = 0.0,
     ) -> Material:
         """Isotropic hardening by the flow stress of a bar, and linear kinematic hardening."""
         yield_stress = PEEQ * require_instance("law", law, **LAW).stress(0.0)
@@ -100,7 +121,8 @@ class Material(Declared):
     @property
     def isotropic_hardening(self) -> Coefficient:
         """(H sigma_y)^2 k_1, the isotropic part of the effective hardening (stress)."""
-        H, k1 = self.hardening_modulus, self.hardening_stiffness
+        H = self.hardening_modulus
+        k1 = self.hardening_stiffness
         return (H * self.yield_stress) * (H * self.yield_stress) * k1
 
     @property

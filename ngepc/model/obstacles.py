@@ -54,11 +54,16 @@ class Obstacle(Declared):
 
     def dimensions(self) -> tuple[int, ...]:
         """Space dimensions N in which it makes sense: as many as its vectors have components."""
-        return tuple({len(v) for v in vars(self).values() if isinstance(v, tuple)}) or (2, 3)
+        return tuple({len(v) for v in vars(self).values() if isinstance(v, tuple)}) or (
+            2,
+            3,
+        )
 
     def level(self, X: Field, n: Field) -> tuple[Field | float, Field, Field]:
         """(a, b, c) of the level function a t^2 + 2 b t + c at the points X + t n."""
-        raise NotImplementedError(f"{type(self).__name__}: a method level or along is needed")
+        raise NotImplementedError(
+            f"{type(self).__name__}: a method level or along is needed"
+        )
 
     def along(self, X: Field, n: Field, far: float) -> Field:
         """The entry t of the ray X + t n into the obstacle at rest, ``far`` if there is none."""
@@ -70,7 +75,11 @@ class Obstacle(Declared):
         return IfPos(onward - 1e-12, IfPos(t - far, far, IfPos(-far - t, -far, t)), far)
 
     def gap(
-        self, mesh: Mesh, motion: Sequence[Coefficient] | None = None, *, far: float | None = None
+        self,
+        mesh: Mesh,
+        motion: Sequence[Coefficient] | None = None,
+        *,
+        far: float | None = None,
     ) -> CoefficientFunction:
         """The gap psi (length), a scalar coefficient for ``Problem(gap=...)``.
 
@@ -90,10 +99,13 @@ class Obstacle(Declared):
             For a mesh of the wrong dimension or data out of their ranges.
         """
         require_instance("mesh", mesh, Mesh, "an ngsolve.Mesh")
-        N, X = mesh.dim, CF(COORDINATES[: mesh.dim])
+        N = mesh.dim
+        X = CF(COORDINATES[: mesh.dim])
         if N not in self.dimensions():
             legal = " or ".join(map(str, self.dimensions()))
-            raise ValueError(f"{self!r} needs a mesh of dimension {legal}, this one has {N}")
+            raise ValueError(
+                f"{self!r} needs a mesh of dimension {legal}, this one has {N}"
+            )
         if far is None:
             far = 10 * processes_of(mesh).most(np.ptp(vertex_coordinates(mesh), axis=0))
         far = require_number("far", far, 0, strict=True)
@@ -169,10 +181,14 @@ class SignedDistance(Obstacle):
     distance: CoefficientFunction
 
     def __post_init__(self) -> None:
-        require_instance("distance", self.distance, CoefficientFunction, "a CoefficientFunction")
+        require_instance(
+            "distance", self.distance, CoefficientFunction, "a CoefficientFunction"
+        )
         require_coefficient("distance", self.distance)
         if "GridFunction" in str(self.distance):
-            raise ValueError("distance contains a GridFunction: a formula in x, y, z is needed")
+            raise ValueError(
+                "distance contains a GridFunction: a formula in x, y, z is needed"
+            )
 
     def level(self, X: Field, n: Field) -> tuple[float, Field, Field]:
         """That of phi + t grad phi . n."""
@@ -182,12 +198,15 @@ class SignedDistance(Obstacle):
 
     def _check_data(self, X: Field, mesh: Mesh) -> None:
         super()._check_data(X, mesh)
-        names, axes = sorted(set(mesh.GetBoundaries())), np.eye(mesh.dim).tolist()
+        names = sorted(set(mesh.GetBoundaries()))
+        axes = np.eye(mesh.dim).tolist()
         require_field("distance", self.level(X, X)[2], mesh, names)
         gradient = CF(tuple(self.level(X, CF(tuple(axis)))[1] for axis in axes))
         found = require_field("distance", gradient, mesh, names, shapes=[(mesh.dim,)])
         if len(found) and not found.any():  # a part of a body may have no boundary
-            raise ValueError("distance has no gradient on the boundary: one in x, y, z is needed")
+            raise ValueError(
+                "distance has no gradient on the boundary: one in x, y, z is needed"
+            )
 
 
 def _round(d: Field, n: Field, radius: float) -> tuple[Field, Field, Field]:

@@ -44,7 +44,8 @@ def _halved(corners: np.ndarray, edges: np.ndarray, points: np.ndarray) -> np.nd
 
     Inside a tetrahedron an octahedron is left, cut along its shortest diagonal (Bey, 1995).
     """
-    k, count = corners.shape[1], len(points) - len(edges)
+    k = corners.shape[1]
+    count = len(points) - len(edges)
     at = {(i, i): corners[:, i] for i in range(k)}
     for a, b in combinations(range(k), 2):
         low, high = np.sort(corners[:, [a, b]], axis=1).T
@@ -53,7 +54,8 @@ def _halved(corners: np.ndarray, edges: np.ndarray, points: np.ndarray) -> np.nd
     if k == 3:
         children.append(np.stack([at[0, 1], at[1, 2], at[0, 2]], axis=1))
     if k == 4:
-        cuts, lengths = [], []  # for each pair of opposite edges, whose middles a diagonal joins
+        cuts = []
+        lengths = []  # for each pair of opposite edges, whose middles a diagonal joins
         for (a, b), (c, d) in ((2, 3), (0, 1)), ((2, 0), (1, 3)), ((1, 2), (0, 3)):
             ends = at[a, b], at[c, d]
             ring = at[c, a], at[d, a], at[d, b], at[c, b]
@@ -74,13 +76,21 @@ class MeshPart(Mesh):
     """
 
     coarse: MeshPart | None = None  # the part before refinement
-    parents: np.ndarray | None = None  # vertices between which those beyond lie, shape (k, 2)
+    parents: np.ndarray | None = (
+        None  # vertices between which those beyond lie, shape (k, 2)
+    )
 
     def __init__(
-        self, points: np.ndarray, regions: Regions, interfaces: frozenset[str], processes: Team
+        self,
+        points: np.ndarray,
+        regions: Regions,
+        interfaces: frozenset[str],
+        processes: Team,
     ) -> None:
         super().__init__(netgen_mesh(points.shape[1], points, regions))
-        self.regions, self.interfaces, self.processes = regions, interfaces, processes
+        self.regions = regions
+        self.interfaces = interfaces
+        self.processes = processes
 
     def GetBoundaries(self) -> tuple[str, ...]:
         """The names of all boundaries of the body; NGSolve forgets those that have no element."""
@@ -88,17 +98,22 @@ class MeshPart(Mesh):
 
     def refined(self) -> MeshPart:
         """The part of the mesh with all edges halved; the processes refine at the same time."""
-        corners = np.concatenate([cells for d, _, cells in self.regions if d == self.dim])
+        corners = np.concatenate(
+            [cells for d, _, cells in self.regions if d == self.dim]
+        )
         ends = [corners[:, pair] for pair in combinations(range(self.dim + 1), 2)]
         ends = np.sort(np.concatenate(ends), axis=1)
         edges = np.unique(ends[:, 0] * self.nv + ends[:, 1])
         parents = np.column_stack(np.divmod(edges, self.nv))
         points = vertex_coordinates(self)
         points = np.concatenate([points, points[parents].mean(axis=1)])
-        regions = [(d, name, _halved(cells, edges, points)) for d, name, cells in self.regions]
+        regions = [
+            (d, name, _halved(cells, edges, points)) for d, name, cells in self.regions
+        ]
         processes = Team(self.processes.comm, self._common(parents), len(points))
         fine = MeshPart(points, regions, self.interfaces, processes)
-        fine.coarse, fine.parents = self, parents
+        fine.coarse = self
+        fine.parents = parents
         return fine
 
     def _common(self, parents: np.ndarray) -> dict[int, np.ndarray]:
@@ -106,10 +121,14 @@ class MeshPart(Mesh):
 
         An edge whose ends are on two processes need not be: they tell each other which ones are.
         """
-        processes, copies = self.processes, {}
+        processes = self.processes
+        copies = {}
         pairs = np.sort(processes.numbers[parents], axis=1)
         keys = pairs[:, 0] * processes.count + pairs[:, 1]
-        near = {r: np.isin(parents, nodes).all(axis=1) for r, nodes in processes.copies.items()}
+        near = {
+            r: np.isin(parents, nodes).all(axis=1)
+            for r, nodes in processes.copies.items()
+        }
         others = processes.traded({rank: keys[edges] for rank, edges in near.items()})
         for rank, edges in near.items():
             _, which, _ = np.intersect1d(keys[edges], others[rank], return_indices=True)
@@ -152,17 +171,22 @@ def _require_simplices(mesh: Mesh, count: int) -> None:
     """Accept a mesh that can be distributed."""
     require_mesh("mesh", mesh)
     if mesh.comm.size > 1 or mesh.GetCurveOrder() > 1 or mesh.deformation is not None:
-        raise ValueError("mesh is distributed, curved or deformed: a whole, straight one is needed")
+        raise ValueError(
+            "mesh is distributed, curved or deformed: a whole, straight one is needed"
+        )
     if (element_nodes(mesh)[:, mesh.dim + 1 :] >= 0).any():
         raise ValueError("mesh has other elements: triangles or tetrahedra are needed")
     if mesh.ne < count:
-        raise ValueError(f"mesh has {mesh.ne} elements: {count}, one for each process, are needed")
+        raise ValueError(
+            f"mesh has {mesh.ne} elements: {count}, one for each process, are needed"
+        )
 
 
 def _pieces(mesh: Mesh, count: int) -> list[tuple]:
     """Points, regions and interfaces for ``count`` processes, and the copies of ``Team``."""
     _require_simplices(mesh, count)
-    N, points = mesh.dim, vertex_coordinates(mesh)
+    N = mesh.dim
+    points = vertex_coordinates(mesh)
     keys, owners = element_facets(mesh)
     if connected(mesh.ne, *check_conforming(keys, owners)).any():
         raise ValueError("mesh has several parts: one that hangs together is needed")
@@ -174,14 +198,23 @@ def _pieces(mesh: Mesh, count: int) -> list[tuple]:
     wanted = facet_keys(facets, mesh)
     owner = part[owners[np.searchsorted(keys, wanted)]]
     inner = boundary[np.isin(wanted, keys[1:][np.diff(keys) == 0])]
-    materials, boundaries = mesh.GetMaterials(), mesh.GetBoundaries()
+    materials = mesh.GetMaterials()
+    boundaries = mesh.GetBoundaries()
     interfaces = frozenset(boundaries[k] for k in np.unique(inner))
-    of_body = [(N, name, elements, part, material == k) for k, name in enumerate(materials)]
-    of_sides = [(N - 1, name, facets, owner, boundary == k) for k, name in enumerate(boundaries)]
+    of_body = [
+        (N, name, elements, part, material == k) for k, name in enumerate(materials)
+    ]
+    of_sides = [
+        (N - 1, name, facets, owner, boundary == k) for k, name in enumerate(boundaries)
+    ]
     vertices = [np.unique(elements[part == rank]) for rank in range(count)]
     pieces = []
     for rank, mine in enumerate(vertices):
-        common = {r: np.intersect1d(mine, other) for r, other in enumerate(vertices) if r != rank}
+        common = {
+            r: np.intersect1d(mine, other)
+            for r, other in enumerate(vertices)
+            if r != rank
+        }
         copies = {r: np.searchsorted(mine, v) for r, v in common.items() if len(v)}
         regions = [
             (d, name, np.searchsorted(mine, cells[there & (home == rank)]))

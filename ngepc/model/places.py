@@ -8,7 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import CoefficientFunction, Mesh
 
-from ngepc.checks.arguments import Coefficient, boundary_names, corner_rules, require_vector, sample
+from ngepc.checks.arguments import (
+    Coefficient,
+    boundary_names,
+    corner_rules,
+    require_vector,
+    sample,
+)
 from ngepc.checks.declared import Along, Datum, Declared, Flag, NotNegativeDatum, Text
 from ngepc.model.elements import corner_vertices, vertex_coordinates
 
@@ -147,7 +153,9 @@ def vertices_at(place: Place, mesh: Mesh) -> np.ndarray:
         return np.unique(corner_vertices(mesh, [place]))
     edges = isinstance(place, Edge)
     if edges and mesh.dim != 3:
-        raise ValueError(f"{place!r}: edges are needed, which are boundaries by name in 2D")
+        raise ValueError(
+            f"{place!r}: edges are needed, which are boundaries by name in 2D"
+        )
     where, kind = (place.name, "edge") if edges else (place.where, "point")
     if not isinstance(where, str):
         return _nearest(place, mesh)
@@ -169,7 +177,9 @@ def _nearest(point: Point, mesh: Mesh) -> np.ndarray:
     nearest = int(away.argmin())
     if away[nearest] > AT * np.ptp(x, axis=0).max():
         at = tuple(x[nearest].round(6).tolist())
-        raise ValueError(f"{point!r}: a vertex of the mesh is needed there, the nearest is at {at}")
+        raise ValueError(
+            f"{point!r}: a vertex of the mesh is needed there, the nearest is at {at}"
+        )
     return np.array([nearest])
 
 

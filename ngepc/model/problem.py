@@ -98,7 +98,12 @@ def lshape_problem(mesh: Mesh) -> Problem:
     mesh
         A mesh of ``ngepc.geometries.lshape``; TypeError or ValueError for others.
     """
-    metal = {"lame_lambda": 1.0e3, "lame_mu": 1.0e3, "yield_stress": 1.25, "hardening": 100.0}
+    metal = {
+        "lame_lambda": 1.0e3,
+        "lame_mu": 1.0e3,
+        "yield_stress": 1.25,
+        "hardening": 100.0,
+    }
     return _paper_problem(mesh, Material.kinematic(**metal), 10.0, 0.1)
 
 
@@ -115,7 +120,9 @@ def wrench_problem(mesh: Mesh) -> Problem:
     return _paper_problem(mesh, Material.isotropic(**metal), 6.0e-3, 1.0)
 
 
-def _paper_problem(mesh: Mesh, material: Material, pressure: float, gap: float) -> Problem:
+def _paper_problem(
+    mesh: Mesh, material: Material, pressure: float, gap: float
+) -> Problem:
     """A body of section 7, with the 2 x 2 tensors and the elements of order one of the paper."""
     require_mesh("mesh", mesh, (2,))
     load = {"load": -pressure * outward_normal(mesh)}

@@ -25,22 +25,31 @@ class Team:
     an order both agree upon.
     """
 
-    own: slice | np.ndarray = slice(None)  # what selects the nodes that this one answers for
+    own: slice | np.ndarray = slice(
+        None
+    )  # what selects the nodes that this one answers for
     numbers: np.ndarray  # of each node among all: those of a process follow each other
     count: int  # nodes of all processes
 
     def __init__(
-        self, comm: Any = None, copies: dict[int, np.ndarray] | None = None, nodes: int = 0
+        self,
+        comm: Any = None,
+        copies: dict[int, np.ndarray] | None = None,
+        nodes: int = 0,
     ) -> None:
-        self.comm, self.copies = comm, copies or {}
+        self.comm = comm
+        self.copies = copies or {}
         self.size, self.rank = (1, 0) if comm is None else (comm.size, comm.rank)
         if comm is None:
             return
         mine = np.ones(nodes, dtype=bool)
         for rank, shared in self.copies.items():
             mine[shared] &= rank > self.rank
-        self._mine, self.own = mine, np.flatnonzero(mine)
-        self._inner = np.unique(np.concatenate([np.zeros(0, dtype=int), *self.copies.values()]))
+        self._mine = mine
+        self.own = np.flatnonzero(mine)
+        self._inner = np.unique(
+            np.concatenate([np.zeros(0, dtype=int), *self.copies.values()])
+        )
         counts = np.array(self.all(len(self.own)))
         self.count, first = int(counts.sum()), int(counts[: self.rank].sum())
         numbers = np.zeros(nodes, dtype=np.int64)
@@ -93,14 +102,18 @@ class Team:
         """Nodal values as the process has them that answers for the node: the first that has it."""
         if self.comm is None:
             return values
-        received, result = self._exchanged(values), values.copy()
+        received = self._exchanged(values)
+        result = values.copy()
         for rank in sorted((r for r in received if r < self.rank), reverse=True):
             result[self.copies[rank]] = received[rank]
         return result
 
     def _exchanged(self, values: np.ndarray) -> dict[int, np.ndarray]:
         """What the neighbours have at the common nodes."""
-        sent = {rank: np.ascontiguousarray(values[nodes]) for rank, nodes in self.copies.items()}
+        sent = {
+            rank: np.ascontiguousarray(values[nodes])
+            for rank, nodes in self.copies.items()
+        }
         received = {rank: np.empty_like(array) for rank, array in sent.items()}
         requests = [self.comm.Irecv(array, rank) for rank, array in received.items()]
         requests += [self.comm.Isend(array, rank) for rank, array in sent.items()]
@@ -115,10 +128,13 @@ class Team:
 
     def together(self, work: Callable[[], T]) -> T:
         """Do a work that may fail: what one process raises, all raise."""
-        value, error = None, None
+        value = None
+        error = None
         try:
             value = work()
-        except Exception as raised:  # whatever it is, the others must not wait for this process
+        except (
+            Exception
+        ) as raised:  # whatever it is, the others must not wait for this process
             error = raised
         errors = [raised for raised in self.all(error) if raised is not None]
         if errors:
@@ -143,4 +159,6 @@ def require_whole(what: str, mesh: Mesh) -> None:
     """Accept a mesh of one process; ``what`` says what is not done where several share it."""
     size = max(processes_of(mesh).size, mesh.comm.size)
     if size > 1:
-        raise ValueError(f"{what}: not on a mesh that {size} processes share; one is needed")
+        raise ValueError(
+            f"{what}: not on a mesh that {size} processes share; one is needed"
+        )

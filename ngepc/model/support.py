@@ -43,7 +43,9 @@ def check_support(problem: Given) -> None:
     held = processes.together(partial(held_values, problem))
     held = _agreed(problem, held)
     parts = processes.together(partial(_parts, problem, held))
-    sides = [name for pair in problem.contact_pairs for name in (pair.first, pair.second)]
+    sides = [
+        name for pair in problem.contact_pairs for name in (pair.first, pair.second)
+    ]
     touching = corner_vertices(problem.mesh, sides)
     for motions, vertices in free_motions(problem, parts):
         if not np.isin(vertices, touching).any():
@@ -58,7 +60,8 @@ def check_support(problem: Given) -> None:
 
 def _agreed(problem: Given, held: np.ndarray) -> np.ndarray:
     """``held_values`` of all processes: a boundary may end where another one has its elements."""
-    processes, given = problem.processes, ~np.isnan(held)
+    processes = problem.processes
+    given = ~np.isnan(held)
     count = processes.summed(given.astype(float))
     values = processes.summed(np.nan_to_num(held)) / np.where(count > 0, count, np.nan)
     scale = np.abs(held).max(initial=0.0, where=given)
@@ -79,45 +82,64 @@ def _parts(problem: Given, held: np.ndarray) -> list[np.ndarray]:
         wanted = facet_keys(boundary_corners(mesh, [name]), mesh)
         beside = np.searchsorted(keys, wanted, "right") - np.searchsorted(keys, wanted)
         if (beside == 0).any():
-            raise ValueError(f"contact={name!r} is not a boundary of elements of the mesh")
+            raise ValueError(
+                f"contact={name!r} is not a boundary of elements of the mesh"
+            )
         if (beside > 1).any() or name in getattr(mesh, "interfaces", ()):
-            raise ValueError(f"contact={name!r} lies inside the body: an outer boundary is needed")
+            raise ValueError(
+                f"contact={name!r} lies inside the body: an outer boundary is needed"
+            )
     check_free_normal(problem, held)
     return part_vertices(mesh, a, b)
 
 
-def check_conforming(keys: np.ndarray, owners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def check_conforming(
+    keys: np.ndarray, owners: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """The pairs of elements that share one of ``element_facets``; at most two do, and only one."""
     same = keys[1:] == keys[:-1]
     if (same[1:] & same[:-1]).any():
-        raise ValueError("mesh has elements that overlap: a facet belongs to more than two")
+        raise ValueError(
+            "mesh has elements that overlap: a facet belongs to more than two"
+        )
     a, b = np.sort([owners[:-1][same], owners[1:][same]], axis=0)
     pairs = np.sort(a * (owners.max() + 1) + b)
     if (pairs[1:] == pairs[:-1]).any():
-        raise ValueError("mesh has elements that overlap: two of them share several facets")
+        raise ValueError(
+            "mesh has elements that overlap: two of them share several facets"
+        )
     return a, b
 
 
 def held_values(problem: Given) -> np.ndarray:
     """The given displacements at the vertices, shape (vertices, N), NaN where free."""
-    mesh, N = problem.mesh, problem.N
-    held, owner = np.full((mesh.nv, N), np.nan), np.full((mesh.nv, N), "", dtype=object)
+    mesh = problem.mesh
+    N = problem.N
+    held = np.full((mesh.nv, N), np.nan)
+    owner = np.full((mesh.nv, N), "", dtype=object)
     if problem.kinematics.hoop:
         radii = np.abs(vertex_coordinates(mesh)[:, 0])
         axis = radii <= 1e-12 * radii.max()
-        held[axis, 0], owner[axis, 0] = 0.0, "the axis of revolution"
+        held[axis, 0] = 0.0
+        owner[axis, 0] = "the axis of revolution"
     for argument, place, i, value in problem.held:
         vertices, values = values_at(value, mesh, place)
-        values, old = values[:, 0], held[vertices, i]
-        scale = max(np.abs(values).max(initial=0.0), np.nanmax(np.abs(old), initial=0.0))
-        clash = np.flatnonzero(np.abs(values - old) > 1e-8 * scale)  # none where old is NaN
+        values = values[:, 0]
+        old = held[vertices, i]
+        scale = max(
+            np.abs(values).max(initial=0.0), np.nanmax(np.abs(old), initial=0.0)
+        )
+        clash = np.flatnonzero(
+            np.abs(values - old) > 1e-8 * scale
+        )  # none where old is NaN
         if len(clash):
             k = clash[0]
             raise ValueError(
                 f"{argument} gives u_{'xyz'[i]} = {values[k]:g} at a vertex where "
                 f"{owner[vertices[k], i]} gives {old[k]:g}: the values must agree"
             )
-        held[vertices, i], owner[vertices, i] = values, argument
+        held[vertices, i] = values
+        owner[vertices, i] = argument
     return held
 
 
@@ -126,14 +148,18 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
 
     ``held`` has the values of ``held_values``.
     """
-    mesh, rollers = problem.mesh, problem.rollers.items()
+    mesh = problem.mesh
+    rollers = problem.rollers.items()
     for name in problem.contact_names:
         vertices, normal = values_at(problem.normal, mesh, name)
         gap = values_at(problem.gaps[name], mesh, name)[1][:, 0]
-        fixed, u = ~np.isnan(held[vertices]), np.nan_to_num(held[vertices])
+        fixed = ~np.isnan(held[vertices])
+        u = np.nan_to_num(held[vertices])
         free = np.linalg.norm(np.where(fixed, 0.0, normal), axis=1)
         size = max(np.abs(a[fixed.any(axis=1)]).max(initial=0.0) for a in (u, gap))
-        partly = (free > HELD_NORMAL) & (free < FREE_NORMAL) | (free < FREE_NORMAL).all()
+        partly = (free > HELD_NORMAL) & (free < FREE_NORMAL) | (
+            free < FREE_NORMAL
+        ).all()
         beyond = np.einsum("ki,ki->k", u, normal) - gap > 1e-8 * size
         beyond &= free <= HELD_NORMAL
         for why, bad in {
@@ -148,10 +174,14 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
                     f"normal displacement of contact={name!r} at {where}, gap={gap[k]:g}: {why}"
                 )
         for place, roller in rollers:
-            nodes, directions = values_at(roller.direction or problem.normal, mesh, place)
+            nodes, directions = values_at(
+                roller.direction or problem.normal, mesh, place
+            )
             both = np.isin(vertices, nodes)
             for node, n in zip(vertices[both], normal[both], strict=True):
-                if (np.abs(directions[nodes == node] @ n) > np.sqrt(1 - FREE_NORMAL**2)).any():
+                if (
+                    np.abs(directions[nodes == node] @ n) > np.sqrt(1 - FREE_NORMAL**2)
+                ).any():
                     raise ValueError(
                         f"prescribed[{place!r}] holds the normal displacement of contact={name!r}: "
                         "where they meet, it must be free"
@@ -160,18 +190,25 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
 
 def constraints(problem: Given) -> tuple[np.ndarray, np.ndarray]:
     """Vertices that supports and springs hold, (k,), and along which unit vectors, (k, N)."""
-    mesh, axes = problem.mesh, np.eye(problem.N)
+    mesh = problem.mesh
+    axes = np.eye(problem.N)
     along = [(place, axes[component]) for _, place, component, _ in problem.held]
-    along += [(place, r.direction or problem.normal) for place, r in problem.rollers.items()]
+    along += [
+        (place, r.direction or problem.normal) for place, r in problem.rollers.items()
+    ]
     for place, springs in problem.spring_constants.items():
         for d, k in springs:
             if values_at(k, mesh, place)[1].max(initial=0.0) > 0:
                 along.append((place, d or problem.normal))
     found = [values_at(d, mesh, place) for place, d in along]
-    if problem.kinematics.hoop:  # u_r / r is a strain: only the motion along the axis is free
+    if (
+        problem.kinematics.hoop
+    ):  # u_r / r is a strain: only the motion along the axis is free
         found.append((np.arange(mesh.nv), np.tile(axes[0], (mesh.nv, 1))))
     vertices = [np.zeros(0, dtype=int), *(vertices for vertices, _ in found)]
-    return np.concatenate(vertices), np.vstack([np.zeros((0, problem.N)), *(d for _, d in found)])
+    return np.concatenate(vertices), np.vstack(
+        [np.zeros((0, problem.N)), *(d for _, d in found)]
+    )
 
 
 def free_motions(
@@ -182,7 +219,8 @@ def free_motions(
     Each part, of ``part_vertices``, is looked at alone, also one that shares a vertex or an edge
     with others.
     """
-    x, processes = vertex_coordinates(problem.mesh), problem.processes
+    x = vertex_coordinates(problem.mesh)
+    processes = problem.processes
     vertices, directions = constraints(problem)
     scaled = x / processes.most(np.ptp(x[np.concatenate(parts)], axis=0))
     rows = np.einsum("nj,njk->nk", directions, rigid_motions(scaled[vertices]))

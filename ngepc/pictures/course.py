@@ -15,7 +15,9 @@ from ngepc.pictures.fields import plot_field
 QUIZZES = Path(__file__).parents[1] / "notebooks" / "quizzes.json"
 
 
-def look(source: object, *field: object, name: str = "", **drawn: object) -> views.View | Figure:
+def look(
+    source: object, *field: object, name: str = "", **drawn: object
+) -> views.View | Figure:
     """What ``views.show`` shows; without the viewer a still picture, which has no slider."""
     if views.viewer_installed():
         return views.show(source, *field, name=name, **drawn)
@@ -55,10 +57,17 @@ class Quiz(tuple):
         parts = []
         for question in self:
             right = question["choices"][0]
-            parts.append(f"<p style='margin-top: 1em'>{html.escape(question['text'])}</p>")
+            parts.append(
+                f"<p style='margin-top: 1em'>{html.escape(question['text'])}</p>"
+            )
             for choice in sorted(question["choices"]):
-                said = f"Right. {question['why']}" if choice == right else "No. Try another."
-                choice, said = html.escape(choice), html.escape(said)
+                said = (
+                    f"Right. {question['why']}"
+                    if choice == right
+                    else "No. Try another."
+                )
+                choice = html.escape(choice)
+                said = html.escape(said)
                 parts.append(f"<details><summary>{choice}</summary>{said}</details>")
         return "".join(parts)
 

@@ -49,7 +49,11 @@ def plot_history(
     if tolerance is not None:
         require_number("tolerance", tolerance, 0, strict=True)
     runs = [
-        (history, 0, {"label": label or None, **line_style(index, len(history.records))})
+        (
+            history,
+            0,
+            {"label": label or None, **line_style(index, len(history.records))},
+        )
         for index, (label, history) in enumerate(histories.items())
     ]
     figure = Picture(figsize=(7.6, 3.3))
@@ -61,7 +65,9 @@ def plot_history(
 
 
 def draw_runs(
-    panels: Sequence[Axes], runs: list[tuple[History, int, dict]], tolerance: float | None
+    panels: Sequence[Axes],
+    runs: list[tuple[History, int, dict]],
+    tolerance: float | None,
 ) -> None:
     """Residuals left, step lengths right, of histories, each with its first step and its style."""
     left, right = panels
@@ -82,14 +88,17 @@ def draw_runs(
 
 @styled
 def plot_counts(
-    counts: Mapping[str, Mapping[int, int]], paper: Mapping[str, Mapping[int, int]] | None = None
+    counts: Mapping[str, Mapping[int, int]],
+    paper: Mapping[str, Mapping[int, int]] | None = None,
 ) -> Figure:
     """Newton steps over the number of nodes, with the paper's counts dashed beside them.
 
     Both are label (such as 'gamma = 1e4') -> number of nodes -> steps.
     """
     require_mapping("counts", counts, "label -> (number of nodes -> steps)")
-    paper = require_instance("paper", {} if paper is None else paper, Mapping, "a mapping or None")
+    paper = require_instance(
+        "paper", {} if paper is None else paper, Mapping, "a mapping or None"
+    )
     for name, rows in (("counts", counts), ("paper", paper)):
         for label, row in rows.items():
             require_mapping(f"{name}[{label!r}]", row, "number of nodes -> steps")
@@ -99,16 +108,25 @@ def plot_counts(
     figure = Picture(figsize=(5.6, 3.6))
     axes = figure.subplots()
     for index, (label, row) in enumerate(counts.items()):
-        style, printed = line_style(index, len(row)), paper.get(label, {})
+        style = line_style(index, len(row))
+        printed = paper.get(label, {})
         axes.plot(list(row), list(row.values()), label=label, **style)
         style |= {"linestyle": "--", "markerfacecolor": "white", "alpha": 0.7}
         axes.plot(list(printed), list(printed.values()), **style)
     nodes = sorted({n for row in counts.values() for n in row})
-    most = 1.3 * max(2, *(n for row in (*counts.values(), *paper.values()) for n in row.values()))
-    ticks = [tick for tick in (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if tick <= most]
+    most = 1.3 * max(
+        2, *(n for row in (*counts.values(), *paper.values()) for n in row.values())
+    )
+    ticks = [
+        tick for tick in (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if tick <= most
+    ]
     axes.set(xscale="log", xlabel="nodes of the mesh")
     axes.set_yscale("symlog", linthresh=1.0, linscale=0.3)
-    axes.set(ylabel="Newton steps" + " (dashed: paper)" * bool(paper), ylim=(0, most), yticks=ticks)
+    axes.set(
+        ylabel="Newton steps" + " (dashed: paper)" * bool(paper),
+        ylim=(0, most),
+        yticks=ticks,
+    )
     axes.set_xticks(nodes, list(map(str, nodes)))
     axes.minorticks_off()
     axes.yaxis.set_major_formatter("{x:g}")
@@ -136,7 +154,9 @@ def plot_contact_pressure(
     for index, (label, source) in enumerate(sources.items()):
         colour = COLOURS[index % len(COLOURS)]
         for number, (s, pressure) in enumerate(pressure_curves(source)):
-            axes.plot(s, pressure, color=colour, label=None if number else label or None)
+            axes.plot(
+                s, pressure, color=colour, label=None if number else label or None
+            )
             axes.fill_between(s, pressure, color=colour, alpha=0.12, linewidth=0)
     axes.axhline(0.0, color=GUIDE, linewidth=0.6)
     axes.margins(x=0)
@@ -151,13 +171,17 @@ def pressure_curves(source: object) -> list[tuple[np.ndarray, np.ndarray]]:
     """Arc length and contact pressure at the ends of the segments, for each connected curve."""
     fields = fields_of(source)
     if not fields.problem.touching_names:
-        raise ValueError("sources: a problem with a contact boundary is needed, one has none")
+        raise ValueError(
+            "sources: a problem with a contact boundary is needed, one has none"
+        )
     if fields.problem.N != 2:
         raise ValueError(
             "sources: bodies of dimension 2 are needed, one is 3D: plot_field(result, "
             "'contact_pressure') and show(result, 'contact_pressure') draw those"
         )
-    corners = corners_of(fields, source.contact_pressure, "|".join(fields.problem.touching_names))
+    corners = corners_of(
+        fields, source.contact_pressure, "|".join(fields.problem.touching_names)
+    )
     s, curves = arc_lengths(corners.points)
     along = np.argsort(s, axis=1)
     s, p = (np.take_along_axis(values, along, axis=1) for values in (s, corners.values))
@@ -176,9 +200,12 @@ def arc_lengths(segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     known, ends = np.unique(places, axis=0, return_inverse=True)
     ends = ends.reshape(-1, 2)
     graph = csr_array((lengths, ends.T), shape=(len(known), len(known)))
-    tree, curves = minimum_spanning_tree(graph), connected_components(graph)[1]
+    tree = minimum_spanning_tree(graph)
+    curves = connected_components(graph)[1]
     joints = np.bincount(np.concatenate(tree.nonzero()), minlength=len(known))
-    tips = [np.flatnonzero(curves == c)[np.argmin(joints[curves == c])] for c in set(curves)]
+    tips = [
+        np.flatnonzero(curves == c)[np.argmin(joints[curves == c])] for c in set(curves)
+    ]
     s = dijkstra(tree, directed=False, indices=tips, min_only=True)[ends]
     cut = np.flatnonzero(np.abs(s[:, 1] - s[:, 0]) > 1.5 * lengths)
     s[cut, np.argmin(s[cut], axis=1)] = s[cut].max(axis=1) + lengths[cut]

@@ -20,12 +20,22 @@ SIGNED = "RdBu_r"
 """Colours of fields whose signs are equally welcome: components of vectors and matrices."""
 KINDS = {
     "equivalent_plastic_strain": ("|p|_F", "plastic strain", "1", "YlGnBu"),
-    "accumulated_plastic_strain": (r"\bar p", "accumulated plastic strain", "1", "YlGnBu"),
+    "accumulated_plastic_strain": (
+        r"\bar p",
+        "accumulated plastic strain",
+        "1",
+        "YlGnBu",
+    ),
     "von_mises": (r"\sigma_\mathrm{vM}", "von Mises stress", "stress", "viridis"),
     "yield_function": (r"\phi", "yield function", "stress", "cividis"),
     "displacement": ("u", "displacement", "length", "viridis"),
     "stress": (r"\sigma", "stress", "stress", "viridis"),
-    "deviatoric_stress": (r"\mathrm{dev}\,\sigma", "deviatoric stress", "stress", "viridis"),
+    "deviatoric_stress": (
+        r"\mathrm{dev}\,\sigma",
+        "deviatoric stress",
+        "stress",
+        "viridis",
+    ),
     "plastic_strain": ("p", "plastic strain", "1", "YlGnBu"),
     "strain": (r"\varepsilon", "strain", "1", "viridis"),
     "back_stress": (r"\alpha_2", "back stress", "stress", "viridis"),
@@ -74,7 +84,9 @@ def drawable(
     if isinstance(field, CoefficientFunction):
         return Drawable(visible(fields, field if field.dim == 1 else frobenius(field)))
     if not isinstance(field, str):
-        raise TypeError(f"field={field!r}: the name of a field or a CoefficientFunction is needed")
+        raise TypeError(
+            f"field={field!r}: the name of a field or a CoefficientFunction is needed"
+        )
     if field == "contact_pressure":
         if not fields.problem.touching_names or fields.problem.N == 2:
             plane = "that of plane bodies is drawn by plot_contact_pressure"
@@ -93,7 +105,9 @@ def drawable(
     coefficient = field_of(source, name)
     rank = len(coefficient.dims) if coefficient.dim > 1 else 0
     if letters and not rank:
-        raise ValueError(f"field={field!r}: this field is a scalar and has no components")
+        raise ValueError(
+            f"field={field!r}: this field is a scalar and has no components"
+        )
     if letters:
         axes = "xyz"[: coefficient.dims[0]]
         if len(letters) != rank or not set(letters) <= set(axes):
@@ -101,20 +115,28 @@ def drawable(
             raise ValueError(f"field={field!r}: {needed}")
         index = tuple(map(axes.index, letters))
         coefficient = coefficient[index if rank == 2 else index[0]]
-        symbol, colormap = f"{symbol}_{{{letters}}}", SIGNED
+        symbol = f"{symbol}_{{{letters}}}"
+        colormap = SIGNED
     elif rank:
-        coefficient, symbol = frobenius(coefficient), f"|{symbol}|" + "_F" * (rank == 2)
+        coefficient = frobenius(coefficient)
+        symbol = f"|{symbol}|" + "_F" * (rank == 2)
     label = f"{title} ${symbol}$ ({getattr(units, unit, unit)})"
     return Drawable(visible(fields, coefficient), label, colormap)
 
 
 def on_one_scale(
-    sources: Collection[object], field: str | CoefficientFunction, units: UnitNames, ends: Ends
+    sources: Collection[object],
+    field: str | CoefficientFunction,
+    units: UnitNames,
+    ends: Ends,
 ) -> tuple[list[Drawable], list[Corners], ScalarMappable]:
     """What is drawn of each source, its values, and colours for all of them."""
     what = [drawable(source, field, units) for source in sources]
-    pairs, colormap = zip(sources, what, strict=True), what[0].colormap
-    corners = [corners_of(fields_of(source), drawn.coefficient) for source, drawn in pairs]
+    pairs = zip(sources, what, strict=True)
+    colormap = what[0].colormap
+    corners = [
+        corners_of(fields_of(source), drawn.coefficient) for source, drawn in pairs
+    ]
     limits = colour_scale(*corners, ends=ends, symmetric=colormap == SIGNED)
     return what, corners, ScalarMappable(limits, colormap)
 
@@ -122,7 +144,9 @@ def on_one_scale(
 def pressure_on_boundary(source: object) -> CoefficientFunction:
     """The contact pressure of a result on the whole boundary, zero where nothing touches."""
     problem = fields_of(source).problem
-    pressures = dict.fromkeys(problem.touching_names, field_of(source, "contact_pressure"))
+    pressures = dict.fromkeys(
+        problem.touching_names, field_of(source, "contact_pressure")
+    )
     return problem.mesh.BoundaryCF(pressures, default=0.0)
 
 
@@ -130,7 +154,9 @@ def fields_of(source: object, name: str = "source") -> Fields:
     """The recovered fields of a result, or ``source`` itself if it is ``Fields``."""
     fields = source if isinstance(source, Fields) else getattr(source, "fields", None)
     if not isinstance(fields, Fields):
-        raise TypeError(f"{name}={source!r}: the result of a solver or its Fields are needed")
+        raise TypeError(
+            f"{name}={source!r}: the result of a solver or its Fields are needed"
+        )
     return fields
 
 

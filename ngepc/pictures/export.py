@@ -25,7 +25,9 @@ FIELDS = ("displacement", "plastic_strain", "equivalent_plastic_strain",
 
 
 def export_vtu(
-    source: object | Mapping[float, object], path: str | os.PathLike, fields: Sequence[str] = FIELDS
+    source: object | Mapping[float, object],
+    path: str | os.PathLike,
+    fields: Sequence[str] = FIELDS,
 ) -> Path:
     """Write the fields of a result to a VTU file, or a load history to one for each step.
 
@@ -61,10 +63,15 @@ def export_vtu(
         require_number("times in source", time)
         fields_of(state, f"source[{time!r}]" if history else "source")
     path = require_path("path", path, ".pvd" if history else ".vtu")
-    require_instance("fields", fields, (list, tuple), "a list or tuple of names of fields")
+    require_instance(
+        "fields", fields, (list, tuple), "a list or tuple of names of fields"
+    )
     if not fields or not all(name in [*KINDS] for name in fields):
-        raise ValueError(f"fields={fields!r}: at least one, of {', '.join(KINDS)}, is needed")
-    processes, listed = fields_of(state).problem.processes, []
+        raise ValueError(
+            f"fields={fields!r}: at least one, of {', '.join(KINDS)}, is needed"
+        )
+    processes = fields_of(state).problem.processes
+    listed = []
     for number, (time, state) in enumerate(steps.items()):
         stem = f"{path.stem}_{number:04d}" if history else path.stem
         parts = [f"{stem}_{rank:04d}.vtu" for rank in range(processes.size)]
@@ -77,7 +84,8 @@ def export_vtu(
         ]
     if not history and processes.size == 1:
         return path
-    path, text = path.with_suffix(".pvd"), f"<Collection>{''.join(listed)}</Collection>"
+    path = path.with_suffix(".pvd")
+    text = f"<Collection>{''.join(listed)}</Collection>"
     if processes.rank == 0:
         head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">'
         write_text(path, f"{head}{text}</VTKFile>\n")
@@ -90,7 +98,8 @@ def _write_part(source: object, path: Path, fields: Sequence[str]) -> None:
     coefficients = [in_space(field_of(source, name)) for name in fields]
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        mesh, stem = fields_of(source).problem.mesh, Path(folder) / "out"
+        mesh = fields_of(source).problem.mesh
+        stem = Path(folder) / "out"
         VTKOutput(mesh, coefs=coefficients, names=list(fields), filename=str(stem)).Do()
         written = stem.with_suffix(".vtu")
         if not written.is_file():
@@ -102,5 +111,11 @@ def in_space(coefficient: CoefficientFunction) -> CoefficientFunction:
     """A scalar as it is, a vector with 3 and a matrix with 9 components, filled up with zeros."""
     if coefficient.dim == 1:
         return coefficient
-    n, rank = coefficient.dims[0], len(coefficient.dims)
-    return CF(tuple(coefficient[i] if max(i) < n else 0.0 for i in product(range(3), repeat=rank)))
+    n = coefficient.dims[0]
+    rank = len(coefficient.dims)
+    return CF(
+        tuple(
+            coefficient[i] if max(i) < n else 0.0
+            for i in product(range(3), repeat=rank)
+        )
+    )

@@ -90,10 +90,15 @@ def plot_field(
     drawing = Drawing(deformation_scale, units, view, axes, title, mesh_lines)
     sources = sources_of("source", source, title or "")
     if axes is not None and len(sources) > 1:
-        raise ValueError(f"source: one result is needed for given axes, there are {len(sources)}")
-    what, corners, colours = on_one_scale(sources.values(), field, drawing.units, (vmin, vmax))
+        raise ValueError(
+            f"source: one result is needed for given axes, there are {len(sources)}"
+        )
+    what, corners, colours = on_one_scale(
+        sources.values(), field, drawing.units, (vmin, vmax)
+    )
     panels = drawing.bodies(sources, corners, colours, bar=True)
-    figure, place = panels[0].figure, {"shrink": 0.85, "fraction": 0.05}
+    figure = panels[0].figure
+    place = {"shrink": 0.85, "fraction": 0.05}
     if axes is None and figure.get_figwidth() > 3 * figure.get_figheight():
         figure.set_figheight(figure.get_figheight() + 0.9)
         place = {"shrink": 0.5, "location": "bottom", "fraction": 0.5}
@@ -119,10 +124,13 @@ def plot_plastic_zone(
     The other arguments are those of ``plot_field``.
     """
     require_number("threshold", threshold, 0.0)
-    drawing, fields = Drawing(deformation_scale, view=view, axes=axes), fields_of(source)
+    drawing = Drawing(deformation_scale, view=view, axes=axes)
+    fields = fields_of(source)
     sampled = corners_of(fields, visible(fields, fields.equivalent_plastic_strain))
     words = rf"plastic zone (dark): $|p|_F > {threshold:g}$"
-    return _draw_sets(drawing, source, sampled, sampled.values.mean(axis=1) > threshold, words)
+    return _draw_sets(
+        drawing, source, sampled, sampled.values.mean(axis=1) > threshold, words
+    )
 
 
 @styled
@@ -134,8 +142,11 @@ def plot_active_sets(
     ``result`` is a result of a solver or the snapshot of an iterate.  It is drawn before the
     deformation, where it stays while iterates come and go.
     """
-    require_attributes("result", result, ("fields", "yield_excess"), "a result of a solver")
-    drawing, fields = Drawing(0.0, view=view, axes=axes), fields_of(result)
+    require_attributes(
+        "result", result, ("fields", "yield_excess"), "a result of a solver"
+    )
+    drawing = Drawing(0.0, view=view, axes=axes)
+    fields = fields_of(result)
     cuts = max(1, round(math.sqrt(16_000 / fields.problem.mesh.ne)))
     sampled = corners_of(fields, visible(fields, result.yield_excess), cuts=cuts)
     sets = (sampled.values.mean(axis=1) > 0.0).astype(int)
@@ -143,23 +154,34 @@ def plot_active_sets(
     pushed = touching.values.mean(axis=1) > 0.0
     if fields.problem.N == 3:
         sets[pushed] = 2
-    words = "yields (dark)" + ", in contact (orange)" * bool(fields.problem.touching_names)
+    words = "yields (dark)" + ", in contact (orange)" * bool(
+        fields.problem.touching_names
+    )
     figure = _draw_sets(drawing, result, sampled, sets, words)
     if fields.problem.N == 2:
         thick = {"colors": style.CONTACT, "linewidths": 3.0, "zorder": 5}
-        (axes or figure.axes[0]).add_collection(LineCollection(touching.points[pushed], **thick))
+        (axes or figure.axes[0]).add_collection(
+            LineCollection(touching.points[pushed], **thick)
+        )
     return figure
 
 
 @styled
 def plot_mesh(source: object, *, axes: Axes | None = None) -> Figure:
     """The mesh before the deformation, the initial configuration of Figure 5."""
-    sampled, drawing = corners_of(fields_of(source)), Drawing(0.0, axes=axes, mesh_lines=True)
-    return _draw_sets(drawing, fields_of(source), sampled, np.zeros(len(sampled.points)))
+    sampled = corners_of(fields_of(source))
+    drawing = Drawing(0.0, axes=axes, mesh_lines=True)
+    return _draw_sets(
+        drawing, fields_of(source), sampled, np.zeros(len(sampled.points))
+    )
 
 
 def _draw_sets(
-    drawing: "Drawing", source: object, sampled: Corners, sets: np.ndarray, words: str = ""
+    drawing: "Drawing",
+    source: object,
+    sampled: Corners,
+    sets: np.ndarray,
+    words: str = "",
 ) -> Figure:
     """Each triangle in the colour of the set, 0, 1 or 2, that it belongs to."""
     corners = replace(sampled, values=np.repeat(sets[:, None], 3, axis=1).astype(float))
@@ -181,7 +203,9 @@ class Drawing(Declared):
     deformation_scale: NotNegative
     units: Annotated[UnitNames | None, Check(require_units)] = PLAIN
     view: Annotated[Angles | None, Check(require_vector, lengths=(2,))] = None
-    axes: Annotated[Axes | None, Check(require_instance, kind=Axes, needed="Axes or None")] = None
+    axes: Annotated[
+        Axes | None, Check(require_instance, kind=Axes, needed="Axes or None")
+    ] = None
     title: Text | None = None
     mesh_lines: Flag = False
 
@@ -193,12 +217,22 @@ class Drawing(Declared):
         bar: bool = False,
     ) -> list[Axes]:
         """Draw title -> body side by side in the colours of its values, with room for a ``bar``."""
-        panels = [self.axes] if self.axes else self._panels(corners[0], len(corners), bar)
-        scale, length = self.deformation_scale, self.units.length
-        for axes, (title, source), sampled in zip(panels, sources.items(), corners, strict=True):
+        panels = (
+            [self.axes] if self.axes else self._panels(corners[0], len(corners), bar)
+        )
+        scale = self.deformation_scale
+        length = self.units.length
+        for axes, (title, source), sampled in zip(
+            panels, sources.items(), corners, strict=True
+        ):
             axes.set_title(title or _method(source))
-            fields, points = fields_of(source), sampled.deformed(scale)
-            mesh = corners_of(fields, border=True).deformed(scale) if self.mesh_lines else None
+            fields = fields_of(source)
+            points = sampled.deformed(scale)
+            mesh = (
+                corners_of(fields, border=True).deformed(scale)
+                if self.mesh_lines
+                else None
+            )
             if fields.problem.N == 3:
                 image = solid_image(points, sampled.values, colours, mesh, self.view)
                 draw_solid(axes, image, self.view)
@@ -213,7 +247,9 @@ class Drawing(Declared):
                 (border.deformed(scale), style.DEFORMED, 0.6, 3),
             ]
             if mesh is not None:
-                lines += [(mesh, style.GUIDE, min(0.3, 450 / fields.problem.mesh.ne), 2)]
+                lines += [
+                    (mesh, style.GUIDE, min(0.3, 450 / fields.problem.mesh.ne), 2)
+                ]
             if scale > 0:
                 lines += [(obstacle_lines(fields, scale), style.OBSTACLE, 1.4, 4)]
             for segments, colour, width, above in lines:
@@ -227,17 +263,22 @@ class Drawing(Declared):
 
     def _panels(self, corners: Corners, count: int, bar: bool) -> list[Axes]:
         """Axes of a new figure for bodies of this size, three in a row, on a common scale."""
-        width, height = 3.8, 3.4  # inches, of a solid
+        width = 3.8
+        height = 3.4  # inches, of a solid
         if corners.points.shape[2] == 2:
-            both = np.concatenate([corners.points, corners.deformed(self.deformation_scale)])
+            both = np.concatenate(
+                [corners.points, corners.deformed(self.deformation_scale)]
+            )
             width, height = np.ptp(both.reshape(-1, 2), axis=0)
             unit = min(6.0 / width, 4.0 / height)
-            width, height = max(3.5, unit * width + 0.8), max(2.2, unit * height + 0.8)
+            width = max(3.5, unit * width + 0.8)
+            height = max(2.2, unit * height + 0.8)
         rows = math.ceil(count / 3)
         columns = math.ceil(count / rows)
         shrink = min(1.0, 3.6 / width) if columns > 2 else 1.0
         size = (shrink * width * columns + 0.9 * bar, shrink * height * rows)
-        figure, first = Picture(figsize=size, layout="compressed"), None
+        figure = Picture(figsize=size, layout="compressed")
+        first = None
         for k in range(count):
             axes = figure.add_subplot(rows, columns, k + 1, sharex=first, sharey=first)
             first = first or axes

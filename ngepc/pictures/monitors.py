@@ -82,13 +82,15 @@ class LivePlotMonitor:
     @styled
     def draw(self) -> None:
         """Show the active sets, if the record has them, and the runs, in one place."""
-        begin, snapshot = time.monotonic(), self._last.snapshot
+        begin = time.monotonic()
+        snapshot = self._last.snapshot
         widths = (1.0, 1.0) if snapshot is None else (1.2, 1.0, 1.0)
         figure = Picture(figsize=(3 * sum(widths), 3.0))
         *body, left, right = figure.subplots(1, len(widths), width_ratios=widths)
         if snapshot is not None:
             plot_active_sets(snapshot(), axes=body[0])
-        drawn, first = [], 0
+        drawn = []
+        first = 0
         for run in self.runs:  # one after the other, the newest in colour
             style = {} if run is self.runs[-1] else {"color": "#a7b0b9"}
             drawn.append((run, first, line_style(0, len(run.records)) | style))
@@ -104,7 +106,9 @@ class LivePlotMonitor:
     def __enter__(self) -> "LivePlotMonitor":
         """The monitor itself, with nothing seen."""
         self.runs: list[History] = []
-        self._last, self._handle, self._next = None, None, float("-inf")
+        self._last = None
+        self._handle = None
+        self._next = float("-inf")
         return self
 
     def __exit__(self, *_: object) -> None:

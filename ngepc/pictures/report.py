@@ -39,7 +39,9 @@ img { max-width: 100%; }
 Section = tuple[str, Sequence[object]]
 
 
-def write_report(path: str | os.PathLike, title: str, *sections: Section, footer: str = "") -> Path:
+def write_report(
+    path: str | os.PathLike, title: str, *sections: Section, footer: str = ""
+) -> Path:
     """Write a report from sections to an HTML file; returns its path.
 
     Parameters
@@ -62,17 +64,26 @@ def write_report(path: str | os.PathLike, title: str, *sections: Section, footer
     TypeError
         If a piece is none of these.
     """
-    path, content = require_path("path", path), []
+    path = require_path("path", path)
+    content = []
     require_text("title", title)
     require_text("footer", footer)
     for number, section in enumerate(sections):
         pair = isinstance(section, tuple | list) and len(section) == 2
-        if not pair or isinstance(section[1], str) or not isinstance(section[1], Iterable):
+        if (
+            not pair
+            or isinstance(section[1], str)
+            or not isinstance(section[1], Iterable)
+        ):
             needed = "a pair of a heading and a list of contents is needed"
             raise TypeError(f"sections[{number}]={section!r}: {needed}")
         require_text(f"sections[{number}][0]", section[0])
         content += [f"<h2>{html.escape(section[0])}</h2>", *map(_piece, section[1])]
-    texts = {"title": html.escape(title), "footer": _inline(footer), "content": "".join(content)}
+    texts = {
+        "title": html.escape(title),
+        "footer": _inline(footer),
+        "content": "".join(content),
+    }
     write_text(path, PAGE.substitute(texts))
     return path
 
@@ -98,7 +109,11 @@ def _piece(piece: object) -> str:
     if hasattr(piece, "_repr_html_"):
         return piece._repr_html_()
     piece = describe_problem(piece) if isinstance(piece, Problem) else piece
-    if isinstance(piece, Sequence) and piece and all(isinstance(row, Mapping) for row in piece):
+    if (
+        isinstance(piece, Sequence)
+        and piece
+        and all(isinstance(row, Mapping) for row in piece)
+    ):
         return html_table(piece)
     needed = "text, a list of dictionaries, a figure, a view or a problem"
     raise TypeError(f"contents {piece!r}: {needed} is needed")
@@ -119,9 +134,13 @@ def html_table(rows: Sequence[Mapping[str, object]]) -> str:
     for row in rows:
         cells = []
         for value in map(row.get, columns):
-            shown = f"{value:.4g}".replace("-", "−") if isinstance(value, float) else value
+            shown = (
+                f"{value:.4g}".replace("-", "−") if isinstance(value, float) else value
+            )
             kind = ' class="text"' if isinstance(value, str) else ""
-            cells.append(f"<td{kind}>{'' if shown is None else html.escape(str(shown))}</td>")
+            cells.append(
+                f"<td{kind}>{'' if shown is None else html.escape(str(shown))}</td>"
+            )
         lines.append("".join(cells))
     return f'<div class="wide"><table><tr>{"</tr><tr>".join(lines)}</tr></table></div>'
 
@@ -132,7 +151,12 @@ def describe_problem(problem: Problem) -> list[dict[str, str]]:
     rows = {"body": f"{size}, order {problem.order}, {problem.kinematics.name}"}
     data = {field.name: getattr(problem, field.name) for field in fields(problem)}
     for name, value in (vars(problem.material) | data).items():
-        if value is not None and name not in ("mesh", "material", "kinematics", "order"):
+        if value is not None and name not in (
+            "mesh",
+            "material",
+            "kinematics",
+            "order",
+        ):
             rows[name.replace("_", " ")] = _said(value)
     return [{"what": key, "value": value} for key, value in rows.items()]
 

@@ -9,7 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.colors import Normalize
-from ngsolve import CF, ET, BoundaryFromVolumeCF, CoefficientFunction, IntegrationRule, x, y, z
+from ngsolve import (
+    CF,
+    ET,
+    BoundaryFromVolumeCF,
+    CoefficientFunction,
+    IntegrationRule,
+    x,
+    y,
+    z,
+)
 from scipy.spatial import Delaunay
 
 from ngepc.checks.arguments import require_number
@@ -46,7 +55,10 @@ class Corners:
 
 def is_curved(fields: Fields) -> bool:
     """Whether elements or their displacement are not linear."""
-    return max(fields.problem.mesh.GetCurveOrder(), fields.displacement.space.globalorder) > 1
+    return (
+        max(fields.problem.mesh.GetCurveOrder(), fields.displacement.space.globalorder)
+        > 1
+    )
 
 
 def visible(fields: Fields, coefficient: CoefficientFunction) -> CoefficientFunction:
@@ -76,7 +88,10 @@ def corners_of(
         bent = is_curved(fields) or ET.QUAD in types or mesh.dim == 3
         cuts = max(1, min(4, math.isqrt(200_000 // len(types)))) if bent else 1
     parts = {shape: _pieces(shape, cuts, border) for shape in set(types)}
-    rules = {shape: IntegrationRule(p.tolist(), [0.0] * len(p)) for shape, (p, _) in parts.items()}
+    rules = {
+        shape: IntegrationRule(p.tolist(), [0.0] * len(p))
+        for shape, (p, _) in parts.items()
+    }
     mapped = mesh.MapToAllElements(rules, region)
     counts = np.array([len(parts[shape][0]) for shape in types])
     first = np.cumsum(counts) - counts
@@ -86,9 +101,13 @@ def corners_of(
     ])  # fmt: skip
     coefficient = CF(0.0) if coefficient is None else coefficient
     sampled = (CF((x, y, z)[: mesh.dim]), fields.displacement, coefficient)
-    found = (np.asarray(c(mapped), float).reshape(len(mapped), -1)[pieces] for c in sampled)
+    found = (
+        np.asarray(c(mapped), float).reshape(len(mapped), -1)[pieces] for c in sampled
+    )
     points, displacement, values = found
-    return Corners(points, displacement, values[..., 0] if coefficient.dim == 1 else values)
+    return Corners(
+        points, displacement, values[..., 0] if coefficient.dim == 1 else values
+    )
 
 
 def _pieces(shape: ET, n: int, border: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -109,7 +128,9 @@ def offset(
     fields: Fields, names: tuple[str, ...], distance: CoefficientFunction, scale: float
 ) -> np.ndarray:
     """Segments of boundaries in 2D, deformed by ``scale`` u, moved by ``distance`` n."""
-    corners = corners_of(fields, distance * outward_normal(fields.problem.mesh), "|".join(names))
+    corners = corners_of(
+        fields, distance * outward_normal(fields.problem.mesh), "|".join(names)
+    )
     return corners.deformed(scale) + corners.values
 
 
@@ -120,7 +141,8 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
     farther away than a quarter of it, unless all are.  A straight obstacle is drawn as long as the
     body above it.
     """
-    psi, names = fields.problem.psi, fields.problem.contact_names
+    psi = fields.problem.psi
+    names = fields.problem.contact_names
     if not names:
         return np.empty((0, 2, 2))
     gaps = corners_of(fields, psi, "|".join(names)).values.max(axis=1)
@@ -136,7 +158,9 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
     _, size, (along, _) = np.linalg.svd(points - centre, full_matrices=False)
     if size[1] > 1e-6 * extent:  # not straight
         return segments
-    reach = (np.vstack([points, border.deformed(scale).reshape(-1, 2)]) - centre) @ along
+    reach = (
+        np.vstack([points, border.deformed(scale).reshape(-1, 2)]) - centre
+    ) @ along
     ends = centre + np.outer([reach.min(), reach.max()], along)
     return np.concatenate([segments, ends[None]])
 
@@ -160,14 +184,16 @@ def colour_scale(
     corners = np.concatenate([s.values for s in samples])
     areas = np.concatenate([s.measures for s in samples])
     low, high = lowest, highest = float(corners.min()), float(corners.max())
-    span, values = highest - lowest, corners.mean(axis=1)
+    span = highest - lowest
+    values = corners.mean(axis=1)
     shown = np.abs(values) > 1e-3 * np.abs(values).max()
     if shown.any():
         order = np.flatnonzero(shown)[np.argsort(values[shown])]
         part = np.cumsum(areas[order]) / areas[order].sum()
         low, high = values[order[np.searchsorted(part, [0.02, 0.98])]].tolist()
         if not shown.all():  # zero is seen as well
-            low, high = min(0.0, low), max(0.0, high)
+            low = min(0.0, low)
+            high = max(0.0, high)
     low = lowest if low - lowest <= 0.25 * span else low
     high = highest if highest - high <= 0.25 * span else high
     low = 0.0 if lowest >= 0.0 and low <= 0.2 * high else low
@@ -175,11 +201,17 @@ def colour_scale(
     if symmetric:
         low, high = -max(-low, high), max(-low, high)
     low, high = (0.0 if abs(end) < 1e-9 * span else end for end in (low, high))
-    low, high = low if vmin is None else vmin, high if vmax is None else vmax
+    low = low if vmin is None else vmin
+    high = high if vmax is None else vmax
     if low >= high:  # a constant field
         size = max(abs(low), abs(high)) or 1.0
-        low, high = high - size if vmin is None else low, low + size if vmax is None else high
-    scale, slack = Normalize(low, high), 1e-6 * (high - low)
-    below, above = lowest < low - slack, highest > high + slack
+        low, high = (
+            high - size if vmin is None else low,
+            low + size if vmax is None else high,
+        )
+    scale = Normalize(low, high)
+    slack = 1e-6 * (high - low)
+    below = lowest < low - slack
+    above = highest > high + slack
     scale.extend = (("neither", "max"), ("min", "both"))[below][above]
     return scale

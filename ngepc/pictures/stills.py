@@ -15,7 +15,8 @@ from ngepc.pictures.style import DEFORMED, GUIDE
 Angles = tuple[float, float]
 VIEW: Angles = (-60.0, 25.0)
 """Where solids are seen from, in degrees: around the z axis from x, and above the xy plane."""
-LIBRARY, WINDOW = "libEGL.so.1", "VTK_DEFAULT_OPENGL_WINDOW"
+LIBRARY = "libEGL.so.1"
+WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"
 
 
 def renderer() -> ModuleType:
@@ -71,7 +72,11 @@ def solid_image(
             del os.environ[WINDOW]
     plotter.enable_anti_aliasing("msaa", multi_samples=8)
     light = {"ambient": 0.55, "diffuse": 0.5, "specular": 0.0, "show_scalar_bar": False}
-    shade = {"scalars": values.ravel(), "clim": colours.get_clim(), "cmap": colours.get_cmap()}
+    shade = {
+        "scalars": values.ravel(),
+        "clim": colours.get_clim(),
+        "cmap": colours.get_cmap(),
+    }
     plotter.add_mesh(body, **shade, **light)
     sharp = body.clean(tolerance=1e-6).extract_feature_edges(30.0, manifold_edges=False)
     line = {"color": DEFORMED, "lighting": False}

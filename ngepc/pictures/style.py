@@ -15,12 +15,19 @@ from matplotlib.figure import Figure
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_function, require_instance
 
-RC = rc_params_from_file(Path(__file__).with_name("ngepc.mplstyle"), use_default_template=False)
+RC = rc_params_from_file(
+    Path(__file__).with_name("ngepc.mplstyle"), use_default_template=False
+)
 COLOURS = tuple(entry["color"] for entry in RC["axes.prop_cycle"])
 """Okabe and Ito's colours and a wine red, which people with any colour vision tell apart."""
 
-ELASTIC, PLASTIC, CONTACT = "#dfe3e8", "#26323f", "#D55E00"
-OUTLINE, DEFORMED, OBSTACLE, GUIDE = "#9aa3ad", "#3b4650", "#000000", "#6b7680"
+ELASTIC = "#dfe3e8"
+PLASTIC = "#26323f"
+CONTACT = "#D55E00"
+OUTLINE = "#9aa3ad"
+DEFORMED = "#3b4650"
+OBSTACLE = "#000000"
+GUIDE = "#6b7680"
 
 styled = rc_context(RC)
 """Decorator of functions that draw in the style of ``ngepc.mplstyle``."""
@@ -62,7 +69,8 @@ def png_address(figure: Figure, dpi: float = 120) -> str:
 
 def line_style(index: int, count: int) -> dict:
     """Colour and marker of the curve number ``index`` with ``count`` points."""
-    colour, marker = COLOURS[index % len(COLOURS)], "os^Dv<>P"[index % 8]
+    colour = COLOURS[index % len(COLOURS)]
+    marker = "os^Dv<>P"[index % 8]
     return {"color": colour, "marker": marker, "markevery": max(1, count // 20)}
 
 
@@ -75,7 +83,9 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
 
 @styled
-def beside(*panels: Callable[[Axes], object], width: float = 4.6, height: float = 4.0) -> Picture:
+def beside(
+    *panels: Callable[[Axes], object], width: float = 4.6, height: float = 4.0
+) -> Picture:
     """Pictures side by side, as in the paper's Figures 2, 5 and 6, of ``width`` times ``height``.
 
     Each panel is a function that draws into the axes which it gets:
@@ -88,6 +98,8 @@ def beside(*panels: Callable[[Axes], object], width: float = 4.6, height: float 
     require_number("width", width, 0, strict=True)
     require_number("height", height, 0, strict=True)
     figure = Picture(figsize=(width * len(panels), height), layout="compressed")
-    for axes, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+    for axes, draw in zip(
+        figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
+    ):
         draw(axes)
     return figure

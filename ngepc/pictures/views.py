@@ -22,7 +22,13 @@ from ngsolve import BBND, BND, CF, VOL, CoefficientFunction
 
 from ngepc.checks.arguments import sample
 from ngepc.checks.kinds import require_path, require_text
-from ngepc.pictures.drawable import Drawable, UnitNames, fields_of, on_one_scale, sources_of
+from ngepc.pictures.drawable import (
+    Drawable,
+    UnitNames,
+    fields_of,
+    on_one_scale,
+    sources_of,
+)
 from ngepc.pictures.fields import Drawing
 from ngepc.pictures.sampling import corners_of, is_curved, obstacle_lines, offset
 from ngepc.pictures.style import Picture, png_address, styled
@@ -95,9 +101,13 @@ def show(
     sources = sources_of("source", source)
     require_text("name", name)
     require_text("title", title)
-    drawing, viewer = Drawing(deformation_scale, units, mesh_lines=mesh_lines), viewer_script()
-    what, _, colours = on_one_scale(sources.values(), field, drawing.units, (vmin, vmax))
-    pairs, peak = zip(sources.values(), what, strict=True), _peak(sources.values())
+    drawing = Drawing(deformation_scale, units, mesh_lines=mesh_lines)
+    viewer = viewer_script()
+    what, _, colours = on_one_scale(
+        sources.values(), field, drawing.units, (vmin, vmax)
+    )
+    pairs = zip(sources.values(), what, strict=True)
+    peak = _peak(sources.values())
     scenes = [_scene(one, drawn, colours, drawing, peak) for one, drawn in pairs]
     captions, labels = ([""], list(sources)) if name else (list(sources), [""])
     panels = [scenes] if name else [[scene] for scene in scenes]
@@ -108,12 +118,19 @@ def show(
     legend.colorbar(colours, cax=axes, orientation="horizontal", label=what[0].label)
     axes.locator_params(nbins=6)
     texts = {"title": html.escape(title), "name": html.escape(name), "viewer": viewer}
-    texts |= {"legend": png_address(legend, 200), "data": base64.b64encode(data).decode()}
+    texts |= {
+        "legend": png_address(legend, 200),
+        "data": base64.b64encode(data).decode(),
+    }
     return View(PAGE.substitute(texts))
 
 
 def _scene(
-    source: object, drawn: Drawable, colours: ScalarMappable, drawing: Drawing, peak: float
+    source: object,
+    drawn: Drawable,
+    colours: ScalarMappable,
+    drawing: Drawing,
+    peak: float,
 ) -> dict:
     """What webgui needs to draw a scalar on the deformed body, ready for JSON.
 
@@ -121,10 +138,15 @@ def _scene(
     drawn 0.15 times as high as the body is large.  Every scene of a slider has the same lines:
     webgui keeps the list of the first one.
     """
-    fields, scale, lines = fields_of(source), drawing.deformation_scale, []
-    names, plane = fields.problem.touching_names, fields.problem.N == 2
+    fields = fields_of(source)
+    scale = drawing.deformation_scale
+    lines = []
+    names = fields.problem.touching_names
+    plane = fields.problem.N == 2
     if plane and names:
-        extent = np.ptp(corners_of(fields, where=".*").points.reshape(-1, 2), axis=0).max()
+        extent = np.ptp(
+            corners_of(fields, where=".*").points.reshape(-1, 2), axis=0
+        ).max()
         height = 0.15 * extent / peak * getattr(source, "contact_pressure", CF(0.0))
         lines = [
             ("obstacle", "#000000", obstacle_lines(fields, scale)),
@@ -134,7 +156,12 @@ def _scene(
     settings = {
         "Objects": {"Wireframe": drawing.mesh_lines, "Edges": True, "Colorbar": False},
         "Colormap": {"ncolors": 64},
-        "Light": {"ambient": ambient, "diffuse": 1 - ambient, "shininess": 10, "specularity": 0.0},
+        "Light": {
+            "ambient": ambient,
+            "diffuse": 1 - ambient,
+            "shininess": 10,
+            "specularity": 0.0,
+        },
     }
     if not plane:
         settings["camera"] = {"euler_angles": [-65.0, 0.0, -30.0]}
@@ -154,7 +181,11 @@ def _scene(
         ],
         settings=settings,
     )  # fmt: skip
-    limits = {"funcmin": colours.norm.vmin, "funcmax": colours.norm.vmax, "autoscale": False}
+    limits = {
+        "funcmin": colours.norm.vmin,
+        "funcmax": colours.norm.vmax,
+        "autoscale": False,
+    }
     colors = colours.cmap(np.linspace(0.0, 1.0, 64))[:, :3].tolist()
     return data | limits | {"deformation_scale": 1.0, "colors": colors}
 
@@ -167,7 +198,10 @@ def _peak(sources: Iterable[object]) -> float:
         if problem.touching_names and hasattr(source, "contact_pressure"):
             where = "|".join(problem.touching_names)
             touching = corners_of(fields_of(source), source.contact_pressure, where)
-            peaks += [touching.values.max(), NOISE * sample(problem.beta, problem.mesh).mean()]
+            peaks += [
+                touching.values.max(),
+                NOISE * sample(problem.beta, problem.mesh).mean(),
+            ]
     return float(max(peaks, default=1.0))
 
 

@@ -34,7 +34,9 @@ class ReducedEnergy(Frame):
         self.displacement = GridFunction(space, name="displacement")
         self.mapping = ReturnMapping(problem, self.displacement)
         self.rules = plastic_points(problem.mesh, problem.order)
-        self.forces = LinearForm(self._integral(self.mapping.power(space.TestFunction())))
+        self.forces = LinearForm(
+            self._integral(self.mapping.power(space.TestFunction()))
+        )
         self.density = self.mapping.energy_density.Compile()
         self.plastic = self.mapping.plastic.Compile()
         given = problem.mesh, problem.order, self.free
@@ -59,7 +61,8 @@ class ReducedEnergy(Frame):
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:
         """Diagonal of the elastic stiffness, see ``Frame``."""
-        blocks, tangent = self._tangent.summed(np.zeros(self.free.shape)), self._tangent
+        blocks = self._tangent.summed(np.zeros(self.free.shape))
+        tangent = self._tangent
         diagonal = np.einsum("nii->ni", blocks[tangent.rows == tangent.columns])
         return diagonal + self.supports.stiffness.diagonal().reshape(diagonal.shape)
 
@@ -83,12 +86,15 @@ class PrimalState(Balance):
         def moved(t: float, contact: np.ndarray) -> PrimalState:
             return PrimalState(self.frame, self.u + t * change, contact)
 
-        return lambda t: float(np.vdot(moved(t, self.contact).internal_forces, change)), moved
+        return lambda t: float(
+            np.vdot(moved(t, self.contact).internal_forces, change)
+        ), moved
 
     @cached_property
     def energy(self) -> float:
         """J, smallest over p, and friction (force times length)."""
-        reduced, u = self.frame.at(self.u), self.u
+        reduced = self.frame.at(self.u)
+        u = self.u
         work = np.vdot(reduced.load - 0.5 * reduced.supports.pull(u), u)
         return reduced.integral(reduced.density) - float(work) + self.friction_work
 

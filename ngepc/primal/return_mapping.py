@@ -10,7 +10,17 @@ displacement alone.  Its slanting function is the tangent of the radial return. 
 hardening beta |p| is an integral of beta(g), and  (2 mu_2 + h) g + beta(g) = |s|  for g = |p|.
 """
 
-from ngsolve import CF, L2, CoefficientFunction, GridFunction, Id, IfPos, InnerProduct, Norm, Trace
+from ngsolve import (
+    CF,
+    L2,
+    CoefficientFunction,
+    GridFunction,
+    Id,
+    IfPos,
+    InnerProduct,
+    Norm,
+    Trace,
+)
 from ngsolve.comp import ProxyFunction
 from ngsolve.fem import CacheCF, NewtonCF
 
@@ -43,20 +53,33 @@ class ReturnMapping:
 
     def __init__(self, problem: Problem, displacement: GridFunction) -> None:
         points = Points(problem.mesh, problem.kinematics, problem.order)
-        self._points, self._functions = points, PointFunctions(points)
+        self._points = points
+        self._functions = PointFunctions(points)
         self.kinematics = problem.kinematics
-        beta, h = self._own(problem.beta), self._own(problem.material.effective_hardening)
+        beta = self._own(problem.beta)
+        h = self._own(problem.material.effective_hardening)
         two_mu = 2 * self._own(problem.material.lame_mu)
-        self._two_mu, self._h, self._modulus = two_mu, h, two_mu + h
-        lame_lambda, size = self._own(problem.material.lame_lambda), self.kinematics.size
-        given = problem.initial_hardening, problem.initial_plastic_strain, problem.initial_strain
-        tensors = zip(given, (problem.alpha_0[1], problem.p_0, problem.eps_0), strict=True)
+        self._two_mu = two_mu
+        self._h = h
+        self._modulus = two_mu + h
+        lame_lambda = self._own(problem.material.lame_lambda)
+        size = self.kinematics.size
+        given = (
+            problem.initial_hardening,
+            problem.initial_plastic_strain,
+            problem.initial_strain,
+        )
+        tensors = zip(
+            given, (problem.alpha_0[1], problem.p_0, problem.eps_0), strict=True
+        )
         back, p_0, eps_0 = (t if g is None else self._own(t) for g, t in tensors)
         self._bulk = lame_lambda + two_mu / size
         e = self.kinematics.strain(displacement) - (p_0 + eps_0)
         s = self.kinematics.coordinates(two_mu * e - back)
         length = IfPos(Norm(s) - beta, Norm(s), beta)  # > 0
-        self.elastic_strain_trial, self._trial, self._length = e, s, length
+        self.elastic_strain_trial = e
+        self._trial = s
+        self._length = length
         self.plastic = IfPos(Norm(s) - (1 + YIELD_ROUNDING) * beta, 1.0, 0.0)
         self._eliminate(problem, beta)
         self.plastic_increment = self._gained / length * s
@@ -66,8 +89,12 @@ class ReturnMapping:
         deviator = self.kinematics.tensor(self._retained * s) + back
         self.stress = self._bulk * Trace(e) * Id(size) + deviator
 
-        kept, back = IfPos(Norm(s) - beta, self.bound, Norm(s)), self.kinematics.coordinates(back)
-        shape = Norm(s) * Norm(s) * h / (two_mu * self._modulus) + kept * kept / self._modulus
+        kept = IfPos(Norm(s) - beta, self.bound, Norm(s))
+        back = self.kinematics.coordinates(back)
+        shape = (
+            Norm(s) * Norm(s) * h / (two_mu * self._modulus)
+            + kept * kept / self._modulus
+        )
         given = InnerProduct(back, back + 2 * s) / two_mu
         given -= two_mu * InnerProduct(p_0, p_0)
         volume = self._bulk * Trace(e) * Trace(e)
@@ -75,12 +102,16 @@ class ReturnMapping:
 
     def _eliminate(self, problem: Problem, beta: CoefficientFunction) -> None:
         """|p|, in closed form or by Newton's method, with beta(|p|), its slope and integral."""
-        law, M = problem.material.law, self._modulus
+        law = problem.material.law
+        M = self._modulus
         x = self._own(problem.initial_accumulated or 0.0)
-        self._solution, self._softest = None, 0.0
+        self._solution = None
+        self._softest = 0.0
         if law is None:
             g = self._gained = (self._length - beta) / M
-            self.bound, self._slope, self.hardening_energy = beta, CF(0.0), beta * g
+            self.bound = beta
+            self._slope = CF(0.0)
+            self.hardening_energy = beta * g
             return
         law = law.at(self._own)
 
@@ -93,7 +124,8 @@ class ReturnMapping:
         self._solution = NewtonCF(equation, CF(0.0), tol=SOLVED, maxiter=50)
         self._softest = SOFTEST
         g = self._gained = self._functions.function(self._points.at(self._solution))
-        self.bound, more = bound(g), PEEQ * g
+        self.bound = bound(g)
+        more = PEEQ * g
         self._slope = PEEQ**2 * law.slope(x + more)
         stored = law.energy(x + more) - law.energy(x) - law.stress(x) * more
         self.hardening_energy = beta * g + stored
@@ -130,15 +162,23 @@ class ReturnMapping:
 
     def tangent(self, u: ProxyFunction, v: ProxyFunction) -> CoefficientFunction:
         """The slant derivative of ``power``: radial return differentiated where |s| > beta."""
-        two_mu, M, length, slope = self._two_mu, self._modulus, self._length, self._slope
+        two_mu = self._two_mu
+        M = self._modulus
+        length = self._length
+        slope = self._slope
         softer = (1 - self._softest) * (self.bound / length - slope / (M + slope))
         across = cached(two_mu * self._retained)
         along = cached(two_mu * two_mu / M * self.plastic * softer)
         direction = cached(self.kinematics.tensor(self._trial / length))
-        e, d = self.kinematics.strain(u), self.kinematics.strain(v)
+        e = self.kinematics.strain(u)
+        d = self.kinematics.strain(v)
         volume = (self._bulk - across / self.kinematics.size) * Trace(e) * Trace(d)
         shape = across * InnerProduct(e, d)
-        return volume + shape - along * InnerProduct(direction, e) * InnerProduct(direction, d)
+        return (
+            volume
+            + shape
+            - along * InnerProduct(direction, e) * InnerProduct(direction, d)
+        )
 
 
 def cached(coefficient: CoefficientFunction) -> CoefficientFunction:

@@ -67,7 +67,8 @@ class PrimalResult(DiscreteSolution):
     @cached_property
     def largest_strain(self) -> float:
         """The largest |eps(u)| at the points."""
-        mesh, rules = self.problem.mesh, self.state.frame.rules
+        mesh = self.problem.mesh
+        rules = self.state.frame.rules
         points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
         return self.problem.processes.most(np.asarray(frobenius(self.strain)(points)))
 
@@ -80,10 +81,13 @@ class PrimalResult(DiscreteSolution):
         integral is what makes the sum twice J.  The sum with ``primal_energy`` is a measure of what
         is left.
         """
-        state, problem = self.state, self.problem
+        state = self.state
+        problem = self.problem
         reduced = state.frame.at(state.u)
-        mapping, p_0 = reduced.mapping, problem.p_0
-        p, back = mapping.plastic_increment, problem.kinematics.coordinates(problem.alpha_0[1])
+        mapping = reduced.mapping
+        p_0 = problem.p_0
+        p = mapping.plastic_increment
+        back = problem.kinematics.coordinates(problem.alpha_0[1])
         density = (
             2 * mapping.hardening_energy
             - mapping.bound * Norm(p)

@@ -57,13 +57,19 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
     try:
         if not zipfile.is_zipfile(path):
             raise ValueError("it is no .npz file")
-        with np.load(path, allow_pickle=False) as data:  # the archive has a checksum of each array
+        with np.load(
+            path, allow_pickle=False
+        ) as data:  # the archive has a checksum of each array
             arrays = {name: data[name] for name in data.files}
         header = json.loads(str(arrays.pop("header")))
-        form, theirs, record = header["format"], dict(header["fingerprint"]), header["record"]
+        form = header["format"]
+        theirs = dict(header["fingerprint"])
+        record = header["record"]
         if form == FORMAT and header["arrays"] != sorted(arrays):
             raise ValueError("it is incomplete")
-    except Exception as error:  # damaged archives make NumPy and zipfile raise almost anything
+    except (
+        Exception
+    ) as error:  # damaged archives make NumPy and zipfile raise almost anything
         raise ValueError(
             f"checkpoint {path} is damaged or no checkpoint ({error}): move it away"
         ) from error
@@ -110,10 +116,14 @@ def problem_fingerprint(problem: Problem) -> str:
     given |= {"mesh": None, "clamped": problem.clamped_names, "gap": problem.gaps}
     given["contact"] = problem.contact_names, problem.contact_pairs
     given["friction"] = {"|".join(problem.touching_names): problem.friction}
-    return digest_of(part for name in given for part in (name, *data_of(given[name], problem.mesh)))
+    return digest_of(
+        part for name in given for part in (name, *data_of(given[name], problem.mesh))
+    )
 
 
-def data_of(value: object, mesh: Mesh, place: Place | None = None) -> Iterator[str | np.ndarray]:
+def data_of(
+    value: object, mesh: Mesh, place: Place | None = None
+) -> Iterator[str | np.ndarray]:
     """The texts and numbers of a datum, those of a coefficient in the body or at a place."""
     if isinstance(value, CoefficientFunction):
         if place is None or isinstance(place, str):

@@ -38,7 +38,9 @@ class Equilibrium:
     contact: np.ndarray  # of the obstacles, with their friction
     missing: np.ndarray
     free: np.ndarray  # boolean, the components that no support holds
-    others: Mapping[Place, np.ndarray] = field(default_factory=dict)  # of each roller and spring
+    others: Mapping[Place, np.ndarray] = field(
+        default_factory=dict
+    )  # of each roller and spring
 
     @property
     def reaction(self) -> np.ndarray:
@@ -61,7 +63,10 @@ class Equilibrium:
         here = {place: np.zeros(self.free.shape) for place in supports}
         for _, place, axis, _ in problem.held:
             here[place][axis, nodes_at(V.components[axis], place)] = 1.0
-        held = {place: problem.processes.summed(mask.T).T > 0 for place, mask in here.items()}
+        held = {
+            place: problem.processes.summed(mask.T).T > 0
+            for place, mask in here.items()
+        }
         fixed = np.where(self.free, 0.0, self.missing)
         share = fixed / np.maximum(sum(held.values(), np.zeros(self.free.shape)), 1)
         each = {place: np.where(mask, share, 0.0) for place, mask in held.items()}
@@ -77,16 +82,25 @@ class Equilibrium:
         own = forces[:, : self.problem.mesh.nv].T[self.problem.processes.own]
         return self.problem.processes.total(own.sum(axis=0))
 
-    def moment(self, forces: np.ndarray, about: Sequence[float] | None = None) -> np.ndarray:
+    def moment(
+        self, forces: np.ndarray, about: Sequence[float] | None = None
+    ) -> np.ndarray:
         """Sum of (x - about) x F over the nodes (force times length).
 
         ``about`` is a point, None for the origin.  Three components; for N = 2 one, positive
         counterclockwise.
         """
-        mesh, processes = self.problem.mesh, self.problem.processes
-        N, own = mesh.dim, processes.own
-        about = np.array(require_vector("about", (0.0,) * N if about is None else about, (N,)))
-        forces, arms = forces.T[: mesh.nv][own], vertex_coordinates(mesh)[own] - about
+        mesh = self.problem.mesh
+        processes = self.problem.processes
+        N = mesh.dim
+        own = processes.own
+        about = np.array(
+            require_vector("about", (0.0,) * N if about is None else about, (N,))
+        )
+        forces = forces.T[: mesh.nv][own]
+        arms = vertex_coordinates(mesh)[own] - about
         pairs = [(0, 1)] if N == 2 else [(1, 2), (2, 0), (0, 1)]
-        moments = [arms[:, a] @ forces[:, b] - arms[:, b] @ forces[:, a] for a, b in pairs]
+        moments = [
+            arms[:, a] @ forces[:, b] - arms[:, b] @ forces[:, a] for a, b in pairs
+        ]
         return processes.total(np.array(moments))

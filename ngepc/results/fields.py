@@ -3,7 +3,16 @@
 import math
 from dataclasses import dataclass
 
-from ngsolve import CoefficientFunction, GridFunction, Id, IfPos, InnerProduct, Norm, Trace, sqrt
+from ngsolve import (
+    CoefficientFunction,
+    GridFunction,
+    Id,
+    IfPos,
+    InnerProduct,
+    Norm,
+    Trace,
+    sqrt,
+)
 
 from ngepc.checks.arguments import require_coefficient
 from ngepc.checks.kinds import require_instance
@@ -39,7 +48,8 @@ class Quantities:
     @property
     def stress(self) -> CoefficientFunction:
         """Sigma = C (eps(u) - eps_0 - p_0 - p), a tensor (stress), (2.7)."""
-        m, kinematics = self.problem.material, self.problem.kinematics
+        m = self.problem.material
+        kinematics = self.problem.kinematics
         e = self.strain - self.problem.eps_0 - self.plastic_strain
         return m.lame_lambda * Trace(e) * Id(kinematics.size) + 2 * m.lame_mu * e
 

@@ -40,7 +40,9 @@ def check_folder(folder: Path) -> None:
 
 def _named(error: OSError, place: str) -> OSError:
     """The same error with what cannot be written in place of a temporary name."""
-    return type(error)(error.errno, f"{place} cannot be written: {error.strerror or error}")
+    return type(error)(
+        error.errno, f"{place} cannot be written: {error.strerror or error}"
+    )
 
 
 @contextmanager
@@ -82,6 +84,8 @@ def replace_contents(path: Path, content: bytes) -> None:
             os.fsync(stream.fileno())
         Path(name).chmod(0o644)
         Path(name).replace(path)
-    except BaseException:  # after Ctrl-C too the unfinished file goes; what was raised goes on
+    except (
+        BaseException
+    ):  # after Ctrl-C too the unfinished file goes; what was raised goes on
         Path(name).unlink(missing_ok=True)
         raise

@@ -17,7 +17,12 @@ from typing import Any
 import numpy as np
 
 from ngepc.discretisation.balance import EPSILON, Balance, Frame
-from ngepc.discretisation.contact_step import ROUNDING, contact_work, rival, with_contact
+from ngepc.discretisation.contact_step import (
+    ROUNDING,
+    contact_work,
+    rival,
+    with_contact,
+)
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.linesearch import nearly_flat
 from ngepc.results.outcome import History, IterationRecord, Monitor, Status
@@ -68,9 +73,12 @@ def newton_iteration(
     The monitor gets the record of each iterate and may raise StopIteration; ``target`` is exact by
     default.  What is returned is ``result`` of the last state, whatever its status says.
     """
-    history, before = History(), None
-    length, trials = 1.0, 0
-    status, message = None, ""
+    history = History()
+    before = None
+    length = 1.0
+    trials = 0
+    status = None
+    message = ""
     target = target or ExactTarget(state.frame)
     try:
         while status is None:
@@ -78,22 +86,26 @@ def newton_iteration(
             history.records.append(record)
             log.info(LINE, vars(record))
             if monitor is not None:
-                seen, ending = History(list(history.records)), f"after {record.iteration} steps"
+                seen = History(list(history.records))
+                ending = f"after {record.iteration} steps"
                 snapshot = partial(result, state, Status.STOPPED, ending, seen)
                 monitor(replace(record, snapshot=snapshot))
             status, message = end_of(state, before, history, tolerance, max_iterations)
             if status is Status.CONVERGED and state.frame.contact.friction.d:
                 status, message = uniqueness(state.on_sphere(), tangent)
             if status is None:
-                before, following = state.residual_norm, newton_step(state, tangent, target)
+                before = state.residual_norm
+                following = newton_step(state, tangent, target)
                 if following is None:
                     status, message = stuck(state)
                 else:
                     state, length, trials = following
     except FactorisationError as error:
-        status, message = Status.NONFINITE, f"{error}."
+        status = Status.NONFINITE
+        message = f"{error}."
     except (StopIteration, KeyboardInterrupt):
-        status, message = Status.STOPPED, f"after {len(history.records) - 1} steps"
+        status = Status.STOPPED
+        message = f"after {len(history.records) - 1} steps"
     return result(state, status, message, history)
 
 
@@ -117,7 +129,9 @@ def record_of(
     )
 
 
-def newton_step(here: Balance, tangent: Any, target: Target) -> tuple[Balance, float, int] | None:
+def newton_step(
+    here: Balance, tangent: Any, target: Target
+) -> tuple[Balance, float, int] | None:
     """The next state, the step length and its trials; None if no length lowers the energy."""
     change, contact = target(here, tangent)
     internal_work, moved = here.along(change)
@@ -134,7 +148,9 @@ def newton_step(here: Balance, tangent: Any, target: Target) -> tuple[Balance, f
     if found is None:
         return None
     if found[0] < 1.0:
-        return moved(found[0], here.contact + found[0] * (contact - here.contact)), *found
+        return moved(
+            found[0], here.contact + found[0] * (contact - here.contact)
+        ), *found
     state = moved(1.0, contact)
     falls = here.residual_norm > QUADRATIC * state.residual_norm
     return (state.on_sphere() if falls else state), *found
@@ -143,7 +159,8 @@ def newton_step(here: Balance, tangent: Any, target: Target) -> tuple[Balance, f
 def slope_rounding(here: Balance, change: np.ndarray, contact: np.ndarray) -> float:
     """What rounding leaves of a slope, also where du is nothing but rounding of u itself."""
     frame, processes = here.frame, here.frame.contact.processes
-    size, forces = np.abs(here.u), np.abs(contact)
+    size = np.abs(here.u)
+    forces = np.abs(contact)
     terms = NOISE * np.abs(change) + 2 * EPSILON * size
     summed = processes.dot(np.abs(here.internal_forces), terms)
     pressing = processes.total(float(forces[frame.contact.own].sum()))
@@ -159,10 +176,15 @@ def uniqueness(here: Balance, tangent: Any) -> tuple[Status, str]:
 
 
 def end_of(
-    here: Balance, before: float | None, history: History, tolerance: float, max_iterations: int
+    here: Balance,
+    before: float | None,
+    history: History,
+    tolerance: float,
+    max_iterations: int,
 ) -> tuple[Status | None, str]:
     """Whether the run ends with a state, the residual before it, and why; None to go on."""
-    steps, residual = len(history.records) - 1, here.residual_norm
+    steps = len(history.records) - 1
+    residual = here.residual_norm
     if not np.isfinite(residual + here.energy):
         return Status.NONFINITE, "The energy or the residual is NaN or infinite."
     if residual <= tolerance and here.penetration <= here.touching_distance:

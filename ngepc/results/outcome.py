@@ -13,14 +13,26 @@ class Status(Enum):
 
     CONVERGED = "The residual, computed afresh at the end, meets the tolerance."
     BOUNDED = "Newton's method was ended where its part of the guaranteed error bound is small."
-    NOT_UNIQUE = "The residual meets the tolerance, but friction allows other equilibria, too."
-    ITERATION_LIMIT = "The iteration limit was reached before the residual met the tolerance."
-    LINESEARCH_FAILED = "No step length along the Newton direction lowers the energy enough."
-    STAGNATED = "The energy no longer changes beyond rounding, the tolerance is out of reach."
+    NOT_UNIQUE = (
+        "The residual meets the tolerance, but friction allows other equilibria, too."
+    )
+    ITERATION_LIMIT = (
+        "The iteration limit was reached before the residual met the tolerance."
+    )
+    LINESEARCH_FAILED = (
+        "No step length along the Newton direction lowers the energy enough."
+    )
+    STAGNATED = (
+        "The energy no longer changes beyond rounding, the tolerance is out of reach."
+    )
     NONFINITE = "A factorisation, energy or residual became singular, NaN or infinite."
-    LIMIT_LOAD = "Plastic strains grow without bound: the loads are at or beyond a limit load."
+    LIMIT_LOAD = (
+        "Plastic strains grow without bound: the loads are at or beyond a limit load."
+    )
     UNHELD = "Contact cannot balance the loads on a part that nothing else holds: no solution."
-    MESH_LIMIT = "The error bound is above what was asked, and a finer mesh is not allowed."
+    MESH_LIMIT = (
+        "The error bound is above what was asked, and a finer mesh is not allowed."
+    )
     STOPPED = "The monitor (or an interrupt) stopped the run; the state is the last one reached."
 
     def __str__(self) -> str:
@@ -50,7 +62,9 @@ class IterationRecord:
     residual_norm: float  # ||Psi_gamma||_{H*}, or the relative one of the exact methods
     contact_residual_norm: float = 0.0  # its part on Gamma_c (z)
     plastic_residual_norm: float = 0.0  # its part in Omega (q)
-    energy: float = float("nan")  # J*_gamma(v) of dual methods, else J (force times length)
+    energy: float = float(
+        "nan"
+    )  # J*_gamma(v) of dual methods, else J (force times length)
     step_length: float = 1.0  # alpha of the step that led here
     halvings: int = 0  # trials before it
     back_substitutions: int = 0  # solves with the matrix of that step
@@ -58,7 +72,9 @@ class IterationRecord:
     contact_active: float = 0.0
     plastic_active: float = 0.0
     friction_active: float = 0.0
-    snapshot: Callable[[], Ending] | None = field(default=None, compare=False, repr=False)
+    snapshot: Callable[[], Ending] | None = field(
+        default=None, compare=False, repr=False
+    )
 
 
 Monitor = Callable[[IterationRecord], None]

@@ -61,7 +61,11 @@ FIELDS = {
 def provenance() -> dict[str, Any]:
     """Versions and the command that a result came from."""
     program = Path(sys.argv[0])
-    name = f"python -m {program.parent.name}" if program.stem == "__main__" else program.stem
+    name = (
+        f"python -m {program.parent.name}"
+        if program.stem == "__main__"
+        else program.stem
+    )
     return {
         "version": __version__,
         "ngsolve": version("ngsolve"),
@@ -78,7 +82,8 @@ def l2_norm(field: Any, mesh: Any) -> float:
 
 def solve_record(name: str, result: Any, wall_time: float) -> dict[str, Any]:
     """One solve as a dictionary, the part of ``FIELDS`` that the result knows."""
-    mesh, history = result.problem.mesh, result.history
+    mesh = result.problem.mesh
+    history = result.history
     told = ("message", "iterations", "dual_energy", "primal_energy", "residual_norm")
     return {
         "schema": SCHEMA,
@@ -89,7 +94,10 @@ def solve_record(name: str, result: Any, wall_time: float) -> dict[str, Any]:
         "label": getattr(result, "method_label", ""),
         "status": result.status.label,
         **{field: getattr(result, field) for field in told},
-        **{f: getattr(history, f) for f in ("residual_norms", "step_lengths", "halvings")},
+        **{
+            f: getattr(history, f)
+            for f in ("residual_norms", "step_lengths", "halvings")
+        },
         "contact_force": result.contact_force,
         "displacement_l2": l2_norm(result.displacement, mesh),
         "plastic_strain_l2": l2_norm(result.plastic_strain, mesh),

@@ -151,10 +151,16 @@ class DiscreteSolution(Result):
     def equilibrium(self) -> Equilibrium:
         """Nodal forces of loads, obstacles and supports."""
         state, frame = self.state, self.state.frame
-        others = {p: -f.T for p, f in frame.contact.roller_forces(state.contact).items()}
-        contact = -state.contact_forces.T - sum(others.values(), np.zeros(frame.load.T.shape))
+        others = {
+            p: -f.T for p, f in frame.contact.roller_forces(state.contact).items()
+        }
+        contact = -state.contact_forces.T - sum(
+            others.values(), np.zeros(frame.load.T.shape)
+        )
         for place in frame.supports.springs:
-            others[place] = others.get(place, 0.0) - frame.supports.pull(state.u, place).T
+            others[place] = (
+                others.get(place, 0.0) - frame.supports.pull(state.u, place).T
+            )
         forces = frame.load.T, contact, state.missing.T
         return Equilibrium(self.problem, *forces, frame.free.T, others)
 
@@ -223,9 +229,12 @@ class DiscreteSolution(Result):
 
     def _density(self, name: str, forces: np.ndarray) -> GridFunction:
         """Forces of the rows, shape (m, components), over the area that belongs to them, P1."""
-        rows, mesh, components = self.rows, self.problem.mesh, forces.shape[1]
+        rows = self.rows
+        mesh = self.problem.mesh
+        components = forces.shape[1]
         space = H1(mesh, order=1) if components == 1 else VectorH1(mesh, order=1)
-        density, area = GridFunction(space, name=name), np.zeros(mesh.nv)
+        density = GridFunction(space, name=name)
+        area = np.zeros(mesh.nv)
         np.add.at(area, rows.vertices, rows.weights)
         values = density.vec.FV().NumPy().reshape(components, mesh.nv)
         np.add.at(values.T, rows.vertices, forces)
@@ -251,8 +260,12 @@ class DiscreteSolution(Result):
     def contact_facets(self) -> int:
         """Number of contact facets all of whose vertices are pressed."""
         pressed = set(self.rows.vertices[self.pressing > 0].tolist())
-        facets = self.problem.mesh.Boundaries("|".join(self.problem.touching_names)).Elements()
-        here = sum(pressed.issuperset(vertex.nr for vertex in f.vertices) for f in facets)
+        facets = self.problem.mesh.Boundaries(
+            "|".join(self.problem.touching_names)
+        ).Elements()
+        here = sum(
+            pressed.issuperset(vertex.nr for vertex in f.vertices) for f in facets
+        )
         return self.problem.processes.total(here)
 
     @property
@@ -267,11 +280,15 @@ class DiscreteSolution(Result):
         return " ".join(filter(None, (self.ending, *seen)))
 
     def _observations(self) -> list[str]:
-        found, processes, rows = [], self.problem.processes, self.rows
+        found = []
+        processes = self.problem.processes
+        rows = self.rows
         touching = int(self.state.frame.contact.sum_of(self.pressing > 0))
         places = vertex_coordinates(self.problem.mesh)[rows.vertices].tolist()
         gaps = np.where(rows.tied, np.inf, self.open_gap).tolist()
-        gap, place = min(processes.all(min(zip(gaps, places, strict=True), default=(np.inf, []))))
+        gap, place = min(
+            processes.all(min(zip(gaps, places, strict=True), default=(np.inf, [])))
+        )
         if np.isfinite(gap) and not touching:
             found.append(
                 f"Nothing touches the obstacle: the smallest gap left is {gap:.3g}"

@@ -19,7 +19,9 @@ from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.gradient import states_of, tangents_at
 from ngepc.sensitivity.parameters import MATERIAL
 
-ILL_CONDITIONED = 1e8  # condition of J' J above which the data do not identify all constants
+ILL_CONDITIONED = (
+    1e8  # condition of J' J above which the data do not identify all constants
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,8 @@ class Curve:
     def __post_init__(self) -> None:
         require_instance("schedule", self.schedule, Schedule, "a Schedule")
         as_functional(self.functional)
-        count, times = len(numbers_in("measured", self.measured)), len(self.schedule.times)
+        count = len(numbers_in("measured", self.measured))
+        times = len(self.schedule.times)
         if count != times:
             raise ValueError(
                 f"measured={self.measured!r}: one value for each of {times} times is needed"
@@ -65,21 +68,28 @@ class Curve:
         for value in noise:
             require_number("noise", value, 0, strict=True)
 
-    def fit(self, problem: Problem) -> tuple[np.ndarray, Callable[[Sequence[str]], np.ndarray]]:
+    def fit(
+        self, problem: Problem
+    ) -> tuple[np.ndarray, Callable[[Sequence[str]], np.ndarray]]:
         """(predicted - measured) / noise, and what gives its derivatives by material constants.
 
         SolverError if a step does not converge.
         """
-        run, functional = evolve(problem, self.schedule), as_functional(self.functional)
+        run = evolve(problem, self.schedule)
+        functional = as_functional(self.functional)
         states = [give_state() for give_state in states_of(run)]
-        steps = [run.times.index(time) for time in self.schedule.times]  # cuts add others
+        steps = [
+            run.times.index(time) for time in self.schedule.times
+        ]  # cuts add others
         predicted = np.array([functional.slope(states[step]).value for step in steps])
         weights = np.ones(len(steps)) / (1.0 if self.noise is None else self.noise)
 
         def slopes(names: Sequence[str]) -> np.ndarray:
             """Shape (measurements, names)."""
             found = [tangents_at(states, {name: 1.0}) for name in names]
-            slopes = [[change[step].of(functional) for change in found] for step in steps]
+            slopes = [
+                [change[step].of(functional) for change in found] for step in steps
+            ]
             return weights[:, None] * slopes
 
         return weights * (predicted - self.measured), slopes
@@ -184,23 +194,31 @@ def calibrate(
     )
 
 
-def _checked(start: Mapping, curves: Sequence[Curve]) -> tuple[tuple[str, ...], Sequence[Curve]]:
+def _checked(
+    start: Mapping, curves: Sequence[Curve]
+) -> tuple[tuple[str, ...], Sequence[Curve]]:
     """Names of material constants with positive guesses, and curves that have as many values."""
     require_mapping("start", start, "material constant -> first guess")
     for name, guess in start.items():
         if name not in MATERIAL:
-            raise ValueError(f"start names {name!r}: one of {', '.join(MATERIAL)} is needed")
+            raise ValueError(
+                f"start names {name!r}: one of {', '.join(MATERIAL)} is needed"
+            )
         require_number(f"start[{name!r}]", guess, 0, strict=True)
     require_sequence("curves", curves, "Curve objects")
     for number, curve in enumerate(curves):
         require_instance(f"curves[{number}]", curve, Curve, "Curve(...)")
     count = sum(len(curve.measured) for curve in curves)
     if count < len(start):
-        raise ValueError(f"curves={curves!r}: at least {len(start)} measurements are needed")
+        raise ValueError(
+            f"curves={curves!r}: at least {len(start)} measurements are needed"
+        )
     return tuple(start), curves
 
 
-def _statistics(found: OptimizeResult, confidence: float, known: bool) -> tuple[float, np.ndarray]:
+def _statistics(
+    found: OptimizeResult, confidence: float, known: bool
+) -> tuple[float, np.ndarray]:
     """Condition of J' J, and the ends of the confidence intervals, shape (2, constants).
 
     Those of the linearised problem at the end of the search; where the noise is not ``known`` it is
@@ -209,10 +227,20 @@ def _statistics(found: OptimizeResult, confidence: float, known: bool) -> tuple[
     m, n = found.jac.shape
     _, singular, right = np.linalg.svd(found.jac, full_matrices=False)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        condition = float((singular[0] / singular[-1]) ** 2) if singular[-1] > 0 else np.inf
-        error = np.sqrt(np.nan_to_num((right / singular[:, None]) ** 2, posinf=np.inf).sum(0))
+        condition = (
+            float((singular[0] / singular[-1]) ** 2) if singular[-1] > 0 else np.inf
+        )
+        error = np.sqrt(
+            np.nan_to_num((right / singular[:, None]) ** 2, posinf=np.inf).sum(0)
+        )
         factor = stats.norm.ppf(0.5 + confidence / 2)
-        if not known:  # nothing tells it where as many measurements as constants are fitted
-            error = error * np.sqrt(2 * found.cost / (m - n)) if m > n else np.full(n, np.inf)
+        if (
+            not known
+        ):  # nothing tells it where as many measurements as constants are fitted
+            error = (
+                error * np.sqrt(2 * found.cost / (m - n))
+                if m > n
+                else np.full(n, np.inf)
+            )
             factor = stats.t.ppf(0.5 + confidence / 2, max(m - n, 1))
         return condition, np.exp(found.x + factor * np.outer([-1, 1], error))

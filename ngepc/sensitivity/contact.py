@@ -21,7 +21,9 @@ from ngepc.linalg.friction import matrix_of_rows
 from ngepc.local.system import State
 from ngepc.sensitivity.radial import Tape
 
-BIACTIVE = 1e-6  # relative distance from the change of side within which something is biactive
+BIACTIVE = (
+    1e-6  # relative distance from the change of side within which something is biactive
+)
 
 
 class LinearContact:
@@ -34,17 +36,26 @@ class LinearContact:
     closed: np.ndarray  # boolean, shape (m,) as all but the direction
     slips: np.ndarray  # boolean
     bound: np.ndarray  # b (force)
-    trial: np.ndarray  # |t + k slip| with the stiffness k of the row, more than b where it slips
+    trial: (
+        np.ndarray
+    )  # |t + k slip| with the stiffness k of the row, more than b where it slips
     along: np.ndarray  # e, zero where nothing is known of it, shape (m, d)
     grows: np.ndarray  # boolean: the bound is mu n
     coefficient: np.ndarray  # mu there
 
     def __init__(
-        self, state: State, closed: np.ndarray | None = None, slips: np.ndarray | None = None
+        self,
+        state: State,
+        closed: np.ndarray | None = None,
+        slips: np.ndarray | None = None,
     ) -> None:
-        self.state, self.conditions = state, state.discrete.contact
-        self.law, self.stiffness = self.conditions.friction, state.discrete.row_stiffness
-        law, tied, m = self.law, state.discrete.rows.tied, len(state.multipliers)
+        self.state = state
+        self.conditions = state.discrete.contact
+        self.law = self.conditions.friction
+        self.stiffness = state.discrete.row_stiffness
+        law = self.law
+        tied = state.discrete.rows.tied
+        m = len(state.multipliers)
         y = state.contact - self.stiffness * state.gaps
         y[:m], law.split(y)[1][tied] = state.multipliers, 0.0
         slipping, self.along, self.bound, self.trial = law.slipping(y)
@@ -52,10 +63,14 @@ class LinearContact:
         self.coefficient = np.where(self.grows, law.coefficient, 0.0)
         self.closed = (y[:m] > 0) | tied if closed is None else closed
         self.slips = self.closed & (slipping if slips is None else slips)
-        self.rows = self.conditions.matrix @ diags(state.discrete.free.ravel().astype(float))
+        self.rows = self.conditions.matrix @ diags(
+            state.discrete.free.ravel().astype(float)
+        )
         self.rows.eliminate_zeros()
         movable = law.split(np.sqrt(self.rows.power(2).sum(axis=1)).A1 > HELD)
-        self.blocks = law.slope(y, self.closed, self.slips) * np.column_stack(movable)[:, :, None]
+        self.blocks = (
+            law.slope(y, self.closed, self.slips) * np.column_stack(movable)[:, :, None]
+        )
         self.slope = matrix_of_rows(self.blocks)
         self.pushed = -self.slope @ diags(self.stiffness)
 
@@ -74,9 +89,16 @@ class LinearContact:
         """
         R, pushed, back = self.conditions, self.pushed, self.pushed.T.tocsr()
         tangential = diags(np.arange(len(R)) >= len(self.closed), dtype=float)
-        e, split = np.where(self.slips[:, None], self.along, 0.0), self.law.split
-        dragged = (lambda b: np.append(0 * b, b[:, None] * e), lambda w: (e * split(w)[1]).sum(1))
-        slipped = (lambda u: tangential @ R.displacement(u), lambda w: R.forces(tangential @ w))
+        e = np.where(self.slips[:, None], self.along, 0.0)
+        split = self.law.split
+        dragged = (
+            lambda b: np.append(0 * b, b[:, None] * e),
+            lambda w: (e * split(w)[1]).sum(1),
+        )
+        slipped = (
+            lambda u: tangential @ R.displacement(u),
+            lambda w: R.forces(tangential @ w),
+        )
         moved = (lambda u: -R.displacement(u), lambda w: -R.forces(w))
         return Tape(
             [
@@ -125,7 +147,9 @@ def biactive_set(contact: LinearContact) -> Biactive:
     and with the force that the row's elastic stiffness answers that distance with.
     """
     state, law, discrete = contact.state, contact.law, contact.state.discrete
-    rows, beta, forces = discrete.rows, discrete.law.beta, state.multipliers
+    rows = discrete.rows
+    beta = discrete.law.beta
+    forces = state.multipliers
     distance = BIACTIVE * max(np.abs(state.u).max(), np.abs(rows.gaps).max(initial=0.0))
     stiffness = rows.normal.power(2) @ discrete.stiffness_diagonal.ravel()
     largest = BIACTIVE * forces.max(initial=0.0)

@@ -33,7 +33,8 @@ class Slope(NamedTuple):
 
 def _contact_force(state: State) -> Slope:
     """The resultant of the normal contact forces, positive in compression (force)."""
-    contact, pressing = np.zeros_like(state.contact), ~state.discrete.rows.tied
+    contact = np.zeros_like(state.contact)
+    pressing = ~state.discrete.rows.tied
     contact[: len(pressing)] = pressing
     return Slope(float(contact @ state.contact), Data(contact=contact))
 
@@ -43,9 +44,12 @@ def _primal_energy(state: State) -> Slope:
 
     p is best for u, so that J depends on u and on the data.
     """
-    law, at, weights = state.discrete.law, state.at, state.discrete.points.weights
+    law = state.discrete.law
+    at = state.at
+    weights = state.discrete.points.weights
     elastic = law.stress(at) / law.two_mu[:, None]
-    contact, still = LinearContact(state), np.zeros(len(state.multipliers))
+    contact = LinearContact(state)
+    still = np.zeros(len(state.multipliers))
     slid = -(contact.along * contact.law.split(state.gaps)[1]).sum(axis=1)
     slip = np.where(contact.slips, np.maximum(slid, 0.0), 0.0)
     bound = np.where(contact.slips, contact.bound, 0.0)
@@ -71,16 +75,22 @@ def _primal_energy(state: State) -> Slope:
 
 def _elastic_energy(state: State) -> Slope:
     """1/2 int sigma : (eps(u) - p_0 - p), what the body gives back (force times length)."""
-    law, points = state.discrete.law, state.discrete.points
+    law = state.discrete.law
+    points = state.discrete.points
     elastic = law.stress(state.at) / law.two_mu[:, None]
-    shapes, volumes = 0.5 * (elastic**2).sum(axis=1), 0.5 * state.volume**2
+    shapes = 0.5 * (elastic**2).sum(axis=1)
+    volumes = 0.5 * state.volume**2
     by = Data(stress=elastic, mean=state.volume, bulk=-volumes, two_mu=-shapes)
-    return Slope(points.integral(law.bulk * volumes + law.two_mu * shapes), points.weights * by)
+    return Slope(
+        points.integral(law.bulk * volumes + law.two_mu * shapes), points.weights * by
+    )
 
 
 def _dissipation(state: State) -> Slope:
     """Int beta |p|, what the plastic strain of the step costs (force times length)."""
-    beta, at, points = state.discrete.law.beta, state.at, state.discrete.points
+    beta = state.discrete.law.beta
+    at = state.at
+    points = state.discrete.points
     by = Data(p=beta[:, None] * at.direction, beta=at.gained)
     return Slope(points.integral(beta * at.gained), points.weights * by)
 
@@ -108,7 +118,8 @@ class DisplacementAt(Declared):
 
     def slope(self, state: State) -> Slope:
         """Value and derivatives at a state; ValueError if the point is not in the body."""
-        points, N = state.discrete.points, state.discrete.problem.N
+        points = state.discrete.points
+        N = state.discrete.problem.N
         place = require_vector("point", self.point, (N,))
         component = require_integer("component", self.component, 0, N - 1)
         if not points.mesh.Contains(*place):
@@ -142,12 +153,16 @@ class Reaction(Declared):
         component = require_integer("component", self.component, 0, problem.N - 1)
         (name,) = boundary_names("support", self.support, problem.mesh)
         region = problem.mesh.Boundaries(name)
-        there = np.array(discrete.supports.space.components[component].GetDofs(region), dtype=bool)
+        there = np.array(
+            discrete.supports.space.components[component].GetDofs(region), dtype=bool
+        )
         there[problem.mesh.nv :] = False
         motion = np.zeros_like(state.u)
         motion[there, component] = ~discrete.supports.free[there, component]
         if not motion.any():
-            raise ValueError(f"support={self.support!r}: it does not hold component {component}")
+            raise ValueError(
+                f"support={self.support!r}: it does not hold component {component}"
+            )
         volume, e = discrete.points.strain(motion)
         by = discrete.points.weights * Data(stress=e, mean=volume)
         by += Data(u=discrete.supports.pull(motion), load=-motion)
@@ -170,10 +185,20 @@ values on boundaries.
 
 def _of_form(form: Form, state: State) -> Slope:
     """A form by its ``Variation``; TypeError if it does not return integrals."""
-    discrete, rows, mesh = state.discrete, state.discrete.rows, state.discrete.problem.mesh
-    law, functions = discrete.law, PointFunctions(discrete.points)
-    kinematics, total = discrete.points.kinematics, law.initial + state.at.plastic_strain
-    values = {"p": total, "stress": law.stress(state.at), "mean": law.bulk * state.volume}
+    discrete, rows, mesh = (
+        state.discrete,
+        state.discrete.rows,
+        state.discrete.problem.mesh,
+    )
+    law = discrete.law
+    functions = PointFunctions(discrete.points)
+    kinematics = discrete.points.kinematics
+    total = law.initial + state.at.plastic_strain
+    values = {
+        "p": total,
+        "stress": law.stress(state.at),
+        "mean": law.bulk * state.volume,
+    }
     parts = [functions.function(value) for value in values.values()]
     area = np.bincount(rows.vertices, rows.weights, mesh.nv)[rows.vertices]
     share = np.where(rows.tied, 0.0, 1 / area)
@@ -187,7 +212,9 @@ def _of_form(form: Form, state: State) -> Slope:
     integrals = form(*given[: len(signature(form).parameters)])
     if not isinstance(integrals, SumOfIntegrals):
         raise TypeError(f"functional returned {integrals!r}: integrals are needed")
-    varied, here, slope = ngs.BilinearForm(space), ngs.GridFunction(space), ngs.GridFunction(space)
+    varied = ngs.BilinearForm(space)
+    here = ngs.GridFunction(space)
+    slope = ngs.GridFunction(space)
     varied += ngs.Variation(integrals)
     vectors = state.u.T.ravel(), *(part.vec.FV().NumPy() for part in parts), pressure
     here.vec.FV().NumPy()[:] = np.concatenate(vectors)
@@ -197,13 +224,17 @@ def _of_form(form: Form, state: State) -> Slope:
     contact[: len(rows)] = share * of_pressure[rows.vertices]
     by = Data(u=nodal(of_u, discrete.problem).copy(), contact=contact)
     for (name, value), of in zip(values.items(), of_points, strict=True):
-        by[name] = functions.transposed(of, value.size // len(value)).reshape(value.shape)
+        by[name] = functions.transposed(of, value.size // len(value)).reshape(
+            value.shape
+        )
     return Slope(float(varied.Energy(here.vec)), by + Data(initial=by["p"]))
 
 
 def misfit(observed: ngs.CoefficientFunction, boundary: str | None = None) -> Form:
     """Int |u - observed|^2 over a boundary, or over the body."""
-    require_instance("observed", observed, ngs.CoefficientFunction, "a vector coefficient")
+    require_instance(
+        "observed", observed, ngs.CoefficientFunction, "a vector coefficient"
+    )
     require_text("boundary", boundary, optional=True)
     measure = ngs.dx if boundary is None else ngs.ds(boundary)
     return lambda u, p, stress: ngs.InnerProduct(u - observed, u - observed) * measure
@@ -216,11 +247,15 @@ def as_functional(functional: object) -> Functional:
     """
     if isinstance(functional, str):
         if functional not in NAMES:
-            raise ValueError(f"functional={functional!r}: one of {', '.join(NAMES)} is needed")
+            raise ValueError(
+                f"functional={functional!r}: one of {', '.join(NAMES)} is needed"
+            )
         functional = SimpleNamespace(slope=NAMES[functional])
     elif callable(functional):
         functional = SimpleNamespace(slope=partial(_of_form, functional))
-    require_attributes("functional", functional, ["slope"], "a name, a form or a functional")
+    require_attributes(
+        "functional", functional, ["slope"], "a name, a form or a functional"
+    )
     return functional
 
 
@@ -228,7 +263,9 @@ def slope_by_mesh(functional: Functional, state: State, change: Data) -> float:
     """The part of a functional's derivative along a change that only the mesh carries."""
     if "shape" not in change:
         return 0.0
-    found = on_moving_mesh(state, change["shape"], lambda there: functional.slope(there).value)
+    found = on_moving_mesh(
+        state, change["shape"], lambda there: functional.slope(there).value
+    )
     data = radial_return(state, state.on_sphere().moduli).forward(found)
     carried = functional.slope(state).by.paired(data)
     return float(found["value"]) - carried

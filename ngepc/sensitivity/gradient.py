@@ -36,7 +36,9 @@ from ngepc.sensitivity.parameters import Direction, Parameters, changed_data, di
 from ngepc.sensitivity.radial import INHERITED, Data
 
 EXCHANGES = 50  # most exchanges of sides
-NEUTRAL = 1e-9  # relative change below which either side is right, as for a body that waits
+NEUTRAL = (
+    1e-9  # relative change below which either side is right, as for a body that waits
+)
 
 Solution = ExactResult | Evolution
 """What has derivatives."""
@@ -59,15 +61,24 @@ class Gradient(dict[str, float]):
     """
 
     def __init__(
-        self, derivatives: Mapping[str, float], functional: float, biactive: tuple[Biactive, ...]
+        self,
+        derivatives: Mapping[str, float],
+        functional: float,
+        biactive: tuple[Biactive, ...],
     ) -> None:
         super().__init__(derivatives)
-        self.functional, self.biactive, self.message = functional, biactive, told(biactive)
+        self.functional = functional
+        self.biactive = biactive
+        self.message = told(biactive)
         self.differentiable = not self.message
 
 
 def gradient(
-    result: Solution, functional: str | Form | Functional, parameters: Parameters, *, step: int = -1
+    result: Solution,
+    functional: str | Form | Functional,
+    parameters: Parameters,
+    *,
+    step: int = -1,
 ) -> Gradient:
     """The derivatives of a functional of a solution with respect to data of its problem.
 
@@ -99,10 +110,13 @@ def gradient(
     TangentError
         If the derivative does not exist because the tangent is singular.
     """
-    wanted, functional = directions(parameters), as_functional(functional)
+    wanted = directions(parameters)
+    functional = as_functional(functional)
     steps = states_of(result)
     last = range(len(steps))[require_integer("step", step, -len(steps), len(steps) - 1)]
-    derivatives, found, by = dict.fromkeys(wanted, 0.0), [], Data()
+    derivatives = dict.fromkeys(wanted, 0.0)
+    found = []
+    by = Data()
     for number in range(last, -1, -1):
         linear = LinearStep(steps[number]())
         found.insert(0, biactive_set(linear.contact))
@@ -138,9 +152,13 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
     if any(problem.mesh != result.problem.mesh for problem in problems):
         raise ValueError("result has steps on several meshes: one mesh is needed")
     if any(step.contact is None for step in result.steps):
-        raise ValueError("result has steps with gamma: steps of the exact methods are needed")
+        raise ValueError(
+            "result has steps with gamma: steps of the exact methods are needed"
+        )
     names = ("initial_plastic_strain", "initial_hardening")
-    problems[0] = replace(problems[0], **{name: getattr(result.problem, name) for name in names})
+    problems[0] = replace(
+        problems[0], **{name: getattr(result.problem, name) for name in names}
+    )
 
     def restored(problem: Problem, step: EvolutionStep) -> State:
         """The state of a finished step from its displacement and its forces of contact."""
@@ -148,7 +166,9 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
         discrete = DiscreteProblem(problem, result.memory.functions.points)
         return discrete.state(u, contact=step.contact)
 
-    return [partial(restored, *pair) for pair in zip(problems, result.steps, strict=True)]
+    return [
+        partial(restored, *pair) for pair in zip(problems, result.steps, strict=True)
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +200,9 @@ class TangentResult:
     @property
     def displacement(self) -> GridFunction:
         """The change of u."""
-        return self.state.discrete.supports.function(self.change["u"], "displacement_change")
+        return self.state.discrete.supports.function(
+            self.change["u"], "displacement_change"
+        )
 
     @property
     def contact_force(self) -> float:
@@ -226,9 +248,14 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
 
 def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
     """The derivatives of the solutions of time steps, in time."""
-    pairs = {n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()}
+    pairs = {
+        n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()
+    }
     wanted = directions({name: direction for name, (_, direction) in pairs.items()})
-    numbers = {name: require_number(f"parameters[{name!r}]", r) for name, (r, _) in pairs.items()}
+    numbers = {
+        name: require_number(f"parameters[{name!r}]", r)
+        for name, (r, _) in pairs.items()
+    }
     found: list[TangentResult] = []
     data = Data()
     for state in states:
@@ -237,7 +264,9 @@ def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
                 data += numbers[name] * changed_data(state, direction)
         found.append(_change_of(state, data, found[-1].biactive if found else ()))
         change = found[-1].change
-        data = Data({n: change[f"next_{n}"] for n in INHERITED if f"next_{n}" in change})
+        data = Data(
+            {n: change[f"next_{n}"] for n in INHERITED if f"next_{n}" in change}
+        )
     return found
 
 
@@ -251,15 +280,21 @@ def _change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> Tangen
     for _ in range(EXCHANGES):
         change = LinearStep(state, contact).forward(data)
         found = TangentResult(state, contact, change, biactive)
-        chosen, yields = _chosen_rows(found), state.at.yields.copy()
-        over = np.einsum("pd,pd->p", state.at.direction, change["trial"]) - change["beta"]
+        chosen = _chosen_rows(found)
+        yields = state.at.yields.copy()
+        over = (
+            np.einsum("pd,pd->p", state.at.direction, change["trial"]) - change["beta"]
+        )
         size = np.abs(state.discrete.law.two_mu[:, None] * change["strain"]).max()
         kept = np.where(np.abs(over) <= NEUTRAL * size, yields, over > 0)
         yields[biactive[-1].points] = kept[biactive[-1].points]
         if chosen.same_sides(contact) and (yields == state.at.yields).all():
             return found
-        contact, state = chosen, replace(state, at=replace(state.at, yields=yields))
-    raise TangentError(f"the sides of biactive rows and points did not settle: {found.message}")
+        contact = chosen
+        state = replace(state, at=replace(state.at, yields=yields))
+    raise TangentError(
+        f"the sides of biactive rows and points did not settle: {found.message}"
+    )
 
 
 def _chosen_rows(found: TangentResult) -> LinearContact:
@@ -268,10 +303,16 @@ def _chosen_rows(found: TangentResult) -> LinearContact:
     TangentError if a row that comes into contact would slip from where it is: no derivative is
     known then.
     """
-    contact, change, (rows, kinks, _) = found.rows, found.change, found.biactive[-1]
-    closed, slips, mu = contact.closed.copy(), contact.slips.copy(), contact.coefficient
-    split, moved = contact.law.split, contact.conditions.displacement
-    (normal, tangential), (across, along) = split(change["contact"]), split(moved(change["u"]))
+    contact = found.rows
+    change = found.change
+    rows, kinks, _ = found.biactive[-1]
+    closed = contact.closed.copy()
+    slips = contact.slips.copy()
+    mu = contact.coefficient
+    split = contact.law.split
+    moved = contact.conditions.displacement
+    normal, tangential = split(change["contact"])
+    across, along = split(moved(change["u"]))
     least = -NEUTRAL * np.abs(normal).max(initial=0.0)
     moves = NEUTRAL * np.abs(change["u"]).max()
     apart = split(np.zeros_like(found.state.contact) + change["gaps"])[0] - across
@@ -282,6 +323,10 @@ def _chosen_rows(found: TangentResult) -> LinearContact:
     way = ((along - start) * contact.along).sum(axis=1)
     slips[kinks] = np.where(slips[kinks], way[kinks] >= -moves, over[kinks] > -least)
     stuck = rows[closed[rows] & ~slips[rows]]
-    if (np.linalg.norm(tangential[stuck], axis=1) > mu[stuck] * normal[stuck] - least).any():
-        raise TangentError("a row that comes into contact slips from rest: " + found.message)
+    if (
+        np.linalg.norm(tangential[stuck], axis=1) > mu[stuck] * normal[stuck] - least
+    ).any():
+        raise TangentError(
+            "a row that comes into contact slips from rest: " + found.message
+        )
     return LinearContact(found.state, closed, slips)

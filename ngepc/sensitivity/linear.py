@@ -25,8 +25,11 @@ from ngepc.sensitivity.radial import Data, Tape, radial_return
 
 PENALTY = 1e6  # stiffness of a row's spring over that of its vertex: each refinement gains so much
 REFINEMENTS = 12  # most corrections of a solution
-ACCURATE, ACCEPTED = 1e-13, 1e-9  # relative residuals that end corrections, and that are refused
-INNER, MOST, ROUNDS = 1e-8, 200, 5  # GMRES: residual, iterations before a restart, restarts
+ACCURATE = 1e-13
+ACCEPTED = 1e-9  # relative residuals that end corrections, and that are refused
+INNER = 1e-8
+MOST = 200
+ROUNDS = 5  # GMRES: residual, iterations before a restart, restarts
 
 
 class TangentError(FactorisationError):
@@ -48,30 +51,44 @@ class LinearStep:
     """
 
     def __init__(self, state: State, contact: LinearContact | None = None) -> None:
-        self.state, self.discrete = state, state.discrete
+        self.state = state
+        self.discrete = state.discrete
         self.contact = contact = LinearContact(state) if contact is None else contact
         self.moduli = state.on_sphere().moduli
         self.tape = Tape([*radial_return(state, self.moduli), *contact.given()])
         k = contact.stiffness
-        self._free = np.append(self.discrete.free.ravel(), np.ones(len(k)))  # and all rows
+        self._free = np.append(
+            self.discrete.free.ravel(), np.ones(len(k))
+        )  # and all rows
         springs, soften = self._springs()
         stiffness = self.discrete.stiffness.with_added(self.discrete.added + springs)
         self._factors = Factors(self.discrete, "sparsecholesky", stiffness)
         square = (eye(len(k), format="csr") - contact.slope).tocsr()
-        upper, lower, per_k = contact.rows.T.tocsr(), contact.pushed @ contact.rows, diags(1 / k)
+        upper = contact.rows.T.tocsr()
+        lower = contact.pushed @ contact.rows
+        per_k = diags(1 / k)
         turned = lower.T, diags(k) @ contact.rows, diags(k) @ square.T, soften @ per_k
         # the system (K, upper; lower, square), its transpose with rows in units of force, and L
-        self._ways = (upper, lower, square, soften), tuple(block.tocsr() for block in turned)
+        self._ways = (
+            (upper, lower, square, soften),
+            tuple(block.tocsr() for block in turned),
+        )
         self._factors.update(self.moduli)
 
     def _springs(self) -> tuple[csr_matrix, csr_matrix]:
         """Springs of rows that belong to one vertex, u flattened node by node; L, shape (n, n)."""
-        contact, (nodes, N) = self.contact, self.discrete.free.shape
-        R, G, k = contact.rows, contact.blocks.copy(), contact.stiffness
-        follows, G[:, 1:, 0] = G[:, 1:, 0].any(), 0.0
+        contact = self.contact
+        nodes, N = self.discrete.free.shape
+        R = contact.rows
+        G = contact.blocks.copy()
+        k = contact.stiffness
+        follows = G[:, 1:, 0].any()
+        G[:, 1:, 0] = 0.0
         row = np.repeat(np.arange(R.shape[0]), np.diff(R.indptr))
         pairs = np.unique(row * nodes + R.indices // N)
-        normal, tangential = contact.law.split(np.bincount(pairs // nodes, minlength=len(k)) <= 1)
+        normal, tangential = contact.law.split(
+            np.bincount(pairs // nodes, minlength=len(k)) <= 1
+        )
         single = normal & tangential.all(axis=1)
         penalty = np.where(single, PENALTY, 1.0)[:, None, None]
         soften = np.linalg.inv(np.eye(G.shape[1]) - G + G / penalty)
@@ -79,7 +96,9 @@ class LinearStep:
         springs = R.T @ diags(np.where(single, k, 0.0)) @ matrix_of_rows(G @ soften) @ R
         reached = single | (np.diff(contact.slope.indptr) == 0)
         self._by_springs = not follows and reached.all()
-        return springs, matrix_of_rows(soften) + diags(contact.conditions.springs(k) / k)
+        return springs, matrix_of_rows(soften) + diags(
+            contact.conditions.springs(k) / k
+        )
 
     def forward(self, data: Data) -> Data:
         """The changes of the solution with its data, and these."""
@@ -93,7 +112,9 @@ class LinearStep:
     def with_supports(self, data: Data) -> Data:
         """Data with what the motion of the supports alone makes of strains and springs."""
         u = np.zeros_like(self.state.u) + data["values"]
-        return data + self._strain(u) + Data(u=u, springs=self.discrete.supports.pull(u))
+        return (
+            data + self._strain(u) + Data(u=u, springs=self.discrete.supports.pull(u))
+        )
 
     def reverse(self, by: Data) -> Data:
         """The derivative of a functional by all data, from that by the solution and the data.
@@ -107,7 +128,9 @@ class LinearStep:
             strain = np.zeros_like(self.state.deviator) + direct["strain"]
             density = (np.zeros(len(weights)) + direct["volume"]) / weights
             force = force + discrete.points.forces(density, strain / weights[:, None])
-        z, w = self.solve(force, np.zeros(len(discrete.contact)) + by["contact"], transposed=True)
+        z, w = self.solve(
+            force, np.zeros(len(discrete.contact)) + by["contact"], transposed=True
+        )
         strained = -weights * self._strain(z)
         stress = Data(mean=strained["volume"], stress=strained["strain"], given=w)
         return self.tape.backward(by + stress + Data(load=z, springs=-z))
@@ -129,9 +152,13 @@ class LinearStep:
 
         TangentError if corrections do not converge: the tangent is singular, or rows are dependent.
         """
-        blocks, scale = self._ways[transposed], self.contact.stiffness if transposed else 1.0
+        blocks = self._ways[transposed]
+        scale = self.contact.stiffness if transposed else 1.0
         free, right = self._free, self._free * np.append(force.ravel(), scale * given)
-        x, left, relative, size = np.zeros_like(right), right, 1.0, np.linalg.norm(right)
+        x = np.zeros_like(right)
+        left = right
+        relative = 1.0
+        size = np.linalg.norm(right)
         operator = LinearOperator(
             (len(right),) * 2,
             lambda r: free * self._product(blocks, self._answer(blocks, r)),
@@ -140,27 +167,36 @@ class LinearStep:
         sure = False
         for _ in range(REFINEMENTS if size > 0 else 0):
             if not self._by_springs:
-                left, _ = gmres(operator, left, rtol=INNER, restart=MOST, maxiter=ROUNDS)
+                left, _ = gmres(
+                    operator, left, rtol=INNER, restart=MOST, maxiter=ROUNDS
+                )
             x = x + self._answer(blocks, left)
             if sure:
                 break
             left = right - free * self._product(blocks, x)
-            before, relative = relative, np.linalg.norm(left) / size
+            before = relative
+            relative = np.linalg.norm(left) / size
             if relative <= ACCURATE or relative > 0.5 * before:
                 break
-            sure = relative**2 / before <= ACCURATE  # it gains as much as the one before
+            sure = (
+                relative**2 / before <= ACCURATE
+            )  # it gains as much as the one before
         if size > 0 and not (sure or relative <= ACCEPTED):
-            raise TangentError(f"the derivative system is singular: residual {relative:.2g} left")
+            raise TangentError(
+                f"the derivative system is singular: residual {relative:.2g} left"
+            )
         return x[: force.size].reshape(force.shape), x[force.size :]
 
     def _product(self, blocks: tuple[csr_matrix, ...], x: np.ndarray) -> np.ndarray:
-        (u, forces), (upper, lower, square, _) = np.split(x, [self.state.u.size]), blocks
+        u, forces = np.split(x, [self.state.u.size])
+        upper, lower, square, _ = blocks
         pushed = self.internal(u.reshape(self.state.u.shape)).ravel() + upper @ forces
         return np.append(pushed, lower @ u + square @ forces)
 
     def _answer(self, blocks: tuple[csr_matrix, ...], right: np.ndarray) -> np.ndarray:
         """The solution up to what springs miss, by one back-substitution."""
-        (force, given), (upper, lower, _, soften) = np.split(right, [self.state.u.size]), blocks
+        force, given = np.split(right, [self.state.u.size])
+        upper, lower, _, soften = blocks
         forces = soften @ given
         pushed = (force - upper @ forces).reshape(self.state.u.shape)
         try:

@@ -40,11 +40,29 @@ from ngepc.sensitivity.radial import Data
 
 MATERIAL = tuple(field.name for field in fields(Material) if field.name != "law")
 LOADS = ("traction", "pressure", "body_force")
-BY_BOUNDARY = ("traction", "pressure", "gap", "prescribed")  # a colon and a boundary may follow
-LEGAL = (*MATERIAL, *LOADS, "gap", "prescribed", "friction", "initial_plastic_strain", "shape")
+BY_BOUNDARY = (
+    "traction",
+    "pressure",
+    "gap",
+    "prescribed",
+)  # a colon and a boundary may follow
+LEGAL = (
+    *MATERIAL,
+    *LOADS,
+    "gap",
+    "prescribed",
+    "friction",
+    "initial_plastic_strain",
+    "shape",
+)
 
 COMPLEX = 1e-100  # length of a complex step, whose square is nothing
-STENCIL = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}  # central difference of fourth order
+STENCIL = {
+    -2: 1 / 12,
+    -1: -8 / 12,
+    1: 8 / 12,
+    2: -1 / 12,
+}  # central difference of fourth order
 STEP = 1e-5  # of differences: the largest motion of a vertex over the size of the body
 
 
@@ -88,7 +106,9 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
     if isinstance(parameters, str):
         parameters = [parameters]
     if isinstance(parameters, list | tuple) and parameters:
-        parameters = {name: Direction(require_text("parameters", name)) for name in parameters}
+        parameters = {
+            name: Direction(require_text("parameters", name)) for name in parameters
+        }
     require_mapping("parameters", parameters, "names of data, or name -> Direction")
     for name, direction in parameters.items():
         require_instance(f"parameters[{name!r}]", direction, Direction, "a Direction")
@@ -97,7 +117,9 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
             needed = f"one of {', '.join(LEGAL)} is needed"
             raise ValueError(f"parameters={direction.datum!r}: {needed}")
         if boundary and datum not in BY_BOUNDARY:
-            raise ValueError(f"parameters={direction.datum!r}: only {datum!r} has a derivative")
+            raise ValueError(
+                f"parameters={direction.datum!r}: only {datum!r} has a derivative"
+            )
     return dict(parameters)
 
 
@@ -117,8 +139,14 @@ def changed_data(state: State, direction: Direction) -> Data:
         require_field(datum, change, problem.mesh, problem.touching_names)
         values = at_rows(problem, discrete.rows, change)
         coulomb = isinstance(problem.friction, Coulomb)
-        return Data(coefficient=values) if coulomb else Data(cap=discrete.rows.weights * values)
-    other = Given(**vars(problem) | dict.fromkeys(("clamped", *LOADS)) | {datum: change})
+        return (
+            Data(coefficient=values)
+            if coulomb
+            else Data(cap=discrete.rows.weights * values)
+        )
+    other = Given(
+        **vars(problem) | dict.fromkeys(("clamped", *LOADS)) | {datum: change}
+    )
     check_data(other)
     if datum in LOADS:  # forces are linear in a load
         return Data(load=applied_forces(other, discrete.supports.space))
@@ -127,7 +155,10 @@ def changed_data(state: State, direction: Direction) -> Data:
     gaps = np.zeros(len(discrete.contact))
     if datum == "prescribed":
         supports = Supports(other)
-        if other.rollers.keys() != problem.rollers.keys() or supports.values[discrete.free].any():
+        if (
+            other.rollers.keys() != problem.rollers.keys()
+            or supports.values[discrete.free].any()
+        ):
             raise ValueError(f"prescribed={change!r}: the problem has no such support")
         for place, moved in roller_rows(other, supports).items():
             gaps[discrete.contact.rollers[place]] = moved.gaps
@@ -140,10 +171,15 @@ def changed_data(state: State, direction: Direction) -> Data:
 
 def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
     """A datum and its change, by single boundary where it has some; the natural one for None."""
-    (datum, _, boundary), change = direction.datum.partition(":"), direction.change
+    datum, _, boundary = direction.datum.partition(":")
+    change = direction.change
     given = getattr(problem.material if datum in MATERIAL else problem, datum, None)
     missing = given is None or given == {}
-    if missing and datum != "shape" and (change is None or datum in ("friction", "gap")):
+    if (
+        missing
+        and datum != "shape"
+        and (change is None or datum in ("friction", "gap"))
+    ):
         raise ValueError(f"parameters={datum!r}: the problem has none")
     if change is None:
         given = given.coefficient if isinstance(given, Coulomb) else given
@@ -153,7 +189,9 @@ def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
     if datum == "gap" and not isinstance(change, Mapping):
         change = dict.fromkeys(problem.contact_names, change)
     require_mapping(datum, change, "boundary name -> change")
-    change = {p: v for key, v in change.items() for p in places(datum, key, problem.mesh)}
+    change = {
+        p: v for key, v in change.items() for p in places(datum, key, problem.mesh)
+    }
     if boundary and boundary not in change:
         legal = ", ".join(sorted(map(str, change)))
         raise ValueError(f"parameters='{datum}:{boundary}': one of {legal} is needed")
@@ -169,11 +207,14 @@ def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
 
 def _material(state: State, datum: str, change: Coefficient) -> Data:
     """By a complex step in the formulas of the material, exact to rounding."""
-    problem, points = state.discrete.problem, state.discrete.points
+    problem = state.discrete.problem
+    points = state.discrete.points
     require_coefficient(datum, change)
     alpha_1, _ = split_hardening(problem.initial_hardening)
     known = vars(problem.material) | {"alpha_1": alpha_1 or 0.0, "change": change}
-    known = {n: v if v is None or is_number(v) else points.at(v) for n, v in known.items()}
+    known = {
+        n: v if v is None or is_number(v) else points.at(v) for n, v in known.items()
+    }
     require_in(datum, np.reshape(known["change"], (-1, 1)), "the body")
     known[datum] = known[datum] + COMPLEX * 1j * known["change"]
     m = copy(problem.material)
@@ -198,14 +239,20 @@ def on_moving_mesh(
 
     ``motion`` is V at the vertices, shape (vertices, N) (length per unit of the parameter).
     """
-    problem, found, fastest = old.discrete.problem, Data(), np.abs(motion).max()
+    problem = old.discrete.problem
+    found = Data()
+    fastest = np.abs(motion).max()
     size = np.ptp(np.asarray(problem.mesh.ngmesh.Coordinates()), axis=0).max()
     step = STEP * float(size / fastest) if fastest > 0 else 1.0
     for k, weight in STENCIL.items():
         with moved_mesh(problem.mesh, k * step * motion):
             discrete = DiscreteProblem(problem)
-            state = discrete.state(old.u, contact=_turned(old.contact, old.discrete, discrete))
-            data = geometry(old, state) + Data({"value": functional(state)} if functional else {})
+            state = discrete.state(
+                old.u, contact=_turned(old.contact, old.discrete, discrete)
+            )
+            data = geometry(old, state) + Data(
+                {"value": functional(state)} if functional else {}
+            )
             found += weight / step * data
     return found
 
@@ -213,8 +260,13 @@ def on_moving_mesh(
 def geometry(old: State, state: State) -> Data:
     """Data on a moved mesh, strains of the same displacements, forces and gaps that they leave."""
     discrete, law, points = state.discrete, state.discrete.law, state.discrete.points
-    contact, cone, material = discrete.contact, discrete.contact.friction, discrete.problem.material
-    mean, stress = old.discrete.law.bulk * old.volume, old.discrete.law.stress(old.at)
+    contact, cone, material = (
+        discrete.contact,
+        discrete.contact.friction,
+        discrete.problem.material,
+    )
+    mean = old.discrete.law.bulk * old.volume
+    stress = old.discrete.law.stress(old.at)
     forces = points.forces(mean, stress) + discrete.supports.pull(old.u)
     names = ("two_mu", "bulk", "hardening", "beta", "back", "initial")
     return Data({name: getattr(law, name) for name in names}) + Data(
@@ -260,13 +312,22 @@ def vertex_motion(problem: Problem, change: object) -> np.ndarray:
     """
     mesh = problem.mesh
     if change is None:
-        raise ValueError("parameters='shape': Direction('shape', V) with a vector V is needed")
+        raise ValueError(
+            "parameters='shape': Direction('shape', V) with a vector V is needed"
+        )
     if mesh.GetCurveOrder() > 1:
-        raise ValueError(f"mesh: curved of order {mesh.GetCurveOrder()}, a straight one is needed")
+        raise ValueError(
+            f"mesh: curved of order {mesh.GetCurveOrder()}, a straight one is needed"
+        )
     nodal = GridFunction(VectorH1(mesh, order=1))
     nodal.Set(require_components("change", change, mesh.dim), dual=True)
     motion = nodal.vec.FV().NumPy().reshape(mesh.dim, -1).T.copy()
     radii = np.asarray(mesh.ngmesh.Coordinates())[:, 0]
-    if problem.kinematics.hoop and np.abs(motion[radii <= 1e-12 * radii.max(), 0]).any():
-        raise ValueError(f"change={change!r}: a field that keeps the axis x = 0 is needed")
+    if (
+        problem.kinematics.hoop
+        and np.abs(motion[radii <= 1e-12 * radii.max(), 0]).any()
+    ):
+        raise ValueError(
+            f"change={change!r}: a field that keeps the axis x = 0 is needed"
+        )
     return motion

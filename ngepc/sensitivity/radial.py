@@ -46,14 +46,23 @@ class Data(dict):
         return 0.0
 
     def __add__(self, other: Data) -> Data:
-        return Data({name: self[name] + other[name] for name in dict.fromkeys([*self, *other])})
+        return Data(
+            {name: self[name] + other[name] for name in dict.fromkeys([*self, *other])}
+        )
 
     def __rmul__(self, factor: float | np.ndarray) -> Data:
-        return Data({name: (factor * np.transpose(value)).T for name, value in self.items()})
+        return Data(
+            {name: (factor * np.transpose(value)).T for name, value in self.items()}
+        )
 
     def paired(self, change: Data) -> float:
         """The derivative in the direction of a change."""
-        return float(sum(np.vdot(self[name], change[name]) for name in self.keys() & change.keys()))
+        return float(
+            sum(
+                np.vdot(self[name], change[name])
+                for name in self.keys() & change.keys()
+            )
+        )
 
 
 class Tape(list):
@@ -89,9 +98,16 @@ def _times(block: Block, v: np.ndarray, way: int) -> np.ndarray:
 
 def radial_return(state: State, moduli: Moduli) -> Tape:
     """The equations above at a state; ``state.at.yields`` decides where s yields."""
-    law, at, discrete = state.discrete.law, state.at, state.discrete
-    material, points, two_mu = discrete.problem.material, discrete.points, law.two_mu[:, None]
-    lost = np.where(at.yields, -1 / (law.two_mu + law.hardening), 0.0)[:, None] * at.direction
+    law = state.discrete.law
+    at = state.at
+    discrete = state.discrete
+    material = discrete.problem.material
+    points = discrete.points
+    two_mu = law.two_mu[:, None]
+    lost = (
+        np.where(at.yields, -1 / (law.two_mu + law.hardening), 0.0)[:, None]
+        * at.direction
+    )
     softer = at.gained[:, None] * lost
     growth = points.at(material.scalar_growth)[:, None] * at.direction
     sharper = points.at(material.yield_stress * material.hardening_modulus)

@@ -41,7 +41,9 @@ class Benchmark:
 
 
 PEEQ = "accumulated_plastic_strain"
-PLANE, ROUND = (partial(contact.hertz, kind) for kind in ("plane strain", "axisymmetric"))
+PLANE, ROUND = (
+    partial(contact.hertz, kind) for kind in ("plane strain", "axisymmetric")
+)
 FIT = "Jackson and Green 2005, as printed by Ghaednia et al. 2019"
 
 BENCHMARKS = {
@@ -53,10 +55,14 @@ BENCHMARKS = {
     ),
     "Prandtl's punch": Benchmark(solids.prandtl, "(2 + pi) k", PEEQ),
     "step-42": Benchmark(contact.step42, "deal.II, documentation of step-42"),
-    "NAFEMS R94": Benchmark(contact.r94, "Konter 2005; Code_Aster SSNP154", view=(20.0, 2000.0)),
+    "NAFEMS R94": Benchmark(
+        contact.r94, "Konter 2005; Code_Aster SSNP154", view=(20.0, 2000.0)
+    ),
     "Hertz cylinder": Benchmark(PLANE, "H. Hertz, 1881", view=(2.0, 16.0)),
     "Hertz sphere": Benchmark(ROUND, "H. Hertz, 1881", view=(2.0, 30.0)),
-    "Mindlin": Benchmark(contact.mindlin, "Cattaneo 1938, Mindlin 1949", "stress_xy", (3.0, 2.0)),
+    "Mindlin": Benchmark(
+        contact.mindlin, "Cattaneo 1938, Mindlin 1949", "stress_xy", (3.0, 2.0)
+    ),
     "shrink fit": Benchmark(contact.shrink_fit, "G. Lame, 1852"),
     "sphere on a flat": Benchmark(contact.flattened_sphere, FIT, PEEQ, (0.06, 0.012)),
     "SSNV506": Benchmark(contact.ssnv506, "Code_Aster V6.04.506", PEEQ, (700.0, 0.9)),
@@ -71,7 +77,8 @@ class Benchmarks(Work):
     rows: Sequence[str] | None = None
     figures: bool = False
 
-    name, title = "benchmarks", "Published problems"
+    name = "benchmarks"
+    title = "Published problems"
     columns = """problem = {problem} ({source}) | quantity = {name} | reference = {reference:.6g}
         | type = {kind} | ours = {ours:.6g} | difference = {percent:+.2f} %{beyond}
         | tolerance = {allowed:.3g} % | elements = {elements} | unknowns = {unknowns}
@@ -92,7 +99,8 @@ class Benchmarks(Work):
 
     def solve(self, problem: str, file: str = "") -> list[dict]:
         """A record for each quantity; what belongs to the whole problem stands in the first one."""
-        benchmark, begin = BENCHMARKS[problem], time.process_time()
+        benchmark = BENCHMARKS[problem]
+        begin = time.process_time()
         result, quantities = benchmark.solve()
         about: dict[str, object] = {"cpu_s": time.process_time() - begin}
         about |= {
@@ -119,8 +127,12 @@ class Benchmarks(Work):
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What the types are, then the remarks."""
         remarks = {r["problem"]: BENCHMARKS[r["problem"]].remark for r in records}
-        said = [f"- {problem}: {remark}" for problem, remark in remarks.items() if remark]
-        what = "P published, C closed form, O own computation; seconds of one processor."
+        said = [
+            f"- {problem}: {remark}" for problem, remark in remarks.items() if remark
+        ]
+        what = (
+            "P published, C closed form, O own computation; seconds of one processor."
+        )
         return [what, "", *said]
 
 
@@ -132,7 +144,8 @@ def picture(result: Result, benchmark: Benchmark) -> Figure:
     half, top = benchmark.view
     least = -top if benchmark.field.startswith("stress") else 0.0
     figure = plot_field(result, benchmark.field, vmin=least, vmax=top)
-    axes, places = figure.axes[0], vertex_coordinates(result.problem.mesh)
+    axes = figure.axes[0]
+    places = vertex_coordinates(result.problem.mesh)
     for limit, x in zip((axes.set_xlim, axes.set_ylim), places.T, strict=True):
         limit(max(x.min() - half / 20, -half), min(x.max() + half / 20, half))
     return figure
@@ -142,7 +155,8 @@ def picture(result: Result, benchmark: Benchmark) -> Figure:
 def drawn_numbers(quantities: Sequence[Quantity]) -> Figure:
     """Our numbers and the references, by name."""
     figure = Picture(figsize=(4.8, 4.0))
-    axes, names = figure.subplots(), [q.name for q in quantities]
+    axes = figure.subplots()
+    names = [q.name for q in quantities]
     axes.plot(names, [q.ours for q in quantities], "o", label="ours")
     axes.plot(names, [q.reference for q in quantities], "kx", label="reference")
     axes.tick_params("x", rotation=90)

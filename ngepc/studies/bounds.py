@@ -22,7 +22,10 @@ from ngepc.studies.work import OverMeshes, exponent, first_of
 
 CUBES = {
     "elastic": (1e6, {"traction": {"contact": (0.3, 0.1, -0.5)}}),
-    "pressed": (1e6, {"contact": "contact", "gap": 0.5 * ((x - 0.5) ** 2 + (y - 0.5) ** 2) - 0.03}),
+    "pressed": (
+        1e6,
+        {"contact": "contact", "gap": 0.5 * ((x - 0.5) ** 2 + (y - 0.5) ** 2) - 0.03},
+    ),
     "plastic": (1.25, {"traction": {"contact": (1.0, 0.1, -0.5)}}),
 }
 """Yield stress, loads and obstacles of unit cubes, clamped below, h/mu = 0.1; two stay elastic."""
@@ -60,7 +63,8 @@ STARTS = {"lshape": (225, 0.1366), "wrench": (245, 0.0026), "sphere": (55, 0.238
 """Nodes where they begin, and the strain energy: parts of it below TARGETS are asked for."""
 ASYMPTOTIC = 400
 """Nodes from which rates are measured."""
-COARSEST, PICTURED = {"lshape": 33, "wrench": 75}, (0.2, 0.1, 0.04, 0.015)
+COARSEST = {"lshape": 33, "wrench": 75}
+PICTURED = (0.2, 0.1, 0.04, 0.015)
 """Nodes of the meshes where the runs begin that are drawn, and their relative errors."""
 
 
@@ -80,7 +84,8 @@ def bounded_example(body: str, kind: str, nodes: int) -> Problem:
 class Bounds(OverMeshes):
     """Bound and error on ``levels`` meshes of each family and on adaptive ones."""
 
-    name, title = "bounds", "Guaranteed bounds of the energy error"
+    name = "bounds"
+    title = "Guaranteed bounds of the energy error"
     columns = """example = {example} | nodes = {nodes} | energy error = {error:.3g}
         | bound = {bound:.3g} | bound / error = {effectivity:.3f}
         | of the strain energy = {percent:.2g} percent | Newton steps = {steps}
@@ -88,20 +93,32 @@ class Bounds(OverMeshes):
 
     def cells(self) -> list[dict]:
         """Families of meshes, in space three at most, and adaptive runs from a coarse one."""
-        plane = [(body, n) for body, f in FAMILIES.items() for n in first_of(f, self.levels)]
+        plane = [
+            (body, n) for body, f in FAMILIES.items() for n in first_of(f, self.levels)
+        ]
         space = [(body, n) for body, f in SOLIDS.items() for n in f[: self.levels]]
-        rows = [(b, "uniform", n) for b, n in plane] + [(b, "order 2", n) for b, n in plane]
+        rows = [(b, "uniform", n) for b, n in plane] + [
+            (b, "order 2", n) for b, n in plane
+        ]
         rows += [(b, "uniform", n) for b, n in space]
         rows += [(body, kind, STARTS[body][0]) for body, kind in TARGETS]
-        return [{"body": body, "kind": kind, "nodes": nodes} for body, kind, nodes in rows]
+        return [
+            {"body": body, "kind": kind, "nodes": nodes} for body, kind, nodes in rows
+        ]
 
     def solve(self, body: str, kind: str, nodes: int) -> list[dict]:
         """One mesh, or a record for each of an adaptive run, steps and time from the first one."""
-        problem, begin, run = bounded_example(body, kind, nodes), time.process_time(), []
+        problem = bounded_example(body, kind, nodes)
+        begin = time.process_time()
+        run = []
 
         def note(nodes: int, bound: ErrorBound | MeshRecord, **more: object) -> None:
             error = bound.energy - LIMITS[body]
-            found = {"error": error, "bound": bound.total, "effectivity": bound.total / error}
+            found = {
+                "error": error,
+                "bound": bound.total,
+                "effectivity": bound.total / error,
+            }
             found |= {"relative": bound.relative, "percent": 100 * bound.relative}
             example = f"{body} {kind}".removesuffix(" uniform")
             run.append({"nodes": nodes, **found, "example": example, **more})
@@ -148,7 +165,10 @@ class Bounds(OverMeshes):
         """Rates, and meshes that follow the bound."""
         drawn = {"rates": draw_rates(records)}
         drawn |= {f"{name}_meshes": draw_meshes(name) for name in COARSEST}
-        return [save_figure(f, self.folder / f"bounds_{name}.png") for name, f in drawn.items()]
+        return [
+            save_figure(f, self.folder / f"bounds_{name}.png")
+            for name, f in drawn.items()
+        ]
 
 
 def curves_of(records: Sequence[dict]) -> dict[str, np.ndarray]:
@@ -156,7 +176,9 @@ def curves_of(records: Sequence[dict]) -> dict[str, np.ndarray]:
     curves: dict[str, list] = {}
     for r in records:
         curves.setdefault(r["example"], []).append([r["nodes"], r["error"], r["bound"]])
-    return {label: np.transpose(curve) for label, curve in curves.items() if len(curve) > 1}
+    return {
+        label: np.transpose(curve) for label, curve in curves.items() if len(curve) > 1
+    }
 
 
 def rates_of(records: Sequence[dict]) -> dict[str, float]:
@@ -175,7 +197,9 @@ def draw_rates(records: Sequence[dict]) -> Picture:
             body, _, kind = label.partition(" ")
             if body == name:
                 style = {"color": COLOURS[KINDS.index(kind or "uniform")]}
-                axes.loglog(nodes, bound, "-", marker="", label=kind or "uniform", **style)
+                axes.loglog(
+                    nodes, bound, "-", marker="", label=kind or "uniform", **style
+                )
                 axes.loglog(nodes, error, "o", ms=3, **style)
         axes.set(title=title, xlabel="nodes", ylabel="bound (lines), error (dots)")
         axes.tick_params("x", which="minor", labelbottom=False)
@@ -186,10 +210,13 @@ def draw_rates(records: Sequence[dict]) -> Picture:
 @styled
 def draw_meshes(name: str) -> Picture:
     """Meshes that follow the bound, coarse to fine."""
-    figure = Picture(figsize=(8.0, 7.2 if name == "lshape" else 3.8), layout="constrained")
+    figure = Picture(
+        figsize=(8.0, 7.2 if name == "lshape" else 3.8), layout="constrained"
+    )
     for axes, asked in zip(figure.subplots(2, 2).ravel(), PICTURED, strict=True):
         solved = solve_to(example(name, COARSEST[name]), asked)
         plot_mesh(solved.result, axes=axes)
-        nodes, percent = solved.result.problem.mesh.nv, 100 * solved.bound.relative
+        nodes = solved.result.problem.mesh.nv
+        percent = 100 * solved.bound.relative
         axes.set(title=f"{nodes} nodes: {percent:.2g} percent", xlabel="", ylabel="")
     return figure

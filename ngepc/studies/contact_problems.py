@@ -9,7 +9,12 @@ from ngsolve import CF, Mesh, x
 from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule
 from ngepc.evolution.solver import evolve
-from ngepc.geometries.published import half_block, roller_on_block, rounded_blocks, shrunk_rings
+from ngepc.geometries.published import (
+    half_block,
+    roller_on_block,
+    rounded_blocks,
+    shrunk_rings,
+)
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.material import Material
 from ngepc.model.places import Contact, Coulomb
@@ -26,7 +31,9 @@ def step42() -> Solved:
     One node touches: the number is the mesh's. Finer ones: `ngepc study step42`.
     """
     result = semismooth_newton(step42_problem(equal_cells(4))).raise_for_status()
-    return result, [Quantity("contact force", 37.3058, "P", 1e-5, 4 * result.contact_force)]
+    return result, [
+        Quantity("contact force", 37.3058, "P", 1e-5, 4 * result.contact_force)
+    ]
 
 
 def fitted(result: DiscreteSolution, least: float = 0.15) -> tuple[float, float]:
@@ -44,9 +51,12 @@ def roller(fine: float, order: int) -> Problem:
     young = mesh.MaterialCF({"roller": 210e3, "block": 70e3})
     elastic = {"lame_lambda": young * 0.3 / (1.3 * 0.4), "lame_mu": young / 2.6}
     material = Material.kinematic(**elastic, yield_stress=ELASTIC, hardening=1e3)
-    held, push = {"symmetry": (0, None), "bottom": (0, 0)}, {"load": (0, -17500 / 50)}
+    held = {"symmetry": (0, None), "bottom": (0, 0)}
+    push = {"load": (0, -17500 / 50)}
     pair = Contact("flat", "arc")
-    return Problem(mesh, material, None, push, prescribed=held, contact=pair, order=order)
+    return Problem(
+        mesh, material, None, push, prescribed=held, contact=pair, order=order
+    )
 
 
 def r94() -> Solved:
@@ -65,9 +75,13 @@ def indented(body: Mesh, material: Material, gap: CF, kinematics: str) -> Proble
 
 def hertz(kinematics: str) -> Solved:
     """A rigid parabola of radius 10 pressed 0.01 into a block; what is found is put into Hertz."""
-    E, nu, R = 1e3, 0.3, 10.0
-    plane, stiffness = kinematics == "plane strain", E / (1 - nu**2)
-    gap, body = x * x / (2 * R) - (0.06 if plane else 0.05), half_block(20, 20, 1.2, 0.02, 2.0)
+    E = 1e3
+    nu = 0.3
+    R = 10.0
+    plane = kinematics == "plane strain"
+    stiffness = E / (1 - nu**2)
+    gap = x * x / (2 * R) - (0.06 if plane else 0.05)
+    body = half_block(20, 20, 1.2, 0.02, 2.0)
     problem = indented(body, metal(E, nu, ELASTIC), gap, kinematics)
     result = semismooth_newton(problem).raise_for_status()
     peak, width = fitted(result)
@@ -90,24 +104,39 @@ def mindlin(fine: float = 0.05) -> Solved:
 
     The tolerance of the stick half width is a cell; tractions in the mean square.
     """
-    E, nu, R, mu = 1e3, 0.3, 40.0, 0.3
-    pair, down = Contact("upper arc", "lower arc"), {"upper end": (0, -0.04)}
-    blocks, steel = rounded_blocks(fine), metal(E, nu, ELASTIC)
-    problem = Problem(blocks, steel, "lower end", prescribed=down, contact=pair, order=2)
+    E = 1e3
+    nu = 0.3
+    R = 40.0
+    mu = 0.3
+    pair = Contact("upper arc", "lower arc")
+    down = {"upper end": (0, -0.04)}
+    blocks = rounded_blocks(fine)
+    steel = metal(E, nu, ELASTIC)
+    problem = Problem(
+        blocks, steel, "lower end", prescribed=down, contact=pair, order=2
+    )
     pressed = semismooth_newton(problem).raise_for_status()
     aside = {"prescribed": {"upper end": (0.01, -0.04)}, "friction": Coulomb(mu)}
     sheared = replace(problem, **aside, initial_displacement=pressed.displacement)
     result = semismooth_newton(sheared, start=pressed).raise_for_status()
-    P, Q = result.contact_force, abs(result.friction_force[0])
+    P = result.contact_force
+    Q = abs(result.friction_force[0])
     place = vertex_coordinates(blocks)[result.rows.vertices, 0]
     a = math.sqrt(4 * P * R / (math.pi * E / (2 * (1 - nu**2))))
-    c, peak = a * math.sqrt(1 - Q / (mu * P)), 2 * P / (math.pi * a)
+    c = a * math.sqrt(1 - Q / (mu * P))
+    peak = 2 * P / (math.pi * a)
     disc = [np.sqrt(np.maximum(1 - (place / r) ** 2, 0)) for r in (a, c)]
     closed = mu * peak * (disc[0] - c / a * disc[1])
-    forces, shear = result.nodal_contact_forces, np.abs(result.nodal_friction_forces[:, 0])
-    touching, held = forces > 0, shear < (1 - 1e-9) * mu * forces
-    sticks, cell = place[touching & held], float(np.diff(np.unique(place)).min())
-    apart = np.sqrt(np.mean((shear / result.rows.weights - closed)[touching] ** 2)) / closed.max()
+    forces = result.nodal_contact_forces
+    shear = np.abs(result.nodal_friction_forces[:, 0])
+    touching = forces > 0
+    held = shear < (1 - 1e-9) * mu * forces
+    sticks = place[touching & held]
+    cell = float(np.diff(np.unique(place)).min())
+    apart = (
+        np.sqrt(np.mean((shear / result.rows.weights - closed)[touching] ** 2))
+        / closed.max()
+    )
     width = float(sticks.max() - sticks.min() + cell) / 2
     return result, [
         Quantity("stick half width", c, "C", cell / c, width),
@@ -121,23 +150,38 @@ def shrink_fit() -> Solved:
     The mean pressure. Facets of the two circles do not match: their gaps, of size h^2/8R, leave
     local errors of the pressure like E h/R, 8 percent rms here.
     """
-    a, b, c, delta, E, nu = 1.0, 2.0, 3.0, 0.01, 1e3, 0.3
-    rings, pair = shrunk_rings(0.05, a, b, c, delta), Contact("inner outside", "outer inside")
+    a = 1.0
+    b = 2.0
+    c = 3.0
+    delta = 0.01
+    E = 1e3
+    nu = 0.3
+    rings = shrunk_rings(0.05, a, b, c, delta)
+    pair = Contact("inner outside", "outer inside")
     held = {"left": (0, None), "bottom": (None, 0)}
     steel = metal(E, nu, ELASTIC)
     problem = Problem(rings, steel, None, prescribed=held, contact=pair, order=2)
     result = semismooth_newton(problem).raise_for_status()
-    stiff, poisson = E / (1 - nu**2), nu / (1 - nu)
-    soft = (c**2 + b**2) / (c**2 - b**2) + poisson + (b**2 + a**2) / (b**2 - a**2) - poisson
+    stiff = E / (1 - nu**2)
+    poisson = nu / (1 - nu)
+    soft = (
+        (c**2 + b**2) / (c**2 - b**2)
+        + poisson
+        + (b**2 + a**2) / (b**2 - a**2)
+        - poisson
+    )
     found = result.contact_force / float(result.rows.weights.sum())
-    return result, [Quantity("mean pressure", delta * stiff / (b * soft), "C", 0.01, found)]
+    return result, [
+        Quantity("mean pressure", delta * stiff / (b * soft), "C", 0.01, found)
+    ]
 
 
 def pressed_sphere(
     radius: float, depths: list[float], contact: float, width: float, material: Material
 ) -> tuple[Fields, dict[float, float]]:
     """A rigid sphere pressed into a block, axisymmetric: the end, and depth -> contact force."""
-    body, first = half_block(width, width, contact, contact / 24, width / 8), x * x / (2 * radius)
+    body = half_block(width, width, contact, contact / 24, width / 8)
+    first = x * x / (2 * radius)
     problem = indented(body, material, first, "axisymmetric")
     run = evolve(problem, Schedule(depths, lambda depth: {"gap": first - depth}))
     forces = run.raise_for_status().column("contact_force")
@@ -152,20 +196,27 @@ def flattened_sphere() -> Solved:
     """
     # load (27), hardness (28), critical load (29), depth (5), C (6) and radius (23) as printed by
     # Ghaednia, Brake, Berryhill and Jackson (J. Tribology, 2019) for perfect plasticity
-    E, nu, strength, R = 200e3, 0.3, 400.0, 1.0
-    stiffness, C = E / (1 - nu**2), 1.295 * math.exp(0.736 * nu)
+    E = 200e3
+    nu = 0.3
+    strength = 400.0
+    R = 1.0
+    stiffness = E / (1 - nu**2)
+    C = 1.295 * math.exp(0.736 * nu)
     critical = (math.pi * C * strength / (2 * stiffness)) ** 2 * R
     first_load = 4 / 3 * (R / stiffness) ** 2 * (C * math.pi * strength / 2) ** 3
     depths = [critical * d for d in (*np.arange(0.5, 10, 0.5), *np.arange(10, 20.5, 1))]
     end, forces = pressed_sphere(R, depths, 0.04, 1.0, metal(E, nu, strength))
-    B, found = 0.14 * math.exp(23 * strength / stiffness), []
+    B = 0.14 * math.exp(23 * strength / stiffness)
+    found = []
     for d in (5.0, 10.0, 20.0):
         a = math.sqrt(critical * R * d * max(1.0, d / 1.9) ** B)
         hardness = 2.84 - 0.92 * (1 - math.cos(math.pi * a / R))
         load = math.exp(-0.25 * d ** (5 / 12)) * d**1.5
         load += 4 * hardness / C * (1 - math.exp(-(d ** (5 / 9)) / 25)) * d
         ours = forces[critical * d] / first_load
-        found.append(Quantity(f"F / F_c at {d:g} critical depths", load, "P", 0.05, ours))
+        found.append(
+            Quantity(f"F / F_c at {d:g} critical depths", load, "P", 0.05, ours)
+        )
     return end, found
 
 

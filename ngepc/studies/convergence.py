@@ -31,11 +31,14 @@ from ngepc.studies.work import OverMeshes, Work, first_of
 
 LAST = 6
 """Iterates that enter the five quotients."""
-OPTIONS, GAMMA = NewtonOptions(max_iterations=2000), 1e4
+OPTIONS = NewtonOptions(max_iterations=2000)
+GAMMA = 1e4
 PRECISE = replace(OPTIONS, tolerance=1e-14)
 
 
-def convergence_quotients(problem: Problem, gamma: float, start: DualResult | None = None) -> dict:
+def convergence_quotients(
+    problem: Problem, gamma: float, start: DualResult | None = None
+) -> dict:
     """Compare the last iterates of Algorithm 7.1 with v*; arguments as of ``semismooth_newton``.
 
     'iterations' is omega, 'quotients' are Q_1, ..., Q_5 (fewer for fewer steps), 'distances' those
@@ -47,17 +50,23 @@ def convergence_quotients(problem: Problem, gamma: float, start: DualResult | No
         problem, gamma, start, PRECISE, lambda r: duals.append(r.snapshot().v)
     ).or_interrupted()
     residuals = result.history.residual_norms
-    reached = [k for k, residual in enumerate(residuals) if residual < OPTIONS.tolerance]
+    reached = [
+        k for k, residual in enumerate(residuals) if residual < OPTIONS.tolerance
+    ]
     omega = reached[0] if reached else len(residuals) - 1
     best = omega + int(np.argmin(residuals[omega:]))
 
     def distance(v: BaseVector) -> float:
         """||v - v*||_H = b(v - v*, v - v*)^(1/2)."""
         apart = (v - duals[best]).Evaluate()
-        return math.sqrt(max(0.0, InnerProduct(result.functional.blocks.B * apart, apart)))
+        return math.sqrt(
+            max(0.0, InnerProduct(result.functional.blocks.B * apart, apart))
+        )
 
     distances = [distance(v) for v in duals[: omega + 1][-LAST:]]
-    rounding = distance(duals[min(best + 1, len(duals) - 1)]) or result.residual_rounding
+    rounding = (
+        distance(duals[min(best + 1, len(duals) - 1)]) or result.residual_rounding
+    )
     return {
         "iterations": omega,
         "status": "converged" if reached else result.status.label,
@@ -72,7 +81,8 @@ def convergence_quotients(problem: Problem, gamma: float, start: DualResult | No
 class Figure4(OverMeshes):
     """Example (a) from the 417-node solution, Example (b) from v = 0, on ``levels`` meshes."""
 
-    name, title = "figure4", "Figure 4: convergence quotients"
+    name = "figure4"
+    title = "Figure 4: convergence quotients"
     columns = """example = {example} | nodes = {nodes} | steps = {iterations} | Q_1 = {Q_1}
         | Q_2 = {Q_2} | Q_3 = {Q_3} | Q_4 = {Q_4} | Q_5 = {Q_5}
         | residual of v* = {reference_residual:.1e} | rounding of v* = {rounding:.1e}"""
@@ -85,7 +95,9 @@ class Figure4(OverMeshes):
 
     def cells(self) -> list[dict]:
         """All meshes of both examples."""
-        meshes = [(body, n) for body, f in FAMILIES.items() for n in first_of(f, self.levels)]
+        meshes = [
+            (body, n) for body, f in FAMILIES.items() for n in first_of(f, self.levels)
+        ]
         return [{"body": body, "nodes": n} for body, n in meshes]
 
     def solve(self, body: str, nodes: int) -> dict:
@@ -106,15 +118,23 @@ class Figure4(OverMeshes):
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """The quotients of both examples beside each other, one curve for each mesh."""
         bodies = dict.fromkeys(r["body"] for r in records)
-        panels = [partial(draw_quotients, [r for r in records if r["body"] == b]) for b in bodies]
-        return [save_figure(beside(*panels, width=4.2, height=3.2), self.folder / "figure4.png")]
+        panels = [
+            partial(draw_quotients, [r for r in records if r["body"] == b])
+            for b in bodies
+        ]
+        return [
+            save_figure(
+                beside(*panels, width=4.2, height=3.2), self.folder / "figure4.png"
+            )
+        ]
 
 
 def draw_quotients(records: Sequence[dict], axes: Axes) -> None:
     """Curves of the quotients of an example, without those that say nothing."""
     for index, record in enumerate(records):
         quotients = np.where(record["meaningful"], record["quotients"], np.nan)
-        j, label = np.arange(LAST - len(quotients), LAST), f"{record['nodes']} nodes"
+        j = np.arange(LAST - len(quotients), LAST)
+        label = f"{record['nodes']} nodes"
         axes.plot(j, quotients, label=label, **line_style(index, LAST))
     axes.axhline(1.0, color=GUIDE, linewidth=0.8, linestyle=":")
     axes.set(yscale="log", xticks=range(1, LAST), title=TITLES[records[0]["body"]])
@@ -129,12 +149,16 @@ WITHOUT = 1e12
 regularisation alone, whose max functions map L2 to L2."""
 
 
-def with_and_without(problem: Problem, gamma: float, options: NewtonOptions | None = None) -> dict:
+def with_and_without(
+    problem: Problem, gamma: float, options: NewtonOptions | None = None
+) -> dict:
     """Newton steps from v = 0 with the Tichonov term, and, named ``_without``, without it."""
     record: dict = {}
     kinds = {"": Coupled(gamma), "_without": Coupled(gamma, gamma_tichonov=WITHOUT)}
     for suffix, kind in kinds.items():
-        result = semismooth_newton(problem, options=options, regularisation=kind).or_interrupted()
+        result = semismooth_newton(
+            problem, options=options, regularisation=kind
+        ).or_interrupted()
         record[f"iterations{suffix}"] = result.iterations
         record[f"halvings{suffix}"] = result.history.halvings
         record[f"status{suffix}"] = result.status.label
@@ -148,7 +172,8 @@ class WithoutTichonov(Work):
     nodes: int = 1601
     gamma: float = 1e4
 
-    name, title = "without_tichonov", "Newton steps with and without the Tichonov term"
+    name = "without_tichonov"
+    title = "Newton steps with and without the Tichonov term"
     note = "Example (a) from v = 0; without the term the counts grow with the mesh."
     columns = """nodes = {nodes} | iterations = {iterations} | halvings = {halvings}
         | status = {status} | iterations_without = {iterations_without}

@@ -32,8 +32,11 @@ all cold; the paper's at gamma = 1e4 from 417 nodes."""
 
 def elastic_solve(problem: Problem) -> float:
     """Processor time (s) of one linear-elastic solve: assembly, sparsecholesky, solution."""
-    begin, m = time.process_time(), problem.material
-    V = ng.VectorH1(problem.mesh, order=problem.order, dirichlet="|".join(problem.clamped_names))
+    begin = time.process_time()
+    m = problem.material
+    V = ng.VectorH1(
+        problem.mesh, order=problem.order, dirichlet="|".join(problem.clamped_names)
+    )
     u, v = V.TnT()
     energy = m.lame_lambda * ng.div(u) * ng.div(v)
     energy += 2 * m.lame_mu * ng.InnerProduct(ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v)))
@@ -51,7 +54,8 @@ def measure(mode: str, nodes: int) -> dict:
     ng.SetNumThreads(1)
     problem, options, start = examples.example("lshape", nodes), NewtonOptions(), None
     if mode == ORDER_2:
-        problem, mode = replace(problem, order=2), "default"
+        problem = replace(problem, order=2)
+        mode = "default"
     elif mode not in examples.METHODS:
         start = examples.coarse_start("lshape", float(mode), options)
     elastic, spans, begin = [elastic_solve(problem)], [], time.process_time()
@@ -63,7 +67,9 @@ def measure(mode: str, nodes: int) -> dict:
         begin = time.process_time()
 
     result = examples.solved_by(mode, problem, start, options, clock)
-    setup, *ratios = (s / fmean(pair) for s, pair in zip(spans, pairwise(elastic), strict=True))
+    setup, *ratios = (
+        s / fmean(pair) for s, pair in zip(spans, pairwise(elastic), strict=True)
+    )
     return {
         "status": result.status.label,
         "iterations": result.iterations,
@@ -81,7 +87,9 @@ def measure(mode: str, nodes: int) -> dict:
 class Cost(OverMeshes):
     """MODES on ``levels`` meshes, order 2 on two less; every run measures anew."""
 
-    name, title, keeps = "cost", "What a solve costs", False
+    name = "cost"
+    title = "What a solve costs"
+    keeps = False
     columns = """method = {mode} | nodes = {nodes} | Newton steps = {steps}
         | whole solve (s) = {solve_seconds:.3g} | elastic solve (s) = {elastic_seconds:.3g}
         | step (s) = {step_seconds:.3g} | step / elastic: median = {step_ratio:.3g}
@@ -100,8 +108,14 @@ class Cost(OverMeshes):
     def cells(self) -> list[dict]:
         """The meshes of each method."""
         nodes = first_of(NODES, self.levels)
-        meshes = {mode: nodes[: max(1, len(nodes) - 2 * (mode == ORDER_2))] for mode in MODES}
-        return [{"mode": mode, "nodes": n} for mode, family in meshes.items() for n in family]
+        meshes = {
+            mode: nodes[: max(1, len(nodes) - 2 * (mode == ORDER_2))] for mode in MODES
+        }
+        return [
+            {"mode": mode, "nodes": n}
+            for mode, family in meshes.items()
+            for n in family
+        ]
 
     def solve(self, mode: str, nodes: int) -> dict:
         """A measurement in a new process."""
@@ -110,9 +124,12 @@ class Cost(OverMeshes):
     def notes(self, records: Sequence[dict]) -> list[str]:
         """How it was measured, growth, and the part of the primal method's time."""
         seconds = {(r["mode"], r["nodes"]): r["solve_seconds"] for r in records}
-        growth, parts = [], []
+        growth = []
+        parts = []
         for mode in dict.fromkeys(r["mode"] for r in records):
-            cells = [(r["nodes"], r["step_seconds"]) for r in records if r["mode"] == mode]
+            cells = [
+                (r["nodes"], r["step_seconds"]) for r in records if r["mode"] == mode
+            ]
             if len(cells) > 1:
                 a = exponent(*zip(*cells, strict=True))
                 growth.append(f"Time per step grows like nodes^{a:.2f} ({mode}).")

@@ -16,7 +16,15 @@ from ngepc.model.problem import Problem
 from ngepc.pictures.curves import plot_counts
 from ngepc.pictures.style import save_figure
 from ngepc.studies import examples
-from ngepc.studies.examples import FAMILIES, METHODS, TITLES, example, nested, solved_by, timed
+from ngepc.studies.examples import (
+    FAMILIES,
+    METHODS,
+    TITLES,
+    example,
+    nested,
+    solved_by,
+    timed,
+)
 from ngepc.studies.large import LAME_MU, indented_block, pressed
 from ngepc.studies.paper import TABLE_1, TABLE_2
 from ngepc.studies.work import OverMeshes, chosen, first_of
@@ -52,23 +60,32 @@ class CountTable(OverMeshes):
     def __post_init__(self) -> None:
         self.nodes = first_of(FAMILIES[self.body], self.levels)
         self.example, self.title = TITLES[self.body], f"Table {self.name[-1]}"
-        self.rows = chosen([*self.paper, *OWN_ROWS], self.rows or [*self.paper, "default"])
+        self.rows = chosen(
+            [*self.paper, *OWN_ROWS], self.rows or [*self.paper, "default"]
+        )
 
     def cells(self) -> list[dict]:
         """All rows on one mesh after the other."""
-        return [{"row": row, "nodes": nodes} for nodes in self.nodes for row in self.rows]
+        return [
+            {"row": row, "nodes": nodes} for nodes in self.nodes for row in self.rows
+        ]
 
     def solve(self, row: str, nodes: int) -> dict:
         """One run, nested or from where the paper starts, and the paper's count."""
-        method, paper = row.rstrip("*"), None
+        method = row.rstrip("*")
+        paper = None
         if row in self.paper:
             paper = self.paper[row][FAMILIES[self.body].index(nodes)]
         if row.endswith("*"):
             result = nested(self.body, method, nodes, OPTIONS)
         else:
             coarse = self.body == "lshape" and method not in METHODS
-            start = examples.coarse_start(self.body, method, OPTIONS) if coarse else None
-            result = solved_by(method, example(self.body, nodes), start, OPTIONS).or_interrupted()
+            start = (
+                examples.coarse_start(self.body, method, OPTIONS) if coarse else None
+            )
+            result = solved_by(
+                method, example(self.body, nodes), start, OPTIONS
+            ).or_interrupted()
         names = ("iterations", "primal_energy", "dual_energy", "residual_norm")
         return {
             "paper": paper,
@@ -80,7 +97,9 @@ class CountTable(OverMeshes):
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """Steps over nodes, the paper's dashed; rows with few steps are named in the title."""
-        many = {r["row"] for r in records if max(r["iterations"], r["paper"] or 0) > FEW}
+        many = {
+            r["row"] for r in records if max(r["iterations"], r["paper"] or 0) > FEW
+        }
         ours: dict[str, dict[int, int]] = {}
         paper: dict[str, dict[int, int]] = {}
         for r in (r for r in records if r["row"] in many or not many):
@@ -100,7 +119,9 @@ class CountTable(OverMeshes):
 class Table1(CountTable):
     """Example (a); the paper's rows start from the prolongated solution on 417 nodes."""
 
-    name, body, paper = "table1", "lshape", TABLE_1
+    name = "table1"
+    body = "lshape"
+    paper = TABLE_1
     about = (
         "The paper's method starts from the prolongated solution on 417 nodes, rows with * from "
         "the next coarser mesh."
@@ -110,7 +131,9 @@ class Table1(CountTable):
 class Table2(CountTable):
     """Example (b); the paper's rows start from v = 0."""
 
-    name, body, paper = "table2", "wrench", TABLE_2
+    name = "table2"
+    body = "wrench"
+    paper = TABLE_2
     about = (
         "The paper's method starts from v = 0. The paper prints 24927 nodes for the mesh with "
         "24993; its polygon is lost, ours is reconstructed (docs/reading.md)."
@@ -123,7 +146,10 @@ GETFEM = {833: (11, 0.1), 3201: (15, 0.8), 12545: (22, 4.7)}
 """Nodes of Example (a) -> Newton steps and CPU seconds of GetFEM 5.4.2 with its best parameter."""
 
 BLOCK_RATIOS = (1e-1, 1e-3)
-BLOCKS = {"tetrahedra": {281: 1, 1745: 2, 12193: 3}, "hexahedra": {343: 6, 1728: 11, 12167: 22}}
+BLOCKS = {
+    "tetrahedra": {281: 1, 1745: 2, 12193: 3},
+    "hexahedra": {343: 6, 1728: 11, 12167: 22},
+}
 """Elements -> nodes -> refinements of a coarse mesh, or cells along an edge."""
 
 
@@ -132,7 +158,9 @@ def problem_of(body: str, nodes: int, ratio: float | None) -> Problem:
     if body == "tetrahedra":
         return indented_block(BLOCKS[body][nodes], ratio * LAME_MU)
     if body == "hexahedra":
-        return pressed(block.structured_mesh(*[BLOCKS[body][nodes]] * 3), ratio * LAME_MU)
+        return pressed(
+            block.structured_mesh(*[BLOCKS[body][nodes]] * 3), ratio * LAME_MU
+        )
     problem = example(body, nodes)
     if ratio is None:
         return problem
@@ -143,7 +171,8 @@ def problem_of(body: str, nodes: int, ratio: float | None) -> Problem:
 class NewtonCounts(OverMeshes):
     """``levels`` meshes of each family, 1 to 6, and blocks, at most 3."""
 
-    name, title = "counts", "Newton steps of the default method"
+    name = "counts"
+    title = "Newton steps of the default method"
     columns = """problem = {problem} | h / mu = {hardening:g} | nodes = {nodes}
         | steps = {default[steps]} | CPU s = {default[cpu_s]:.2f}
         | nested: steps = {nested[steps]} | CPU s = {nested[cpu_s]:.2f}
@@ -160,9 +189,13 @@ class NewtonCounts(OverMeshes):
 
     def cells(self) -> list[dict]:
         """Both examples, then small hardening, then blocks."""
-        found = [(b, None, n) for b, f in FAMILIES.items() for n in first_of(f, self.levels)]
+        found = [
+            (b, None, n) for b, f in FAMILIES.items() for n in first_of(f, self.levels)
+        ]
         found += [("lshape", ratio, n) for n in HARDENED_NODES for ratio in RATIOS]
-        meshes = [(shape, n) for shape, f in BLOCKS.items() for n in list(f)[: self.levels]]
+        meshes = [
+            (shape, n) for shape, f in BLOCKS.items() for n in list(f)[: self.levels]
+        ]
         found += [(shape, ratio, n) for ratio in BLOCK_RATIOS for shape, n in meshes]
         return [{"body": b, "hardening": ratio, "nodes": n} for b, ratio, n in found]
 

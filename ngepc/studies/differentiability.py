@@ -25,7 +25,9 @@ from ngepc.dual.functional import RadialLaw
 from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.studies.work import Work
 
-CELLS, POINTS, LARGEST_RADIUS = 8, 100, 0.25
+CELLS = 8
+POINTS = 100
+LARGEST_RADIUS = 0.25
 
 
 def graded_mesh(levels: int) -> ng.Mesh:
@@ -47,7 +49,10 @@ FAMILIES = {
     "plateau": lambda r, radius: np.clip(2 - 2 * r / radius, 0.0, 1.0),
     # the capacity potential of the disc of that radius in the one of LARGEST_RADIUS
     "log": lambda r, radius: np.clip(
-        np.log(np.maximum(r, radius) / LARGEST_RADIUS) / math.log(radius / LARGEST_RADIUS), 0.0, 1.0
+        np.log(np.maximum(r, radius) / LARGEST_RADIUS)
+        / math.log(radius / LARGEST_RADIUS),
+        0.0,
+        1.0,
     ),
 }
 """Shapes as functions of the distance from the centre and a radius."""
@@ -64,19 +69,27 @@ def direction(mesh: ng.Mesh, shape: Callable, radius: float) -> ng.GridFunction:
 
 def quotients(q: ng.CoefficientFunction, h: ng.GridFunction) -> dict[str, float]:
     """Norms of h, and ||E(h)||_Y / ||h||_X for the pairs L2 -> L2, L6 -> L2, H1 -> H^(-1)."""
-    mesh, measure = h.space.mesh, ng.dx(intrules=fine_rules(2, POINTS))
-    here, there = RadialLaw(q, 1.0), RadialLaw(q + h, 1.0)
+    mesh = h.space.mesh
+    measure = ng.dx(intrules=fine_rules(2, POINTS))
+    here = RadialLaw(q, 1.0)
+    there = RadialLaw(q + h, 1.0)
     E = there.gradient - here.gradient - there.curvature * h
     r, s = h.space.TnT()
     B = ng.BilinearForm(ng.InnerProduct(ng.grad(r), ng.grad(s)) * ng.dx).Assemble().mat
     defect = ng.LinearForm(ng.InnerProduct(E, s) * measure).Assemble().vec
-    riesz = (B.Inverse(h.space.FreeDofs(), inverse="sparsecholesky") * defect).Evaluate()
+    riesz = (
+        B.Inverse(h.space.FreeDofs(), inverse="sparsecholesky") * defect
+    ).Evaluate()
     E_dual = math.sqrt(max(0.0, ng.InnerProduct(riesz, defect)))
     squares = [ng.InnerProduct(f, f) for f in (E, h, ng.grad(h))]
     E_L2, h_L2, h_H1 = (math.sqrt(ng.Integrate(f * measure, mesh)) for f in squares)
     h_L6 = ng.Integrate(squares[1] ** 3 * measure, mesh) ** (1 / 6)
     norms = {"h_L2": h_L2, "h_L6": h_L6, "h_H1": h_H1}
-    return norms | {"L2_L2": E_L2 / h_L2, "L6_L2": E_L2 / h_L6, "H1_dual": E_dual / h_H1}
+    return norms | {
+        "L2_L2": E_L2 / h_L2,
+        "L6_L2": E_L2 / h_L6,
+        "H1_dual": E_dual / h_H1,
+    }
 
 
 def difference_quotients(levels: int = 7) -> list[dict]:
@@ -86,10 +99,15 @@ def difference_quotients(levels: int = 7) -> list[dict]:
     1 <= levels <= 12.  A record has ``family`` and ``radius`` beside what ``quotients`` gives.
     """
     require_integer("levels", levels, 1, 12)
-    mesh, q = graded_mesh(levels + 3), ng.CoefficientFunction((0.9, 0.0))
+    mesh = graded_mesh(levels + 3)
+    q = ng.CoefficientFunction((0.9, 0.0))
     radii = [LARGEST_RADIUS / 2 ** (k + 1) for k in range(levels)]
     return [
-        {"family": family, "radius": radius, **quotients(q, direction(mesh, shape, radius))}
+        {
+            "family": family,
+            "radius": radius,
+            **quotients(q, direction(mesh, shape, radius)),
+        }
         for family, shape in FAMILIES.items()
         for radius in radii
     ]
@@ -101,7 +119,9 @@ class Differentiability(Work):
 
     levels: int = 7
 
-    name, title, keeps = "differentiability", "Difference quotients of Definition 6.1", False
+    name = "differentiability"
+    title = "Difference quotients of Definition 6.1"
+    keeps = False
     columns = """family = {family} | radius = {radius:.3g} | h_L2 = {h_L2:.3g} | h_L6 = {h_L6:.3g}
         | h_H1 = {h_H1:.3g} | L2_L2 = {L2_L2:.3g} | L6_L2 = {L6_L2:.3g} | H1_dual = {H1_dual:.3g}"""
     note = (

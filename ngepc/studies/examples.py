@@ -34,7 +34,9 @@ def example(name: str, nodes: int | None = None, maxh: float | None = None) -> P
     if nodes and maxh:
         raise ValueError(f"nodes={nodes} and maxh={maxh:g}: leave one of them out")
     body = BODIES[name]
-    return PROBLEMS[name](body.mesh(maxh) if maxh else body.paper_mesh(nodes or FAMILIES[name][0]))
+    return PROBLEMS[name](
+        body.mesh(maxh) if maxh else body.paper_mesh(nodes or FAMILIES[name][0])
+    )
 
 
 def solved_by(
@@ -54,11 +56,18 @@ def solved_by(
 
 
 @lru_cache(maxsize=8)
-def coarse_start(name: str, method: str | float, options: NewtonOptions | None = None) -> Result:
+def coarse_start(
+    name: str, method: str | float, options: NewtonOptions | None = None
+) -> Result:
     """The solution on the coarse mesh of an example; a gamma is reached in factors of ten."""
-    problem, result, ways = example(name, BODIES[name].COARSE_NODES), None, [method]
+    problem = example(name, BODIES[name].COARSE_NODES)
+    result = None
+    ways = [method]
     if method not in METHODS:
-        ways = [*(10.0**k for k in range(3, 10) if 10.0**k < float(method)), float(method)]
+        ways = [
+            *(10.0**k for k in range(3, 10) if 10.0**k < float(method)),
+            float(method),
+        ]
     for way in ways:
         result = solved_by(way, problem, result, options).or_interrupted()
     return result

@@ -33,13 +33,17 @@ from ngepc.studies.work import OverMeshes
 LAME_MU = 1e3
 DIRECT_NODES = 2000
 """The largest mesh on which the direct solver runs beside."""
-TOLERANCE, MAX_STEPS = 1e-8, 50
-HARDENINGS, SHARED_HARDENING = (1.0, 0.1, 0.01, 0.001), 0.1
+TOLERANCE = 1e-8
+MAX_STEPS = 50
+HARDENINGS = (1.0, 0.1, 0.01, 0.001)
+SHARED_HARDENING = 0.1
 """Values of h/mu, and that of bodies which processes share."""
 SOLVERS = {"pyamg": PyAMG, "petsc": PETSc}
 
 
-def indented_block(refinements: int, hardening: float = 100.0, order: int = 1) -> Problem:
+def indented_block(
+    refinements: int, hardening: float = 100.0, order: int = 1
+) -> Problem:
     """A sphere of radius 1 pressed 0.03 into a unit block; 55, 281, 1745, 12,193, ... nodes.
 
     The coarsest mesh is refined so many times; ``hardening`` is h (stress), mu is 1e3.
@@ -75,8 +79,15 @@ def solved_in_a_row(
         solves, linear = (result.history.column(name)[1:] for name in names)
         each = [n / max(1, k) for n, k in zip(linear, solves, strict=True)]
         numbers = {"status": result.status.label, "iterations": result.iterations}
-        numbers |= {"solves": solves, "linear_iterations": linear, "most": max(each, default=0.0)}
-        numbers |= {"mean": sum(linear) / max(1, sum(solves)), "energy": result.primal_energy}
+        numbers |= {
+            "solves": solves,
+            "linear_iterations": linear,
+            "most": max(each, default=0.0),
+        }
+        numbers |= {
+            "mean": sum(linear) / max(1, sum(solves)),
+            "energy": result.primal_energy,
+        }
         yield result, numbers
 
 
@@ -85,13 +96,15 @@ def solve_large(levels: int, inverse: Iterative, hardening: float = 0.1) -> list
 
     'difference' is the relative one of the energy to the direct solver's, on small meshes.
     """
-    begin, records = time.process_time(), []
+    begin = time.process_time()
+    records = []
     runs = solved_in_a_row(block.mesh(maxh=0.4), levels, hardening, inverse)
     for result, numbers in runs:
         about = {"nodes": result.problem.mesh.nv, **numbers}
         about |= {"cpu_s": time.process_time() - begin, "memory_mb": peak_memory()}
         if about["nodes"] <= DIRECT_NODES:
-            clock, start = time.process_time(), (None, TOLERANCE, MAX_STEPS)
+            clock = time.process_time()
+            start = (None, TOLERANCE, MAX_STEPS)
             direct = solve_exactly(result.problem, *start, "sparsecholesky", None)
             about["difference"] = abs(about["energy"] / direct.primal_energy - 1)
             begin += time.process_time() - clock  # not part of the method
@@ -105,7 +118,8 @@ class Large(OverMeshes):
 
     solver: str = "pyamg"
 
-    name, title = "large", "A sphere pressed into a block, by iterative solvers"
+    name = "large"
+    title = "A sphere pressed into a block, by iterative solvers"
     columns = """h/mu = {hardening:g} | nodes = {nodes:,} | Newton steps = {steps}
         | CG for a solve: mean = {mean:.1f} | most = {most:.0f} | CPU s = {cpu_s:.1f}
         | MB = {memory_mb:.0f} | J = {energy:.10f} | direct = {difference:.0e}"""
@@ -128,18 +142,27 @@ class Large(OverMeshes):
 LAUNCH = ("mpiexec", "--allow-run-as-root", "--oversubscribe", "-n")
 """As root and with more processes than cores, as in containers; both are Open MPI's."""
 
-CHILD = "import sys; from ngepc.studies.large import child; child(sys.argv[1], sys.argv[2])"
+CHILD = (
+    "import sys; from ngepc.studies.large import child; child(sys.argv[1], sys.argv[2])"
+)
 
 
 def child(levels: str, path: str) -> None:
     """What each process of a cell does; process 0 writes the records of all meshes to a file."""
-    world, begin, clock = MPI.COMM_WORLD, time.process_time(), time.perf_counter()
-    records, whole = [], distribute(block.mesh(maxh=0.4) if world.rank == 0 else None)
+    world = MPI.COMM_WORLD
+    begin = time.process_time()
+    clock = time.perf_counter()
+    records = []
+    whole = distribute(block.mesh(maxh=0.4) if world.rank == 0 else None)
     runs = solved_in_a_row(whole, int(levels), SHARED_HARDENING, PETSc())
     for result, numbers in runs:
-        mesh, seconds, wall = result.problem.mesh, time.process_time(), time.perf_counter() - clock
+        mesh = result.problem.mesh
+        seconds = time.process_time()
+        wall = time.perf_counter() - clock
         own = world.allgather((mesh.nv, seconds - begin, peak_memory()))
-        each = dict(zip(("own", "cpu_s", "mb"), map(list, zip(*own, strict=True)), strict=True))
+        each = dict(
+            zip(("own", "cpu_s", "mb"), map(list, zip(*own, strict=True)), strict=True)
+        )
         about = {"force": result.contact_force, "wall_s": wall, **each}
         about |= {f"largest_{name}": max(values) for name, values in each.items()}
         records.append({"nodes": mesh.processes.count, **numbers, **about})
@@ -153,7 +176,8 @@ class Processes(OverMeshes):
 
     counts: Sequence[int] = (1, 2, 4, 8)
 
-    name, title = "processes", "A sphere pressed into a block that processes share"
+    name = "processes"
+    title = "A sphere pressed into a block that processes share"
     columns = """nodes = {nodes:,} | processes = {processes}
         | nodes of the largest part = {largest_own:,} | Newton steps = {steps}
         | CG for a solve = {mean:.1f} | CPU s of a process = {largest_cpu_s:.1f}
@@ -170,14 +194,32 @@ class Processes(OverMeshes):
     def solve(self, processes: int, levels: int) -> list[dict]:
         """All meshes on some processes."""
         mine = ("OMPI_", "PMIX_")  # what an MPI of this process has left
-        clean = {name: value for name, value in os.environ.items() if not name.startswith(mine)}
-        clean["OMPI_MCA_mpi_yield_when_idle"] = "1"  # who waits leaves the core to others
+        clean = {
+            name: value
+            for name, value in os.environ.items()
+            if not name.startswith(mine)
+        }
+        clean["OMPI_MCA_mpi_yield_when_idle"] = (
+            "1"  # who waits leaves the core to others
+        )
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "records.json"
-            program = [sys.executable, "-m", "mpi4py", "-c", CHILD, str(levels), str(path)]
-            run = subprocess.run([*LAUNCH, str(processes), *program], check=False, env=clean)
+            program = [
+                sys.executable,
+                "-m",
+                "mpi4py",
+                "-c",
+                CHILD,
+                str(levels),
+                str(path),
+            ]
+            run = subprocess.run(
+                [*LAUNCH, str(processes), *program], check=False, env=clean
+            )
             if run.returncode:
-                raise OSError(f"{processes} processes: mpiexec ended with status {run.returncode}")
+                raise OSError(
+                    f"{processes} processes: mpiexec ended with status {run.returncode}"
+                )
             return json.loads(path.read_text(encoding="utf-8"))
 
     def told(self, records: Sequence[dict]) -> list[dict]:

@@ -35,20 +35,28 @@ def cantilever(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
 def punch(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
     """Half of a smooth punch of width 1, 0.06 down into a block 4 deep, hardly any hardening."""
     body = mesh(nx=n, ny=n, mapping=lambda s, t: (4 * s, 4 * t - 4))
-    clay = metal(1e3, 0.3, math.sqrt(3), kinematic=1.5e-3 * lame_parameters(1e3, 0.3)[1])
-    walls, gap = {"left|right": (0, None)}, IfPos(x - 0.5 - 1e-6, 10.0, -0.06)
-    return Problem(body, clay, "bottom", prescribed=walls, contact="top", gap=gap, order=order)
+    clay = metal(
+        1e3, 0.3, math.sqrt(3), kinematic=1.5e-3 * lame_parameters(1e3, 0.3)[1]
+    )
+    walls = {"left|right": (0, None)}
+    gap = IfPos(x - 0.5 - 1e-6, 10.0, -0.06)
+    return Problem(
+        body, clay, "bottom", prescribed=walls, contact="top", gap=gap, order=order
+    )
 
 
 def cook(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
     """Cook's membrane with E = 1, nearly incompressible, sheared by 1/16 at the right."""
     body = mesh(nx=n, ny=n, mapping=lambda s, t: (48 * s, 44 * s + t * (44 - 28 * s)))
-    return Problem(body, metal(1.0, POISSON, ELASTIC), "left", {"right": (0, 1 / 16)}, order=order)
+    return Problem(
+        body, metal(1.0, POISSON, ELASTIC), "left", {"right": (0, 1 / 16)}, order=order
+    )
 
 
 def deflection(result: ExactResult) -> float:
     """That of the tip of the cantilever over beam theory (plane strain)."""
-    young, nu = 1000.0 / (1 - POISSON**2), POISSON / (1 - POISSON)
+    young = 1000.0 / (1 - POISSON**2)
+    nu = POISSON / (1 - POISSON)
     beam = ((4 + 5 * nu) * 10 / 4 + 2 * 10**3) / (6 * young / 12)
     return float(result.displacement(result.problem.mesh(10 - 1e-9, 0.0))[1]) / beam
 
@@ -76,13 +84,16 @@ def solve_with(problem: Problem, mean_volume: bool) -> ExactResult:
     parts = problem.mesh, problem.kinematics, problem.order
     discrete = DiscreteProblem(problem, Points(*parts, mean_volume=mean_volume))
     factors = Factors(discrete, "sparsecholesky")
-    return newton_iteration(starting_state(discrete, None), factors, ExactResult, 1e-10, 300)
+    return newton_iteration(
+        starting_state(discrete, None), factors, ExactResult, 1e-10, 300
+    )
 
 
 class Locking(OverMeshes):
     """All kinds of elements on ``levels`` meshes, 1 to 4, of each problem."""
 
-    name, title = "locking", "Volume locking"
+    name = "locking"
+    title = "Volume locking"
     columns = "problem, what is shown = {problem} | cells = {cells}"
     across = ("{elements}", "{value:.3f}{ending}")
     note = (
@@ -95,8 +106,16 @@ class Locking(OverMeshes):
 
     def cells(self) -> list[dict]:
         """All kinds of elements on all meshes of all problems."""
-        meshes = [(test, n) for test, (*_, f) in TESTS.items() for n in first_of(f, self.levels)]
-        return [{"problem": t, "elements": kind, "cells": n} for t, n in meshes for kind in KINDS]
+        meshes = [
+            (test, n)
+            for test, (*_, f) in TESTS.items()
+            for n in first_of(f, self.levels)
+        ]
+        return [
+            {"problem": t, "elements": kind, "cells": n}
+            for t, n in meshes
+            for kind in KINDS
+        ]
 
     def solve(self, problem: str, elements: str, cells: int) -> dict:
         """One problem on one mesh."""

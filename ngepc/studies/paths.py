@@ -32,7 +32,9 @@ def followed(
     return follow_path(
         example(body, nodes),
         options,
-        lambda s: study.progress(f"  {body} gamma {s.gamma:9.4g}: {s.iterations} steps"),
+        lambda s: study.progress(
+            f"  {body} gamma {s.gamma:9.4g}: {s.iterations} steps"
+        ),
         **more,
     ).or_interrupted()
 
@@ -43,7 +45,8 @@ class Table3(OverMeshes):
 
     inner_scale: float = PathOptions().inner_scale
 
-    name, title = "table3", "Table 3"
+    name = "table3"
+    title = "Table 3"
     columns = """nodes = {nodes} | iterations = {outer_iterations}({total_inner_iterations}){ending}
         | paper = {paper} | gamma_end = {gamma_end:.3g} | inner = {inner}
         | last two changes / (tau_out h) = {last} | directly at gamma_end = {direct[steps]}
@@ -64,7 +67,8 @@ class Table3(OverMeshes):
     def __post_init__(self) -> None:
         self.options, c = PathOptions(inner_scale=self.inner_scale), self.inner_scale
         if c != PathOptions().inner_scale:
-            self.name, self.title = f"table3_c{c:g}", f"Table 3 with c = {c:g}"
+            self.name = f"table3_c{c:g}"
+            self.title = f"Table 3 with c = {c:g}"
 
     def cells(self) -> list[dict]:
         """The meshes."""
@@ -75,15 +79,19 @@ class Table3(OverMeshes):
         """A path, and the direct solve at its end: Algorithm 7.1 from v = 0, as precise."""
         store = self.path_of({"nodes": nodes, "kept": "path"})
         path = followed(self, "wrench", nodes, self.options, checkpoint=store)
-        there = replace(self.options, gamma_start=path.gamma_end, gamma_end=path.gamma_end)
+        there = replace(
+            self.options, gamma_start=path.gamma_end, gamma_end=path.gamma_end
+        )
         direct = follow_path(path.last.problem, there).or_interrupted()
-        column, h = FAMILIES["wrench"].index(nodes), mesh_width(path.last.problem.mesh)
+        column = FAMILIES["wrench"].index(nodes)
+        h = mesh_width(path.last.problem.mesh)
         told = ("iterations", "path_value", "residual_norm", "halvings")
         end = {"status": direct.status.label}
         end |= {name: getattr(direct.steps[-1], name) for name in told}
         names = ("outer_iterations", "total_inner_iterations", "inner_iterations", "gamma_end",
                  "path_values", "residual_norms")  # fmt: skip
-        changes, bound = [step.change for step in path.steps], self.options.outer_tolerance * h
+        changes = [step.change for step in path.steps]
+        bound = self.options.outer_tolerance * h
         return {
             "h": h,
             "paper": f"{TABLE_3_OUTER[column]}({TABLE_3_INNER[column]})",
@@ -91,7 +99,9 @@ class Table3(OverMeshes):
             **{name: getattr(path, name) for name in names},
             "changes": changes,
             "outer_bound": bound,
-            "last": ", ".join(f"{change / bound:.3f}" for change in changes[-2:] if change),
+            "last": ", ".join(
+                f"{change / bound:.3f}" for change in changes[-2:] if change
+            ),
             "inner": " ".join(map(str, path.inner_iterations)),
             "ratio": direct.total_inner_iterations / path.total_inner_iterations,
             "residual": path.residual_norms[-1],
@@ -138,11 +148,16 @@ HIGHEST_STRAIN = {"lshape": 0.2, "wrench": 0.04}
 
 def drawn(number: int, result: DualResult) -> Figure:
     """Figure 2, 3, 5 or 6 from a result for its example."""
-    bound, (body, panels, _) = result.problem.beta, FIGURES[number]
+    bound = result.problem.beta
+    body, panels, _ = FIGURES[number]
     draws = {
         "zone": lambda a: plot_plastic_zone(result, THRESHOLDS[body], axes=a),
-        "strain": lambda a: plot_field(result, vmin=0.0, vmax=HIGHEST_STRAIN[body], axes=a),
-        "excess": lambda a: plot_field(result, "yield_function", vmin=-bound, vmax=0.0, axes=a),
+        "strain": lambda a: plot_field(
+            result, vmin=0.0, vmax=HIGHEST_STRAIN[body], axes=a
+        ),
+        "excess": lambda a: plot_field(
+            result, "yield_function", vmin=-bound, vmax=0.0, axes=a
+        ),
         "mesh": lambda a: plot_mesh(result, axes=a),
     }
     height = 4.0 if body == "lshape" else 2.6
@@ -160,7 +175,9 @@ class Figures(BothPaths):
     lshape_nodes: int = 3201
     wrench_nodes: int = 6353
 
-    name, title, keeps = "figures", "Figures 2, 3, 5 and 6", False
+    name = "figures"
+    title = "Figures 2, 3, 5 and 6"
+    keeps = False
     columns = """figure = [{figure}]({file}) | shows = {shows} | nodes = {nodes}
         | gamma = {gamma:.3g}{ending} | Newton steps = {iterations}
         | max |p|_F = {plastic_strain_max:.4g} | zone / body = {zone:.4f}"""
@@ -175,9 +192,11 @@ class Figures(BothPaths):
         store = self.path_of({"body": body, "nodes": nodes})
         check_folder(store.parent)
         path = followed(self, body, nodes, PATHS[body], checkpoint=store)
-        fields, mesh = path.last.fields, path.last.problem.mesh
+        fields = path.last.fields
+        mesh = path.last.problem.mesh
         strain = corners_of(fields, fields.equivalent_plastic_strain).values
-        zone, whole = Integrate(fields.plastic_zone(THRESHOLDS[body]), mesh), Integrate(1.0, mesh)
+        zone = Integrate(fields.plastic_zone(THRESHOLDS[body]), mesh)
+        whole = Integrate(1.0, mesh)
         numbers = {
             "gamma": path.gamma_end,
             "status": path.status.label,
@@ -191,7 +210,9 @@ class Figures(BothPaths):
         for number in (n for n, (of, *_) in FIGURES.items() if of == body):
             file = f"figure{number}.png"
             save_figure(drawn(number, path.last), self.folder / file)
-            found.append({"figure": number, "file": file, "shows": FIGURES[number][2], **numbers})
+            found.append(
+                {"figure": number, "file": file, "shows": FIGURES[number][2], **numbers}
+            )
         return found
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
@@ -205,7 +226,8 @@ BY_TENS = PathOptions(growth=10.0, gamma_end=1e6, inner_scale=1e-8)
 class Duality(BothPaths):
     """The paths of both examples to gamma = 1e6 by factors of ten."""
 
-    name, title = "duality", "Duality"
+    name = "duality"
+    title = "Duality"
     columns = """example = {body} | nodes = {nodes} | gamma = {gamma:.3g} | J + J* = {gap:.3g}
         | (z, u.n - psi) = {contact_term:.3g} | int beta|p| + (q, p) = {plastic_term:.3g}
         | M1 = {contact_penalty:.3g} | M2 = {plastic_penalty:.3g} | T = {tichonov:.3g}
@@ -223,9 +245,18 @@ class Duality(BothPaths):
         """Follow the path of an example: a record for each gamma."""
         found: list = []
         path = followed(
-            self, body, nodes, BY_TENS, observer=lambda r: found.append(asdict(duality_report(r)))
+            self,
+            body,
+            nodes,
+            BY_TENS,
+            observer=lambda r: found.append(asdict(duality_report(r))),
         )
         return [
-            {"gamma": s.gamma, "iterations": s.iterations, "status": s.status.label, **report}
+            {
+                "gamma": s.gamma,
+                "iterations": s.iterations,
+                "status": s.status.label,
+                **report,
+            }
             for s, report in zip(path.steps, found, strict=False)
         ]

@@ -50,7 +50,12 @@ Solved = tuple[Result | None, list[Quantity]]
 
 
 def metal(
-    young: float, poisson: float, stress: float, *, isotropic: float = 0.0, kinematic: float = 0.0
+    young: float,
+    poisson: float,
+    stress: float,
+    *,
+    isotropic: float = 0.0,
+    kinematic: float = 0.0,
 ) -> Material:
     """Von Mises plasticity from uniaxial data: yield stress and plastic moduli (stress)."""
     lame_lambda, lame_mu = lame_parameters(young, poisson)
@@ -76,7 +81,10 @@ def nl1() -> Solved:
     values of the last two legs lie up to 1 percent beside the limit.
     """
     strain: dict[str, object] = dict.fromkeys(("zz", "xy", "xz", "yz"), 0.0)
-    strain |= {n: 0.25e-4 * c for n, c in zip(("xx", "yy"), np.transpose(NL1_CORNERS), strict=True)}
+    strain |= {
+        n: 0.25e-4 * c
+        for n, c in zip(("xx", "yy"), np.transpose(NL1_CORNERS), strict=True)
+    }
     found = []
     for modulus, published in NL1_STRESS.items():
         metal_h = metal(250e3, 0.25, 5.0, isotropic=modulus)
@@ -84,7 +92,9 @@ def nl1() -> Solved:
         coarse, fine = (run.von_mises[run.corners] for run in runs)
         limit = 2 * fine - coarse  # implicit Euler is of first order
         for leg, (value, ours) in enumerate(zip(published, limit, strict=True), 1):
-            found.append(Quantity(f"H = {modulus:g}, leg {leg}", value, "P", 0.01, float(ours)))
+            found.append(
+                Quantity(f"H = {modulus:g}, leg {leg}", value, "P", 0.01, float(ours))
+            )
     return None, found
 
 
@@ -103,7 +113,9 @@ def pulled(material: Material, corners: str) -> Solved:
     return None, [
         Quantity(f"{name} at {corner}", value, "P", TOLERANCE[corner], float(ours[end]))
         for corner, end in zip(corners, run.corners, strict=True)
-        for name, ours, value in zip(("eps_xx", "eps_xy", "p"), told, STRAIN[corner], strict=True)
+        for name, ours, value in zip(
+            ("eps_xx", "eps_xy", "p"), told, STRAIN[corner], strict=True
+        )
     ]
 
 
@@ -129,20 +141,27 @@ def hill() -> Solved:
     Hardening 1e-5 mu. The closed form takes sigma_zz for the mean of the other two stresses, which
     is exact for nu = 1/2.
     """
-    mesh = MakeStructured2DMesh(nx=80, ny=1, mapping=lambda s, t: (100 + 100 * s, 2 * t))
-    k, flat = 0.24 / math.sqrt(3), {"bottom|top": (None, 0)}
+    mesh = MakeStructured2DMesh(
+        nx=80, ny=1, mapping=lambda s, t: (100 + 100 * s, 2 * t)
+    )
+    k = 0.24 / math.sqrt(3)
+    flat = {"bottom|top": (None, 0)}
     body = {"kinematics": "axisymmetric", "order": 2, "prescribed": flat}
     free = Problem(mesh, metal(210.0, 0.3, 0.24), None, **body)
     blown = replace(free, prescribed=flat | {"left": (2.0, None)})
     limit = semismooth_newton(blown).raise_for_status()
     found = limit.equilibrium.reactions["left"][0] / (2 * math.pi * 100 * 2)
-    quantities = [Quantity("limit pressure", 2 * k * math.log(2), "C", 0.005, float(found))]
+    quantities = [
+        Quantity("limit pressure", 2 * k * math.log(2), "C", 0.005, float(found))
+    ]
     for pressure in HILL_PRESSURES:
         loaded = replace(free, pressure={"left": pressure})
         state = semismooth_newton(loaded).raise_for_status().state
         r = float(state.discrete.points.at(X)[state.at.yields].max())
         closed = k * (2 * math.log(r / 100) + 1 - (r / 200) ** 2)
-        quantities.append(Quantity(f"p at plastic radius {r:.1f}", closed, "C", 0.005, pressure))
+        quantities.append(
+            Quantity(f"p at plastic radius {r:.1f}", closed, "C", 0.005, pressure)
+        )
     return limit, quantities
 
 
@@ -151,7 +170,8 @@ def prandtl() -> Solved:
 
     Hardening 1e-5 mu, displacements of order two; from above, as the theorems say.
     """
-    body, perfect = half_block(6, 4, 1.0, 0.03, 0.25), metal(1e3, 0.3, math.sqrt(3))  # k = 1
+    body = half_block(6, 4, 1.0, 0.03, 0.25)
+    perfect = metal(1e3, 0.3, math.sqrt(3))  # k = 1
     held = {"contact": (0, -0.1), "symmetry": (0, None), "bottom|right": (0, 0)}
     problem = Problem(body, perfect, None, prescribed=held, order=2)
     result = semismooth_newton(problem).raise_for_status()

@@ -26,13 +26,18 @@ CELLS = {"tetrahedra": (4, 6, 8, 12, 16), "hexahedra": (4, 6, 8, 12)}
 """Cells along each edge of the graded quarter."""
 OWN = "hexahedra of step-42"
 """Equal cells, 8 x 8 x 8 on the whole body."""
-REFINED, HALVED = f"{OWN}, refined", (8, 16, 32)
+REFINED = f"{OWN}, refined"
+HALVED = (8, 16, 32)
 """The same halved everywhere, so many along an edge of the quarter, for the default method."""
 TOLERANCE = 1e-8
 """Of the runs on them."""
 
 WHOLE = {"left|right|front|back": (0, 0, None)}
-QUARTER = {"side_x|side_y": (0, 0, None), "mirror_x": (0, None, None), "mirror_y": (None, 0, None)}
+QUARTER = {
+    "side_x|side_y": (0, 0, None),
+    "mirror_x": (0, None, None),
+    "mirror_y": (None, 0, None),
+}
 
 
 def step42_problem(mesh: Mesh, prescribed: dict = QUARTER) -> Problem:
@@ -42,7 +47,10 @@ def step42_problem(mesh: Mesh, prescribed: dict = QUARTER) -> Problem:
     """
     lame_lambda, mu = lame_parameters(2e5, 0.3)
     elastic = {"lame_lambda": lame_lambda, "lame_mu": mu, "yield_stress": BOUND}
-    hardening = {"hardening_modulus": 1 / BOUND, "hardening_stiffness": 2 * mu * 0.01 / 0.99}
+    hardening = {
+        "hardening_modulus": 1 / BOUND,
+        "hardening_stiffness": 2 * mu * 0.01 / 0.99,
+    }
     steel = Material.isotropic(**elastic, **hardening)
     gap = Sphere((0.5, 0.5, 1.6), 0.6).gap(mesh, motion=(0.0, 0.0, -0.01))
     return Problem(mesh, steel, contact="contact", gap=gap, prescribed=prescribed)
@@ -55,16 +63,20 @@ def equal_cells(n: int) -> Mesh:
 
 def multigrid_run(cells: int) -> Result:
     """The default method with multigrid on equal cells, nested from the mesh of step-42."""
-    options, result = NewtonOptions(inverse=PyAMG(), tolerance=TOLERANCE), None
+    options = NewtonOptions(inverse=PyAMG(), tolerance=TOLERANCE)
+    result = None
     for n in (n for n in (4, *HALVED) if n <= cells):
-        result = semismooth_newton(step42_problem(equal_cells(n)), start=result, options=options)
+        result = semismooth_newton(
+            step42_problem(equal_cells(n)), start=result, options=options
+        )
     return result
 
 
 class Step42(OverMeshes):
     """``levels`` meshes of each shape, 1 to 5 (hexahedra: at most 4), and that of step-42."""
 
-    name, title = "step42", "Step-42: the default method and the primal one"
+    name = "step42"
+    title = "Step-42: the default method and the primal one"
     columns = """mesh = {label} | nodes = {nodes} | method = {method} | steps = {steps}
         | touching = {touching} | F = {contact_force:.8f} | change = {change:.1e}
         | J = {energy:.12f} | peak = {peak_pressure:.6f} | CPU s = {cpu_s:.1f}
@@ -82,10 +94,16 @@ class Step42(OverMeshes):
     def cells(self) -> list[dict]:
         """Tetrahedra, hexahedra, and the mesh of step-42 itself by both methods; refined."""
         first_of(CELLS["tetrahedra"], self.levels)
-        meshes = [(shape, n) for shape, family in CELLS.items() for n in family[: self.levels]]
-        runs = [(*mesh, method) for mesh in (*meshes, (OWN, 4)) for method in METHODS[::-1]]
+        meshes = [
+            (shape, n) for shape, family in CELLS.items() for n in family[: self.levels]
+        ]
+        runs = [
+            (*mesh, method) for mesh in (*meshes, (OWN, 4)) for method in METHODS[::-1]
+        ]
         runs += [(REFINED, n, "default") for n in HALVED[: max(0, self.levels - 2)]]
-        return [{"mesh": shape, "cells": n, "method": method} for shape, n, method in runs]
+        return [
+            {"mesh": shape, "cells": n, "method": method} for shape, n, method in runs
+        ]
 
     def solve(self, mesh: str, cells: int, method: str) -> dict:
         """Forces and energies are those of the whole body, four times those of the quarter."""
@@ -96,10 +114,13 @@ class Step42(OverMeshes):
             graded = quarter_cube.mesh(cells, simplices=mesh == "tetrahedra")
             problem = step42_problem(equal_cells(cells) if mesh == OWN else graded)
             result, found = timed(solved_by, method, problem)
-        forces, nodes = result.nodal_contact_forces, result.problem.mesh.nv
+        forces = result.nodal_contact_forces
+        nodes = result.problem.mesh.nv
         label = OWN if mesh == OWN else f"{cells}^3 cells on the quarter, {mesh}"
         if mesh == REFINED:
-            label = f"{2 * cells}^3 equal cells on the whole body, {3 * nodes:,} unknowns"
+            label = (
+                f"{2 * cells}^3 equal cells on the whole body, {3 * nodes:,} unknowns"
+            )
         return found | {
             "label": label,
             "nodes": nodes,
@@ -111,7 +132,8 @@ class Step42(OverMeshes):
 
     def told(self, records: Sequence[dict]) -> list[dict]:
         """The records with the change of F from the next coarser mesh."""
-        told, before = [], {}
+        told = []
+        before = {}
         for r in records:
             force = r["contact_force"]
             family = (r["mesh"].removesuffix(", refined"), r["method"])

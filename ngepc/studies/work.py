@@ -55,7 +55,9 @@ class Work(ABC):
     def line(self, record: dict) -> str:
         """What progress says about a record: the first of its numbers and texts."""
         flat = _flat(record).items()
-        return ", ".join([f"{k} {_short(v)}" for k, v in flat if v not in ("", None)][:8])
+        return ", ".join(
+            [f"{k} {_short(v)}" for k, v in flat if v not in ("", None)][:8]
+        )
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What is said below the table."""
@@ -71,12 +73,17 @@ class Work(ABC):
 
     def succeeded(self, records: Sequence[dict]) -> bool:
         """Whether every status in the records, also in nested ones, is 'converged'."""
-        nested = [inner for r in records for inner in r.values() if isinstance(inner, dict)]
-        return all(r.get("status", "converged") == "converged" for r in (*records, *nested))
+        nested = [
+            inner for r in records for inner in r.values() if isinstance(inner, dict)
+        ]
+        return all(
+            r.get("status", "converged") == "converged" for r in (*records, *nested)
+        )
 
     def run(self) -> list[dict]:
         """Do the work; returns the records of all cells."""
-        cells, found = self.cells(), []
+        cells = self.cells()
+        found = []
         for number, cell in enumerate(cells, 1):
             found += self.kept(cell)
             self.progress(f"[{number}/{len(cells)}] {self.line(found[-1])}")
@@ -89,21 +96,30 @@ class Work(ABC):
 
     def kept(self, cell: Mapping) -> list[dict]:
         """The stored records of a cell, or those that ``solve`` gives, which are then stored."""
-        about = {"study": self.name, "form": FORM, "ngepc": provenance()["version"], **cell}
+        about = {
+            "study": self.name,
+            "form": FORM,
+            "ngepc": provenance()["version"],
+            **cell,
+        }
         path = self.path_of(cell)
         if self.keeps:
             check_folder(path.parent)
             if (stored := checkpoint.load(path, about)) is not None:
                 return stored.record["records"]
         found = self.solve(**cell)
-        records = [{**cell, **r} for r in ([found] if isinstance(found, dict) else found)]
+        records = [
+            {**cell, **r} for r in ([found] if isinstance(found, dict) else found)
+        ]
         if self.keeps:
             checkpoint.save(path, about, {"records": records}, {})
         return records
 
     def table(self, records: Sequence[dict]) -> list[list[str]]:
         """The heads of the table, then its entries, row by row."""
-        columns = [c.partition("=") for c in " ".join(self.columns.split()).split(" | ")]
+        columns = [
+            c.partition("=") for c in " ".join(self.columns.split()).split(" | ")
+        ]
         heads, entries = ([c[k].strip() for c in columns] for k in (0, 2))
         told = [spoken(record) for record in self.told(records)]
         rows = [[shown(entry, record) for entry in entries] for record in told]
@@ -114,18 +130,33 @@ class Work(ABC):
             head, entry = (shown(text, record) for text in self.across)
             merged.setdefault(tuple(row), {})[head] = entry
         over = list(dict.fromkeys(head for found in merged.values() for head in found))
-        rows = [[*row, *(found.get(h, "") for h in over)] for row, found in merged.items()]
+        rows = [
+            [*row, *(found.get(h, "") for h in over)] for row, found in merged.items()
+        ]
         return [[*heads, *over], *rows]
 
     def write(self, records: Sequence[dict]) -> list[Path]:
         """Write what ``run`` has returned as NAME.csv, .md and .json, and pictures; the paths."""
         heads, *rows = self.table(records)
-        escaped = [[entry.replace("|", "\\|") for entry in row] for row in (heads, *rows)]
+        escaped = [
+            [entry.replace("|", "\\|") for entry in row] for row in (heads, *rows)
+        ]
         escaped.insert(1, ["---"] * len(heads))
         made_with = provenance()
-        lines = [f"# {self.title}", "", *(f"| {' | '.join(row)} |" for row in escaped), ""]
-        lines += [*self.notes(records), "", *(f"- {k}: {v}" for k, v in made_with.items()), ""]
-        flat, stream = [_flat(record) for record in records], io.StringIO()
+        lines = [
+            f"# {self.title}",
+            "",
+            *(f"| {' | '.join(row)} |" for row in escaped),
+            "",
+        ]
+        lines += [
+            *self.notes(records),
+            "",
+            *(f"- {k}: {v}" for k, v in made_with.items()),
+            "",
+        ]
+        flat = [_flat(record) for record in records]
+        stream = io.StringIO()
         names = list(dict.fromkeys(name for row in flat for name in row))
         writer = csv.DictWriter(stream, names, lineterminator="\n")
         writer.writeheader()
@@ -134,7 +165,10 @@ class Work(ABC):
         texts = {"csv": stream.getvalue(), "md": "\n".join(lines), "json": data}
         for kind, text in texts.items():
             write_text(self.folder / f"{self.name}.{kind}", text)
-        return [*(self.folder / f"{self.name}.{kind}" for kind in texts), *self.draw(records)]
+        return [
+            *(self.folder / f"{self.name}.{kind}" for kind in texts),
+            *self.draw(records),
+        ]
 
 
 @dataclass(eq=False)
@@ -197,4 +231,6 @@ def _flat(cell: dict) -> dict:
 
 
 def _short(item: object) -> str:
-    return f"{item:.6g}" if isinstance(item, float) else "" if item is None else str(item)
+    return (
+        f"{item:.6g}" if isinstance(item, float) else "" if item is None else str(item)
+    )

@@ -101,13 +101,21 @@ class Use:
         """Pairs (argument, kind of nonsense) that must be refused."""
         for parameter in self.arguments():
             hint = resolved(parameter.annotation, self.call)
-            legal = self.may.get(parameter.name, legal_kinds(hint)) | none_of(parameter, hint)
-            yield from ((parameter.name, kind) for kind in NONSENSE if kind not in legal)
+            legal = self.may.get(parameter.name, legal_kinds(hint)) | none_of(
+                parameter, hint
+            )
+            yield from (
+                (parameter.name, kind) for kind in NONSENSE if kind not in legal
+            )
 
     def complaints(self) -> list[str]:
         """What is wrong with the answers to nonsense, one line for each case."""
-        found = ((a, kind, self._complaint(a, NONSENSE[kind])) for a, kind in self.cases())
-        return [f"{a}, {kind}: {complaint}" for a, kind, complaint in found if complaint]
+        found = (
+            (a, kind, self._complaint(a, NONSENSE[kind])) for a, kind in self.cases()
+        )
+        return [
+            f"{a}, {kind}: {complaint}" for a, kind, complaint in found if complaint
+        ]
 
     def _complaint(self, argument: str, value: object) -> str:
         try:
@@ -118,7 +126,11 @@ class Use:
                 return f"the argument is not named: {message}"
             if not names_the_value(message, value):
                 return f"the value is not named: {message}"
-            return "" if any(word in message for word in NEED) else f"no legal value: {message}"
+            return (
+                ""
+                if any(word in message for word in NEED)
+                else f"no legal value: {message}"
+            )
         except Exception as error:
             return f"{type(error).__name__}: {error}"
         return "accepted"
@@ -154,7 +166,8 @@ def declared_kinds(check: Check) -> frozenset:
     legal = {
         kind
         for kind, number in tried.items()
-        if bounds["least"] <= number <= bounds["most"] and number < bounds.get("below", math.inf)
+        if bounds["least"] <= number <= bounds["most"]
+        and number < bounds.get("below", math.inf)
         if not (bounds.get("strict") and number == bounds["least"])
         if not (rule is require_integer and kind == "a fraction")
     }
@@ -168,7 +181,10 @@ def legal_kinds(hint: object) -> frozenset:
         return declared_kinds(check)
     parts = {part for part in parts_of(hint) if part is not type(None)}
     text = str(hint)
-    if any(typing.get_origin(part) is typing.get_origin(Callable[[], None]) for part in parts):
+    if any(
+        typing.get_origin(part) is typing.get_origin(Callable[[], None])
+        for part in parts
+    ):
         return CALLABLE
     if re.search(r"\bCallable\b", text):
         return CALLABLE

@@ -95,7 +95,12 @@ from ngepc.pictures import (
 from ngepc.pictures.views import View, viewer_installed
 
 PROBLEM = lshape_problem(MESH)
-STEEL = {"lame_lambda": 1000.0, "lame_mu": 800.0, "yield_stress": 5.0, "hardening": 100.0}
+STEEL = {
+    "lame_lambda": 1000.0,
+    "lame_mu": 800.0,
+    "yield_stress": 5.0,
+    "hardening": 100.0,
+}
 BLOCK = {
     "mesh": MESH,
     "material": Material(**STEEL),
@@ -185,7 +190,8 @@ USES = {
     "Reaction": Use(Reaction, {"support": "clamped", "component": 0}),
     "Curve": Use(Curve, CURVE, {"noise": {"a fraction"}}),
     "calibrate": Use(
-        calibrate, {"problem": FREE, "curves": Curve(**CURVE), "start": {"hardening": 90.0}}
+        calibrate,
+        {"problem": FREE, "curves": Curve(**CURVE), "start": {"hardening": 90.0}},
     ),
     "gradient": Use(
         gradient,
@@ -196,12 +202,16 @@ USES = {
     "error_bound": Use(error_bound, {"result": SOLVED}),
     "error_indicators": Use(error_indicators, {"result": SOLVED}),
     "contact_force_bracket": Use(contact_force_bracket, {"result": SOLVED}),
-    "displacement_bracket": Use(displacement_bracket, {"result": SOLVED, "body_force": (0.0, 1.0)}),
+    "displacement_bracket": Use(
+        displacement_bracket, {"result": SOLVED, "body_force": (0.0, 1.0)}
+    ),
     "Refinement": Use(Refinement),
     "solve_to": Use(solve_to, {"problem": FREE, "relative_error": 0.5}),
     "PyAMG": Use(PyAMG),
     "SymbolicForms": Use(SymbolicForms),
-    "misfit": Use(misfit, {"observed": PRIMAL.displacement}, {"observed": COEFFICIENTS}),
+    "misfit": Use(
+        misfit, {"observed": PRIMAL.displacement}, {"observed": COEFFICIENTS}
+    ),
     # load histories
     "Schedule": Use(
         Schedule,
@@ -214,34 +224,48 @@ USES = {
         {"problem": PROBLEM, "steps": load_cycle(PROBLEM, [1.0])},
         {"cuts": {"zero"}, "solver": CALLABLE},
     ),
-    "cold_start": Use(cold_start, {"solver": primal_newton}, {"solver": CALLABLE}, ("settings",)),
+    "cold_start": Use(
+        cold_start, {"solver": primal_newton}, {"solver": CALLABLE}, ("settings",)
+    ),
     # monitors
-    "progress_line": Use(lambda label="": progress_line(label).__enter__(), may={"label": TEXTS}),
+    "progress_line": Use(
+        lambda label="": progress_line(label).__enter__(), may={"label": TEXTS}
+    ),
     "live_plot_monitor": Use(live_plot_monitor, may={"interval": NOT_NEGATIVE}),
     # pictures
     "plot_field": Use(plot_field, {"source": DUAL}, DRAWN | RANGE | FIELD),
     "plot_plastic_zone": Use(
         plot_plastic_zone, {"source": DUAL}, DRAWN | {"threshold": NOT_NEGATIVE}
     ),
-    "plot_field, several": Use(plot_field, {"source": {"one": DUAL}}, DRAWN | RANGE | FIELD),
+    "plot_field, several": Use(
+        plot_field, {"source": {"one": DUAL}}, DRAWN | RANGE | FIELD
+    ),
     "plot_mesh": Use(plot_mesh, {"source": DUAL}),
     "plot_active_sets": Use(plot_active_sets, {"result": DUAL}, DRAWN),
     "plot_history": Use(plot_history, {"histories": DUAL.history}),
     "plot_counts": Use(plot_counts, {"counts": {"a": {10: 3}}}),
     "plot_contact_pressure": Use(plot_contact_pressure, {"sources": DUAL}),
     "beside": Use(
-        lambda width=4.0, height=4.0: beside(lambda axes: None, width=width, height=height),
+        lambda width=4.0, height=4.0: beside(
+            lambda axes: None, width=width, height=height
+        ),
         may={"width": POSITIVE, "height": POSITIVE},
     ),
     "UnitNames": Use(UnitNames),
     "show": Use(show, {"source": DUAL}, DRAWN | RANGE | FIELD),
     # files
-    "export_vtu": Use(export_vtu, {"source": DUAL, "path": "fields.vtu"}, {"path": NOTHING}),
+    "export_vtu": Use(
+        export_vtu, {"source": DUAL, "path": "fields.vtu"}, {"path": NOTHING}
+    ),
     "export_vtu, several": Use(
         export_vtu, {"source": {0.5: DUAL}, "path": "series.pvd"}, {"path": NOTHING}
     ),
-    "write_report": Use(write_report, {"path": "page.html", "title": "title"}, skip=("sections",)),
-    "View.save": Use(lambda path: View("").save(path), {"path": "v.html"}, {"path": {"a text"}}),
+    "write_report": Use(
+        write_report, {"path": "page.html", "title": "title"}, skip=("sections",)
+    ),
+    "View.save": Use(
+        lambda path: View("").save(path), {"path": "v.html"}, {"path": {"a text"}}
+    ),
     # obstacles
     "Plane": Use(Plane, {"point": (0, 0), "normal": (0, 1)}),
     "Sphere": Use(Sphere, {"centre": (0, 0), "radius": 1.0}),
@@ -310,14 +334,19 @@ def test_solver_that_returns_nonsense_is_named():
 
 
 def test_changes_that_are_no_mapping_are_named_before_the_first_step():
-    with pytest.raises(TypeError, match=r"changes at time 2 are 2\.0: a mapping is needed"):
+    with pytest.raises(
+        TypeError, match=r"changes at time 2 are 2\.0: a mapping is needed"
+    ):
         evolve(PROBLEM, Schedule([1.0, 2.0], lambda t: {} if t < 2 else t))
 
 
 @pytest.mark.parametrize(
     ("sections", "message"),
     [
-        ([("heading", "a text")], r"sections\[0\]=.*a pair of a heading and a list of contents"),
+        (
+            [("heading", "a text")],
+            r"sections\[0\]=.*a pair of a heading and a list of contents",
+        ),
         ([("heading", ["fine"]), "junk"], r"sections\[1\]='junk'"),
         ([(3, ["fine"])], r"sections\[0\]\[0\]=3: a text is needed"),
         ([("heading", [3])], r"contents 3: text, a list of dictionaries, .* is needed"),

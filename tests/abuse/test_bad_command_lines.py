@@ -12,7 +12,19 @@ import pytest
 from ngepc.__main__ import main
 from ngepc.cli.commands import COMMANDS, STUDIES, parser
 
-NUMBERS = ["junk", "", "-1", "0", "nan", "inf", "-inf", "1e400", "1,5", "0x10", "1e-400"]
+NUMBERS = [
+    "junk",
+    "",
+    "-1",
+    "0",
+    "nan",
+    "inf",
+    "-inf",
+    "1e400",
+    "1,5",
+    "0x10",
+    "1e-400",
+]
 COUNTS = [*NUMBERS, "1.5", "two", "1e3"]
 
 
@@ -62,7 +74,9 @@ CASES += [
 ]
 CASES += [
     ([*path, *required(command), "--unheard-of=1"], "--unheard-of")
-    for path, command in {path: command for path, command, _ in options(parser())}.items()
+    for path, command in {
+        path: command for path, command, _ in options(parser())
+    }.items()
     if path
 ]
 
@@ -106,18 +120,30 @@ def test_commands_that_are_none(capsys):
         "solve lshape wrench",
     ]  # fmt: skip
     words = [text.split() for text in texts]
-    words += [[""], *([command, ""] for command in ("solve", "study", "notebooks", "report"))]
+    words += [
+        [""],
+        *([command, ""] for command in ("solve", "study", "notebooks", "report")),
+    ]
     assert complaints(((arguments, "error: ") for arguments in words), capsys) == []
 
 
 WORK = {
     "no such mesh": (["solve", "lshape", "--nodes", "800"], "nodes=800"),
-    "too many nodes": (["solve", "wrench", "--nodes", "99999999999"], "nodes=99999999999"),
+    "too many nodes": (
+        ["solve", "wrench", "--nodes", "99999999999"],
+        "nodes=99999999999",
+    ),
     "mesh too fine": (["solve", "lshape", "--maxh", "1e-9"], "maxh=1e-09"),
     "mesh width too small": (["path", "wrench", "--maxh", "1e-9"], "maxh=1e-09"),
-    "tolerance below rounding": (["solve", "lshape", "--tolerance", "1e-300"], "tolerance=1e-300"),
+    "tolerance below rounding": (
+        ["solve", "lshape", "--tolerance", "1e-300"],
+        "tolerance=1e-300",
+    ),
     "no such start": (["solve", "lshape", "--start", "warm"], "--start warm"),
-    "no run to start from": (["solve", "lshape", "--start", "none.npz"], "--start none.npz"),
+    "no run to start from": (
+        ["solve", "lshape", "--start", "none.npz"],
+        "--start none.npz",
+    ),
     "gamma for the primal method": (
         ["solve", "lshape", "--method", "primal", "--gamma", "3"],
         "--gamma 3",
@@ -128,7 +154,10 @@ WORK = {
         ["path", "lshape", "--gamma-end", "100", "--residual-tolerance", "1"],
         "give one of them",
     ),
-    "a mesh twice": (["solve", "lshape", "--nodes", "833", "--maxh", "0.1"], "nodes=833 and maxh"),
+    "a mesh twice": (
+        ["solve", "lshape", "--nodes", "833", "--maxh", "0.1"],
+        "nodes=833 and maxh",
+    ),
     "levels of table 1": (["study", "table1", "--levels", "7"], "levels=7"),
     "rows of table 1": (["study", "table1", "--rows", "junk"], "1e0"),
     "rows of table 2": (["study", "table2", "--rows", "1e0"], "rows"),
@@ -142,15 +171,23 @@ WORK = {
     "nodes of a figure": (["study", "figures", "--lshape-nodes", "5"], "nodes=5"),
     "nodes of the gap": (["study", "duality", "--wrench-nodes", "5"], "nodes=5"),
     "nodes without a term": (["study", "without_tichonov", "--nodes", "5"], "nodes=5"),
-    "levels of the norm gap": (["study", "differentiability", "--levels", "99"], "levels=99"),
-    "a row of the benchmarks": (["study", "benchmarks", "--rows", "junk"], "rows=['junk']"),
+    "levels of the norm gap": (
+        ["study", "differentiability", "--levels", "99"],
+        "levels=99",
+    ),
+    "a row of the benchmarks": (
+        ["study", "benchmarks", "--rows", "junk"],
+        "rows=['junk']",
+    ),
     "no run to report": (["report", "none.npz"], "no such run"),
 }
 
 
 @pytest.mark.parametrize("command", ["solve", "path", "study", "report"])
 def test_what_only_the_work_can_tell_is_told_first(command, capsys):
-    cases = [(words, message) for words, message in WORK.values() if words[0] == command]
+    cases = [
+        (words, message) for words, message in WORK.values() if words[0] == command
+    ]
     assert cases
     assert complaints(cases, capsys) == []
 
@@ -166,7 +203,11 @@ def test_refused_work_leaves_no_folder(tmp_path, capsys):
 
 def test_refused_solve_leaves_no_folder(tmp_path, capsys):
     words = ["solve", "lshape", "--nodes", "5"]
-    for option, place in (("--json", "a/run.json"), ("--save", "b/c/run"), ("--figures", "d")):
+    for option, place in (
+        ("--json", "a/run.json"),
+        ("--save", "b/c/run"),
+        ("--figures", "d"),
+    ):
         ends([*words, option, str(tmp_path / place)], capsys)
     assert list(tmp_path.iterdir()) == []
 

@@ -29,7 +29,9 @@ from ngepc.results.records import write_text
 from ngepc.studies.counts import Table1
 
 FORK = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="signals and limits of Linux")
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux", reason="signals and limits of Linux"
+)
 
 TABLE = ["study", "table1", "--levels", "1", "--rows", "1e0,1e1,1e2,1e4"]
 PATH = ["path", "lshape", "--nodes", "113", "--gamma-end", "1e4", "--growth", "4"]
@@ -69,7 +71,10 @@ def finished(process, timeout=120):
 def cells(folder):
     """The numbers of a finished table that may not depend on interruptions."""
     records = json.loads((folder / "table1.json").read_text())["cells"]
-    return [(r["row"], r["nodes"], r["iterations"], r["status"], r["dual_energy"]) for r in records]
+    return [
+        (r["row"], r["nodes"], r["iterations"], r["status"], r["dual_energy"])
+        for r in records
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -95,14 +100,22 @@ def assert_same_cells(ours, theirs):
 def assert_same_path(one, other):
     for key in ("gammas", "inner_iterations", "status"):
         assert one[key] == other[key]
-    for key in ("path_values", "residual_norms", "dual_energy", "primal_energy", "contact_force"):
+    for key in (
+        "path_values",
+        "residual_norms",
+        "dual_energy",
+        "primal_energy",
+        "contact_force",
+    ):
         assert one[key] == pytest.approx(other[key], rel=1e-12)
 
 
 # SIGKILL
 
 
-def test_table_killed_at_random_moments_resumes_with_the_same_digits(uninterrupted, tmp_path):
+def test_table_killed_at_random_moments_resumes_with_the_same_digits(
+    uninterrupted, tmp_path
+):
     random = np.random.default_rng(1)
     arguments, kills, patience = [*TABLE, "--out", str(tmp_path)], 0, 0.9
     for _ in range(6):
@@ -124,7 +137,9 @@ def test_table_killed_at_random_moments_resumes_with_the_same_digits(uninterrupt
         assert str(ours["header"]) == str(theirs["header"])
 
 
-def test_path_killed_at_random_moments_resumes_with_the_same_digits(whole_path, tmp_path):
+def test_path_killed_at_random_moments_resumes_with_the_same_digits(
+    whole_path, tmp_path
+):
     random = np.random.default_rng(2)
     target, store = tmp_path / "path.json", tmp_path / "path.npz"
     arguments = [*PATH, "--checkpoint", str(store), "--json", str(target)]
@@ -176,10 +191,13 @@ def test_path_killed_while_it_writes_resumes(whole_path, tmp_path, moment):
 def bar_history(store, kill_after=None):
     """Four steps of a bar with a checkpoint; SIGKILL in the monitor of one step."""
     mesh = block.structured_mesh(3, 3, simplices=True)
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+    )
     problem = Problem(mesh, material, contact="contact", gap=0.002)
     steps = [
-        (float(t), {"traction": {"left": (0.0, 2.0 * s)}}) for t, s in enumerate((1, 3, 1, -2))
+        (float(t), {"traction": {"left": (0.0, 2.0 * s)}})
+        for t, s in enumerate((1, 3, 1, -2))
     ]
 
     def monitor(step):
@@ -240,16 +258,30 @@ def interrupted_at(line, arguments, log):
 
 def test_ctrl_c_writes_the_state_of_a_solve(tmp_path):
     target = tmp_path / "result.json"
-    arguments = ["solve", "lshape", "--nodes", "833", "--gamma", "1e6", "--json", str(target)]
+    arguments = [
+        "solve",
+        "lshape",
+        "--nodes",
+        "833",
+        "--gamma",
+        "1e6",
+        "--json",
+        str(target),
+    ]
     assert interrupted_at("it:   3", arguments, tmp_path / "log") == 130
     record = json.loads(target.read_text())
     assert record["status"] == "stopped"
     assert record["iterations"] >= 3
     assert math.isfinite(record["dual_energy"])
-    assert len(record["residual_norms"]) in (record["iterations"] + 1, record["iterations"] + 2)
+    assert len(record["residual_norms"]) in (
+        record["iterations"] + 1,
+        record["iterations"] + 2,
+    )
 
 
-def test_ctrl_c_ends_a_study_between_cells_and_a_rerun_completes_it(uninterrupted, tmp_path):
+def test_ctrl_c_ends_a_study_between_cells_and_a_rerun_completes_it(
+    uninterrupted, tmp_path
+):
     """A cell that was stopped half-way (the long one, 1e4) is not kept as if it were finished."""
     study = [
         "study",
@@ -355,7 +387,9 @@ def test_full_disk_is_an_error_before_the_work(tmp_path):
         room = tmp_path / name.replace(" ", "-")
         room.mkdir()
         begin = time.perf_counter()
-        line = refused([word.format(room) for word in words], tmp_path / "log", RLIMIT_FSIZE=2048)
+        line = refused(
+            [word.format(room) for word in words], tmp_path / "log", RLIMIT_FSIZE=2048
+        )
         assert "cannot be written: File too large" in line, name
         assert time.perf_counter() - begin < 20, name
         assert [p for p in room.rglob("*") if p.is_file()] == [], name
@@ -371,7 +405,9 @@ def test_a_file_in_place_of_the_folder_is_an_error_before_the_work(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("precious")
     for name, words in OUTPUTS.items():
-        line = refused([word.format(blocked / "sub") for word in words], tmp_path / "log")
+        line = refused(
+            [word.format(blocked / "sub") for word in words], tmp_path / "log"
+        )
         assert str(blocked) in line, name
         assert blocked.read_text() == "precious", name
 

@@ -111,7 +111,9 @@ def test_committed_table_has_all_cells_and_no_state_without_a_name():
         table = list(csv.DictReader(stream))
     stored = json.loads((RESULTS / "robustness.json").read_text())["cells"]
     assert len(stored) == len(CASES) * len(METHODS)
-    assert {(c["row"], c["method"]) for c in stored} == {(r, m) for r in CASES for m in METHODS}
+    assert {(c["row"], c["method"]) for c in stored} == {
+        (r, m) for r in CASES for m in METHODS
+    }
     assert list(table[0])[:5] == ["row", "method", "limit", "iterations", "status"]
     assert {"residual", "plastic", "contact_force", "message"} <= set(table[0])
     assert list(dict.fromkeys(row["row"] for row in table)) == list(CASES)

@@ -18,7 +18,9 @@ from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.studies.bounds import LIMITS
 
 LIMIT = LIMITS["lshape"]
-MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+MATERIAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2
+)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +50,9 @@ def test_what_is_asked_for_is_reached(lshaped):
     assert lshaped.reached
     assert lshaped.message == ""
     assert lshaped.bound.relative <= 0.02
-    assert f"relative error at most {lshaped.bound.relative:.3g}, 0.02 asked" in repr(lshaped)
+    assert f"relative error at most {lshaped.bound.relative:.3g}, 0.02 asked" in repr(
+        lshaped
+    )
     fresh = error_bound(lshaped.result)  # its stress starts from another tangent
     assert fresh.energy == lshaped.bound.energy
     assert fresh.total == pytest.approx(
@@ -68,13 +72,17 @@ def test_bounds_are_sharp_and_newton_ends_early(lshaped):
 def test_the_error_falls_as_fast_as_the_nodes_grow(lshaped):
     records = [r for r in lshaped.records if r.nodes > 90]
     rate = np.polyfit(
-        np.log([r.nodes for r in records]), np.log([r.energy - LIMIT for r in records]), 1
+        np.log([r.nodes for r in records]),
+        np.log([r.energy - LIMIT for r in records]),
+        1,
     )[0]
     assert rate <= -0.95
 
 
 @pytest.mark.parametrize("left", [0.9, 0.5, 0.2])
-def test_bisections_leave_what_they_should_where_indicators_fall_with_the_square_of_the_area(left):
+def test_bisections_leave_what_they_should_where_indicators_fall_with_the_square_of_the_area(
+    left,
+):
     mesh, random = lshape.paper_mesh(225), np.random.default_rng(3)
     indicators = random.random(mesh.ne) ** 4
     finer, parent = bisected_to(mesh, indicators, 0.25, left)
@@ -156,7 +164,9 @@ def test_piecewise_constants_are_carried_exactly():
     material = replace(MATERIAL, yield_stress=1 + c)
     deviator = CF((a, b, b, -a), dims=(2, 2))
     history = {"initial_plastic_strain": deviator, "initial_hardening": 3 * deviator}
-    old = Problem(mesh, material, kinematics="two-dimensional", body_force=(a, c), **history)
+    old = Problem(
+        mesh, material, kinematics="two-dimensional", body_force=(a, c), **history
+    )
     chosen = random.random(mesh.ne) < 0.3
     new = everywhere(on_mesh(old, *bisected(mesh, chosen)))
     for weight in (1, x, y * y):
@@ -164,7 +174,11 @@ def test_piecewise_constants_are_carried_exactly():
             [
                 Integrate(weight * part * part, problem.mesh)
                 for tensor in (problem.p_0, problem.alpha_0[1], problem.f, problem.beta)
-                for part in ([tensor[i] for i in range(tensor.dim)] if tensor.dim > 1 else [tensor])
+                for part in (
+                    [tensor[i] for i in range(tensor.dim)]
+                    if tensor.dim > 1
+                    else [tensor]
+                )
             ]
             for problem in (old, new)
         )
@@ -202,7 +216,9 @@ def test_states_are_carried_exactly():
 def test_histories_are_carried():
     """A second step from p_0 and alpha_0 on L2 functions, on finer meshes."""
     mesh = block.mesh(0.4, (1.0, 1.0))
-    loaded = Problem(mesh, MATERIAL, traction={"right": (4.0, 0.0)}, kinematics="two-dimensional")
+    loaded = Problem(
+        mesh, MATERIAL, traction={"right": (4.0, 0.0)}, kinematics="two-dimensional"
+    )
     first = semismooth_newton(loaded)
     p = first.fields.plastic_strain
     again = Problem(
@@ -220,7 +236,9 @@ def test_histories_are_carried():
 
 
 def everywhere(problem):
-    return on_mesh(problem, *bisected(problem.mesh, np.ones(problem.mesh.ne, dtype=bool)))
+    return on_mesh(
+        problem, *bisected(problem.mesh, np.ones(problem.mesh.ne, dtype=bool))
+    )
 
 
 def test_boundary_data_of_finite_elements_are_refused():

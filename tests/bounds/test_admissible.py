@@ -5,7 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns.crossings import finer
-from ngsolve import BND, CF, ET, GridFunction, InnerProduct, IntegrationRule, specialcf, x, y
+from ngsolve import (
+    BND,
+    CF,
+    ET,
+    GridFunction,
+    InnerProduct,
+    IntegrationRule,
+    specialcf,
+    x,
+    y,
+)
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton, wrench_problem
 from ngepc.bounds.bound import error_bound
@@ -105,7 +115,9 @@ def bound(result):
 
 def corners(bound):
     """Stress tensors (nt, 3, k, 2, 2) at the nodes of the sub-triangles, places (nt, 3, 3, 2)."""
-    sigma = ELEMENTS[2].tensors(bound.admissible).reshape(len(bound.per_cell), 3, -1, 2, 2)
+    sigma = (
+        ELEMENTS[2].tensors(bound.admissible).reshape(len(bound.per_cell), 3, -1, 2, 2)
+    )
     mesh = bound.problem.mesh
     points = np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, :2]
     nodes = np.array([[v.nr for v in element.vertices] for element in mesh.Elements()])
@@ -154,7 +166,9 @@ def test_divergence(bound):
     """At the corners of the parts: what is affine vanishes with its values there."""
     sigma, places, _ = corners(bound)
     frames = places[:, :, 1:] - places[:, :, :1]
-    hats = np.linalg.inv(frames)  # gradients of the hat functions of corners 1 and 2 as columns
+    hats = np.linalg.inv(
+        frames
+    )  # gradients of the hat functions of corners 1 and 2 as columns
     hats = np.concatenate([-hats.sum(axis=3, keepdims=True), hats], axis=3)
     f = bound.problem.body_force or (0.0, 0.0)
     width = np.abs(frames).max(axis=(1, 2, 3)).min()
@@ -168,7 +182,9 @@ def test_tractions_are_continuous(bound):
     jumps = [
         a + b
         for a, b in (
-            [s[0] for s in sides] for sides in tractions(bound).values() if len(sides) == 2
+            [s[0] for s in sides]
+            for sides in tractions(bound).values()
+            if len(sides) == 2
         )
     ]
     assert np.abs(jumps).max() <= 1e-12 * size(bound)
@@ -176,7 +192,11 @@ def test_tractions_are_continuous(bound):
 
 def test_inner_tractions_are_continuous(bound):
     sigma, places, _ = corners(bound)
-    for k, j in ((0, 1), (1, 2), (2, 0)):  # the end j' of k is the end i' of the next one
+    for k, j in (
+        (0, 1),
+        (1, 2),
+        (2, 0),
+    ):  # the end j' of k is the end i' of the next one
         shared = next(v for v in PAIRS[k] if v in PAIRS[j])
         a, b = PAIRS[k].index(shared), PAIRS[j].index(shared)
         t = places[:, k, 2] - places[:, k, a]
@@ -202,7 +222,9 @@ def test_boundary(bound):
     problem, found = bound.problem, tractions(bound)
     held = {name: (True, True) for name in problem.clamped_names}
     for names, values in (problem.prescribed or {}).items():
-        held |= {name: tuple(v is not None for v in values) for name in names.split("|")}
+        held |= {
+            name: tuple(v is not None for v in values) for name in names.split("|")
+        }
     for segment in problem.mesh.Elements(BND):
         ends = tuple(sorted(v.nr for v in segment.vertices))
         ((sn, n),) = found[ends]
@@ -210,7 +232,9 @@ def test_boundary(bound):
             pressure = -sn @ n
             assert pressure.min() >= -1e-12 * size(bound)
             points = np.asarray(problem.mesh.ngmesh.Coordinates())[list(ends), :2]
-            places = np.concatenate([points, points.mean(axis=0, keepdims=True)])[: len(sn)]
+            places = np.concatenate([points, points.mean(axis=0, keepdims=True)])[
+                : len(sn)
+            ]
             most = 0.3 + 0.2 * places[:, 0] if problem.friction else 0.0
             shear = np.linalg.norm(sn + pressure[:, None] * n, axis=1)
             assert (shear - most).max() <= 1e-12 * size(bound)
@@ -218,7 +242,9 @@ def test_boundary(bound):
         free = ~np.array(held.get(segment.mat, (False, False)))
         points = np.asarray(problem.mesh.ngmesh.Coordinates())[list(ends), :2]
         expected = given_traction(problem, segment.mat, points, n)
-        expected = np.concatenate([expected, expected.mean(axis=0, keepdims=True)])[: len(sn)]
+        expected = np.concatenate([expected, expected.mean(axis=0, keepdims=True)])[
+            : len(sn)
+        ]
         assert np.abs((sn - expected)[:, free]).max(initial=0.0) <= 1e-12 * size(bound)
 
 

@@ -25,7 +25,9 @@ from ngepc.studies.bounds import LIMITS
 from ngepc.studies.examples import example
 
 
-@pytest.mark.parametrize(("name", "nodes"), [("lshape", 417), ("lshape", 1601), ("wrench", 873)])
+@pytest.mark.parametrize(
+    ("name", "nodes"), [("lshape", 417), ("lshape", 1601), ("wrench", 873)]
+)
 def test_effectivity_on_uniform_meshes(name, nodes):
     result = semismooth_newton(example(name, nodes))
     bound = error_bound(result)
@@ -53,7 +55,10 @@ def test_converged_results_have_no_algebraic_part():
 
 def test_primal_and_exact_results_have_the_same_bound():
     problem = example("lshape", 417)
-    one, other = error_bound(semismooth_newton(problem)), error_bound(primal_newton(problem))
+    one, other = (
+        error_bound(semismooth_newton(problem)),
+        error_bound(primal_newton(problem)),
+    )
     assert other.total == pytest.approx(one.total, rel=1e-6)
 
 
@@ -68,7 +73,12 @@ def test_regularised_results_are_made_feasible():
 
 def test_less_effort_gives_a_bound_too():
     result = semismooth_newton(example("wrench", 873))
-    efforts = [Effort(newton=0, steps=1), Effort(newton=0), Effort(), Effort(newton=2, gain=1e-3)]
+    efforts = [
+        Effort(newton=0, steps=1),
+        Effort(newton=0),
+        Effort(),
+        Effort(newton=2, gain=1e-3),
+    ]
     setting, totals = setting_of(result.discrete), []
     for setting.effort in efforts:
         tangent = Factors(result.discrete, "sparsecholesky")
@@ -85,7 +95,10 @@ def test_errors_of_stress_and_strain_are_within_their_bounds():
     bound, law, points = error_bound(coarse), fine.discrete.law, fine.discrete.points
     centres = [points.at(c) for c in (x, y)]
     parent = element_at(problem.mesh, centres)
-    stress, other = law.stress(fine.state.at), coarse.discrete.law.stress(coarse.state.at)[parent]
+    stress, other = (
+        law.stress(fine.state.at),
+        coarse.discrete.law.stress(coarse.state.at)[parent],
+    )
     mean = law.bulk * (fine.state.volume - coarse.state.volume[parent])
     p = fine.state.at.plastic_strain - coarse.state.at.plastic_strain[parent]
     elastic = mean**2 / law.bulk + ((stress - other) ** 2).sum(axis=1) / law.two_mu
@@ -105,7 +118,9 @@ def element_at(mesh, places):
 
 
 def test_elastic_and_unloaded_bodies():
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2
+    )
     problem = Problem(block.mesh(0.5, (1.0, 1.0)), material)
     bound = error_bound(semismooth_newton(problem))
     assert bound.total == bound.relative == 0
@@ -115,9 +130,13 @@ def test_elastic_and_unloaded_bodies():
 
 def test_a_solution_in_the_space_has_no_error():
     """Uniaxial stretch beyond yield: eps and sigma are constant."""
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2
+    )
     rollers = {"left": (0, None), "clamped": (None, 0), "right": (5e-3, None)}
-    problem = Problem(block.mesh(0.3, (1.0, 1.0)), material, clamped=None, prescribed=rollers)
+    problem = Problem(
+        block.mesh(0.3, (1.0, 1.0)), material, clamped=None, prescribed=rollers
+    )
     result = semismooth_newton(problem)
     assert result.state.at.yields.all()
     bound = error_bound(result)
@@ -128,8 +147,14 @@ def test_a_solution_in_the_space_has_no_error():
 def test_sliding_in_the_space_has_no_error(solver):
     """Pressed and sheared alike everywhere: F = 2 mu_2 eps_xy, slip beyond it from u_0."""
     press, shear, moduli = 1e-3, 4e-4, (1e3, 1e3)
-    xx, yy, xy = -moduli[0] * press, -(moduli[0] + 2 * moduli[1]) * press, moduli[1] * shear
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1e3, hardening=1e2)
+    xx, yy, xy = (
+        -moduli[0] * press,
+        -(moduli[0] + 2 * moduli[1]) * press,
+        moduli[1] * shear,
+    )
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1e3, hardening=1e2
+    )
     problem = square(
         material,
         traction={"left": (-xx, -xy), "right": (xx, xy)},
@@ -146,7 +171,9 @@ def test_sliding_in_the_space_has_no_error(solver):
 
 def test_friction_where_the_gap_opens_is_refused():
     problem = square(contact="contact", gap=0.2 * (x - 0.4) ** 2 - 4e-3, friction=0.1)
-    with pytest.raises(ValueError, match=r"friction=0\.1: it acts where the gap is closed"):
+    with pytest.raises(
+        ValueError, match=r"friction=0\.1: it acts where the gap is closed"
+    ):
         error_bound(semismooth_newton(problem))
 
 
@@ -158,7 +185,9 @@ def test_indicators_are_drawn_where_they_belong():
     assert np.allclose(means, bound.per_cell, rtol=1e-12)
 
 
-MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+MATERIAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2
+)
 
 
 def square(material=MATERIAL, **data):
@@ -177,7 +206,9 @@ def square(material=MATERIAL, **data):
         ("friction", lambda: square(contact="contact", gap=0.1, friction=x**2)),
         (
             "lame_mu",
-            lambda: Problem(block.mesh(0.5, (1.0, 1.0)), replace(MATERIAL, lame_mu=1e3 + x)),
+            lambda: Problem(
+                block.mesh(0.5, (1.0, 1.0)), replace(MATERIAL, lame_mu=1e3 + x)
+            ),
         ),
     ],
 )
@@ -199,7 +230,9 @@ def test_parts_that_hinge_at_a_vertex_are_refused():
         lambda a, b: "clamped" if a[0] == b[0] in (0, 2) else "free",
     )
     with pytest.raises(ValueError, match="hang together by edges"):
-        error_bound(semismooth_newton(Problem(mesh, MATERIAL, traction={"free": (1.0, 0.0)})))
+        error_bound(
+            semismooth_newton(Problem(mesh, MATERIAL, traction={"free": (1.0, 0.0)}))
+        )
 
 
 def test_a_result_is_needed():

@@ -5,11 +5,19 @@ from dataclasses import replace
 import pytest
 from campaigns.crossings import finer
 
-from ngepc import Material, Problem, contact_force_bracket, displacement_bracket, semismooth_newton
+from ngepc import (
+    Material,
+    Problem,
+    contact_force_bracket,
+    displacement_bracket,
+    semismooth_newton,
+)
 from ngepc.geometries import block
 from ngepc.studies.examples import example
 
-MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+MATERIAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2
+)
 UNIT = {"load": (0.0, 1.0)}
 
 
@@ -21,9 +29,15 @@ def pair():
 
 def test_friction_is_refused():
     problem = Problem(
-        block.mesh(0.5, (1.0, 1.0)), MATERIAL, contact="contact", gap=-1e-3, friction=0.1
+        block.mesh(0.5, (1.0, 1.0)),
+        MATERIAL,
+        contact="contact",
+        gap=-1e-3,
+        friction=0.1,
     )
-    with pytest.raises(ValueError, match=r"friction=0.1: a bracket needs contact without"):
+    with pytest.raises(
+        ValueError, match=r"friction=0.1: a bracket needs contact without"
+    ):
         contact_force_bracket(semismooth_newton(problem))
 
 
@@ -54,7 +68,11 @@ def test_body_forces_are_goals_and_loads():
     rollers = {"left": (0, None), "right": (0, None)}
     mesh = block.structured_mesh(4, 4, simplices=True)
     column = Problem(
-        mesh, MATERIAL, prescribed=rollers, body_force=(0.0, -0.5), kinematics="two-dimensional"
+        mesh,
+        MATERIAL,
+        prescribed=rollers,
+        body_force=(0.0, -0.5),
+        kinematics="two-dimensional",
     )
     bracket = displacement_bracket(semismooth_newton(column), body_force=(0.0, 1.0))
     exact = -0.5 / 3e3 / 3  # f / (lambda + 2 mu) times the mean of y - y^2/2

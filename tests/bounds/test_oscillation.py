@@ -15,7 +15,9 @@ from ngepc.bounds.oscillation import INSIDE, OUTSIDE, CarriedLoads, rotating_loa
 from ngepc.bounds.simplices import Simplices
 from ngepc.geometries import block
 
-MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=1e3)
+MATERIAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=1e3
+)
 FORCES = {2: (6 * x - 3 * y, 2 * x + 1), 3: (6 * x - 3 * y, 2 * x + z, y - 4 * z + 2)}
 
 
@@ -42,13 +44,20 @@ def loads_of(cells, loads):
     N = cells.N
     turning = np.einsum("ta,aki->tki", loads.inner[:, N:], rotating_loads(N))
     reference = loads.inner[:, None, :N] + turning
-    return np.matmul(reference, cells.jacobian.transpose(0, 2, 1)) / cells.det[:, None, None]
+    return (
+        np.matmul(reference, cells.jacobian.transpose(0, 2, 1))
+        / cells.det[:, None, None]
+    )
 
 
 def at(N, X):
     """The force of FORCES, by hand."""
     a = X[..., 0], X[..., 1], X[..., -1]
-    force = (6 * a[0] - 3 * a[1], 2 * a[0] + (1 if N == 2 else a[2]), a[1] - 4 * a[2] + 2)
+    force = (
+        6 * a[0] - 3 * a[1],
+        2 * a[0] + (1 if N == 2 else a[2]),
+        a[1] - 4 * a[2] + 2,
+    )
     return np.stack(force[:N], axis=-1)
 
 
@@ -95,7 +104,9 @@ def gauss(N):
     t, w = np.polynomial.legendre.leggauss(4)
     t, w = (1 + t) / 2, w / 2
     grids = np.stack(np.meshgrid(*[t] * N, indexing="ij"), axis=-1).reshape(-1, N)
-    weights = np.prod(np.stack(np.meshgrid(*[w] * N, indexing="ij"), axis=-1), axis=-1).ravel()
+    weights = np.prod(
+        np.stack(np.meshgrid(*[w] * N, indexing="ij"), axis=-1), axis=-1
+    ).ravel()
     left, shares = np.ones(len(grids)), []
     for k in range(N):
         shares.append(left * grids[:, k])
@@ -117,7 +128,10 @@ LOADS = {
     "waves": (2, {"body_force": (6 * sin(5 * x * y), 3 * x * y)}),
     "traction": (2, {"traction": {"contact": CF((8 * x * (1 - x), 2 * sin(3 * x)))}}),
     "rotating in space": (3, {"body_force": (-6 * (y - 0.3), 6 * (x - 0.5), z)}),
-    "traction in space": (3, {"traction": {"contact": (8 * x * (1 - x), 2 * y * y, 0.0)}}),
+    "traction in space": (
+        3,
+        {"traction": {"contact": (8 * x * (1 - x), 2 * y * y, 0.0)}},
+    ),
 }
 
 

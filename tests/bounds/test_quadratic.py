@@ -36,7 +36,9 @@ def fine_points(count):
     return np.column_stack([places, 1 - places.sum(axis=1)])
 
 
-@pytest.mark.parametrize(("spread", "accuracy"), [(0.05, 1e-6), (0.5, 1e-3), (3.0, 3e-2)])
+@pytest.mark.parametrize(
+    ("spread", "accuracy"), [(0.05, 1e-6), (0.5, 1e-3), (3.0, 3e-2)]
+)
 def test_plastic_integrals_from_below(spread, accuracy):
     """Against many points; the more exact the less the direction turns in a triangle."""
     random = np.random.default_rng(0)
@@ -52,7 +54,9 @@ def test_plastic_integrals_from_below(spread, accuracy):
 def test_plastic_integrals_from_above(spread, accuracy):
     """Of quadratic functions, against many points."""
     random = np.random.default_rng(0)
-    s = 2 * random.standard_normal((40, 1, 3)) + spread * random.standard_normal((40, 6, 3))
+    s = 2 * random.standard_normal((40, 1, 3)) + spread * random.standard_normal(
+        (40, 6, 3)
+    )
     values, one = np.matmul(quadratics(fine_points(60)), s), np.ones(40)
     exact = ((np.linalg.norm(values, axis=2) - 1.0) ** 2).mean(axis=1)
     found = excess_integrals(s, one, one)
@@ -68,7 +72,9 @@ def test_quadratic_functions_on_parts():
     shares = np.random.default_rng(2).dirichlet(np.ones(3), 5)
     assert coefficients(np.matmul(AT_NODES, s)) == pytest.approx(s)
     for corners, part in zip(SPLIT[3], np.matmul(SPLIT[6], s), strict=True):
-        assert quadratics(shares) @ part == pytest.approx((quadratics(shares @ corners) @ s)[0])
+        assert quadratics(shares) @ part == pytest.approx(
+            (quadratics(shares @ corners) @ s)[0]
+        )
     values = np.matmul(quadratics(fine_points(100)), s)
     mean = np.einsum("tqd,tqd->t", values, values) / values.shape[1]
     assert square_integrals(s, np.ones(1)) == pytest.approx(mean, rel=1e-3)
@@ -88,12 +94,16 @@ def displacement(state):
 def test_parabolas_are_carried_exactly(coarse):
     problem = coarse.problem
     mesh, parents = bisected(problem.mesh, np.arange(problem.mesh.ne) % 3 == 0)
-    carried = carried_state(coarse, DiscreteProblem(on_mesh(problem, mesh, parents)), parents)
+    carried = carried_state(
+        coarse, DiscreteProblem(on_mesh(problem, mesh, parents)), parents
+    )
     old, new = displacement(coarse.state), displacement(carried)
     random = np.random.default_rng(1)
     centres = np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, :2]
     nodes = np.array([[v.nr for v in element.vertices] for element in mesh.Elements()])
-    points = np.einsum("tk,tkc->tc", random.dirichlet(np.ones(3), mesh.ne), centres[nodes])
+    points = np.einsum(
+        "tk,tkc->tc", random.dirichlet(np.ones(3), mesh.ne), centres[nodes]
+    )
     before = np.array(old(problem.mesh(*points.T)))
     after = np.array(new(mesh(*points.T)))
     assert np.abs(after - before).max() <= 1e-14 * np.abs(before).max()
@@ -104,7 +114,9 @@ def test_the_energy_is_no_less_than_the_integral(coarse):
     bound = error_bound(coarse)
     result = replace(coarse, state=bound.state)
     for _ in range(4):
-        mesh, parents = bisected(result.problem.mesh, np.ones(result.problem.mesh.ne, dtype=bool))
+        mesh, parents = bisected(
+            result.problem.mesh, np.ones(result.problem.mesh.ne, dtype=bool)
+        )
         discrete = DiscreteProblem(on_mesh(result.problem, mesh, parents))
         result = replace(coarse, state=carried_state(result, discrete, parents))
     many = result.state
@@ -114,29 +126,48 @@ def test_the_energy_is_no_less_than_the_integral(coarse):
 
 def test_histories_may_be_affine_on_triangles():
     """Of the mesh that they belong to: on finer ones they are the same functions."""
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2
+    )
     p, tensor = 1e-3 * (0.3 + x * y), CF((1, 0.5, 0, 0.5, -1, 0, 0, 0, 0), dims=(3, 3))
     mesh = block.mesh(0.3, (1.0, 0.7))
     strain = GridFunction(L2(mesh, order=1))
     strain.Set(p)
-    history = {"initial_plastic_strain": strain * tensor, "initial_hardening": 90 * strain * tensor}
+    history = {
+        "initial_plastic_strain": strain * tensor,
+        "initial_hardening": 90 * strain * tensor,
+    }
     loads = {"traction": {"right": (1.0, -2.0)}, "contact": "contact", "gap": 1e-3}
-    problem = Problem(mesh, material, order=2, kinematics="plane strain", **loads, **history)
+    problem = Problem(
+        mesh, material, order=2, kinematics="plane strain", **loads, **history
+    )
     bounds = [error_bound(semismooth_newton(finer(problem, k))) for k in (0, 2, 4)]
     assert bounds[0].state.at.yields.any()
-    energies, lower = ([getattr(b, name) for b in bounds] for name in ("energy", "least_energy"))
+    energies, lower = (
+        [getattr(b, name) for b in bounds] for name in ("energy", "least_energy")
+    )
     assert max(lower) < min(energies)
     assert energies == sorted(energies, reverse=True)
     assert lower == sorted(lower)
     assert bounds[0].total < 1.3 * (energies[0] - energies[2])
     with pytest.raises(ValueError, match="initial_plastic_strain varies"):
-        error_bound(semismooth_newton(replace(problem, initial_plastic_strain=p * tensor)))
+        error_bound(
+            semismooth_newton(replace(problem, initial_plastic_strain=p * tensor))
+        )
 
 
 def test_orders_agree(coarse):
     """Lower bounds from either order are below the energies of the other one."""
-    two, one = error_bound(coarse), error_bound(semismooth_newton(replace(coarse.problem, order=1)))
-    assert max(one.least_energy, two.least_energy) < LIMITS["lshape"] < two.energy < one.energy
+    two, one = (
+        error_bound(coarse),
+        error_bound(semismooth_newton(replace(coarse.problem, order=1))),
+    )
+    assert (
+        max(one.least_energy, two.least_energy)
+        < LIMITS["lshape"]
+        < two.energy
+        < one.energy
+    )
     assert two.total < 0.4 * one.total
 
 
@@ -144,7 +175,9 @@ def test_adaptive_meshes_reach_the_rate_of_order_two(coarse):
     start = replace(lshape_problem(lshape.paper_mesh(65)), order=2)
     solved = solve_to(start, 4e-4, Refinement(max_nodes=3000))
     records = [r for r in solved.records if r.nodes > 150]
-    fit = np.polyfit(np.log([r.nodes for r in records]), np.log([r.total for r in records]), 1)
+    fit = np.polyfit(
+        np.log([r.nodes for r in records]), np.log([r.total for r in records]), 1
+    )
     assert solved.reached
     assert fit[0] <= -1.7
     for record in solved.records:

@@ -8,8 +8,15 @@ from ngsolve import Mesh
 from ngepc import Material, Problem, semismooth_newton
 from ngepc.bounds.bound import error_bound
 
-CHOSEN = [(seed, "order 1") for seed in range(5)] + [(seed, "order 2") for seed in (5, 6, 7)]
-CHOSEN += [(4, "friction"), (3, "friction, order 2"), (3, "varying loads"), (1, "solid")]
+CHOSEN = [(seed, "order 1") for seed in range(5)] + [
+    (seed, "order 2") for seed in (5, 6, 7)
+]
+CHOSEN += [
+    (4, "friction"),
+    (3, "friction, order 2"),
+    (3, "varying loads"),
+    (1, "solid"),
+]
 
 
 @pytest.mark.parametrize(("seed", "kind"), CHOSEN)
@@ -33,7 +40,12 @@ def two_materials():
     geometry = SplineGeometry()
     corners = [(0, 0), (1, 0), (2, 0), (2, 1), (1, 1), (0, 1)]
     points = [geometry.AddPoint(*corner) for corner in corners]
-    sides = [(0, 1, 1, 0, "low"), (1, 2, 2, 0, "low"), (2, 3, 2, 0, "right"), (3, 4, 2, 0, "top")]
+    sides = [
+        (0, 1, 1, 0, "low"),
+        (1, 2, 2, 0, "low"),
+        (2, 3, 2, 0, "right"),
+        (3, 4, 2, 0, "top"),
+    ]
     sides += [(4, 5, 1, 0, "free"), (5, 0, 1, 0, "clamped"), (1, 4, 1, 2, "interface")]
     for a, b, left, right, name in sides:
         ends = ["line", points[a], points[b]]
@@ -66,7 +78,11 @@ def test_interfaces_inside_the_body():
 
 def test_loads_inside_the_body_are_refused():
     mesh = two_materials()
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2
+    )
     problem = Problem(mesh, material, traction={"interface": (0.5, 0.3)})
-    with pytest.raises(ValueError, match="traction: bounds need it on the outer boundary"):
+    with pytest.raises(
+        ValueError, match="traction: bounds need it on the outer boundary"
+    ):
         error_bound(semismooth_newton(problem))

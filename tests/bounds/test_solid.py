@@ -36,7 +36,9 @@ MATERIAL = Material(
     hardening_modulus=2.0,
     hardening_stiffness=6.0,
 )
-ELASTIC = Material.kinematic(lame_lambda=1.5e3, lame_mu=1e3, yield_stress=1e6, hardening=1e2)
+ELASTIC = Material.kinematic(
+    lame_lambda=1.5e3, lame_mu=1e3, yield_stress=1e6, hardening=1e2
+)
 P_0 = CF((2e-4, 1e-4, 0, 1e-4, -3e-4, 5e-5, 0, 5e-5, 1e-4), dims=(3, 3))
 BACK = CF((0.012, 0.006, 0, 0.006, -0.018, 0, 0, 0, 0.006), dims=(3, 3))
 PARTS = ELEMENTS[3].parts
@@ -44,8 +46,13 @@ PARTS = ELEMENTS[3].parts
 
 def loaded(material=ELASTIC):
     """Affine tractions on one side, constant ones on another, weight."""
-    traction = {"right": CF((0.3 + 0.2 * y, -0.1 - 0.2 * z, 0.1)), "contact": (0.0, 0.1, -0.2)}
-    return Problem(block.mesh(0.5), material, traction=traction, body_force=(0.1, 0.0, -0.3))
+    traction = {
+        "right": CF((0.3 + 0.2 * y, -0.1 - 0.2 * z, 0.1)),
+        "contact": (0.0, 0.1, -0.2),
+    }
+    return Problem(
+        block.mesh(0.5), material, traction=traction, body_force=(0.1, 0.0, -0.3)
+    )
 
 
 def pressed():
@@ -64,7 +71,11 @@ def pressed():
 
 def rollers():
     """A quarter of a body with a hole; what is prescribed moves."""
-    held = {"left": (0, None, None), "clamped": (None, None, 0), "front": (None, 0, None)}
+    held = {
+        "left": (0, None, None),
+        "clamped": (None, None, 0),
+        "front": (None, 0, None),
+    }
     return Problem(
         block.with_hole(0.5),
         MATERIAL,
@@ -86,7 +97,12 @@ def dragged():
     )
 
 
-PROBLEMS = {"loaded": loaded, "pressed": pressed, "rollers": rollers, "dragged": dragged}
+PROBLEMS = {
+    "loaded": loaded,
+    "pressed": pressed,
+    "rollers": rollers,
+    "dragged": dragged,
+}
 
 
 @pytest.fixture(scope="module", params=PROBLEMS)
@@ -101,7 +117,11 @@ def stresses(bound):
     sigma = sigma + np.einsum("tkvd,dij->tkvij", coordinates[..., 1:], SOLID.basis)
     cells = Simplices(bound.problem.mesh)
     places = cells.points[cells.nodes]
-    return sigma, np.concatenate([places, places.mean(axis=1, keepdims=True)], axis=1), cells
+    return (
+        sigma,
+        np.concatenate([places, places.mean(axis=1, keepdims=True)], axis=1),
+        cells,
+    )
 
 
 def size(bound):
@@ -141,12 +161,18 @@ def outer_tractions(bound):
     found = {}
     for k, face in enumerate(FACETS[3]):
         n = unit_normals(places, face)
-        n *= np.sign(np.einsum("ti,ti->t", n, places[:, face[0]] - places[:, 4]))[:, None]
-        values = [np.einsum("tij,tj->ti", sigma[:, k, PARTS[k].index(v)], n) for v in face]
+        n *= np.sign(np.einsum("ti,ti->t", n, places[:, face[0]] - places[:, 4]))[
+            :, None
+        ]
+        values = [
+            np.einsum("tij,tj->ti", sigma[:, k, PARTS[k].index(v)], n) for v in face
+        ]
         sn, vertices = np.stack(values, axis=1), cells.nodes[:, face]
         for key, value, normal in zip(vertices, sn, n, strict=True):
             order = np.argsort(key)
-            found.setdefault(tuple(key[order].tolist()), []).append((value[order], normal))
+            found.setdefault(tuple(key[order].tolist()), []).append(
+                (value[order], normal)
+            )
     return found
 
 
@@ -172,18 +198,24 @@ def test_tractions(bound):
         if not isinstance(g, tuple):
             g = [(0.3 + 0.2 * p[1], -0.1 - 0.2 * p[2], 0.1) for p in points[vertices]]
         free = ~np.array(held.get(face.mat, (False,) * 3))
-        assert np.abs((sn - np.array(g))[:, free]).max(initial=0.0) <= 1e-12 * size(bound)
+        assert np.abs((sn - np.array(g))[:, free]).max(initial=0.0) <= 1e-12 * size(
+            bound
+        )
 
 
 def test_indicators_are_nowhere_negative(bound):
     assert bound.per_cell.min() >= -1e-12 * bound.strain_energy
-    assert bound.indicators.vec.FV().NumPy().sum() == pytest.approx(bound.total, rel=1e-12)
+    assert bound.indicators.vec.FV().NumPy().sum() == pytest.approx(
+        bound.total, rel=1e-12
+    )
 
 
 def test_energies_of_meshes_do_not_cross(bound):
     fine = error_bound(semismooth_newton(finer(bound.problem, 1)))
     assert bound.least_energy < fine.least_energy < fine.energy < bound.energy
-    most = 2.0 if bound.problem.friction else 1.5  # tangential tractions are not sharpened
+    most = (
+        2.0 if bound.problem.friction else 1.5
+    )  # tangential tractions are not sharpened
     assert bound.total < most * (bound.energy - fine.energy + fine.total)
 
 
@@ -199,7 +231,11 @@ def test_the_element():
 
 def test_a_solution_in_the_space_has_no_error():
     """Uniaxial stretch beyond yield: eps and sigma are constant."""
-    held = {"left": (0, None, None), "clamped": (None, None, 0), "front": (None, 0, None)}
+    held = {
+        "left": (0, None, None),
+        "clamped": (None, None, 0),
+        "front": (None, 0, None),
+    }
     prescribed = {**held, "right": (5e-3, None, None)}
     problem = Problem(block.mesh(0.5), MATERIAL, clamped=None, prescribed=prescribed)
     bound = error_bound(semismooth_newton(problem))
@@ -212,14 +248,18 @@ def test_unconverged_and_primal_results_have_bounds():
     solved, other = semismooth_newton(problem), primal_newton(problem)
     one = error_bound(solved)
     assert error_bound(other).total == pytest.approx(one.total, rel=1e-4)
-    iterate = error_bound(semismooth_newton(problem, options=NewtonOptions(max_iterations=2)))
+    iterate = error_bound(
+        semismooth_newton(problem, options=NewtonOptions(max_iterations=2))
+    )
     assert iterate.algebraic >= iterate.energy - solved.primal_energy > 0
     assert iterate.least_energy <= one.energy
 
 
 def test_pressure_on_a_whole_side_is_sharpened():
     """A plate presses the whole top: the pressure of the nodal forces alone gives 0.0074."""
-    material = Material.kinematic(lame_lambda=1.5e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2)
+    material = Material.kinematic(
+        lame_lambda=1.5e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2
+    )
     mesh = block.structured_mesh(8, 8, 8, simplices=True)
     problem = Problem(mesh, material, contact="contact", gap=-0.01 - 0.01 * x)
     bound = error_bound(semismooth_newton(problem))
@@ -248,7 +288,10 @@ def test_a_single_step_of_the_search_gives_a_bound():
     setting = setting_of(result.discrete)
     setting.effort = Effort(newton=0, steps=1)
     tangent = Factors(result.discrete, "sparsecholesky")
-    first, last = bound_of_state(setting, result.state, tangent).total, error_bound(result).total
+    first, last = (
+        bound_of_state(setting, result.state, tangent).total,
+        error_bound(result).total,
+    )
     least = error_bound(semismooth_newton(finer(result.problem, 1))).least_energy
     assert first > last >= result.primal_energy - least - last
 
@@ -267,11 +310,18 @@ def test_meshes_follow_the_bound():
     [
         ("order", lambda: Problem(block.mesh(0.5), MATERIAL, order=2)),
         ("tetrahedra", lambda: Problem(block.structured_mesh(1, 1, 1), MATERIAL)),
-        ("lame_mu", lambda: Problem(block.mesh(0.5), replace(MATERIAL, lame_mu=1e3 + x))),
+        (
+            "lame_mu",
+            lambda: Problem(block.mesh(0.5), replace(MATERIAL, lame_mu=1e3 + x)),
+        ),
         (
             "friction",
             lambda: Problem(
-                block.mesh(0.5), MATERIAL, contact="contact", gap=0.0, friction=Coulomb(0.3)
+                block.mesh(0.5),
+                MATERIAL,
+                contact="contact",
+                gap=0.0,
+                friction=Coulomb(0.3),
             ),
         ),
     ],
@@ -289,7 +339,9 @@ def test_what_is_not_covered_is_refused_by_name(word, make):
 def test_facets_are_looked_at_where_smooth_obstacles_rise_most():
     """-|x|^2 over the affine function of its vertices, random triangles: 95 percent or more."""
     triangles = np.random.default_rng(0).standard_normal((500, 3, 2))
-    grid = [(i / 40, j / 40, 1 - (i + j) / 40) for i in range(41) for j in range(41 - i)]
+    grid = [
+        (i / 40, j / 40, 1 - (i + j) / 40) for i in range(41) for j in range(41 - i)
+    ]
 
     def highest(shares):
         rise = -((shares @ triangles) ** 2).sum(axis=2)

@@ -29,16 +29,22 @@ def arguments():
     fuzz.set_defaults(kind=Fuzz, options=("count", "seed"))
     fuzz.add_argument("--count", type=int, default=Fuzz.count)
     fuzz.add_argument("--seed", type=int, default=Fuzz.seed)
-    extremes = campaigns.add_parser("robustness", help="data at their extremes, all methods")
+    extremes = campaigns.add_parser(
+        "robustness", help="data at their extremes, all methods"
+    )
     extremes.set_defaults(kind=Robustness, options=("rows", "limit"))
     extremes.add_argument("--rows", type=rows)
     extremes.add_argument("--limit", type=int, default=Robustness.limit)
-    bounds = campaigns.add_parser("crossings", help="bounds of random problems, fine references")
+    bounds = campaigns.add_parser(
+        "crossings", help="bounds of random problems, fine references"
+    )
     bounds.set_defaults(kind=Crossings, options=("count", "seed", "rows"))
     bounds.add_argument("--count", type=int, default=Crossings.count)
     bounds.add_argument("--seed", type=int, default=Crossings.seed)
     bounds.add_argument("--rows", type=rows, default=Crossings.rows)
-    slopes = campaigns.add_parser("derivatives", help="gradients of random problems, differences")
+    slopes = campaigns.add_parser(
+        "derivatives", help="gradients of random problems, differences"
+    )
     slopes.set_defaults(kind=Derivatives, options=("count",))
     slopes.add_argument("--count", type=int, default=Derivatives.count)
     return parser

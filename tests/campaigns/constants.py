@@ -31,9 +31,13 @@ def cut(cell):
     def mid(pair):
         return (cell[pair[0]] + cell[pair[1]]) / 2
 
-    corners = [[cell[j] if j == i else mid((i, j)) for j in range(N + 1)] for i in range(N + 1)]
+    corners = [
+        [cell[j] if j == i else mid((i, j)) for j in range(N + 1)] for i in range(N + 1)
+    ]
     if N == 2:
-        return [np.array(c) for c in (*corners, [mid((0, 1)), mid((1, 2)), mid((0, 2))])]
+        return [
+            np.array(c) for c in (*corners, [mid((0, 1)), mid((1, 2)), mid((0, 2))])
+        ]
     opposite = [((0, 1), (2, 3)), ((0, 2), (1, 3)), ((0, 3), (1, 2))]
     opposite.sort(key=lambda pairs: np.linalg.norm(mid(pairs[0]) - mid(pairs[1])))
     axis, (a, c), (b, d) = opposite  # the shortest diagonal, and the ring around it
@@ -46,7 +50,11 @@ def cut(cell):
 def normal_of(places):
     """A normal of a facet, as long as the facet is large."""
     edges = places[1:] - places[0]
-    return np.array([edges[0, 1], -edges[0, 0]]) if len(edges) == 1 else np.cross(*edges) / 2
+    return (
+        np.array([edges[0, 1], -edges[0, 0]])
+        if len(edges) == 1
+        else np.cross(*edges) / 2
+    )
 
 
 class Stresses:
@@ -64,7 +72,9 @@ class Stresses:
         for k, (i, j) in enumerate(pairs):
             self.symmetric[k, i, j] = self.symmetric[k, j, i] = 1
         self.points = np.vstack([cell, self.middle])
-        self.parts = [[N + 1 if v == k else v for v in range(N + 1)] for k in range(N + 1)]
+        self.parts = [
+            [N + 1 if v == k else v for v in range(N + 1)] for k in range(N + 1)
+        ]
         jumps = []
         for k, j in combinations(range(N + 1), 2):
             face = [v for v in range(N + 1) if v not in (k, j)] + [N + 1]
@@ -122,7 +132,10 @@ def largest_energy(operator, loads):
     """The largest |tau|^2 of tau in coordinates with operator tau = one of the loads' span."""
     values, vectors = np.linalg.eigh(operator @ operator.T)
     kept = values > 1e-10 * values[-1]
-    assert np.abs(vectors[:, ~kept].T @ loads).max(initial=0.0) < 1e-7 * np.abs(loads).max()
+    assert (
+        np.abs(vectors[:, ~kept].T @ loads).max(initial=0.0)
+        < 1e-7 * np.abs(loads).max()
+    )
     return np.linalg.norm((vectors[:, kept] / np.sqrt(values[kept])).T @ loads, 2) ** 2
 
 
@@ -134,19 +147,27 @@ def constants(N, cuts):
         cells = [small for cell in cells for small in cut(cell)]
     all_stresses, n = [Stresses(cell) for cell in cells], 2**cuts
     size = all_stresses[0].mass.shape[0]
-    root = np.linalg.inv(np.linalg.cholesky(block_diag(*[s.mass for s in all_stresses])))
+    root = np.linalg.inv(
+        np.linalg.cholesky(block_diag(*[s.mass for s in all_stresses]))
+    )
     faces = {}
     for t, s in enumerate(all_stresses):
         for k, face in enumerate(s.facets):
             keys = [tuple(np.round(p * 16 * n).astype(int)) for p in s.cell[face]]
             order = np.argsort([hash(key) for key in keys])
-            found = faces.setdefault(frozenset(keys), [np.zeros((N, N, len(cells) * size)), 0])
+            found = faces.setdefault(
+                frozenset(keys), [np.zeros((N, N, len(cells) * size)), 0]
+            )
             found[0][:, :, t * size : (t + 1) * size] += s.traction[k][order]
             found[1], found[2:] = found[1] + 1, [s.cell[face][order]]
     jumps = np.concatenate([f[0].reshape(N * N, -1) for f in faces.values()]) @ root.T
-    divergence = block_diag(*[s.divergence.reshape(-1, size) for s in all_stresses]) @ root.T
+    divergence = (
+        block_diag(*[s.divergence.reshape(-1, size) for s in all_stresses]) @ root.T
+    )
     m, b = largest_inside(all_stresses, divergence @ complement(jumps))
-    first = [f[1] == 1 and np.abs(lowest(whole, f[2])).max() < 1e-9 for f in faces.values()]
+    first = [
+        f[1] == 1 and np.abs(lowest(whole, f[2])).max() < 1e-9 for f in faces.values()
+    ]
     places = [f[2] for f, there in zip(faces.values(), first, strict=True) if there]
     rows = np.repeat(first, N * N)
     tractions = jumps[rows] @ complement(np.vstack([jumps[~rows], divergence]))
@@ -174,12 +195,17 @@ def largest_inside(all_stresses, divergence):
         shifts = np.hstack([np.eye(N) * sqrt(s.volume), np.zeros((N, r))])
         spins = [
             np.concatenate(
-                [w @ s.middle * sqrt(s.volume), np.einsum("ij,jk,aik->a", w, second, turns)]
+                [
+                    w @ s.middle * sqrt(s.volume),
+                    np.einsum("ij,jk,aik->a", w, second, turns),
+                ]
             )
             for w in rotations(N)
         ]
         rigid.append(np.vstack([shifts, spins]))
-    return largest_energy(divergence, block_diag(*loads) @ null_space(np.hstack(rigid))), b
+    return largest_energy(
+        divergence, block_diag(*loads) @ null_space(np.hstack(rigid))
+    ), b
 
 
 def without_moments(whole, places):
@@ -189,7 +215,11 @@ def without_moments(whole, places):
     nodes = (np.ones((N, N)) + np.eye(N)) / (N * (N + 1))
     mass = block_diag(*[np.kron(area * nodes, np.eye(N)) for area in areas])
     directions = np.linalg.svd(whole[2:] - whole[1])[2][: N - 1]
-    affine = [np.kron([1, *(directions @ (v - whole[1]))], np.eye(N)) for p in places for v in p]
+    affine = [
+        np.kron([1, *(directions @ (v - whole[1]))], np.eye(N))
+        for p in places
+        for v in p
+    ]
     root = np.linalg.cholesky(mass)
     free = null_space(np.vstack([row.reshape(N, -1) for row in affine]).T @ mass)
     return np.linalg.solve(root.T, np.linalg.qr(root.T @ free)[0])

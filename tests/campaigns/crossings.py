@@ -17,7 +17,14 @@ from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.studies.work import Work
 
-KINDS = ("order 1", "order 2", "friction", "friction, order 2", "varying loads", "solid")
+KINDS = (
+    "order 1",
+    "order 2",
+    "friction",
+    "friction, order 2",
+    "varying loads",
+    "solid",
+)
 """What is drawn: problems as of ``build``, with what the name adds; solids are cubes."""
 
 BISECTIONS = {"solid": 1}
@@ -47,7 +54,9 @@ class Crossing:
     def margin(self):
         """By how much each energy is above the other lower bound, in units of the bound: > 0."""
         above = (self.fine.energy - self.bound.least_energy) / self.bound.total
-        return min(above, (self.bound.energy - self.fine.least_energy) / self.bound.total)
+        return min(
+            above, (self.bound.energy - self.fine.least_energy) / self.bound.total
+        )
 
     @property
     def effectivity(self):
@@ -68,9 +77,14 @@ def problem_of(draw, kind):
     rough = kind.startswith("friction")
     if rough:  # acts where the gap is closed: a push that is stronger than the load
         push = max(draw.gap_size, 2.0)
-        draw = replace(draw, gap="pushed", gap_size=push, load=min(draw.load, 0.2 * push))
+        draw = replace(
+            draw, gap="pushed", gap_size=push, load=min(draw.load, 0.2 * push)
+        )
     problem = build(draw)
-    stress, size = problem.material.yield_stress, BODIES[draw.body].length * 10**draw.length_unit
+    stress, size = (
+        problem.material.yield_stress,
+        BODIES[draw.body].length * 10**draw.length_unit,
+    )
     if kind.endswith("order 2"):
         problem = replace(problem, order=2)
     if rough:
@@ -78,8 +92,12 @@ def problem_of(draw, kind):
     if kind == "varying loads":
         waves = sin(4 * x / size + draw.angle), cos(5 * x * y / size**2)
         force = draw.load * stress / size
-        traction = {name: CF(g) * (1 + waves[0] / 2) for name, g in problem.traction.items()}
-        return replace(problem, body_force=tuple(force * w for w in waves), traction=traction)
+        traction = {
+            name: CF(g) * (1 + waves[0] / 2) for name, g in problem.traction.items()
+        }
+        return replace(
+            problem, body_force=tuple(force * w for w in waves), traction=traction
+        )
     return problem
 
 
@@ -93,12 +111,16 @@ def crossing(draw, kind, bisections):
     """The bound of a problem and a fine reference."""
     problem = problem_of(draw, kind)
     bound = error_bound(semismooth_newton(problem))
-    return Crossing(draw, bound, error_bound(semismooth_newton(finer(problem, bisections))))
+    return Crossing(
+        draw, bound, error_bound(semismooth_newton(finer(problem, bisections)))
+    )
 
 
 def random_crossings(seed, count, bisections, kind="order 1"):
     """Some random problems of a kind."""
-    return [crossing(d, kind, bisections) for d in islice(random_draws(seed, kind), count)]
+    return [
+        crossing(d, kind, bisections) for d in islice(random_draws(seed, kind), count)
+    ]
 
 
 def finer(problem, bisections):
@@ -129,7 +151,10 @@ class Crossings(Work):
     def cells(self):
         """The problems by kind and number."""
         pairs = [(kind, n) for kind in self.rows for n in range(1, self.count + 1)]
-        return [{"kind": kind, "seed": self.seed, "number": number} for kind, number in pairs]
+        return [
+            {"kind": kind, "seed": self.seed, "number": number}
+            for kind, number in pairs
+        ]
 
     def solve(self, kind, seed, number):
         """The verdict on one problem: "refused" for friction that acts where the gap opens."""
@@ -139,10 +164,15 @@ class Crossings(Work):
         try:
             pair = crossing(draw, kind, BISECTIONS.get(kind, 2))
         except Exception as error:  # any other one is a complaint
-            if kind.startswith("friction") and "the gap opens" in str(error).replace("\n", " "):
+            if kind.startswith("friction") and "the gap opens" in str(error).replace(
+                "\n", " "
+            ):
                 return found | {"refused": True}
             return found | {"complaints": (f"{type(error).__name__}: {error}",)}
-        found |= {"nodes": pair.bound.problem.mesh.nv, "complaints": tuple(pair.complaints)}
+        found |= {
+            "nodes": pair.bound.problem.mesh.nv,
+            "complaints": tuple(pair.complaints),
+        }
         return found | {"margin": pair.margin, "effectivity": pair.effectivity}
 
     def line(self, record):
@@ -155,13 +185,17 @@ class Crossings(Work):
 
     def told(self, records):
         """A row for each kind."""
-        rows = [_row(kind, [r for r in records if r["kind"] == kind]) for kind in self.rows]
+        rows = [
+            _row(kind, [r for r in records if r["kind"] == kind]) for kind in self.rows
+        ]
         return [dict(zip(HEAD, row, strict=True)) for row in rows]
 
     def notes(self, records):
         """What was drawn, and the complaints."""
         wrong = [
-            (f"{r['kind']} {r['number']}", r["complaints"]) for r in records if r["complaints"]
+            (f"{r['kind']} {r['number']}", r["complaints"])
+            for r in records
+            if r["complaints"]
         ]
         return [
             f"Random problems of `tests/campaigns/random_problems.py`, seed {self.seed}. For "

@@ -49,11 +49,16 @@ def compared(problem, solve=once, every=slice(None)):
     """Gradients of all functionals by ``every`` parameter in ``sizes``, beside differences."""
     result, amounts, found = solve(problem), sizes(problem), []
     chosen = functionals(problem)
-    gradients = {key: gradient(result, value, list(amounts)) for key, value in chosen.items()}
+    gradients = {
+        key: gradient(result, value, list(amounts)) for key, value in chosen.items()
+    }
     for name, amount in list(amounts.items())[every]:
         problems = [moved(problem, {name: k * STEP * amount}) for k in STENCIL]
         others = [solve(other, result) for other in problems]
-        smooth, states = all(same_sides(result, o) for o in others), list(map(last_state, others))
+        smooth, states = (
+            all(same_sides(result, o) for o in others),
+            list(map(last_state, others)),
+        )
         for key, functional in chosen.items():
             values = [functional.slope(state).value for state in states]
             difference = float(np.dot(list(STENCIL.values()), values)) / STEP
@@ -68,7 +73,8 @@ def same_sides(one, other):
     """Whether in all steps the same points yield, the same rows press and the same ones slip."""
     pairs = zip(states_of(one), states_of(other), strict=True)
     return all(
-        (a.at.yields == b.at.yields).all() and LinearContact(a).same_sides(LinearContact(b))
+        (a.at.yields == b.at.yields).all()
+        and LinearContact(a).same_sides(LinearContact(b))
         for a, b in ((here(), there()) for here, there in pairs)
     )
 
@@ -81,14 +87,18 @@ def taylor_slopes(problem, seed):
     result, amounts, random = once(problem), sizes(problem), np.random.default_rng(seed)
     rates = {name: amount * random.uniform(-1, 1) for name, amount in amounts.items()}
     for lengths in (LENGTHS, LENGTHS / 10, LENGTHS / 100):
-        others = [once(moved(problem, {n: t * r for n, r in rates.items()})) for t in lengths]
+        others = [
+            once(moved(problem, {n: t * r for n, r in rates.items()})) for t in lengths
+        ]
         if all(same_sides(result, other) for other in others):
             break
     found = {}
     for key, functional in functionals(problem).items():
         slopes = gradient(result, functional, list(rates))
         rate = sum(slopes[name] * r for name, r in rates.items())
-        values = np.array([functional.slope(last_state(other)).value for other in others])
+        values = np.array(
+            [functional.slope(last_state(other)).value for other in others]
+        )
         rest = np.abs(values - slopes.functional - lengths * rate)
         found[key] = float(np.polyfit(np.log(lengths), np.log(rest), 1)[0])
     return found
@@ -105,7 +115,9 @@ def envelope_error(problem):
     if (contact.slips & (contact.coefficient > 0)).any():
         return None
     partial = energy.slope(state).by
-    gaps = np.where(np.arange(len(state.contact)) < len(state.multipliers), -state.contact, 0.0)
+    gaps = np.where(
+        np.arange(len(state.contact)) < len(state.multipliers), -state.contact, 0.0
+    )
     partial += Data(gaps=gaps, values=np.where(held, state.missing, 0.0))
     slopes = gradient(result, energy, names)
     expected = {n: partial.paired(changed_data(state, Direction(n))) for n in names}
@@ -154,14 +166,18 @@ class Derivatives(Work):
             "compared": len(smooth),
             "across a kink": len(found) - len(smooth),
             "largest error": max(smooth, default=0.0),
-            "Taylor": min(taylor_slopes(problem, seed).values()) if steps == 1 else None,
+            "Taylor": min(taylor_slopes(problem, seed).values())
+            if steps == 1
+            else None,
             "envelope": envelope_error(problem) if steps == 1 else None,
         }
 
     def succeeded(self, records):
         """Whether derivatives agree with differences, Taylor's formula, the envelope theorem."""
         return all(
-            r["largest error"] < 1e-6 and (r["Taylor"] or 2) > 1.95 and (r["envelope"] or 0) < 1e-10
+            r["largest error"] < 1e-6
+            and (r["Taylor"] or 2) > 1.95
+            and (r["envelope"] or 0) < 1e-10
             for r in records
         )
 
@@ -184,5 +200,7 @@ def of_group(label, group):
         "kinks": sum(r["across a kink"] for r in group),
         "error": max(r["largest error"] for r in group),
         "slope": min(slopes, default=None),
-        "envelope": max((r["envelope"] for r in group if r["envelope"] is not None), default=None),
+        "envelope": max(
+            (r["envelope"] for r in group if r["envelope"] is not None), default=None
+        ),
     }

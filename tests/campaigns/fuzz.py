@@ -56,9 +56,17 @@ def examine(draw):
     try:
         problem = build(draw)
         primal = primal_newton(problem).or_interrupted()
-        return {"draw": asdict(draw), **judged(primal, semismooth_newton(problem).or_interrupted())}
-    except Exception as error:  # any exception at all is a complaint: that is what is looked for
-        return EMPTY | {"draw": asdict(draw), "complaints": (f"{type(error).__name__}: {error}",)}
+        return {
+            "draw": asdict(draw),
+            **judged(primal, semismooth_newton(problem).or_interrupted()),
+        }
+    except (
+        Exception
+    ) as error:  # any exception at all is a complaint: that is what is looked for
+        return EMPTY | {
+            "draw": asdict(draw),
+            "complaints": (f"{type(error).__name__}: {error}",),
+        }
 
 
 def judged(primal, default):
@@ -100,7 +108,9 @@ def _energies(primal, default):
         "-J* is {:.12g}, energies allow {:.12g}": (-default.dual_energy, least),
     }
     return above / scale, [
-        text.format(*pair) for text, pair in pairs.items() if not pair[0] <= pair[1] + SLACK * scale
+        text.format(*pair)
+        for text, pair in pairs.items()
+        if not pair[0] <= pair[1] + SLACK * scale
     ]
 
 
@@ -122,7 +132,9 @@ class Fuzz(Work):
 
     def cells(self):
         """The problems by number."""
-        return [{"seed": self.seed, "number": number} for number in range(1, self.count + 1)]
+        return [
+            {"seed": self.seed, "number": number} for number in range(1, self.count + 1)
+        ]
 
     def solve(self, seed, number):
         """The verdict on one problem."""
@@ -147,7 +159,9 @@ class Fuzz(Work):
 
     def notes(self, records):
         """What was drawn, what a complaint is, and the complaints."""
-        complaints = [(k, v["complaints"]) for k, v in enumerate(records, 1) if v["complaints"]]
+        complaints = [
+            (k, v["complaints"]) for k, v in enumerate(records, 1) if v["complaints"]
+        ]
         return [
             f"{len(records)} random problems, seed {self.seed}, each solved by the default method "
             "and by the primal one. Materials over six orders of magnitude in stress and four in "
@@ -162,10 +176,18 @@ class Fuzz(Work):
 
 def _groups(table):
     yield "all", list(table)
-    for name, values in {"gap": GAPS, "kind": HARDENINGS, "body": tuple(BODIES)}.items():
+    for name, values in {
+        "gap": GAPS,
+        "kind": HARDENINGS,
+        "body": tuple(BODIES),
+    }.items():
         for value in values:
             yield f"{name} {value}", [v for v in table if v["draw"][name] == value]
-    for name, low, high in (("elastic", 0, 1e-12), ("yields", 1e-12, 0.5), ("deeply", 0.5, 2)):
+    for name, low, high in (
+        ("elastic", 0, 1e-12),
+        ("yields", 1e-12, 0.5),
+        ("deeply", 0.5, 2),
+    ):
         yield name, [v for v in table if low <= v["plastic"] < high]
 
 

@@ -40,7 +40,10 @@ def random_problem(seed):
         mesh = block.mesh(float(random.uniform(0.2, 0.35)) if N == 2 else 0.5, size)
     bottom, top = ("bottom", "top") if quads else ("clamped", "contact")
     load, along = random.uniform(2, 5), [random.uniform(-1, 1), *(N - 2) * [0.0], 1.0]
-    move = random.uniform(-1e-3, 1e-3, N) * [0.0 if kinematics.hoop else 1.0, *(N - 1) * [1.0]]
+    move = random.uniform(-1e-3, 1e-3, N) * [
+        0.0 if kinematics.hoop else 1.0,
+        *(N - 1) * [1.0],
+    ]
     p = np.zeros((kinematics.size, kinematics.size))
     p[:2, :2] = [[3e-4, 1e-4], [1e-4, -3e-4]]
     material, gap = random_material(random), float(random.uniform(-0.001, 0.003))
@@ -107,7 +110,9 @@ def sizes(problem):
 def moved(problem, rates):
     """The problem with its data moved by these rates."""
     rate = defaultdict(float, rates)
-    constants = {n: getattr(problem.material, n) + r for n, r in rates.items() if n in MATERIAL}
+    constants = {
+        n: getattr(problem.material, n) + r for n, r in rates.items() if n in MATERIAL
+    }
     friction = problem.friction
     if isinstance(friction, Coulomb):
         friction = Coulomb(friction.coefficient + rate["friction"])

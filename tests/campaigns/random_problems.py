@@ -29,12 +29,24 @@ class DrawnBody:
 
 BODIES = {
     "lshape": DrawnBody(lshape.mesh, 1.0, "clamped", "load", "contact"),
-    "wrench": DrawnBody(lambda h: wrench.mesh(8 * h), 8.0, "clamped", "load", "contact"),
-    "block": DrawnBody(lambda h: block.mesh(h, (1.0, 0.7)), 1.0, "clamped", "right", "contact"),
-    "hole": DrawnBody(lambda h: block.with_hole(h, (1.0, 1.0)), 1.0, "clamped", "left", "contact"),
-    "strip": DrawnBody(lambda h: block.mesh(2 * h, (4.0, 0.5)), 4.0, "clamped", "left", "contact"),
+    "wrench": DrawnBody(
+        lambda h: wrench.mesh(8 * h), 8.0, "clamped", "load", "contact"
+    ),
+    "block": DrawnBody(
+        lambda h: block.mesh(h, (1.0, 0.7)), 1.0, "clamped", "right", "contact"
+    ),
+    "hole": DrawnBody(
+        lambda h: block.with_hole(h, (1.0, 1.0)), 1.0, "clamped", "left", "contact"
+    ),
+    "strip": DrawnBody(
+        lambda h: block.mesh(2 * h, (4.0, 0.5)), 4.0, "clamped", "left", "contact"
+    ),
     "plate": DrawnBody(
-        lambda h: block.with_hole(2 * h, (2.0, 2.0)), 2.0, "clamped", "left|right", "contact"
+        lambda h: block.with_hole(2 * h, (2.0, 2.0)),
+        2.0,
+        "clamped",
+        "left|right",
+        "contact",
     ),
     "cube": DrawnBody(lambda h: block.mesh(4 * h), 1.0, "clamped", "left", "contact"),
 }
@@ -104,14 +116,19 @@ def build(draw):
             point[i] = length * point.p[i]
     mesh = Mesh(mesh.ngmesh)
     material = _material(draw)
-    bound, strain = material.yield_stress, material.yield_stress / (2 * material.lame_mu)
+    bound, strain = (
+        material.yield_stress,
+        material.yield_stress / (2 * material.lame_mu),
+    )
     direction = [math.cos(draw.angle), math.sin(draw.angle)]
     if mesh.dim == 3:
         direction.insert(1, 0.3)
     contact = {}
     if draw.gap != "none":
         size = draw.gap_size * strain * body.length * length
-        signed = {"open": 50 * size, "touching": 0.0, "near": size, "pushed": -size}[draw.gap]
+        signed = {"open": 50 * size, "touching": 0.0, "near": size, "pushed": -size}[
+            draw.gap
+        ]
         contact = {"contact": body.contact, "gap": signed}
     return Problem(
         mesh,
@@ -145,10 +162,20 @@ def _history(draw, material, size):
         return {}
     strain_size = draw.history * material.yield_stress / (2 * material.lame_mu)
     p = np.zeros((size, size))
-    p[0, 0], p[1, 1], p[0, 1], p[1, 0] = (c * strain_size for c in (0.6, -0.6, 0.3, 0.3))
+    p[0, 0], p[1, 1], p[0, 1], p[1, 0] = (
+        c * strain_size for c in (0.6, -0.6, 0.3, 0.3)
+    )
     strain, back = (
-        CF(tuple((c * p).ravel().tolist()), dims=p.shape) for c in (1, material.hardening)
+        CF(tuple((c * p).ravel().tolist()), dims=p.shape)
+        for c in (1, material.hardening)
     )
     norm = float(np.linalg.norm(p))
-    scalar = material.hardening_stiffness * material.hardening_modulus * material.yield_stress
-    return {"initial_plastic_strain": strain, "initial_hardening": (scalar * norm, back)}
+    scalar = (
+        material.hardening_stiffness
+        * material.hardening_modulus
+        * material.yield_stress
+    )
+    return {
+        "initial_plastic_strain": strain,
+        "initial_hardening": (scalar * norm, back),
+    }

@@ -75,7 +75,9 @@ def extreme_problem(case, cells=12):
         hardening=case.hardening * LAME_MU,
     )
     up = CF((0.0, SHEAR * height))
-    free = Problem(mesh, material, traction={"left": up, "right": up, "contact": (SHEAR, SHEAR)})
+    free = Problem(
+        mesh, material, traction={"left": up, "right": up, "contact": (SHEAR, SHEAR)}
+    )
     top = primal_newton(free).displacement[1]
     gap = _gap(case.contact, mesh, top, height)
     return Problem(mesh, material, "clamped", free.traction, contact="contact", gap=gap)
@@ -83,7 +85,9 @@ def extreme_problem(case, cells=12):
 
 def _gap(contact, mesh, top, height):
     """The gap that gives a contact state, from the displacement ``top`` without an obstacle."""
-    vertices = sorted({v.nr for el in mesh.Boundaries("contact").Elements() for v in el.vertices})
+    vertices = sorted(
+        {v.nr for el in mesh.Boundaries("contact").Elements() for v in el.vertices}
+    )
     points = [mesh.ngmesh.Coordinates()[v][0] for v in vertices]
     values = {a: float(top(mesh(a, height, 0.0, BND))) for a in points}
     high, low = max(values.values()), min(values.values())
@@ -92,7 +96,8 @@ def _gap(contact, mesh, top, height):
     return {
         "part": CF(0.5 * (high + low)),
         "none": CF(2 * abs(high) + height),
-        "one node": 0.5 * values[place] + steep * IfPos(x - place, x - place, place - x),
+        "one node": 0.5 * values[place]
+        + steep * IfPos(x - place, x - place, place - x),
         "full": CF(low - abs(high)),
         "grazing": CF(high),
         "from an end": 0.8 * values[max(points)] + steep * (max(points) - x),
@@ -104,9 +109,13 @@ def solve(case, method, limit, cells=12):
     problem = extreme_problem(case, cells)
     options = NewtonOptions(max_iterations=limit, quadrature_points=100)
     if method == "path":
-        path = PathOptions(gamma_start=1.0, growth=10.0, gamma_end=case.gamma, newton=options)
+        path = PathOptions(
+            gamma_start=1.0, growth=10.0, gamma_end=case.gamma, newton=options
+        )
         return follow_path(problem, path)
-    return solved_by(case.gamma if method == "coupled" else method, problem, options=options)
+    return solved_by(
+        case.gamma if method == "coupled" else method, problem, options=options
+    )
 
 
 @dataclass(eq=False)
@@ -133,14 +142,18 @@ class Robustness(Work):
     def cells(self):
         """All methods in each row."""
         pairs = [(row, method) for row in self.rows for method in METHODS]
-        return [{"row": row, "method": method, "limit": self.limit} for row, method in pairs]
+        return [
+            {"row": row, "method": method, "limit": self.limit} for row, method in pairs
+        ]
 
     def solve(self, row, method, limit):
         """One run."""
         result = solve(CASES[row], method, limit).or_interrupted()
         last = getattr(result, "last", result)
         return {
-            "iterations": result.total_inner_iterations if method == "path" else result.iterations,
+            "iterations": result.total_inner_iterations
+            if method == "path"
+            else result.iterations,
             "status": result.status.label,
             "residual": last.residual_norm,
             "plastic": last.history.records[-1].plastic_active,

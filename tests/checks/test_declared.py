@@ -34,7 +34,11 @@ class Everything(Declared):
 
 
 ENDS = {
-    "part": ([1e-9, 1 - 1e-9], [0, 1, -1, math.nan], "a finite number > 0 and < 1 is needed"),
+    "part": (
+        [1e-9, 1 - 1e-9],
+        [0, 1, -1, math.nan],
+        "a finite number > 0 and < 1 is needed",
+    ),
     "size": ([1e-300, 1e300], [0, -1, math.inf], "a finite number > 0 is needed"),
     "steps": ([1, 10**6], [0, -3], "an integer >= 1 is needed"),
     "where": ([(1, 2), (1, 2, 3)], [(1,), (1, 2, 3, 4)], "2 or 3 numbers are needed"),
@@ -64,7 +68,9 @@ def test_values_are_kept_as_the_check_returns_them():
     assert (made.size, made.where, made.steps) == (2.0, (1.0, 1.0), 3)
     assert [type(v) for v in (made.size, made.where, made.steps)] == [float, tuple, int]
     assert made.value is x
-    assert set(declared_checks(Everything)) == {f.name for f in fields(made)} - {"whatever"}
+    assert set(declared_checks(Everything)) == {f.name for f in fields(made)} - {
+        "whatever"
+    }
 
 
 def test_a_range_is_said_in_the_hint():

@@ -26,7 +26,11 @@ def test_solve_prints_one_json_object_with_the_fields_of_the_schema(choice, caps
     record = record_of(capsys, "lshape", "--nodes", "113", *choice)
     assert list(record) == list(FIELDS)
     assert record["schema"] == 1
-    assert (record["problem"], record["nodes"], record["elements"]) == ("lshape", 113, 192)
+    assert (record["problem"], record["nodes"], record["elements"]) == (
+        "lshape",
+        113,
+        192,
+    )
     assert record["unknowns"] == 2 * (113 - 5)
     assert record["status"] == "converged"
     assert len(record["residual_norms"]) == record["iterations"] + 1
@@ -37,7 +41,11 @@ def test_solve_prints_one_json_object_with_the_fields_of_the_schema(choice, caps
 def completions(line):
     """What the Tab key offers after a line, as a shell asks for it."""
     asked = {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": " ", "COMP_LINE": line}
-    asked |= {"COMP_POINT": str(len(line)), "COMP_TYPE": "9", "PATH": os.environ["PATH"]}
+    asked |= {
+        "COMP_POINT": str(len(line)),
+        "COMP_TYPE": "9",
+        "PATH": os.environ["PATH"],
+    }
     asked |= {"PYTHONPATH": os.pathsep.join(sys.path)}
     command = ["bash", "-c", f"{sys.executable} -m ngepc 8>&1 9>/dev/null"]
     run = subprocess.run(command, capture_output=True, text=True, check=True, env=asked)
@@ -45,7 +53,9 @@ def completions(line):
 
 
 def test_the_tab_key_completes_commands_studies_and_options():
-    assert {"solve", "path", "study", "report", "notebooks"} <= set(completions("ngepc "))
+    assert {"solve", "path", "study", "report", "notebooks"} <= set(
+        completions("ngepc ")
+    )
     assert completions("ngepc study ta") == ["table1", "table2", "table3"]
     assert "--max-iterations" in completions("ngepc solve lshape --max")
 
@@ -55,7 +65,10 @@ def test_solutions_come_with_a_guaranteed_bound_and_regularised_states_without(c
                      for m in ("default", "primal"))  # fmt: skip
     assert 0.001 < exact < 0.1
     assert primal == pytest.approx(exact, rel=1e-6)
-    assert record_of(capsys, "lshape", "--nodes", "225", "--gamma", "1e3")["error_bound"] is None
+    assert (
+        record_of(capsys, "lshape", "--nodes", "225", "--gamma", "1e3")["error_bound"]
+        is None
+    )
 
 
 def test_summary_names_mesh_unknowns_method_gamma_and_time(capsys):
@@ -106,7 +119,10 @@ def test_not_converged_is_exit_status_1_with_the_json_written(tmp_path, capsys):
 def test_an_error_that_no_allowed_mesh_reaches_is_exit_status_1(monkeypatch, capsys):
     few = partial(solve_to, options=Refinement(max_nodes=100))
     monkeypatch.setattr("ngepc.cli.work.solve_to", few)
-    assert main(["solve", "lshape", "--nodes", "33", "--error", "1e-3", "--json", "-"]) == 1
+    assert (
+        main(["solve", "lshape", "--nodes", "33", "--error", "1e-3", "--json", "-"])
+        == 1
+    )
     record = json.loads(capsys.readouterr().out)
     assert record["status"] == "mesh_limit"
     assert record["error_bound"] > 1e-3
@@ -114,7 +130,10 @@ def test_an_error_that_no_allowed_mesh_reaches_is_exit_status_1(monkeypatch, cap
 
 
 def test_solve_starts_from_the_coarse_mesh(capsys):
-    assert record_of(capsys, "lshape", "--gamma", "10", "--start", "coarse")["iterations"] == 1
+    assert (
+        record_of(capsys, "lshape", "--gamma", "10", "--start", "coarse")["iterations"]
+        == 1
+    )
 
 
 def test_csg_mesh_has_a_similar_energy(capsys):
@@ -122,11 +141,22 @@ def test_csg_mesh_has_a_similar_energy(capsys):
         record_of(capsys, "lshape", *mesh, "--gamma", "1e3")["dual_energy"]
         for mesh in (["--nodes", "417"], ["--maxh", "0.03"])
     ]
-    assert energies[1] == pytest.approx(energies[0], rel=0.04)  # both are first-order in h
+    assert energies[1] == pytest.approx(
+        energies[0], rel=0.04
+    )  # both are first-order in h
 
 
 def test_figures_are_written(tmp_path, capsys):
-    arguments = ["solve", "lshape", "--nodes", "113", "--gamma", "1e3", "--figures", str(tmp_path)]
+    arguments = [
+        "solve",
+        "lshape",
+        "--nodes",
+        "113",
+        "--gamma",
+        "1e3",
+        "--figures",
+        str(tmp_path),
+    ]
     assert main(arguments) == 0
     names = {path.name for path in tmp_path.glob("*.png")}
     assert {"lshape_plastic_strain.png", "lshape_yield_function.png"} <= names
@@ -141,18 +171,29 @@ def test_figures_are_written(tmp_path, capsys):
         (["solve", "lshape", "--gamma", "-1"], "> 0"),
         (["solve", "lshape", "--gamma", "nan"], "> 0"),
         (["solve", "lshape", "--tolerance", "0"], "> 0"),
-        (["solve", "lshape", "--nodes", "833", "--maxh", "0.1"], "leave one of them out"),
+        (
+            ["solve", "lshape", "--nodes", "833", "--maxh", "0.1"],
+            "leave one of them out",
+        ),
         (["solve", "lshape", "--start", "warm"], "coarse"),
         (["study", "table9"], "table1"),
-        (["solve", "lshape", "--method", "primal", "--gamma", "3"], "no regularisation"),
-        (["solve", "lshape", "--error", "0.1", "--max-iterations", "5"], "--max-iterations"),
+        (
+            ["solve", "lshape", "--method", "primal", "--gamma", "3"],
+            "no regularisation",
+        ),
+        (
+            ["solve", "lshape", "--error", "0.1", "--max-iterations", "5"],
+            "--max-iterations",
+        ),
         (["solve", "lshape", "--gama", "3"], "see ngepc solve --help"),
         (["study", "duality", "--levels", "1"], "see ngepc study duality --help"),
         (["study", "table1", "--levels", "7"], "1 to 6"),
         (["study", "table1", "--rows", "1e7"], "1e0"),
     ],
 )
-def test_bad_usage_is_one_line_and_exit_status_2(arguments, message, tmp_path, capsys, monkeypatch):
+def test_bad_usage_is_one_line_and_exit_status_2(
+    arguments, message, tmp_path, capsys, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     try:
         status = main(arguments)
@@ -173,8 +214,12 @@ def test_unwritable_target_fails_before_the_work(tmp_path, capsys):
 
 
 def test_help_does_not_wait_for_ngsolve():
-    code = "import sys, ngepc.__main__ as m; m.parser(); print('ngsolve' in sys.modules)"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    code = (
+        "import sys, ngepc.__main__ as m; m.parser(); print('ngsolve' in sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert run.stdout.strip() == "False"
 
 
@@ -189,7 +234,9 @@ def test_examples_of_help_pages_are_legal_and_each_command_has_one():
 )
 def test_methods_agree_on_the_primal_energy(choice, capsys):
     record = record_of(capsys, "lshape", "--nodes", "833", *choice)
-    if "coarse" not in choice:  # the paper's method at gamma = 1e4 is far from the limit
+    if (
+        "coarse" not in choice
+    ):  # the paper's method at gamma = 1e4 is far from the limit
         assert record["primal_energy"] == pytest.approx(-0.3753, rel=0.02)
     assert record["contact_force"] > 2
 
@@ -197,7 +244,9 @@ def test_methods_agree_on_the_primal_energy(choice, capsys):
 @pytest.mark.parametrize("choice", [["--gamma", "1e3"], [], ["--method", "primal"]])
 def test_saved_run_becomes_a_report(choice, tmp_path, capsys):
     saved, page = tmp_path / "run.npz", tmp_path / "pages" / "run.html"
-    assert main(["solve", "lshape", "--nodes", "113", *choice, "--save", str(saved)]) == 0
+    assert (
+        main(["solve", "lshape", "--nodes", "113", *choice, "--save", str(saved)]) == 0
+    )
     assert main(["report", str(saved), "--out", str(page)]) == 0
     text = page.read_text()
     assert "contact force" in text
@@ -205,8 +254,13 @@ def test_saved_run_becomes_a_report(choice, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("method", ["default", "primal"])
-def test_a_report_on_an_unfinished_run_tells_what_its_pictures_show(method, tmp_path, capsys):
-    saved, arguments = tmp_path / "run.npz", ["lshape", "--nodes", "113", "--method", method]
+def test_a_report_on_an_unfinished_run_tells_what_its_pictures_show(
+    method, tmp_path, capsys
+):
+    saved, arguments = (
+        tmp_path / "run.npz",
+        ["lshape", "--nodes", "113", "--method", method],
+    )
     limit = ["--max-iterations", "2"]
     assert main(["solve", *arguments, *limit, "--save", str(saved)]) == 1
     assert main(["report", str(saved)]) == 0
@@ -216,10 +270,14 @@ def test_a_report_on_an_unfinished_run_tells_what_its_pictures_show(method, tmp_
     capsys.readouterr()
     whole = record_of(capsys, *arguments)["iterations"]
     assert f'<td class="text">iterations</td><td>{whole}</td>' in text
-    assert record_of(capsys, *arguments, "--start", str(saved))["iterations"] <= whole - 2
+    assert (
+        record_of(capsys, *arguments, "--start", str(saved))["iterations"] <= whole - 2
+    )
 
 
-def test_report_without_the_viewer_is_written_and_names_the_extra(tmp_path, monkeypatch):
+def test_report_without_the_viewer_is_written_and_names_the_extra(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr("ngepc.cli.work.viewer_installed", lambda: False)
     saved = tmp_path / "run.npz"
     assert main(["solve", "lshape", "--nodes", "33", "--save", str(saved)]) == 0
@@ -273,7 +331,9 @@ def test_ctrl_c_names_the_step_and_how_to_resume(tmp_path, monkeypatch, capsys):
     assert rest["dual_energy"] == pytest.approx(whole["dual_energy"], rel=1e-10)
 
 
-def test_ctrl_c_between_solves_promises_only_what_was_written(tmp_path, monkeypatch, capsys):
+def test_ctrl_c_between_solves_promises_only_what_was_written(
+    tmp_path, monkeypatch, capsys
+):
     def pressed(*_, **__):
         raise KeyboardInterrupt
 

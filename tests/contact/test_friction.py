@@ -27,7 +27,9 @@ from ngepc.linalg.friction import FrictionCone
 from ngepc.linalg.secants import Compliance
 
 MU, PRESSURE = 100.0, 4.0
-SPRINGY = Material.kinematic(lame_lambda=0.0, lame_mu=MU, yield_stress=1e6, hardening=1.0)
+SPRINGY = Material.kinematic(
+    lame_lambda=0.0, lame_mu=MU, yield_stress=1e6, hardening=1.0
+)
 """Without lateral strain: compression and shear of a block do not mix."""
 
 
@@ -53,7 +55,14 @@ def sheared(mesh, g, s, law, u_0):
         }
     gap = -PRESSURE / (2 * MU)
     return Problem(
-        mesh, SPRINGY, "clamped", loads, "contact", gap, friction=law, initial_displacement=u_0
+        mesh,
+        SPRINGY,
+        "clamped",
+        loads,
+        "contact",
+        gap,
+        friction=law,
+        initial_displacement=u_0,
     )
 
 
@@ -94,11 +103,15 @@ def wedge_mesh(slope):
     corners = [(0, 0), (1, 0), (1, 1 + slope), (0, 1)]
     p = [shape.AppendPoint(*corner) for corner in corners]
     for i, name in enumerate(["clamped", "right", "contact", "left"]):
-        shape.Append(["line", p[i], p[(i + 1) % 4]], bc=name, leftdomain=1, rightdomain=0)
+        shape.Append(
+            ["line", p[i], p[(i + 1) % 4]], bc=name, leftdomain=1, rightdomain=0
+        )
     return Mesh(shape.GenerateMesh(maxh=0.3))
 
 
-@pytest.mark.parametrize(("coefficient", "slides"), [(0.1, True), (0.2, True), (5.0, False)])
+@pytest.mark.parametrize(
+    ("coefficient", "slides"), [(0.1, True), (0.2, True), (5.0, False)]
+)
 def test_loaded_wedge(coefficient, slides):
     """u = (a y, b y): n . u = -d y on the top, and Coulomb's law there for a and b."""
     slope, d, load = 0.3, 0.02, np.array([5.0, 0.0])
@@ -118,13 +131,23 @@ def test_loaded_wedge(coefficient, slides):
     mesh = wedge_mesh(slope)
     loads = {"contact": tuple(load), "right": (0, MU * a), "left": (0, -MU * a)}
     problem = Problem(
-        mesh, SPRINGY, "clamped", loads, "contact", -d * y, friction=Coulomb(coefficient)
+        mesh,
+        SPRINGY,
+        "clamped",
+        loads,
+        "contact",
+        -d * y,
+        friction=Coulomb(coefficient),
     )
     result = solved(problem)
     length = np.hypot(1, slope)
     assert result.contact_force == pytest.approx(pressure * length, rel=1e-11)
-    assert result.friction_force == pytest.approx(tuple(t * length * tangent), abs=1e-10)
-    assert result.displacement(mesh(0.5, 0.5)) == pytest.approx((a / 2, b / 2), abs=1e-13)
+    assert result.friction_force == pytest.approx(
+        tuple(t * length * tangent), abs=1e-10
+    )
+    assert result.displacement(mesh(0.5, 0.5)) == pytest.approx(
+        (a / 2, b / 2), abs=1e-13
+    )
 
 
 def klarbring(angle):
@@ -141,7 +164,9 @@ def klarbring(angle):
         raw.Add(Element1D([p[i], p[(i + 1) % 3]], index=i + 1))
         raw.SetBCName(i, name)
     lame_lambda, mu, (a, b), area = 4.0, 1.0, (1.0, -B[0] / B[1]), -B[1] / 2
-    metal = Material.kinematic(lame_lambda=4.0, lame_mu=mu, yield_stress=1e6, hardening=1.0)
+    metal = Material.kinematic(
+        lame_lambda=4.0, lame_mu=mu, yield_stress=1e6, hardening=1.0
+    )
     K = mu * (a * a + b * b) * np.eye(2) + (lame_lambda + mu) * np.outer((a, b), (a, b))
     mesh = Mesh(raw)
 
@@ -170,11 +195,15 @@ def test_several_equilibria_are_said(angle, part, solver):
     K, problem = klarbring(angle)
     critical, seen = K[0, 0] / abs(K[0, 1]), set()
     for pushed in (0.5, 0.95, (1 + part) / 2, 2 * part):
-        for load in (np.array([sign * pushed * critical, 1]) * 1e-3 for sign in (1, -1)):
+        for load in (
+            np.array([sign * pushed * critical, 1]) * 1e-3 for sign in (1, -1)
+        ):
             forces = equilibria(K, part * critical, load)
             result = solver(problem(part * critical, load))
             assert min(abs(result.contact_force - force) for force in forces) < 1e-14
-            assert result.status is (Status.NOT_UNIQUE if len(forces) > 1 else Status.CONVERGED)
+            assert result.status is (
+                Status.NOT_UNIQUE if len(forces) > 1 else Status.CONVERGED
+            )
             seen.add(len(forces))
     assert seen == ({1} if part < 1 else {1, 3})
 
@@ -186,7 +215,9 @@ def test_the_condition_for_one_solution_is_an_eigenvalue():
         half = rng.standard_normal((m * (d + 1), m * (d + 1)))
         S = half @ half.T / len(half) + np.eye(len(half))
         mu = rng.uniform(0.1, 5.0)
-        cone = FrictionCone(np.full(m, np.inf), np.full(m, mu), np.zeros(m, dtype=bool), d)
+        cone = FrictionCone(
+            np.full(m, np.inf), np.full(m, mu), np.zeros(m, dtype=bool), d
+        )
         gaps = rng.standard_normal(len(S)) - 1
         forces, exact = cone(Compliance.of(S), gaps, np.zeros(len(S)))
         if not exact:
@@ -196,7 +227,9 @@ def test_the_condition_for_one_solution_is_an_eigenvalue():
         for row in range(m):
             E[m + d * row : m + d * row + d, row] = follows[row]
         largest = eigh(E.T @ S + S @ E, 2 * S, eigvals_only=True)[-1]
-        unique = is_unique(follows, lambda x, S=S: S @ x, lambda g, S=S: np.linalg.solve(S, g))
+        unique = is_unique(
+            follows, lambda x, S=S: S @ x, lambda g, S=S: np.linalg.solve(S, g)
+        )
         assert unique == (largest < 1) or (0.9 < largest < 1 and not unique)
         assert not unique or cone.rival(S, left, forces) is None
         proved.append(unique)
@@ -213,7 +246,9 @@ def test_small_coefficients_need_no_search(cells, mu, monkeypatch):
 
 def pressed(cells, friction, gap=-0.02):
     """A block on its base, pressed down by 0.02: it bulges against the friction of the press."""
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=15.0, hardening=100.0)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=15.0, hardening=100.0
+    )
     mesh = block.structured_mesh(*cells, simplices=True)
     return Problem(mesh, material, contact="contact", gap=gap, friction=friction)
 
@@ -224,17 +259,27 @@ def test_plastic_block(cells, friction):
     """Balance, both laws on each row, J + J* = 0, at most two steps more than without friction."""
     smooth, result = solved(pressed(cells, None)), solved(pressed(cells, friction))
     assert result.iterations <= smooth.iterations + 2
-    assert abs(result.primal_energy + result.dual_energy) <= 1e-11 * result.primal_energy
-    n, t, slip = result.nodal_contact_forces, result.nodal_friction_forces, result.nodal_slip
+    assert (
+        abs(result.primal_energy + result.dual_energy) <= 1e-11 * result.primal_energy
+    )
+    n, t, slip = (
+        result.nodal_contact_forces,
+        result.nodal_friction_forces,
+        result.nodal_slip,
+    )
     size, slipped = np.linalg.norm(t, axis=1), np.linalg.norm(slip, axis=1)
     coulomb = isinstance(friction, Coulomb)
     bound = (
-        friction.coefficient * n if coulomb else np.minimum(friction * result.rows.weights, 100 * n)
+        friction.coefficient * n
+        if coulomb
+        else np.minimum(friction * result.rows.weights, 100 * n)
     )
     assert (size <= bound + 1e-10 * n.max()).all()
     moving = slipped > 1e-9
     assert size[moving] == pytest.approx(bound[moving], abs=1e-9 * n.max())
-    assert (t * slip).sum(axis=1)[moving] == pytest.approx((size * slipped)[moving], abs=1e-10)
+    assert (t * slip).sum(axis=1)[moving] == pytest.approx(
+        (size * slipped)[moving], abs=1e-10
+    )
     total = np.array(result.equilibrium.resultant(result.equilibrium.contact))
     assert total[:-1] == pytest.approx(result.friction_force[:-1], abs=1e-9)
 
@@ -290,7 +335,10 @@ def test_same_load_again_changes_nothing():
     assert not again.sliding.vec.FV().NumPy().any()
     kept = solved(replace(problem, initial_displacement=first.displacement, gap=-0.019))
     fresh = solved(replace(problem, gap=-0.019))
-    bulge = [np.abs(r.rows.tangential @ r.state.u.ravel()).max() for r in (first, kept, fresh)]
+    bulge = [
+        np.abs(r.rows.tangential @ r.state.u.ravel()).max()
+        for r in (first, kept, fresh)
+    ]
     assert bulge[0] == pytest.approx(bulge[1], rel=0.02)
     assert bulge[2] < 0.96 * bulge[0]
 
@@ -298,7 +346,9 @@ def test_same_load_again_changes_nothing():
 def test_histories_remember_where_the_body_stuck():
     """Two steps of ``evolve`` with friction; the same load a second time changes nothing."""
     problem = pressed((6, 3), Coulomb(0.3))
-    history = evolve(problem, [(1.0, {}), (2.0, {"gap": -0.018}), (3.0, {"gap": -0.018})])
+    history = evolve(
+        problem, [(1.0, {}), (2.0, {"gap": -0.018}), (3.0, {"gap": -0.018})]
+    )
     assert history.status is Status.CONVERGED
     first, second, third = (step.fields for step in history.steps)
     start = second.problem.initial_displacement.vec.FV().NumPy()
@@ -309,7 +359,9 @@ def test_histories_remember_where_the_body_stuck():
 
 def test_turned_bodies_give_turned_solutions():
     """Cone, not box: a block turned about the press axis, with other tangents and row numbers."""
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=15.0, hardening=100.0)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=15.0, hardening=100.0
+    )
     results = []
     for angle in (0.0, 0.61):
         c, s = np.cos(angle), np.sin(angle)
@@ -320,12 +372,16 @@ def test_turned_bodies_give_turned_solutions():
         turned = Mesh(mesh.ngmesh)
         load = {"contact": (2 * c, 2 * s, 0.0)}
         law = Coulomb(0.3)
-        problem = Problem(turned, material, "clamped", load, "contact", -0.02, friction=law)
+        problem = Problem(
+            turned, material, "clamped", load, "contact", -0.02, friction=law
+        )
         results.append(solved(problem))
     one, two = results
     assert one.primal_energy == pytest.approx(two.primal_energy, rel=1e-10)
     fx, fy, _ = two.friction_force
-    assert (c * fx + s * fy, c * fy - s * fx) == pytest.approx(one.friction_force[:2], abs=1e-8)
+    assert (c * fx + s * fy, c * fy - s * fx) == pytest.approx(
+        one.friction_force[:2], abs=1e-8
+    )
 
 
 @pytest.mark.parametrize("law", [4.0, Coulomb(0.3)])
@@ -335,7 +391,9 @@ def test_primal_method_agrees(cells, law):
     one, two = solved(problem), primal_newton(problem).raise_for_status()
     size = np.abs(one.state.u).max()
     assert np.abs(one.state.u - two.state.u).max() < 1e-9 * size
-    assert two.nodal_friction_forces == pytest.approx(one.nodal_friction_forces, abs=1e-7)
+    assert two.nodal_friction_forces == pytest.approx(
+        one.nodal_friction_forces, abs=1e-7
+    )
     assert two.primal_energy == pytest.approx(one.primal_energy, rel=1e-11)
     assert two.dual_energy == pytest.approx(-two.primal_energy, rel=1e-9)
 

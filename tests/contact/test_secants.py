@@ -35,8 +35,12 @@ def test_compliance_knows_what_it_has_learned_and_stays_positive(rng):
         W.restart()
         learned = rng.normal(size=(5, 12))
         assert all(W.learn(v, matrix @ v) for v in learned)
-        assert np.array([W @ v for v in learned]) == pytest.approx(learned @ matrix, rel=1e-9)
-        assert not W.learn(learned[0] - 2 * learned[3], matrix @ (learned[0] - 2 * learned[3]))
+        assert np.array([W @ v for v in learned]) == pytest.approx(
+            learned @ matrix, rel=1e-9
+        )
+        assert not W.learn(
+            learned[0] - 2 * learned[3], matrix @ (learned[0] - 2 * learned[3])
+        )
     dense = W.block(np.ones(12, dtype=bool))
     assert dense @ learned[1] == pytest.approx(W @ learned[1])
     assert np.linalg.eigvalsh(dense).min() > 0
@@ -103,4 +107,7 @@ def test_dependent_rows_share_a_force():
 def test_numbers_that_are_not_finite_are_refused():
     W = Compliance(np.ones(2))
     gaps = np.array([-1.0, -1.0])
-    assert solve_by_secants(exchange, lambda d: d * np.nan, W, gaps, np.zeros(2), 1e-12) is None
+    assert (
+        solve_by_secants(exchange, lambda d: d * np.nan, W, gaps, np.zeros(2), 1e-12)
+        is None
+    )

@@ -22,7 +22,9 @@ from ngepc.studies.contact_problems import fitted, roller
 LAMBDA, MU, SQUEEZE = 1000.0, 500.0, 0.02
 NU = LAMBDA / (2 * (LAMBDA + MU))
 E = 2 * MU * (1 + NU)
-ELASTIC = Material.kinematic(lame_lambda=LAMBDA, lame_mu=MU, yield_stress=1e6, hardening=100.0)
+ELASTIC = Material.kinematic(
+    lame_lambda=LAMBDA, lame_mu=MU, yield_stress=1e6, hardening=100.0
+)
 
 
 def squares(gap=0.0):
@@ -64,7 +66,9 @@ def stacked(N, gap=0.0, load=None, pair=("above", "below"), tied=False, **data):
         traction = {"top": (0.0,) * (N - 1) + (-load,)}
     contact = Contact(*pair, tied=tied)
     mesh = MESHES[N](gap)
-    return Problem(mesh, ELASTIC, None, traction, prescribed=prescribed, contact=contact, **data)
+    return Problem(
+        mesh, ELASTIC, None, traction, prescribed=prescribed, contact=contact, **data
+    )
 
 
 def solved(problem):
@@ -75,7 +79,9 @@ def solved(problem):
 
 @pytest.mark.parametrize("N", [2, 3])
 @pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize(("gap", "pair"), [(0.0, ("above", "below")), (0.05, ("below", "above"))])
+@pytest.mark.parametrize(
+    ("gap", "pair"), [(0.0, ("above", "below")), (0.05, ("below", "above"))]
+)
 def test_patch(N, order, gap, pair):
     """A constant pressure passes to 1e-10 between meshes that do not match, gap included."""
     result = solved(stacked(N, gap, pair=pair, order=order))
@@ -105,7 +111,13 @@ def on_top(traction, friction, pair=("above", "below")):
     """The upper square on the lower one, nothing else holds it."""
     prescribed, contact = {"bottom": (0, 0)}, Contact(*pair)
     return Problem(
-        APART, ELASTIC, None, {"top": traction}, prescribed=prescribed, contact=contact, **friction
+        APART,
+        ELASTIC,
+        None,
+        {"top": traction},
+        prescribed=prescribed,
+        contact=contact,
+        **friction,
     )
 
 
@@ -165,7 +177,9 @@ def test_tied_bodies_carry_tension(N):
     stress = result.state.at.trial
     assert np.abs(stress - stress[0]).max() < 1e-9 * np.abs(stress).max()
     top = result.displacement(result.problem.mesh(*([0.5] * (N - 1)), 2.0))
-    assert top[-1] == pytest.approx(2 * 10.0 / (E / (1 - NU**2) if N == 2 else E), rel=1e-9)
+    assert top[-1] == pytest.approx(
+        2 * 10.0 / (E / (1 - NU**2) if N == 2 else E), rel=1e-9
+    )
     assert result.contact_force == 0.0
 
 
@@ -187,7 +201,11 @@ def test_hertz_roller(order):
 
 
 BAD = {
-    "unknown": (Contact("above", "nowhere"), ValueError, "there is no boundary 'nowhere'"),
+    "unknown": (
+        Contact("above", "nowhere"),
+        ValueError,
+        "there is no boundary 'nowhere'",
+    ),
     "the same": (Contact("above", "above"), ValueError, "two different boundaries"),
     "neighbours": (Contact("above", "left"), ValueError, "the bodies share nodes"),
     "turned away": (Contact("top", "bottom"), ValueError, "nowhere face each other"),
@@ -222,7 +240,9 @@ def test_histories_and_summaries_know_pairs(tmp_path):
     steps = [(1.0, {"traction": {"top": (0.0, -5.0)}}), (2.0, {})]
     history = evolve(problem, steps, checkpoint=tmp_path / "history.npz")
     assert history.status is Status.CONVERGED
-    assert [step.record.contact_force for step in history.steps] == pytest.approx([5.0, 10.0])
+    assert [step.record.contact_force for step in history.steps] == pytest.approx(
+        [5.0, 10.0]
+    )
     assert "contact force 10" in repr(solved(problem))
 
 
@@ -231,7 +251,14 @@ def test_a_gap_is_for_obstacles_and_a_part_that_touches_nothing_is_refused():
     with pytest.raises(ValueError, match="leave 1 rigid"):
         Problem(squares(), ELASTIC, None, prescribed=free)
     with pytest.raises(ValueError, match="gap=0"):
-        Problem(squares(), ELASTIC, None, prescribed=free, contact=Contact("above", "below"), gap=0)
+        Problem(
+            squares(),
+            ELASTIC,
+            None,
+            prescribed=free,
+            contact=Contact("above", "below"),
+            gap=0,
+        )
 
 
 def test_pairs_stand_beside_obstacles():
@@ -239,7 +266,12 @@ def test_pairs_stand_beside_obstacles():
     prescribed = {"left": (0, None), "top": (None, -SQUEEZE)}
     contact = [Contact("above", "below"), "bottom"]
     problem = Problem(
-        squares(), ELASTIC, None, prescribed=prescribed, contact=contact, gap={"bottom": 0.0}
+        squares(),
+        ELASTIC,
+        None,
+        prescribed=prescribed,
+        contact=contact,
+        gap={"bottom": 0.0},
     )
     result = solved(problem)
     pressure = result.nodal_contact_forces / result.rows.weights

@@ -11,7 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from netgen.meshing import Element1D, Element2D, Element3D, FaceDescriptor, MeshPoint, Pnt
+from netgen.meshing import (
+    Element1D,
+    Element2D,
+    Element3D,
+    FaceDescriptor,
+    MeshPoint,
+    Pnt,
+)
 from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import BND, CF, Integrate, Mesh, x, y
 
@@ -24,7 +31,9 @@ from ngepc.discretisation.stiffness import ElementStiffness
 from ngepc.geometries import block, ring
 from ngepc.model.hardening import Swift, Voce
 
-STEEL = Material.kinematic(lame_lambda=1000.0, lame_mu=800.0, yield_stress=5.0, hardening=100.0)
+STEEL = Material.kinematic(
+    lame_lambda=1000.0, lame_mu=800.0, yield_stress=5.0, hardening=100.0
+)
 TIGHT = settings(max_examples=80, deadline=None)
 
 
@@ -36,7 +45,10 @@ def mixed():
     body = mesh.AddRegion("body", dim=2)
     for corners in ((0, 1, 4, 3), (1, 2, 4), (2, 5, 4)):
         mesh.Add(Element2D(body, [n[i] for i in corners]))
-    for name, edges in {"clamped": ((0, 1), (1, 2)), "contact": ((5, 4), (4, 3))}.items():
+    for name, edges in {
+        "clamped": ((0, 1), (1, 2)),
+        "contact": ((5, 4), (4, 3)),
+    }.items():
         index = mesh.AddRegion(name, dim=1)
         for a, b in edges:
             mesh.Add(Element1D([n[a], n[b]], index=index))
@@ -47,7 +59,9 @@ def solid(elements, faces):
     """A unit cube with an inner point, of elements and named faces given by numbers of corners."""
     mesh = NetgenMesh(dim=3)
     corners = itertools.product((0, 1), repeat=3)
-    n = [mesh.Add(MeshPoint(Pnt(*map(float, c)))) for c in (*corners, (0.55, 0.45, 0.5))]
+    n = [
+        mesh.Add(MeshPoint(Pnt(*map(float, c)))) for c in (*corners, (0.55, 0.45, 0.5))
+    ]
     for number, name in enumerate(faces):
         mesh.Add(FaceDescriptor(surfnr=number + 1, domin=1, bc=number + 1))
         mesh.SetBCName(number, name)
@@ -98,7 +112,9 @@ NAMES = {"curved": {"clamped": "inner", "contact": "outer"}}
 @cache
 def problem_of(mesh, kinematics, order):
     names = {"clamped": "clamped", "contact": "contact"} | NAMES.get(mesh, {})
-    return Problem(MESHES[mesh](), STEEL, gap=0.1, kinematics=kinematics, order=order, **names)
+    return Problem(
+        MESHES[mesh](), STEEL, gap=0.1, kinematics=kinematics, order=order, **names
+    )
 
 
 @cache
@@ -114,7 +130,9 @@ def supports_of(mesh, kinematics, order):
 
 bodies = st.sampled_from(BODIES)
 generators = st.integers(0, 2**32 - 1).map(np.random.default_rng)
-every_body = pytest.mark.parametrize("body", BODIES, ids=lambda b: f"{b[0]}-{b[1]}-{b[2]}")
+every_body = pytest.mark.parametrize(
+    "body", BODIES, ids=lambda b: f"{b[0]}-{b[1]}-{b[2]}"
+)
 
 
 def close(a, b, relative=1e-11):
@@ -233,7 +251,9 @@ def test_the_diagonal_is_that_of_the_matrix(body, random):
     unit[node, component] = 1.0
     volume, deviator = points.strain(unit)
     entry = points.forces(bulk * volume, shear[:, None] * deviator)[node, component]
-    assert points.diagonal(bulk, shear)[node, component] == pytest.approx(entry, rel=1e-12)
+    assert points.diagonal(bulk, shear)[node, component] == pytest.approx(
+        entry, rel=1e-12
+    )
 
 
 # Functions of the points
@@ -269,7 +289,9 @@ strains = {d: arrays(float, (2, d), elements=st.floats(-8.0, 8.0)) for d in (2, 
 @st.composite
 def laws(draw):
     """A law with a history at the two points of some mesh, and pairs of strains there."""
-    mesh, kinematics = draw(st.sampled_from([("flat", k) for k in PLANE] + [("solid", "solid")]))
+    mesh, kinematics = draw(
+        st.sampled_from([("flat", k) for k in PLANE] + [("solid", "solid")])
+    )
     problem, points = law_places(mesh, kinematics)
     names = ("two_mu", "bulk", "hardening", "beta")
     law = Law(problem, points)
@@ -280,7 +302,9 @@ def laws(draw):
     if draw(st.booleans()):
         some = draw(st.sampled_from([Voce, Swift]))
         data = st.floats(0.1, 3.0)
-        law.isotropic = some(1.0, 1.0, 1.0).at(lambda _: np.array([draw(data), draw(data)]))
+        law.isotropic = some(1.0, 1.0, 1.0).at(
+            lambda _: np.array([draw(data), draw(data)])
+        )
         law.accumulated = np.array([draw(st.floats(0, 3)), draw(st.floats(0, 3))])
     return law, draw(strains[d]), draw(strains[d])
 
@@ -316,7 +340,9 @@ def test_the_stress_is_the_derivative_of_the_energy_density(case, v, other_v):
     change = law.energy_density(other_v, there) - law.energy_density(v, at)
     here = law.bulk * v * (other_v - v) + dot(law.stress(at), other - e)
     beyond = law.bulk * other_v * (other_v - v) + dot(law.stress(there), other - e)
-    rounding = 1e-12 * scale_of(law, e, other) + 2e-9 * law.beta * np.linalg.norm(other - e, axis=1)
+    rounding = 1e-12 * scale_of(law, e, other) + 2e-9 * law.beta * np.linalg.norm(
+        other - e, axis=1
+    )
     assert (change - here >= -rounding).all()
     assert (change - beyond <= rounding).all()
 
@@ -349,7 +375,9 @@ def test_moduli_with_w_on_the_sphere_are_the_derivative_of_the_stress(case):
         * np.maximum(at.size, law.beta)
         / (law.two_mu * (1 + np.linalg.norm(direction, axis=1)))
     )
-    ahead, back = (law.stress(law.returned(e + s * t[:, None] * direction)) for s in (1, -1))
+    ahead, back = (
+        law.stress(law.returned(e + s * t[:, None] * direction)) for s in (1, -1)
+    )
     quotient = (ahead - back) / (2 * t[:, None])
     tangent = law.moduli(at, law.yielding_part(at))(direction)
     rounding = 1e-15 * scale_of(law, e) / t + 1e-7 * law.two_mu
@@ -392,12 +420,18 @@ def test_shapes_of_nodal_arrays(body):
     assert rows.gaps.shape == rows.weights.shape == rows.vertices.shape == (m,)
     assert (rows.normals.shape, rows.tangents.shape) == ((m, N), (m, N - 1, N))
     frames = np.concatenate([rows.normals[:, None], rows.tangents], axis=1)
-    assert close(frames @ frames.swapaxes(1, 2), np.broadcast_to(np.eye(N), (m, N, N)), 1e-14)
+    assert close(
+        frames @ frames.swapaxes(1, 2), np.broadcast_to(np.eye(N), (m, N, N)), 1e-14
+    )
     assert rows.gaps == pytest.approx(0.1, rel=1e-12)
     names = "|".join(problem.contact_names)
     weight = problem.kinematics.weight
-    area = Integrate(weight, problem.mesh, BND, definedon=problem.mesh.Boundaries(names), order=8)
-    assert rows.weights.sum() == pytest.approx(area, rel=1e-3 if body[0] == "curved" else 1e-12)
+    area = Integrate(
+        weight, problem.mesh, BND, definedon=problem.mesh.Boundaries(names), order=8
+    )
+    assert rows.weights.sum() == pytest.approx(
+        area, rel=1e-3 if body[0] == "curved" else 1e-12
+    )
 
 
 @given(bodies, generators)
@@ -408,11 +442,15 @@ def test_forces_of_rows_are_their_adjoints_and_translations_pass_through(body, r
     u = random.normal(size=supports.free.shape)
     pressing = random.normal(size=len(rows))
     work, scale = pressing @ (rows.normal @ u.ravel()), 1e-12 * u.size
-    assert np.vdot(rows.normal.T @ pressing, u.ravel()) == pytest.approx(work, abs=scale)
+    assert np.vdot(rows.normal.T @ pressing, u.ravel()) == pytest.approx(
+        work, abs=scale
+    )
     shift, constant = random.normal(size=problem.N), np.zeros(u.shape)
     constant[: problem.mesh.nv] = shift
     assert close(rows.normal @ constant.ravel(), rows.normals @ shift, 1e-12)
-    assert close(rows.tangential @ constant.ravel(), (rows.tangents @ shift).ravel(), 1e-12)
+    assert close(
+        rows.tangential @ constant.ravel(), (rows.tangents @ shift).ravel(), 1e-12
+    )
 
 
 @given(bodies, generators)

@@ -31,8 +31,14 @@ def lshape_225():
 CASES = {
     "L-shape, gamma = 1e2": lambda: (lshape_225(), Coupled(1e2)),
     "L-shape, gamma = 1e3": lambda: (lshape_225(), Coupled(1e3)),
-    "L-shape, full product": lambda: (lshape_225(), Coupled(1e3, tichonov=FullProduct())),
-    "wrench, gamma = 1e2": lambda: (wrench_problem(wrench.paper_mesh(245)), Coupled(1e2)),
+    "L-shape, full product": lambda: (
+        lshape_225(),
+        Coupled(1e3, tichonov=FullProduct()),
+    ),
+    "wrench, gamma = 1e2": lambda: (
+        wrench_problem(wrench.paper_mesh(245)),
+        Coupled(1e2),
+    ),
 }
 
 
@@ -54,7 +60,8 @@ def test_start_is_carried_over():
     problem = lshape_225()
     start = semismooth_newton(problem, 5e2, options=GLOBALISED)
     cold, warm = (
-        compare_algorithms(problem, Coupled(1e3), begin, FULL_STEPS) for begin in (None, start)
+        compare_algorithms(problem, Coupled(1e3), begin, FULL_STEPS)
+        for begin in (None, start)
     )
     assert len(warm) < len(cold)
     assert warm[0]["residual_norm_lambda"] < 0.5 * cold[0]["residual_norm_lambda"]
@@ -64,7 +71,9 @@ def test_start_is_carried_over():
 @pytest.fixture(scope="module")
 def equation():
     problem, regularisation = CASES["L-shape, gamma = 1e3"]()
-    return MultiplierEquation(prepared(problem, regularisation, FULL_STEPS), "sparsecholesky")
+    return MultiplierEquation(
+        prepared(problem, regularisation, FULL_STEPS), "sparsecholesky"
+    )
 
 
 def functional_on_H(equation, seed, size=1.0):
@@ -126,7 +135,12 @@ def test_newton_derivative_in_lambda(equation):
 def test_superlinear_convergence(name):
     """Corollary 6.7: the quotients of successive residuals fall, the last is the smallest."""
     functional = prepared(*CASES[name](), FULL_STEPS)
-    norms = [n for _, n in newton_in_lambda(functional, functional.blocks.H_vector(), FULL_STEPS)]
+    norms = [
+        n
+        for _, n in newton_in_lambda(
+            functional, functional.blocks.H_vector(), FULL_STEPS
+        )
+    ]
     quotients = [b / a for a, b in pairwise(norms)]
     assert quotients[-1] < 1e-4
     assert quotients[-1] == min(quotients)

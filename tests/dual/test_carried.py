@@ -28,7 +28,9 @@ def test_other_boundary_conditions_start_from_the_same_nodal_values(coupled):
     """z has nodes at the ends of Gamma_c without conditions there, and starts from zero in them."""
     blocks, v = carried(coupled.problem, Coupled(1e4, tichonov=FullProduct()), coupled)
     (z, q), (z_old, q_old) = blocks.parts(v), coupled.functional.blocks.parts(coupled.v)
-    assert np.sort(z)[np.sort(z) != 0] == pytest.approx(np.sort(z_old)[np.sort(z_old) != 0])
+    assert np.sort(z)[np.sort(z) != 0] == pytest.approx(
+        np.sort(z_old)[np.sort(z_old) != 0]
+    )
     assert q.FV().NumPy() == pytest.approx(q_old.FV().NumPy())
 
 

@@ -82,7 +82,9 @@ class State:
 
     def residual_difference(self, w, step):
         r = w.CreateVector()
-        r.data = 1 / (2 * step) * (self.at(step, w).residual - self.at(-step, w).residual)
+        r.data = (
+            1 / (2 * step) * (self.at(step, w).residual - self.at(-step, w).residual)
+        )
         return r
 
     def newton_error(self, w, step):
@@ -133,7 +135,9 @@ def test_residual_is_the_derivative_of_the_energy(name):
 @pytest.mark.parametrize("name", CASES)
 def test_newton_matrix_is_the_derivative_of_the_residual(name):
     state = State(*CASES[name]())
-    assert Iterate(state.functional, state.v).active[1] > 0.1  # the nonsmooth terms take part
+    assert (
+        Iterate(state.functional, state.v).active[1] > 0.1
+    )  # the nonsmooth terms take part
     for _ in range(2):
         assert state.newton_error(state.direction(), 1e-6) < 1e-7
 

@@ -27,7 +27,10 @@ def contact_problem():
 
 @pytest.fixture(scope="module")
 def contact_path(contact_problem):
-    reports, options = [], PathOptions(gamma_start=10, growth=10, gamma_end=1e5, inner_scale=1e-9)
+    reports, options = (
+        [],
+        PathOptions(gamma_start=10, growth=10, gamma_end=1e5, inner_scale=1e-9),
+    )
     path = follow_path(
         contact_problem, options, observer=lambda r: reports.append(duality_report(r))
     )
@@ -75,9 +78,16 @@ def test_parts_add_up_with_initial_conditions_and_both_hardenings():
 
 
 def test_parts_add_up_in_three_dimensions():
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+    )
     problem = flat_problem(
-        block.mesh(0.5), material, "clamped", {"right": (0, 0, 4.0)}, contact="contact", gap=0.001
+        block.mesh(0.5),
+        material,
+        "clamped",
+        {"right": (0, 0, 4.0)},
+        contact="contact",
+        gap=0.001,
     )
     report = duality_report(semismooth_newton(problem, 1e2))
     assert_parts_add_up(report)
@@ -118,7 +128,9 @@ def test_contact_term_is_tested_optimality(contact_path):
     blocks = path.last.functional.blocks
     v = path.last.v, (blocks.B * path.last.v).Evaluate()
     b = np.dot(*(blocks.parts(part)[0].FV().NumPy() for part in v))
-    expected = -2 * reports[-1].contact_penalty - b / path.last.functional.weights.tichonov
+    expected = (
+        -2 * reports[-1].contact_penalty - b / path.last.functional.weights.tichonov
+    )
     assert reports[-1].contact_term == pytest.approx(expected, rel=1e-6)
 
 
@@ -140,12 +152,16 @@ def test_3_8_holds_in_element_means_and_at_first_order(elastic_reports):
 
 def test_normal_stress_is_recovered_at_first_order(elastic_reports):
     """The dual variable z against (sigma n).n of the neighbouring elements."""
-    _, coarse, fine = (r.normal_stress_deviation / r.normal_stress for r in elastic_reports)
+    _, coarse, fine = (
+        r.normal_stress_deviation / r.normal_stress for r in elastic_reports
+    )
     assert 1.6 < coarse / fine < 2.4
 
 
 def test_report_without_contact(contact_problem):
-    free = replace(contact_problem, contact=None, gap=None, traction={"load": (0.0, 1.0)})
+    free = replace(
+        contact_problem, contact=None, gap=None, traction={"load": (0.0, 1.0)}
+    )
     report = duality_report(semismooth_newton(free, regularisation=Coupled(1e3)))
     assert_parts_add_up(report)
     assert report.contact_term == report.tension == report.shear == 0.0

@@ -31,7 +31,10 @@ from ngepc.dual.blocks import elastic_terms
 from ngepc.dual.functional import Iterate, total
 from ngepc.geometries import block, lshape
 
-REGULARISATIONS = {"coupled": Coupled(1e3), "full product": Coupled(1e2, tichonov=FullProduct())}
+REGULARISATIONS = {
+    "coupled": Coupled(1e3),
+    "full product": Coupled(1e2, tichonov=FullProduct()),
+}
 CASES = {
     "Poisson 0.49": Case(poisson=0.49),
     "Poisson 0.4999": Case(poisson=0.4999),
@@ -91,7 +94,9 @@ def problems():
 @pytest.mark.parametrize("regularisation", REGULARISATIONS)
 def test_converged_is_what_others_see(problems, name, regularisation):
     """With 1e-10 asked for: converged and others see less, or stagnated with the reason."""
-    result = semismooth_newton(problems[name], regularisation=REGULARISATIONS[regularisation])
+    result = semismooth_newton(
+        problems[name], regularisation=REGULARISATIONS[regularisation]
+    )
     if name in REACHES:
         assert result.status is Status.CONVERGED
     if result.status is Status.CONVERGED:
@@ -112,7 +117,9 @@ def test_a_tolerance_above_the_rounding_is_met(problems, name, regularisation):
     seen = [residual(stuck, product) for product in (True, False)]
     assert abs(seen[0] - seen[1]) < 10 * rounding
     assert max(seen) < 100 * rounding
-    advice = float(re.search(r"tolerance above (\S+) is within reach", stuck.message)[1])
+    advice = float(
+        re.search(r"tolerance above (\S+) is within reach", stuck.message)[1]
+    )
     assert advice < 20 * rounding
     options = NewtonOptions(tolerance=max(advice, 20 * rounding))
     result = semismooth_newton(problem, regularisation=R, options=options)
@@ -149,7 +156,9 @@ def test_examples_of_the_paper_are_far_from_rounding():
 
 def test_refined_displacements_satisfy_the_uncondensed_equations():
     """D y = Lambda* v - l to rounding of its terms, row by row, where condensation loses digits."""
-    material = Material.kinematic(lame_lambda=5e6, lame_mu=1e3, yield_stress=1.25, hardening=1e-2)
+    material = Material.kinematic(
+        lame_lambda=5e6, lame_mu=1e3, yield_stress=1.25, hardening=1e-2
+    )
     mesh = block.structured_mesh(6, 6, simplices=True)
     load = {"left": CF((0.0, 3.0 * y))}
     problem = flat_problem(mesh, material, traction=load, contact="contact", gap=1e-3)

@@ -57,7 +57,9 @@ def test_start_does_not_matter_for_the_minimum(example_a, solved):
 
 def test_elastic_body_without_contact_needs_one_step(example_a):
     n = specialcf.normal(2)
-    gentle = dataclasses.replace(example_a, traction={"load": -1e-2 * n}, contact=None, gap=None)
+    gentle = dataclasses.replace(
+        example_a, traction={"load": -1e-2 * n}, contact=None, gap=None
+    )
     result = semismooth_newton(gentle, 1e4)
     assert (result.iterations, result.status) == (1, Status.CONVERGED)
     # J*_gamma is then quadratic in the load: doubling it multiplies the energy by four.
@@ -70,7 +72,9 @@ def test_elastic_body_without_contact_needs_one_step(example_a):
 def test_counts_at_1e4_are_those_of_table_1(nodes):
     options = NewtonOptions()
     problem = lshape_problem(lshape.paper_mesh(nodes))
-    result = semismooth_newton(problem, 1e4, coarse_start("lshape", 1e4, options), options)
+    result = semismooth_newton(
+        problem, 1e4, coarse_start("lshape", 1e4, options), options
+    )
     assert result.status is Status.CONVERGED
     assert 15 <= result.iterations <= 28  # paper: 17 and 21
 
@@ -91,7 +95,10 @@ def test_convergence_is_locally_superlinear(solved):
 
 def test_energies_decrease_and_belong_to_the_steps(solved):
     history = solved[1e4].history
-    assert all(b <= a + 1e-13 for a, b in zip(history.energies, history.energies[1:], strict=False))
+    assert all(
+        b <= a + 1e-13
+        for a, b in zip(history.energies, history.energies[1:], strict=False)
+    )
     assert len(history.step_lengths) == solved[1e4].iterations
     assert all(math.log2(step) == int(math.log2(step)) for step in history.step_lengths)
 
@@ -104,7 +111,9 @@ def test_residual_is_recomputed_from_the_dual_variable(solved):
 def test_reported_fields_are_drawable_and_consistent(example_a, solved):
     result, mesh = solved[1e4], example_a.mesh
     assert result.displacement.space.mesh.nv == 833
-    force = Integrate(result.contact_pressure, mesh, definedon=mesh.Boundaries("contact"))
+    force = Integrate(
+        result.contact_pressure, mesh, definedon=mesh.Boundaries("contact")
+    )
     assert result.contact_force == pytest.approx(force)
     assert result.contact_force > 0
     p = result.plastic_strain
@@ -122,7 +131,9 @@ def test_yield_function_of_q_is_that_of_the_stress(solved, example_a):
     assert difference < 0.1 * math.sqrt(Integrate(by_q**2, mesh))
 
 
-def test_adaptive_quadrature_equals_400_points_everywhere(example_a, solved, monkeypatch):
+def test_adaptive_quadrature_equals_400_points_everywhere(
+    example_a, solved, monkeypatch
+):
     monkeypatch.setattr("ngepc.discretisation.quadrature.SMOOTH_VARIATION", 0.0)
     everywhere = semismooth_newton(example_a, 1e4, solved[1e4])
     assert everywhere.dual_energy == pytest.approx(solved[1e4].dual_energy, rel=1e-10)
@@ -136,7 +147,9 @@ def test_prolongation_to_a_finer_mesh_is_exact():
     values = prolongate(q_coarse.space, q_coarse.vec, q_fine.space)
     q_fine.vec.FV().NumPy()[:] = values
     for x, y in ((0.31, 0.77), (0.9, 0.2), (0.52, 0.49)):
-        assert q_fine(fine.mesh(x, y)) == pytest.approx(q_coarse(coarse.mesh(x, y)), abs=1e-14)
+        assert q_fine(fine.mesh(x, y)) == pytest.approx(
+            q_coarse(coarse.mesh(x, y)), abs=1e-14
+        )
 
 
 def test_same_problem_in_si_units_takes_the_same_steps():
@@ -155,13 +168,21 @@ def test_same_problem_in_si_units_takes_the_same_steps():
     )
     n = specialcf.normal(2)
     problem = flat_problem(
-        si_mesh, material, traction={"load": -10 * stress * n}, contact="contact", gap=0.1 * length
+        si_mesh,
+        material,
+        traction={"load": -10 * stress * n},
+        contact="contact",
+        gap=0.1 * length,
     )
     units = Units(stress=stress, length=length)
     result = semismooth_newton(problem, regularisation=Coupled(1e4, units=units))
     assert result.history.step_lengths == scaled.history.step_lengths
-    assert result.dual_energy == pytest.approx(stress * length**2 * scaled.dual_energy, rel=1e-9)
-    ratio = np.array(result.history.residual_norms) / np.array(scaled.history.residual_norms)
+    assert result.dual_energy == pytest.approx(
+        stress * length**2 * scaled.dual_energy, rel=1e-9
+    )
+    ratio = np.array(result.history.residual_norms) / np.array(
+        scaled.history.residual_norms
+    )
     assert ratio[:-1] == pytest.approx(length**2, rel=1e-4)
 
 
@@ -244,7 +265,10 @@ def test_open_gap_adheres_with_the_penalty(small):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"gamma": 1e3, "regularisation": Coupled(1e3)}, "either gamma or regularisation"),
+        (
+            {"gamma": 1e3, "regularisation": Coupled(1e3)},
+            "either gamma or regularisation",
+        ),
         ({"gamma": -1.0}, "gamma=-1.0"),
         ({"gamma": math.nan}, "gamma=nan"),
         ({"gamma": 1e3, "start": 3}, "start=3"),
@@ -282,13 +306,23 @@ def test_gap_may_vary_and_push_in(small):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"friction": 0.5}, "friction=0.5: the paper's regularised method needs contact without"),
+        (
+            {"friction": 0.5},
+            "friction=0.5: the paper's regularised method needs contact without",
+        ),
         ({"order": 2}, "order=2"),
-        ({"springs": {"load": 1.0}}, r"springs\['load'\]=1.0: .* supports that do not give way"),
+        (
+            {"springs": {"load": 1.0}},
+            r"springs\['load'\]=1.0: .* supports that do not give way",
+        ),
     ],
 )
-def test_what_the_papers_method_has_not_is_refused_with_what_to_do(small, changes, message):
+def test_what_the_papers_method_has_not_is_refused_with_what_to_do(
+    small, changes, message
+):
     other = dataclasses.replace(small, **changes)
     for solve in (lambda: semismooth_newton(other, 1e3), lambda: follow_path(other)):
-        with pytest.raises(ValueError, match=message + ".*leave gamma and regularisation out"):
+        with pytest.raises(
+            ValueError, match=message + ".*leave gamma and regularisation out"
+        ):
             solve()

@@ -54,7 +54,9 @@ def stop_after(number):
 def test_mesh_widths_of_known_meshes():
     # 417 nodes: squares of side 1/16 cut along both diagonals, legs 1/16 / sqrt(2) ... altitudes
     mesh = lshape.paper_mesh(417)
-    areas_side = math.sqrt(2 * 0.75 / mesh.ne)  # right isosceles triangles of equal area
+    areas_side = math.sqrt(
+        2 * 0.75 / mesh.ne
+    )  # right isosceles triangles of equal area
     assert mesh_width(mesh) == pytest.approx(areas_side / math.sqrt(2))
     assert contact_mesh_width(lshape_problem(mesh)) == pytest.approx(1 / 16)
 
@@ -62,7 +64,9 @@ def test_mesh_widths_of_known_meshes():
 def test_gammas_grow_by_theta_and_the_outer_rule_ends_the_path(problem, path):
     h, tau = mesh_width(problem.mesh), PathOptions().outer_tolerance
     assert path.status is Status.CONVERGED
-    assert path.gammas == pytest.approx([10 * 7**k for k in range(path.outer_iterations)])
+    assert path.gammas == pytest.approx(
+        [10 * 7**k for k in range(path.outer_iterations)]
+    )
     V = np.array(path.path_values)
     changes = np.abs(np.diff(V) / V[:-1])
     assert changes == pytest.approx([step.change for step in path.steps[1:]])
@@ -106,7 +110,9 @@ def test_safeguard_follows_the_path_until_the_residual_is_small(problem, path):
 
 
 def test_safeguard_without_need_changes_nothing(problem, path):
-    guarded = follow_path(problem, PathOptions(residual_tolerance=2 * path.residual_norms[-1]))
+    guarded = follow_path(
+        problem, PathOptions(residual_tolerance=2 * path.residual_norms[-1])
+    )
     assert guarded.path_values == path.path_values
 
 
@@ -154,8 +160,12 @@ def test_interrupted_path_ends_with_the_same_digits(problem, path, tmp_path, don
     resumed = follow_path(problem, checkpoint=file)
     assert resumed.inner_iterations == path.inner_iterations
     assert resumed.path_values == pytest.approx(path.path_values, rel=1e-12)
-    assert resumed.last.v.FV().NumPy() == pytest.approx(path.last.v.FV().NumPy(), abs=1e-12)
-    assert resumed.last.residual_norm == pytest.approx(path.last.residual_norm, rel=1e-9)
+    assert resumed.last.v.FV().NumPy() == pytest.approx(
+        path.last.v.FV().NumPy(), abs=1e-12
+    )
+    assert resumed.last.residual_norm == pytest.approx(
+        path.last.residual_norm, rel=1e-9
+    )
 
 
 def test_finished_checkpoint_is_the_result(problem, path, tmp_path):
@@ -178,7 +188,11 @@ def test_foreign_old_and_damaged_checkpoints_are_refused_and_kept(problem, tmp_p
     other_mesh = wrench_problem(wrench.paper_mesh(123))
     cases = [
         (problem, replace(limited, growth=8.0), "growth"),
-        (problem, replace(limited, newton=NewtonOptions(quadrature_points=100)), "newton"),
+        (
+            problem,
+            replace(limited, newton=NewtonOptions(quadrature_points=100)),
+            "newton",
+        ),
         (other_load, limited, "problem"),
         (other_mesh, limited, "mesh"),
     ]
@@ -186,7 +200,13 @@ def test_foreign_old_and_damaged_checkpoints_are_refused_and_kept(problem, tmp_p
         with pytest.raises(ValueError, match=reason):
             follow_path(data, options, checkpoint=file)
         assert file.read_bytes() == written
-    for damaged in (b"", written[:-40], written[:200], b"no archive", written[:300] + b"x" * 80):
+    for damaged in (
+        b"",
+        written[:-40],
+        written[:200],
+        b"no archive",
+        written[:300] + b"x" * 80,
+    ):
         file.write_bytes(damaged)
         with pytest.raises(ValueError, match="checkpoint"):
             follow_path(problem, limited, checkpoint=file)
@@ -223,10 +243,15 @@ def test_what_fixes_the_spaces_cannot_change_along_a_path(problem):
     """Such a path used to end CONVERGED with a wrong energy; no argument can ask for it now."""
     spaces = DualSpaces(tichonov=FullProduct(), units=Units(length=0.9))
     kept = DualFunctional(LinearBlocks(problem, spaces, "sparsecholesky"), 400, 1e4)
-    assert kept.regularisation == Coupled(1e4, tichonov=spaces.tichonov, units=spaces.units)
+    assert kept.regularisation == Coupled(
+        1e4, tichonov=spaces.tichonov, units=spaces.units
+    )
     for argument in ("regularisation", "parameters"):
         with pytest.raises(TypeError, match=argument):
-            follow_path(problem, **{argument: lambda gamma: Coupled(gamma, tichonov=FullProduct())})
+            follow_path(
+                problem,
+                **{argument: lambda gamma: Coupled(gamma, tichonov=FullProduct())},
+            )
 
 
 def test_a_system_refuses_a_functional_on_other_blocks(problem):
@@ -237,7 +262,9 @@ def test_a_system_refuses_a_functional_on_other_blocks(problem):
 
 def test_a_path_has_no_fields_of_its_own(path):
     """Counts are those of the path, fields those of ``last``: no name means both."""
-    assert path.last.iterations == path.inner_iterations[-1] < path.total_inner_iterations
+    assert (
+        path.last.iterations == path.inner_iterations[-1] < path.total_inner_iterations
+    )
     for name in ("iterations", "history", "displacement"):
         assert not hasattr(path, name)
 
@@ -265,7 +292,16 @@ def test_options_outside_their_range_are_refused(name, value):
 
 def test_command_writes_the_records(tmp_path, capsys):
     target, file = tmp_path / "path.json", tmp_path / "path.npz"
-    command = ["path", "wrench", "--nodes", "123", "--json", str(target), "--checkpoint", str(file)]
+    command = [
+        "path",
+        "wrench",
+        "--nodes",
+        "123",
+        "--json",
+        str(target),
+        "--checkpoint",
+        str(file),
+    ]
     assert main(command) == 0
     record = json.loads(target.read_text())
     outer = record["outer_iterations"]
@@ -273,7 +309,11 @@ def test_command_writes_the_records(tmp_path, capsys):
         assert len(record[key]) == outer
     assert record["status"] == "converged"
     assert record["total_inner_iterations"] == sum(record["inner_iterations"])
-    assert record["gamma_end"] == record["gammas"][-1] == pytest.approx(10 * 7 ** (outer - 1))
+    assert (
+        record["gamma_end"]
+        == record["gammas"][-1]
+        == pytest.approx(10 * 7 ** (outer - 1))
+    )
     assert record["dual_energy"] == pytest.approx(record["path_values"][-1], rel=1e-9)
     assert main([*command, "--growth", "8"]) == 2
     assert "growth" in capsys.readouterr().err

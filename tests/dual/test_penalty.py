@@ -39,16 +39,23 @@ def beyond(problem, noise):
 
 def waves(problem, size, seed=1):
     """q that varies over the body."""
-    rng, points = np.random.default_rng(seed), np.asarray(problem.mesh.ngmesh.Coordinates())[:, :2]
+    rng, points = (
+        np.random.default_rng(seed),
+        np.asarray(problem.mesh.ngmesh.Coordinates())[:, :2],
+    )
     return field(
-        problem, size * np.array([np.sin(points @ rng.normal(0, 3, 2) + 1) for _ in range(2)])
+        problem,
+        size * np.array([np.sin(points @ rng.normal(0, 3, 2) + 1) for _ in range(2)]),
     )
 
 
 def test_a_low_order_away_from_the_kink_agrees_with_400_points(monkeypatch):
     problem = lshape_problem(lshape.paper_mesh(833))
     blocks, q = beyond(problem, 0.15)
-    ((_, nodes),), values = elements_by_shape(problem.mesh), np.array(q.FV()).reshape(2, -1)
+    ((_, nodes),), values = (
+        elements_by_shape(problem.mesh),
+        np.array(q.FV()).reshape(2, -1),
+    )
     assert (classify(values, nodes, 1.25, 1.25) == SMOOTH).sum() > 100
     usual = penalty(blocks)(q)
     monkeypatch.setattr(VARIATION, 0.0)

@@ -53,10 +53,14 @@ def state_of(result):
 
 @pytest.mark.parametrize("name", REGULARISATIONS)
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-10])
-def test_converged_means_an_independent_residual_below_the_tolerance(small, name, tolerance):
+def test_converged_means_an_independent_residual_below_the_tolerance(
+    small, name, tolerance
+):
     """Assembled with 400 points on every element and solved by another direct solver."""
     options = NewtonOptions(tolerance=tolerance)
-    result = semismooth_newton(small, regularisation=REGULARISATIONS[name], options=options)
+    result = semismooth_newton(
+        small, regularisation=REGULARISATIONS[name], options=options
+    )
     witness = dual_residual(result)
     assert result.status is Status.CONVERGED
     assert result.message == ""
@@ -158,7 +162,9 @@ def broken_factorisation(self):
 
 
 @pytest.mark.parametrize("name", ["coupled", "coupled 1e4"])
-def test_failed_factorisation_is_named_with_the_last_good_state(small, monkeypatch, name):
+def test_failed_factorisation_is_named_with_the_last_good_state(
+    small, monkeypatch, name
+):
     reached = []
     invert = NewtonSystem._invert
 
@@ -223,7 +229,10 @@ def test_message_names_the_damped_step(small):
     result = semismooth_newton(small, 1e4, options=NewtonOptions(max_iterations=4))
     shortest = min(result.history.records[1:], key=lambda r: r.step_length)
     assert shortest.step_length < 1
-    assert f"Step {shortest.iteration} was damped to {shortest.step_length:.3g}" in result.message
+    assert (
+        f"Step {shortest.iteration} was damped to {shortest.step_length:.3g}"
+        in result.message
+    )
 
 
 def test_every_status_has_its_advice():
@@ -235,7 +244,9 @@ def test_every_status_has_its_advice():
 
 
 @pytest.mark.parametrize("R", [REGULARISATIONS["full product"], Coupled(1e2)])
-def test_tolerance_below_rounding_is_named_and_the_message_quotes_the_true_residual(small, R):
+def test_tolerance_below_rounding_is_named_and_the_message_quotes_the_true_residual(
+    small, R
+):
     """Loads of 3e4 leave 1e-10 of rounding; what is updated from step to step drifts below it."""
     problem = dataclasses.replace(small, traction={"load": (0.0, 3e4)})
     options = NewtonOptions(tolerance=1e-16)
@@ -251,7 +262,10 @@ def test_tolerance_below_rounding_is_named_and_the_message_quotes_the_true_resid
 
 def test_path_that_fails_inside_says_where(small):
     options = PathOptions(
-        gamma_start=10.0, gamma_end=1e6, growth=100.0, newton=NewtonOptions(max_iterations=5)
+        gamma_start=10.0,
+        gamma_end=1e6,
+        growth=100.0,
+        newton=NewtonOptions(max_iterations=5),
     )
     path = follow_path(small, options)
     assert path.status is Status.ITERATION_LIMIT
@@ -288,7 +302,9 @@ def failing_solver(status):
         calls.append(None)
         result = semismooth_newton(problem, 1e2)
         if len(calls) >= 2:
-            return dataclasses.replace(result, status=status, message="seen in the solver")
+            return dataclasses.replace(
+                result, status=status, message="seen in the solver"
+            )
         return result
 
     return solve
@@ -374,7 +390,9 @@ def test_hard_problems_end_in_a_status(name, method):
         result = primal_newton(problem)
         residual, tolerance = balance_residual(result), 2e-10
     else:
-        result = semismooth_newton(problem, 1e2, options=NewtonOptions(max_iterations=60))
+        result = semismooth_newton(
+            problem, 1e2, options=NewtonOptions(max_iterations=60)
+        )
         witness = dual_residual(result)
         residual, tolerance = witness.norm, 1e-10 + witness.rounding
     assert isinstance(result.status, Status)

@@ -44,4 +44,6 @@ def test_no_solve_changes_the_number_of_threads():
         "ngepc.semismooth_newton(problem, 1e3); ngepc.primal_newton(problem)\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    subprocess.run([sys.executable, "-c", code], check=True, env=environment, timeout=120)
+    subprocess.run(
+        [sys.executable, "-c", code], check=True, env=environment, timeout=120
+    )

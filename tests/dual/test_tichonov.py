@@ -34,7 +34,9 @@ def scaled_problem(stress, length):
         hardening=100 * stress,
     )
     push = {"left": (6.0 * stress, 4.0 * stress)}
-    return flat_problem(mesh, material, traction=push, contact="contact", gap=-0.002 * length)
+    return flat_problem(
+        mesh, material, traction=push, contact="contact", gap=-0.002 * length
+    )
 
 
 @pytest.mark.parametrize("name", CHOICES)
@@ -64,7 +66,9 @@ def test_lshape_converges_to_one_limit(name):
     result = None
     for gamma in (1e3, 1e4):
         choice = Coupled(gamma, tichonov=CHOICES[name])
-        result = semismooth_newton(problem, start=result, options=QUICK, regularisation=choice)
+        result = semismooth_newton(
+            problem, start=result, options=QUICK, regularisation=choice
+        )
         assert result.status is Status.CONVERGED
         values.append(result.dual_energy)
     assert values[0] > values[1] > 0.37
@@ -77,7 +81,9 @@ def test_lshape_converges_to_one_limit(name):
 
 def pressed_ring(maxh):
     """A ring held inside whose outer circle, of radius 2, is pushed in by 0.01; elastic."""
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1e3, hardening=100.0)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1e3, hardening=100.0
+    )
     mesh = ring.mesh(maxh)
     return flat_problem(mesh, material, clamped="inner", contact="outer", gap=-0.01)
 
@@ -91,10 +97,13 @@ def test_closed_contact_boundary():
     errors = []
     for maxh in (0.4, 0.2):
         problem = pressed_ring(maxh)
-        result = semismooth_newton(problem, regularisation=Coupled(1e7, tichonov=FullProduct()))
+        result = semismooth_newton(
+            problem, regularisation=Coupled(1e7, tichonov=FullProduct())
+        )
         assert result.status is Status.CONVERGED
         force, length = (
-            Integrate(f * ds("outer"), problem.mesh) for f in (result.normal_stress, CF(1.0))
+            Integrate(f * ds("outer"), problem.mesh)
+            for f in (result.normal_stress, CF(1.0))
         )
         errors.append(abs(force / length / LAME_PRESSURE - 1))
     assert errors[1] < 0.003
@@ -110,7 +119,9 @@ def test_constants_have_the_length_term_alone():
     B, one = blocks.B, blocks.H_vector()
     blocks.parts(one)[0][:] = 1.0
     length = Integrate(CF(1.0) * ds("outer"), problem.mesh)
-    assert one.InnerProduct((B * one).Evaluate()) == pytest.approx(length / 3.0, rel=1e-12)
+    assert one.InnerProduct((B * one).Evaluate()) == pytest.approx(
+        length / 3.0, rel=1e-12
+    )
 
 
 def test_closed_contact_boundary_is_refused_by_the_gradients():
@@ -120,13 +131,17 @@ def test_closed_contact_boundary_is_refused_by_the_gradients():
 
 def test_one_closed_piece_is_enough_to_be_refused():
     mesh = block.with_hole(0.3, size=(1.0, 1.0))
-    problem = flat_problem(mesh, pressed_ring(0.5).material, contact="contact|hole", gap=0.0)
+    problem = flat_problem(
+        mesh, pressed_ring(0.5).material, contact="contact|hole", gap=0.0
+    )
     with pytest.raises(ValueError, match="closed piece without ends"):
         semismooth_newton(problem, 100.0)
 
 
 def test_products_are_positive_definite():
-    blocks = LinearBlocks(pressed_ring(0.6), DualSpaces(tichonov=FullProduct()), "sparsecholesky")
+    blocks = LinearBlocks(
+        pressed_ring(0.6), DualSpaces(tichonov=FullProduct()), "sparsecholesky"
+    )
     v, w = blocks.H_vector(), blocks.H_vector()
     free = np.array(blocks.H.FreeDofs())
     v.FV().NumPy()[:] = np.random.default_rng(1).standard_normal(len(v)) * free

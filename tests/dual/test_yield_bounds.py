@@ -47,7 +47,9 @@ def test_multipliers_balance_strain_and_overlap():
     assert sum(terms) == pytest.approx(0.0, abs=1e-10)
     for i in range(2):
         strain, multiplier, small = (
-            Integrate(f[i] * dx(intrules=fine_rules(2, QUICK.quadrature_points)), problem.mesh)
+            Integrate(
+                f[i] * dx(intrules=fine_rules(2, QUICK.quadrature_points)), problem.mesh
+            )
             for f in (result.plastic_increment, nu, q / gamma)
         )
         assert abs(multiplier) > 1e-4
@@ -66,7 +68,12 @@ def hardened(alpha, *, mesh=None, sigma=1.0, H=0.5):
     )
     loads = {"left": (6.0, 4.0)}
     return flat_problem(
-        mesh, material, traction=loads, contact="contact", gap=0.0, initial_hardening=alpha
+        mesh,
+        material,
+        traction=loads,
+        contact="contact",
+        gap=0.0,
+        initial_hardening=alpha,
     )
 
 
@@ -102,7 +109,10 @@ def test_yield_stress_that_varies_scales_with_the_loads():
             lame_lambda=1e3, lame_mu=1e3, yield_stress=c * (1 + x * y), hardening=100.0
         )
         problem = replace(
-            hardened(None), material=material, traction={"left": (8.0 * c, 4.0 * c)}, gap=0.001 * c
+            hardened(None),
+            material=material,
+            traction={"left": (8.0 * c, 4.0 * c)},
+            gap=0.001 * c,
         )
         result = solved(problem, Coupled(1e3, tichonov=FullProduct()))
         energies.append(np.array(result.history.energies) / c**2)
@@ -115,12 +125,22 @@ def test_a_bound_that_is_not_reached_does_not_matter():
     runs = []
     for large in (1e2, 1e5):
         material = Material.kinematic(
-            lame_lambda=1e3, lame_mu=1e3, yield_stress=IfPos(x - 0.5, large, 1.0), hardening=100.0
+            lame_lambda=1e3,
+            lame_mu=1e3,
+            yield_stress=IfPos(x - 0.5, large, 1.0),
+            hardening=100.0,
         )
-        problem = replace(hardened(None), material=material, traction={"right": (6.0, 4.0)})
+        problem = replace(
+            hardened(None), material=material, traction={"right": (6.0, 4.0)}
+        )
         result = solved(problem, full(1e3))
         size = Norm(result.plastic_dual)
-        assert Integrate(IfPos(x - 0.5, IfPos(size - 1.0, 1.0, 0.0), 0.0), problem.mesh) > 0.1
+        assert (
+            Integrate(IfPos(x - 0.5, IfPos(size - 1.0, 1.0, 0.0), 0.0), problem.mesh)
+            > 0.1
+        )
         runs.append(result)
-    assert runs[0].history.energies == pytest.approx(runs[1].history.energies, rel=1e-10)
+    assert runs[0].history.energies == pytest.approx(
+        runs[1].history.energies, rel=1e-10
+    )
     assert runs[0].history.records[-1].plastic_active > 0.05

@@ -31,8 +31,12 @@ R = (H * BOUND) ** 2 * K1
 ELASTIC = {"lame_lambda": 1e3, "lame_mu": 1e3, "yield_stress": BOUND}
 MATERIALS = {
     "kinematic": Material.kinematic(**ELASTIC, hardening=K),
-    "isotropic": Material.isotropic(**ELASTIC, hardening_modulus=H, hardening_stiffness=K1),
-    "combined": Material(**ELASTIC, hardening=K, hardening_modulus=H, hardening_stiffness=K1),
+    "isotropic": Material.isotropic(
+        **ELASTIC, hardening_modulus=H, hardening_stiffness=K1
+    ),
+    "combined": Material(
+        **ELASTIC, hardening=K, hardening_modulus=H, hardening_stiffness=K1
+    ),
 }
 
 
@@ -41,7 +45,9 @@ def bar(material, mesh, load=1.0):
     rollers = {"left": (0, None), "clamped": (None, 0)}
     traction = {"right": (load, 0)}
     supports = {"clamped": None, "prescribed": rollers}
-    return Problem(mesh, material, **supports, traction=traction, kinematics=FLAT[mesh.dim])
+    return Problem(
+        mesh, material, **supports, traction=traction, kinematics=FLAT[mesh.dim]
+    )
 
 
 def punched(material=MATERIALS["combined"], nodes=65):
@@ -84,10 +90,13 @@ def test_loading_and_reversal_match_the_closed_form(kind, mesh):
     assert found == pytest.approx(expected, rel=1e-11, abs=1e-14)
     ends = evolution.values(lambda f: f.displacement(mesh(1.0, 0.5))[0])
     elongations = [
-        t / 8e3 + t / 4e3 + p / math.sqrt(2) for t, p in zip(loads, expected, strict=True)
+        t / 8e3 + t / 4e3 + p / math.sqrt(2)
+        for t, p in zip(loads, expected, strict=True)
     ]
     assert ends == pytest.approx(elongations, rel=1e-11)
-    assert evolution.column("max_plastic_strain") == pytest.approx(np.abs(expected), abs=1e-14)
+    assert evolution.column("max_plastic_strain") == pytest.approx(
+        np.abs(expected), abs=1e-14
+    )
 
 
 @pytest.mark.parametrize("kind", MATERIALS)
@@ -96,7 +105,9 @@ def test_memory_is_that_of_the_flow_rule(kind):
     loads = [4.0, -4.5]
     steps = [(float(i), {"traction": {"right": (t, 0)}}) for i, t in enumerate(loads)]
     memory = evolve(bar(material, mesh), steps).memory
-    functions = {name: memory.functions.function(v) for name, v in memory.arrays.items()}
+    functions = {
+        name: memory.functions.function(v) for name, v in memory.arrays.items()
+    }
     p = plastic_strains([0.0, *loads], material.hardening, material.isotropic_hardening)
     point = mesh(0.3, 0.3)
     assert functions["plastic_strain"](point)[0] == pytest.approx(p[-1], rel=1e-11)
@@ -105,12 +116,18 @@ def test_memory_is_that_of_the_flow_rule(kind):
     )
     length = np.abs(np.diff(p)).sum()
     factor = material.hardening_stiffness * material.hardening_modulus * BOUND
-    assert functions["hardening_variable"](point) == pytest.approx(factor * length, rel=1e-11)
+    assert functions["hardening_variable"](point) == pytest.approx(
+        factor * length, rel=1e-11
+    )
 
 
 def test_hexahedra_in_three_dimensions_unload_elastically():
     mesh = block.structured_mesh(2, 1, 1)
-    rollers = {"left": (0, None, None), "clamped": (None, None, 0), "front": (None, 0, None)}
+    rollers = {
+        "left": (0, None, None),
+        "clamped": (None, None, 0),
+        "front": (None, 0, None),
+    }
     problem = Problem(
         mesh,
         MATERIALS["kinematic"],
@@ -128,7 +145,9 @@ def test_hexahedra_in_three_dimensions_unload_elastically():
 
 def test_kinematic_hysteresis_closes():
     problem = bar(MATERIALS["kinematic"], block.structured_mesh(2, 2), load=4.0)
-    evolution = evolve(problem, load_cycle(problem, [1, -1, 1, -1, 1], steps=3)).raise_for_status()
+    evolution = evolve(
+        problem, load_cycle(problem, [1, -1, 1, -1, 1], steps=3)
+    ).raise_for_status()
     loop = evolution.values(lambda f: f.displacement(problem.mesh(1.0, 0.5))[0])
     assert loop[9:] == pytest.approx(loop[3:9], rel=1e-10)
     assert abs(loop[4] - loop[6]) > 0.01  # the same load on the way there and back
@@ -154,8 +173,12 @@ def test_one_step_is_the_solver_alone():
     problem = punched()
     evolution = evolve(problem, [(1.0, {})])
     alone = primal_newton(problem)
-    assert evolution.steps[0].record.primal_energy == pytest.approx(alone.primal_energy, rel=1e-14)
-    assert evolution.steps[0].record.contact_force == pytest.approx(alone.contact_force, rel=1e-12)
+    assert evolution.steps[0].record.primal_energy == pytest.approx(
+        alone.primal_energy, rel=1e-14
+    )
+    assert evolution.steps[0].record.contact_force == pytest.approx(
+        alone.contact_force, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(("stiffness", "hardening"), [(0.0, K), (K1, 0.0)])
@@ -171,7 +194,9 @@ def test_a_given_history_stays_where_nothing_adds_to_it(stiffness, hardening):
     first = evolve(problem, [(1.0, {})]).steps[0]
     assert first.record.primal_energy == pytest.approx(alone.primal_energy, rel=1e-12)
     without = primal_newton(dataclasses.replace(problem, initial_hardening=0.1))
-    assert abs(without.primal_energy - alone.primal_energy) > 1e-3 * abs(alone.primal_energy)
+    assert abs(without.primal_energy - alone.primal_energy) > 1e-3 * abs(
+        alone.primal_energy
+    )
 
 
 def test_work_balances_energy_as_steps_shrink():
@@ -186,8 +211,12 @@ def test_work_balances_energy_as_steps_shrink():
             moved = Integrate(3.0 * step.fields.displacement[1] * ds("load"), mesh)
             new = step.record.time
             work, force, end = work + 0.5 * (force + new) * (moved - end), new, moved
-        stored = evolution.column("elastic_energy")[-1] + sum(evolution.column("dissipation"))
-        p = evolution.memory.functions.function(evolution.memory.arrays["plastic_strain"])
+        stored = evolution.column("elastic_energy")[-1] + sum(
+            evolution.column("dissipation")
+        )
+        p = evolution.memory.functions.function(
+            evolution.memory.arrays["plastic_strain"]
+        )
         back = 0.5 * K * Integrate(InnerProduct(p, p), mesh)
         errors.append(abs(work - stored - back) / work)
     assert errors[1] < 0.6 * errors[0] < 0.05
@@ -196,13 +225,21 @@ def test_work_balances_energy_as_steps_shrink():
 def test_gaps_and_supports_change_in_time():
     mesh = block.structured_mesh(2, 2)
     sides = {"left": (0, None), "right": (0, None)}
-    problem = Problem(mesh, MATERIALS["kinematic"], contact="contact", gap=0.1, prescribed=sides)
-    steps = [(1.0, {"gap": -0.01}), (2.0, {"gap": 0.1}), (3.0, {"gap": -0.02 * IfPos(x, 1, 1)})]
+    problem = Problem(
+        mesh, MATERIALS["kinematic"], contact="contact", gap=0.1, prescribed=sides
+    )
+    steps = [
+        (1.0, {"gap": -0.01}),
+        (2.0, {"gap": 0.1}),
+        (3.0, {"gap": -0.02 * IfPos(x, 1, 1)}),
+    ]
     evolution = evolve(problem, steps).raise_for_status()
     force = evolution.column("contact_force")
     assert force[1] == pytest.approx(0.0, abs=1e-12)
     assert force[2] > force[0] > 1
-    assert evolution.values(lambda f: f.displacement(mesh(0.5, 1.0))[1]) == pytest.approx(
+    assert evolution.values(
+        lambda f: f.displacement(mesh(0.5, 1.0))[1]
+    ) == pytest.approx(
         [-0.01, evolution.steps[1].fields.displacement(mesh(0.5, 1.0))[1], -0.02]
     )
 
@@ -226,7 +263,9 @@ def test_failing_steps_are_cut_and_said():
     assert max(cut.column("iterations")) <= 6
     fine = [(t, schedule.changes(t)) for t in cut.times]
     again = evolve(problem, fine).raise_for_status()
-    assert again.column("contact_force") == pytest.approx(cut.column("contact_force"), rel=1e-8)
+    assert again.column("contact_force") == pytest.approx(
+        cut.column("contact_force"), rel=1e-8
+    )
 
 
 @pytest.mark.parametrize("cuts", [0, 1])
@@ -278,7 +317,9 @@ def test_restart_continues_to_the_same_digits(tmp_path, way):
         assert stopped.status is Status.STOPPED
         assert len(stopped.steps) == 3
     solved = []
-    rest = evolve(problem, schedule, checkpoint=file, monitor=lambda s: solved.append(s))
+    rest = evolve(
+        problem, schedule, checkpoint=file, monitor=lambda s: solved.append(s)
+    )
     assert len(solved) == 3
     assert rest.as_rows() == whole.as_rows()
     for name, values in whole.memory.arrays.items():
@@ -286,7 +327,9 @@ def test_restart_continues_to_the_same_digits(tmp_path, way):
     finished = evolve(problem, schedule, checkpoint=file, monitor=interrupt)
     assert finished.status is Status.CONVERGED
     assert finished.as_rows() == whole.as_rows()
-    stress = [e.steps[3].fields.stress(problem.mesh(0.7, 0.7)) for e in (whole, finished)]
+    stress = [
+        e.steps[3].fields.stress(problem.mesh(0.7, 0.7)) for e in (whole, finished)
+    ]
     assert stress[0] == stress[1]
 
 
@@ -300,7 +343,9 @@ def test_restart_in_the_middle_of_a_cut_step(tmp_path):
         raise StopIteration
 
     evolve(problem, schedule, solver, checkpoint=file, monitor=interrupt)
-    assert evolve(problem, schedule, solver, checkpoint=file).as_rows() == whole.as_rows()
+    assert (
+        evolve(problem, schedule, solver, checkpoint=file).as_rows() == whole.as_rows()
+    )
 
 
 def test_damaged_and_foreign_checkpoints_are_refused_and_kept(tmp_path):
@@ -426,7 +471,12 @@ def test_all_data_of_a_problem_are_in_its_fingerprint():
         thickness: float = 1.0
 
     def digest(**changes):
-        data = {"clamped": "clamped", "contact": "contact", "gap": 0, "kinematics": PLANE_STRAIN}
+        data = {
+            "clamped": "clamped",
+            "contact": "contact",
+            "gap": 0,
+            "kinematics": PLANE_STRAIN,
+        }
         given = {"mesh": mesh, "material": MATERIALS["combined"], **data, **changes}
         return problem_fingerprint(Problem(**given))
 
@@ -443,7 +493,10 @@ def test_all_data_of_a_problem_are_in_its_fingerprint():
         *({"material": one} for one in hardened),
         *({"springs": {"left": k}} for k in (1.0, (1.0, 1.0))),
         *({"traction": {corner: (f, 0.0)}} for f in (1.0, CF(2.0) * x + 2)),
-        *({"prescribed": {"left": c}} for c in ((0, None), (None, 0), Roller(), Roller((1, 2)))),
+        *(
+            {"prescribed": {"left": c}}
+            for c in ((0, None), (None, 0), Roller(), Roller((1, 2)))
+        ),
         *({"gap": g} for g in (0.1, x, 1 - x)),
     ]
     assert len({digest(**changes) for changes in different}) == len(different)
@@ -477,13 +530,21 @@ def test_records_tell_the_force_of_every_support(rolled, solver):
     evolution = evolve(problem, schedule, solver).raise_for_status()
     supports = evolution.reactions("clamped") + evolution.reactions("left")
     assert supports == pytest.approx(np.array(evolution.column("reaction")), abs=1e-12)
-    total = supports + evolution.column("applied_force") + evolution.column("contact_resultant")
+    total = (
+        supports
+        + evolution.column("applied_force")
+        + evolution.column("contact_resultant")
+    )
     assert total == pytest.approx(np.zeros((4, 2)), abs=1e-9)
     pushes = np.array(evolution.column("contact_resultant"))[:, 1]
-    assert pushes == pytest.approx(-np.array(evolution.column("contact_force")), rel=1e-9)
+    assert pushes == pytest.approx(
+        -np.array(evolution.column("contact_force")), rel=1e-9
+    )
     assert pushes.min() < -0.5
     assert repr(evolution) == "<Evolution: converged, 4 steps, the last one to time 2>"
-    assert repr(evolution.steps[0]).startswith("<EvolutionStep: to time 0.5, Newton steps ")
+    assert repr(evolution.steps[0]).startswith(
+        "<EvolutionStep: to time 0.5, Newton steps "
+    )
     with pytest.raises(ValueError, match=r"support='right'.* of clamped, left"):
         evolution.reactions("right")
 
@@ -499,7 +560,11 @@ def test_reactions_come_back_from_a_checkpoint(rolled, tmp_path):
 
 def test_elastic_unloading_takes_one_newton_step():
     """The state that a step leaves is on the yield surface: rounding must not count as yielding."""
-    problem = bar(MATERIALS["kinematic"], block.structured_mesh(4, 4, simplices=True), load=4.0)
-    evolution = evolve(problem, load_cycle(problem, [1, 0.4], steps=3)).raise_for_status()
+    problem = bar(
+        MATERIALS["kinematic"], block.structured_mesh(4, 4, simplices=True), load=4.0
+    )
+    evolution = evolve(
+        problem, load_cycle(problem, [1, 0.4], steps=3)
+    ).raise_for_status()
     assert evolution.column("iterations")[3:] == [1, 1, 1]
     assert max(evolution.column("dissipation")[3:]) < 1e-15

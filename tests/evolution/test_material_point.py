@@ -5,9 +5,26 @@ import math
 import numpy as np
 import pytest
 
-from ngepc import Material, Status, Swift, Tabulated, Voce, lame_parameters, material_point
+from ngepc import (
+    Material,
+    Status,
+    Swift,
+    Tabulated,
+    Voce,
+    lame_parameters,
+    material_point,
+)
 
-STRAINS = [(0.25, 0), (0.5, 0), (0.5, 0.25), (0.5, 0.5), (0.25, 0.5), (0, 0.5), (0, 0.25), (0, 0)]
+STRAINS = [
+    (0.25, 0),
+    (0.5, 0),
+    (0.5, 0.25),
+    (0.5, 0.5),
+    (0.25, 0.5),
+    (0, 0.5),
+    (0, 0.25),
+    (0, 0),
+]
 NL1 = {
     62.5e3: [5.000, 5.862, 5.482, 6.362, 6.640, 7.322, 4.230, 5.673],
     0.0: [5, 5, 5, 5, 5, 5, 3.917, 5],
@@ -47,12 +64,17 @@ def test_ssnp15():
     """
     steel = metal(195e3, 0.3, Tabulated([0, 10], [181.0, 181.0 + 10 * SLOPE]))
     coarse, found = (material_point(steel, stress=PATH, steps=n) for n in (50, 100))
-    strain, peeq = found.strain[found.corners], found.accumulated_plastic_strain[found.corners]
+    strain, peeq = (
+        found.strain[found.corners],
+        found.accumulated_plastic_strain[found.corners],
+    )
     strain = 2 * strain - coarse.strain[coarse.corners]
     assert strain[0, 0, :2] == pytest.approx([0.0148297, 0.0136014], rel=1e-5)
     assert strain[1, 0, :2] == pytest.approx([0.035265, 0.020471], rel=1e-4)
     assert peeq == pytest.approx([0.0205473, 0.042329], rel=1e-5)
-    assert found.stress[found.corners[1], 0, :2] == pytest.approx([257.2, 33.1], rel=1e-10)
+    assert found.stress[found.corners[1], 0, :2] == pytest.approx(
+        [257.2, 33.1], rel=1e-10
+    )
 
 
 def test_ssnp14():
@@ -73,7 +95,9 @@ def test_ssnp14():
 @pytest.mark.parametrize("law", [Voce(250.0, 120.0, 40.0), Swift(250.0, 0.004, 0.2)])
 def test_bar_under_strain(law):
     """sigma = R(eps - sigma/E) on the way up, and -R(PEEQ) after the reversal; all else is free."""
-    found = material_point(metal(200e3, 0.3, law), strain={"xx": [0.05, -0.05]}, steps=20)
+    found = material_point(
+        metal(200e3, 0.3, law), strain={"xx": [0.05, -0.05]}, steps=20
+    )
     stress, peeq = found.stress[:, 0, 0], found.accumulated_plastic_strain
     yields = peeq > np.append(0.0, peeq[:-1])
     assert np.abs(stress)[yields] == pytest.approx(law.stress(peeq)[yields], rel=1e-9)
@@ -86,7 +110,9 @@ def test_bar_under_strain(law):
 
 
 def test_a_stress_that_cannot_be_is_said():
-    found = material_point(metal(200e3, 0.3, Tabulated([0], [181.0])), {}, {"xx": [200.0]}, 20)
+    found = material_point(
+        metal(200e3, 0.3, Tabulated([0], [181.0])), {}, {"xx": [200.0]}, 20
+    )
     assert found.status is Status.LIMIT_LOAD
     assert found.stress[-1, 0, 0] == pytest.approx(180.0)
 
@@ -94,7 +120,10 @@ def test_a_stress_that_cannot_be_is_said():
 BAD = {
     "name": ({"strain": {"rr": 1.0}}, "components are needed"),
     "twice": ({"strain": {"xx": 1.0}, "stress": {"xx": 1.0}}, "'xx' is in strain too"),
-    "lengths": ({"strain": {"xx": [1.0, 2.0]}, "stress": {"yy": [1.0, 2, 3]}}, "as many corners"),
+    "lengths": (
+        {"strain": {"xx": [1.0, 2.0]}, "stress": {"yy": [1.0, 2, 3]}},
+        "as many corners",
+    ),
     "steps": ({"steps": 0}, "steps=0"),
 }
 

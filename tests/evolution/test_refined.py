@@ -22,7 +22,9 @@ MATERIAL = Material(
 )
 
 
-KINEMATIC = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=120.0)
+KINEMATIC = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=120.0
+)
 MATERIALS = {1: MATERIAL, 2: KINEMATIC}
 BUDGETS = {1: 0.06, 2: 0.01}
 
@@ -38,7 +40,9 @@ def pulled(order=1, **data):
 def cycle(request):
     order = request.param
     problem = pulled(order, contact="contact", gap=1e-3)
-    return evolve(problem, load_cycle(problem, [1, -0.5], steps=2), error=BUDGETS[order])
+    return evolve(
+        problem, load_cycle(problem, [1, -0.5], steps=2), error=BUDGETS[order]
+    )
 
 
 def test_each_step_keeps_its_budget_and_says_so(cycle):
@@ -64,7 +68,9 @@ def test_steps_are_those_of_a_single_step_on_their_meshes(cycle):
     step = cycle.steps[-1]
     again = semismooth_newton(step.problem)
     assert again.primal_energy == pytest.approx(step.record.primal_energy, rel=1e-9)
-    assert error_bound(again).relative == pytest.approx(step.record.error_bound, rel=1e-6)
+    assert error_bound(again).relative == pytest.approx(
+        step.record.error_bound, rel=1e-6
+    )
 
 
 def test_derivatives_need_one_mesh(cycle):
@@ -88,7 +94,9 @@ def test_memory_is_carried_to_children_exactly(order):
     for name, values in arrays.items():
         old, new = before.function(values), after.function(carried.arrays[name])
         for weight in (1, y * y):
-            for a, b in zip(old.components or [old], new.components or [new], strict=True):
+            for a, b in zip(
+                old.components or [old], new.components or [new], strict=True
+            ):
                 left, right = (
                     Integrate(weight * a * a, problem.mesh),
                     Integrate(weight * b * b, finer),
@@ -108,7 +116,9 @@ def test_a_mesh_that_may_not_grow_ends_the_run():
 
 def test_what_no_bound_covers_is_refused_before_any_work():
     problem = pulled()
-    curved = Schedule([1.0, 2.0], lambda t: {"body_force": (0.0, 0.0), "order": 1 if t < 2 else 2})
+    curved = Schedule(
+        [1.0, 2.0], lambda t: {"body_force": (0.0, 0.0), "order": 1 if t < 2 else 2}
+    )
     with pytest.raises(ValueError, match="needs 1 with isotropic hardening"):
         evolve(problem, curved, error=0.1)
     with pytest.raises(ValueError, match="leave one out"):

@@ -33,7 +33,10 @@ def measure(mesh):
 
 def lengths(mesh):
     """Boundary name -> length or area."""
-    return {name: Integrate(CF(1.0) * ds(name), mesh) for name in sorted(set(mesh.GetBoundaries()))}
+    return {
+        name: Integrate(CF(1.0) * ds(name), mesh)
+        for name in sorted(set(mesh.GetBoundaries()))
+    }
 
 
 def euler_characteristic(mesh):
@@ -73,7 +76,10 @@ def test_criss_cross_identity(level):
 
 @pytest.mark.parametrize(
     ("family", "counts"),
-    [(lshape, (8, 11, 21, 33, 65, 113, 225, 417, 833)), (wrench, (26, 38, 75, 123, 245, 437, 873))],
+    [
+        (lshape, (8, 11, 21, 33, 65, 113, 225, 417, 833)),
+        (wrench, (26, 38, 75, 123, 245, 437, 873)),
+    ],
     ids=["lshape", "wrench"],
 )
 def test_triangles_double_with_each_bisection(family, counts):
@@ -87,12 +93,16 @@ def test_bisected_triangles_are_right_isosceles(nodes):
     mesh = lshape.paper_mesh(nodes)
     x = np.asarray(mesh.ngmesh.Coordinates())[:, :2]
     corners = x[np.array([[v.nr for v in el.vertices] for el in mesh.Elements()])]
-    sides = np.sort(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2), axis=1)
+    sides = np.sort(
+        np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2), axis=1
+    )
     assert np.ptp(sides, axis=0).max() < 1e-14
     assert sides[0, 2] / sides[0, 0] == pytest.approx(math.sqrt(2))
 
 
-@pytest.mark.parametrize("mesh", [lshape.paper_mesh(113), lshape.mesh(0.1)], ids=["paper", "csg"])
+@pytest.mark.parametrize(
+    "mesh", [lshape.paper_mesh(113), lshape.mesh(0.1)], ids=["paper", "csg"]
+)
 def test_lshape(mesh):
     assert measure(mesh) == pytest.approx(0.75, rel=1e-11)
     assert lengths(mesh) == pytest.approx(
@@ -100,7 +110,9 @@ def test_lshape(mesh):
     )
 
 
-@pytest.mark.parametrize("mesh", [wrench.paper_mesh(123), wrench.mesh(0.3)], ids=["paper", "csg"])
+@pytest.mark.parametrize(
+    "mesh", [wrench.paper_mesh(123), wrench.mesh(0.3)], ids=["paper", "csg"]
+)
 def test_wrench(mesh):
     """The load stands on conv{(5, 2.6), (8, 2)}; twelve quadrilaterals of area one."""
     assert measure(mesh) == pytest.approx(12.0, rel=1e-11)
@@ -115,7 +127,12 @@ def test_cook():
     mesh = cook.bisected_mesh(25)
     assert measure(mesh) == pytest.approx(48 * (44 + 16) / 2, rel=1e-11)
     assert lengths(mesh) == pytest.approx(
-        {"clamped": 44.0, "load": 16.0, "free": math.hypot(48, 44) + math.hypot(48, 16)}, rel=1e-11
+        {
+            "clamped": 44.0,
+            "load": 16.0,
+            "free": math.hypot(48, 44) + math.hypot(48, 16),
+        },
+        rel=1e-11,
     )
 
 
@@ -124,7 +141,9 @@ BLOCKS = {
     "triangles": lambda: block.structured_mesh(3, 4, size=(2, 3), simplices=True),
     "triangles of CSG": lambda: block.mesh(0.4, (2, 3)),
     "hexahedra": lambda: block.structured_mesh(3, 4, 5, size=(2, 3, 1)),
-    "tetrahedra": lambda: block.structured_mesh(3, 4, 5, size=(2, 3, 1), simplices=True),
+    "tetrahedra": lambda: block.structured_mesh(
+        3, 4, 5, size=(2, 3, 1), simplices=True
+    ),
     "tetrahedra of CSG": lambda: block.mesh(0.8, (2, 3, 1)),
 }
 
@@ -144,7 +163,12 @@ def test_block(name):
     assert lengths(mesh) == pytest.approx(expected, rel=1e-10)
     assert measure(mesh) == pytest.approx(6.0, rel=1e-10)
     assert mesh.GetMaterials() == ("body",)
-    where = {"left": (0, 0.0), "right": (0, a), "clamped": (height, 0.0), "contact": (height, top)}
+    where = {
+        "left": (0, 0.0),
+        "right": (0, a),
+        "clamped": (height, 0.0),
+        "contact": (height, top),
+    }
     where |= {"front": (1, 0.0), "back": (1, b)} if mesh.dim == 3 else {}
     x = np.asarray(mesh.ngmesh.Coordinates())
     for side, (axis, value) in where.items():
@@ -154,7 +178,12 @@ def test_block(name):
 
 @pytest.mark.parametrize(
     ("cells", "simplices", "elements"),
-    [((3, 4), False, 12), ((3, 4), True, 24), ((2, 3, 4), False, 24), ((2, 3, 4), True, 144)],
+    [
+        ((3, 4), False, 12),
+        ((3, 4), True, 24),
+        ((2, 3, 4), False, 24),
+        ((2, 3, 4), True, 144),
+    ],
 )
 def test_structured_counts(cells, simplices, elements):
     mesh = block.structured_mesh(*cells, simplices=simplices)
@@ -183,7 +212,15 @@ def test_hole_of_the_3d_block():
     assert found["hole"] == pytest.approx(math.pi, rel=1e-3)
     assert found["front"] == pytest.approx(1 - math.pi / 16, rel=1e-3)
     assert found["contact"] == pytest.approx(2.0)
-    assert set(found) == {"clamped", "contact", "left", "right", "front", "back", "hole"}
+    assert set(found) == {
+        "clamped",
+        "contact",
+        "left",
+        "right",
+        "front",
+        "back",
+        "hole",
+    }
 
 
 @pytest.mark.parametrize("part", [1, 4])
@@ -217,7 +254,13 @@ def test_quarter_plate():
     mesh = plate.quarter_mesh(0.15, (2, 3), 0.5)
     mesh.Curve(3)
     assert measure(mesh) == pytest.approx((6 - math.pi / 4) / 4, rel=1e-6)
-    expected = {"hole": math.pi / 4, "left": 1.0, "bottom": 0.5, "right": 1.5, "top": 1.0}
+    expected = {
+        "hole": math.pi / 4,
+        "left": 1.0,
+        "bottom": 0.5,
+        "right": 1.5,
+        "top": 1.0,
+    }
     assert lengths(mesh) == pytest.approx(expected, rel=1e-5)
 
 
@@ -242,7 +285,12 @@ def test_quarter_cube(grading, simplices):
     expected |= dict.fromkeys(("mirror_x", "mirror_y", "side_x", "side_y"), 0.5)
     assert lengths(mesh) == pytest.approx(expected, rel=1e-10)
     x = np.asarray(mesh.ngmesh.Coordinates())
-    where = {"mirror_x": (0, 0.5), "side_x": (0, 1), "mirror_y": (1, 0.5), "side_y": (1, 1)}
+    where = {
+        "mirror_x": (0, 0.5),
+        "side_x": (0, 1),
+        "mirror_y": (1, 0.5),
+        "side_y": (1, 1),
+    }
     for name, (axis, value) in (where | {"clamped": (2, 0), "contact": (2, 1)}).items():
         nodes = {v.nr for el in mesh.Boundaries(name).Elements() for v in el.vertices}
         assert x[sorted(nodes), axis] == pytest.approx(value, abs=1e-14)
@@ -286,7 +334,9 @@ def test_every_body_is_sound(name):
 
 @pytest.mark.parametrize("name", ["lshape", "ring", "block with hole"])
 def test_same_mesh_twice(name, monkeypatch):
-    monkeypatch.setattr(block, "with_hole", inspect.unwrap(block.with_hole))  # no copies
+    monkeypatch.setattr(
+        block, "with_hole", inspect.unwrap(block.with_hole)
+    )  # no copies
     first, second = ALL[name](), ALL[name]()
     assert np.array_equal(
         np.asarray(first.ngmesh.Coordinates()), np.asarray(second.ngmesh.Coordinates())
@@ -298,7 +348,9 @@ def test_mesh_width_is_a_bound(maxh, coarser):
     """Edges stay within a factor of maxh; halving it gives about four times the triangles."""
     mesh = lshape.mesh(maxh)
     x = np.asarray(mesh.ngmesh.Coordinates())[:, :2]
-    longest = max(np.linalg.norm(x[e.vertices[0].nr] - x[e.vertices[1].nr]) for e in mesh.edges)
+    longest = max(
+        np.linalg.norm(x[e.vertices[0].nr] - x[e.vertices[1].nr]) for e in mesh.edges
+    )
     assert longest < 1.5 * maxh
     assert 2.5 < mesh.ne / lshape.mesh(coarser).ne < 6
 
@@ -324,7 +376,11 @@ PUBLISHED = {
         0.94,
         {"above": 0.6, "below": 1, "top": 0.6},
     ),
-    "stacked, 3D": (lambda: published.stacked_blocks(3, 0.5), 0.844, {"above": 0.36, "clamped": 1}),
+    "stacked, 3D": (
+        lambda: published.stacked_blocks(3, 0.5),
+        0.844,
+        {"above": 0.36, "clamped": 1},
+    ),
 }
 
 

@@ -12,7 +12,13 @@ from ngepc.geometries import block, imported
 from ngepc.model.elements import element_facets, elements_by_shape
 from ngepc.model.support import check_conforming
 
-NAMES = {(1, 2): "line", (2, 3): "triangle", (2, 4): "quad", (3, 4): "tetra", (3, 6): "wedge"}
+NAMES = {
+    (1, 2): "line",
+    (2, 3): "triangle",
+    (2, 4): "quad",
+    (3, 4): "tetra",
+    (3, 6): "wedge",
+}
 NAMES |= {(3, 8): "hexahedron"}
 
 
@@ -47,12 +53,19 @@ def second_order(source):
         ends = {"line": [(0, 1)], "triangle": [(0, 1), (1, 2), (2, 0)]}[part.type]
         more = []
         for cell in part.data:
-            middles = [(source.points[cell[a]] + source.points[cell[b]]) / 2 for a, b in ends]
+            middles = [
+                (source.points[cell[a]] + source.points[cell[b]]) / 2 for a, b in ends
+            ]
             more.append([*cell, *range(len(points), len(points) + len(middles))])
             points += middles
-        cells.append((f"{part.type}{2 * len(ends) if len(ends) > 1 else 3}", np.array(more)))
+        cells.append(
+            (f"{part.type}{2 * len(ends) if len(ends) > 1 else 3}", np.array(more))
+        )
     return meshio.Mesh(
-        np.array(points), cells, cell_data=source.cell_data, field_data=source.field_data
+        np.array(points),
+        cells,
+        cell_data=source.cell_data,
+        field_data=source.field_data,
     )
 
 
@@ -64,7 +77,9 @@ def through_a_file(source, folder):
 
 def pulled(mesh):
     load = (3.0, *[1.0] * (mesh.dim - 1))
-    problem = Problem(mesh, STEEL, "clamped", {"left": load}, contact="contact", gap=-1e-3)
+    problem = Problem(
+        mesh, STEEL, "clamped", {"left": load}, contact="contact", gap=-1e-3
+    )
     return semismooth_newton(problem).raise_for_status()
 
 
@@ -85,14 +100,18 @@ def test_files_of_gmsh_give_the_same_solution(shape, tmp_path):
 def test_elements_are_turned_to_one_orientation(shape):
     mesh = MESHES[shape]()
     again = imported.mesh(as_meshio(mesh, turned=True))
-    assert pulled(again).primal_energy == pytest.approx(pulled(mesh).primal_energy, rel=1e-12)
+    assert pulled(again).primal_energy == pytest.approx(
+        pulled(mesh).primal_energy, rel=1e-12
+    )
 
 
 def test_second_order_files_give_their_corners(tmp_path):
     mesh = MESHES["triangles"]()
     again = through_a_file(second_order(as_meshio(mesh)), tmp_path)
     assert again.nv == mesh.nv
-    assert pulled(again).primal_energy == pytest.approx(pulled(mesh).primal_energy, rel=1e-12)
+    assert pulled(again).primal_energy == pytest.approx(
+        pulled(mesh).primal_energy, rel=1e-12
+    )
 
 
 def test_what_has_no_group_is_free():
@@ -101,7 +120,9 @@ def test_what_has_no_group_is_free():
     assert set(again.GetBoundaries()) == {"clamped", "contact", "free"}
     check_conforming(*element_facets(again))
     assert len(list(again.Boundaries("free").Elements())) == 4 * 4
-    with pytest.raises(ValueError, match="there is no boundary 'top'; this mesh has 'clamped'"):
+    with pytest.raises(
+        ValueError, match="there is no boundary 'top'; this mesh has 'clamped'"
+    ):
         Problem(again, STEEL, contact="top", gap=0.0)
 
 
@@ -110,11 +131,16 @@ def test_facets_in_no_set_are_free_if_they_are_outer(shape):
     """Also in space, also where the file lists them, and those inside the body are none."""
     mesh = MESHES[shape]()
     source = as_meshio(mesh)
-    cells = [*source.cells, (source.cells[-1].type, source.cells[0].data[:, : mesh.dim])]
+    cells = [
+        *source.cells,
+        (source.cells[-1].type, source.cells[0].data[:, : mesh.dim]),
+    ]
     again = imported.mesh(meshio.Mesh(source.points, cells))
     assert again.GetMaterials() == ("body",)
     assert set(again.GetBoundaries()) == {"free"}
-    assert len(list(again.Boundaries("free").Elements())) == len(list(mesh.Elements(BND)))
+    assert len(list(again.Boundaries("free").Elements())) == len(
+        list(mesh.Elements(BND))
+    )
 
 
 def test_cell_sets_are_names_too():
@@ -128,7 +154,9 @@ def test_cell_sets_are_names_too():
     named = imported.mesh(meshio.Mesh(source.points, source.cells, cell_sets=sets))
     assert set(named.GetBoundaries()) == set(mesh.GetBoundaries())
     assert named.GetMaterials() == ("steel",)
-    twice = meshio.Mesh(source.points, source.cells, cell_sets=sets | {"section": sets["steel"]})
+    twice = meshio.Mesh(
+        source.points, source.cells, cell_sets=sets | {"section": sets["steel"]}
+    )
     with pytest.raises(
         ValueError, match=r"cell_sets\['section'\] has 'quad' cells that another set"
     ):
@@ -148,7 +176,10 @@ def only_lines(source):
 
 
 BAD = {
-    "no name": (lambda s: s.field_data.pop("left"), "group 3 of dimension 1 has no name"),
+    "no name": (
+        lambda s: s.field_data.pop("left"),
+        "group 3 of dimension 1 has no name",
+    ),
     "not flat": (
         lambda s: s.points.__setitem__((slice(None), 2), s.points[:, 0] ** 2),
         "constant z, or solid cells, are needed",

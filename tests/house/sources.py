@@ -21,13 +21,6 @@ def modules():
     return found
 
 
-def lines():
-    """The number of lines of the package."""
-    paths = (ROOT / "ngepc").rglob("*.py")
-    inside = (p for p in paths if p.relative_to(ROOT).parts[1] not in TOP_LEVEL)
-    return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in inside)
-
-
 def room(module):
     """The room of a module; '' for the entrance hall, ``ngepc`` itself."""
     parts = module.split(".")
@@ -46,7 +39,9 @@ def imports(tree):
     """Pairs (module, statement) of all modules of the package that a tree imports anywhere."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"line {node.lineno}: relative imports hide the room"
+            assert node.level == 0, (
+                f"line {node.lineno}: relative imports hide the room"
+            )
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
                 yield inner if inner in modules() else node.module, node
@@ -64,7 +59,9 @@ def arrows():
     found = set()
     for name, tree in modules().items():
         for target, node in imports(tree):
-            halls = {node.module} & rooms() if isinstance(node, ast.ImportFrom) else set()
+            halls = (
+                {node.module} & rooms() if isinstance(node, ast.ImportFrom) else set()
+            )
             found |= {(name, t) for t in {target, *halls} if t.split(".")[0] == "ngepc"}
     return found
 
@@ -96,10 +93,20 @@ def _reached(node, after):
 def public(tree):
     """The public classes and functions of a module, each once."""
     kinds = ast.ClassDef | ast.FunctionDef
-    found = (n for n in tree.body if isinstance(n, kinds) and not n.name.startswith("_"))
-    return [n for n in found if not any(ast.unparse(d) == "overload" for d in n.decorator_list)]
+    found = (
+        n for n in tree.body if isinstance(n, kinds) and not n.name.startswith("_")
+    )
+    return [
+        n
+        for n in found
+        if not any(ast.unparse(d) == "overload" for d in n.decorator_list)
+    ]
 
 
 def public_methods(node):
     """The public methods of a class."""
-    return [n for n in node.body if isinstance(n, ast.FunctionDef) and not n.name.startswith("_")]
+    return [
+        n
+        for n in node.body
+        if isinstance(n, ast.FunctionDef) and not n.name.startswith("_")
+    ]

@@ -65,14 +65,20 @@ def test_no_modules_import_each_other():
 
 def in_functions(tree):
     """Modules that are imported inside a function."""
-    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.Lambda)]
+    functions = [
+        n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.Lambda)
+    ]
     inner = {id(node) for function in functions for node in ast.walk(function)}
     return [target for target, node in imports(tree) if id(node) in inner]
 
 
 def test_imports_stand_at_the_top():
     """The command line, too: ``importlib`` in ``ngepc.__main__`` loads NGSolve after ``--help``."""
-    late = {(name, target) for name, tree in modules().items() for target in in_functions(tree)}
+    late = {
+        (name, target)
+        for name, tree in modules().items()
+        for target in in_functions(tree)
+    }
     assert late == OPTIONAL
 
 
@@ -81,14 +87,18 @@ def test_a_room_says_what_it_is():
         first = (ast.get_docstring(modules()[name]) or "").split("\n\n")[0]
         assert first.endswith("."), name
         assert len(first.split()) >= 8, (name, first)
-        assert not first.startswith(name.split(".")[1]), "a sentence, not the name again"
+        assert not first.startswith(name.split(".")[1]), (
+            "a sentence, not the name again"
+        )
 
 
 # The tools themselves: a rule that cannot fail is none
 
 
 def test_circles_are_found():
-    assert circles({("a", "b"), ("b", "c"), ("c", "a"), ("c", "d")}) == {frozenset("abc")}
+    assert circles({("a", "b"), ("b", "c"), ("c", "a"), ("c", "d")}) == {
+        frozenset("abc")
+    }
     assert circles({("a", "a"), ("a", "b")}) == {frozenset("a")}
     assert circles({("a", "b"), ("a", "c"), ("b", "c")}) == set()
 
@@ -96,7 +106,10 @@ def test_circles_are_found():
 def test_imports_for_hints_and_in_functions_are_seen():
     code = "if TYPE_CHECKING:\n  from ngepc.cli import work\ndef f():\n  import ngepc.dual.newton"
     tree = ast.parse(code)
-    assert [target for target, _ in imports(tree)] == ["ngepc.cli.work", "ngepc.dual.newton"]
+    assert [target for target, _ in imports(tree)] == [
+        "ngepc.cli.work",
+        "ngepc.dual.newton",
+    ]
     assert in_functions(tree) == ["ngepc.dual.newton"]
     assert not goes_down("ngepc.model.problem", "ngepc.cli.work")
     assert not goes_down("ngepc.local.newton", "ngepc.primal.result")
@@ -107,5 +120,7 @@ def test_imports_for_hints_and_in_functions_are_seen():
 
 def test_every_slow_place_is_there(request):
     """What ``make check`` leaves out, tests/conftest.py."""
-    conftest = next(p for p in request.config.pluginmanager.get_plugins() if hasattr(p, "SLOW"))
+    conftest = next(
+        p for p in request.config.pluginmanager.get_plugins() if hasattr(p, "SLOW")
+    )
     assert [name for name in conftest.SLOW if not (conftest.HERE / name).exists()] == []

@@ -26,7 +26,9 @@ def test_n_steps_solve_n_equations(n):
 def test_each_step_says_by_how_much_the_energy_fell():
     A, b = system(8)
     energy, before = (lambda x: x @ A @ x / 2 - b @ x), 0.0
-    for k, (x, _, gained) in enumerate(conjugate_gradients(A.dot, lambda r: r / A.diagonal(), b)):
+    for k, (x, _, gained) in enumerate(
+        conjugate_gradients(A.dot, lambda r: r / A.diagonal(), b)
+    ):
         assert before - energy(x) == pytest.approx(gained, rel=1e-9, abs=1e-13)
         before = energy(x)
         if k == 6:
@@ -51,7 +53,9 @@ def test_minimal_residuals_are_the_smallest_of_their_krylov_space():
     steps = minimal_residuals(A.dot, lambda r: scale * r, b, np.vdot)
     for k, (x, left, lost) in zip(range(10), steps, strict=False):
         basis.append(A @ (scale * (basis[-1] if k else b)))
-        least = b - np.array(basis).T @ np.linalg.lstsq(np.array(basis).T, b, rcond=None)[0]
+        least = (
+            b - np.array(basis).T @ np.linalg.lstsq(np.array(basis).T, b, rcond=None)[0]
+        )
         np.testing.assert_allclose(left, least, atol=1e-8)
         np.testing.assert_allclose(left, b - A @ x, atol=1e-11)
         assert before - left @ left == pytest.approx(lost, abs=1e-10)

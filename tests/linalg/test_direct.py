@@ -14,7 +14,13 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import lshape
-from ngepc.linalg.direct import SHIPPED, SparseSum, from_entries, require_solver, symmetric_inverse
+from ngepc.linalg.direct import (
+    SHIPPED,
+    SparseSum,
+    from_entries,
+    require_solver,
+    symmetric_inverse,
+)
 
 SIZE, FIRST = 12, 5
 
@@ -22,7 +28,9 @@ SIZE, FIRST = 12, 5
 def symmetric(size: int, seed: int, share: float = 0.4):
     """A symmetric matrix with a share of its entries by its lower triangle, and the same, dense."""
     generator = np.random.default_rng(seed)
-    dense = generator.standard_normal((size, size)) * (generator.random((size, size)) < share)
+    dense = generator.standard_normal((size, size)) * (
+        generator.random((size, size)) < share
+    )
     dense = np.tril(dense) + np.eye(size)
     rows, columns = np.nonzero(dense)
     lower = from_entries(rows, columns, dense[rows, columns], size, size)
@@ -86,7 +94,9 @@ def test_inverse_of_a_matrix_in_symmetric_storage(name):
     assert solution == pytest.approx(expected, rel=1e-12, abs=1e-14)
 
 
-@pytest.mark.parametrize("tichonov", [SurfaceGradient(), FullProduct()], ids=["R2", "full"])
+@pytest.mark.parametrize(
+    "tichonov", [SurfaceGradient(), FullProduct()], ids=["R2", "full"]
+)
 def test_a_run_does_not_depend_on_the_direct_solver(tichonov):
     problem = lshape_problem(lshape.paper_mesh(113))
     regularisation = Coupled(1e3, tichonov=tichonov)

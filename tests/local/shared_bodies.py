@@ -59,7 +59,10 @@ def bodies(comm):
     yield "Coulomb", replace(rough, friction=Coulomb(0.3))
     plane = lshape_problem(lshape.mesh(maxh=0.15))
     part = shared(plane.mesh, comm, 1)
-    yield "lshape", replace(lshape_problem(part), kinematics="plane strain", body_force=(0.3, 0.2))
+    yield (
+        "lshape",
+        replace(lshape_problem(part), kinematics="plane strain", body_force=(0.3, 0.2)),
+    )
 
 
 def numbers(result):
@@ -90,7 +93,9 @@ def refusals(problem):
     options = NewtonOptions(inverse=PETSc())
     works = {
         "direct": lambda: semismooth_newton(problem),
-        "pyamg": lambda: semismooth_newton(problem, options=replace(options, inverse=PyAMG())),
+        "pyamg": lambda: semismooth_newton(
+            problem, options=replace(options, inverse=PyAMG())
+        ),
         "gamma": lambda: semismooth_newton(problem, gamma=1.0),
         "primal": lambda: primal_newton(problem),
         "order": lambda: replace(problem, order=2),
@@ -129,12 +134,20 @@ def history(problem, folder):
         if problem.processes.size > 1 and problem.processes.rank == 0:
             shutil.copy(folder / "history_0000.npz", folder / "first.npz")
 
-    kept = evolve(problem, steps, solver, checkpoint=folder / "history.npz", monitor=stop)
+    kept = evolve(
+        problem, steps, solver, checkpoint=folder / "history.npz", monitor=stop
+    )
     own = folder / "history_0000.npz"
-    if problem.processes.size > 1 and problem.processes.rank == 0:  # it died before its last file
+    if (
+        problem.processes.size > 1 and problem.processes.rank == 0
+    ):  # it died before its last file
         shutil.move(folder / "first.npz", own)
     run = evolve(problem, steps, solver, checkpoint=folder / "history.npz")
-    return {"stopped": kept.status.label, "rows": run.as_rows(), "status": run.status.label}
+    return {
+        "stopped": kept.status.label,
+        "rows": run.as_rows(),
+        "status": run.status.label,
+    }
 
 
 def said(work):

@@ -39,8 +39,14 @@ def test_example_b():
 @pytest.mark.parametrize(
     ("nodes", "ratio", "most"),
     [
-        *((833, r, n) for r, n in ((1, 5), (1e-1, 10), (1e-2, 15), (1e-3, 22), (1e-4, 25))),
-        *((3201, r, n) for r, n in ((1, 6), (1e-1, 11), (1e-2, 15), (1e-3, 22), (1e-4, 25))),
+        *(
+            (833, r, n)
+            for r, n in ((1, 5), (1e-1, 10), (1e-2, 15), (1e-3, 22), (1e-4, 25))
+        ),
+        *(
+            (3201, r, n)
+            for r, n in ((1, 6), (1e-1, 11), (1e-2, 15), (1e-3, 22), (1e-4, 25))
+        ),
     ],
 )
 def test_small_hardening(nodes, ratio, most):

@@ -69,7 +69,9 @@ def test_forces_are_in_balance(shape, kinematics, order):
     scale = np.linalg.norm(result.equilibrium.applied)
     assert np.abs(result.equilibrium.imbalance).max() < 1e-10 * scale
     total = result.applied_force + result.contact_resultant + result.reaction
-    axial = slice(1, 2) if kinematics == "axisymmetric" else slice(None)  # hoop stress pulls inward
+    axial = (
+        slice(1, 2) if kinematics == "axisymmetric" else slice(None)
+    )  # hoop stress pulls inward
     assert np.abs(total[axial]).max() < 1e-10 * scale
 
 
@@ -91,7 +93,10 @@ def test_contact_conditions_hold_on_every_row(shape, kinematics, order):
     forces, gap = result.nodal_contact_forces, result.open_gap
     assert result.penetration <= 1e-12 * np.abs(result.state.u).max()
     assert forces.min() >= 0
-    assert np.abs(forces * gap).max() <= 1e-12 * forces.max() * np.abs(result.state.u).max()
+    assert (
+        np.abs(forces * gap).max()
+        <= 1e-12 * forces.max() * np.abs(result.state.u).max()
+    )
 
 
 @pytest.mark.parametrize("problem_of", [lshape_problem, wrench_problem])
@@ -118,10 +123,16 @@ def test_step_42_contact_force_is_that_of_its_documentation(method):
 
 @pytest.mark.parametrize("method", [semismooth_newton, primal_newton])
 def test_a_contact_between_two_nodes_of_a_coarse_mesh_is_seen(method):
-    steel = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+    steel = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+    )
     mesh = block.structured_mesh(4, 4, simplices=True)
     problem = Problem(
-        mesh, steel, contact="contact", gap=(x - 0.5) ** 2 - 0.01, kinematics="two-dimensional"
+        mesh,
+        steel,
+        contact="contact",
+        gap=(x - 0.5) ** 2 - 0.01,
+        kinematics="two-dimensional",
     )
     result = method(problem).raise_for_status()
     assert result.contact_force == pytest.approx(2.69, abs=0.005)
@@ -136,7 +147,9 @@ def test_a_start_whose_gap_has_changed(change, carried):
     start = result.displacement if carried == "displacement" else result
     other = semismooth_newton(replace(problem, gap=problem.gap + change), start=start)
     cold = semismooth_newton(replace(problem, gap=problem.gap + change))
-    assert other.raise_for_status().contact_force == pytest.approx(cold.contact_force, rel=1e-8)
+    assert other.raise_for_status().contact_force == pytest.approx(
+        cold.contact_force, rel=1e-8
+    )
 
 
 @pytest.mark.parametrize("hardening", [1e-5, 2e-6])

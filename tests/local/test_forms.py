@@ -62,7 +62,10 @@ def test_condensed_saddle_forms_are_the_tangent(shape, kinematics, order):
 def test_newton_steps_with_the_forms_solve_a_problem(shape):
     """Five lines for a lecture: u += K^-1 (l - internal forces), w on the sphere."""
     discrete = DiscreteProblem(pressed_body(shape))
-    forms, here = SaddleForms(discrete, "umfpack"), discrete.state(discrete.supports.values)
+    forms, here = (
+        SaddleForms(discrete, "umfpack"),
+        discrete.state(discrete.supports.values),
+    )
     load = 0.6 * discrete.load
     for _ in range(12):
         forms.linearise(here)
@@ -104,17 +107,22 @@ def test_forms_know_all_that_the_fast_assembly_knows(given, solver):
     """With direct and iterative solvers: the same steps, forces and word on other equilibria."""
     problem = replace(pressed_body("triangles"), **given)
     options = [
-        NewtonOptions(inverse=inverse) for inverse in (solver, SymbolicForms(inverse=solver))
+        NewtonOptions(inverse=inverse)
+        for inverse in (solver, SymbolicForms(inverse=solver))
     ]
     direct, forms = (semismooth_newton(problem, options=chosen) for chosen in options)
     assert (forms.status, forms.message) == (direct.status, direct.message)
     assert forms.history.energies == pytest.approx(direct.history.energies, rel=1e-9)
-    assert forms.state.contact == pytest.approx(direct.state.contact, rel=1e-8, abs=1e-10)
+    assert forms.state.contact == pytest.approx(
+        direct.state.contact, rel=1e-8, abs=1e-10
+    )
 
 
 def test_the_primal_method_says_that_it_has_forms_of_its_own():
     with pytest.raises(ValueError, match="forms of its own"):
-        primal_newton(pressed_body("triangles"), options=PrimalOptions(inverse=SymbolicForms()))
+        primal_newton(
+            pressed_body("triangles"), options=PrimalOptions(inverse=SymbolicForms())
+        )
 
 
 @every_case
@@ -122,15 +130,22 @@ def test_tangent_is_the_derivative_of_the_internal_forces(shape, kinematics, ord
     """With w = beta s/|s|: central differences of the forces, and of the energy."""
     discrete = DiscreteProblem(pressed_body(shape, kinematics, order))
     here = random_state(discrete).on_sphere()
-    d, t = 1e-2 * np.random.default_rng(2).normal(size=here.u.shape) * np.abs(here.u), 1e-5
+    d, t = (
+        1e-2 * np.random.default_rng(2).normal(size=here.u.shape) * np.abs(here.u),
+        1e-5,
+    )
     ahead, behind = (discrete.state(here.u + sign * t * d) for sign in (1, -1))
     assert (ahead.at.yields == behind.at.yields).all()
     change = (ahead.internal_forces - behind.internal_forces) / (2 * t)
     volume, e = discrete.points.strain(d)
     moduli = here.moduli
-    assert relative(discrete.points.forces(moduli.bulk * volume, moduli(e)), change) < 1e-6
+    assert (
+        relative(discrete.points.forces(moduli.bulk * volume, moduli(e)), change) < 1e-6
+    )
     slope = (ahead.energy - behind.energy) / (2 * t)
-    assert np.vdot(here.internal_forces - discrete.load, d) == pytest.approx(slope, rel=1e-6)
+    assert np.vdot(here.internal_forces - discrete.load, d) == pytest.approx(
+        slope, rel=1e-6
+    )
 
 
 @every_case

@@ -44,8 +44,12 @@ def test_both_triangles_are_the_matrix_of_the_direct_solver(discrete):
     forces = np.random.default_rng(1).standard_normal(discrete.supports.free.shape)
     forces[~discrete.supports.free] = 0.0
     u = factors.solve(forces)
-    assert np.abs(matrix @ u.ravel() - forces.ravel()).max() < 1e-12 * np.abs(forces).max()
-    assert np.abs(tangent.solve(forces, accuracy=1e-12) - u).max() < 1e-9 * np.abs(u).max()
+    assert (
+        np.abs(matrix @ u.ravel() - forces.ravel()).max() < 1e-12 * np.abs(forces).max()
+    )
+    assert (
+        np.abs(tangent.solve(forces, accuracy=1e-12) - u).max() < 1e-9 * np.abs(u).max()
+    )
     assert tangent.back_substitutions == 1
     assert tangent.linear_iterations > 10
 
@@ -53,12 +57,17 @@ def test_both_triangles_are_the_matrix_of_the_direct_solver(discrete):
 def test_the_pattern_of_a_hundred_thousand_nodes_does_not_overflow():
     count, rng = 100_000, np.random.default_rng(4)
     rows, columns = np.array([0, 7, 60_000, 99_999]), np.array([0, 3, 59_999, 12])
-    lower = SimpleNamespace(rows=rows.astype(np.int32), columns=columns.astype(np.int32), N=3)
+    lower = SimpleNamespace(
+        rows=rows.astype(np.int32), columns=columns.astype(np.int32), N=3
+    )
     lower.free, blocks = np.ones((count, 3), dtype=bool), rng.standard_normal((4, 3, 3))
     matrix = FullPattern(lower).matrix(blocks)
     for i, j, block in zip(rows, columns, blocks, strict=True):
         assert (matrix[3 * i : 3 * i + 3, 3 * j : 3 * j + 3].toarray() == block).all()
-        assert i == j or (matrix[3 * j : 3 * j + 3, 3 * i : 3 * i + 3].toarray() == block.T).all()
+        assert (
+            i == j
+            or (matrix[3 * j : 3 * j + 3, 3 * i : 3 * i + 3].toarray() == block.T).all()
+        )
     assert matrix.nnz == 9 * 7
     assert Stiffness.places(lower, rows, columns).tolist() == [0, 1, 2, 3]
 
@@ -73,7 +82,9 @@ def test_the_projection_keeps_supports_and_closed_rows(discrete):
     assert np.abs(discrete.rows.normal[active] @ kept).max() < 1e-13
     assert not kept[~discrete.supports.free.ravel()].any()
     amounts = rng.standard_normal(active.sum())
-    assert discrete.rows.normal[active] @ closed.moved(amounts) == pytest.approx(amounts)
+    assert discrete.rows.normal[active] @ closed.moved(amounts) == pytest.approx(
+        amounts
+    )
 
 
 def test_pins_are_projections_across_the_normals(discrete):
@@ -94,7 +105,10 @@ def test_rows_that_slip_push_obliquely(discrete):
     slant = 0.4 * rng.standard_normal((m, 2)) * (np.arange(m) % 3 == 2)[:, None]
     stiffness = diags((slant != 0).ravel().astype(float)).tocsr()
     rubbing = Rubbing(sticks, 0 * slant, slant, stiffness)
-    closed, x = Closed(discrete, active, rubbing), rng.standard_normal(discrete.free.size)
+    closed, x = (
+        Closed(discrete, active, rubbing),
+        rng.standard_normal(discrete.free.size),
+    )
     kept = closed.project(x)
     assert closed.project(kept) == pytest.approx(kept, abs=1e-12)
     held = vstack([rows.normal[active], rows.tangential[sticks.ravel()]])
@@ -105,13 +119,17 @@ def test_rows_that_slip_push_obliquely(discrete):
     gaps = rng.standard_normal(3 * m)
     forces = closed.forces(pushed, gaps)
     assert forces[:m] == pytest.approx(n, abs=1e-12)
-    assert forces[m:] == pytest.approx((slant * n[:, None]).ravel() - stiffness @ gaps[m:])
+    assert forces[m:] == pytest.approx(
+        (slant * n[:, None]).ravel() - stiffness @ gaps[m:]
+    )
     tangent = tangent_of(discrete)
     tangent.linearise(starting_state(discrete, None))
     right = closed.project(rng.standard_normal(x.size))
     u = tangent.minimise(closed, right, np.zeros_like(right), 1e-9)
     assert np.abs(held @ u).max() < 1e-13
-    stiff = tangent.multiply(u) + rows.tangential.T @ (stiffness @ (rows.tangential @ u))
+    stiff = tangent.multiply(u) + rows.tangential.T @ (
+        stiffness @ (rows.tangential @ u)
+    )
     assert np.linalg.norm(closed.project(stiff - right)) < 2e-9
 
 
@@ -119,7 +137,9 @@ def test_conjugate_gradients_minimise_over_what_is_free(discrete):
     tangent = tangent_of(discrete)
     tangent.linearise(starting_state(discrete, None))
     closed = Closed(discrete, np.ones(len(discrete.rows), dtype=bool))
-    right = closed.project(np.random.default_rng(3).standard_normal(discrete.supports.free.size))
+    right = closed.project(
+        np.random.default_rng(3).standard_normal(discrete.supports.free.size)
+    )
     x = tangent.minimise(closed, right, np.zeros_like(right), 1e-9)
     assert closed.project(x) == pytest.approx(x, abs=1e-14)
     assert np.linalg.norm(closed.project(tangent.multiply(x) - right)) < 2e-9
@@ -159,6 +179,10 @@ def test_active_sets_find_the_solution_of_the_direct_method(discrete):
 def test_linear_systems_are_solved_as_exactly_as_the_step_deserves(discrete):
     target = InexactTarget(discrete, 1e-2, 1e-10)
     assert target.accuracy(1.0) == 1e-2
-    assert target.accuracy(1e-2) == pytest.approx(0.1 * 1e-4)  # a tenth of what Newton leaves
-    assert target.accuracy(1e-7) == pytest.approx(0.1 * 1e-3)  # and of what the tolerance needs
+    assert target.accuracy(1e-2) == pytest.approx(
+        0.1 * 1e-4
+    )  # a tenth of what Newton leaves
+    assert target.accuracy(1e-7) == pytest.approx(
+        0.1 * 1e-3
+    )  # and of what the tolerance needs
     assert target.accuracy(2e-10) == pytest.approx(0.1 * 0.5)

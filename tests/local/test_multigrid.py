@@ -27,7 +27,8 @@ from ngepc.studies.contact_problems import roller
 from ngepc.studies.large import indented_block, solve_large
 
 needed = pytest.mark.skipif(
-    petsc.petsc is None and not os.environ.get("NGEPC_NEEDS_PETSC"), reason="petsc4py is missing"
+    petsc.petsc is None and not os.environ.get("NGEPC_NEEDS_PETSC"),
+    reason="petsc4py is missing",
 )
 wheel = pytest.mark.skipif(pyamg.pyamg is None, reason="pyamg is missing")
 both = pytest.mark.parametrize(
@@ -45,7 +46,14 @@ def lshape_with(kinematics):
 def on_springs():
     """A block on rollers and springs, pushed aside under a press."""
     return Problem(
-        *(block.structured_mesh(8, 8), STEEL, None, {"right": (-3.0, 0.5)}, "contact", -1e-3),
+        *(
+            block.structured_mesh(8, 8),
+            STEEL,
+            None,
+            {"right": (-3.0, 0.5)},
+            "contact",
+            -1e-3,
+        ),
         prescribed={"clamped": Roller()},
         springs={"left": (50.0, 20.0)},
         friction=1.0,
@@ -62,10 +70,14 @@ CASES = {
     "axisymmetric": lambda: pressed_body("quadrilaterals", "axisymmetric", 2),
     "Tresca, cycling sets": lambda: replace(indented_block(1), friction=5.0),
     "Coulomb": lambda: replace(indented_block(1), friction=Coulomb(0.4)),
-    "Coulomb, order 2": lambda: replace(pressed_body("prisms", order=2), friction=Coulomb(0.4)),
+    "Coulomb, order 2": lambda: replace(
+        pressed_body("prisms", order=2), friction=Coulomb(0.4)
+    ),
     "Tresca, flat": lambda: replace(lshape_with("plane strain"), friction=0.05),
     "rollers, springs": on_springs,
-    "nothing to touch": lambda: replace(pressed_body("triangles"), contact=None, gap=None),
+    "nothing to touch": lambda: replace(
+        pressed_body("triangles"), contact=None, gap=None
+    ),
     "floating": lambda: roller(2.0, 2),
     "floating, Tresca": lambda: replace(roller(2.0, 1), friction=50.0),
     "tied": lambda: replace(roller(2.0, 1), contact=Contact("flat", "arc", tied=True)),
@@ -88,7 +100,9 @@ def test_the_solution_is_that_of_the_direct_solver(case, solver):
     assert large.contact_force == pytest.approx(direct.contact_force, rel=1e-7)
     assert large.iterations <= direct.iterations + 2
     assert sum(large.history.column("linear_iterations")) > 0
-    assert large.friction_force == pytest.approx(direct.friction_force, rel=1e-6, abs=1e-9)
+    assert large.friction_force == pytest.approx(
+        direct.friction_force, rel=1e-6, abs=1e-9
+    )
 
 
 @both
@@ -104,7 +118,9 @@ def test_friction_costs_little_more_than_contact(solver):
 
 
 @both
-@pytest.mark.parametrize("case", [name for name in CASES if not name.startswith(("s", "l"))])
+@pytest.mark.parametrize(
+    "case", [name for name in CASES if not name.startswith(("s", "l"))]
+)
 def test_the_primal_method_takes_the_same_steps(case, solver):
     problem = CASES[case]()
     direct = primal_newton(problem)
@@ -119,7 +135,9 @@ def test_options_are_those_of_petsc():
     problem = indented_block(1)
     counts = {}
     for options in ("", "-pc_type hypre", "-pc_type jacobi", "-pc_type cholesky"):
-        result = semismooth_newton(problem, options=NewtonOptions(inverse=PETSc(options=options)))
+        result = semismooth_newton(
+            problem, options=NewtonOptions(inverse=PETSc(options=options))
+        )
         assert result.status.label == "converged"
         counts[options] = sum(result.history.column("linear_iterations"))
     assert counts["-pc_type jacobi"] > 3 * counts[""]
@@ -152,7 +170,9 @@ def test_counts_do_not_grow_with_the_mesh_or_without_hardening(solver, hardening
 @both
 def test_gamma_wants_a_direct_solver(solver):
     with pytest.raises(ValueError, match="a direct solver is needed with gamma"):
-        semismooth_newton(indented_block(0), 1e3, options=NewtonOptions(inverse=solver()))
+        semismooth_newton(
+            indented_block(0), 1e3, options=NewtonOptions(inverse=solver())
+        )
 
 
 def test_without_the_library_the_message_says_how_to_install_it(monkeypatch):

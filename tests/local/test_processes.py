@@ -16,7 +16,8 @@ from ngepc.local import petsc
 from ngepc.model import parts
 
 pytestmark = pytest.mark.skipif(
-    (petsc.petsc is None or parts.MPI is None) and not os.environ.get("NGEPC_NEEDS_PETSC"),
+    (petsc.petsc is None or parts.MPI is None)
+    and not os.environ.get("NGEPC_NEEDS_PETSC"),
     reason="petsc4py or mpi4py is missing",
 )
 
@@ -26,12 +27,21 @@ BODIES = ("block", "fine block", "springs", "Tresca", "Coulomb", "lshape")
 def output_of(count, *program, folder=None):
     """What several processes print."""
     mine = ("OMPI_", "PMIX_")  # what an MPI of the tests' own process has left
-    clean = {name: value for name, value in os.environ.items() if not name.startswith(mine)}
+    clean = {
+        name: value for name, value in os.environ.items() if not name.startswith(mine)
+    }
     clean["OMPI_MCA_mpi_yield_when_idle"] = "1"  # who waits leaves the core to others
     start = ["mpiexec", "--allow-run-as-root", "--oversubscribe", "-n", str(count)]
     done = subprocess.run(
         [*start, sys.executable, "-m", "mpi4py", *program],
-        **dict(capture_output=True, text=True, timeout=300, check=False, env=clean, cwd=folder),
+        **dict(
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+            env=clean,
+            cwd=folder,
+        ),
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -60,7 +70,14 @@ def test_processes_find_what_one_finds(runs, body, count):
     assert several["energies"][-1] == pytest.approx(one["energies"][-1], rel=1e-12)
     assert several["energies"] == pytest.approx(one["energies"], rel=1e-2)
     assert (one["slipping"] > 0) == (body in ("Tresca", "Coulomb"))
-    for name in ("plastic", "contact force", "contact area", "slipping", "strain", "error"):
+    for name in (
+        "plastic",
+        "contact force",
+        "contact area",
+        "slipping",
+        "strain",
+        "error",
+    ):
         assert several[name] == pytest.approx(one[name], rel=1e-7)
     assert several["moment"] == pytest.approx(one["moment"], rel=1e-10, abs=1e-12)
     for name, force in one["reactions"].items():
@@ -93,7 +110,10 @@ def test_what_is_not_done_is_refused_by_name_on_all_processes(runs):
 
 def test_what_one_process_alone_sees_or_none_is_refused_by_all(runs):
     told = runs[2]["faults"]
-    for name, words in {"held twice": "the values must agree", "flat": "degenerate"}.items():
+    for name, words in {
+        "held twice": "the values must agree",
+        "flat": "degenerate",
+    }.items():
         first, second = told[name]
         assert first == second
         assert words in first
@@ -108,7 +128,9 @@ def test_histories_go_on_from_the_files_of_all_processes(runs, count):
     ]
     for name in ("contact_force", "primal_energy", "dissipation", "max_plastic_strain"):
         wanted = [row[name] for row in one["rows"]]
-        assert [row[name] for row in several["rows"]] == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+        assert [row[name] for row in several["rows"]] == pytest.approx(
+            wanted, rel=1e-6, abs=1e-9
+        )
 
 
 @pytest.mark.parametrize("body", BODIES)
@@ -121,13 +143,19 @@ def test_files_of_the_parts_are_those_of_the_whole(runs, body):
     assert len(pieces) == 2
     assert all({"displacement", "stress"} <= set(piece.point_data) for piece in pieces)
     assert sum(len(piece.cells[0].data) for piece in pieces) == len(whole.cells[0].data)
-    mises = np.sort(np.concatenate([piece.point_data["von_mises"].ravel() for piece in pieces]))
-    assert mises == pytest.approx(np.sort(whole.point_data["von_mises"].ravel()), abs=1e-4)
+    mises = np.sort(
+        np.concatenate([piece.point_data["von_mises"].ravel() for piece in pieces])
+    )
+    assert mises == pytest.approx(
+        np.sort(whole.point_data["von_mises"].ravel()), abs=1e-4
+    )
 
 
 def test_the_script_of_the_page_runs(tmp_path):
     page = Path(__file__).resolve().parents[2] / "docs" / "howto" / "distributed.md"
-    script = re.search(r"^```python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)[1]
+    script = re.search(
+        r"^```python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE
+    )[1]
     (tmp_path / "body.py").write_text(script)
     nodes, status, *_ = output_of(2, "body.py", folder=tmp_path).split()
     assert (int(nodes), status) == (1745, "converged")

@@ -28,7 +28,10 @@ def test_uniform_stress_has_no_error(pull):
 
 def test_the_estimate_is_about_the_error():
     """Example (a): the energies on 113, 417 nodes against the one on 1601."""
-    results = [semismooth_newton(lshape_problem(lshape.paper_mesh(n))) for n in (113, 417, 1601)]
+    results = [
+        semismooth_newton(lshape_problem(lshape.paper_mesh(n)))
+        for n in (113, 417, 1601)
+    ]
     finest = results[-1].primal_energy
     for result in results[:-1]:
         error = result.primal_energy - finest
@@ -39,27 +42,38 @@ def test_indicators_are_where_the_mesh_is_coarse():
     result = semismooth_newton(indented_block(1))
     indicators = error_indicators(result)
     x = np.asarray(result.problem.mesh.ngmesh.Coordinates())
-    top = [max(x[v.nr, 2] for v in el.vertices) > 0.6 for el in result.problem.mesh.Elements()]
+    top = [
+        max(x[v.nr, 2] for v in el.vertices) > 0.6
+        for el in result.problem.mesh.Elements()
+    ]
     values = indicators.vec.FV().NumPy()
     assert values.min() >= 0
     assert values[top].mean() > 2 * values[~np.array(top)].mean()
 
 
 def test_a_linear_law_in_a_table_has_the_estimate_of_the_linear_one():
-    base, start, slope = lshape_problem(lshape.paper_mesh(113)), 1.25 / np.sqrt(2 / 3), 15.0
+    base, start, slope = (
+        lshape_problem(lshape.paper_mesh(113)),
+        1.25 / np.sqrt(2 / 3),
+        15.0,
+    )
     table = Tabulated([0, 9.0], [start, start + 9 * slope])
     materials = (
         replace(base.material, hardening=slope / 1.5),
         Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=table),
     )
-    linear, tabulated = (semismooth_newton(replace(base, material=m)) for m in materials)
+    linear, tabulated = (
+        semismooth_newton(replace(base, material=m)) for m in materials
+    )
     assert estimate(tabulated) == pytest.approx(estimate(linear), rel=1e-9)
 
 
 def prisms(n):
     mesh = MakeStructured3DMesh(nx=n, ny=n, nz=n, prism=True)
     for number, name in enumerate(mesh.GetBoundaries()):
-        mesh.ngmesh.SetBCName(number, {"bottom": "clamped", "top": "contact"}.get(name, name))
+        mesh.ngmesh.SetBCName(
+            number, {"bottom": "clamped", "top": "contact"}.get(name, name)
+        )
     return mesh
 
 

@@ -10,7 +10,14 @@ from ngsolve import CF, IfPos, InnerProduct, Integrate, Parameter, ds, sqrt, x, 
 from ngepc import Material, Problem, outward_normal
 from ngepc.checks.arguments import sample
 from ngepc.geometries import block, lshape, plate, ring, wrench
-from ngepc.model.obstacles import Cylinder, Disc, Obstacle, Plane, SignedDistance, Sphere
+from ngepc.model.obstacles import (
+    Cylinder,
+    Disc,
+    Obstacle,
+    Plane,
+    SignedDistance,
+    Sphere,
+)
 
 SQUARE = block.structured_mesh(8, 8)
 CUBE = block.structured_mesh(4, 4, 4)
@@ -75,7 +82,9 @@ def test_normal_survives_refinement():
     n = outward_normal(mesh)
     for _ in range(2):
         mesh.Refine()
-        assert Integrate(InnerProduct(n, CF((x, y))) * ds, mesh) == pytest.approx(1.5, rel=1e-12)
+        assert Integrate(InnerProduct(n, CF((x, y))) * ds, mesh) == pytest.approx(
+            1.5, rel=1e-12
+        )
 
 
 @pytest.mark.parametrize(
@@ -105,7 +114,9 @@ def test_plane_behind_or_beside_is_far():
     psi = Plane((0.0, 1.3), (0, -1)).gap(SQUARE)
     for name in SIDES:
         assert samples(psi, SQUARE, name) == pytest.approx(10.0)
-    assert samples(Plane((0, 1.3), (0, 1)).gap(SQUARE), SQUARE, "contact") == pytest.approx(10.0)
+    assert samples(
+        Plane((0, 1.3), (0, 1)).gap(SQUARE), SQUARE, "contact"
+    ) == pytest.approx(10.0)
 
 
 def test_far_is_ten_times_the_body_or_as_given():
@@ -181,9 +192,9 @@ def test_ring_in_a_rigid_ring(wall):
     n_error = samples(psi, RING, "outer") - (wall - 2.0) - chord
     assert np.abs(n_error).max() < 2e-3
     bent = curved(ring.mesh(0.2, 1.0, 2.0))
-    assert samples(Hollow(Disc((0, 0), wall)).gap(bent), bent, "outer") == pytest.approx(
-        wall - 2.0, abs=1e-4
-    )
+    assert samples(
+        Hollow(Disc((0, 0), wall)).gap(bent), bent, "outer"
+    ) == pytest.approx(wall - 2.0, abs=1e-4)
 
 
 def test_hollow_seen_from_the_inner_boundary():
@@ -227,7 +238,8 @@ def test_signed_distance_is_of_first_order():
 
 
 @pytest.mark.parametrize(
-    "obstacle", [Disc((0.5, 1.6), 0.5), Plane((0, 1.1), (0, -1)), Hollow(Disc((0.5, 0.5), 0.9))]
+    "obstacle",
+    [Disc((0.5, 1.6), 0.5), Plane((0, 1.1), (0, -1)), Hollow(Disc((0.5, 0.5), 0.9))],
 )
 def test_gap_serves_a_problem(obstacle):
     steel = Material(lame_lambda=1.0, lame_mu=1.0, yield_stress=1.0, hardening=1.0)

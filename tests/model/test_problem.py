@@ -7,12 +7,24 @@ import pytest
 from ngsolve import CF, Integrate, Parameter, ds, x, y, z
 
 from ngepc import Material, Problem, lame_parameters
-from ngepc.checks.arguments import boundary_names, require_integer, require_number, sample
+from ngepc.checks.arguments import (
+    boundary_names,
+    require_integer,
+    require_number,
+    sample,
+)
 from ngepc.geometries import block, lshape, wrench
 from ngepc.model.elements import element_facets
-from ngepc.model.support import check_conforming, held_values, part_vertices, rigid_motions
+from ngepc.model.support import (
+    check_conforming,
+    held_values,
+    part_vertices,
+    rigid_motions,
+)
 
-STEEL = Material.kinematic(lame_lambda=1000.0, lame_mu=800.0, yield_stress=5.0, hardening=100.0)
+STEEL = Material.kinematic(
+    lame_lambda=1000.0, lame_mu=800.0, yield_stress=5.0, hardening=100.0
+)
 SQUARE = block.structured_mesh(4, 4, simplices=True)
 CUBE = block.structured_mesh(2, 2, 2)
 
@@ -69,16 +81,22 @@ def test_tractions_by_single_name():
     problem = Problem(SQUARE, STEEL, traction={"left|right": (1, 2), "contact": g})
     assert set(problem.tractions) == {"left", "right", "contact"}
     for name in ("left", "right"):
-        assert values(problem.tractions[name], SQUARE, name)[0] == pytest.approx((1.0, 2.0))
+        assert values(problem.tractions[name], SQUARE, name)[0] == pytest.approx(
+            (1.0, 2.0)
+        )
     assert problem.tractions["contact"] is g
 
 
 def test_traction_of_components():
     p = Parameter(3.0)
     problem = Problem(SQUARE, STEEL, traction={"left": (p, np.float32(2))})
-    assert values(problem.tractions["left"], SQUARE, "left")[0] == pytest.approx((3.0, 2.0))
+    assert values(problem.tractions["left"], SQUARE, "left")[0] == pytest.approx(
+        (3.0, 2.0)
+    )
     p.Set(4.0)
-    assert values(problem.tractions["left"], SQUARE, "left")[0] == pytest.approx((4.0, 2.0))
+    assert values(problem.tractions["left"], SQUARE, "left")[0] == pytest.approx(
+        (4.0, 2.0)
+    )
 
 
 def test_gaps_by_name_and_on_the_whole():
@@ -108,7 +126,9 @@ def test_normal_is_outward_where_netgen_turns_it():
 
 def test_initial_plastic_strain_is_kept():
     p = CF((x, y, y, -x), dims=(2, 2))
-    problem = Problem(SQUARE, STEEL, initial_plastic_strain=p, kinematics="two-dimensional")
+    problem = Problem(
+        SQUARE, STEEL, initial_plastic_strain=p, kinematics="two-dimensional"
+    )
     assert problem.p_0 is p
 
 
@@ -129,7 +149,9 @@ TENSOR = CF((3.0, 1.0, 1.0, -1.0), dims=(2, 2))
 )
 def test_initial_hardening(given, scalar, back):
     """(alpha_1, dev alpha_2): the back stress counts by its deviator only."""
-    problem = Problem(SQUARE, STEEL, initial_hardening=given, kinematics="two-dimensional")
+    problem = Problem(
+        SQUARE, STEEL, initial_hardening=given, kinematics="two-dimensional"
+    )
     alpha = problem.alpha_0
     assert values(alpha[0])[0] == pytest.approx(scalar)
     assert values(alpha[1])[0] == pytest.approx(back)
@@ -173,13 +195,17 @@ def test_kinematic_bound_ignores_the_scalar():
 
 def test_materials_by_region():
     """A coefficient by region is sampled in each of them."""
-    soft = replace(STEEL, yield_stress=SQUARE.MaterialCF({"body": 2.5}), hardening=10 + x)
+    soft = replace(
+        STEEL, yield_stress=SQUARE.MaterialCF({"body": 2.5}), hardening=10 + x
+    )
     problem = Problem(SQUARE, soft)
     assert values(problem.beta) == pytest.approx(2.5)
     assert values(problem.effective_hardening) == pytest.approx(10 + values(x))
 
 
-@pytest.mark.parametrize(("young", "poisson"), [(206900.0, 0.29), (1.0, 0.0), (2e5, -0.4)])
+@pytest.mark.parametrize(
+    ("young", "poisson"), [(206900.0, 0.29), (1.0, 0.0), (2e5, -0.4)]
+)
 def test_lame_parameters(young, poisson):
     """The inverse: E = mu (3 lambda + 2 mu) / (lambda + mu), nu = lambda / (2 (lambda + mu))."""
     lam, mu = lame_parameters(young, poisson)
@@ -241,7 +267,11 @@ def test_enough_support(name):
 
 
 def test_rollers_on_three_sides_of_a_cube():
-    rollers = {"left": (0, None, None), "front": (None, 0, None), "clamped": (None, None, 0)}
+    rollers = {
+        "left": (0, None, None),
+        "front": (None, 0, None),
+        "clamped": (None, None, 0),
+    }
     assert Problem(CUBE, STEEL, clamped=None, prescribed=rollers).N == 3
     for name in rollers:
         fewer = {k: v for k, v in rollers.items() if k != name}
@@ -265,5 +295,7 @@ def test_require_integer(value, expected):
 
 def test_require_number_bounds():
     assert require_number("r", 0.5, 0, strict=True, most=0.5) == 0.5
-    with pytest.raises(ValueError, match=r"r=0\.6: a finite number > 0 and <= 0\.5 is needed"):
+    with pytest.raises(
+        ValueError, match=r"r=0\.6: a finite number > 0 and <= 0\.5 is needed"
+    ):
         require_number("r", 0.6, 0, strict=True, most=0.5)

@@ -71,7 +71,9 @@ def test_tensor_is_symmetric_and_trace_free(N):
 @DIMENSIONS
 def test_coordinates_invert_tensor(N):
     p = random_coordinates(N)
-    assert value(coordinates(tensor(CF(tuple(p)), N), N), N) == pytest.approx(p, rel=1e-14)
+    assert value(coordinates(tensor(CF(tuple(p)), N), N), N) == pytest.approx(
+        p, rel=1e-14
+    )
 
 
 @DIMENSIONS

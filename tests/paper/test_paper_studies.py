@@ -39,7 +39,9 @@ def test_table3_compares_path_and_direct_solve(tmp_path, monkeypatch):
     record = table[0]
     assert record["status"] == record["direct"]["status"] == "converged"
     assert record["changes"][-1] < record["outer_bound"] <= record["changes"][-2]
-    assert record["direct"]["path_value"] == pytest.approx(record["path_values"][-1], rel=0.02)
+    assert record["direct"]["path_value"] == pytest.approx(
+        record["path_values"][-1], rel=0.02
+    )
     assert Table3(tmp_path, levels=1).run() == table
     study.write(table)
     assert "directly" in (tmp_path / "table3.md").read_text()
@@ -68,7 +70,11 @@ def test_quotients_fall_superlinearly():
     assert found["iterations"] == semismooth_newton(problem, 1e3).iterations
     assert found["reference_residual"] < 1e-14
     assert len(found["quotients"]) == 5
-    sound = [q for q, good in zip(found["quotients"], found["meaningful"], strict=True) if good]
+    sound = [
+        q
+        for q, good in zip(found["quotients"], found["meaningful"], strict=True)
+        if good
+    ]
     assert len(sound) >= 3
     assert sound[-1] < 0.1 * sound[0]
     assert found["distances"][-1] < 1e-6 * found["distances"][0]
@@ -102,5 +108,11 @@ def test_duality_study_has_a_record_for_each_gamma(tmp_path, monkeypatch):
     assert [r["gamma"] for r in table] == [10, 100, 1000, 10000]
     assert table[-1]["tichonov"] < table[0]["tichonov"]
     for r in table:
-        parts = ("contact_term", "plastic_term", "contact_penalty", "plastic_penalty", "tichonov")
+        parts = (
+            "contact_term",
+            "plastic_term",
+            "contact_penalty",
+            "plastic_penalty",
+            "tichonov",
+        )
         assert r["gap"] == pytest.approx(sum(r[part] for part in parts), rel=1e-8)

@@ -4,14 +4,22 @@ import math
 
 import pytest
 
-from ngepc import PathOptions, duality_report, follow_path, semismooth_newton, wrench_problem
+from ngepc import (
+    PathOptions,
+    duality_report,
+    follow_path,
+    semismooth_newton,
+    wrench_problem,
+)
 from ngepc.geometries import wrench
 from ngepc.studies.paper import TABLE_3_INNER, TABLE_3_OUTER
 
 
 @pytest.fixture(scope="module")
 def problems():
-    return {nodes: wrench_problem(wrench.paper_mesh(nodes)) for nodes in (437, 873, 1641)}
+    return {
+        nodes: wrench_problem(wrench.paper_mesh(nodes)) for nodes in (437, 873, 1641)
+    }
 
 
 def test_dual_energy_of_873_nodes_agrees_with_an_independent_code(problems):
@@ -19,7 +27,9 @@ def test_dual_energy_of_873_nodes_agrees_with_an_independent_code(problems):
     assert result.dual_energy == pytest.approx(0.0042380782, rel=1e-6)
 
 
-@pytest.mark.parametrize(("gamma", "least", "most"), [(10, 2, 2), (1e3, 10, 20), (1e4, 18, 30)])
+@pytest.mark.parametrize(
+    ("gamma", "least", "most"), [(10, 2, 2), (1e3, 10, 20), (1e4, 18, 30)]
+)
 def test_newton_counts_from_zero(problems, gamma, least, most):
     for nodes in (873, 1641):
         result = semismooth_newton(problems[nodes], gamma)
@@ -49,7 +59,9 @@ def test_path_to_the_gamma_of_the_figures_approaches_the_limit(problems):
     """V_gamma settles: T, M1 and M2 vanish, the normal stress of the open contact too."""
     reports = []
     options = PathOptions(gamma_end=10 * 7.0**7, inner_scale=1e-3)
-    path = follow_path(problems[437], options, observer=lambda r: reports.append(duality_report(r)))
+    path = follow_path(
+        problems[437], options, observer=lambda r: reports.append(duality_report(r))
+    )
     path.raise_for_status()
     assert path.steps[-1].change < 2e-3
     last = reports[-1]

@@ -27,7 +27,9 @@ from ngepc.evolution.solver import cold_start, evolve
 from ngepc.geometries import block, ring
 from ngepc.primal.solver import primal_newton
 
-STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+STEEL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+)
 METHODS = {"primal": primal_newton, "dual": lambda problem: semismooth_newton(problem)}
 
 
@@ -51,7 +53,8 @@ def shell_problem(N, maxh, pressure, gap=math.inf):
     else:
         mesh, sides = ring.shell_octant_mesh(maxh), ("left", "front", "bottom")
     prescribed = {
-        name: tuple(0 if i == axis else None for i in range(N)) for axis, name in enumerate(sides)
+        name: tuple(0 if i == axis else None for i in range(N))
+        for axis, name in enumerate(sides)
     }
     contact = {} if gap == math.inf else {"contact": "outer", "gap": gap}
     load = {"inner": -pressure * outward_normal(mesh)}
@@ -85,12 +88,16 @@ def test_pressed_shells_are_approximated_at_second_order(name, method):
     for maxh in widths:
         problem = shell_problem(N, maxh, pressure, gap)
         result = solve(method, problem)
-        errors.append(distance(result.displacement, exact.displacement_vector, problem.mesh))
+        errors.append(
+            distance(result.displacement, exact.displacement_vector, problem.mesh)
+        )
     assert errors[1] < bound
     assert errors[1] < 0.4 * errors[0]
     if exact.contact_pressure:
         wall = Integrate(CF(1) * ds("outer"), problem.mesh)
-        assert result.contact_force / wall == pytest.approx(exact.contact_pressure, rel=10 * bound)
+        assert result.contact_force / wall == pytest.approx(
+            exact.contact_pressure, rel=10 * bound
+        )
 
 
 def test_closed_form_of_the_shell_agrees_with_the_one_of_the_ring():
@@ -138,8 +145,18 @@ def test_shells_that_yield_throughout_are_refused():
 
 
 LAYERS = {
-    "soft": {"lame_lambda": 1e3, "lame_mu": 1e3, "yield_stress": 1.25, "hardening": 100.0},
-    "hard": {"lame_lambda": 500.0, "lame_mu": 3e3, "yield_stress": 8.0, "hardening": 400.0},
+    "soft": {
+        "lame_lambda": 1e3,
+        "lame_mu": 1e3,
+        "yield_stress": 1.25,
+        "hardening": 100.0,
+    },
+    "hard": {
+        "lame_lambda": 500.0,
+        "lame_mu": 3e3,
+        "yield_stress": 8.0,
+        "hardening": 400.0,
+    },
 }
 
 
@@ -150,7 +167,12 @@ def layered_column(N, maxh):
         bottom = Plane(Pnt(0, 0, 0), Vec(0, 0, -1)).bc("clamped")
         top = Plane(Pnt(0, 0, 1), Vec(0, 0, 1)).bc("contact")
         sides = None
-        for axis, n in (("left", (-1, 0)), ("right", (1, 0)), ("front", (0, -1)), ("back", (0, 1))):
+        for axis, n in (
+            ("left", (-1, 0)),
+            ("right", (1, 0)),
+            ("front", (0, -1)),
+            ("back", (0, 1)),
+        ):
             at = Pnt(*(0.5 * max(c, 0) for c in n), 0)
             plane = Plane(at, Vec(*n, 0)).bc(axis)
             sides = plane if sides is None else sides * plane
@@ -171,14 +193,19 @@ def layered_column(N, maxh):
 def uniaxial(law, N, e):
     """(stress, plastic strain) along the column at the strain e < 0, nothing moves sideways."""
     k, two_mu = math.sqrt((N - 1) / N), 2 * law["lame_mu"]
-    p = max(two_mu * k * abs(e) - law["yield_stress"], 0.0) / (two_mu + law["hardening"])
+    p = max(two_mu * k * abs(e) - law["yield_stress"], 0.0) / (
+        two_mu + law["hardening"]
+    )
     bulk = law["lame_lambda"] + two_mu / N
     return bulk * e + k * (two_mu * k * e + two_mu * p), p
 
 
 def layered_problem(N, maxh, push):
     mesh = layered_column(N, maxh)
-    data = {name: mesh.MaterialCF({m: LAYERS[m][name] for m in LAYERS}) for name in LAYERS["soft"]}
+    data = {
+        name: mesh.MaterialCF({m: LAYERS[m][name] for m in LAYERS})
+        for name in LAYERS["soft"]
+    }
     walls = {"left|right": (0, *(None,) * (N - 1))}
     if N == 3:
         walls["front|back"] = (None, 0, None)
@@ -241,10 +268,13 @@ def stretched_bar(N, maxh, stretch):
     mesh = block.mesh(maxh, (1.0,) * N)
     sides = ("left", "clamped") if N == 2 else ("left", "front", "clamped")
     rollers = {
-        name: tuple(0 if i == axis else None for i in range(N)) for axis, name in enumerate(sides)
+        name: tuple(0 if i == axis else None for i in range(N))
+        for axis, name in enumerate(sides)
     }
     right = {"right": (stretch, *(None,) * (N - 1))}
-    return Problem(mesh, STEEL, clamped=None, prescribed=rollers | right, kinematics=FLAT[mesh.dim])
+    return Problem(
+        mesh, STEEL, clamped=None, prescribed=rollers | right, kinematics=FLAT[mesh.dim]
+    )
 
 
 def uniaxial_stress(N, stretch, p_0=0.0):
@@ -273,7 +303,9 @@ def test_bars_with_moved_ends(N, method, stretch):
     size = Integrate(result.equivalent_plastic_strain, mesh)
     assert size == pytest.approx(abs(p), rel=1e-6, abs=1e-8)
     assert result.reaction == pytest.approx([0.0] * N, abs=1e-9)
-    assert result.equilibrium.reactions["right"][0] == pytest.approx(stress, rel=tichonov)
+    assert result.equilibrium.reactions["right"][0] == pytest.approx(
+        stress, rel=tichonov
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -282,13 +314,19 @@ def test_bars_pulled_and_pushed_in_steps(N, method):
     """A cycle 0, 1, -1 of the stretch in steps, with the memory of the steps before."""
     problem = stretched_bar(N, 1.0, 0.004)
     solver = primal_newton if method == "primal" else cold_start(METHODS["dual"])
-    history = evolve(problem, load_cycle(problem, [1, -1], steps=3), solver).raise_for_status()
+    history = evolve(
+        problem, load_cycle(problem, [1, -1], steps=3), solver
+    ).raise_for_status()
     p = 0.0
     for step in history.steps:
         stretch = 0.004 * float(np.interp(step.record.time, (0, 1, 2), (0, 1, -1)))
         stress, p = uniaxial_stress(N, stretch, p)
-        assert Integrate(step.fields.stress[0], problem.mesh) == pytest.approx(stress, rel=1e-5)
-        assert step.record.max_plastic_strain == pytest.approx(abs(p), rel=1e-5, abs=1e-9)
+        assert Integrate(step.fields.stress[0], problem.mesh) == pytest.approx(
+            stress, rel=1e-5
+        )
+        assert step.record.max_plastic_strain == pytest.approx(
+            abs(p), rel=1e-5, abs=1e-9
+        )
     assert p < -1e-3
 
 
@@ -303,7 +341,9 @@ def error_of_a_homogeneous_plastic_state(regularisation, n):
 def test_gradient_product_costs_a_layer_of_elements_at_the_boundary():
     """Where q = 0 on the boundary the error is of order h, otherwise there is none."""
     zero_at_the_boundary = Coupled(1e4, gamma_tichonov=1e8)
-    errors = [error_of_a_homogeneous_plastic_state(zero_at_the_boundary, n) for n in (8, 16)]
+    errors = [
+        error_of_a_homogeneous_plastic_state(zero_at_the_boundary, n) for n in (8, 16)
+    ]
     assert errors[0] < 0.12
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.1)
     assert error_of_a_homogeneous_plastic_state(None, 8) < 1e-7
@@ -320,4 +360,6 @@ def test_coupled_regularisation_approaches_the_homogeneous_state():
         assert result.status is Status.CONVERGED
         errors.append(abs(Integrate(result.stress[0], problem.mesh) / stress - 1))
     assert errors[0] < 1e-5
-    assert [a / b for a, b in itertools.pairwise(errors)] == pytest.approx([10], rel=0.2)
+    assert [a / b for a, b in itertools.pairwise(errors)] == pytest.approx(
+        [10], rel=0.2
+    )

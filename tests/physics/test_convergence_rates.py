@@ -14,14 +14,23 @@ from closed_forms import Ring
 from manufactured import stretched_and_pressed
 from ngsolve import Grad, InnerProduct, Integrate, Norm, Sym, dx
 
-from ngepc import Material, Problem, Status, outward_normal, primal_newton, semismooth_newton
+from ngepc import (
+    Material,
+    Problem,
+    Status,
+    outward_normal,
+    primal_newton,
+    semismooth_newton,
+)
 from ngepc.geometries import block, ring
 
 CELLS = (8, 16, 32)
 
 
 def solve(problem, method):
-    result = primal_newton(problem) if method == "primal" else semismooth_newton(problem)
+    result = (
+        primal_newton(problem) if method == "primal" else semismooth_newton(problem)
+    )
     assert result.status is Status.CONVERGED
     return result
 
@@ -43,7 +52,9 @@ def exact_energy():
 
 def manufactured_errors(n, method, exact_energy, order=1):
     """Errors of u in L2, of eps(u), of p and of J on n x n cells."""
-    exact = stretched_and_pressed(block.structured_mesh(n, n, simplices=True), order=order)
+    exact = stretched_and_pressed(
+        block.structured_mesh(n, n, simplices=True), order=order
+    )
     result, mesh = solve(exact.problem, method), exact.problem.mesh
     return (
         norm(result.displacement - exact.displacement, mesh),
@@ -90,11 +101,15 @@ def test_manufactured_body_is_partly_elastic_and_partly_in_contact():
     assert 0.3 < plastic < 0.9
     assert 0.5 < contact < 0.7
     on_contact = exact.problem.mesh.Boundaries("contact")
-    force = Integrate(exact.contact_pressure, exact.problem.mesh, definedon=on_contact, order=10)
+    force = Integrate(
+        exact.contact_pressure, exact.problem.mesh, definedon=on_contact, order=10
+    )
     assert result.contact_force == pytest.approx(force, rel=0.02)
 
 
-STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+STEEL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+)
 RING = Ring(1e3, 1e3, 1.25, 100.0)
 
 
@@ -127,7 +142,9 @@ def test_thick_ring_under_internal_pressure(pressure, method):
 @pytest.mark.parametrize(("pressure", "least"), [(0.5, 2.8), (1.2, 2.2)])
 def test_thick_ring_of_curved_elements_of_order_two(pressure, least, method):
     """Order three in L2 where all is elastic, above two with a plastic front."""
-    errors = [ring_errors(maxh, pressure, method, order=2)[0] for maxh in (0.2, 0.1, 0.05)]
+    errors = [
+        ring_errors(maxh, pressure, method, order=2)[0] for maxh in (0.2, 0.1, 0.05)
+    ]
     assert orders(errors)[-1] > least
     assert errors[-1] < 2e-4
 

@@ -65,7 +65,9 @@ def general_problem(N, **material):
 def random_state(problem, seed=5):
     """A random u in V_h and p in Q_h."""
     u = GridFunction(VectorH1(problem.mesh, order=1))
-    p = GridFunction(VectorValued(L2(problem.mesh, order=0), coordinates_count(problem.N)))
+    p = GridFunction(
+        VectorValued(L2(problem.mesh, order=0), coordinates_count(problem.N))
+    )
     random = np.random.default_rng(seed)
     for f, size in ((u, 1e-2), (p, 1e-2)):
         f.vec.FV().NumPy()[:] = size * random.standard_normal(len(f.vec))
@@ -85,15 +87,21 @@ def unreduced_energy(problem, u, p, alpha_1, alpha_2):
     stored += alpha_1**2 / (2 * m.hardening_stiffness)
     stored += InnerProduct(alpha_2, alpha_2) / (2 * m.hardening)
     loads = sum(
-        Integrate(g * u * ds(name, bonus_intorder=4), mesh) for name, g in problem.tractions.items()
+        Integrate(g * u * ds(name, bonus_intorder=4), mesh)
+        for name, g in problem.tractions.items()
     )
-    return Integrate(stored + m.yield_stress * Norm(p) - problem.f * u, mesh, order=6) - loads
+    return (
+        Integrate(stored + m.yield_stress * Norm(p) - problem.f * u, mesh, order=6)
+        - loads
+    )
 
 
 def dropped_constant(problem):
     m = problem.material
     alpha_1, alpha_2 = problem.alpha_0
-    density = elastic_energy(problem, problem.p_0) + alpha_1**2 / (2 * m.hardening_stiffness)
+    density = elastic_energy(problem, problem.p_0) + alpha_1**2 / (
+        2 * m.hardening_stiffness
+    )
     density += InnerProduct(alpha_2, alpha_2) / (2 * m.hardening)
     return Integrate(density, problem.mesh, order=6)
 
@@ -105,7 +113,9 @@ def test_reduced_energy_is_the_unreduced_one(N):
     for seed in range(3):
         u, p = random_state(problem, seed)
         fields = Fields(problem, u, p)
-        whole = unreduced_energy(problem, u, p, fields.hardening_variable, fields.back_stress)
+        whole = unreduced_energy(
+            problem, u, p, fields.hardening_variable, fields.back_stress
+        )
         reduced = primal_energy(problem, u, p) + dropped_constant(problem)
         assert reduced == pytest.approx(whole, rel=1e-10)
 
@@ -159,7 +169,9 @@ def test_limits_are_the_single_laws(solver, limit):
     base = general_problem(2)
     elastic = {name: DATA[name] for name in ("lame_lambda", "lame_mu", "yield_stress")}
     if limit == "kinematic":
-        combined = Material(**{**DATA, "hardening_stiffness": 0.0, "hardening_modulus": 0.0})
+        combined = Material(
+            **{**DATA, "hardening_stiffness": 0.0, "hardening_modulus": 0.0}
+        )
         single = Material.kinematic(**elastic, hardening=DATA["hardening"])
         states = ((0.3, (1 - x) * TENSOR[2]), (1 - x) * TENSOR[2])
     else:
@@ -185,7 +197,10 @@ def test_one_virgin_step_sees_the_sum_only():
     """From a virgin state, k + (H sigma_y)^2 k_1 = h is all that one step can tell."""
     h, energies = 100.0, []
     for k in (100.0, 60.0, 0.0):
-        isotropic = {"hardening_modulus": 0.4, "hardening_stiffness": (h - k) / (0.4 * 1.25) ** 2}
+        isotropic = {
+            "hardening_modulus": 0.4,
+            "hardening_stiffness": (h - k) / (0.4 * 1.25) ** 2,
+        }
         problem = replace(
             general_problem(2, hardening=k, **isotropic),
             initial_plastic_strain=None,
@@ -335,7 +350,9 @@ def test_column_under_its_weight(force):
         result = primal_newton(problem)
         assert result.status is Status.CONVERGED
         top = Integrate(result.displacement[1] * ds("contact"), mesh)
-        expected = column_top(force, material.effective_hardening, material.yield_bound())
+        expected = column_top(
+            force, material.effective_hardening, material.yield_bound()
+        )
         errors.append(abs(top / expected - 1))
     assert errors[-1] < 1e-3
     assert errors[-1] < 0.4 * errors[0] or errors[0] < 1e-9
@@ -364,7 +381,9 @@ def test_deviator_of_the_back_stress_counts():
     alpha_1, alpha_2 = problem.initial_hardening
     shifted = replace(problem, initial_hardening=(alpha_1, alpha_2 + 0.7 * x * Id(2)))
     u, p = random_state(problem)
-    assert primal_energy(problem, u, p) == pytest.approx(primal_energy(shifted, u, p), rel=1e-12)
-    assert Integrate(Trace(deviator(alpha_2 + z * Id(2), 2)), H1(problem.mesh).mesh) == (
-        pytest.approx(0.0, abs=1e-14)
+    assert primal_energy(problem, u, p) == pytest.approx(
+        primal_energy(shifted, u, p), rel=1e-12
     )
+    assert Integrate(
+        Trace(deviator(alpha_2 + z * Id(2), 2)), H1(problem.mesh).mesh
+    ) == (pytest.approx(0.0, abs=1e-14))

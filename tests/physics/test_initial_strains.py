@@ -51,7 +51,12 @@ def test_free_expansion_is_without_stress(method):
                 "clamped": (None, None, 0), "left": (0, None, None), "front": (None, 0, None),
             }  # fmt: skip
         problem = Problem(
-            mesh, STEEL, None, prescribed=prescribed, kinematics=kinematics, initial_strain=0.01
+            mesh,
+            STEEL,
+            None,
+            prescribed=prescribed,
+            kinematics=kinematics,
+            initial_strain=0.01,
         )
         result = solved(problem, method)
         corner = (1.0,) * mesh.dim
@@ -67,7 +72,9 @@ def test_a_body_that_cannot_expand(method):
     """sigma = -3 K a I, elastic however large, in plane strain as in space."""
     mesh = block.structured_mesh(2, 2)
     sides = {"|".join(mesh.GetBoundaries()): (0, 0)}
-    result = solved(Problem(mesh, STEEL, None, prescribed=sides, initial_strain=0.02), method)
+    result = solved(
+        Problem(mesh, STEEL, None, prescribed=sides, initial_strain=0.02), method
+    )
     bulk = E / (1 - 2 * NU) * 0.02
     assert Integrate(frobenius(result.stress + bulk * Id(3)), mesh) < 1e-9 * bulk
     assert result.history.records[-1].plastic_active == 0
@@ -92,11 +99,15 @@ def test_a_bar_between_walls(method, strain):
         low, high = 0.0, strain
         for _ in range(100):
             peeq = 0.5 * (low + high)
-            low, high = (peeq, high) if E * (strain - peeq) > LAW.stress(peeq) else (low, peeq)
+            low, high = (
+                (peeq, high) if E * (strain - peeq) > LAW.stress(peeq) else (low, peeq)
+            )
     stress = E * (strain - peeq)
     there = mesh(0.3, 0.4)
     assert result.von_mises(there) == pytest.approx(stress, rel=1e-9)
-    assert result.accumulated_plastic_strain(there) == pytest.approx(peeq, rel=1e-8, abs=1e-14)
+    assert result.accumulated_plastic_strain(there) == pytest.approx(
+        peeq, rel=1e-8, abs=1e-14
+    )
     radial = strain + NU * stress / E + peeq / 2
     assert result.displacement(mesh(1.0, 0.5))[0] == pytest.approx(radial, rel=1e-9)
 
@@ -138,7 +149,9 @@ def test_methods_agree_under_a_temperature_field():
     assert math.isfinite(one.dual_energy)
 
 
-LINEAR = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+LINEAR = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+)
 WARM = {"initial_strain": 0.01, "mesh": block.structured_mesh(2, 2, simplices=True)}
 BAD = {
     "gamma": lambda: semismooth_newton(Problem(material=LINEAR, **WARM), gamma=1e3),

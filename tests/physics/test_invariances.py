@@ -12,7 +12,15 @@ from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import CF, Mesh, x, y
 
-from ngepc import Coupled, Material, NewtonOptions, Problem, Status, Units, semismooth_newton
+from ngepc import (
+    Coupled,
+    Material,
+    NewtonOptions,
+    Problem,
+    Status,
+    Units,
+    semismooth_newton,
+)
 from ngepc.geometries import lshape
 from ngepc.primal.solver import primal_newton
 
@@ -111,7 +119,9 @@ def assert_same(moved, result, motion):
     assert error < 1e-10 * np.abs(displacements(result)).max()
     energy = motion.stress * motion.length**2
     for name in ("primal_energy", "dual_energy"):
-        assert getattr(moved, name) == pytest.approx(energy * getattr(result, name), rel=1e-10)
+        assert getattr(moved, name) == pytest.approx(
+            energy * getattr(result, name), rel=1e-10
+        )
     force = motion.stress * motion.length
     assert moved.contact_force == pytest.approx(force * result.contact_force, rel=1e-9)
     residuals = np.array(moved.history.residual_norms) / result.history.residual_norms
@@ -154,7 +164,9 @@ def renumbered(mesh, seed):
     for k in random.permutation(len(elements)):
         vertices = [number[v.nr - 1] for v in elements[k].vertices]
         new.Add(Element2D(body, vertices))
-    regions = {name: new.AddRegion(name, dim=1) for name in dict.fromkeys(mesh.GetBoundaries())}
+    regions = {
+        name: new.AddRegion(name, dim=1) for name in dict.fromkeys(mesh.GetBoundaries())
+    }
     names = mesh.GetBoundaries()
     edges = list(old.Elements1D())
     for k in random.permutation(len(edges)):

@@ -28,7 +28,11 @@ both_orders = pytest.mark.parametrize("order", [1, 2])
 
 def solved(method, problem):
     """The result for a tolerance of 1e-12, or what rounding allows."""
-    options = {"options": NewtonOptions(tolerance=1e-12)} if method is semismooth_newton else {}
+    options = (
+        {"options": NewtonOptions(tolerance=1e-12)}
+        if method is semismooth_newton
+        else {}
+    )
     result = method(problem, **options)
     assert result.residual_norm < max(1e-10, 2 * result.residual_rounding)
     return result
@@ -74,7 +78,9 @@ def test_plane_strain_is_a_slab_between_smooth_walls(method, order):
         u, v = flat.displacement(here), thick.displacement(there)
         assert u == pytest.approx((v[0], v[2]), rel=1e-9)
         p = np.reshape(flat.plastic_strain(here), (3, 3))[np.ix_([0, 2, 1], [0, 2, 1])]
-        assert np.reshape(thick.plastic_strain(there), (3, 3)) == pytest.approx(p, abs=1e-12)
+        assert np.reshape(thick.plastic_strain(there), (3, 3)) == pytest.approx(
+            p, abs=1e-12
+        )
         assert flat.von_mises(here) == pytest.approx(thick.von_mises(there), rel=1e-9)
 
 
@@ -105,7 +111,9 @@ def test_solid_cylinder_under_lateral_pressure(method, order, simplices, pressur
     radial, axial, _ = mean + deviator / 2e3 + p
     for r, height in ((0.0, 0.5), (0.1, 0.2), (1.0, 1.0), (0.6, 0.9)):
         expected = (radial * r, axial * height)
-        assert result.displacement(mesh(r, height)) == pytest.approx(expected, rel=1e-10, abs=1e-16)
+        assert result.displacement(mesh(r, height)) == pytest.approx(
+            expected, rel=1e-10, abs=1e-16
+        )
     stress = np.reshape(result.stress(mesh(0.45, 0.55)), (3, 3))
     assert stress == pytest.approx(np.diag([-pressure, 0.0, -pressure]), abs=1e-10)
 
@@ -186,7 +194,9 @@ def test_cross_section_and_section_of_a_tube_agree(pressure):
     assert (along.history.records[-1].plastic_active > 0) == (pressure > 1)
     for r in (1.0, 1.5, 2.0):
         found = across.displacement(across.problem.mesh(r, 0.0))[0]
-        assert found == pytest.approx(along.displacement(section.mesh(r, 0.5))[0], rel=2e-3)
+        assert found == pytest.approx(
+            along.displacement(section.mesh(r, 0.5))[0], rel=2e-3
+        )
 
 
 SPHERE = Sphere(1e3, 1e3, 1.25, 100.0)
@@ -213,7 +223,9 @@ def test_thick_sphere(method, radius):
         assert result.displacement(mesh(r, 0.0))[0] == pytest.approx(expected, rel=3e-3)
         assert result.displacement(mesh(0.0, r))[1] == pytest.approx(expected, rel=3e-3)
     shell = 2 * math.pi / 3 * (radius**3 - 1)  # half of it
-    assert result.history.records[-1].plastic_active == pytest.approx(shell, rel=0.05, abs=1e-3)
+    assert result.history.records[-1].plastic_active == pytest.approx(
+        shell, rel=0.05, abs=1e-3
+    )
 
 
 # Published numbers
@@ -280,7 +292,9 @@ def mean_pressure(order):
         kinematics="plane strain",
         order=order,
     )
-    result = semismooth_newton(problem, options=NewtonOptions(tolerance=1e-7)).raise_for_status()
+    result = semismooth_newton(
+        problem, options=NewtonOptions(tolerance=1e-7)
+    ).raise_for_status()
     return -result.equilibrium.reactions["contact"][1]
 
 
@@ -305,11 +319,21 @@ def test_linear_displacements_on_curved_elements_of_order_two(method, shape):
     else:
         mesh, kinematics = curved(ring.shell_octant_mesh(1.0)), "solid"
         A = 1e-3 * np.array([[1.0, 0.4, 0.0], [0.2, -1.5, 0.3], [0.0, 0.1, 0.8]])
-        u = CF(tuple(sum(float(a) * c for a, c in zip(row, (x, y, z), strict=True)) for row in A))
+        u = CF(
+            tuple(
+                sum(float(a) * c for a, c in zip(row, (x, y, z), strict=True))
+                for row in A
+            )
+        )
     sides = "|".join(set(mesh.GetBoundaries()))
     values = tuple(u[i] for i in range(mesh.dim))
     problem = Problem(
-        mesh, STEEL, clamped=None, prescribed={sides: values}, kinematics=kinematics, order=2
+        mesh,
+        STEEL,
+        clamped=None,
+        prescribed={sides: values},
+        kinematics=kinematics,
+        order=2,
     )
     result = solved(method, problem)
     error = Integrate(Norm(result.displacement - u), mesh) / Integrate(Norm(u), mesh)

@@ -38,7 +38,9 @@ LAWS = {
 INVERSE = {
     "Voce": lambda s: -math.log(1 - (s - 250) / 120) / 40,
     "Swift": lambda s: 0.004 * ((s / 250) ** 5 - 1),
-    "table": lambda s: float(np.interp(s, [250.0 + 1e-9, 290.0, 380.0], [0.01, 0.02, 0.1])),
+    "table": lambda s: float(
+        np.interp(s, [250.0 + 1e-9, 290.0, 380.0], [0.01, 0.02, 0.1])
+    ),
 }
 """PEEQ of a bar under a stress."""
 
@@ -88,7 +90,9 @@ def test_bar_in_tension(name, method):
         assert result.accumulated_plastic_strain(there) == pytest.approx(peeq, rel=1e-9)
         assert result.yield_function(there) <= 1e-9 * stress
         gap = abs(result.primal_energy + result.dual_energy)
-        assert gap < (1e-9 if method is primal_newton else 1e-12) * abs(result.primal_energy)
+        assert gap < (1e-9 if method is primal_newton else 1e-12) * abs(
+            result.primal_energy
+        )
 
 
 CYCLE = [265.0, 320.0, 0.0, -310.0, -340.0, 100.0, 350.0]
@@ -118,7 +122,9 @@ def test_bar_in_a_history(name, hardening, tmp_path):
         there = problem.mesh(1.0, 1.0)
         found = step.fields.displacement(there)[1]
         assert found == pytest.approx(stress / E + plastic, rel=1e-8, abs=1e-12)
-        assert step.fields.accumulated_plastic_strain(there) == pytest.approx(peeq, rel=1e-8)
+        assert step.fields.accumulated_plastic_strain(there) == pytest.approx(
+            peeq, rel=1e-8
+        )
     assert peeq > 1.2 * abs(plastic)
 
 
@@ -142,7 +148,9 @@ def _root(function, low=0.0, high=1.0):
 
 def example_a(nodes, **changes):
     """Example (a) in plane strain with a law and a little kinematic hardening."""
-    return replace(lshape_problem(lshape.paper_mesh(nodes)), kinematics="plane strain", **changes)
+    return replace(
+        lshape_problem(lshape.paper_mesh(nodes)), kinematics="plane strain", **changes
+    )
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -159,7 +167,9 @@ def test_both_methods_agree_with_contact(name, order):
     assert np.abs(one.state.u - two.state.u).max() < 1e-10 * size
     assert two.primal_energy == pytest.approx(one.primal_energy, rel=1e-12)
     for result in (one, two):
-        assert abs(result.primal_energy + result.dual_energy) < 1e-12 * abs(one.primal_energy)
+        assert abs(result.primal_energy + result.dual_energy) < 1e-12 * abs(
+            one.primal_energy
+        )
     assert one.state.at.yields.mean() > 0.3
 
 
@@ -175,8 +185,13 @@ def test_a_linear_law_is_the_linear_one():
     h, bound = 10.0, 1.25
     start, slope = bound / math.sqrt(2 / 3), 1.5 * h
     base = lshape_problem(lshape.paper_mesh(833))
-    linear = semismooth_newton(replace(base, material=replace(base.material, hardening=h)))
-    for law in (Tabulated([0, 9.0], [start, start + 9 * slope]), Swift(start, start / slope, 1.0)):
+    linear = semismooth_newton(
+        replace(base, material=replace(base.material, hardening=h))
+    )
+    for law in (
+        Tabulated([0, 9.0], [start, start + 9 * slope]),
+        Swift(start, start / slope, 1.0),
+    ):
         material = Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=law)
         result = semismooth_newton(replace(base, material=material)).raise_for_status()
         assert abs(result.iterations - linear.iterations) <= 1
@@ -194,7 +209,9 @@ def counts_of(law):
     """Steps on 417 and 1601 nodes."""
     material = Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=law, hardening=1.0)
     problems = (example_a(nodes, material=material) for nodes in (417, 1601))
-    return [semismooth_newton(problem).raise_for_status().iterations for problem in problems]
+    return [
+        semismooth_newton(problem).raise_for_status().iterations for problem in problems
+    ]
 
 
 @every_law
@@ -237,8 +254,14 @@ BAD = {
     "lengths": (lambda: Tabulated([0, 1], [1.0]), "2 values are needed"),
     "rate": (lambda: Voce(250.0, 1.0, 0.0), "rate=0"),
     "offset": (lambda: Swift(250.0, -1.0, 0.2), "offset=-1"),
-    "gamma": (lambda: semismooth_newton(bar(LAWS["Voce"], 1.0), gamma=1e3), "material.law=Voce"),
-    "bounds": (lambda: error_bound(semismooth_newton(example_voce())), "material.law=Voce"),
+    "gamma": (
+        lambda: semismooth_newton(bar(LAWS["Voce"], 1.0), gamma=1e3),
+        "material.law=Voce",
+    ),
+    "bounds": (
+        lambda: error_bound(semismooth_newton(example_voce())),
+        "material.law=Voce",
+    ),
     "gradient": (
         lambda: gradient(semismooth_newton(example_voce()), "contact_force", "lame_mu"),
         "material.law=Voce",
@@ -247,7 +270,9 @@ BAD = {
 
 
 def example_voce():
-    material = Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=SOFT["Voce"], hardening=1.0)
+    material = Material.with_law(
+        lame_lambda=1e3, lame_mu=1e3, law=SOFT["Voce"], hardening=1.0
+    )
     return example_a(33, material=material)
 
 
@@ -307,17 +332,22 @@ def limit_load(problem_at, low, high, rounds=6):
 
 
 @pytest.mark.parametrize(
-    ("problem_at", "exact"), [(hill, 0.48 / math.sqrt(3) * math.log(2)), (footing, 2 + math.pi)]
+    ("problem_at", "exact"),
+    [(hill, 0.48 / math.sqrt(3) * math.log(2)), (footing, 2 + math.pi)],
 )
 def test_limit_loads(problem_at, exact):
     """Hill's and Prandtl's limit loads by load control, within two percent."""
-    assert limit_load(problem_at, 0.8 * exact, 1.2 * exact) == pytest.approx(exact, rel=0.02)
+    assert limit_load(problem_at, 0.8 * exact, 1.2 * exact) == pytest.approx(
+        exact, rel=0.02
+    )
 
 
 def test_a_history_stops_at_the_limit_load():
     """The steps before are kept, and the status says what happened."""
     limit = 0.48 / math.sqrt(3) * math.log(2)
-    steps = Schedule(np.linspace(0.2, 1.2, 6), lambda t: {"traction": {"left": (t * limit, 0.0)}})
+    steps = Schedule(
+        np.linspace(0.2, 1.2, 6), lambda t: {"traction": {"left": (t * limit, 0.0)}}
+    )
     history = evolve(hill(0.0), steps, cuts=2)
     assert history.status is Status.LIMIT_LOAD
     assert 0.9 <= history.times[-1] < 1.02

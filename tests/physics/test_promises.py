@@ -18,7 +18,9 @@ from ngepc import (
 )
 from ngepc.geometries import block, lshape, ring, wrench
 
-STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+STEEL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+)
 OBSTACLE = 0.3 * (x - 0.3) ** 2 - 0.01
 ROLLERS = {"clamped": (None, 0), "left": (0, None)}
 
@@ -28,7 +30,9 @@ def square(kinematics, *, simplices):
     if kinematics == "axisymmetric":
         supports = {"clamped": None, "prescribed": ROLLERS}
     mesh = block.structured_mesh(6, 6, simplices=simplices)
-    return Problem(mesh, STEEL, **supports, contact="contact", gap=OBSTACLE, kinematics=kinematics)
+    return Problem(
+        mesh, STEEL, **supports, contact="contact", gap=OBSTACLE, kinematics=kinematics
+    )
 
 
 def cube(mesh, clamped="clamped", contact="contact"):
@@ -40,7 +44,9 @@ def curved_ring():
     mesh.Curve(2)
     rollers = {"left": (0, None), "bottom": (None, 0)}
     load = {"inner": -1.5 * outward_normal(mesh)}
-    return Problem(mesh, STEEL, None, load, prescribed=rollers, contact="outer", gap=4e-4)
+    return Problem(
+        mesh, STEEL, None, load, prescribed=rollers, contact="outer", gap=4e-4
+    )
 
 
 BODIES = {
@@ -55,12 +61,16 @@ BODIES = {
     "quadrilaterals, axisymmetric": lambda: square("axisymmetric", simplices=False),
     "tetrahedra": lambda: cube(block.structured_mesh(3, 3, 3, simplices=True)),
     "hexahedra": lambda: cube(block.structured_mesh(3, 3, 3)),
-    "prisms": lambda: cube(MakeStructured3DMesh(nx=3, ny=3, nz=3, prism=True), "bottom", "top"),
+    "prisms": lambda: cube(
+        MakeStructured3DMesh(nx=3, ny=3, nz=3, prism=True), "bottom", "top"
+    ),
     "curved triangles": curved_ring,
 }
 
 
-@pytest.fixture(scope="module", params=[(b, order) for b in BODIES for order in (1, 2)], ids=str)
+@pytest.fixture(
+    scope="module", params=[(b, order) for b in BODIES for order in (1, 2)], ids=str
+)
 def solved(request):
     body, order = request.param
     result = semismooth_newton(replace(BODIES[body](), order=order))
@@ -69,7 +79,9 @@ def solved(request):
 
 
 def test_certificate(solved):
-    assert abs(solved.primal_energy + solved.dual_energy) < 1e-12 * abs(solved.primal_energy)
+    assert abs(solved.primal_energy + solved.dual_energy) < 1e-12 * abs(
+        solved.primal_energy
+    )
 
 
 def test_forces_balance_and_nothing_penetrates(solved):
@@ -89,4 +101,6 @@ def test_the_primal_witness_agrees(solved):
     u, other = (r.displacement.vec.FV().NumPy() for r in (solved, witness))
     assert abs(u - other).max() < 1e-9 * abs(u).max()
     assert witness.primal_energy == pytest.approx(solved.primal_energy, rel=1e-12)
-    assert witness.contact_force == pytest.approx(solved.contact_force, rel=1e-9, abs=1e-12)
+    assert witness.contact_force == pytest.approx(
+        solved.contact_force, rel=1e-9, abs=1e-12
+    )

@@ -106,7 +106,9 @@ def test_primal_solution_is_feasible_and_dissipates(draw):
 
 
 def test_the_same_seed_gives_the_same_problems():
-    first, second = ([d for d, _ in zip(draws(11), range(20), strict=False)] for _ in range(2))
+    first, second = (
+        [d for d, _ in zip(draws(11), range(20), strict=False)] for _ in range(2)
+    )
     assert first == second
     assert len(set(first)) == 20
 
@@ -117,7 +119,9 @@ def test_study_is_resumable_and_carries_its_seed(tmp_path, monkeypatch):
     first = json.loads((tmp_path / "fuzz.json").read_text())
     assert len(first["cells"]) == 2
     seen = []
-    monkeypatch.setattr("campaigns.fuzz.examine", lambda d: seen.append(d) or examine(d))
+    monkeypatch.setattr(
+        "campaigns.fuzz.examine", lambda d: seen.append(d) or examine(d)
+    )
     main([*arguments, "--count", "3"])
     assert len(seen) == 1
     table = (tmp_path / "fuzz.md").read_text()
@@ -138,7 +142,9 @@ def coupled(draw, problem):
 def test_regularised_solution_is_as_near_as_energies_allow_and_its_status_honest(draw):
     problem = build(draw)
     options = NewtonOptions(quadrature_points=25)
-    dual = semismooth_newton(problem, regularisation=coupled(draw, problem), options=options)
+    dual = semismooth_newton(
+        problem, regularisation=coupled(draw, problem), options=options
+    )
     if dual.status is not Status.CONVERGED:
         assert dual.message
         return

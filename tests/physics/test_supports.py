@@ -67,7 +67,9 @@ def test_an_elastic_foundation_sinks_by_pressure_over_stiffness(solver, order):
     assert result.equilibrium.reactions["clamped"] == pytest.approx((0, 2), abs=1e-11)
     assert result.reaction + result.applied_force == pytest.approx((0, 0), abs=1e-11)
     assert result.primal_energy + result.dual_energy == pytest.approx(0, abs=1e-13)
-    stored = -0.5 * 2 * (result.displacement(SQUARE(0.3, 1.0))[1])  # Clapeyron: J = -1/2 l(u)
+    stored = (
+        -0.5 * 2 * (result.displacement(SQUARE(0.3, 1.0))[1])
+    )  # Clapeyron: J = -1/2 l(u)
     assert result.primal_energy == pytest.approx(-stored, rel=1e-11)
 
 
@@ -90,7 +92,8 @@ def test_stiff_springs_approach_a_clamped_boundary(solver):
     held = solver(Problem(SQUARE, STEEL, "left", load))
     distance = [
         np.abs(
-            values(solver(Problem(SQUARE, STEEL, None, load, springs={"left": (k, k)}))) - u
+            values(solver(Problem(SQUARE, STEEL, None, load, springs={"left": (k, k)})))
+            - u
         ).max()
         for k in (1e6, 1e7)
         for u in [values(held)]
@@ -139,8 +142,16 @@ def test_a_turned_problem_has_the_turned_solution(solver, order, friction):
 def test_rollers_along_the_axes_are_components(solver, shape, order):
     """Three faces of a cube that meet in edges and a corner, under contact."""
     mesh = block.structured_mesh(2, 2, 2, simplices=shape == "tetrahedra")
-    held = {"clamped": (None, None, 0.001), "left": (0, None, None), "front": (None, 0, None)}
-    rollers = {"clamped": Roller(value=-0.001), "left": Roller(), "front": Roller((0, -1, 0))}
+    held = {
+        "clamped": (None, None, 0.001),
+        "left": (0, None, None),
+        "front": (None, 0, None),
+    }
+    rollers = {
+        "clamped": Roller(value=-0.001),
+        "left": Roller(),
+        "front": Roller((0, -1, 0)),
+    }
     problem = Problem(
         *(mesh, STEEL, None, {"right": (-3.0, 0.5, 0.2)}),
         prescribed=held,
@@ -160,7 +171,9 @@ def test_rollers_cost_few_solves():
     mesh = block.structured_mesh(24, 24, simplices=True)
     loads = {"right": (3.0, 0.5)}
     result = semismooth_newton(
-        Problem(mesh, STEEL, None, loads, prescribed={"clamped": Roller(), "left": Roller()})
+        Problem(
+            mesh, STEEL, None, loads, prescribed={"clamped": Roller(), "left": Roller()}
+        )
     )
     assert result.status is Status.CONVERGED
     assert max(r.back_substitutions for r in result.history.records) <= 6
@@ -246,12 +259,16 @@ BAR = bar()
 def test_loads_along_edges_and_at_named_points(solver, order):
     """Resultant and moment of a load per length that varies, and of a force at a corner."""
     line, force = CF((0, 0, -y)), (0.0, 0.1, 0.2)
-    problem = Problem(BAR, ELASTIC, traction={Edge("rim"): line, Point("tip"): force}, order=order)
+    problem = Problem(
+        BAR, ELASTIC, traction={Edge("rim"): line, Point("tip"): force}, order=order
+    )
     result = solver(problem)
     assert result.reaction == pytest.approx((0, -0.1, 0.5 - 0.2), abs=1e-11)
     applied = result.equilibrium.moment(result.equilibrium.applied)
     line_moment = np.cross((2, 2 / 3, 0.5), (0, 0, -0.5))
-    assert applied == pytest.approx(line_moment + np.cross((2, 1, 0.5), force), abs=1e-11)
+    assert applied == pytest.approx(
+        line_moment + np.cross((2, 1, 0.5), force), abs=1e-11
+    )
 
 
 @both
@@ -266,10 +283,14 @@ def test_edges_hold_and_spring(solver):
     result = solver(problem)
     told = result.equilibrium.reactions
     assert result.status is Status.CONVERGED
-    assert told[Edge("rim")][2] + told[Edge("ledge")][2] == pytest.approx(1.0, abs=1e-10)
+    assert told[Edge("rim")][2] + told[Edge("ledge")][2] == pytest.approx(
+        1.0, abs=1e-10
+    )
     rim = result.displacement.components[2]
     at = np.array([rim(BAR(2.0, t, 0.5)) for t in np.linspace(0, 1, 201)])
-    assert told[Edge("rim")][2] == pytest.approx(-40 * np.trapezoid(at, dx=1 / 200), rel=1e-3)
+    assert told[Edge("rim")][2] == pytest.approx(
+        -40 * np.trapezoid(at, dx=1 / 200), rel=1e-3
+    )
 
 
 @both
@@ -283,14 +304,18 @@ def test_two_bodies_clamped_beside_their_contact(solver):
     upper.edges.Min(Y).name, upper.edges.Max(Y).name = "above", "top"
     mesh = Mesh(OCCGeometry(Compound([lower, upper]), dim=2).GenerateMesh(maxh=1))
     problem = Problem(
-        *(mesh, ELASTIC, "upper left|bottom", {"top": (0, -1.0)}), contact=Contact("above", "below")
+        *(mesh, ELASTIC, "upper left|bottom", {"top": (0, -1.0)}),
+        contact=Contact("above", "below"),
     )
     result = solver(problem)
     assert result.status is Status.CONVERGED
     first = np.asarray(mesh.ngmesh.Coordinates())[result.rows.vertices]
     assert np.abs(first[:, 0]).min() < 1e-12
     assert result.open_gap.min() > -1e-14
-    held = result.equilibrium.reactions["upper left"][1] + result.equilibrium.reactions["bottom"][1]
+    held = (
+        result.equilibrium.reactions["upper left"][1]
+        + result.equilibrium.reactions["bottom"][1]
+    )
     assert held == pytest.approx(1.0, rel=1e-9)
 
 
@@ -299,7 +324,10 @@ def test_pressure_and_tractions_are_the_same_to_the_other_methods():
     flat = {"kinematics": "two-dimensional", "clamped": "clamped"}
     one = Problem(SQUARE, STEEL, pressure={"contact|left": 0.4}, **flat)
     two = Problem(SQUARE, STEEL, traction={"contact|left": -0.4 * n}, **flat)
-    paper = [semismooth_newton(p, gamma=1e3).displacement.vec.FV().NumPy() for p in (one, two)]
+    paper = [
+        semismooth_newton(p, gamma=1e3).displacement.vec.FV().NumPy()
+        for p in (one, two)
+    ]
     assert np.abs(paper[0] - paper[1]).max() < 1e-12 * np.abs(paper[0]).max()
     bounds = [error_bound(semismooth_newton(p)).total for p in (one, two)]
     assert bounds[0] == pytest.approx(bounds[1], rel=1e-6)
@@ -308,8 +336,12 @@ def test_pressure_and_tractions_are_the_same_to_the_other_methods():
 def test_pressure_is_the_traction_along_the_inner_normal():
     mesh = block.with_hole(0.3, (1.0, 1.0))
     n = outward_normal(mesh)
-    by_number = Problem(mesh, STEEL, pressure={"hole|right": 1.5}, traction={"right": (0.1, 0)})
-    by_hand = Problem(mesh, STEEL, traction={"hole": -1.5 * n, "right": -1.5 * n + CF((0.1, 0))})
+    by_number = Problem(
+        mesh, STEEL, pressure={"hole|right": 1.5}, traction={"right": (0.1, 0)}
+    )
+    by_hand = Problem(
+        mesh, STEEL, traction={"hole": -1.5 * n, "right": -1.5 * n + CF((0.1, 0))}
+    )
     one, two = semismooth_newton(by_number), semismooth_newton(by_hand)
     assert np.abs(values(one) - values(two)).max() < 1e-15
     assert one.applied_force == pytest.approx((-1.4, 0), abs=1e-12)
@@ -321,7 +353,10 @@ def test_pressure_is_the_traction_along_the_inner_normal():
 def test_contact_beside_a_clamped_part(solver, order, gap):
     """A block clamped at its left side, pressed on ground that begins there."""
     problem = Problem(
-        *(SQUARE, STEEL, "left", {"contact": (0, -1.0)}), contact="clamped", gap=gap, order=order
+        *(SQUARE, STEEL, "left", {"contact": (0, -1.0)}),
+        contact="clamped",
+        gap=gap,
+        order=order,
     )
     result = solver(problem)
     assert result.status is Status.CONVERGED
@@ -373,7 +408,12 @@ def test_derivatives_with_springs_and_pressure():
 
     def solved(scale=1.0, mu=1e3):
         problem = Problem(
-            *(SQUARE, replace(STEEL, lame_mu=mu), None, {Point((1.0, 0.5)): (0.2, 0.0)}),
+            *(
+                SQUARE,
+                replace(STEEL, lame_mu=mu),
+                None,
+                {Point((1.0, 0.5)): (0.2, 0.0)},
+            ),
             pressure={"contact": 1.5 * scale},
             springs={"clamped": (200.0, 300.0)},
             contact="right",
@@ -385,7 +425,9 @@ def test_derivatives_with_springs_and_pressure():
     told = {name: float(found[name]) for name in ("pressure", "lame_mu")}
     h = 1e-4
     by_scale = (solved(1 + h).primal_energy - solved(1 - h).primal_energy) / (2 * h)
-    by_mu = (solved(mu=1e3 + 0.1).primal_energy - solved(mu=1e3 - 0.1).primal_energy) / 0.2
+    by_mu = (
+        solved(mu=1e3 + 0.1).primal_energy - solved(mu=1e3 - 0.1).primal_energy
+    ) / 0.2
     assert told["pressure"] == pytest.approx(by_scale, rel=1e-6)
     assert told["lame_mu"] == pytest.approx(by_mu, rel=1e-5)
 
@@ -421,4 +463,7 @@ def test_iterative_solvers_take_them():
     exact = semismooth_newton(problem)
     result = semismooth_newton(problem, options=NewtonOptions(inverse=PyAMG()))
     assert result.status is Status.CONVERGED
-    assert np.abs(values(result) - values(exact)).max() < 1e-8 * np.abs(values(exact)).max()
+    assert (
+        np.abs(values(result) - values(exact)).max()
+        < 1e-8 * np.abs(values(exact)).max()
+    )

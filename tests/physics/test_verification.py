@@ -27,7 +27,9 @@ from ngepc.geometries import block, lshape
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
 
-KINEMATIC = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+KINEMATIC = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+)
 ISOTROPIC = Material.isotropic(
     lame_lambda=700.0,
     lame_mu=900.0,
@@ -72,7 +74,12 @@ def bar(material, load, **changes):
     """A square on rollers pulled at the right: sigma = diag(load, 0)."""
     rollers = {"left": (0, None), "clamped": (None, 0)}
     mesh = block.mesh(0.5, (1.0, 1.0))
-    data = {"clamped": None, "prescribed": rollers, "traction": {"right": (load, 0)}, **changes}
+    data = {
+        "clamped": None,
+        "prescribed": rollers,
+        "traction": {"right": (load, 0)},
+        **changes,
+    }
     return Problem(mesh, material, **data, kinematics=FLAT[mesh.dim])
 
 
@@ -80,7 +87,12 @@ def fixed_everywhere(mesh, material, u, **changes):
     """Displacements given on the whole boundary."""
     names = "|".join(sorted(set(mesh.GetBoundaries())))
     return Problem(
-        mesh, material, clamped=None, prescribed={names: u}, **changes, kinematics=FLAT[mesh.dim]
+        mesh,
+        material,
+        clamped=None,
+        prescribed={names: u},
+        **changes,
+        kinematics=FLAT[mesh.dim],
     )
 
 
@@ -95,13 +107,17 @@ def largest(difference, mesh):
 def test_uniaxial_stress(material, regularisation, load):
     problem, R = bar(MATERIALS[material], load), REGULARISATIONS[regularisation]
     result, m = solve(problem, R), problem.material
-    p = Law.of(problem, R).plastic_strain(abs(load) / math.sqrt(2)) * math.copysign(1, load)
+    p = Law.of(problem, R).plastic_strain(abs(load) / math.sqrt(2)) * math.copysign(
+        1, load
+    )
     mean, shear = load / (4 * (m.lame_lambda + m.lame_mu)), load / (4 * m.lame_mu)
     along, across = mean + shear + p / math.sqrt(2), mean - shear - p / math.sqrt(2)
     exact = CF((along * x, across * y))
     assert largest(result.displacement - exact, problem.mesh) < 1e-10 * abs(along)
     strain = CF((p, 0, 0, -p), dims=(2, 2)) / math.sqrt(2)
-    assert largest(of_y(result).plastic_strain - strain, problem.mesh) < 1e-10 * abs(along)
+    assert largest(of_y(result).plastic_strain - strain, problem.mesh) < 1e-10 * abs(
+        along
+    )
     stress = CF((load, 0, 0, 0), dims=(2, 2))
     assert largest(result.stress - stress, problem.mesh) < 1e-9 * abs(load)
 
@@ -136,7 +152,12 @@ def test_column_and_obstacle(regularisation, push):
     mesh = block.mesh(0.4, (1.0, 0.5))
     walls = {"left|right": (0, None)}
     problem = Problem(
-        mesh, COMBINED, contact="contact", gap=-push, prescribed=walls, kinematics=FLAT[mesh.dim]
+        mesh,
+        COMBINED,
+        contact="contact",
+        gap=-push,
+        prescribed=walls,
+        kinematics=FLAT[mesh.dim],
     )
     result, law = solve(problem, R), Law.of(problem, R)
     two_mu, bulk = 2 * COMBINED.lame_mu, COMBINED.lame_lambda + COMBINED.lame_mu
@@ -152,7 +173,11 @@ def test_column_and_obstacle(regularisation, push):
         softness = 1 / (weights.tichonov * R.units.length)
         return e / 2 + push + weights.contact * max(sigma, 0.0) + softness * sigma
 
-    exact = -2 * max(push, 0.0) if R is None else brentq(imbalance, -1, 1, xtol=1e-17, rtol=1e-15)
+    exact = (
+        -2 * max(push, 0.0)
+        if R is None
+        else brentq(imbalance, -1, 1, xtol=1e-17, rtol=1e-15)
+    )
     error = largest(result.displacement - CF((0.0, exact * y)), mesh)
     assert error < 1e-11 + 1e-10 * abs(exact)
     assert result.contact_force == pytest.approx(-stress(exact), rel=1e-8, abs=1e-10)
@@ -167,7 +192,9 @@ def test_loading_then_reversed(material, regularisation):
     p_1 = Law.of(first.problem, R).plastic_strain(4.0 / math.sqrt(2))
     fields = of_y(first)
     state = (fields.hardening_variable, fields.back_stress)
-    second = bar(m, -5.0, initial_plastic_strain=fields.plastic_strain, initial_hardening=state)
+    second = bar(
+        m, -5.0, initial_plastic_strain=fields.plastic_strain, initial_hardening=state
+    )
     result = solve(second, R)
     back = m.hardening * p_1
     bound = m.yield_stress * (
@@ -200,7 +227,10 @@ def test_two_proportional_steps_equal_one(material):
     half = solve(bar(m, 3.0), None)
     state = (half.fields.hardening_variable, half.fields.back_stress)
     rest = solve(
-        bar(m, 6.0, initial_plastic_strain=half.plastic_strain, initial_hardening=state), None
+        bar(
+            m, 6.0, initial_plastic_strain=half.plastic_strain, initial_hardening=state
+        ),
+        None,
     )
     difference = rest.plastic_strain - whole.plastic_strain
     assert largest(difference, whole.problem.mesh) < 1e-12
@@ -229,7 +259,9 @@ def test_patch(patch, size, regularisation):
     assert largest(result.displacement - CF(u), mesh) < 1e-12
     e = (A + A.T) / 2
     s = 2 * COMBINED.lame_mu * (e - np.trace(e) / N * np.eye(N))
-    p = Law.of(problem, R).plastic_strain(np.linalg.norm(s), two_mu=2 * COMBINED.lame_mu)
+    p = Law.of(problem, R).plastic_strain(
+        np.linalg.norm(s), two_mu=2 * COMBINED.lame_mu
+    )
     strain = p * s / np.linalg.norm(s)
     exact = CF(tuple(strain.ravel().tolist()), dims=(N, N))
     assert largest(result.plastic_strain - exact, mesh) < 1e-10 * size
@@ -299,8 +331,12 @@ def test_energies_of_the_regularised_solution_add_up(small, gamma):
     assert gap == pytest.approx(expected, abs=1e-7 * abs(result.dual_energy))
 
 
-@pytest.mark.parametrize("regularisation", [Coupled(1e3), Coupled(3e4, tichonov=FullProduct())])
-def test_dual_solution_is_as_near_to_the_primal_one_as_the_energies_say(small, regularisation):
+@pytest.mark.parametrize(
+    "regularisation", [Coupled(1e3), Coupled(3e4, tichonov=FullProduct())]
+)
+def test_dual_solution_is_as_near_to_the_primal_one_as_the_energies_say(
+    small, regularisation
+):
     """1/2 |y - y_gamma|_D^2 <= J(y) + int |p|^2 / (2 gamma_q) + adhesion + J*_gamma."""
     dual = semismooth_newton(small, regularisation=regularisation)
     distance, bound = distance_bound(solve(small, None), dual)
@@ -315,7 +351,12 @@ def test_energy_falls_on_nested_meshes_with_contact_and_plasticity():
         mesh = block.structured_mesh(n, n, simplices=True)
         load = {"left": CF((0.0, 4.0))}
         problem = Problem(
-            mesh, KINEMATIC, traction=load, contact="contact", gap=0.004, kinematics=FLAT[mesh.dim]
+            mesh,
+            KINEMATIC,
+            traction=load,
+            contact="contact",
+            gap=0.004,
+            kinematics=FLAT[mesh.dim],
         )
         energies.append(solve(problem, None).primal_energy)
     assert (np.diff(energies) < 0).all()

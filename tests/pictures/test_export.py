@@ -12,7 +12,9 @@ from ngepc.pictures import export
 from ngepc.pictures.export import FIELDS, export_vtu, in_space
 from ngepc.results.records import l2_norm
 
-meshio = pytest.importorskip("meshio", reason="meshio reads the files back (extra 'test')")
+meshio = pytest.importorskip(
+    "meshio", reason="meshio reads the files back (extra 'test')"
+)
 
 
 def cells(mesh):
@@ -48,7 +50,9 @@ def test_piecewise_constant_tensors_keep_their_norms(solve, tmp_path):
         tensor = read.point_data[name][cells(read)[:, 0]]
         assert tensor.shape[1] == 9
         norm = np.sqrt((tensor**2).sum(axis=1) @ sizes(read))
-        assert norm == pytest.approx(l2_norm(getattr(result, name), result.problem.mesh), rel=1e-10)
+        assert norm == pytest.approx(
+            l2_norm(getattr(result, name), result.problem.mesh), rel=1e-10
+        )
 
 
 def test_displacements_have_three_components_and_the_right_mean(tmp_path):
@@ -63,7 +67,9 @@ def test_displacements_have_three_components_and_the_right_mean(tmp_path):
 
 
 def test_chosen_fields_only(tmp_path):
-    read = meshio.read(export_vtu(lshape_primal(), tmp_path / "b.vtu", ["displacement", "strain"]))
+    read = meshio.read(
+        export_vtu(lshape_primal(), tmp_path / "b.vtu", ["displacement", "strain"])
+    )
     assert set(read.point_data) == {"displacement", "strain"}
 
 
@@ -76,12 +82,15 @@ def test_series_lists_its_steps_beside_it(tmp_path):
         read = meshio.read(path.parent / entry.get("file"))
         p = read.point_data["plastic_strain"][cells(read)[:, 0]]
         expected = Integrate(
-            InnerProduct(result.plastic_strain, result.plastic_strain), result.problem.mesh
+            InnerProduct(result.plastic_strain, result.plastic_strain),
+            result.problem.mesh,
         )
         assert (p**2).sum(axis=1) @ sizes(read) == pytest.approx(expected, rel=1e-10)
 
 
-def test_parts_of_processes_are_listed_and_written_each_by_its_own(tmp_path, monkeypatch):
+def test_parts_of_processes_are_listed_and_written_each_by_its_own(
+    tmp_path, monkeypatch
+):
     result = lshape_primal()
     for rank in (1, 0):
         process = Team()  # the other one has the same mesh
@@ -95,7 +104,10 @@ def test_parts_of_processes_are_listed_and_written_each_by_its_own(tmp_path, mon
         ("1", "body_0001.vtu"),
     ]
     for entry in listed:
-        assert len(cells(meshio.read(tmp_path / entry.get("file")))) == result.problem.mesh.ne
+        assert (
+            len(cells(meshio.read(tmp_path / entry.get("file"))))
+            == result.problem.mesh.ne
+        )
 
 
 class Silent:
@@ -128,7 +140,10 @@ def test_an_older_file_survives_a_failure(tmp_path, monkeypatch):
     ("call", "message"),
     [
         (lambda p: export_vtu(lshape_primal(), p / "a.vtk"), "ends in '.vtu'"),
-        (lambda p: export_vtu(lshape_primal(), p / "a.vtu", ["stres"]), "at least one, of"),
+        (
+            lambda p: export_vtu(lshape_primal(), p / "a.vtu", ["stres"]),
+            "at least one, of",
+        ),
         (lambda p: export_vtu({0: lshape_primal()}, p / "a.vtu"), "ends in '.pvd'"),
         (lambda p: export_vtu({}, p / "a.pvd"), "at least one"),
     ],

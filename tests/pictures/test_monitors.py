@@ -5,7 +5,14 @@ import io
 import pytest
 from ngsolve import IfPos, Integrate
 
-from ngepc import PathOptions, Status, follow_path, lshape_problem, primal_newton, semismooth_newton
+from ngepc import (
+    PathOptions,
+    Status,
+    follow_path,
+    lshape_problem,
+    primal_newton,
+    semismooth_newton,
+)
 from ngepc.geometries import lshape
 from ngepc.pictures import monitors
 from ngepc.pictures.monitors import LivePlotMonitor, live_plot_monitor, progress_line
@@ -75,7 +82,9 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_progress_keeps_one_line_on_a_terminal_and_writes_nothing_to_a_file(monkeypatch):
+def test_progress_keeps_one_line_on_a_terminal_and_writes_nothing_to_a_file(
+    monkeypatch,
+):
     texts = []
     for stream in (io.StringIO(), Terminal()):
         monkeypatch.setattr("sys.stderr", stream)
@@ -86,7 +95,9 @@ def test_progress_keeps_one_line_on_a_terminal_and_writes_nothing_to_a_file(monk
     nothing, text = texts
     assert "\n" not in text
     last = text.split("\r")[-1]
-    assert all(word in last for word in ("run", "step 3", "1.00e-03", "in contact", "plastic"))
+    assert all(
+        word in last for word in ("run", "step 3", "1.00e-03", "in contact", "plastic")
+    )
     assert nothing == ""
 
 
@@ -170,7 +181,9 @@ def test_snapshots_are_the_iterates_whenever_they_are_made(problem, solver):
 def test_zones_of_snapshots_have_the_measures_of_the_record(problem, solver):
     def compare(record):
         state, mesh = record.snapshot(), problem.mesh
-        yields, pressed = (IfPos(f, 1.0, 0.0) for f in (state.yield_excess, state.contact_pressure))
+        yields, pressed = (
+            IfPos(f, 1.0, 0.0) for f in (state.yield_excess, state.contact_pressure)
+        )
         plastic = Integrate(yields, mesh, order=20)
         assert plastic == pytest.approx(record.plastic_active, rel=0.03, abs=0.01)
         on_contact = mesh.Boundaries("contact")

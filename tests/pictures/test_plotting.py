@@ -34,7 +34,13 @@ from ngepc.pictures.curves import arc_lengths, pressure_curves
 from ngepc.pictures.drawable import KINDS, UnitNames, drawable
 from ngepc.pictures.monitors import live_plot_monitor
 from ngepc.pictures.report import standard_figures
-from ngepc.pictures.sampling import Corners, colour_scale, corners_of, obstacle_lines, visible
+from ngepc.pictures.sampling import (
+    Corners,
+    colour_scale,
+    corners_of,
+    obstacle_lines,
+    visible,
+)
 from ngepc.pictures.style import COLOURS, CONTACT, ELASTIC, PLASTIC, RC, save_figure
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
@@ -50,13 +56,20 @@ def strips(values, areas):
     """A row of triangles with given values and areas."""
     points = np.zeros((len(values), 3, 2))
     points[:, 1, 0], points[:, 2, 1] = 1.0, 2 * np.asarray(areas)
-    return Corners(points, 0 * points, np.repeat(np.array(values, float)[:, None], 3, axis=1))
+    return Corners(
+        points, 0 * points, np.repeat(np.array(values, float)[:, None], 3, axis=1)
+    )
 
 
 def zero_fields(mesh, clamped="clamped"):
-    steel = Material.kinematic(lame_lambda=1.0, lame_mu=1.0, yield_stress=1.0, hardening=1.0)
+    steel = Material.kinematic(
+        lame_lambda=1.0, lame_mu=1.0, yield_stress=1.0, hardening=1.0
+    )
     problem = Problem(mesh, steel, clamped)
-    u, p = GridFunction(displacement_space(problem)), GridFunction(plastic_space(problem))
+    u, p = (
+        GridFunction(displacement_space(problem)),
+        GridFunction(plastic_space(problem)),
+    )
     return Fields(problem, u, p)
 
 
@@ -66,10 +79,14 @@ FIGURES = {
     "component": lambda: plot_field(lshape_primal(), "stress_xy", mesh_lines=True),
     "zone": lambda: plot_plastic_zone(lshape_primal(), 0.02),
     "mesh": lambda: plot_mesh(lshape_primal()),
-    "comparison": lambda: plot_field({"dual": lshape_dual(), "primal": lshape_primal()}),
+    "comparison": lambda: plot_field(
+        {"dual": lshape_dual(), "primal": lshape_primal()}
+    ),
     "active sets": lambda: plot_active_sets(lshape_primal()),
     "active sets in 3D": lambda: plot_active_sets(block_primal()),
-    "history": lambda: plot_history({"d": lshape_dual().history, "p": lshape_primal().history}),
+    "history": lambda: plot_history(
+        {"d": lshape_dual().history, "p": lshape_primal().history}
+    ),
     "pressure": lambda: plot_contact_pressure(
         {"dual": lshape_dual(), "primal": lshape_primal()}, units=UnitNames("m", "Pa")
     ),
@@ -109,7 +126,9 @@ def test_a_picture_is_laid_out_like_a_drawn_one():
     second, bare = drawn().like(first), drawn()
     bare.set_layout_engine("none")
     assert beyond(second) == beyond(bare) == []
-    wanted, own, other = ([a.get_position() for a in f.axes] for f in (first, second, bare))
+    wanted, own, other = (
+        [a.get_position() for a in f.axes] for f in (first, second, bare)
+    )
     np.testing.assert_allclose(own, wanted, atol=1e-3)
     assert not np.allclose(other, wanted, atol=1e-2)
     with pytest.raises(ValueError, match="zip"):
@@ -139,7 +158,9 @@ def test_obstacle_stays_outside_on_meshes_with_turned_edges():
     result = primal_newton(lshape_problem(lshape.mesh(maxh=0.2)))
     lines = plot_field(result).axes[0].collections
     obstacle = next(line for line in lines if np.allclose(line.get_linewidth(), 1.4))
-    np.testing.assert_allclose(np.array(obstacle.get_segments())[..., 1], 1.1, rtol=1e-14)
+    np.testing.assert_allclose(
+        np.array(obstacle.get_segments())[..., 1], 1.1, rtol=1e-14
+    )
 
 
 def test_a_straight_obstacle_is_as_long_as_the_body_below_it():
@@ -166,7 +187,11 @@ def test_obstacle_is_left_out_where_there_is_none():
 @pytest.mark.parametrize("threshold", [0.0, 0.02, 0.1])
 def test_dark_area_is_the_measure_of_the_plastic_zone(threshold):
     result = lshape_primal()
-    body = plot_plastic_zone(result, threshold, deformation_scale=0.0).axes[0].collections[0]
+    body = (
+        plot_plastic_zone(result, threshold, deformation_scale=0.0)
+        .axes[0]
+        .collections[0]
+    )
     corners = corners_of(result.fields, result.fields.equivalent_plastic_strain)
     dark = body.get_array().reshape(-1, 3)[:, 0] > 0.5
     expected = Integrate(result.fields.plastic_zone(threshold), result.problem.mesh)
@@ -187,13 +212,18 @@ def test_cut_triangles_cover_the_same_body_with_the_same_values(cuts):
     corners, finer = (corners_of(result.fields, 2 * x - y, cuts=n) for n in (1, cuts))
     assert len(finer.points) == cuts**2 * len(corners.points)
     assert finer.measures.sum() == pytest.approx(corners.measures.sum(), rel=1e-12)
-    assert np.ptp(finer.measures * cuts**2) == pytest.approx(np.ptp(corners.measures), abs=1e-12)
+    assert np.ptp(finer.measures * cuts**2) == pytest.approx(
+        np.ptp(corners.measures), abs=1e-12
+    )
     np.testing.assert_allclose(finer.values, finer.points @ [2.0, -1.0], atol=1e-14)
 
 
 def test_quadrilaterals_are_cut_and_bordered():
     fields = zero_fields(block.structured_mesh(3, 2, size=(1.0, 0.5), simplices=False))
-    corners, borders = corners_of(fields, x * y, cuts=4), corners_of(fields, border=True)
+    corners, borders = (
+        corners_of(fields, x * y, cuts=4),
+        corners_of(fields, border=True),
+    )
     assert len(corners.points) == 6 * 2 * 16
     assert corners.measures.sum() == pytest.approx(0.5, rel=1e-12)
     expected = corners.points[..., 0] * corners.points[..., 1]
@@ -207,7 +237,9 @@ def test_curved_elements_are_drawn_curved():
     mesh.Curve(3)
     fields = zero_fields(mesh, "inner")
     exact = math.pi * 3 / 4
-    straight, curved = (abs(corners_of(fields, cuts=n).measures.sum() - exact) for n in (1, None))
+    straight, curved = (
+        abs(corners_of(fields, cuts=n).measures.sum() - exact) for n in (1, None)
+    )
     assert curved < 0.1 * straight
     for borders in (corners_of(fields, border=True), corners_of(fields, where="outer")):
         radii = np.linalg.norm(borders.points, axis=2)
@@ -236,7 +268,9 @@ def test_pressure_between_two_bodies_is_drawn_on_the_first_of_them():
     lower.edges.Max(Y).name, lower.edges.Min(Y).name = "below", "floor"
     upper.edges.Min(Y).name, upper.edges.Max(Y).name = "above", "top"
     mesh = Mesh(OCCGeometry(Compound([lower, upper]), dim=2).GenerateMesh(maxh=0.3))
-    steel = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=10.0)
+    steel = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=10.0
+    )
     pair = Contact("above", "below")
     result = semismooth_newton(
         Problem(mesh, steel, "floor", prescribed={"top": (0, -0.03)}, contact=pair)
@@ -261,7 +295,9 @@ def test_arc_lengths_put_shuffled_segments_in_order():
     side = np.linalg.norm(segments[0, 1] - segments[0, 0])
     np.testing.assert_allclose(np.sort(s.min(axis=1)), side * np.arange(12), atol=1e-13)
     np.testing.assert_allclose(np.abs(s[:, 1] - s[:, 0]), side, atol=1e-13)
-    places = np.round(s % (12 * side - 1e-9) / side).astype(int)  # each end at one arc length
+    places = np.round(s % (12 * side - 1e-9) / side).astype(
+        int
+    )  # each end at one arc length
     for place in range(12):
         met = mixed[places == place]
         np.testing.assert_allclose(met, np.broadcast_to(met[0], met.shape), atol=1e-12)
@@ -287,7 +323,9 @@ def test_a_field_without_peaks_is_shown_in_full():
 def test_the_scale_of_the_negative_field_is_the_mirrored_one(zeros):
     """A yield function that is zero in most of the body has zero on its scale."""
     values = np.r_[np.zeros(zeros), np.linspace(8.0, 10.0, 40)]
-    scale, mirrored = (colour_scale(strips(v, np.ones(len(v)))) for v in (values, -values))
+    scale, mirrored = (
+        colour_scale(strips(v, np.ones(len(v)))) for v in (values, -values)
+    )
     assert (mirrored.vmin, mirrored.vmax) == (-scale.vmax, -scale.vmin)
     assert scale.vmin == (0.0 if zeros else 8.0)
 
@@ -308,7 +346,9 @@ def test_colour_range_settles_under_refinement_while_the_maximum_grows():
 
 
 def test_signed_fields_get_symmetric_limits():
-    limits = colour_scale(strips(np.linspace(-3.0, 1.0, 40), np.ones(40)), symmetric=True)
+    limits = colour_scale(
+        strips(np.linspace(-3.0, 1.0, 40), np.ones(40)), symmetric=True
+    )
     assert limits.vmin == -limits.vmax == -3.0
 
 
@@ -356,7 +396,10 @@ def test_vectors_and_matrices_are_drawn_by_their_norms():
         (lambda r: plot_field(r, vmin=2.0, vmax=1.0), "vmin < vmax"),
         (lambda r: plot_plastic_zone(r, -0.1), "threshold=-0.1"),
         (lambda r: plot_field({}), "at least one"),
-        (lambda r: plot_field({"a": r, "b": r}, axes=plot_field(r).axes[0]), "there are 2"),
+        (
+            lambda r: plot_field({"a": r, "b": r}, axes=plot_field(r).axes[0]),
+            "there are 2",
+        ),
         (lambda r: plot_history({"run": History()}), "no records"),
         (lambda r: plot_history({}), "at least one"),
         (lambda r: beside(), "at least one"),
@@ -397,7 +440,11 @@ def linear(colour):
 
 def lab(rgb):
     """CIE L*a*b* of linear RGB."""
-    matrix = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    matrix = [
+        [0.4124, 0.3576, 0.1805],
+        [0.2126, 0.7152, 0.0722],
+        [0.0193, 0.1192, 0.9505],
+    ]
     X, Y, Z = np.cbrt(np.array(matrix) @ rgb / [0.9505, 1.0, 1.089])
     return np.array([116 * Y - 16, 500 * (X - Y), 200 * (Y - Z)])
 
@@ -430,7 +477,11 @@ def test_all_figures_have_one_style_which_users_can_take(tmp_path):
         assert plt.rcParams["axes.prop_cycle"] == RC["axes.prop_cycle"]
     assert plt.rcParams["axes.prop_cycle"] != RC["axes.prop_cycle"]
     for ending, begin in (("pdf", b"%PDF"), ("svg", b"<?xml")):
-        assert save_figure(figures[1], tmp_path / f"new/a.{ending}").read_bytes().startswith(begin)
+        assert (
+            save_figure(figures[1], tmp_path / f"new/a.{ending}")
+            .read_bytes()
+            .startswith(begin)
+        )
 
 
 def beyond(figure):
@@ -439,7 +490,11 @@ def beyond(figure):
     frame = figure.bbox.padded(1)
     texts = [t for a in figure.axes for t in (a.title, a.xaxis.label, a.yaxis.label)]
     boxes = {t.get_text(): t.get_window_extent() for t in texts if t.get_text()}
-    return [t for t, b in boxes.items() if not (frame.contains(*b.min) and frame.contains(*b.max))]
+    return [
+        t
+        for t, b in boxes.items()
+        if not (frame.contains(*b.min) and frame.contains(*b.max))
+    ]
 
 
 class Shown:
@@ -451,12 +506,20 @@ class Shown:
 
 def test_words_stay_inside_wide_low_pictures_and_those_of_monitors(monkeypatch):
     watched = []
-    monkeypatch.setattr(monitors, "_display", lambda figure: watched.append(figure) or Shown())
+    monkeypatch.setattr(
+        monitors, "_display", lambda figure: watched.append(figure) or Shown()
+    )
     with live_plot_monitor() as monitor:
         monitor(replace(lshape_dual().history.records[0], snapshot=lshape_dual))
     flat = zero_fields(block.structured_mesh(16, 1, size=(16.0, 1.0)))
-    panels = dict.fromkeys("abc", zero_fields(block.structured_mesh(4, 2, size=(2.0, 1.0))))
-    drawn = [plot_field(flat, CF(x)), plot_field(panels, "accumulated_plastic_strain"), watched[0]]
+    panels = dict.fromkeys(
+        "abc", zero_fields(block.structured_mesh(4, 2, size=(2.0, 1.0)))
+    )
+    drawn = [
+        plot_field(flat, CF(x)),
+        plot_field(panels, "accumulated_plastic_strain"),
+        watched[0],
+    ]
     assert [len(figure.axes) for figure in drawn] == [2, 4, 3]
     assert [beyond(figure) for figure in drawn] == [[], [], []]
     narrow = plot_field(flat, CF(x), title="words " * 99)

@@ -83,9 +83,16 @@ def test_pictures_and_text_are_inside_the_file(tmp_path):
 
 def test_a_problem_is_described_by_all_it_is_given():
     material = lshape_primal().problem.material
-    gap, held = {"contact": 0.1, "right": CF(1.0) * x}, {"clamped": (0, None), "left": (0, 0)}
+    gap, held = (
+        {"contact": 0.1, "right": CF(1.0) * x},
+        {"clamped": (0, None), "left": (0, 0)},
+    )
     given = {"gap": gap, "prescribed": held, "friction": Coulomb(0.3), "order": 2}
-    given |= {"body_force": (0, -1), "pressure": {"contact": 1}, "contact": "contact|right"}
+    given |= {
+        "body_force": (0, -1),
+        "pressure": {"contact": 1},
+        "contact": "contact|right",
+    }
     problem = Problem(block.structured_mesh(2, 2), material, None, **given)
     said = {row["what"]: row["value"] for row in describe_problem(problem)}
     assert said["body"] == "9 nodes, 4 elements, order 2, plane strain"
@@ -112,12 +119,16 @@ def test_empty_tables_are_refused(tmp_path):
 
 
 @pytest.mark.skipif(chromium() is None, reason="no Chromium or Chrome is installed")
-@pytest.mark.skipif(not viewer_installed(), reason="the offline viewer is not installed")
+@pytest.mark.skipif(
+    not viewer_installed(), reason="the offline viewer is not installed"
+)
 @pytest.mark.parametrize("width", [390, 900])
 def test_report_opens_from_disk_with_its_view(tmp_path, width):
     view = show({"dual": lshape_dual(), "exact": lshape_primal()}, name="method")
     sections = ("Counts", [ROWS, view])
-    path = write_report(tmp_path / "report.html", "L-shape", sections, footer="made by a test")
+    path = write_report(
+        tmp_path / "report.html", "L-shape", sections, footer="made by a test"
+    )
     with Browser(width, 900) as browser:
         seen = browser.open(path)
         browser.wait_for("frames[0].document.body.dataset.frame === '0'")

@@ -22,7 +22,9 @@ CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 0), (1, 1), (0, 1)]).reshape(2, 
 def box():
     """The surface of a box in triangles, and the number of the face of each: x-, x+, y-, ..."""
     faces = [
-        np.insert(CORNERS.astype(float), axis, end, axis=2) for axis in range(3) for end in (0, 1)
+        np.insert(CORNERS.astype(float), axis, end, axis=2)
+        for axis in range(3)
+        for end in (0, 1)
     ]
     return np.concatenate(faces) * SIZE, np.repeat(np.arange(6.0), 6).reshape(12, 3)
 
@@ -53,7 +55,9 @@ def test_the_face_in_front_is_seen_in_its_colour(around, above, face):
 def test_a_plastic_zone_is_dark_and_the_rest_is_light():
     """The mean colour of the body; orange is for contact, in pictures of active sets."""
     for threshold, colour in ((0.0, PLASTIC), (1e9, ELASTIC)):
-        image = plot_plastic_zone(block_primal(), threshold).axes[0].images[0].get_array()
+        image = (
+            plot_plastic_zone(block_primal(), threshold).axes[0].images[0].get_array()
+        )
         mean = image[opaque(image), :3].mean(axis=0) / 255
         assert mean.tolist() == pytest.approx(to_rgb(colour), abs=0.2)
 
@@ -81,11 +85,14 @@ def test_a_field_is_interpolated_inside_triangles():
 def test_pictures_take_views_and_lines_and_leave_the_environment(monkeypatch):
     monkeypatch.delenv("VTK_DEFAULT_OPENGL_WINDOW", raising=False)
     result = block_primal()
-    above, aside = (plot_field(result, "displacement_z", view=v).axes[0] for v in ((0, 90), None))
+    above, aside = (
+        plot_field(result, "displacement_z", view=v).axes[0] for v in ((0, 90), None)
+    )
     assert above.images[0].get_size() != aside.images[0].get_size()
     assert len(plot_field({"a": result, "b": result}, view=(20, 10)).axes) == 3
     lines, plain = (
-        plot_field(result, mesh_lines=drawn).axes[0].images[0] for drawn in (True, False)
+        plot_field(result, mesh_lines=drawn).axes[0].images[0]
+        for drawn in (True, False)
     )
     changed = (lines.get_array() != plain.get_array()).any(axis=2).mean()
     assert 0.001 < changed < 0.5
@@ -94,7 +101,9 @@ def test_pictures_take_views_and_lines_and_leave_the_environment(monkeypatch):
 
 def test_flat_faces_have_no_sharp_edges():
     """Corners that rounding keeps apart are one: seen from above, the middle is of one colour."""
-    body = plot_field(block_primal(), CF(1.0), view=(0, 90)).axes[0].images[0].get_array()
+    body = (
+        plot_field(block_primal(), CF(1.0), view=(0, 90)).axes[0].images[0].get_array()
+    )
     rows, columns = (slice(n // 10, -n // 10) for n in body.shape[:2])
     assert np.ptp(body[rows, columns].astype(int), axis=(0, 1)).max() < 20
 

@@ -19,7 +19,8 @@ from ngepc.pictures import views
 from ngepc.pictures.views import EXTRA, NOISE, View, _peak, show
 
 needs_browser = pytest.mark.skipif(
-    chromium() is None, reason="no Chromium or Chrome is installed (Debian: apt install chromium)"
+    chromium() is None,
+    reason="no Chromium or Chrome is installed (Debian: apt install chromium)",
 )
 needs_viewer = pytest.mark.skipif(
     not views.viewer_installed(), reason=f"no offline viewer: {EXTRA}"
@@ -80,7 +81,9 @@ def test_exported_page_shows_the_body_in_the_colours_of_the_scale(browser, tmp_p
 @needs_viewer
 def test_deformation_can_be_left_out(browser, tmp_path):
     moved = opened(browser, show(lshape_primal()).save(tmp_path / "a.html"))
-    still = opened(browser, show(lshape_primal(), deformation_scale=0.0).save(tmp_path / "b.html"))
+    still = opened(
+        browser, show(lshape_primal(), deformation_scale=0.0).save(tmp_path / "b.html")
+    )
     assert np.abs(moved - still).mean() > 0.01
 
 
@@ -137,7 +140,9 @@ def test_blocks_are_drawn_in_three_dimensions(browser, tmp_path, field):
 
 @needs_viewer
 def test_contact_pressure_of_blocks_reaches_their_surface():
-    packed = re.search(r'id="page">([^<]*)<', show(block_primal(), "contact_pressure").html)[1]
+    packed = re.search(
+        r'id="page">([^<]*)<', show(block_primal(), "contact_pressure").html
+    )[1]
     ((scene,),) = json.loads(gzip.decompress(base64.b64decode(packed)))["panels"]
     points = b"".join(map(base64.b64decode, scene["Bezier_trig_points"]))
     values = np.frombuffer(points, np.float32).reshape(-1, 4)[:, 3]
@@ -232,7 +237,10 @@ def test_frames_hold_whole_pages():
     [
         (lambda: show(lshape_primal(), "nothing"), "nothing"),
         (lambda: show({}), "at least one"),
-        (lambda: show(lshape_primal(), deformation_scale=-1.0), "deformation_scale=-1.0"),
+        (
+            lambda: show(lshape_primal(), deformation_scale=-1.0),
+            "deformation_scale=-1.0",
+        ),
     ],
 )
 def test_bad_input_is_named(call, message):

@@ -38,7 +38,9 @@ from ngepc.primal.energy import PrimalState, ReducedEnergy
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.outcome import SolverError, Status
 
-STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+STEEL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+)
 TRACE_FREE = CF((1e-3 * x, 2e-3, 2e-3, -1e-3 * x), dims=(2, 2))
 
 
@@ -57,7 +59,9 @@ def bar(material, load, n=2, **changes):
     rollers = {"left": (0, None), "clamped": (None, 0)}
     traction = {"right": (load, 0)}
     data = {"clamped": None, "prescribed": rollers, "traction": traction, **changes}
-    return Problem(block.structured_mesh(n, n), material, kinematics="two-dimensional", **data)
+    return Problem(
+        block.structured_mesh(n, n), material, kinematics="two-dimensional", **data
+    )
 
 
 def loaded_everyhow(mesh):
@@ -87,7 +91,12 @@ def step_42(n):
     sides = dict.fromkeys(("left", "right", "front", "back"), (0, 0, None))
     mesh = block.structured_mesh(n, n, n)
     return Problem(
-        mesh, material, contact="contact", gap=gap, prescribed=sides, kinematics=FLAT[mesh.dim]
+        mesh,
+        material,
+        contact="contact",
+        gap=gap,
+        prescribed=sides,
+        kinematics=FLAT[mesh.dim],
     )
 
 
@@ -121,8 +130,12 @@ def test_example_a_takes_few_steps_cold_and_nested(ladder):
 def test_nested_and_cold_starts_reach_the_same_minimum(ladder):
     cold, nested = ladder
     for nodes, result in nested.items():
-        assert result.primal_energy == pytest.approx(cold[nodes].primal_energy, rel=1e-13)
-        assert result.contact_force == pytest.approx(cold[nodes].contact_force, rel=1e-10)
+        assert result.primal_energy == pytest.approx(
+            cold[nodes].primal_energy, rel=1e-13
+        )
+        assert result.contact_force == pytest.approx(
+            cold[nodes].contact_force, rel=1e-10
+        )
 
 
 def test_energies_fall_on_nested_meshes(ladder):
@@ -138,7 +151,9 @@ def test_energies_fall_with_every_step(ladder):
 @pytest.mark.parametrize("make", [example_a, loaded_everyhow])
 def test_minimum_satisfies_the_energy_identity_to_round_off(make):
     result = primal_newton(make(lshape.paper_mesh(225))).raise_for_status()
-    assert abs(result.primal_energy + result.dual_energy) < 1e-13 * abs(result.primal_energy)
+    assert abs(result.primal_energy + result.dual_energy) < 1e-13 * abs(
+        result.primal_energy
+    )
 
 
 def test_energy_identity_written_out():
@@ -146,10 +161,14 @@ def test_energy_identity_written_out():
     result = primal_newton(problem)
     nodal_energy = ReducedEnergy(problem)
     on_points = dx(intrules=nodal_energy.rules)
-    dissipation = Integrate(problem.beta * Norm(result.plastic_increment) * on_points, problem.mesh)
+    dissipation = Integrate(
+        problem.beta * Norm(result.plastic_increment) * on_points, problem.mesh
+    )
     load = np.vdot(nodal_energy.load, result.state.u)
     gap_work = 0.1 * result.contact_force
-    assert result.primal_energy == pytest.approx((dissipation - load - gap_work) / 2, rel=1e-13)
+    assert result.primal_energy == pytest.approx(
+        (dissipation - load - gap_work) / 2, rel=1e-13
+    )
 
 
 def test_prescribed_displacements_enter_the_identity():
@@ -162,11 +181,15 @@ def test_prescribed_displacements_enter_the_identity():
 
 @pytest.mark.parametrize("make", [example_a, loaded_everyhow])
 def test_forces_are_in_equilibrium(make):
-    result = primal_newton(make(lshape.mesh(0.1)), options=PrimalOptions(tolerance=1e-12))
+    result = primal_newton(
+        make(lshape.mesh(0.1)), options=PrimalOptions(tolerance=1e-12)
+    )
     total = result.applied_force + result.contact_resultant + result.reaction
     assert np.abs(total).max() < 1e-11 * np.abs(result.applied_force).max()
     assert result.contact_force > 0.1
-    assert result.contact_resultant == pytest.approx([0, -result.contact_force], abs=1e-12)
+    assert result.contact_resultant == pytest.approx(
+        [0, -result.contact_force], abs=1e-12
+    )
 
 
 def test_contact_pressure_integrates_to_the_contact_force():
@@ -179,7 +202,10 @@ def test_contact_pressure_integrates_to_the_contact_force():
 
 def test_complementarity_holds_at_the_nodes():
     result = primal_newton(loaded_everyhow(lshape.paper_mesh(225)))
-    gap, u = result.rows.gaps, nodal(result.displacement.vec.FV().NumPy(), result.problem)
+    gap, u = (
+        result.rows.gaps,
+        nodal(result.displacement.vec.FV().NumPy(), result.problem),
+    )
     gap = gap - result.rows.normal @ u.ravel()
     forces = result.nodal_contact_forces
     assert gap.min() > -1e-14
@@ -196,9 +222,13 @@ def test_bar_on_rollers_matches_the_closed_form(n, load):
     elongation = load / 8e3 + load / 4e3 + p / math.sqrt(2)
     end = result.displacement(result.problem.mesh(1.0, 0.4))
     assert end[0] == pytest.approx(elongation, rel=1e-12)
-    assert end[1] == pytest.approx((load / 8e3 - load / 4e3 - p / math.sqrt(2)) * 0.4, rel=1e-12)
+    assert end[1] == pytest.approx(
+        (load / 8e3 - load / 4e3 - p / math.sqrt(2)) * 0.4, rel=1e-12
+    )
     assert result.yield_function(result.problem.mesh(0.3, 0.3)) < 1e-12
-    assert result.plastic_strain(result.problem.mesh(0.6, 0.3))[0] == pytest.approx(p / 2**0.5)
+    assert result.plastic_strain(result.problem.mesh(0.6, 0.3))[0] == pytest.approx(
+        p / 2**0.5
+    )
 
 
 @pytest.mark.parametrize("push", [0.0005, 0.02])
@@ -218,15 +248,26 @@ def test_column_pushed_by_an_obstacle_matches_the_closed_form(push, simplices):
 
 def test_block_of_tetrahedra_yields_like_a_bar():
     mesh = block.mesh(0.5)
-    rollers = {"left": (0, None, None), "clamped": (None, None, 0), "front": (None, 0, None)}
+    rollers = {
+        "left": (0, None, None),
+        "clamped": (None, None, 0),
+        "front": (None, 0, None),
+    }
     traction = {"right": (4.0, 0, 0)}
     problem = Problem(
-        mesh, STEEL, clamped=None, prescribed=rollers, traction=traction, kinematics=FLAT[mesh.dim]
+        mesh,
+        STEEL,
+        clamped=None,
+        prescribed=rollers,
+        traction=traction,
+        kinematics=FLAT[mesh.dim],
     )
     result = primal_newton(problem).raise_for_status()
     p = (4.0 * math.sqrt(2 / 3) - 1.25) / 100.0
     elongation = 4.0 / 2.5e3 + p * math.sqrt(2 / 3)
-    assert result.displacement(mesh(1.0, 0.3, 0.3))[0] == pytest.approx(elongation, rel=1e-10)
+    assert result.displacement(mesh(1.0, 0.3, 0.3))[0] == pytest.approx(
+        elongation, rel=1e-10
+    )
 
 
 def test_isotropic_and_kinematic_hardening_agree_in_one_step():
@@ -245,7 +286,9 @@ def test_isotropic_and_kinematic_hardening_agree_in_one_step():
 
 
 def test_one_step_below_the_yield_stress():
-    result = primal_newton(example_a(lshape.paper_mesh(113), traction={"load": (0.0, 0.05)}))
+    result = primal_newton(
+        example_a(lshape.paper_mesh(113), traction={"load": (0.0, 0.05)})
+    )
     assert result.status is Status.CONVERGED
     assert result.iterations == 1
     assert Integrate(Norm(result.plastic_increment), result.problem.mesh) == 0.0
@@ -266,17 +309,24 @@ def test_scaling_of_units_leaves_displacements():
     assert np.abs(difference).max() < 1e-13
 
 
-@pytest.mark.parametrize("mesh", [lshape.paper_mesh(65), block.structured_mesh(3, 3, 2)])
+@pytest.mark.parametrize(
+    "mesh", [lshape.paper_mesh(65), block.structured_mesh(3, 3, 2)]
+)
 def test_derivatives_match_central_differences(mesh):
     N = mesh.dim
     loads = {"traction": {"contact": (0.3,) * N}}
     if N == 2:
-        loads |= {"initial_plastic_strain": TRACE_FREE, "initial_hardening": 30 * TRACE_FREE}
+        loads |= {
+            "initial_plastic_strain": TRACE_FREE,
+            "initial_hardening": 30 * TRACE_FREE,
+        }
     energy = ReducedEnergy(Problem(mesh, STEEL, **loads, kinematics=FLAT[mesh.dim]))
     rng = np.random.default_rng(5)
     u, d = np.where(energy.free, rng.normal(size=(2, *energy.free.shape)), 0.0) * 2e-4
     t, nothing = 1e-6, np.zeros(len(energy.contact))
-    before, here, after = (PrimalState(energy, u + k * t * d, nothing) for k in (-1, 0, 1))
+    before, here, after = (
+        PrimalState(energy, u + k * t * d, nothing) for k in (-1, 0, 1)
+    )
     assert 0 < here.plastic_measure < Integrate(CF(1), mesh)
     slope = np.vdot(here.internal_forces - energy.load, d)
     assert (after.energy - before.energy) / (2 * t) == pytest.approx(slope, rel=1e-7)
@@ -307,7 +357,9 @@ def test_eliminated_plastic_strain_minimises_the_energy():
         assert energy_of(factor * p) > least
 
 
-@pytest.mark.parametrize("mesh", [block.structured_mesh(2, 2, 2), block.structured_mesh(3, 3)])
+@pytest.mark.parametrize(
+    "mesh", [block.structured_mesh(2, 2, 2), block.structured_mesh(3, 3)]
+)
 def test_interpolated_takes_the_values_at_the_plastic_points(mesh):
     problem = Problem(
         mesh, STEEL, traction={"contact": (1.0,) * mesh.dim}, kinematics=FLAT[mesh.dim]
@@ -347,14 +399,20 @@ def test_a_corner_between_two_obstacles_touches_both():
         kinematics=FLAT[mesh.dim],
     )
     result = primal_newton(problem).raise_for_status()
-    assert result.displacement(mesh(1.0, 1.0)) == pytest.approx((-0.01, -0.02), rel=1e-12)
+    assert result.displacement(mesh(1.0, 1.0)) == pytest.approx(
+        (-0.01, -0.02), rel=1e-12
+    )
     assert len(result.rows) == 6
     assert np.abs(result.reaction + result.contact_resultant).max() < 1e-10
 
 
 def test_random_problems_converge_with_exact_complementarity():
     rng = np.random.default_rng(2)
-    meshes = [block.mesh(0.2, (1.0, 1.0)), lshape.paper_mesh(113), block.structured_mesh(3, 3, 3)]
+    meshes = [
+        block.mesh(0.2, (1.0, 1.0)),
+        lshape.paper_mesh(113),
+        block.structured_mesh(3, 3, 3),
+    ]
     for k in range(15):
         mesh = meshes[k % 3]
         mu = 10 ** rng.uniform(-2, 4)
@@ -466,7 +524,9 @@ def test_a_start_follows_its_mesh_through_refinement():
     coarse = primal_newton(problem)
     before = coarse.displacement(problem.mesh(0.1, 0.8))
     problem.mesh.Refine()
-    assert coarse.displacement(problem.mesh(0.1, 0.8)) == pytest.approx(before, rel=1e-12)
+    assert coarse.displacement(problem.mesh(0.1, 0.8)) == pytest.approx(
+        before, rel=1e-12
+    )
     fine = primal_newton(example_a(problem.mesh), start=coarse).raise_for_status()
     assert fine.primal_energy < coarse.primal_energy
 
@@ -509,7 +569,9 @@ def test_nearly_perfect_plasticity_and_nearly_incompressible():
     problem = build(JUMPING_SLOPE)
     drowned = primal_newton(problem)
     assert drowned.status is Status.STAGNATED
-    reach = float(re.search(r"tolerance above (\S+) is within reach", drowned.message)[1])
+    reach = float(
+        re.search(r"tolerance above (\S+) is within reach", drowned.message)[1]
+    )
     assert 1e-10 < reach < 1e-5
     result = primal_newton(problem, options=PrimalOptions(tolerance=2 * reach))
     assert result.status is Status.CONVERGED

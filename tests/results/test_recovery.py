@@ -15,13 +15,17 @@ from ngepc.results.fields import Fields
 from ngepc.results.outcome import SolverError, Status
 from ngepc.results.result import Result
 
-STEEL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0)
+STEEL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+)
 METHODS = ("primal", "dual")
 
 
 def solved(method, problem):
     if method == "primal":
-        return primal_newton(problem, options=PrimalOptions(tolerance=1e-12)).raise_for_status()
+        return primal_newton(
+            problem, options=PrimalOptions(tolerance=1e-12)
+        ).raise_for_status()
     return semismooth_newton(problem)
 
 
@@ -45,7 +49,12 @@ def pressed_ring(curved=False):
     if curved:
         mesh.Curve(2)
     return Problem(
-        mesh, STEEL, "inner", contact="outer", gap=0.001 - 0.003 * x, body_force=(0.3, 0.1)
+        mesh,
+        STEEL,
+        "inner",
+        contact="outer",
+        gap=0.001 - 0.003 * x,
+        body_force=(0.3, 0.1),
     )
 
 
@@ -95,13 +104,17 @@ CASES = {
 @pytest.fixture(scope="module")
 def results():
     return {
-        (name, method): solved(method, make()) for name, make in CASES.items() for method in METHODS
+        (name, method): solved(method, make())
+        for name, make in CASES.items()
+        for method in METHODS
     }
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("case", CASES)
-def test_forces_and_moments_of_loads_obstacles_and_supports_vanish_together(results, case, method):
+def test_forces_and_moments_of_loads_obstacles_and_supports_vanish_together(
+    results, case, method
+):
     result = results[case, method]
     assert result.status is Status.CONVERGED
     forces = result.applied_force + result.contact_resultant + result.reaction
@@ -124,7 +137,8 @@ def test_applied_force_is_the_integral_of_the_loads(results, case, method):
     for i, force in enumerate(result.applied_force):
         total = Integrate(problem.f[i], problem.mesh) if problem.f is not None else 0.0
         total += sum(
-            Integrate(g[i] * ds(name), problem.mesh) for name, g in problem.tractions.items()
+            Integrate(g[i] * ds(name), problem.mesh)
+            for name, g in problem.tractions.items()
         )
         assert force == pytest.approx(total, abs=1e-12)
 
@@ -184,7 +198,9 @@ def test_the_two_methods_agree_on_forces():
 def test_results_keep_the_contract(results, method):
     result = results["pushed", method]
     promised = set(Result.__annotations__) | {
-        name for name, value in vars(Result).items() if inspect.isfunction(value) and name[0] != "_"
+        name
+        for name, value in vars(Result).items()
+        if inspect.isfunction(value) and name[0] != "_"
     }
     assert not [name for name in promised if not hasattr(result, name)]
     assert result.raise_for_status() is result
@@ -215,7 +231,10 @@ def test_recovered_fields_are_those_of_the_formulas(results, method):
 def test_pressure_is_where_the_obstacle_pushes(results, method):
     """It leaves the left part of the top alone and pushes the rest in."""
     problem = Problem(
-        block.structured_mesh(8, 8, simplices=True), STEEL, contact="contact", gap=0.001 - 0.004 * x
+        block.structured_mesh(8, 8, simplices=True),
+        STEEL,
+        contact="contact",
+        gap=0.001 - 0.004 * x,
     )
     pressure, mesh = solved(method, problem).contact_pressure, problem.mesh
     assert pressure(mesh(0.07, 1.0)) < 1e-3
@@ -254,7 +273,9 @@ def test_plastic_strain_of_the_dual_method_is_the_one_of_least_energy(turned):
     assert least == pytest.approx(worth, rel=1e-12)
     assert dual.primal_energy == pytest.approx(worth, rel=1e-12)
     returned = Fields(problem, u, p)
-    assert Integrate(IfPos(returned.yield_function - 1e-12, 1.0, 0.0), problem.mesh) == 0.0
+    assert (
+        Integrate(IfPos(returned.yield_function - 1e-12, 1.0, 0.0), problem.mesh) == 0.0
+    )
 
 
 def test_plastic_strain_of_the_dual_method_is_close_to_the_primal_one(turned):

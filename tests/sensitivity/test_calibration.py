@@ -31,7 +31,11 @@ def indentation(depth: float) -> tuple[Problem, Schedule]:
 
 def forces(depth: float) -> tuple[Problem, Schedule, np.ndarray]:
     problem, schedule = indentation(depth)
-    return problem, schedule, np.array(evolve(problem, schedule).column("contact_force"))
+    return (
+        problem,
+        schedule,
+        np.array(evolve(problem, schedule).column("contact_force")),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +46,9 @@ def deep():
 def test_exact_data_give_the_constants_back(deep):
     problem, schedule, force = deep
     found = calibrate(
-        problem, Curve(schedule, "contact_force", force), {"yield_stress": 5.0, "hardening": 200.0}
+        problem,
+        Curve(schedule, "contact_force", force),
+        {"yield_stress": 5.0, "hardening": 200.0},
     )
     assert found.converged
     assert found.evaluations <= 15
@@ -62,7 +68,9 @@ def test_noisy_data_and_intervals(deep):
     for name, (low, high) in found.intervals.items():
         assert low < TRUTH[name] < high
         assert high < 1.5 * low
-    guessed = calibrate(problem, Curve(schedule, "contact_force", measured), found.values)
+    guessed = calibrate(
+        problem, Curve(schedule, "contact_force", measured), found.values
+    )
     assert guessed.values == pytest.approx(found.values, rel=1e-5)
 
 
@@ -81,11 +89,15 @@ def test_as_many_measurements_as_constants_tell_nothing_of_an_unknown_noise():
     problem, schedule = indentation(0.03)
     once = Schedule(schedule.times[-2:-1], schedule.changes)
     force = evolve(problem, once).column("contact_force")
-    found = calibrate(problem, Curve(once, "contact_force", force), {"yield_stress": 2.5})
+    found = calibrate(
+        problem, Curve(once, "contact_force", force), {"yield_stress": 2.5}
+    )
     assert found.values["yield_stress"] == pytest.approx(2.0, rel=1e-6)
     assert found.intervals["yield_stress"] == (0.0, np.inf)
     curve = Curve(once, "contact_force", force, 0.01 * force[0])
-    low, high = calibrate(problem, curve, {"yield_stress": 2.5}).intervals["yield_stress"]
+    low, high = calibrate(problem, curve, {"yield_stress": 2.5}).intervals[
+        "yield_stress"
+    ]
     assert 1.5 < low < 2.0 < high < 2.5
 
 

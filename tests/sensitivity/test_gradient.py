@@ -21,7 +21,12 @@ from ngepc import (
 )
 from ngepc.geometries import block, lshape
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.functionals import DisplacementAt, Reaction, as_functional, misfit
+from ngepc.sensitivity.functionals import (
+    DisplacementAt,
+    Reaction,
+    as_functional,
+    misfit,
+)
 from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.parameters import Direction
 
@@ -126,7 +131,10 @@ def test_reactions_balance_what_changes(lshape_result):
 @pytest.mark.parametrize("seed", [4, 19])
 def test_energies_and_pressure_agree_with_differences(seed):
     problem = random_problem(seed)
-    (names, h), result = (("traction", "lame_mu", "yield_stress", "gap"), 1e-5), once(problem)
+    (names, h), result = (
+        (("traction", "lame_mu", "yield_stress", "gap"), 1e-5),
+        once(problem),
+    )
     top = "|".join(problem.contact_names)
 
     def pressed(u, p, stress, pressure):
@@ -137,7 +145,9 @@ def test_energies_and_pressure_agree_with_differences(seed):
         slopes, F = gradient(result, functional, names), as_functional(functional)
         for name, size in sizes(problem).items():
             if name in names:
-                ends = [once(moved(problem, {name: t * h * size}), result) for t in (-1, 1)]
+                ends = [
+                    once(moved(problem, {name: t * h * size}), result) for t in (-1, 1)
+                ]
                 before, after = (F.slope(last_state(end)).value for end in ends)
                 difference = (after - before) / (2 * h * size)
                 assert slopes[name] == pytest.approx(difference, rel=1e-5, abs=1e-7)
@@ -147,13 +157,19 @@ def test_energies_and_pressure_agree_with_differences(seed):
         assert told == pytest.approx(getattr(record, name), rel=1e-9)
     pressure = result.contact_pressure
     integral = Integrate((1 + x) * pressure**2, problem.mesh.Boundaries(top))
-    of_u = as_functional(lambda u, p, stress: InnerProduct(u, u) * dx).slope(result.state).value
+    of_u = (
+        as_functional(lambda u, p, stress: InnerProduct(u, u) * dx)
+        .slope(result.state)
+        .value
+    )
     both = as_functional(pressed).slope(result.state).value
     assert both - of_u == pytest.approx(integral, rel=1e-9)
 
 
 def test_a_field_that_fits_has_no_slope(lshape_result):
-    slopes = gradient(lshape_result, misfit(lshape_result.displacement), ["hardening", "gap"])
+    slopes = gradient(
+        lshape_result, misfit(lshape_result.displacement), ["hardening", "gap"]
+    )
     assert slopes.functional == pytest.approx(0.0, abs=1e-25)
     assert max(map(abs, slopes.values())) < 1e-14
 
@@ -196,13 +212,19 @@ def test_parameters_that_are_refused(lshape_result, parameters, text):
 
 def test_changes_of_loads_and_supports_name_their_boundary(lshape_result):
     for datum in ("traction", "pressure", "prescribed"):
-        with pytest.raises(TypeError, match="a mapping of boundary name -> change is needed"):
-            gradient(lshape_result, "contact_force", {"one": Direction(datum, (1.0, 0.0))})
+        with pytest.raises(
+            TypeError, match="a mapping of boundary name -> change is needed"
+        ):
+            gradient(
+                lshape_result, "contact_force", {"one": Direction(datum, (1.0, 0.0))}
+            )
 
 
 def test_obstacle_and_support_that_meet_move_either_way():
     """Also where the changed data would not be those of a body: a clamp above the obstacle."""
-    stiff = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=10.0)
+    stiff = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=10.0
+    )
     mesh = block.structured_mesh(4, 4, simplices=True)
     push = {"clamped": (0.0, 10.0)}
     problem = Problem(mesh, stiff, "left", push, contact="contact", gap=1e-3)
@@ -254,10 +276,14 @@ def test_what_is_no_solution_has_no_derivative():
 
 def pushed_block(friction: object) -> Problem:
     """A block that is pressed onto the obstacle above and pushed along it: all of it slips."""
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=8.0, hardening=50.0)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=8.0, hardening=50.0
+    )
     mesh = block.structured_mesh(8, 4, size=(2, 1), simplices=True)
     push = {"right": (6.0, 0.0)}
-    return Problem(mesh, material, traction=push, contact="contact", gap=-0.003, friction=friction)
+    return Problem(
+        mesh, material, traction=push, contact="contact", gap=-0.003, friction=friction
+    )
 
 
 def test_friction_that_slips_all_over_balances():
@@ -270,7 +296,10 @@ def test_friction_that_slips_all_over_balances():
     assert slopes["traction"] == pytest.approx(-6.0, rel=1e-9)
     result = semismooth_newton(pushed_block(Coulomb(0.01))).raise_for_status()
     assert result.state.sliding.all()
-    slopes, force = gradient(result, reaction, names), gradient(result, "contact_force", names)
+    slopes, force = (
+        gradient(result, reaction, names),
+        gradient(result, "contact_force", names),
+    )
     assert slopes["gap"] == pytest.approx(0.01 * force["gap"], rel=1e-9)
     expected = result.contact_force + 0.01 * force["friction"]
     assert slopes["friction"] == pytest.approx(expected, rel=1e-9)
@@ -279,7 +308,10 @@ def test_friction_that_slips_all_over_balances():
 def test_friction_region_by_region():
     left = IfPos(0.5 - x, 1.0, 0.0)
     result = semismooth_newton(pushed_block(Coulomb(0.01)))
-    parts = {"left": Direction("friction", left), "right": Direction("friction", 1 - left)}
+    parts = {
+        "left": Direction("friction", left),
+        "right": Direction("friction", 1 - left),
+    }
     slopes = gradient(result, "contact_force", parts | {"all": Direction("friction")})
     assert slopes["left"] + slopes["right"] == pytest.approx(slopes["all"], rel=1e-10)
     field = semismooth_newton(pushed_block(Coulomb(0.01 + 0 * x)))
@@ -309,7 +341,11 @@ def test_coulomb_friction_beside_a_support(seed, held):
     )
     result = once(problem)
     rows, supported = result.rows, ~result.discrete.free.ravel()
-    assert len(rows) < 7 or (rows.tangential @ supported).any() or (rows.normal @ supported).any()
+    assert (
+        len(rows) < 7
+        or (rows.tangential @ supported).any()
+        or (rows.normal @ supported).any()
+    )
     sides = LinearContact(result.state)
     assert sides.slips.sum() >= 3
     assert not sides.closed.all()
@@ -324,4 +360,6 @@ def test_the_study_says_what_it_found(tmp_path):
     assert study.succeeded(records)
     assert not study.succeeded([records[0] | {"largest error": 2e-6}])
     study.write(records)
-    assert "| kinematics plane strain | 1 |" in (tmp_path / "derivatives.md").read_text()
+    assert (
+        "| kinematics plane strain | 1 |" in (tmp_path / "derivatives.md").read_text()
+    )

@@ -5,7 +5,14 @@ import pytest
 from campaigns.derivatives import compared
 from campaigns.random_data import four_times, functionals, random_problem, sizes
 
-from ngepc import cold_start, evolve, load_cycle, lshape_problem, primal_newton, semismooth_newton
+from ngepc import (
+    cold_start,
+    evolve,
+    load_cycle,
+    lshape_problem,
+    primal_newton,
+    semismooth_newton,
+)
 from ngepc.geometries import lshape
 from ngepc.sensitivity.gradient import gradient, states_of, tangent, tangents_at
 
@@ -33,13 +40,17 @@ def test_a_load_cycle_of_twenty_steps(cycle):
         slopes = gradient(cycle, "primal_energy", names, step=step)
         assert len(slopes.biactive) == step + 1
         for name in names:
-            assert found[name][step].of("primal_energy") == pytest.approx(slopes[name], rel=1e-9)
+            assert found[name][step].of("primal_energy") == pytest.approx(
+                slopes[name], rel=1e-9
+            )
 
 
 def test_states_are_rebuilt_from_what_steps_keep(cycle):
     for step, give_state in list(zip(cycle.steps, states_of(cycle), strict=True))[::5]:
         state = give_state()
-        assert state.multipliers.sum() == pytest.approx(step.record.contact_force, rel=1e-12)
+        assert state.multipliers.sum() == pytest.approx(
+            step.record.contact_force, rel=1e-12
+        )
         assert state.residual_norm < 1e-9
         at = state.discrete.points.at(step.fields.plastic_increment)
         assert np.abs(state.at.plastic_strain - at).max() < 1e-12
@@ -48,7 +59,10 @@ def test_states_are_rebuilt_from_what_steps_keep(cycle):
 def test_steps_from_a_file_have_the_same_derivatives(tmp_path):
     """With Coulomb's law, whose tangential forces displacements alone do not tell."""
     problem, file = random_problem(16), tmp_path / "steps.npz"
-    runs = [evolve(problem, load_cycle(problem, [1, 0.4]), checkpoint=file) for _ in range(2)]
+    runs = [
+        evolve(problem, load_cycle(problem, [1, 0.4]), checkpoint=file)
+        for _ in range(2)
+    ]
     one, two = (gradient(run, "contact_force", list(sizes(problem))) for run in runs)
     assert dict(two) == dict(one)
     assert any(one.values())
@@ -71,14 +85,22 @@ def test_one_step_is_a_history_of_one():
     history = evolve(problem, [(1.0, {})])
     for functional in functionals(problem).values():
         one = tangent(history, "gap").of(functional)
-        assert gradient(history, functional, names)["gap"] == pytest.approx(one, rel=1e-9)
+        assert gradient(history, functional, names)["gap"] == pytest.approx(
+            one, rel=1e-9
+        )
 
 
 def test_a_body_that_waits_is_biactive():
     problem = lshape_problem(lshape.paper_mesh(113))
     waiting = evolve(problem, [(1.0, {}), (2.0, {}), (3.0, {"gap": 0.11})])
-    slopes, yields = (gradient(waiting, "contact_force", "gap"), states_of(waiting)[0]().at.yields)
+    slopes, yields = (
+        gradient(waiting, "contact_force", "gap"),
+        states_of(waiting)[0]().at.yields,
+    )
     assert not slopes.differentiable
-    assert f"Step 2: 0 contact rows and {yields.sum()} points are biactive" in slopes.message
+    assert (
+        f"Step 2: 0 contact rows and {yields.sum()} points are biactive"
+        in slopes.message
+    )
     assert slopes.message.startswith("Step 2")
     assert tangent(waiting, "gap").message == slopes.message

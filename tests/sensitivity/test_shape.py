@@ -2,7 +2,13 @@
 
 import numpy as np
 import pytest
-from campaigns.random_data import four_times, functionals, last_state, once, random_problem
+from campaigns.random_data import (
+    four_times,
+    functionals,
+    last_state,
+    once,
+    random_problem,
+)
 from ngsolve import CF, sin, x, y, z
 
 from ngepc import Direction, Material, Problem, gradient, semismooth_newton, tangent
@@ -13,18 +19,26 @@ STEP = 1e-5
 
 
 @pytest.mark.parametrize(
-    ("seed", "solve"), [(1, once), (6, once), (16, once), (19, once), (45, once), (1, four_times)]
+    ("seed", "solve"),
+    [(1, once), (6, once), (16, once), (19, once), (45, once), (1, four_times)],
 )
 def test_derivatives_agree_with_moved_meshes(seed, solve):
     """Triangles, axisymmetric of order two, Coulomb in 2D and 3D, two bodies, a history."""
     problem = random_problem(seed)
     up = y / 2 + sin(2 * x) / 5
-    V = CF((x * y, up, 0.3 * z + x)) if problem.N == 3 else CF((x * (1.3 - x) * (1 + y), up))
+    V = (
+        CF((x * y, up, 0.3 * z + x))
+        if problem.N == 3
+        else CF((x * (1.3 - x) * (1 + y), up))
+    )
     result, chosen = solve(problem), functionals(problem)
     del chosen["displacement"]  # at a point in space that the body moves away from
     parameter = {"V": Direction("shape", V)}
     slopes = {key: gradient(result, F, parameter)["V"] for key, F in chosen.items()}
-    along, differences = tangent(result, {"V": (1.0, parameter["V"])}), dict.fromkeys(chosen, 0.0)
+    along, differences = (
+        tangent(result, {"V": (1.0, parameter["V"])}),
+        dict.fromkeys(chosen, 0.0),
+    )
     for k, weight in STENCIL.items():
         with moved_mesh(problem.mesh, k * STEP * vertex_motion(problem, V)):
             state = last_state(solve(problem, result))
@@ -36,17 +50,26 @@ def test_derivatives_agree_with_moved_meshes(seed, solve):
 
 
 def squeezed() -> Problem:
-    material = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1.0)
+    material = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1.0
+    )
     mesh = block.structured_mesh(3, 2, size=(1.5, 1.0))
     rollers = {"clamped": (None, 0.0), "left": (0.0, None)}
-    return Problem(mesh, material, None, prescribed=rollers, contact="contact", gap=-0.01)
+    return Problem(
+        mesh, material, None, prescribed=rollers, contact="contact", gap=-0.01
+    )
 
 
 def test_a_squeezed_block():
     """Its force is E/(1 - nu^2) gap width / height."""
     result = semismooth_newton(squeezed())
     force = result.contact_force
-    fields = {"taller": (0.0, y), "wider": (x, 0.0), "moved": (1.0, 0.0), "sheared": (y, 0.0)}
+    fields = {
+        "taller": (0.0, y),
+        "wider": (x, 0.0),
+        "moved": (1.0, 0.0),
+        "sheared": (y, 0.0),
+    }
     parameters = {name: Direction("shape", V) for name, V in fields.items()}
     slopes = gradient(result, "contact_force", parameters)
     assert force == pytest.approx(1e3 * 8 / 3 * 0.01 * 1.5, rel=1e-9)

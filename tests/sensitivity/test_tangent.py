@@ -24,15 +24,28 @@ def test_backward_is_the_transpose_of_forward(seed):
     tape, random = LinearStep(state).tape, np.random.default_rng(0)
     (many, d), n, m = state.deviator.shape, len(state.contact), len(state.multipliers)
     shapes = dict.fromkeys(("strain", "initial", "back"), (many, d))
-    scalars = ("two_mu", "hardening", "beta", "bulk", "volume", "kinematic", "isotropic", "alpha_1")
-    shapes |= dict.fromkeys(scalars, (many,)) | dict.fromkeys(("cap", "coefficient"), (m,))
+    scalars = (
+        "two_mu",
+        "hardening",
+        "beta",
+        "bulk",
+        "volume",
+        "kinematic",
+        "isotropic",
+        "alpha_1",
+    )
+    shapes |= dict.fromkeys(scalars, (many,)) | dict.fromkeys(
+        ("cap", "coefficient"), (m,)
+    )
     shapes |= {"gaps": (n,)} | dict.fromkeys(("u", "start", "values"), state.u.shape)
     data = Data({name: random.normal(size=shape) for name, shape in shapes.items()})
     forward = tape.forward(data)
     assert 0 < state.at.yields.mean() < 1
     found = {"p", "stress", "mean", "given", *(f"next_{name}" for name in INHERITED)}
     by = Data({name: random.normal(size=forward[name].shape) for name in found})
-    assert tape.backward(by).paired(data) == pytest.approx(by.paired(forward), rel=1e-10)
+    assert tape.backward(by).paired(data) == pytest.approx(
+        by.paired(forward), rel=1e-10
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 5, 11, 19, 44])
@@ -41,7 +54,10 @@ def test_balance_and_the_law_of_contact(seed):
     state = once(random_problem(seed)).state
     system, random = LinearStep(state), np.random.default_rng(seed)
     conditions, free = state.discrete.contact, state.discrete.supports.free
-    force, given = random.normal(size=state.u.shape), random.normal(size=len(conditions))
+    force, given = (
+        random.normal(size=state.u.shape),
+        random.normal(size=len(conditions)),
+    )
     u, x = system.solve(force, given)
     balance = system.internal(u) + conditions.forces(x) - force
     assert np.abs(balance[free]).max() < 1e-10 * np.abs(force).max()
@@ -64,7 +80,9 @@ def test_the_law_of_contact_has_this_derivative(seed):
     apart = random.normal(size=len(x)) * np.abs(state.u).max()
     apart[: len(contact.closed)][contact.closed] = 0.0  # they stay closed
     t = 1e-7
-    after, before = (cone.projected(x + s * dx - k * (gaps + s * apart)) for s in (t, -t))
+    after, before = (
+        cone.projected(x + s * dx - k * (gaps + s * apart)) for s in (t, -t)
+    )
     expected = contact.slope @ (dx - k * apart)
     assert (after - before) / (2 * t) == pytest.approx(expected, rel=1e-5, abs=1e-6)
 
@@ -87,7 +105,9 @@ def test_rates_add_up():
     other = tangent(result, {"soft": (1.0, Direction("hardening", x))})
     u = [found.change["u"] for found in (both, one, other)]
     assert u[0] == pytest.approx(2 * u[1] + 3 * u[2], rel=1e-9, abs=1e-12)
-    assert both.contact_force == pytest.approx(2 * one.contact_force + 3 * other.contact_force)
+    assert both.contact_force == pytest.approx(
+        2 * one.contact_force + 3 * other.contact_force
+    )
     change = both.displacement.vec.FV().NumPy()
     assert np.abs(change).max() == pytest.approx(np.abs(u[0]).max())
 
@@ -95,13 +115,19 @@ def test_rates_add_up():
 def test_springs_beside_a_support_that_moves():
     """A foundation joins the edge of the support to what is free: to first order F = F' u_D."""
     mesh = block.structured_mesh(3, 3, simplices=True)
-    stiff = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1.0)
+    stiff = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1.0
+    )
     moved = {"clamped": (0.0, 1e-3)}
-    problem = Problem(mesh, stiff, None, prescribed=moved, springs={"right|contact": (50.0, 80.0)})
+    problem = Problem(
+        mesh, stiff, None, prescribed=moved, springs={"right|contact": (50.0, 80.0)}
+    )
     result, functional = semismooth_newton(problem), Reaction("clamped", 1)
     force = functional.slope(result.state).value
     assert abs(force) > 1e-3
-    assert tangent(result, "prescribed").of(functional) == pytest.approx(force, rel=1e-9)
+    assert tangent(result, "prescribed").of(functional) == pytest.approx(
+        force, rel=1e-9
+    )
     slopes = gradient(result, functional, "prescribed")
     assert slopes["prescribed"] == pytest.approx(force, rel=1e-9)
 
@@ -110,7 +136,9 @@ def test_springs_beside_a_support_that_moves():
 def test_oblique_rollers_that_move(order):
     """Rows that springs hold in the tangent: displacements are linear in the rollers' values."""
     mesh = block.structured_mesh(3, 3, simplices=True)
-    stiff = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1.0)
+    stiff = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1.0
+    )
     rollers = {"left": Roller((1.0, 0.5), 1e-3), "clamped": Roller(None, -2e-3)}
     problem = Problem(mesh, stiff, None, prescribed=rollers, order=order)
     result, functional = semismooth_newton(problem), DisplacementAt((0.6, 0.7), 0)
@@ -119,18 +147,27 @@ def test_oblique_rollers_that_move(order):
     for names in ("prescribed", ["prescribed:left", "prescribed:clamped"]):
         slopes = gradient(result, functional, names)
         assert sum(slopes.values()) == pytest.approx(value, rel=1e-8)
-    assert tangent(result, "prescribed").of(functional) == pytest.approx(value, rel=1e-8)
+    assert tangent(result, "prescribed").of(functional) == pytest.approx(
+        value, rel=1e-8
+    )
 
 
-MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.0, hardening=100.0)
+MATERIAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=1.0, hardening=100.0
+)
 
 
 def test_contact_that_only_touches_is_one_sided():
-    problem = Problem(block.mesh(0.4, (1.0, 1.0)), MATERIAL, "clamped", contact="contact", gap=0.0)
+    problem = Problem(
+        block.mesh(0.4, (1.0, 1.0)), MATERIAL, "clamped", contact="contact", gap=0.0
+    )
     result = semismooth_newton(problem)
     slopes = gradient(result, "contact_force", "gap")
     assert not slopes.differentiable
-    assert f"{len(result.discrete.rows)} contact rows and 0 points are biactive" in slopes.message
+    assert (
+        f"{len(result.discrete.rows)} contact rows and 0 points are biactive"
+        in slopes.message
+    )
     assert tangent(result, {"gap": 1.0}).contact_force == 0.0
     pressed = tangent(result, {"gap": -1.0})
     other = semismooth_newton(replace(problem, gap=-1e-5))
@@ -143,7 +180,11 @@ def on_the_yield_surface(factor: float = 1.0) -> Problem:
     c = factor * MATERIAL.yield_stress / (2 * MATERIAL.lame_mu * np.sqrt(2 / 3))
     held = {"left|right": (0.0, None), "contact": (None, c)}
     return Problem(
-        block.mesh(0.4, (1.0, 1.0)), MATERIAL, "clamped", prescribed=held, kinematics="plane strain"
+        block.mesh(0.4, (1.0, 1.0)),
+        MATERIAL,
+        "clamped",
+        prescribed=held,
+        kinematics="plane strain",
     )
 
 
@@ -158,7 +199,9 @@ def test_points_on_the_yield_surface_are_one_sided():
     for found, step in ((loading, 1e-5), (unloading, -1e-5)):
         other = semismooth_newton(on_the_yield_surface(1 + step))
         before, after = (reaction.slope(r.state).value for r in (result, other))
-        assert found.of(reaction) == pytest.approx((after - before) / abs(step), rel=1e-6)
+        assert found.of(reaction) == pytest.approx(
+            (after - before) / abs(step), rel=1e-6
+        )
     assert abs(loading.of(reaction)) < 0.8 * abs(unloading.of(reaction))
 
 
@@ -167,7 +210,9 @@ def test_friction_at_its_bound_is_one_sided():
 
     def pressed(mu: float) -> Problem:
         mesh = block.structured_mesh(6, 4, size=(1.5, 1), simplices=True)
-        return Problem(mesh, MATERIAL, contact="contact", gap=-0.01, friction=Coulomb(mu))
+        return Problem(
+            mesh, MATERIAL, contact="contact", gap=-0.01, friction=Coulomb(mu)
+        )
 
     stuck = semismooth_newton(pressed(5.0)).raise_for_status()
     mu = (np.abs(stuck.nodal_friction_forces[:, 0]) / stuck.nodal_contact_forces).max()

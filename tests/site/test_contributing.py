@@ -11,7 +11,9 @@ from ngepc import Material, Problem, semismooth_newton
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 EXAMPLES = dict(
-    re.findall(r"^## An? (.*?)\n.*?```python\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
+    re.findall(
+        r"^## An? (.*?)\n.*?```python\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE
+    )
 )
 
 
@@ -25,11 +27,19 @@ def example(request, tmp_path, monkeypatch):
 
 
 def test_there_are_five_examples():
-    assert list(EXAMPLES) == ["hardening law", "obstacle", "kinematics", "line search", "study"]
+    assert list(EXAMPLES) == [
+        "hardening law",
+        "obstacle",
+        "kinematics",
+        "line search",
+        "study",
+    ]
 
 
 def test_every_room_has_its_sentence():
-    rooms = {p.name for p in (ROOT / "ngepc").iterdir() if (p / "__init__.py").is_file()}
+    rooms = {
+        p.name for p in (ROOT / "ngepc").iterdir() if (p / "__init__.py").is_file()
+    }
     told = set(re.findall(r"^\| `(\w+)` \|", TEXT, re.MULTILINE))
     assert told == rooms - {"geometries", "notebooks"}
 
@@ -40,13 +50,17 @@ def test_an_own_law_meets_its_closed_form(example):
     assert str(result.status) == "converged"
     assert result.residual_norm < 1e-10
     assert example["peeq"] > 0.01
-    assert law.stress(example["peeq"]) == pytest.approx(np.sqrt(3) * example["tau"], rel=1e-8)
+    assert law.stress(example["peeq"]) == pytest.approx(
+        np.sqrt(3) * example["tau"], rel=1e-8
+    )
 
 
 @pytest.mark.parametrize("example", ["obstacle"], indirect=True)
 def test_roof_presses_with_its_ridge(example):
     mesh = example["ground"]
-    steel = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, yield_stress=10.0, hardening=100.0)
+    steel = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=10.0, hardening=100.0
+    )
     problem = Problem(mesh, steel, contact="contact", gap=example["roof_gap"])
     result = semismooth_newton(problem)
     assert result.displacement(mesh(0.0, 0.0))[1] == pytest.approx(-0.03, rel=1e-9)

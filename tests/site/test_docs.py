@@ -21,9 +21,13 @@ COPIED = ("notebooks", "results")
 """Folders that the build copies beside the pages."""
 PAGES = [
     *sorted(ROOT.glob("*.md")),
-    *sorted(p for p in DOCS.rglob("*.md") if p.relative_to(DOCS).parts[0] not in COPIED),
+    *sorted(
+        p for p in DOCS.rglob("*.md") if p.relative_to(DOCS).parts[0] not in COPIED
+    ),
 ]
-SNIPPET = re.compile(r"(<!-- not run: [^>]+ -->\n)?^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+SNIPPET = re.compile(
+    r"(<!-- not run: [^>]+ -->\n)?^```python\n(.*?)^```", re.DOTALL | re.MULTILINE
+)
 NEEDS_MPI = DOCS / "howto" / "distributed.md"
 """The page whose script tests/local/test_processes.py runs."""
 WITH_SNIPPETS = [
@@ -60,7 +64,9 @@ def test_first_steps_lead_to_a_picture_and_a_page(first_steps):
 
 
 @pytest.mark.parametrize("path", WITH_SNIPPETS, ids=name)
-def test_snippets_run_one_after_the_other(path, first_steps, tmp_path, monkeypatch, capsys):
+def test_snippets_run_one_after_the_other(
+    path, first_steps, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     names = {} if name(path) in ON_THEIR_OWN else dict(first_steps[1])
     for number, code in enumerate(snippets(path), 1):
@@ -68,7 +74,9 @@ def test_snippets_run_one_after_the_other(path, first_steps, tmp_path, monkeypat
 
 
 def test_what_is_not_run_is_rare():
-    every = [found for path in PAGES for found in SNIPPET.findall(path.read_text("utf-8"))]
+    every = [
+        found for path in PAGES for found in SNIPPET.findall(path.read_text("utf-8"))
+    ]
     assert len(every) > 15
     assert sum(bool(not_run) for not_run, _ in every) <= 1
 
@@ -76,7 +84,9 @@ def test_what_is_not_run_is_rare():
 @pytest.mark.parametrize("path", PAGES, ids=name)
 def test_links_of_the_sources_lead_somewhere(path):
     """GitHub shows the sources: there a link to a page has to be one to its file."""
-    for target in re.findall(r"\]\(([^)#\s]+?)(?:#[^)]*)?\)", path.read_text(encoding="utf-8")):
+    for target in re.findall(
+        r"\]\(([^)#\s]+?)(?:#[^)]*)?\)", path.read_text(encoding="utf-8")
+    ):
         if target.startswith(("http:", "https:", "ngepc.")):
             continue
         beside = (path.parent / target).resolve()
@@ -107,11 +117,15 @@ class Page(HTMLParser):
 def site(tmp_path_factory):
     """The documentation built without warnings, notebooks not executed."""
     for needed in ("myst_nb", "sphinx_book_theme"):
-        pytest.importorskip(needed, reason="needs the extra docs, which make test installs")
+        pytest.importorskip(
+            needed, reason="needs the extra docs, which make test installs"
+        )
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
     places = ["-d", str(tmp_path_factory.mktemp("doctrees")), str(DOCS), str(folder)]
-    run = subprocess.run([*command, *places], capture_output=True, text=True, timeout=300)
+    run = subprocess.run(
+        [*command, *places], capture_output=True, text=True, timeout=300
+    )
     assert run.returncode == 0, run.stderr
     return folder
 
@@ -125,7 +139,9 @@ def pages(site):
 
 def test_site_has_every_public_name(site):
     inventory = (site / "objects.inv").read_bytes().split(b"\n", 4)[4]
-    documented = {line.split()[0] for line in zlib.decompress(inventory).decode().splitlines()}
+    documented = {
+        line.split()[0] for line in zlib.decompress(inventory).decode().splitlines()
+    }
     public = {f"ngepc.{name}" for name in ngepc.__all__ if not name.startswith("_")}
     drawing = {name for name, value in vars(plotting).items() if callable(value)}
     assert len(drawing) >= 10
@@ -142,7 +158,9 @@ def test_links_of_the_site_lead_somewhere(site, pages):
             target = path if not parts.path else path.parent / unquote(parts.path)
             target = (site / target).resolve()
             other = pages.get(target.relative_to(site.resolve()))
-            if not target.exists() or (other and unquote(parts.fragment) not in other.anchors):
+            if not target.exists() or (
+                other and unquote(parts.fragment) not in other.anchors
+            ):
                 broken.append(f"{path}: {link}")
     assert not broken
 
@@ -162,9 +180,17 @@ def test_every_page_is_reached_from_the_first_one(pages):
         path = left.pop()
         seen.add(path)
         inside = (urlsplit(link) for link in pages[path].links if ":" not in link)
-        found = {Path(*_normal(path.parent / unquote(p.path)).parts) for p in inside if p.path}
+        found = {
+            Path(*_normal(path.parent / unquote(p.path)).parts)
+            for p in inside
+            if p.path
+        }
         left |= (found & set(pages)) - seen
-    made_by_sphinx = {Path("genindex.html"), Path("py-modindex.html"), Path("search.html")}
+    made_by_sphinx = {
+        Path("genindex.html"),
+        Path("py-modindex.html"),
+        Path("search.html"),
+    }
     assert set(pages) - seen <= made_by_sphinx
 
 
@@ -185,12 +211,18 @@ def test_site_loads_nothing_from_the_network(site, pages):
 def test_numbered_formulas_have_one_line(site):
     """Sphinx puts formulas with line breaks into split, where MathJax allows no number."""
     for path in site.rglob("*.html"):
-        formulas = re.findall(r'class="math[^>]*>(.*?)</div>', path.read_text("utf-8"), re.DOTALL)
-        assert not [f for f in formulas if "begin{split}" in f and "\\tag" in f], path.name
+        formulas = re.findall(
+            r'class="math[^>]*>(.*?)</div>', path.read_text("utf-8"), re.DOTALL
+        )
+        assert not [f for f in formulas if "begin{split}" in f and "\\tag" in f], (
+            path.name
+        )
 
 
 @pytest.mark.skipif(chromium() is None, reason="needs Chromium")
-@pytest.mark.parametrize("page", ["method/algorithm", "method/newton", "notebooks/01_first_solve"])
+@pytest.mark.parametrize(
+    "page", ["method/algorithm", "method/newton", "notebooks/01_first_solve"]
+)
 def test_site_works_in_a_browser_without_network(site, page):
     wrong = "mjx-merror, [data-mml-node=merror], [data-mjx-error]"
     with Browser() as browser:
@@ -205,8 +237,12 @@ def test_site_works_in_a_browser_without_network(site, page):
 def test_search_shows_snippets_from_disk(site):
     with Browser() as browser:
         seen = browser.open(site / "search.html", "?q=certificate")
-        browser.wait_for("document.querySelectorAll('#search-results p.context').length > 3", 30)
-        text = browser.evaluate("document.querySelector('#search-results p.context').textContent")
+        browser.wait_for(
+            "document.querySelectorAll('#search-results p.context').length > 3", 30
+        )
+        text = browser.evaluate(
+            "document.querySelector('#search-results p.context').textContent"
+        )
         assert "certificate" in text.lower()
         assert (seen.requests, seen.errors) == ([], [])
 

@@ -50,7 +50,13 @@ def test_script_checks_itself(name, script, tmp_path, request):
 
 
 def test_a_script_runs_from_the_command_line(tmp_path):
-    command = [sys.executable, str(GALLERY / "cook.py"), "--coarse", "--out", str(tmp_path / "new")]
+    command = [
+        sys.executable,
+        str(GALLERY / "cook.py"),
+        "--coarse",
+        "--out",
+        str(tmp_path / "new"),
+    ]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert run.stdout.startswith("cook: elastic tip ")

@@ -22,7 +22,9 @@ CHAPTERS = ["Notation", "Problem", "Weak form", "Code", "Picture", "Check", "Now
 ENVIRONMENT = os.environ | {
     "NGS_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
-    "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]),
+    "PYTHONPATH": os.pathsep.join(
+        [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    ),
     "PYTHONWARNINGS": "ignore",
 }
 
@@ -86,9 +88,17 @@ def test_code_fits_the_page(path):
 @pytest.mark.parametrize("path", LECTURES, ids=name)
 def test_notation_comes_first_and_a_check_last(path):
     cells = read(path).cells
-    lines = [line for c in cells if c.cell_type == "markdown" for line in c.source.split("\n")]
+    lines = [
+        line
+        for c in cells
+        if c.cell_type == "markdown"
+        for line in c.source.split("\n")
+    ]
     headings = [line.removeprefix("## ") for line in lines if line.startswith("## ")]
-    wanted = [next((h for h in headings if h.startswith(chapter)), None) for chapter in CHAPTERS]
+    wanted = [
+        next((h for h in headings if h.startswith(chapter)), None)
+        for chapter in CHAPTERS
+    ]
     assert None not in wanted, (headings, wanted)
     assert wanted == sorted(wanted, key=headings.index)
     assert any("assert" in cell.source for cell in code_cells(path))
@@ -111,7 +121,9 @@ def test_exercises_have_hints_and_the_solutions_ask_the_same(path):
     assert "<details><summary>Hint</summary>" in path.read_text()
     assert any("# your line" in cell.source for cell in code_cells(path))
     assert "# your line" not in solution.read_text()
-    assert code_cells(solution)[-1].source == "assert all(check.done.values()), check.done"
+    assert (
+        code_cells(solution)[-1].source == "assert all(check.done.values()), check.done"
+    )
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=name)
@@ -138,7 +150,9 @@ def test_unfinished_answers_are_told_from_wrong_ones(capsys):
     check("missing", lambda: {}[100.0])
     check("wrong", lambda: 1 > 2)
     check("fine", lambda: 2 > 1)
-    assert capsys.readouterr().out == "fill in: missing\nnot yet: wrong\nright:   fine\n"
+    assert (
+        capsys.readouterr().out == "fill in: missing\nnot yet: wrong\nright:   fine\n"
+    )
     assert check.done == {"missing": False, "wrong": False, "fine": True}
     assert list(check.errors) == ["missing"]
     check("missing", lambda: True)
@@ -154,7 +168,9 @@ def test_runs_from_top_to_bottom(path, execute, tmp_path):
     assert not [text for text in warned if text != MANY_SPACES]
     if path in SESSIONS:
         assert re.search("fill in|not yet", "".join(o.get("text", "") for o in outputs))
-        assert not any("right: " in o.get("text", "") for o in outputs if path.stem[0] == "7")
+        assert not any(
+            "right: " in o.get("text", "") for o in outputs if path.stem[0] == "7"
+        )
         assert not any("Error" in o.get("text", "") for o in outputs)
 
 
@@ -163,16 +179,24 @@ def test_pictures_are_drawn_without_the_viewer(execute, tmp_path):
     notebook = read(FOLDER / "01_first_solve.ipynb")
     first, *_, last = (cell for cell in notebook.cells if cell.cell_type == "code")
     first.source += "\nfrom ngepc.pictures import views"
-    first.source += "\nasked, views.viewer_installed = views.viewer_installed, lambda: False"
+    first.source += (
+        "\nasked, views.viewer_installed = views.viewer_installed, lambda: False"
+    )
     last.source = f"views.viewer_installed = asked\n{last.source}"
-    outputs = [o for c in execute(notebook, tmp_path).cells for o in c.get("outputs", [])]
+    outputs = [
+        o for c in execute(notebook, tmp_path).cells for o in c.get("outputs", [])
+    ]
     kinds = [set(o["data"]) for o in outputs if "data" in o]
     assert sum("image/png" in kind for kind in kinds) == 3
-    assert sum("text/html" in kind for kind in kinds) == 2  # the table of the result, the quiz
+    assert (
+        sum("text/html" in kind for kind in kinds) == 2
+    )  # the table of the result, the quiz
 
 
 def test_interrupting_the_kernel_keeps_the_state():
-    start_new_kernel = importlib.import_module("jupyter_client.manager").start_new_kernel
+    start_new_kernel = importlib.import_module(
+        "jupyter_client.manager"
+    ).start_new_kernel
     manager, client = start_new_kernel(kernel_name="python3", env=ENVIRONMENT)
     try:
         setup = (

@@ -17,7 +17,16 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "-w", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "-w",
+        str(folder),
+    ]
     subprocess.run([*command, str(ROOT)], check=True, timeout=300)
     return next(folder.glob("ngepc-*.whl"))
 
@@ -25,12 +34,15 @@ def wheel(tmp_path_factory):
 def test_wheel_contains_every_module(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     modules = {str(p.relative_to(ROOT)) for p in (ROOT / "ngepc").rglob("*.py")}
-    modules |= {f"ngepc/geometries/{p.name}" for p in (ROOT / "geometries").glob("*.py")}
+    modules |= {
+        f"ngepc/geometries/{p.name}" for p in (ROOT / "geometries").glob("*.py")
+    }
     data = {"py.typed", "__init__.pyi", "pictures/ngepc.mplstyle", "pictures/page.html"}
     data |= {"notebooks/quizzes.json"}
     assert modules | {f"ngepc/{name}" for name in data} <= names
     notebooks = {
-        f"ngepc/{p.relative_to(ROOT).as_posix()}" for p in ROOT.glob("notebooks/**/*.ipynb")
+        f"ngepc/{p.relative_to(ROOT).as_posix()}"
+        for p in ROOT.glob("notebooks/**/*.ipynb")
     }
     assert notebooks
     assert notebooks <= names
@@ -43,7 +55,11 @@ def test_wheel_works_outside_the_checkout(wheel, tmp_path):
         f"assert ngepc.__file__.startswith({str(tmp_path)!r}); print(lshape.paper_mesh(417).nv)"
     )
     run = subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {code}"],
+        [
+            sys.executable,
+            "-c",
+            f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {code}",
+        ],
         capture_output=True,
         text=True,
         cwd=tmp_path,
@@ -54,7 +70,9 @@ def test_wheel_works_outside_the_checkout(wheel, tmp_path):
 
 def test_conda_recipe_names_what_the_wheel_needs():
     """Rendered as conda does it: one set line and plain substitutions."""
-    yaml = pytest.importorskip("yaml", reason="reads the recipe; comes with the extra docs")
+    yaml = pytest.importorskip(
+        "yaml", reason="reads the recipe; comes with the extra docs"
+    )
     text = (ROOT / "packaging" / "conda" / "meta.yaml").read_text(encoding="utf-8")
     version = re.search(r'set version = "(.+?)"', text)[1]
     plain = re.sub(r"\{%.*?%\}", "", text).replace("{{ version }}", version)
@@ -65,7 +83,8 @@ def test_conda_recipe_names_what_the_wheel_needs():
     options = setup["options"]
     needed = {line.replace(">=", " >=") for line in options["install_requires"].split()}
     found = {
-        line.replace("matplotlib-base", "matplotlib") for line in recipe["requirements"]["run"]
+        line.replace("matplotlib-base", "matplotlib")
+        for line in recipe["requirements"]["run"]
     }
     assert found - needed == {f"python {options['python_requires']}"}
     assert needed <= found

@@ -16,8 +16,14 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def outside(code: str, folder: Path) -> str:
     """What a fresh interpreter prints, started away from the checkout."""
-    command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r}); {code}"]
-    run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=folder)
+    command = [
+        sys.executable,
+        "-c",
+        f"import sys; sys.path.insert(0, {str(ROOT)!r}); {code}",
+    ]
+    run = subprocess.run(
+        command, capture_output=True, text=True, check=True, cwd=folder
+    )
     return run.stdout.strip()
 
 
@@ -37,7 +43,9 @@ def test_unknown_name_is_an_attribute_error():
         ngepc.Nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("name", ["DualParameters", "Fractional", "augmented_lagrangian"])
+@pytest.mark.parametrize(
+    "name", ["DualParameters", "Fractional", "augmented_lagrangian"]
+)
 def test_names_that_are_gone_say_what_to_take(name):
     with pytest.raises(AttributeError, match=f"no attribute '{name}', it is gone: "):
         getattr(ngepc, name)
@@ -71,7 +79,14 @@ def test_a_users_script_has_types(tmp_path):
     pytest.importorskip("mypy", reason="mypy reads the script (extra 'test')")
     asked = "import ngepc\nreveal_type(ngepc.Material)\nreveal_type(ngepc.obstacles.Sphere)\n"
     users_script(tmp_path, asked + "reveal_type(result.iterations)\n")
-    command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "script.py"]
+    command = [
+        sys.executable,
+        "-m",
+        "mypy",
+        "--strict",
+        "--follow-imports=silent",
+        "script.py",
+    ]
     run = subprocess.run(
         [*command, "--cache-dir", str(tmp_path / "cache")],
         capture_output=True,
@@ -88,16 +103,26 @@ def test_a_users_script_has_types(tmp_path):
 
 def test_pyright_finds_nothing_in_a_users_script(tmp_path):
     """And sees a wrong argument; basedpyright is pyright as pip installs it."""
-    pytest.importorskip("basedpyright", reason="pyright reads the script (extra 'test')")
-    settings = {"typeCheckingMode": "standard", "extraPaths": [str(ROOT)], "include": ["."]}
+    pytest.importorskip(
+        "basedpyright", reason="pyright reads the script (extra 'test')"
+    )
+    settings = {
+        "typeCheckingMode": "standard",
+        "extraPaths": [str(ROOT)],
+        "include": ["."],
+    }
     (tmp_path / "pyrightconfig.json").write_text(json.dumps(settings))
     users_script(tmp_path)
     wrong = "import ngepc\n\nngepc.NewtonOptions(tolerance='small')\n"
     (tmp_path / "wrong.py").write_text(wrong)
     command = [sys.executable, "-m", "basedpyright", "--pythonpath", sys.executable]
-    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    run = subprocess.run(
+        command, capture_output=True, text=True, cwd=tmp_path, check=False
+    )
     errors = [
-        line for line in run.stdout.splitlines() if ": error: " in line or " - error: " in line
+        line
+        for line in run.stdout.splitlines()
+        if ": error: " in line or " - error: " in line
     ]
     assert len(errors) == 1, run.stdout
     assert "wrong.py:3" in errors[0]

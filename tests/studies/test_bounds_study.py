@@ -13,7 +13,9 @@ TARGETS = {
 }
 
 
-def test_the_table_has_adaptive_rows_and_the_pictures_are_written(tmp_path, monkeypatch):
+def test_the_table_has_adaptive_rows_and_the_pictures_are_written(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(bounds, "TARGETS", TARGETS)
     monkeypatch.setattr(bounds, "PICTURED", (0.5, 0.4, 0.3, 0.2))
     work = bounds.Bounds(tmp_path, levels=1)
@@ -28,11 +30,17 @@ def test_the_table_has_adaptive_rows_and_the_pictures_are_written(tmp_path, monk
     assert lshape["error"] <= 3e-3
     assert lshape["nodes"] < told[0]["nodes"]
     written = {path.name for path in work.write(records)}
-    pictures = {"bounds_rates.png", "bounds_lshape_meshes.png", "bounds_wrench_meshes.png"}
+    pictures = {
+        "bounds_rates.png",
+        "bounds_lshape_meshes.png",
+        "bounds_wrench_meshes.png",
+    }
     assert pictures | {"bounds.md", "bounds.csv", "bounds.json"} == written
 
 
 def test_rates_are_slopes():
     run = {"example": "lshape adaptive"}
-    records = [run | {"nodes": n, "error": 3 / n, "bound": 4 / n} for n in (500, 1000, 2000)]
+    records = [
+        run | {"nodes": n, "error": 3 / n, "bound": 4 / n} for n in (500, 1000, 2000)
+    ]
     assert bounds.rates_of(records) == pytest.approx({"lshape adaptive": 1.0})

@@ -29,12 +29,16 @@ def test_one_elastic_solve_between_any_two_steps(monkeypatch):
     count = semismooth_newton(lshape_problem(lshape.paper_mesh(113))).iterations
     seconds = iter([1.0, 3.0] * 50)
     called = []
-    monkeypatch.setattr(cost, "elastic_solve", lambda p: called.append(p) or next(seconds))
+    monkeypatch.setattr(
+        cost, "elastic_solve", lambda p: called.append(p) or next(seconds)
+    )
     found = cost.measure("default", 113)
     assert found["iterations"] == count
     assert len(called) == count + 2
     assert found["step_ratio"] == pytest.approx(found["step_seconds"] / 2)
-    assert 0 < found["step_ratio"] <= found["largest_ratio"] <= found["solve_seconds"] / 2
+    assert (
+        0 < found["step_ratio"] <= found["largest_ratio"] <= found["solve_seconds"] / 2
+    )
 
 
 def test_peak_memory_counts_a_large_array():

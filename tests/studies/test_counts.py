@@ -36,7 +36,9 @@ def test_study_writes_table_and_figure(finished):
 
 def test_default_method_needs_a_dozen_steps_and_finds_the_primal_energy(finished):
     cells = json.loads((finished / "table1.json").read_text())["cells"]
-    default, nested, primal = (next(c for c in cells if c["row"] == row) for row in ROWS[3:])
+    default, nested, primal = (
+        next(c for c in cells if c["row"] == row) for row in ROWS[3:]
+    )
     assert default["iterations"] <= 12
     assert nested["iterations"] <= default["iterations"]
     for cell in (default, nested):
@@ -135,7 +137,9 @@ def test_rows_that_the_paper_has_and_no_others(tmp_path):
 def test_figures_of_elastic_rows_alone_are_drawn(tmp_path, monkeypatch):
     """Rows that take one step everywhere used to end in an empty picture after the work."""
     drawn = []
-    monkeypatch.setattr("ngepc.studies.counts.save_figure", lambda f, path: drawn.append(f))
+    monkeypatch.setattr(
+        "ngepc.studies.counts.save_figure", lambda f, path: drawn.append(f)
+    )
     study = Table1(tmp_path, levels=1, rows=("1e0",))
     study.draw(study.run())
     (axes,) = drawn[0].axes

@@ -31,7 +31,9 @@ def column(rows, family, name):
 
 def test_plateaus_show_that_L2_is_not_enough(rows):
     """||h||_L2 -> 0 while the L2 quotient does not move: M is not Newton differentiable there."""
-    assert column(rows, "plateau", "h_L2")[-1] < 0.04 * column(rows, "plateau", "h_L2")[0]
+    assert (
+        column(rows, "plateau", "h_L2")[-1] < 0.04 * column(rows, "plateau", "h_L2")[0]
+    )
     quotients = column(rows, "plateau", "L2_L2")
     assert quotients == pytest.approx(quotients[0], rel=1e-3)
     assert quotients[0] > 0.3
@@ -91,7 +93,9 @@ def test_graded_mesh_covers_the_square():
 @pytest.fixture(scope="module")
 def counts():
     problems = [lshape_problem(lshape.paper_mesh(n)) for n in (113, 225, 417)]
-    return [with_and_without(p, 1e4, NewtonOptions(quadrature_points=49)) for p in problems]
+    return [
+        with_and_without(p, 1e4, NewtonOptions(quadrature_points=49)) for p in problems
+    ]
 
 
 def test_counts_grow_without_the_tichonov_term(counts):
@@ -113,7 +117,9 @@ def test_dropped_term_does_not_act():
     problem = lshape_problem(lshape.paper_mesh(65))
     problem = replace(problem, gap=0.12)
     values = [
-        semismooth_newton(problem, regularisation=Coupled(1e2, gamma_tichonov=gamma_T)).dual_energy
+        semismooth_newton(
+            problem, regularisation=Coupled(1e2, gamma_tichonov=gamma_T)
+        ).dual_energy
         for gamma_T in (WITHOUT, 100 * WITHOUT)
     ]
     assert values[0] == pytest.approx(values[1], rel=1e-7)
@@ -126,10 +132,14 @@ def test_illegal_levels_are_refused(levels):
 
 
 @pytest.mark.parametrize(
-    "words", [["differentiability", "--levels", "2"], ["without_tichonov", "--nodes", "113"]]
+    "words",
+    [["differentiability", "--levels", "2"], ["without_tichonov", "--nodes", "113"]],
 )
 def test_studies_write_their_tables(words, tmp_path):
     assert main(["study", *words, "--out", str(tmp_path)]) == 0
     head = (tmp_path / f"{words[0]}.md").read_text().splitlines()[2]
-    columns = {"differentiability": "| L6_L2 |", "without_tichonov": "| iterations_without |"}
+    columns = {
+        "differentiability": "| L6_L2 |",
+        "without_tichonov": "| iterations_without |",
+    }
     assert columns[words[0]] in head

@@ -20,11 +20,15 @@ def test_counts_of_one_mesh(tmp_path):
     study = NewtonCounts(tmp_path, levels=1)
     (record,) = study.kept(study.cells()[0])
     assert record["nested"]["iterations"] <= record["default"]["iterations"] <= 11
-    assert record["default"]["energy"] == pytest.approx(record["primal"]["energy"], rel=1e-12)
+    assert record["default"]["energy"] == pytest.approx(
+        record["primal"]["energy"], rel=1e-12
+    )
     _, row = study.table([record])
     assert row[:3] == ["Example (a)", "", "833"]
     assert row[-2:] == ["11", "0.1"]
-    assert "on 1 meshes, the first one started from 417 nodes" in study.notes([record])[2]
+    assert (
+        "on 1 meshes, the first one started from 417 nodes" in study.notes([record])[2]
+    )
 
 
 def test_blocks_have_the_nodes_they_are_called_by():

@@ -12,7 +12,10 @@ from ngepc.studies.work import Work
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_takes_its_options(name, tmp_path):
-    work, options = study_class(STUDIES[name]), set(vars(parser().parse_args(["study", name])))
+    work, options = (
+        study_class(STUDIES[name]),
+        set(vars(parser().parse_args(["study", name]))),
+    )
     options -= {"command", "study", "out", "quiet", "verbose"}
     assert issubclass(work, Work)
     assert work.name == name
@@ -25,8 +28,12 @@ def test_every_study_takes_its_options(name, tmp_path):
 def test_success_looks_at_every_status(tmp_path):
     all_converged = Locking(tmp_path).succeeded
     assert all_converged([{"status": "converged", "direct": {"status": "converged"}}])
-    assert not all_converged([{"status": "converged", "direct": {"status": "stagnated"}}])
-    assert not all_converged([{"primal": {"status": "converged"}, "dual": {"status": "stopped"}}])
+    assert not all_converged(
+        [{"status": "converged", "direct": {"status": "stagnated"}}]
+    )
+    assert not all_converged(
+        [{"primal": {"status": "converged"}, "dual": {"status": "stopped"}}]
+    )
 
 
 class Bars(Work):
@@ -51,6 +58,9 @@ def test_tables_escape_bars_and_flatten_records(tmp_path):
 
 def test_a_cell_is_solved_once(tmp_path, monkeypatch):
     first = Bars(tmp_path).run()
-    assert {path.name for path in (tmp_path / "cells").iterdir()} == {"t-1.npz", "t-1_2_.npz"}
+    assert {path.name for path in (tmp_path / "cells").iterdir()} == {
+        "t-1.npz",
+        "t-1_2_.npz",
+    }
     monkeypatch.setattr(Bars, "solve", lambda self, a: pytest.fail("solved again"))
     assert Bars(tmp_path).run() == first

@@ -48,6 +48,8 @@ def test_study_writes_its_table_and_keeps_its_cells(tmp_path, monkeypatch):
     meshes = ["tetrahedra", "hexahedra", "hexahedra of step-42"]
     assert [c["mesh"] for c in cells] == [mesh for mesh in meshes for _ in range(2)]
     assert cells[-1]["contact_force"] == pytest.approx(37.3058, abs=5e-5)
-    monkeypatch.setattr("ngepc.studies.step42.timed", lambda *run: pytest.fail("solved again"))
+    monkeypatch.setattr(
+        "ngepc.studies.step42.timed", lambda *run: pytest.fail("solved again")
+    )
     assert main(arguments) == 0
     assert (tmp_path / "step42.md").read_text() == text
