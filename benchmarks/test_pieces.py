@@ -15,7 +15,7 @@ from ngepc import Coupled, lshape_problem, primal_newton, semismooth_newton
 from ngepc.discretisation.stiffness import ElementStiffness, by_moduli
 from ngepc.dual.algorithm import DualLine, NewtonSystem
 from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.functional import DualFunctional, Iterate
+from ngepc.dual.functional import DualFunctional, DualIterate
 from ngepc.geometries import lshape
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem
@@ -42,7 +42,7 @@ class Pieces:
         result = semismooth_newton(problem, regularisation=COUPLED)
         self.functional, self.here = (
             result.functional,
-            Iterate(result.functional, result.v),
+            DualIterate(result.functional, result.v),
         )
         self.system = NewtonSystem(self.functional.blocks, "sparsecholesky")
         self.system.factorise(self.functional, self.here.hessian())
@@ -76,11 +76,11 @@ def test_functional_on_given_blocks(benchmark, pieces):
 
 
 def test_nonsmooth_energy(benchmark, pieces):
-    benchmark(lambda: Iterate(pieces.functional, pieces.here.v).penalties)
+    benchmark(lambda: DualIterate(pieces.functional, pieces.here.v).penalties)
 
 
 def test_nonsmooth_gradient(benchmark, pieces):
-    benchmark(lambda: Iterate(pieces.functional, pieces.here.v).multipliers)
+    benchmark(lambda: DualIterate(pieces.functional, pieces.here.v).multipliers)
 
 
 def test_assembly_and_factorisation(benchmark, pieces):

@@ -9,7 +9,7 @@ with the primal variable as a further unknown, so that no inverse of D is needed
 import math
 
 from ngepc.dual.algorithm import NewtonSystem
-from ngepc.dual.functional import Iterate, total
+from ngepc.dual.functional import DualIterate, total
 from ngepc.dual.newton import NewtonOptions, prepared, semismooth_newton
 
 FULL_STEPS = NewtonOptions(linesearch=None)
@@ -52,11 +52,13 @@ class MultiplierEquation:
 
     def psi(self, multiplier, v):
         """Psi_gamma(lambda) = lambda - M(v) for v = v(lambda)."""
-        return (multiplier - Iterate(self.functional, v).multipliers).Evaluate()
+        return (multiplier - DualIterate(self.functional, v).multipliers).Evaluate()
 
     def step(self, multiplier, v):
         """delta of (6.4), from G_Psi = (N_gamma + G_M) N_gamma^(-1) as in Lemma 6.5."""
-        self._newton.factorise(self.functional, Iterate(self.functional, v).hessian())
+        self._newton.factorise(
+            self.functional, DualIterate(self.functional, v).hessian()
+        )
         return self.N(self._newton.solve((-1 * self.psi(multiplier, v)).Evaluate())[1])
 
 

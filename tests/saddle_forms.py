@@ -38,8 +38,8 @@ from ngepc.discretisation.law import ROUNDING
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.data import require_without
 from ngepc.model.elements import plastic_order
-from ngepc.model.given import require_without
 from ngepc.model.problem import as_scalar
 
 

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from ngsolve import Mesh
 
-from ngepc.bounds.bound import ErrorBound, bound_of_state, setting_of
+from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state
 from ngepc.bounds.transfer import bisected_to, carried_state, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
@@ -200,7 +200,7 @@ def solved(
 
     They pause at a step that lowers the energy by less than a ``small`` amount.
     """
-    setting = setting_of(state.discrete)
+    setting = bound_data_of(state.discrete)
     tangent = Factors(state.discrete, "sparsecholesky")
     steps = 0
     energies = []

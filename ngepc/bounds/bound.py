@@ -19,9 +19,9 @@ import numpy as np
 from ngsolve import L2, GridFunction
 
 from ngepc.bounds.conjugate import Conjugate
-from ngepc.bounds.plane import PlaneSetting
-from ngepc.bounds.setting import Setting, stress_coordinates
-from ngepc.bounds.solid import SolidSetting
+from ngepc.bounds.data import BoundData, stress_coordinates
+from ngepc.bounds.plane import PlaneBoundData
+from ngepc.bounds.solid import SolidBoundData
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.loads import nodal
 from ngepc.local.result import ExactResult
@@ -158,7 +158,7 @@ def error_bound(result: object) -> ErrorBound:
     if not isinstance(problem, Problem):
         raise TypeError(f"result={result!r}: a result with a displacement is needed")
     exact = isinstance(result, ExactResult)
-    setting = setting_of(result.discrete if exact else DiscreteProblem(problem))
+    setting = bound_data_of(result.discrete if exact else DiscreteProblem(problem))
     state = result.state if exact else state_of(setting.discrete, result)
     return bound_of_state(setting, state, Factors(setting.discrete, "sparsecholesky"))
 
@@ -179,15 +179,15 @@ def state_of(discrete: DiscreteProblem, result: object) -> State:
     return discrete.state(u.copy(), contact=pressure[rows.vertices] * rows.weights)
 
 
-def setting_of(discrete: DiscreteProblem) -> Setting:
+def bound_data_of(discrete: DiscreteProblem) -> BoundData:
     """What the bounds of all states on the mesh of a discrete problem have in common.
 
     ValueError for a problem that no bound covers.
     """
-    return (PlaneSetting if discrete.problem.N == 2 else SolidSetting)(discrete)
+    return (PlaneBoundData if discrete.problem.N == 2 else SolidBoundData)(discrete)
 
 
-def bound_of_state(setting: Setting, given: State, tangent: Factors) -> ErrorBound:
+def bound_of_state(setting: BoundData, given: State, tangent: Factors) -> ErrorBound:
     """The bound for a state on the mesh of a setting; ``tangent`` may be that of an earlier one."""
     contact = setting.contact
     contact.check_touching(given)
@@ -216,16 +216,16 @@ def bound_of_state(setting: Setting, given: State, tangent: Factors) -> ErrorBou
     return ErrorBound(state, energy, total, algebraic, whole, z, P, moved, oscillation)
 
 
-def feasible_state(setting: Setting, given: State) -> tuple[State, float]:
+def feasible_state(setting: BoundData, given: State) -> tuple[State, float]:
     """The state moved clear of the obstacle, its w on the sphere, and by how much it was moved."""
     u = setting.contact.cleared(given.u)
     moved = float(np.abs(u - given.u).max(initial=0.0))
     if moved <= given.touching_distance:
-        return given.on_sphere(), moved
+        return given.with_radial_return(), moved
     return setting.discrete.state(u, contact=given.contact), moved
 
 
-def algebraic_part(setting: Setting, state: State, tangent: Factors) -> float:
+def algebraic_part(setting: BoundData, state: State, tangent: Factors) -> float:
     """No less than J(u) - J_h: the same bound with a discrete stress and the discrete contact."""
     contact = setting.discrete.contact
     forces = contact.friction.projected(state.contact)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule
 
+from ngepc.model.data import require_without
 from ngepc.model.elements import has_straight_simplices
-from ngepc.model.given import require_without
 from ngepc.model.problem import Problem
 
 # part of its largest value by which a coefficient may vary on an element and count as constant

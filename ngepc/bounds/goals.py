@@ -27,7 +27,7 @@ from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.loads import applied_forces
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
-from ngepc.model.given import Vector, require_without
+from ngepc.model.data import Vector, require_without
 from ngepc.model.problem import Problem
 
 PASSES = 3  # most lengths that are tried on each side

@@ -11,10 +11,10 @@ import numpy as np
 
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import Completed, Conjugate
+from ngepc.bounds.data import BoundData, Effort
 from ngepc.bounds.element import ELEMENTS, PAIRS
 from ngepc.bounds.levels import TwoLevels
 from ngepc.bounds.parts import portions
-from ngepc.bounds.setting import Effort, Setting
 from ngepc.bounds.simplices import Simplices, marked, sliced
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
@@ -175,8 +175,8 @@ ON_SIDES = (
 )
 
 
-class PlaneSetting(Setting):
-    """``Setting`` on triangles."""
+class PlaneBoundData(BoundData):
+    """``BoundData`` on triangles."""
 
     def __init__(self, discrete: DiscreteProblem) -> None:
         super().__init__(discrete)

@@ -20,9 +20,9 @@ from itertools import islice
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
+from ngepc.bounds.data import BALANCED, PASSES, BoundData, Effort, factorise
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.parts import RULE, portions
-from ngepc.bounds.setting import BALANCED, PASSES, Effort, Setting, factorise
 from ngepc.bounds.simplices import FACETS
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.descent import conjugate_gradients
@@ -140,8 +140,8 @@ class Faces:
         return self.kept(self.cells.sums(moments))
 
 
-class SolidSetting(Setting):
-    """``Setting`` on tetrahedra."""
+class SolidBoundData(BoundData):
+    """``BoundData`` on tetrahedra."""
 
     effort = Effort(newton=0, gain=3e-4, steps=60)
 

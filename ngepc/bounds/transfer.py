@@ -20,8 +20,8 @@ from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions, Points, on_children
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.data import ACTING
 from ngepc.model.elements import vertex_coordinates
-from ngepc.model.given import ACTING
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 

@@ -101,11 +101,11 @@ def solve(args: argparse.Namespace) -> int:
 
 def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
     """The result, the seconds it took, and the guaranteed relative energy error of solutions."""
-    tell = teller(args.quiet)
+    report = reporter(args.quiet)
     problem = example(args.problem, args.nodes, args.maxh)
     begin = time.perf_counter()
     if args.error is not None:
-        bounded = solve_to(problem, args.error, monitor=lambda mesh: tell(
+        bounded = solve_to(problem, args.error, monitor=lambda mesh: report(
             f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps: energy error at most "
             f"{100 * mesh.relative:.3g} percent"))  # fmt: skip
         result = bounded.result
@@ -164,13 +164,13 @@ def path(args: argparse.Namespace) -> int:
     """``ngepc path``: follow the path in gamma by Algorithm 7.2."""
     check_targets(args.json)
     options = PathOptions(**given(args, PATH))
-    tell = teller(args.quiet)
+    report = reporter(args.quiet)
     problem = example(args.problem, args.nodes, args.maxh)
     begin = time.perf_counter()
 
     def note(step: object) -> None:
         change = "" if step.change is None else f", V changes by {step.change:.3g}"
-        tell(f"gamma {step.gamma:.4g}: {step.iterations} steps, {step.status.label}, "
+        report(f"gamma {step.gamma:.4g}: {step.iterations} steps, {step.status.label}, "
              f"residual {step.residual_norm:.3g}{change}")  # fmt: skip
 
     followed = follow_path(problem, options, note, checkpoint=args.checkpoint)
@@ -202,9 +202,9 @@ def study(args: argparse.Namespace) -> int:
     """``ngepc study NAME``: measure, write, name what was written."""
     chosen = STUDIES[args.study]
     check_folder(args.out)
-    tell = teller(args.quiet)
+    report = reporter(args.quiet)
     options = given(args, chosen.options)
-    work = study_class(chosen)(args.out, progress=tell, **options)
+    work = study_class(chosen)(args.out, progress=report, **options)
     found = work.run()
     name_written(work.write(found))
     return 0 if work.succeeded(found) else 1
@@ -266,17 +266,17 @@ def notebooks(args: argparse.Namespace) -> int:
     return 0
 
 
-def teller(quiet: bool) -> Callable[[str], None]:
+def reporter(quiet: bool) -> Callable[[str], None]:
     """What puts lines of progress on standard error, and raises a Ctrl-C that was lost."""
 
-    def tell(line: str) -> None:
+    def report(line: str) -> None:
         if not quiet:
             sys.stderr.write(line + "\n")
             sys.stderr.flush()
         if getattr(signal.getsignal(signal.SIGINT), "pressed", False):
             raise KeyboardInterrupt
 
-    return tell
+    return report
 
 
 def check_targets(*files: Path | None) -> None:

@@ -106,7 +106,7 @@ class ContactConditions:
         springs[self.roller_part] = GRIP * row_stiffness[self.roller_part]
         return springs
 
-    def grip(self, row_stiffness: np.ndarray) -> csr_matrix:
+    def friction_springs(self, row_stiffness: np.ndarray) -> csr_matrix:
         """These springs between displacements flattened node by node."""
         R = self.rows.normal[self.roller_part]
         springs = self.springs(row_stiffness)

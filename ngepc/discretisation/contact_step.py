@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ngepc.discretisation.balance import Balance
+from ngepc.discretisation.body import Iterate
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.secants import Compliance, solve_by_secants
 
@@ -36,14 +36,14 @@ UNSOLVABLE = {
 
 
 def with_contact(
-    here: Balance, solve: Solve, compliance: Compliance
+    here: Iterate, solve: Solve, compliance: Compliance
 ) -> tuple[np.ndarray, np.ndarray]:
     """Newton's step, and the forces of the rows at its end, which meet the conditions there.
 
     ``solve`` maps nodal forces to displacements, both (nodes, N).  FactorisationError if no forces
     are found.
     """
-    conditions, change = here.frame.contact, solve(-here.imbalance)
+    conditions, change = here.body.contact, solve(-here.free_residual)
 
     def product(more: np.ndarray) -> np.ndarray:
         """What the rows move by more forces, which change the step."""
@@ -64,13 +64,13 @@ def with_contact(
     if found is None:
         raise FactorisationError(UNSOLVABLE[conditions.friction.d > 0])
     springs = conditions.springs(
-        here.frame.row_stiffness
+        here.body.row_stiffness
     )  # what they carry belongs to rollers
     return change, found + springs * conditions.displacement(change)
 
 
 def rival(
-    here: Balance,
+    here: Iterate,
     solve: Solve,
     most: int,
     stiffened: Callable[[np.ndarray], Solve] | None = None,
@@ -81,7 +81,7 @@ def rival(
     (``is_unique``), with the compliance S + 1/springs.  Where it is not proved all rows that press
     and those closest to it are examined, ``most`` forces at most, each with one solve.
     """
-    conditions = here.frame.contact
+    conditions = here.body.contact
     gaps = here.gaps
     forces = here.contact
     cone = conditions.friction
@@ -94,7 +94,7 @@ def rival(
         return conditions.displacement(solve(conditions.forces(d)))
 
     if stiffened is not None:
-        springs = SPRINGS * here.frame.row_stiffness
+        springs = SPRINGS * here.body.row_stiffness
         held = stiffened(springs)
         follows = cone.follows(forces, gaps, ROUNDING * np.abs(gaps).max(initial=0.0))
 
@@ -106,7 +106,7 @@ def rival(
         if is_unique(follows, lambda d: answer(d) + d / springs, stiffness):
             return False, ""
     n = here.multipliers
-    pressing = n - here.frame.row_stiffness[: len(n)] * here.open_gap
+    pressing = n - here.body.row_stiffness[: len(n)] * here.open_gap
     order = np.argsort(np.where(cone.tied, -np.inf, -pressing), kind="stable")
     rows, left = np.split(order, [most // (cone.d + 1)])
     if processes.size > 1 or (n[left] > 0).any() or cone.tied[left].any():
@@ -169,7 +169,7 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
 
 
 def contact_work(
-    here: Balance, change: np.ndarray, following: np.ndarray
+    here: Iterate, change: np.ndarray, following: np.ndarray
 ) -> tuple[Callable[[float], float], np.ndarray]:
     """What contact adds to the slope of the energy along a step ``change`` to other forces.
 
@@ -178,7 +178,7 @@ def contact_work(
     step, where they balance it but for rounding; rows that slip dissipate their bound, taken there,
     times the way.  Gaps and slips that count as rounding are none.
     """
-    conditions = here.frame.contact
+    conditions = here.body.contact
     slip = here.slip
     touching = here.touching_distance
     way = conditions.tangential(conditions.displacement(change))

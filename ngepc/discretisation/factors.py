@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import diags
 
-from ngepc.discretisation.balance import Balance, Frame
+from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import EXAMINED
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError
@@ -27,7 +27,7 @@ class Factors:
     """A tangent whose factors are computed again for each state, on one sparsity pattern.
 
     ``name`` is NGSolve's of a direct solver, ``stiffness`` assembles the tangents, by default that
-    of the frame; ``moduli`` are those that are factorised, ``back_substitutions`` the solves since
+    of the body; ``moduli`` are those that are factorised, ``back_substitutions`` the solves since
     then.
     """
 
@@ -36,13 +36,13 @@ class Factors:
     moduli: Any = None
 
     def __init__(
-        self, frame: Frame, name: str, stiffness: Stiffness | None = None
+        self, body: DiscreteBody, name: str, stiffness: Stiffness | None = None
     ) -> None:
-        problem = frame.problem
+        problem = body.problem
         require_whole(f"inverse={name!r} and all that needs factors", problem.mesh)
-        self._frame = frame
-        self._free = frame.free
-        self._stiffness = stiffness or frame.stiffness
+        self._body = body
+        self._free = body.free
+        self._stiffness = stiffness or body.stiffness
         self._matrix = self._stiffness.matrix()
         self._name = name
         self._inverse = None
@@ -52,7 +52,7 @@ class Factors:
         nodal = problem.order == 1 and not problem.contact_pairs
         self.stiffened = self._stiffened if nodal else None
 
-    def linearise(self, here: Balance) -> None:
+    def linearise(self, here: Iterate) -> None:
         """Take the tangent at a state."""
         self.update(here.moduli)
 
@@ -65,10 +65,10 @@ class Factors:
 
     def _stiffened(self, springs: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """``solve`` with springs of the contact rows, each of which belongs to one node."""
-        R = self._frame.contact.matrix
-        added = self._frame.added + R.T @ diags(springs) @ R
+        R = self._body.contact.matrix
+        added = self._body.added + R.T @ diags(springs) @ R
         held = Factors(
-            self._frame, self._name, self._stiffness.with_added(added.tocsr())
+            self._body, self._name, self._stiffness.with_added(added.tocsr())
         )
         held.update(self.moduli)
         return held.solve
@@ -115,9 +115,9 @@ class Factors:
 
 
 def tangent_of(
-    frame: Frame, inverse: str | Any, stiffness: Stiffness | None = None
+    body: DiscreteBody, inverse: str | Any, stiffness: Stiffness | None = None
 ) -> Any:
     """The tangent for a solver of ``NewtonOptions``; ``stiffness`` as of ``Factors``."""
     if isinstance(inverse, str):
-        return Factors(frame, inverse, stiffness)
-    return inverse.tangent(frame, stiffness or frame.stiffness)
+        return Factors(body, inverse, stiffness)
+    return inverse.tangent(body, stiffness or body.stiffness)

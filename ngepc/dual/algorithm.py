@@ -17,7 +17,7 @@ from ngsolve import InnerProduct
 from ngsolve.la import BaseMatrix, BaseVector
 
 from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.functional import DualFunctional, Iterate
+from ngepc.dual.functional import DualFunctional, DualIterate
 from ngepc.dual.result import DualResult
 from ngepc.dual.stopping import Tolerances, ended, judged
 from ngepc.linalg.direct import (
@@ -50,10 +50,10 @@ def algorithm_7_1(
     step = Step(length=1.0, energy=math.nan, halvings=0)
     status = None
     cause = ""
-    here = before = Iterate(functional, v)
+    here = before = DualIterate(functional, v)
     try:
         while True:
-            note(here, step, history, monitor)
+            record(here, step, history, monitor)
             here, status, cause = judged(
                 here, before, history, aim, max_iterations, system.solve
             )
@@ -81,7 +81,9 @@ def algorithm_7_1(
     return ended(here, status, cause, history, aim)
 
 
-def note(here: Iterate, step: Step, history: History, monitor: Monitor | None) -> None:
+def record(
+    here: DualIterate, step: Step, history: History, monitor: Monitor | None
+) -> None:
     """Record an iterate and the step that led to it, log it and show it to the monitor."""
     contact, plastic = here.norms
     pressed, yielding = here.active
@@ -168,7 +170,7 @@ class NewtonSystem:
 class DualLine(Descent):
     """J*_gamma along (y + t dy, v + t dv)."""
 
-    def __init__(self, here: Iterate, dy: BaseVector, dv: BaseVector) -> None:
+    def __init__(self, here: DualIterate, dy: BaseVector, dv: BaseVector) -> None:
         self.here = here
         self.dy = dy
         self.dv = dv
@@ -183,11 +185,11 @@ class DualLine(Descent):
         self._curvature = InnerProduct(image, dv) + functional.tichonov(dv, dv)
         self._last = 0.0, here
 
-    def at(self, t: float) -> Iterate:
+    def at(self, t: float) -> DualIterate:
         """The iterate at a step length; the last one is kept."""
         if self._last[0] != t:
             here, y, v = self.here, self.here.y + t * self.dy, self.here.v + t * self.dv
-            self._last = t, Iterate(here.functional, v.Evaluate(), y.Evaluate())
+            self._last = t, DualIterate(here.functional, v.Evaluate(), y.Evaluate())
         return self._last[1]
 
     def energy(self, t: float) -> float:
@@ -202,7 +204,7 @@ class DualLine(Descent):
 
     def fault(self) -> Status:
         """Why there is no step length; the data may have changed."""
-        again = Iterate(self.here.functional, self.here.v, self.here.y)
+        again = DualIterate(self.here.functional, self.here.v, self.here.y)
         values = (
             self.slope_0,
             *again.penalties,
@@ -210,5 +212,5 @@ class DualLine(Descent):
         )
         if not math.isfinite(sum(values)):
             return Status.NONFINITE
-        drowned = self.slope_0 >= 0 and self.is_rounding(self.slope_0)
-        return Status.STAGNATED if drowned else Status.LINESEARCH_FAILED
+        limited_by_rounding = self.slope_0 >= 0 and self.is_rounding(self.slope_0)
+        return Status.STAGNATED if limited_by_rounding else Status.LINESEARCH_FAILED

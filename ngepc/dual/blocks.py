@@ -33,8 +33,8 @@ from ngepc.discretisation.loads import (
 )
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
+from ngepc.model.data import require_without
 from ngepc.model.elements import outward_normal
-from ngepc.model.given import require_without
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import require_whole
 

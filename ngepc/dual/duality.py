@@ -28,7 +28,7 @@ from ngsolve import (
 )
 
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
-from ngepc.dual.functional import Iterate
+from ngepc.dual.functional import DualIterate
 from ngepc.dual.result import DualResult
 from ngepc.model.problem import as_scalar
 
@@ -96,7 +96,7 @@ def duality_report(result: DualResult) -> DualityReport:
     overlap = (f.blocks.Lambda * result.y - f.blocks.psi).Evaluate()
     pairs = zip(f.blocks.parts(overlap), f.blocks.parts(v), strict=True)
     contact, plastic = (InnerProduct(*pair) for pair in pairs)
-    penalties = Iterate(f, v, result.y).penalties
+    penalties = DualIterate(f, v, result.y).penalties
     size = Norm(result.plastic_increment)
     return DualityReport(
         primal_energy=result.primal_energy,

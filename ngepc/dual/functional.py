@@ -213,7 +213,7 @@ class DualFunctional:
         return w
 
 
-class Iterate:
+class DualIterate:
     """v, the y with D y = Lambda* v - l, and what follows, each thing when it is asked for.
 
     The active sets belong to the iterate: others may be made in between.  ``y`` is solved for if it

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ngepc.checks.declared import Declared
 from ngepc.checks.kinds import require_path
-from ngepc.dual.functional import Iterate
+from ngepc.dual.functional import DualIterate
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import DualSpaces
 from ngepc.model.problem import Problem
@@ -36,7 +36,7 @@ class PathStep:
     @classmethod
     def after(cls, before: list[PathStep], result: DualResult) -> PathStep:
         """The record of a result that comes after these steps."""
-        here = Iterate(result.functional, result.v, result.y)
+        here = DualIterate(result.functional, result.v, result.y)
         change = None
         if before:
             value = before[-1].path_value

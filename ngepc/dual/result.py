@@ -11,7 +11,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.dual.blocks import primal_energy
-from ngepc.dual.functional import DualFunctional, Iterate, total
+from ngepc.dual.functional import DualFunctional, DualIterate, total
 from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.equilibrium import Equilibrium
@@ -71,7 +71,7 @@ class DualResult(Result):
     @property
     def residual_norm(self) -> float:
         """||Psi_gamma||_{H*} at the end, with y solved for afresh."""
-        return Iterate(self.functional, self.v).residual_norm
+        return DualIterate(self.functional, self.v).residual_norm
 
     @property
     def residual_rounding(self) -> float:
@@ -81,7 +81,7 @@ class DualResult(Result):
     @property
     def dual_energy(self) -> float:
         """J*_gamma(v) (force times length)."""
-        return Iterate(self.functional, self.v, self.y).energy
+        return DualIterate(self.functional, self.v, self.y).energy
 
     @cached_property
     def primal_energy(self) -> float:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve.la import BaseVector
 
-from ngepc.dual.functional import Iterate, total
+from ngepc.dual.functional import DualIterate, total
 from ngepc.dual.result import DualResult
 from ngepc.linalg.linesearch import ROUNDING
 from ngepc.results.outcome import History, Status
@@ -36,7 +36,7 @@ ADVICE = {
 Solve = Callable[[BaseVector], tuple[BaseVector, BaseVector]]
 """The right hand side of (7.1) -> dy, dv, with the last factors."""
 
-Judgement = tuple[Iterate, Status | None, str]
+Judgement = tuple[DualIterate, Status | None, str]
 """The iterate to go on from or to end with, how the run has ended if it has, and the cause."""
 
 
@@ -66,8 +66,8 @@ class Tolerances:
 
 
 def judged(
-    here: Iterate,
-    before: Iterate,
+    here: DualIterate,
+    before: DualIterate,
     history: History,
     aim: Tolerances,
     most: int,
@@ -84,25 +84,27 @@ def judged(
     if steps == most:
         return here, Status.ITERATION_LIMIT, ""
     changes = np.abs(np.diff(history.energies[-ROUNDING_STEPS - 1 :]))
-    drowned = (
+    limited_by_rounding = (
         len(changes) == ROUNDING_STEPS and changes.max() <= ROUNDING * here.magnitude
     )
-    return here, Status.STAGNATED if drowned else None, ""
+    return here, Status.STAGNATED if limited_by_rounding else None, ""
 
 
-def final_check(here: Iterate, aim: Tolerances, steps: int, solve: Solve) -> Judgement:
+def final_check(
+    here: DualIterate, aim: Tolerances, steps: int, solve: Solve
+) -> Judgement:
     """Judge an iterate whose updated residual meets the aim: y and residual afresh, corrected.
 
     Near a solution the active sets stay, so that a correction needs no new factors.  The status is
     CONVERGED or STAGNATED, None where further Newton steps may help.
     """
-    here = Iterate(here.functional, here.v)
+    here = DualIterate(here.functional, here.v)
     rounding = here.functional.rounding(here.y)
     for _ in range(CORRECTIONS):
         if aim.met(here.norms + rounding, steps) or steps == 0:
             break
         dv = solve((-here.residual).Evaluate())[1]
-        better = Iterate(here.functional, (here.v + dv).Evaluate())
+        better = DualIterate(here.functional, (here.v + dv).Evaluate())
         if not better.residual_norm <= here.residual_norm / 2:
             break
         here = better
@@ -121,12 +123,12 @@ def final_check(here: Iterate, aim: Tolerances, steps: int, solve: Solve) -> Jud
 
 
 def ended(
-    here: Iterate, status: Status, cause: str, history: History, aim: Tolerances
+    here: DualIterate, status: Status, cause: str, history: History, aim: Tolerances
 ) -> DualResult:
     """The result of a run that ends with an iterate, and what was seen if it has not converged."""
     if status not in (Status.CONVERGED, Status.STOPPED):
         if status is not Status.NONFINITE:
-            here = Iterate(here.functional, here.v)
+            here = DualIterate(here.functional, here.v)
         last = history.records[-1]
         contact, plastic = here.norms
         seen = (

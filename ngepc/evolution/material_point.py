@@ -15,7 +15,7 @@ from ngepc.discretisation.law import Law
 from ngepc.evolution.load_path import numbers_in
 from ngepc.evolution.result import Memory
 from ngepc.geometries import block
-from ngepc.model.given import Given
+from ngepc.model.data import ProblemData
 from ngepc.model.kinematics import SOLID
 from ngepc.model.material import Material
 from ngepc.results.outcome import Status
@@ -143,7 +143,7 @@ class _Point:
         mesh = block.structured_mesh(1, 1, 1)
         self._middle = mesh(0.5, 0.5, 0.5)
         self.material = material
-        self.law = Law(Given(mesh, material, kinematics=SOLID), self)
+        self.law = Law(ProblemData(mesh, material, kinematics=SOLID), self)
         names = ("plastic_strain", "back_stress")
         zero = np.zeros((1, SOLID.d))
         arrays = dict.fromkeys(names, zero) | {"hardening_variable": zero[:, 0]}

@@ -142,7 +142,7 @@ class StepRecord:
             primal_energy=float(result.primal_energy),
             elastic_energy=points.integral(points.at(stored)),
             dissipation=points.integral(points.at(lost)),
-            max_plastic_strain=problem.processes.most(
+            max_plastic_strain=problem.processes.maximum(
                 points.at(fields.equivalent_plastic_strain)
             ),
             nodes=nodes_of(problem.mesh),

@@ -30,7 +30,7 @@ from ngepc.evolution.result import (
     StepRecord,
     is_zero,
 )
-from ngepc.model.given import require_without
+from ngepc.model.data import require_without
 from ngepc.model.problem import Problem
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Status

@@ -56,7 +56,7 @@ class InexactTarget:
         self._forcing = forcing
         self._tolerance = tolerance
         self._before = 0.0
-        self._frame = discrete
+        self._body = discrete
         self._contact = discrete.contact
         self._compliance = discrete.compliance()
         free = discrete.free.ravel()
@@ -119,7 +119,7 @@ class InexactTarget:
         active = (
             active if processes.any(active) else here.open_gap < 0
         ) | contact.rows.tied
-        out_of_balance = (here.frame.load - here.internal_forces).ravel()
+        out_of_balance = (here.body.load - here.internal_forces).ravel()
         for number in range(SETS):
             c = SOFT[number // PATIENCE % len(SOFT)] * here.discrete.row_stiffness
             closed = processes.together(
@@ -151,7 +151,7 @@ class InexactTarget:
         if contact.friction.d:
             along = contact.tangential(c)[:, 0]
             rubbing = Rubbing.by(contact.friction, active, self._movable, y, along)
-        return Closed(self._frame, active, rubbing)
+        return Closed(self._body, active, rubbing)
 
     def _shortened(
         self, at: Meeting, found: Meeting, c: np.ndarray

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
-from ngepc.discretisation.balance import Frame
+from ngepc.discretisation.body import DiscreteBody
 from ngepc.linalg.descent import Linear
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import TINY, FrictionCone, matrix_of_rows
@@ -68,10 +68,10 @@ class Closed:
     """
 
     def __init__(
-        self, frame: Frame, active: np.ndarray, rubbing: Rubbing | None = None
+        self, body: DiscreteBody, active: np.ndarray, rubbing: Rubbing | None = None
     ) -> None:
-        self.free = frame.free.ravel().astype(float)
-        rows = frame.contact.rows
+        self.free = body.free.ravel().astype(float)
+        rows = body.contact.rows
         m = len(active)
         nothing = np.zeros((m, 0))
         sticks, bound, slant, stiffness = rubbing or (

@@ -17,7 +17,7 @@ from scipy.sparse import bsr_matrix, csr_matrix, diags
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Check, Count, Declared
-from ngepc.discretisation.balance import Balance, Frame
+from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import FEW
 from ngepc.discretisation.stiffness import Blocks, Stiffness
 from ngepc.linalg.descent import Linear, conjugate_gradients, minimal_residuals
@@ -44,11 +44,13 @@ class Iterative(Declared):
     forcing: Annotated[float, Check(require_number, least=1e-12)] = 3e-3
     max_iterations: Count = 500
 
-    def tangent(self, frame: Frame, stiffness: Stiffness) -> IterativeTangent:
+    def tangent(self, body: DiscreteBody, stiffness: Stiffness) -> IterativeTangent:
         """The tangent of a discrete problem, assembled by ``stiffness``."""
-        return IterativeTangent(frame, stiffness, self)
+        return IterativeTangent(body, stiffness, self)
 
-    def preconditioner(self, pattern: FullPattern, frame: Frame) -> Preconditioner:
+    def preconditioner(
+        self, pattern: FullPattern, body: DiscreteBody
+    ) -> Preconditioner:
         """What makes preconditioners for matrices with a pattern, nodes coupled as by ``graph``."""
         raise NotImplementedError
 
@@ -98,18 +100,20 @@ class IterativeTangent:
     examined = FEW
     stiffened = None
 
-    def __init__(self, frame: Frame, stiffness: Stiffness, solver: Iterative) -> None:
-        self._frame = frame
-        self._processes = frame.contact.processes
+    def __init__(
+        self, body: DiscreteBody, stiffness: Stiffness, solver: Iterative
+    ) -> None:
+        self._body = body
+        self._processes = body.contact.processes
         self.forcing = solver.forcing
         self._most = solver.max_iterations
         self._stiffness = stiffness
         self._pattern = FullPattern(stiffness)
-        self._preconditioner = solver.preconditioner(self._pattern, frame)
+        self._preconditioner = solver.preconditioner(self._pattern, body)
         self._lower: np.ndarray | None = None
         self.back_substitutions = self.linear_iterations = 0
 
-    def linearise(self, here: Balance) -> None:
+    def linearise(self, here: Iterate) -> None:
         """Assemble the tangent at a state; the first solve makes a hierarchy."""
         self._lower = self._stiffness.values(here.moduli)
         self.matrix = self._pattern.matrix(self._lower)
@@ -118,7 +122,7 @@ class IterativeTangent:
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """The tangent times nodal displacements, flat."""
         return self._processes.summed(
-            (self.matrix @ x).reshape(self._frame.free.shape)
+            (self.matrix @ x).reshape(self._body.free.shape)
         ).ravel()
 
     def prepare(self, closed: Closed) -> None:
@@ -151,9 +155,7 @@ class IterativeTangent:
 
         ``accuracy`` is a relative residual.
         """
-        closed = Closed(
-            self._frame, np.zeros(len(self._frame.contact.rows), dtype=bool)
-        )
+        closed = Closed(self._body, np.zeros(len(self._body.contact.rows), dtype=bool))
         right = closed.project(forces.ravel())
         tolerance = accuracy * self._processes.norm(right)
         return self.minimise(closed, right, np.zeros_like(right), tolerance).reshape(
@@ -200,17 +202,17 @@ class IterativeTangent:
         )
 
 
-def low_energy_modes(frame: Frame) -> np.ndarray:
+def low_energy_modes(body: DiscreteBody) -> np.ndarray:
     """Translations and rotations as nodal displacements, shape (unknowns, k).
 
     Nodes that are no vertices carry what is not linear: zero.
     """
-    x = vertex_coordinates(frame.problem.mesh)
-    processes = frame.problem.processes
+    x = vertex_coordinates(body.problem.mesh)
+    processes = body.problem.processes
     own = x[processes.own]
     motions = rigid_motions(
         x - processes.total(own.sum(axis=0)) / processes.total(len(own))
     )
-    modes = np.zeros((*frame.free.shape, motions.shape[2]))
+    modes = np.zeros((*body.free.shape, motions.shape[2]))
     modes[: len(x)] = motions
-    return modes.reshape(frame.free.size, -1)
+    return modes.reshape(body.free.size, -1)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, eye
 
 from ngepc.checks.declared import Text
-from ngepc.discretisation.balance import Frame
+from ngepc.discretisation.body import DiscreteBody
 from ngepc.linalg.aggregation import COARSEST, DAMPING, aggregates, incidence, tentative
 from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import (
@@ -73,9 +73,11 @@ class PETSc(Iterative):
             raise ImportError(INSTALL)
         super().__post_init__()
 
-    def preconditioner(self, pattern: FullPattern, frame: Frame) -> Preconditioner:
+    def preconditioner(
+        self, pattern: FullPattern, body: DiscreteBody
+    ) -> Preconditioner:
         """A preconditioner of PETSc that is set up anew for each matrix."""
-        return PETScPreconditioner(pattern, frame, self.options).updated
+        return PETScPreconditioner(pattern, body, self.options).updated
 
 
 class PETScPreconditioner:
@@ -84,9 +86,9 @@ class PETScPreconditioner:
     The rows of a process are on that process; multigrid keeps its coarse spaces.
     """
 
-    def __init__(self, pattern: FullPattern, frame: Frame, options: str) -> None:
-        self._N = frame.free.shape[1]
-        self._processes = frame.contact.processes
+    def __init__(self, pattern: FullPattern, body: DiscreteBody, options: str) -> None:
+        self._N = body.free.shape[1]
+        self._processes = body.contact.processes
         self._shared = self._processes.size > 1
         self._comm = self._processes.comm if self._shared else petsc.COMM_SELF
         petsc.garbage_cleanup(
@@ -100,7 +102,7 @@ class PETScPreconditioner:
         self._options = usual + options if self._levels else options
         own = self._processes.own
         self._graph = pattern.graph[own][:, own]
-        self._modes = self._orthonormal(low_energy_modes(frame))
+        self._modes = self._orthonormal(low_energy_modes(body))
 
     def updated(self, matrix: csr_matrix, pinned: csr_matrix) -> Linear:
         """The preconditioner for a pinned tangent, see ``Preconditioner``."""

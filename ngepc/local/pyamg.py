@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, eye
 
-from ngepc.discretisation.balance import Frame
+from ngepc.discretisation.body import DiscreteBody
 from ngepc.linalg.aggregation import COARSEST
 from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import (
@@ -48,11 +48,13 @@ class PyAMG(Iterative):
             raise ImportError("PyAMG() needs pyamg: 'pip install pyamg'")
         super().__post_init__()
 
-    def preconditioner(self, pattern: FullPattern, frame: Frame) -> Preconditioner:
+    def preconditioner(
+        self, pattern: FullPattern, body: DiscreteBody
+    ) -> Preconditioner:
         """V-cycles on the coarse spaces of the first tangent."""
-        require_whole("inverse=PyAMG()", frame.problem.mesh)
-        modes = low_energy_modes(frame)
-        N = frame.problem.N
+        require_whole("inverse=PyAMG()", body.problem.mesh)
+        modes = low_energy_modes(body)
+        N = body.problem.N
         spaces = []
 
         def prepared(matrix: csr_matrix, pinned: csr_matrix) -> Linear:

@@ -33,7 +33,7 @@ class ExactResult(DiscreteSolution):
         state = self.state
         size = self.problem.kinematics.size
         squared = state.volume**2 / size + (state.deviator**2).sum(1)
-        return float(np.sqrt(self.discrete.points.processes.most(squared)))
+        return float(np.sqrt(self.discrete.points.processes.maximum(squared)))
 
     @cached_property
     def plastic_increment(self) -> GridFunction:
@@ -81,7 +81,7 @@ class ExactResult(DiscreteSolution):
         pressure = law.bulk * state.volume
         stress = law.stress(state.at)
         u = state.u
-        missing = state.missing
+        missing = state.residual_force
         for _ in range(2):
             change = tangent.solve(-missing)
             volume, e = points.strain(change)

@@ -21,14 +21,14 @@ from functools import cached_property
 
 import numpy as np
 
-from ngepc.discretisation.balance import Balance, Frame
+from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.law import Law, Return
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.stiffness import ElementStiffness
 from ngepc.model.problem import Problem
 
 
-class DiscreteProblem(Frame):
+class DiscreteProblem(DiscreteBody):
     """Points, law, supports, contact rows and loads of a problem: what no Newton step changes."""
 
     def __init__(self, problem: Problem, points: Points | None = None) -> None:
@@ -38,12 +38,12 @@ class DiscreteProblem(Frame):
 
     @cached_property
     def stiffness(self) -> ElementStiffness:
-        """What assembles the tangents, see ``Frame``."""
+        """What assembles the tangents, see ``DiscreteBody``."""
         return ElementStiffness(self.points, self.free).with_added(self.added)
 
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:
-        """Diagonal of the elastic stiffness, see ``Frame``."""
+        """Diagonal of the elastic stiffness, see ``DiscreteBody``."""
         diagonal = self.points.diagonal(self.law.bulk, self.law.two_mu)
         springs = self.supports.stiffness.diagonal().reshape(diagonal.shape)
         return diagonal + self.problem.processes.summed(springs)
@@ -68,8 +68,8 @@ class DiscreteProblem(Frame):
 
 
 @dataclass(frozen=True, eq=False)
-class State(Balance):
-    """An iterate, see ``Balance``: u, the forces of contact, and what follows from them.
+class State(Iterate):
+    """An iterate, see ``Iterate``: u, the forces of contact, and what follows from them.
 
     ``yielding`` is w = -q at the points, |w| <= r(|s|), a variable of its own, shape (points, d);
     ``volume`` and ``deviator`` are tr eps(u) and the coordinates of dev eps(u) beyond the initial
@@ -85,18 +85,18 @@ class State(Balance):
     at: Return = field(repr=False)
 
     @property
-    def frame(self) -> DiscreteProblem:
-        """The discrete problem, see ``Balance``."""
+    def body(self) -> DiscreteProblem:
+        """The discrete problem, see ``Iterate``."""
         return self.discrete
 
-    def on_sphere(self) -> State:
+    def with_radial_return(self) -> State:
         """The same state with w = r s/|s| where s yields."""
         other = copy(self)
         object.__setattr__(other, "yielding", self.discrete.law.yielding_part(self.at))
         return other
 
     def along(self, change: np.ndarray) -> tuple[Callable, Callable]:
-        """The work of the stress at u + t du times du, and the state there, see ``Balance``.
+        """The work of the stress at u + t du times du, and the state there, see ``Iterate``.
 
         Strains are affine in t; w moves along.
         """
@@ -143,7 +143,7 @@ class State(Balance):
     def flowing(self) -> float:
         """The largest |p| where a law hardens no more."""
         discrete = self.discrete
-        return discrete.points.processes.most(discrete.law.flowing(self.at.gained))
+        return discrete.points.processes.maximum(discrete.law.flowing(self.at.gained))
 
     @property
     def plastic_measure(self) -> float:

@@ -25,22 +25,22 @@ from ngepc.checks.arguments import (
 )
 from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
+from ngepc.model.data import ACTING, Components, ProblemData, require_without
 from ngepc.model.elements import SHAPES, corner_vertices, element_nodes, plastic_points
-from ngepc.model.given import ACTING, Components, Given, require_without
 from ngepc.model.hardening import check_law
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, Place, Roller, places, values_at
 from ngepc.model.support import check_support
 
 
-def check_problem(problem: Given) -> None:
+def check_problem(problem: ProblemData) -> None:
     """Raise TypeError or ValueError for the first thing that is wrong with ``problem``."""
     for check in (check_material, check_data):
         problem.processes.together(partial(check, problem))
     check_support(problem)
 
 
-def check_data(problem: Given) -> None:
+def check_data(problem: ProblemData) -> None:
     """What is wrong with the data but the material, on this process's part of the mesh."""
     check_places(problem)
     for argument, place, value in problem.acting:
@@ -95,7 +95,7 @@ def check_mesh(mesh: Mesh) -> None:
         )
 
 
-def check_material(problem: Given) -> None:
+def check_material(problem: ProblemData) -> None:
     """Elliptic elasticity, positive yield stress and hardening everywhere; radii x >= 0."""
     material = problem.material
     mesh = problem.mesh
@@ -128,7 +128,7 @@ def check_material(problem: Given) -> None:
         raise ValueError(f'kinematics="axisymmetric": {reach}')
 
 
-def check_places(problem: Given) -> None:
+def check_places(problem: ProblemData) -> None:
     """Existing places for all that acts, each once, none of them clamped, nor contact."""
     named = {"contact": problem.contact_names}
     for argument in ACTING:
@@ -152,7 +152,9 @@ def check_places(problem: Given) -> None:
             )
 
 
-def check_acting(problem: Given, argument: str, place: Place, value: object) -> None:
+def check_acting(
+    problem: ProblemData, argument: str, place: Place, value: object
+) -> None:
     """One load, given displacement or spring; a load may have a pole at a vertex."""
     mesh = problem.mesh
     N = problem.N
@@ -182,7 +184,7 @@ def check_acting(problem: Given, argument: str, place: Place, value: object) -> 
             require_in(name, values_at(one, mesh, place)[1], repr(place), least)
 
 
-def _prescribed(problem: Given, name: str, place: Place, given: object) -> list:
+def _prescribed(problem: ProblemData, name: str, place: Place, given: object) -> list:
     """The values of N components, some of them None, or of a displacement along a direction."""
     N = problem.N
     direction = getattr(given, "direction", None)
@@ -206,7 +208,7 @@ def _prescribed(problem: Given, name: str, place: Place, given: object) -> list:
     return values
 
 
-def check_contact(problem: Given) -> None:
+def check_contact(problem: ProblemData) -> None:
     """Pairs of two different boundaries; a finite gap on rigid obstacles, and none without one."""
     mesh = problem.mesh
     names = problem.contact_names
@@ -248,7 +250,7 @@ def check_contact(problem: Given) -> None:
         require_field(argument, gap, mesh, [name], corners=True)
 
 
-def check_friction(problem: Given) -> None:
+def check_friction(problem: ProblemData) -> None:
     """A finite friction law >= 0, none without contact; no u_0 without friction."""
     value = problem.friction
     name = "friction"
@@ -267,7 +269,7 @@ def check_friction(problem: Given) -> None:
         require_field(name, value, problem.mesh, problem.touching_names, least=0)
 
 
-def check_history(problem: Given) -> None:
+def check_history(problem: ProblemData) -> None:
     """Initial plastic strain symmetric and trace-free, initial hardening of the right kind."""
     N = problem.kinematics.size
     hardening = problem.initial_hardening
@@ -303,7 +305,9 @@ def check_history(problem: Given) -> None:
         _symmetric("initial_hardening", back_stress, problem)
 
 
-def _symmetric(name: str, value: CoefficientFunction, problem: Given) -> np.ndarray:
+def _symmetric(
+    name: str, value: CoefficientFunction, problem: ProblemData
+) -> np.ndarray:
     """The samples of a symmetric tensor, shape (points, size, size)."""
     N = problem.kinematics.size
     A = require_field(name, value, problem.mesh, shapes=[(N, N)]).reshape(-1, N, N)

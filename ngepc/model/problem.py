@@ -8,15 +8,15 @@ from ngsolve import Mesh
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_mesh
 from ngepc.model.checks import check_mesh, check_problem
+from ngepc.model.data import ProblemData
+from ngepc.model.data import as_scalar as as_scalar
 from ngepc.model.elements import outward_normal
-from ngepc.model.given import Given
-from ngepc.model.given import as_scalar as as_scalar
 from ngepc.model.kinematics import kinematics_of
 from ngepc.model.material import Material
 
 
 @dataclass(frozen=True, eq=False)
-class Problem(Given):
+class Problem(ProblemData):
     """Minimise J(u, p) of (2.14) subject to u.n <= gap on the contact boundary.
 
     ``p`` in (2.14) is the plastic strain gained in this step; the total is

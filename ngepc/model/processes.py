@@ -72,7 +72,7 @@ class Team:
         """Whether one of the flags of all processes is set."""
         return any(self.all(bool(flags.any())))
 
-    def most(self, values: np.ndarray) -> float:
+    def maximum(self, values: np.ndarray) -> float:
         """The largest of the values >= 0 of all processes, 0 for none."""
         return max(self.all(float(values.max(initial=0.0))))
 

@@ -14,6 +14,7 @@ from ngsolve import Mesh
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from ngepc.model.data import ProblemData
 from ngepc.model.elements import (
     boundary_corners,
     corner_vertices,
@@ -22,7 +23,6 @@ from ngepc.model.elements import (
     facet_keys,
     vertex_coordinates,
 )
-from ngepc.model.given import Given
 from ngepc.model.places import values_at
 from ngepc.model.processes import processes_of
 
@@ -33,7 +33,7 @@ HELD_NORMAL = 1e-8
 """Largest length of the free part where the support holds all of the normal."""
 
 
-def check_support(problem: Given) -> None:
+def check_support(problem: ProblemData) -> None:
     """A conforming mesh, boundary values that agree, a free normal on contact, no rigid motion.
 
     A part that may touch another body can be held by contact alone: whether it is shows in the
@@ -58,7 +58,7 @@ def check_support(problem: Given) -> None:
             )
 
 
-def _agreed(problem: Given, held: np.ndarray) -> np.ndarray:
+def _agreed(problem: ProblemData, held: np.ndarray) -> np.ndarray:
     """``held_values`` of all processes: a boundary may end where another one has its elements."""
     processes = problem.processes
     given = ~np.isnan(held)
@@ -73,7 +73,7 @@ def _agreed(problem: Given, held: np.ndarray) -> np.ndarray:
     return values
 
 
-def _parts(problem: Given, held: np.ndarray) -> list[np.ndarray]:
+def _parts(problem: ProblemData, held: np.ndarray) -> list[np.ndarray]:
     """``part_vertices`` of this process, after all checks that need no other one."""
     mesh = problem.mesh
     keys, owners = element_facets(mesh)
@@ -111,7 +111,7 @@ def check_conforming(
     return a, b
 
 
-def held_values(problem: Given) -> np.ndarray:
+def held_values(problem: ProblemData) -> np.ndarray:
     """The given displacements at the vertices, shape (vertices, N), NaN where free."""
     mesh = problem.mesh
     N = problem.N
@@ -143,7 +143,7 @@ def held_values(problem: Given) -> np.ndarray:
     return held
 
 
-def check_free_normal(problem: Given, held: np.ndarray) -> None:
+def check_free_normal(problem: ProblemData, held: np.ndarray) -> None:
     """Where a support meets contact, the normal displacement is free, or all held and in the gap.
 
     ``held`` has the values of ``held_values``.
@@ -188,7 +188,7 @@ def check_free_normal(problem: Given, held: np.ndarray) -> None:
                     )
 
 
-def constraints(problem: Given) -> tuple[np.ndarray, np.ndarray]:
+def constraints(problem: ProblemData) -> tuple[np.ndarray, np.ndarray]:
     """Vertices that supports and springs hold, (k,), and along which unit vectors, (k, N)."""
     mesh = problem.mesh
     axes = np.eye(problem.N)
@@ -212,7 +212,7 @@ def constraints(problem: Given) -> tuple[np.ndarray, np.ndarray]:
 
 
 def free_motions(
-    problem: Given, parts: list[np.ndarray]
+    problem: ProblemData, parts: list[np.ndarray]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Free rigid motions of each part that has any, (vertices of the mesh, N, k), and its vertices.
 
@@ -222,7 +222,7 @@ def free_motions(
     x = vertex_coordinates(problem.mesh)
     processes = problem.processes
     vertices, directions = constraints(problem)
-    scaled = x / processes.most(np.ptp(x[np.concatenate(parts)], axis=0))
+    scaled = x / processes.maximum(np.ptp(x[np.concatenate(parts)], axis=0))
     rows = np.einsum("nj,njk->nk", directions, rigid_motions(scaled[vertices]))
     for own in parts:
         here = processes.all(rows[np.isin(vertices, own)])
@@ -267,7 +267,7 @@ def connected(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return connected_components(pairs, directed=False)[1]
 
 
-def floating_motions(problem: Given) -> list[tuple[np.ndarray, np.ndarray]]:
+def floating_motions(problem: ProblemData) -> list[tuple[np.ndarray, np.ndarray]]:
     """``free_motions`` of the parts that contact with others has to hold; mostly none."""
     if not problem.contact_pairs:
         return []

@@ -10,7 +10,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, GridFunction, Integrate, LinearForm, dx
 from ngsolve.comp import ProxyFunction, SumOfIntegrals
 
-from ngepc.discretisation.balance import Balance, Frame
+from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.stiffness import Stiffness, SymbolicStiffness
 from ngepc.model.elements import plastic_points
@@ -19,7 +19,7 @@ from ngepc.model.processes import require_whole
 from ngepc.primal.return_mapping import ReturnMapping
 
 
-class ReducedEnergy(Frame):
+class ReducedEnergy(DiscreteBody):
     """min over p of J(u, p), (2.14), for nodal displacements u of shape (nodes, N).
 
     ``displacement`` and ``mapping`` are the GridFunction that holds the displacement looked at
@@ -60,7 +60,7 @@ class ReducedEnergy(Frame):
 
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:
-        """Diagonal of the elastic stiffness, see ``Frame``."""
+        """Diagonal of the elastic stiffness, see ``DiscreteBody``."""
         blocks = self._tangent.summed(np.zeros(self.free.shape))
         tangent = self._tangent
         diagonal = np.einsum("nii->ni", blocks[tangent.rows == tangent.columns])
@@ -68,23 +68,23 @@ class ReducedEnergy(Frame):
 
     @cached_property
     def stiffness(self) -> Stiffness:
-        """What assembles the tangents, see ``Frame``."""
+        """What assembles the tangents, see ``DiscreteBody``."""
         return self._tangent.with_added(self.added)
 
 
 @dataclass(frozen=True, eq=False)
-class PrimalState(Balance):
-    """An iterate: displacements and contact forces, see ``Balance``, and the discrete energy."""
+class PrimalState(Iterate):
+    """An iterate: displacements and contact forces, see ``Iterate``, and the discrete energy."""
 
-    frame: ReducedEnergy
+    body: ReducedEnergy
     u: np.ndarray
     contact: np.ndarray
 
     def along(self, change: np.ndarray) -> tuple[Callable, Callable]:
-        """The work of the stress at u + t du times du, and the state there, see ``Balance``."""
+        """The work of the stress at u + t du times du, and the state there, see ``Iterate``."""
 
         def moved(t: float, contact: np.ndarray) -> PrimalState:
-            return PrimalState(self.frame, self.u + t * change, contact)
+            return PrimalState(self.body, self.u + t * change, contact)
 
         return lambda t: float(
             np.vdot(moved(t, self.contact).internal_forces, change)
@@ -93,7 +93,7 @@ class PrimalState(Balance):
     @cached_property
     def energy(self) -> float:
         """J, smallest over p, and friction (force times length)."""
-        reduced = self.frame.at(self.u)
+        reduced = self.body.at(self.u)
         u = self.u
         work = np.vdot(reduced.load - 0.5 * reduced.supports.pull(u), u)
         return reduced.integral(reduced.density) - float(work) + self.friction_work
@@ -101,7 +101,7 @@ class PrimalState(Balance):
     @cached_property
     def internal_forces(self) -> np.ndarray:
         """Nodal forces of the stress and on the springs (nodes, N), the gradient plus the load."""
-        reduced = self.frame.at(self.u)
+        reduced = self.body.at(self.u)
         stress = nodal(reduced.forces.Assemble().vec.FV().NumPy(), reduced.problem)
         return stress + reduced.supports.pull(self.u)
 
@@ -113,10 +113,10 @@ class PrimalState(Balance):
     @property
     def plastic_measure(self) -> float:
         """Area or volume of what yields in this step."""
-        reduced = self.frame.at(self.u)
+        reduced = self.body.at(self.u)
         return reduced.integral(reduced.plastic)
 
     @property
     def flowing(self) -> float:
         """The largest |p| where a law hardens no more."""
-        return self.frame.at(self.u).mapping.flowing()
+        return self.body.at(self.u).mapping.flowing()

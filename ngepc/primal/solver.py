@@ -68,9 +68,11 @@ class PrimalResult(DiscreteSolution):
     def largest_strain(self) -> float:
         """The largest |eps(u)| at the points."""
         mesh = self.problem.mesh
-        rules = self.state.frame.rules
+        rules = self.state.body.rules
         points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
-        return self.problem.processes.most(np.asarray(frobenius(self.strain)(points)))
+        return self.problem.processes.maximum(
+            np.asarray(frobenius(self.strain)(points))
+        )
 
     @cached_property
     def dual_energy(self) -> float:
@@ -83,7 +85,7 @@ class PrimalResult(DiscreteSolution):
         """
         state = self.state
         problem = self.problem
-        reduced = state.frame.at(state.u)
+        reduced = state.body.at(state.u)
         mapping = reduced.mapping
         p_0 = problem.p_0
         p = mapping.plastic_increment
@@ -95,7 +97,7 @@ class PrimalResult(DiscreteSolution):
             - 2 * as_scalar(problem.material.lame_mu) * InnerProduct(p_0, p_0)
             - InnerProduct(mapping.stress, p_0 + problem.eps_0)
         )
-        fixed = np.where(reduced.free, 0.0, state.missing)
+        fixed = np.where(reduced.free, 0.0, state.residual_force)
         work = float(np.vdot(fixed - state.contact_forces - reduced.load, state.u))
         friction = -state.contact @ state.gaps + state.multipliers @ state.open_gap
         return -0.5 * (reduced.integral(density.Compile()) + work) - friction
@@ -103,7 +105,7 @@ class PrimalResult(DiscreteSolution):
     @cached_property
     def plastic_increment(self) -> GridFunction:
         """Coordinates of the plastic strain p gained in this step, d components."""
-        mapping = self.state.frame.at(self.state.u).mapping
+        mapping = self.state.body.at(self.state.u).mapping
         return interpolated(self.problem, mapping.plastic_increment)
 
 
@@ -143,9 +145,9 @@ def primal_newton(
     require_function("monitor", monitor, "a record", optional=True)
     options = PrimalOptions() if options is None else options
     require_instance("options", options, PrimalOptions, "PrimalOptions(...)")
-    frame = ReducedEnergy(problem)
-    u = frame.starting_displacement(start)
-    state = PrimalState(frame, u, np.zeros(len(frame.contact)))
-    tangent = tangent_of(frame, options.inverse)
+    body = ReducedEnergy(problem)
+    u = body.starting_displacement(start)
+    state = PrimalState(body, u, np.zeros(len(body.contact)))
+    tangent = tangent_of(body, options.inverse)
     limits = options.tolerance, options.max_iterations
     return newton_iteration(state, tangent, PrimalResult, *limits, monitor)

@@ -20,7 +20,7 @@ from ngsolve import CoefficientFunction, Mesh
 
 from ngepc._version import __version__
 from ngepc.checks.arguments import is_number, sample
-from ngepc.model.given import ACTING, Components
+from ngepc.model.data import ACTING, Components
 from ngepc.model.places import Place, values_at
 from ngepc.model.problem import Problem
 from ngepc.results.files import replace_contents

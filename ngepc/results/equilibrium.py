@@ -29,14 +29,14 @@ from ngepc.model.problem import Problem
 class Equilibrium:
     """Nodal forces on the body at a solution, arrays of shape (N, nodes).
 
-    ``missing`` are internal minus applied minus contact forces: reactions at the held components,
-    what the solver has left at the free ones.
+    ``residual_force`` is the internal minus the applied minus the contact forces: the reactions at
+    held components, what the solver has left at free ones.
     """
 
     problem: Problem
     applied: np.ndarray  # forces of tractions and body force
     contact: np.ndarray  # of the obstacles, with their friction
-    missing: np.ndarray
+    residual_force: np.ndarray
     free: np.ndarray  # boolean, the components that no support holds
     others: Mapping[Place, np.ndarray] = field(
         default_factory=dict
@@ -45,12 +45,12 @@ class Equilibrium:
     @property
     def reaction(self) -> np.ndarray:
         """Forces of the supports, zero at free components without rollers or springs."""
-        return sum(self.others.values(), np.where(self.free, 0.0, self.missing))
+        return sum(self.others.values(), np.where(self.free, 0.0, self.residual_force))
 
     @property
-    def imbalance(self) -> np.ndarray:
+    def free_residual(self) -> np.ndarray:
         """Forces out of balance, zero at held components."""
-        return np.where(self.free, self.missing, 0.0)
+        return np.where(self.free, self.residual_force, 0.0)
 
     @property
     def reactions(self) -> dict[Place, np.ndarray]:
@@ -67,7 +67,7 @@ class Equilibrium:
             place: problem.processes.summed(mask.T).T > 0
             for place, mask in here.items()
         }
-        fixed = np.where(self.free, 0.0, self.missing)
+        fixed = np.where(self.free, 0.0, self.residual_force)
         share = fixed / np.maximum(sum(held.values(), np.zeros(self.free.shape)), 1)
         each = {place: np.where(mask, share, 0.0) for place, mask in held.items()}
         for place, forces in self.others.items():

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ngepc.discretisation.balance import EPSILON, Balance, Frame
+from ngepc.discretisation.body import EPSILON, DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import (
     ROUNDING,
     contact_work,
@@ -43,24 +43,24 @@ QUADRATIC = 5.0
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
 
-Target = Callable[[Balance, Any], tuple[np.ndarray, np.ndarray]]
+Target = Callable[[Iterate, Any], tuple[np.ndarray, np.ndarray]]
 """State and tangent -> where Newton's model is smallest: du, (nodes, N), and forces of the rows."""
 
 
 class ExactTarget:
     """Newton's model solved exactly; what the rows answer is learned from step to step."""
 
-    def __init__(self, frame: Frame) -> None:
-        self._compliance = frame.compliance()
+    def __init__(self, body: DiscreteBody) -> None:
+        self._compliance = body.compliance()
 
-    def __call__(self, here: Balance, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, here: Iterate, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
         """Take the tangent at a state and solve; FactorisationError if that cannot be done."""
         tangent.linearise(here)
         return with_contact(here, tangent.solve, self._compliance)
 
 
 def newton_iteration(
-    state: Balance,
+    state: Iterate,
     tangent: Any,
     result: Callable[..., Any],
     tolerance: float,
@@ -79,7 +79,7 @@ def newton_iteration(
     trials = 0
     status = None
     message = ""
-    target = target or ExactTarget(state.frame)
+    target = target or ExactTarget(state.body)
     try:
         while status is None:
             record = record_of(state, tangent, len(history.records), length, trials)
@@ -91,13 +91,13 @@ def newton_iteration(
                 snapshot = partial(result, state, Status.STOPPED, ending, seen)
                 monitor(replace(record, snapshot=snapshot))
             status, message = end_of(state, before, history, tolerance, max_iterations)
-            if status is Status.CONVERGED and state.frame.contact.friction.d:
-                status, message = uniqueness(state.on_sphere(), tangent)
+            if status is Status.CONVERGED and state.body.contact.friction.d:
+                status, message = uniqueness(state.with_radial_return(), tangent)
             if status is None:
                 before = state.residual_norm
                 following = newton_step(state, tangent, target)
                 if following is None:
-                    status, message = stuck(state)
+                    status, message = no_descent(state)
                 else:
                     state, length, trials = following
     except FactorisationError as error:
@@ -110,10 +110,10 @@ def newton_iteration(
 
 
 def record_of(
-    state: Balance, tangent: Any, number: int, length: float, trials: int
+    state: Iterate, tangent: Any, number: int, length: float, trials: int
 ) -> IterationRecord:
     """What the history keeps of a state and of the step that led to it."""
-    area = state.frame.contact.area
+    area = state.body.contact.area
     return IterationRecord(
         iteration=number,
         residual_norm=state.residual_norm,
@@ -130,13 +130,13 @@ def record_of(
 
 
 def newton_step(
-    here: Balance, tangent: Any, target: Target
-) -> tuple[Balance, float, int] | None:
+    here: Iterate, tangent: Any, target: Target
+) -> tuple[Iterate, float, int] | None:
     """The next state, the step length and its trials; None if no length lowers the energy."""
     change, contact = target(here, tangent)
     internal_work, moved = here.along(change)
     rows_slope, held = contact_work(here, change, contact)
-    outer_work = here.frame.contact.processes.dot(here.frame.load - held, change)
+    outer_work = here.body.contact.processes.dot(here.body.load - held, change)
 
     def slope(t: float) -> float:
         """d/dt of J(u + t du), friction with the bounds of the target included."""
@@ -153,22 +153,22 @@ def newton_step(
         ), *found
     state = moved(1.0, contact)
     falls = here.residual_norm > QUADRATIC * state.residual_norm
-    return (state.on_sphere() if falls else state), *found
+    return (state.with_radial_return() if falls else state), *found
 
 
-def slope_rounding(here: Balance, change: np.ndarray, contact: np.ndarray) -> float:
+def slope_rounding(here: Iterate, change: np.ndarray, contact: np.ndarray) -> float:
     """What rounding leaves of a slope, also where du is nothing but rounding of u itself."""
-    frame, processes = here.frame, here.frame.contact.processes
+    body, processes = here.body, here.body.contact.processes
     size = np.abs(here.u)
     forces = np.abs(contact)
     terms = NOISE * np.abs(change) + 2 * EPSILON * size
     summed = processes.dot(np.abs(here.internal_forces), terms)
-    pressing = processes.total(float(forces[frame.contact.own].sum()))
-    answers = processes.most(forces / frame.row_stiffness)
-    return summed + pressing * ROUNDING * max(processes.most(size), answers)
+    pressing = processes.total(float(forces[body.contact.own].sum()))
+    answers = processes.maximum(forces / body.row_stiffness)
+    return summed + pressing * ROUNDING * max(processes.maximum(size), answers)
 
 
-def uniqueness(here: Balance, tangent: Any) -> tuple[Status, str]:
+def uniqueness(here: Iterate, tangent: Any) -> tuple[Status, str]:
     """Whether friction allows other equilibria beside a solution, and a sentence about it."""
     tangent.linearise(here)
     several, message = rival(here, tangent.solve, tangent.examined, tangent.stiffened)
@@ -176,7 +176,7 @@ def uniqueness(here: Balance, tangent: Any) -> tuple[Status, str]:
 
 
 def end_of(
-    here: Balance,
+    here: Iterate,
     before: float | None,
     history: History,
     tolerance: float,
@@ -189,15 +189,15 @@ def end_of(
         return Status.NONFINITE, "The energy or the residual is NaN or infinite."
     if residual <= tolerance and here.penetration <= here.touching_distance:
         return Status.CONVERGED, ""
-    if here.frame.floating.unheld:
-        return Status.UNHELD, here.frame.floating.unheld
+    if here.body.floating.unheld:
+        return Status.UNHELD, here.body.floating.unheld
     if here.flowing > FREE:
         return Status.LIMIT_LOAD, (
             f"After {steps} steps |p| reaches {here.flowing:.2g} where nothing hardens any "
             "more: the loads are at or beyond the limit load."
         )
     if before is not None and residual > SETTLED * before and residual <= here.rounding:
-        return Status.STAGNATED, drowned(here, f"After {steps} steps the")
+        return Status.STAGNATED, limited_by_rounding(here, f"After {steps} steps the")
     if steps == max_iterations:
         return Status.ITERATION_LIMIT, (
             f"{steps} steps, relative residual {residual:.3g}, last step length "
@@ -206,17 +206,17 @@ def end_of(
     return None, ""
 
 
-def stuck(here: Balance) -> tuple[Status, str]:
+def no_descent(here: Iterate) -> tuple[Status, str]:
     """Why no step length lowers the energy."""
     if here.residual_norm <= here.rounding:
-        return Status.STAGNATED, drowned(here, "The")
+        return Status.STAGNATED, limited_by_rounding(here, "The")
     return Status.LINESEARCH_FAILED, (
         f"No step length lowers the energy at the relative residual {here.residual_norm:.3g}; try "
         "a smaller load step."
     )
 
 
-def drowned(here: Balance, after: str) -> str:
+def limited_by_rounding(here: Iterate, after: str) -> str:
     """The sentences for a tolerance that rounding does not let any iterate meet."""
     return (
         f"{after} relative residual is {here.residual_norm:.3g}. Rounding alone leaves about "

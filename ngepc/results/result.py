@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
 
-from ngepc.discretisation.balance import Balance
+from ngepc.discretisation.body import Iterate
 from ngepc.discretisation.rows import ContactRows
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
@@ -112,7 +112,7 @@ class DiscreteSolution(Result):
     They have ``largest_strain`` besides, the largest |eps(u)| at the points.
     """
 
-    state: Balance  # the last iterate: displacements and forces of the rows, and what follows
+    state: Iterate  # the last iterate: displacements and forces of the rows, and what follows
     status: Status
     ending: str  # a sentence about how the run ended, empty if it converged
     history: History
@@ -120,17 +120,17 @@ class DiscreteSolution(Result):
     @property
     def problem(self) -> Problem:
         """The problem that was solved."""
-        return self.state.frame.problem
+        return self.state.body.problem
 
     @property
     def rows(self) -> ContactRows:
         """The contact conditions N u <= gaps."""
-        return self.state.frame.contact.rows
+        return self.state.body.contact.rows
 
     @cached_property
     def displacement(self) -> GridFunction:
         """u (length)."""
-        return self.state.frame.supports.function(self.state.u)
+        return self.state.body.supports.function(self.state.u)
 
     @property
     def residual_norm(self) -> float:
@@ -150,19 +150,17 @@ class DiscreteSolution(Result):
     @cached_property
     def equilibrium(self) -> Equilibrium:
         """Nodal forces of loads, obstacles and supports."""
-        state, frame = self.state, self.state.frame
-        others = {
-            p: -f.T for p, f in frame.contact.roller_forces(state.contact).items()
-        }
+        state, body = self.state, self.state.body
+        others = {p: -f.T for p, f in body.contact.roller_forces(state.contact).items()}
         contact = -state.contact_forces.T - sum(
-            others.values(), np.zeros(frame.load.T.shape)
+            others.values(), np.zeros(body.load.T.shape)
         )
-        for place in frame.supports.springs:
+        for place in body.supports.springs:
             others[place] = (
-                others.get(place, 0.0) - frame.supports.pull(state.u, place).T
+                others.get(place, 0.0) - body.supports.pull(state.u, place).T
             )
-        forces = frame.load.T, contact, state.missing.T
-        return Equilibrium(self.problem, *forces, frame.free.T, others)
+        forces = body.load.T, contact, state.residual_force.T
+        return Equilibrium(self.problem, *forces, body.free.T, others)
 
     @property
     def yield_excess(self) -> CoefficientFunction:
@@ -202,7 +200,7 @@ class DiscreteSolution(Result):
     @property
     def contact_force(self) -> float:
         """Resultant of the normal contact pressure, positive in compression (force)."""
-        return float(self.state.frame.contact.sum_of(self.pressing))
+        return float(self.state.body.contact.sum_of(self.pressing))
 
     @cached_property
     def contact_pressure(self) -> GridFunction:
@@ -215,7 +213,7 @@ class DiscreteSolution(Result):
     @property
     def friction_force(self) -> tuple[float, ...]:
         """Resultant of the friction on the body, N components (force)."""
-        return tuple(self.state.frame.contact.sum_of(self._friction_on_body).tolist())
+        return tuple(self.state.body.contact.sum_of(self._friction_on_body).tolist())
 
     @cached_property
     def friction_stress(self) -> GridFunction:
@@ -244,7 +242,7 @@ class DiscreteSolution(Result):
     @cached_property
     def sliding(self) -> GridFunction:
         """1 at vertices that touch the obstacle and slip, without friction all that touch; P1."""
-        least = SLIPPING * self.problem.processes.most(np.abs(self.state.u))
+        least = SLIPPING * self.problem.processes.maximum(np.abs(self.state.u))
         slips = np.linalg.norm(self.nodal_slip, axis=1) > least
         slips |= self.problem.friction is None
         sliding = GridFunction(H1(self.problem.mesh, order=1), name="sliding")
@@ -254,7 +252,7 @@ class DiscreteSolution(Result):
     @property
     def contact_area(self) -> float:
         """Area that belongs to the rows with a contact force."""
-        return self.state.frame.contact.area(self.pressing > 0)
+        return self.state.body.contact.area(self.pressing > 0)
 
     @cached_property
     def contact_facets(self) -> int:
@@ -271,7 +269,7 @@ class DiscreteSolution(Result):
     @property
     def undetermined_motions(self) -> int:
         """Number of rigid motions of floating parts that no contact force rules out, 0 mostly."""
-        return self.state.frame.floating.undetermined(self.state.contact)
+        return self.state.body.floating.undetermined(self.state.contact)
 
     @cached_property
     def message(self) -> str:
@@ -283,7 +281,7 @@ class DiscreteSolution(Result):
         found = []
         processes = self.problem.processes
         rows = self.rows
-        touching = int(self.state.frame.contact.sum_of(self.pressing > 0))
+        touching = int(self.state.body.contact.sum_of(self.pressing > 0))
         places = vertex_coordinates(self.problem.mesh)[rows.vertices].tolist()
         gaps = np.where(rows.tied, np.inf, self.open_gap).tolist()
         gap, place = min(

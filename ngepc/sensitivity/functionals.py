@@ -167,7 +167,7 @@ class Reaction(Declared):
         by = discrete.points.weights * Data(stress=e, mean=volume)
         by += Data(u=discrete.supports.pull(motion), load=-motion)
         by["contact"] = discrete.contact.displacement(motion)
-        return Slope(float(np.vdot(motion, state.missing)), by)
+        return Slope(float(np.vdot(motion, state.residual_force)), by)
 
 
 Functional = DisplacementAt | Reaction
@@ -266,6 +266,6 @@ def slope_by_mesh(functional: Functional, state: State, change: Data) -> float:
     found = on_moving_mesh(
         state, change["shape"], lambda there: functional.slope(there).value
     )
-    data = radial_return(state, state.on_sphere().moduli).forward(found)
+    data = radial_return(state, state.with_radial_return().moduli).forward(found)
     carried = functional.slope(state).by.paired(data)
     return float(found["value"]) - carried

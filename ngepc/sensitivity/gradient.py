@@ -27,7 +27,7 @@ from ngepc.discretisation.loads import nodal
 from ngepc.evolution.result import Evolution, EvolutionStep
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.given import require_without
+from ngepc.model.data import require_without
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.contact import Biactive, LinearContact, biactive_set, told
 from ngepc.sensitivity.functionals import Form, Functional, as_functional, slope_by_mesh

@@ -54,7 +54,7 @@ class LinearStep:
         self.state = state
         self.discrete = state.discrete
         self.contact = contact = LinearContact(state) if contact is None else contact
-        self.moduli = state.on_sphere().moduli
+        self.moduli = state.with_radial_return().moduli
         self.tape = Tape([*radial_return(state, self.moduli), *contact.given()])
         k = contact.stiffness
         self._free = np.append(

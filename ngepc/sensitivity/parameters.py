@@ -32,7 +32,7 @@ from ngepc.discretisation.rows import contact_rows
 from ngepc.evolution.load_path import scaled
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.checks import check_data
-from ngepc.model.given import Given
+from ngepc.model.data import ProblemData
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, places
 from ngepc.model.problem import Problem
@@ -144,7 +144,7 @@ def changed_data(state: State, direction: Direction) -> Data:
             if coulomb
             else Data(cap=discrete.rows.weights * values)
         )
-    other = Given(
+    other = ProblemData(
         **vars(problem) | dict.fromkeys(("clamped", *LOADS)) | {datum: change}
     )
     check_data(other)

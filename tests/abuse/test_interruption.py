@@ -20,7 +20,7 @@ import pytest
 
 from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
 from ngepc.__main__ import main
-from ngepc.cli.work import teller
+from ngepc.cli.work import reporter
 from ngepc.dual.path import PathOptions, follow_path
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
@@ -304,7 +304,7 @@ def test_ctrl_c_ends_a_study_between_cells_and_a_rerun_completes_it(
 
 def test_ctrl_c_that_gets_lost_ends_the_study_at_its_next_line(tmp_path, monkeypatch):
     """The bindings clear an exception raised while they convert arguments; here a test does."""
-    progress, tell = [], teller(quiet=False)
+    progress, tell = [], reporter(quiet=False)
 
     def swallowing(line):
         progress.append(line)
@@ -312,7 +312,7 @@ def test_ctrl_c_that_gets_lost_ends_the_study_at_its_next_line(tmp_path, monkeyp
             signal.raise_signal(signal.SIGINT)
         tell(line)
 
-    monkeypatch.setattr("ngepc.cli.work.teller", lambda quiet: swallowing)
+    monkeypatch.setattr("ngepc.cli.work.reporter", lambda quiet: swallowing)
     before = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

@@ -16,8 +16,8 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
-from ngepc.bounds.bound import bound_of_state, error_bound, setting_of
-from ngepc.bounds.setting import Effort
+from ngepc.bounds.bound import bound_data_of, bound_of_state, error_bound
+from ngepc.bounds.data import Effort
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block, lshape
 from ngepc.geometries.bisection import triangulated
@@ -79,7 +79,7 @@ def test_less_effort_gives_a_bound_too():
         Effort(),
         Effort(newton=2, gain=1e-3),
     ]
-    setting, totals = setting_of(result.discrete), []
+    setting, totals = bound_data_of(result.discrete), []
     for setting.effort in efforts:
         tangent = Factors(result.discrete, "sparsecholesky")
         totals.append(bound_of_state(setting, result.state, tangent).total)

@@ -18,10 +18,10 @@ from ngepc import (
     solve_to,
 )
 from ngepc.bounds.adaptive import Refinement
-from ngepc.bounds.bound import bound_of_state, error_bound, setting_of
+from ngepc.bounds.bound import bound_data_of, bound_of_state, error_bound
 from ngepc.bounds.coverage import FACET_RULES
+from ngepc.bounds.data import Effort
 from ngepc.bounds.element import ELEMENTS
-from ngepc.bounds.setting import Effort
 from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
@@ -285,7 +285,7 @@ def test_effectivity_of_an_elastic_and_a_plastic_cube():
 
 def test_a_single_step_of_the_search_gives_a_bound():
     result = semismooth_newton(pressed())
-    setting = setting_of(result.discrete)
+    setting = bound_data_of(result.discrete)
     setting.effort = Effort(newton=0, steps=1)
     tangent = Factors(result.discrete, "sparsecholesky")
     first, last = (

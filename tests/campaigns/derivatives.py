@@ -118,7 +118,7 @@ def envelope_error(problem):
     gaps = np.where(
         np.arange(len(state.contact)) < len(state.multipliers), -state.contact, 0.0
     )
-    partial += Data(gaps=gaps, values=np.where(held, state.missing, 0.0))
+    partial += Data(gaps=gaps, values=np.where(held, state.residual_force, 0.0))
     slopes = gradient(result, energy, names)
     expected = {n: partial.paired(changed_data(state, Direction(n))) for n in names}
     amounts = sizes(problem)

@@ -15,7 +15,7 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
-from ngepc.dual.functional import Iterate, total
+from ngepc.dual.functional import DualIterate, total
 from ngepc.dual.newton import prepared
 from ngepc.dual.spaces import FullProduct
 from ngepc.geometries import lshape, wrench
@@ -85,7 +85,7 @@ def functional_on_H(equation, seed, size=1.0):
 
 def derivative(equation, v, delta):
     """G_Psi(lambda) delta = delta + G_M(v) N_gamma^(-1) delta for v = v(lambda)."""
-    hessian = Iterate(equation.functional, v).hessian()
+    hessian = DualIterate(equation.functional, v).hessian()
     return (delta + hessian * equation.N_inverse(delta)).Evaluate()
 
 

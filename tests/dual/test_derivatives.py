@@ -9,7 +9,7 @@ from bodies import flat_problem
 from ngsolve import CF, InnerProduct, x, y, z
 
 from ngepc.dual.algorithm import NewtonSystem
-from ngepc.dual.functional import Iterate
+from ngepc.dual.functional import DualIterate
 from ngepc.dual.newton import NewtonOptions, prepared
 from ngepc.dual.spaces import Coupled, FullProduct, Units
 from ngepc.geometries import block
@@ -71,7 +71,7 @@ class State:
     def at(self, step, w):
         v = w.CreateVector()
         v.data = self.v + step * w
-        return Iterate(self.functional, v)
+        return DualIterate(self.functional, v)
 
     def energy_error(self, w, step):
         """Relative difference of <J*', w> and the central difference of J*."""
@@ -90,7 +90,9 @@ class State:
     def newton_error(self, w, step):
         """|K^(-1) (residual difference) - w| / |w|: the Newton matrix undoes the difference."""
         system = NewtonSystem(self.blocks, "sparsecholesky")
-        system.factorise(self.functional, Iterate(self.functional, self.v).hessian())
+        system.factorise(
+            self.functional, DualIterate(self.functional, self.v).hessian()
+        )
         dy, dv = system.solve(self.residual_difference(w, step))
         image = self.blocks.primal_of(w)  # D dy = Lambda* dv
         image -= self.blocks.primal_of(self.blocks.H_vector())
@@ -136,7 +138,7 @@ def test_residual_is_the_derivative_of_the_energy(name):
 def test_newton_matrix_is_the_derivative_of_the_residual(name):
     state = State(*CASES[name]())
     assert (
-        Iterate(state.functional, state.v).active[1] > 0.1
+        DualIterate(state.functional, state.v).active[1] > 0.1
     )  # the nonsmooth terms take part
     for _ in range(2):
         assert state.newton_error(state.direction(), 1e-6) < 1e-7

@@ -28,7 +28,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.dual.blocks import elastic_terms
-from ngepc.dual.functional import Iterate, total
+from ngepc.dual.functional import DualIterate, total
 from ngepc.geometries import block, lshape
 
 REGULARISATIONS = {
@@ -82,7 +82,9 @@ def primal(result, product):
 
 def residual(result, product):
     """||Psi_gamma(v)|| there."""
-    return Iterate(result.functional, result.v, primal(result, product)).residual_norm
+    return DualIterate(
+        result.functional, result.v, primal(result, product)
+    ).residual_norm
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 from ngepc import lshape_problem
 from ngepc.discretisation.quadrature import SMOOTH, classify
 from ngepc.dual.blocks import LinearBlocks
-from ngepc.dual.functional import DualFunctional, Iterate
+from ngepc.dual.functional import DualFunctional, DualIterate
 from ngepc.dual.spaces import DualSpaces
 from ngepc.geometries import lshape
 from ngepc.model.elements import elements_by_shape
@@ -19,7 +19,7 @@ VARIATION = "ngepc.discretisation.quadrature.SMOOTH_VARIATION"
 
 def penalty(blocks, points=400):
     """v -> M^2 there, for gamma = 1e4."""
-    return partial(Iterate, DualFunctional(blocks, points, 1e4))
+    return partial(DualIterate, DualFunctional(blocks, points, 1e4))
 
 
 def field(problem, values):

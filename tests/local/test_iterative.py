@@ -22,7 +22,7 @@ from ngepc.studies.large import indented_block
 class Plain(Iterative):
     """Conjugate gradients with nothing but the diagonal."""
 
-    def preconditioner(self, pattern, frame):
+    def preconditioner(self, pattern, body):
         return lambda matrix, pinned: lambda r: r / pinned.diagonal()
 
 

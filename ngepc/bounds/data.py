@@ -46,7 +46,7 @@ class Effort:
     steps: int = 12
 
 
-class Setting:
+class BoundData:
     """Geometry, data and spaces of a discrete problem.
 
     ``conjugate`` and ``at_nodes`` are phi* at the points and at the nodes of the parts of each

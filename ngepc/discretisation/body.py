@@ -46,7 +46,7 @@ with friction 1e-4 saves a Newton step of four, but 2 of 120 random problems fai
 SMALL = 1e-6  # part of the loads, or of a motion, that counts as none
 
 
-class Frame:
+class DiscreteBody:
     """Supports, contact rows and loads of a problem, which both exact methods inherit."""
 
     stiffness: Stiffness  # what assembles its tangents
@@ -89,7 +89,11 @@ class Frame:
     def added(self) -> csr_matrix:
         """What tangents have besides the stress: springs, also those that only steer the steps."""
         weak = diags(self.floating.springs.ravel())
-        parts = self.supports.stiffness, self.contact.grip(self.row_stiffness), weak
+        parts = (
+            self.supports.stiffness,
+            self.contact.friction_springs(self.row_stiffness),
+            weak,
+        )
         return sum(
             (part for part in parts[1:] if part.count_nonzero()), parts[0]
         ).tocsr()
@@ -107,21 +111,21 @@ class Frame:
         return Compliance(1 / stiffness, self.floating.compliance)
 
 
-class Balance:
+class Iterate:
     """Forces and gaps of an iterate, a value; the iterates of both exact methods inherit it."""
 
-    frame: Frame
+    body: DiscreteBody
     u: np.ndarray  # nodal displacements, shape (nodes, N)
     contact: (
         np.ndarray
     )  # forces of the rows: normal ones >= 0, with friction then tangential ones
     internal_forces: np.ndarray  # nodal forces of the stress, shape (nodes, N)
     energy: float  # J with the p that is best for u, and friction (force times length)
-    moduli: Any  # what ``Frame.stiffness`` assembles the tangent for
+    moduli: Any  # what ``DiscreteBody.stiffness`` assembles the tangent for
     flowing: float  # the largest |p| where a law hardens no more
     plastic_measure: float  # area or volume of what yields in this step
 
-    def on_sphere(self) -> Balance:
+    def with_radial_return(self) -> Iterate:
         """The state whose tangent is that of the energy, by default this one."""
         return self
 
@@ -132,105 +136,105 @@ class Balance:
     @property
     def multipliers(self) -> np.ndarray:
         """Normal forces lambda >= 0 of the rows, shape (m,)."""
-        return self.frame.contact.normal(self.contact)
+        return self.body.contact.normal(self.contact)
 
     @cached_property
     def contact_forces(self) -> np.ndarray:
         """Nodal forces of the body on the obstacle, friction included, shape (nodes, N)."""
-        return self.frame.contact.forces(self.contact)
+        return self.body.contact.forces(self.contact)
 
     @cached_property
-    def missing(self) -> np.ndarray:
+    def residual_force(self) -> np.ndarray:
         """Internal plus contact minus applied forces: reactions where held."""
-        return self.internal_forces + self.contact_forces - self.frame.load
+        return self.internal_forces + self.contact_forces - self.body.load
 
     @cached_property
-    def imbalance(self) -> np.ndarray:
-        """``missing`` at the free components, zero elsewhere."""
-        return np.where(self.frame.free, self.missing, 0.0)
+    def free_residual(self) -> np.ndarray:
+        """``residual_force`` at the free components, zero elsewhere."""
+        return np.where(self.body.free, self.residual_force, 0.0)
 
     @cached_property
     def gaps(self) -> np.ndarray:
         """What the contact conditions leave open, ``ContactConditions.gaps``."""
-        return self.frame.contact.gaps(self.u)
+        return self.body.contact.gaps(self.u)
 
     @property
     def open_gap(self) -> np.ndarray:
         """gaps - N u, negative where the obstacle is penetrated, shape (m,)."""
-        return self.frame.contact.normal(self.gaps)
+        return self.body.contact.normal(self.gaps)
 
     @property
     def tangential_forces(self) -> np.ndarray:
         """Tangential forces of the body on the obstacle, shape (m, N - 1)."""
-        return self.frame.contact.tangential(self.contact)
+        return self.body.contact.tangential(self.contact)
 
     @property
     def slip(self) -> np.ndarray:
         """What the rows have slipped in this step (length), shape (m, N - 1)."""
-        return -self.frame.contact.tangential(self.gaps)
+        return -self.body.contact.tangential(self.gaps)
 
     @property
     def sliding(self) -> np.ndarray:
         """Boolean, shape (m,): rows with friction that slip."""
-        bound = self.frame.contact.bound(self.contact)
+        bound = self.body.contact.bound(self.contact)
         slip = np.linalg.norm(self.slip, axis=1)
         return (bound > 0) & (slip > self.touching_distance)
 
     @property
     def touching_distance(self) -> float:
         """Gaps and penetrations below it are rounding (length)."""
-        return TOUCHING * self._processes.most(np.abs(self.u))
+        return TOUCHING * self._processes.maximum(np.abs(self.u))
 
     @property
     def penetration(self) -> float:
         """The deepest penetration (length), or what opens where nothing may; 0 if feasible."""
-        tied = self.frame.contact.rows.tied
+        tied = self.body.contact.rows.tied
         depth = np.where(tied, np.abs(self.open_gap), -self.open_gap)
-        return self._processes.most(np.maximum(depth, 0.0))
+        return self._processes.maximum(np.maximum(depth, 0.0))
 
     @cached_property
     def friction_work(self) -> float:
         """The sum of bound times |slip| (force times length), zero without friction."""
-        return self.frame.contact.friction_work(
+        return self.body.contact.friction_work(
             self.contact, self.gaps, self.touching_distance
         )
 
     @property
     def _processes(self) -> Team:
         """Those that share the body."""
-        return self.frame.contact.processes
+        return self.body.contact.processes
 
     @cached_property
     def force_scale(self) -> float:
         """The force that residuals are relative to."""
         sizes = [
-            self._processes.norm(a) for a in (self.frame.load, self.internal_forces)
+            self._processes.norm(a) for a in (self.body.load, self.internal_forces)
         ]
         size = max(*sizes, self.contact_defect)
         rounding = ROUNDING_SCALE * self.trial_forces
         return (
             size
             if rounding <= size
-            else max(size, min(rounding, self.frame.yield_forces))
+            else max(size, min(rounding, self.body.yield_forces))
         )
 
     @cached_property
     def trial_forces(self) -> float:
         """Norm of forces of size |K| |u|, from which the true ones are what does not cancel."""
         size = np.linalg.norm(self.u, axis=1, keepdims=True)
-        return self._processes.norm(self.frame.stiffness_diagonal * size)
+        return self._processes.norm(self.body.stiffness_diagonal * size)
 
     @cached_property
     def contact_defect(self) -> float:
         """Norm of what the forces of contact lack, min(lambda, k gap) without friction."""
-        return self.frame.contact.defect(
-            self.contact, self.frame.row_stiffness * self.gaps
+        return self.body.contact.defect(
+            self.contact, self.body.row_stiffness * self.gaps
         )
 
     @cached_property
     def residual_norm(self) -> float:
         """Norm of the forces out of balance and of the contact defect, relative."""
-        imbalance = self._processes.norm(self.imbalance)
+        imbalance = self._processes.norm(self.free_residual)
         return math.hypot(self._relative(imbalance), self.contact_residual_norm)
 
     @property
@@ -259,22 +263,20 @@ class Floating:
     """Weak springs of the tangent, shape (nodes, N), zero if no part floats: they resist the change
     of a Newton step, not the displacement, and cost about a factor SOFT in convergence."""
 
-    def __init__(self, frame: Frame) -> None:
-        self._contact = frame.contact
-        self._load = frame.load
-        found = floating_motions(frame.problem)
-        x = vertex_coordinates(frame.problem.mesh)
+    def __init__(self, body: DiscreteBody) -> None:
+        self._contact = body.contact
+        self._load = body.load
+        found = floating_motions(body.problem)
+        x = vertex_coordinates(body.problem.mesh)
         self.centres = [x[vertices].mean(axis=0) for _, vertices in found]
-        self._motions = np.zeros((*frame.load.shape, sum(m.shape[2] for m, _ in found)))
+        self._motions = np.zeros((*body.load.shape, sum(m.shape[2] for m, _ in found)))
         if found:
             self._motions[: len(x)] = np.concatenate(
                 [motions for motions, _ in found], axis=2
             )
-        self._on_rows = frame.contact.matrix @ self._motions.reshape(
-            frame.load.size, -1
-        )
-        soft = SOFT[frame.contact.friction.d > 0] if found else 0.0
-        self.springs = soft / len(frame.load) * frame.stiffness_diagonal
+        self._on_rows = body.contact.matrix @ self._motions.reshape(body.load.size, -1)
+        soft = SOFT[body.contact.friction.d > 0] if found else 0.0
+        self.springs = soft / len(body.load) * body.stiffness_diagonal
 
     @property
     def compliance(self) -> np.ndarray:

@@ -28,7 +28,7 @@ ACTING = ("traction", "pressure", "prescribed", "springs")
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class ProblemData:
     """The data of ``Problem`` with the paper's names for what follows from them, unchecked."""
 
     mesh: Mesh
@@ -235,7 +235,9 @@ def as_scalar(value: Coefficient) -> CoefficientFunction:
     return CF(float(value)) if is_number(value) else value
 
 
-def require_without(problem: Given, what: str, *limits: str, advice: str = "") -> None:
+def require_without(
+    problem: ProblemData, what: str, *limits: str, advice: str = ""
+) -> None:
     """Refuse by name what ``what`` does not cover, entries of the table below."""
     p = problem
     friction = problem.friction
