@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import BND, CF
+from ngsolve import BND, CF, Mesh
 
 from ngepc.bounds.coverage import CONSTANT, FACET_RULES
 from ngepc.bounds.simplices import Simplices
@@ -12,7 +12,51 @@ from ngepc.model.elements import cells_of
 from ngepc.model.problem import Problem, as_scalar
 
 
-class Boundary:
+class OuterFacets:
+    """Reads what is given on the boundary elements of a mesh, facet by facet of its cells."""
+
+    def __init__(self, mesh: Mesh, cells: Simplices) -> None:
+        N = cells.N
+        self.mesh = mesh
+        self.cells = cells
+        self.rule = FACET_RULES[N]
+        vertices, region = cells_of(mesh, N - 1)
+        self._order = vertices[:, :N].argsort(axis=1)
+        self.facet = cells.facets_between(vertices[:, :N])
+        self._name = np.array(mesh.GetBoundaries())[region]
+
+    def on(self, names: tuple[str, ...], argument: str) -> np.ndarray:
+        """Which boundary elements have one of these names; they lie on the outer boundary."""
+        chosen = np.isin(self._name, list(names))
+        if not self.cells.outer[self.facet[chosen]].all():
+            raise ValueError(
+                f"{argument}: bounds need it on the outer boundary of the body"
+            )
+        return chosen
+
+    def values(self, value: Coefficient, on: np.ndarray) -> np.ndarray:
+        """A coefficient at the rule's points of some boundary elements, (elements, points, k)."""
+        value = as_scalar(value)
+        points = self.mesh.MapToAllElements({self.rule.shape: self.rule.rule}, BND)
+        found = np.asarray(value(points))
+        return found.reshape(-1, len(self.rule.weights), value.dim)[on]
+
+    def affine(self, name: str, value: Coefficient, on: np.ndarray) -> np.ndarray:
+        """The same; refused, by name, where it is not affine on each element."""
+        values = self.values(value, on)
+        defect = np.abs(self.rule.affine_defect(values)).max(initial=0.0)
+        if defect > CONSTANT * np.abs(values).max(initial=1e-300):
+            raise ValueError(
+                f"{name} is not affine on the boundary elements: bounds need it"
+            )
+        return values
+
+    def at_vertices(self, values: np.ndarray, on: np.ndarray) -> np.ndarray:
+        """Values of boundary elements in the order of the vertices of their facets."""
+        return values[np.arange(len(values))[:, None], self._order[on]]
+
+
+class Boundary(OuterFacets):
     """What is given on each facet of the outer boundary.
 
     ``given`` (nf, N) are the components of the traction that are known, contact included;
@@ -28,97 +72,63 @@ class Boundary:
     """
 
     def __init__(self, problem: Problem, cells: Simplices) -> None:
+        super().__init__(problem.mesh, cells)
         self.problem = problem
-        self.cells = cells
-        mesh, N, self.rule = problem.mesh, cells.N, FACET_RULES[cells.N]
-        vertices, region = cells_of(mesh, N - 1)
-        self._order = vertices[:, :N].argsort(axis=1)
-        self._facet = cells.facets_between(vertices[:, :N])
-        self._name = np.array(mesh.GetBoundaries())[region]
+        N = cells.N
         self.given = np.repeat(cells.outer[:, None], N, axis=1)
-        self.given[self._facet] &= ~self._held()
+        self.given[self.facet] &= ~self._held()
         self.moments = np.zeros((len(cells.facets), N, N))
         self._read_tractions()
         self._read_contact()
 
-    def _on(self, names: tuple[str, ...], argument: str) -> np.ndarray:
-        """Which boundary elements have one of these names; they lie on the outer boundary."""
-        chosen = np.isin(self._name, list(names))
-        if not self.cells.outer[self._facet[chosen]].all():
-            raise ValueError(
-                f"{argument}: bounds need it on the outer boundary of the body"
-            )
-        return chosen
-
     def _held(self) -> np.ndarray:
         """Components that a support holds, shape (boundary elements, N)."""
         problem = self.problem
-        held = np.zeros((len(self._facet), problem.N), dtype=bool)
+        held = np.zeros((len(self.facet), problem.N), dtype=bool)
         for argument, name, component, value in problem.held:
-            on = self._on((name,), argument)
+            on = self.on((name,), argument)
             held[on, component] = True
-            self._affine(argument, value, on)
+            self.affine(argument, value, on)
         return held
 
     def _read_tractions(self) -> None:
         tractions = self.problem.tractions
         rule = self.rule
         N = self.problem.N
-        on = self._on(tuple(tractions), "traction")
+        on = self.on(tuple(tractions), "traction")
         g = self.problem.mesh.BoundaryCF(tractions, default=CF((0.0,) * N))
         values = (
-            self._values(g, on)
+            self.values(g, on)
             if self.problem.order == 1
-            else self._affine("traction", g, on)
+            else self.affine("traction", g, on)
         )
         moments = np.einsum("q,qa,eqi->eai", rule.weights, rule.shares, values)
         affine = N * (N + 1) * (moments - moments.sum(axis=1, keepdims=True) / (N + 1))
-        facets = self._facet[on]
+        facets = self.facet[on]
         rest = np.where(self.given[facets][:, None], values - rule.shares @ affine, 0.0)
         rest[
             :,
             np.abs(rest).max(initial=0.0) <= CONSTANT * np.abs(values).max(initial=0.0),
         ] = 0.0
         moments *= self.cells.measure[facets][:, None, None]
-        self.moments[facets] = self._at_vertices(moments, on)
+        self.moments[facets] = self.at_vertices(moments, on)
         self.uneven = (facets, rest)
 
     def _read_contact(self) -> None:
-        on = self._on(self.problem.contact_names, f"contact={self.problem.contact!r}")
-        self.contact, rule = self._facet[on], self.rule
-        psi = self._values(self.problem.psi, on)
+        on = self.on(self.problem.contact_names, f"contact={self.problem.contact!r}")
+        self.contact, rule = self.facet[on], self.rule
+        psi = self.values(self.problem.psi, on)
         lowest = rule.affine_defect(psi)[:, :, 0].min(axis=1, initial=0.0)[:, None]
         above = psi[:, : self.cells.N, 0] + lowest
         weights = self.cells.measure[self.contact][:, None] * rule.weights
         more = (weights * (psi[:, :, 0] - above @ rule.shares.T)) @ rule.shares
         self.gap, self.excess = (
-            self._at_vertices(above, on),
-            self._at_vertices(more, on),
+            self.at_vertices(above, on),
+            self.at_vertices(more, on),
         )
         bound = 0.0 if self.problem.friction is None else self.problem.friction
-        self.friction = self._at_vertices(
-            self._affine("friction", bound, on)[:, :, 0], on
+        self.friction = self.at_vertices(
+            self.affine("friction", bound, on)[:, :, 0], on
         )
         if self.problem.initial_displacement is not None:
-            self._affine("initial_displacement", self.problem.u_0, on)
-
-    def _values(self, value: Coefficient, on: np.ndarray) -> np.ndarray:
-        """A coefficient at the rule's points of some boundary elements, (elements, points, k)."""
-        rule = self.rule
-        value = as_scalar(value)
-        points = self.problem.mesh.MapToAllElements({rule.shape: rule.rule}, BND)
-        return np.asarray(value(points)).reshape(-1, len(rule.weights), value.dim)[on]
-
-    def _affine(self, name: str, value: Coefficient, on: np.ndarray) -> np.ndarray:
-        """The same; refused, by name, where it is not affine on each element."""
-        values = self._values(value, on)
-        defect = np.abs(self.rule.affine_defect(values)).max(initial=0.0)
-        if defect > CONSTANT * np.abs(values).max(initial=1e-300):
-            raise ValueError(
-                f"{name} is not affine on the boundary elements: bounds need it"
-            )
-        return values
-
-    def _at_vertices(self, values: np.ndarray, on: np.ndarray) -> np.ndarray:
-        """Values of boundary elements in the order of the vertices of their facets."""
-        return values[np.arange(len(values))[:, None], self._order[on]]
+            self.affine("initial_displacement", self.problem.u_0, on)

@@ -67,7 +67,7 @@ class BoundData:
         check_covered(discrete.problem)
         self.discrete = discrete
         self.problem = discrete.problem
-        c = self.cells = Simplices(self.problem.mesh)
+        c = self.cells = Simplices.of(self.problem.mesh)
         self.boundary = Boundary(self.problem, c)
         self.each = len(discrete.points) // len(c.nodes)
         self.conjugate = self.at_nodes = Conjugate(discrete.law, self.each)

@@ -20,7 +20,7 @@ FACETS = {2: ((1, 2), (2, 0), (0, 1)), 3: ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 
 
 
 class Simplices:
-    """Geometry and neighbours of the cells of a mesh of straight triangles or tetrahedra.
+    """Geometry and neighbours of straight triangles or tetrahedra.
 
     ``points`` (nv, N) are the vertices, ``nodes`` (nt, N + 1) those of each cell with a positive
     determinant, ``jacobian`` (nt, N, N) has x_i - x_0 as columns, with ``det``, ``inverse`` and
@@ -32,11 +32,12 @@ class Simplices:
     and ``slot`` the number N facet + place.
     """
 
-    def __init__(self, mesh: Mesh) -> None:
-        self.mesh = mesh
-        self.N = mesh.dim
-        self.points = vertex_coordinates(mesh).copy()
-        self.nodes = element_nodes(mesh)[:, : self.N + 1].copy()
+    mesh: Mesh | None = None  # where ``of`` has them from
+
+    def __init__(self, points: np.ndarray, nodes: np.ndarray) -> None:
+        self.N = points.shape[1]
+        self.points = points
+        self.nodes = nodes.copy()
         x = self.points[self.nodes]
         self.jacobian = np.ascontiguousarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
         self.det = np.linalg.det(self.jacobian)
@@ -70,6 +71,14 @@ class Simplices:
         size = np.linalg.norm(out, axis=1)
         self.measure = self.N * self.volume[owner] * size
         self.normal = out / size[:, None]
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Simplices:
+        """Those of a mesh of straight triangles or tetrahedra."""
+        nodes = element_nodes(mesh)[:, : mesh.dim + 1]
+        cells = cls(vertex_coordinates(mesh).copy(), nodes)
+        cells.mesh = mesh
+        return cells
 
     def key(self, vertices: np.ndarray) -> np.ndarray:
         """One integer for each facet with these ascending vertices."""

@@ -27,7 +27,7 @@ def body(N, width, **data):
 
 def carried(N):
     problem = body(N, 0.5, body_force=FORCES[N])
-    cells = Simplices(problem.mesh)
+    cells = Simplices.of(problem.mesh)
     return cells, CarriedLoads(Boundary(problem, cells))
 
 

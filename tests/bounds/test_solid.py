@@ -115,7 +115,7 @@ def stresses(bound):
     coordinates = bound.admissible.reshape(-1, 4, 4, 6)
     sigma = coordinates[..., 0, None, None] * np.eye(3)
     sigma = sigma + np.einsum("tkvd,dij->tkvij", coordinates[..., 1:], SOLID.basis)
-    cells = Simplices(bound.problem.mesh)
+    cells = Simplices.of(bound.problem.mesh)
     places = cells.points[cells.nodes]
     return (
         sigma,
@@ -184,7 +184,7 @@ def test_tractions(bound):
     held = {name: (True,) * 3 for name in problem.clamped_names}
     for name, values in (problem.prescribed or {}).items():
         held[name] = tuple(v is not None for v in values)
-    points = Simplices(problem.mesh).points
+    points = Simplices.of(problem.mesh).points
     for face in problem.mesh.Elements(BND):
         vertices = sorted(v.nr for v in face.vertices)
         ((sn, n),) = found[tuple(vertices)]

@@ -1,0 +1,112 @@
+"""Conic programs: a linear cost over equations, inequalities and second-order cones.
+
+Clarabel solves them, an interior point method; it comes with the extra ``conic``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, vstack
+
+EXTRA = "Clarabel is needed for conic programs: pip install 'ngepc[conic]'"
+SOLVED = ("Solved", "AlmostSolved")
+
+
+@dataclass(frozen=True, eq=False)
+class ConeProgram:
+    """Minimise cost . x over the x with three kinds of conditions.
+
+    Parameters
+    ----------
+    cost
+        Shape (n,).
+    equations, values
+        Matrix and right side of ``equations x = values``.
+    above, least
+        Matrix and right side of ``above x >= least``.
+    cones
+        Triples (rows, offset, size): the entries of ``rows x + offset``, taken ``size`` at a time,
+        are (t, y) with t >= |y|.
+    """
+
+    cost: np.ndarray
+    equations: csr_matrix
+    values: np.ndarray
+    above: csr_matrix
+    least: np.ndarray
+    cones: list[tuple[csr_matrix, np.ndarray, int]]
+
+
+@dataclass(frozen=True, eq=False)
+class ConeSolution:
+    """What the solver found.
+
+    Parameters
+    ----------
+    x
+        The unknowns, shape (n,).
+    status
+        The solver's word: 'Solved', 'PrimalInfeasible', ...
+    steps
+        Steps of the interior point method.
+    """
+
+    x: np.ndarray
+    status: str
+    steps: int
+
+    @property
+    def is_success(self) -> bool:
+        """Whether ``x`` is a solution, be it of reduced accuracy."""
+        return self.status in SOLVED
+
+
+def cone_solution(program: ConeProgram, tolerance: float = 1e-8) -> ConeSolution:
+    """Solve a conic program by Clarabel on one thread.
+
+    Parameters
+    ----------
+    program
+        The program.
+    tolerance
+        Of the residuals and of the gap between the program and its dual, relative.
+
+    Raises
+    ------
+    ImportError
+        If Clarabel is not installed.
+    """
+    try:
+        import clarabel
+    except ImportError as error:
+        raise ImportError(EXTRA) from error
+    parts = [
+        (program.equations, -program.values),
+        (-program.above, program.least),
+        *((-rows, -offset) for rows, offset, _ in program.cones),
+    ]
+    cones = [
+        clarabel.ZeroConeT(len(program.values)),
+        clarabel.NonnegativeConeT(len(program.least)),
+    ]
+    for rows, _, size in program.cones:
+        cones += [clarabel.SecondOrderConeT(size)] * (rows.shape[0] // size)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.tol_gap_abs = tolerance
+    settings.tol_gap_rel = tolerance
+    settings.tol_feas = tolerance
+    n = len(program.cost)
+    solver = clarabel.DefaultSolver(
+        csc_matrix((n, n)),
+        program.cost,
+        vstack([matrix for matrix, _ in parts], format="csc"),
+        -np.concatenate([offset for _, offset in parts]),
+        cones,
+        settings,
+    )
+    found = solver.solve()
+    return ConeSolution(np.array(found.x), str(found.status), found.iterations)
