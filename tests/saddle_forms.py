@@ -38,7 +38,6 @@ from ngepc.discretisation.law import ROUNDING
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.data import require_without
 from ngepc.model.elements import plastic_order
 from ngepc.model.problem import as_scalar
 
@@ -70,7 +69,7 @@ class SaddleForms:
             "springs, rollers and floating parts are not in the forms"
         )
         problem, V = discrete.problem, discrete.supports.space
-        require_without(problem, "the saddle form", "law", "strain")
+        assert not {"hardening law", "initial strain"} & set(problem.features)
         local = L2(problem.mesh, order=plastic_order(problem.mesh, problem.order))
         Q = VectorValued(local, problem.kinematics.d)
         self.space = V * Q * Q

@@ -21,7 +21,6 @@ from ngepc.bounds.parts import AT_POINTS, TO_NODES, exceeding
 from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.processes import require_whole
 
 # part of the largest nodal force that may be missing after PASSES corrections at most
 BALANCED = 1e-12
@@ -63,7 +62,6 @@ class BoundData:
     weights = np.ones(1)
 
     def __init__(self, discrete: DiscreteProblem) -> None:
-        require_whole("guaranteed bounds", discrete.problem.mesh)
         check_covered(discrete.problem)
         self.discrete = discrete
         self.problem = discrete.problem

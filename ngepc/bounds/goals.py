@@ -23,12 +23,17 @@ import numpy as np
 
 from ngepc.bounds.adaptive import SOLVED, TOLERANCE
 from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.loads import applied_forces
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
-from ngepc.model.data import Vector, require_without
+from ngepc.model.data import Vector
+from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
+
+COVERS = BOUNDED - {"friction"}
+"""Features that brackets cover: bounds do, but slopes of the energy need no friction."""
 
 PASSES = 3  # most lengths that are tried on each side
 MOST_STEPS = 100  # Newton steps of each solve
@@ -74,7 +79,7 @@ def contact_force_bracket(result: ExactResult) -> Between:
     """
     require_instance("result", result, ExactResult, "a result without gamma")
     problem, force = result.problem, float(result.contact_force)
-    require_without(problem, "a bracket", "friction")
+    require_covered(problem, "a bracket", COVERS)
     if not problem.contact_names:
         raise ValueError("contact=None: a contact force needs contact")
 
@@ -114,7 +119,7 @@ def displacement_bracket(
     require_instance("result", result, ExactResult, "a result without gamma")
     problem = result.problem
     u = result.state.u
-    require_without(problem, "a bracket", "friction")
+    require_covered(problem, "a bracket", COVERS)
     load = replace(problem, traction=traction, body_force=body_force, pressure=None)
     forces = applied_forces(load, result.discrete.supports.space)
     size = float(np.abs(forces).sum() * np.abs(u).max())

@@ -33,10 +33,25 @@ from ngepc.discretisation.loads import (
 )
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
-from ngepc.model.data import require_without
 from ngepc.model.elements import outward_normal
+from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem, as_scalar
-from ngepc.model.processes import require_whole
+
+COVERS = frozenset(
+    {
+        "plane strain",
+        "two-dimensional",
+        "solid",
+        "other shapes",
+        "curved elements",
+        "kinematic hardening",
+        "isotropic hardening",
+        "initial plastic strain",
+        "initial hardening",
+        "obstacle",
+    }
+)
+"""Features that the paper's regularised method covers."""
 
 
 def elastic_terms(problem: Problem, u: CF, p: CF, v: CF, r: CF) -> list[CF]:
@@ -94,21 +109,8 @@ class LinearBlocks:
     """
 
     def __init__(self, problem: Problem, choice: DualSpaces, inverse: str) -> None:
-        require_whole("gamma", problem.mesh)
-        lacks = [
-            "law",
-            "strain",
-            "friction",
-            "pairs",
-            "order",
-            "revolution",
-            "places",
-            "springs",
-        ]
         advice = "; leave gamma and regularisation out"
-        require_without(
-            problem, "the paper's regularised method", *lacks, "corner", advice=advice
-        )
+        require_covered(problem, "the paper's regularised method", COVERS, advice)
         self.problem = problem
         self.choice = choice
         fixed = choice.tichonov.fixed

@@ -16,6 +16,7 @@ from ngsolve import GridFunction
 
 from ngepc.bounds.adaptive import Refinement, next_mesh
 from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.bounds.goals import COVERS
 from ngepc.bounds.transfer import check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
@@ -30,7 +31,7 @@ from ngepc.evolution.result import (
     StepRecord,
     is_zero,
 )
-from ngepc.model.data import require_without
+from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Status
@@ -160,7 +161,7 @@ class _Run:
             step = self._problem_at(time)
             if self.error is not None:
                 check_carried(step)
-                require_without(step, "error=...", "friction")
+                require_covered(step, "error=...", COVERS)
                 if step.order == 2 and not is_zero(step.material.isotropic_hardening):
                     reason = (
                         "whose variable may be negative where it is affine on cells"

@@ -17,9 +17,39 @@ from ngepc.local.active_set import InexactTarget
 from ngepc.local.iterative import Iterative, IterativeTangent
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import Monitor
+
+COVERS = frozenset(
+    {
+        "plane strain",
+        "two-dimensional",
+        "axisymmetric",
+        "solid",
+        "other kinematics",
+        "order 2",
+        "other shapes",
+        "curved elements",
+        "shared mesh",
+        "kinematic hardening",
+        "isotropic hardening",
+        "hardening law",
+        "initial plastic strain",
+        "initial hardening",
+        "initial strain",
+        "obstacle",
+        "two bodies",
+        "friction",
+        "Coulomb friction",
+        "contact at a clamp",
+        "rollers",
+        "edges and points",
+        "springs",
+    }
+)
+"""Features that the exact method covers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +93,7 @@ def solve_exactly(
 
     Arguments as of ``semismooth_newton`` and ``NewtonOptions``.
     """
+    require_covered(problem, "semismooth_newton", COVERS)
     discrete = DiscreteProblem(problem)
     target = None
     state = starting_state(discrete, start)

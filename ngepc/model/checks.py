@@ -25,12 +25,38 @@ from ngepc.checks.arguments import (
 )
 from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
-from ngepc.model.data import ACTING, Components, ProblemData, require_without
+from ngepc.model.data import ACTING, Components, ProblemData
 from ngepc.model.elements import SHAPES, corner_vertices, element_nodes, plastic_points
+from ngepc.model.features import require_covered
 from ngepc.model.hardening import check_law
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, Place, Roller, places, values_at
 from ngepc.model.support import check_support
+
+SHARED_MESH_COVERS = frozenset(
+    {
+        "plane strain",
+        "two-dimensional",
+        "axisymmetric",
+        "solid",
+        "other kinematics",
+        "other shapes",
+        "curved elements",
+        "shared mesh",
+        "kinematic hardening",
+        "isotropic hardening",
+        "hardening law",
+        "initial plastic strain",
+        "initial hardening",
+        "initial strain",
+        "obstacle",
+        "friction",
+        "Coulomb friction",
+        "contact at a clamp",
+        "springs",
+    }
+)
+"""Features that a mesh covers of which processes have a part each."""
 
 
 def check_problem(problem: ProblemData) -> None:
@@ -57,9 +83,7 @@ def check_data(problem: ProblemData) -> None:
             require_field(name, given, problem.mesh, where, shapes=[(problem.N,)])
     check_history(problem)
     if problem.processes.size > 1:
-        require_without(
-            problem, "a mesh that processes share", "order", "pairs", "places"
-        )
+        require_covered(problem, "a mesh that processes share", SHARED_MESH_COVERS)
 
 
 def check_mesh(mesh: Mesh) -> None:

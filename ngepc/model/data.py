@@ -12,7 +12,7 @@ from ngepc.checks.arguments import (
     is_number,
     require_components,
 )
-from ngepc.model.elements import corner_vertices, outward_normal
+from ngepc.model.elements import outward_normal
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Contact, Coulomb, Place, Roller, places
@@ -233,48 +233,3 @@ class ProblemData:
 def as_scalar(value: Coefficient) -> CoefficientFunction:
     """A number or scalar coefficient as a CoefficientFunction."""
     return CF(float(value)) if is_number(value) else value
-
-
-def require_without(
-    problem: ProblemData, what: str, *limits: str, advice: str = ""
-) -> None:
-    """Refuse by name what ``what`` does not cover, entries of the table below."""
-    p = problem
-    friction = problem.friction
-    ring = p.kinematics.name if p.kinematics.hoop else None
-    ends = (
-        corner_vertices(p.mesh, names) for names in (p.clamped_names, p.contact_names)
-    )
-    corner = p.contact if np.intersect1d(*ends).size else None
-    pairs = p.contact if p.contact_pairs else None
-    coulomb = friction if isinstance(friction, Coulomb) else None
-    springs = {
-        f"springs[{place!r}]": value for place, value in p.single("springs").items()
-    }
-    elsewhere = {
-        f"{argument}[{place!r}]": value
-        for argument, place, value in p.acting
-        if isinstance(value, Roller) or not isinstance(place, str)
-    }
-    table = {  # what a problem may have: what is needed instead, argument -> value or None
-        "revolution": ("a plane problem or a solid", {"kinematics": ring}),
-        "order": (
-            "displacements of order 1",
-            {"order": p.order if p.order > 1 else None},
-        ),
-        "pairs": ("rigid obstacles only, not two bodies", {"contact": pairs}),
-        "law": ("linear hardening, without a law", {"material.law": p.material.law}),
-        "strain": ("no initial strain", {"initial_strain": p.initial_strain}),
-        "friction": ("contact without friction", {"friction": friction}),
-        "Coulomb": ("a given bound F of friction", {"friction": coulomb}),
-        "places": ("loads and components of displacements on boundaries", elsewhere),
-        "springs": ("supports that do not give way", springs),
-        "corner": (
-            "contact away from the clamped boundary, (2.2)",
-            {"contact": corner},
-        ),
-    }
-    for needed, there in (table[limit] for limit in limits):
-        for argument, value in there.items():
-            if value is not None:
-                raise ValueError(f"{argument}={value!r}: {what} needs {needed}{advice}")

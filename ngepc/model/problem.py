@@ -11,6 +11,7 @@ from ngepc.model.checks import check_mesh, check_problem
 from ngepc.model.data import ProblemData
 from ngepc.model.data import as_scalar as as_scalar
 from ngepc.model.elements import outward_normal
+from ngepc.model.features import features_of
 from ngepc.model.kinematics import kinematics_of
 from ngepc.model.material import Material
 
@@ -88,6 +89,15 @@ class Problem(ProblemData):
         vars(self)["kinematics"] = kinematics_of(self.kinematics, self.mesh.dim)
         vars(self)["order"] = require_integer("order", self.order, 1, 2)
         check_problem(self)
+
+    @property
+    def features(self) -> dict[str, tuple[str, object]]:
+        """Name of each feature that the problem has -> (argument, value).
+
+        A method that does not cover one of them refuses it by name; the page on what each method
+        covers has the table.
+        """
+        return features_of(self)
 
 
 def lshape_problem(mesh: Mesh) -> Problem:

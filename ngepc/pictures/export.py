@@ -17,11 +17,42 @@ from ngsolve import CF, CoefficientFunction, VTKOutput
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance, require_mapping, require_path
+from ngepc.model.features import require_covered
 from ngepc.pictures.drawable import KINDS, field_of, fields_of
 from ngepc.results.records import write_text
 
 FIELDS = ("displacement", "plastic_strain", "equivalent_plastic_strain",
           "accumulated_plastic_strain", "stress", "von_mises", "yield_function")  # fmt: skip
+
+
+COVERS = frozenset(
+    {
+        "plane strain",
+        "two-dimensional",
+        "axisymmetric",
+        "solid",
+        "other kinematics",
+        "order 2",
+        "other shapes",
+        "curved elements",
+        "shared mesh",
+        "kinematic hardening",
+        "isotropic hardening",
+        "hardening law",
+        "initial plastic strain",
+        "initial hardening",
+        "initial strain",
+        "obstacle",
+        "two bodies",
+        "friction",
+        "Coulomb friction",
+        "contact at a clamp",
+        "rollers",
+        "edges and points",
+        "springs",
+    }
+)
+"""Features that VTU files cover."""
 
 
 def export_vtu(
@@ -70,6 +101,8 @@ def export_vtu(
         raise ValueError(
             f"fields={fields!r}: at least one, of {', '.join(KINDS)}, is needed"
         )
+    for state in steps.values():
+        require_covered(fields_of(state).problem, "export_vtu", COVERS)
     processes = fields_of(state).problem.processes
     listed = []
     for number, (time, state) in enumerate(steps.items()):

@@ -23,10 +23,38 @@ from scipy.spatial import Delaunay
 
 from ngepc.checks.arguments import require_number
 from ngepc.model.elements import outward_normal
-from ngepc.model.processes import require_whole
+from ngepc.model.features import require_covered
 from ngepc.results.fields import Fields
 
 Ends = tuple[float | None, float | None]
+
+COVERS = frozenset(
+    {
+        "plane strain",
+        "two-dimensional",
+        "axisymmetric",
+        "solid",
+        "other kinematics",
+        "order 2",
+        "other shapes",
+        "curved elements",
+        "kinematic hardening",
+        "isotropic hardening",
+        "hardening law",
+        "initial plastic strain",
+        "initial hardening",
+        "initial strain",
+        "obstacle",
+        "two bodies",
+        "friction",
+        "Coulomb friction",
+        "contact at a clamp",
+        "rollers",
+        "edges and points",
+        "springs",
+    }
+)
+"""Features that pictures cover."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +108,7 @@ def corners_of(
     bodies need to look as they are.
     """
     mesh = fields.problem.mesh
-    require_whole("pictures", mesh)
+    require_covered(fields.problem, "a picture", COVERS)
     plane = where is None and mesh.dim == 2
     region = mesh.Materials(".*") if plane else mesh.Boundaries(where or ".*")
     types = np.array([element.type for element in region.Elements()])

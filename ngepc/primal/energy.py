@@ -14,9 +14,37 @@ from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.stiffness import Stiffness, SymbolicStiffness
 from ngepc.model.elements import plastic_points
+from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
-from ngepc.model.processes import require_whole
 from ngepc.primal.return_mapping import ReturnMapping
+
+COVERS = frozenset(
+    {
+        "plane strain",
+        "two-dimensional",
+        "axisymmetric",
+        "solid",
+        "other kinematics",
+        "order 2",
+        "other shapes",
+        "curved elements",
+        "kinematic hardening",
+        "isotropic hardening",
+        "hardening law",
+        "initial plastic strain",
+        "initial hardening",
+        "initial strain",
+        "obstacle",
+        "two bodies",
+        "friction",
+        "Coulomb friction",
+        "contact at a clamp",
+        "rollers",
+        "edges and points",
+        "springs",
+    }
+)
+"""Features that ``primal_newton`` covers."""
 
 
 class ReducedEnergy(DiscreteBody):
@@ -28,7 +56,7 @@ class ReducedEnergy(DiscreteBody):
     """
 
     def __init__(self, problem: Problem) -> None:
-        require_whole("primal_newton", problem.mesh)
+        require_covered(problem, "primal_newton", COVERS)
         super().__init__(problem)
         space = self.supports.space
         self.displacement = GridFunction(space, name="displacement")

@@ -101,5 +101,7 @@ def test_other_shapes_have_an_estimate(shape):
 
 
 def test_order_two_is_refused():
-    with pytest.raises(ValueError, match="order=2: error_indicators needs order 1"):
+    with pytest.raises(
+        ValueError, match="order=2: error_indicators needs displacements of order 1"
+    ):
         error_indicators(semismooth_newton(indented_block(0, order=2)))

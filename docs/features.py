@@ -1,0 +1,73 @@
+"""The table of methods and features: ``python docs/features.py`` writes ``features.md``.
+
+It is made from the constants ``COVERS`` by which the methods refuse what they do not cover.
+"""
+
+from pathlib import Path
+
+from ngepc.bounds import coverage as bounds
+from ngepc.bounds import goals
+from ngepc.dual import blocks
+from ngepc.local import result, solver
+from ngepc.model import checks
+from ngepc.model.features import FEATURES
+from ngepc.pictures import export, sampling
+from ngepc.primal import energy
+from ngepc.sensitivity import gradient
+
+PAGE = Path(__file__).with_name("features.md")
+
+METHODS = {
+    "exact": solver.COVERS,
+    "witness": energy.COVERS,
+    "gamma": blocks.COVERS,
+    "bound": bounds.COVERS,
+    "bracket": goals.COVERS,
+    "derivative": gradient.COVERS,
+    "estimate": result.COVERS,
+    "picture": sampling.COVERS,
+    "VTU": export.COVERS,
+    "processes": checks.SHARED_MESH_COVERS,
+}
+"""Column of the table -> features that the method covers."""
+
+HEAD = """# What each method covers
+
+Methods refuse what they do not cover, by name and before any work: they list the features that
+they cover, and whatever is not listed is refused. `problem.features` says which features a
+problem has.
+
+- **exact**: `semismooth_newton`, `evolve`, `material_point`, and the certificate of a result
+- **witness**: `primal_newton`
+- **gamma**: the paper's regularised method, `semismooth_newton(problem, gamma=...)`,
+  `follow_path`, `duality_report`
+- **bound**: `error_bound`, `solve_to`: what "guaranteed" is said for
+- **bracket**: `contact_force_bracket`, `displacement_bracket`, `evolve(error=...)`
+- **derivative**: `gradient`, `tangent`, `calibrate`: what "differentiable" is said for
+- **estimate**: `error_indicators`
+- **picture**: `plot_field`, `plot_plastic_zone`, `write_report`; **VTU**: `export_vtu`
+- **processes**: a mesh that several processes share
+
+"""
+
+TAIL = """
+Bounds cover order 2 in two dimensions only. Bounds and brackets need coefficients that are
+constant on each element.
+
+This page is made by `python docs/features.py`; a test compares it with the methods.
+"""
+
+
+def page() -> str:
+    """The text of the page."""
+    names = list(METHODS)
+    rows = [["feature", *names], ["---"] + [":-:"] * len(names)]
+    for feature in FEATURES:
+        marks = ["x" if feature in METHODS[name] else "" for name in names]
+        rows.append([feature, *marks])
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return f"{HEAD}{table}\n{TAIL}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

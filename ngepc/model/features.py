@@ -1,0 +1,231 @@
+"""What a problem may have, what a method covers, and the refusal of all else by name.
+
+A method, bound, derivative or exporter lists the features that it covers in a constant ``COVERS``.
+Whatever is not listed is refused, so that a new feature is refused everywhere until it is shown to
+be right there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ngepc.checks.arguments import is_number
+from ngepc.model.data import ProblemData
+from ngepc.model.elements import corner_vertices, element_nodes
+from ngepc.model.kinematics import KINEMATICS
+from ngepc.model.places import Coulomb, Roller
+
+Found = Mapping[str, object]
+"""Argument of ``Problem`` -> its value, for arguments that have a feature; empty without it."""
+
+MESH = "mesh"
+"""The argument whose features are those of the mesh; its value is said in words."""
+
+
+@dataclass(frozen=True)
+class Feature:
+    """Something that a problem may have.
+
+    Parameters
+    ----------
+    needed
+        What a method needs instead if it does not cover the feature.
+    found
+        Called with a problem: which arguments have the feature, and their values.
+    """
+
+    needed: str
+    found: Callable[[ProblemData], Found]
+
+
+def _present(argument: str, problem: ProblemData) -> Found:
+    """The argument, if it is given."""
+    value = getattr(problem, argument)
+    return {} if value is None else {argument: value}
+
+
+def _in_material(argument: str, problem: ProblemData) -> Found:
+    """The datum of the material, if it is given and not the number zero."""
+    value = getattr(problem.material, argument)
+    absent = value is None or (is_number(value) and value == 0)
+    return {} if absent else {f"material.{argument}": value}
+
+
+def _kinematics(name: str, problem: ProblemData) -> Found:
+    """The kinematics, if it has this name."""
+    given = problem.kinematics.name
+    return {"kinematics": given} if given == name else {}
+
+
+def _own_kinematics(problem: ProblemData) -> Found:
+    """The kinematics, if it is none of those of the package."""
+    given = problem.kinematics
+    known = any(given is kinematics for kinematics in KINEMATICS)
+    return {} if known else {"kinematics": given}
+
+
+def _order(problem: ProblemData) -> Found:
+    """The order of the displacements, if it is two."""
+    return {"order": problem.order} if problem.order > 1 else {}
+
+
+def _other_shapes(problem: ProblemData) -> Found:
+    """The mesh, if an element has more corners than a triangle or tetrahedron."""
+    mesh = problem.mesh
+    corners = element_nodes(mesh)[:, mesh.dim + 1 :]
+    return {MESH: "other shapes of elements"} if (corners >= 0).any() else {}
+
+
+def _curved(problem: ProblemData) -> Found:
+    """The mesh, if its elements are bent."""
+    mesh = problem.mesh
+    straight = mesh.GetCurveOrder() <= 1 and mesh.deformation is None
+    return {} if straight else {MESH: "curved elements"}
+
+
+def _shared(problem: ProblemData) -> Found:
+    """The mesh, if several processes have a part of it each."""
+    size = max(problem.processes.size, problem.mesh.comm.size)
+    return {MESH: f"a part on each of {size} processes"} if size > 1 else {}
+
+
+def _history(problem: ProblemData) -> Found:
+    """What hardening of earlier steps leaves."""
+    names = ("initial_hardening", "initial_accumulated")
+    return {n: value for name in names for n, value in _present(name, problem).items()}
+
+
+def _obstacle(problem: ProblemData) -> Found:
+    """Contact with a rigid obstacle."""
+    return {"contact": problem.contact} if problem.contact_names else {}
+
+
+def _two_bodies(problem: ProblemData) -> Found:
+    """Contact of two bodies, or their ties."""
+    return {"contact": problem.contact} if problem.contact_pairs else {}
+
+
+def _coulomb(problem: ProblemData) -> Found:
+    """Friction that depends on the pressure."""
+    given = problem.friction
+    return {"friction": given} if isinstance(given, Coulomb) else {}
+
+
+def _meeting(problem: ProblemData) -> Found:
+    """Contact that ends where the body is clamped."""
+    names = (problem.clamped_names, problem.contact_names)
+    ends = (corner_vertices(problem.mesh, some) for some in names)
+    return {"contact": problem.contact} if np.intersect1d(*ends).size else {}
+
+
+def _rollers(problem: ProblemData) -> Found:
+    """Supports along one direction."""
+    given = problem.single("prescribed").items()
+    return {f"prescribed[{p!r}]": v for p, v in given if isinstance(v, Roller)}
+
+
+def _elsewhere(problem: ProblemData) -> Found:
+    """What acts on edges and at points."""
+    return {
+        f"{argument}[{place!r}]": value
+        for argument, place, value in problem.acting
+        if not isinstance(place, str)
+    }
+
+
+def _springs(problem: ProblemData) -> Found:
+    """Elastic foundations."""
+    given = problem.single("springs").items()
+    return {f"springs[{place!r}]": value for place, value in given}
+
+
+def _feature(needed: str, found: Callable, *arguments: str) -> Feature:
+    """A feature that is found with these arguments."""
+    return Feature(needed, partial(found, *arguments))
+
+
+_BOUNDARIES = "loads and components of displacements on boundaries"
+
+FEATURES = {
+    "plane strain": _feature("another kinematics", _kinematics, "plane strain"),
+    "two-dimensional": _feature("another kinematics", _kinematics, "two-dimensional"),
+    "axisymmetric": _feature("a plane problem or a solid", _kinematics, "axisymmetric"),
+    "solid": _feature("a plane problem", _kinematics, "solid"),
+    "other kinematics": _feature("a kinematics of ngepc", _own_kinematics),
+    "order 2": _feature("displacements of order 1", _order),
+    "other shapes": _feature("triangles or tetrahedra", _other_shapes),
+    "curved elements": _feature("straight edges", _curved),
+    "shared mesh": _feature("a mesh of one process", _shared),
+    "kinematic hardening": _feature(
+        "isotropic hardening alone", _in_material, "hardening"
+    ),
+    "isotropic hardening": _feature(
+        "kinematic hardening alone", _in_material, "hardening_modulus"
+    ),
+    "hardening law": _feature("linear hardening, without a law", _in_material, "law"),
+    "initial plastic strain": _feature(
+        "a body without a history", _present, "initial_plastic_strain"
+    ),
+    "initial hardening": _feature("a body without a history", _history),
+    "initial strain": _feature("no initial strain", _present, "initial_strain"),
+    "obstacle": _feature("a body without contact", _obstacle),
+    "two bodies": _feature("rigid obstacles only, not two bodies", _two_bodies),
+    "friction": _feature("contact without friction", _present, "friction"),
+    "Coulomb friction": _feature("a given bound F of friction", _coulomb),
+    "contact at a clamp": _feature(
+        "contact away from the clamped boundary, (2.2)", _meeting
+    ),
+    "rollers": _feature(_BOUNDARIES, _rollers),
+    "edges and points": _feature(_BOUNDARIES, _elsewhere),
+    "springs": _feature("supports that do not give way", _springs),
+}
+"""Name of each feature -> what is needed without it, and how it is found."""
+
+
+def features_of(problem: ProblemData) -> dict[str, tuple[str, object]]:
+    """The features of a problem.
+
+    Returns
+    -------
+    dict
+        Name of a feature, see ``FEATURES`` -> (argument, value), the first that has it.
+    """
+    found = {name: feature.found(problem) for name, feature in FEATURES.items()}
+    return {name: next(iter(has.items())) for name, has in found.items() if has}
+
+
+def require_covered(
+    problem: ProblemData, what: str, covers: frozenset[str], advice: str = ""
+) -> None:
+    """Refuse a problem with a feature that ``what`` does not cover.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    what
+        The method, for the message.
+    covers
+        Names of the features that it covers.
+    advice
+        Added to the message: what to do instead.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, its value, and what is needed instead.
+    """
+    for name, feature in FEATURES.items():
+        if name not in covers:
+            for argument, value in feature.found(problem).items():
+                reason = f"{what} needs {feature.needed}{advice}"
+                given = f"{argument}={value!r}"
+                raise ValueError(
+                    f"mesh has {value}: {reason}"
+                    if argument == MESH
+                    else f"{given}: {reason}"
+                )
