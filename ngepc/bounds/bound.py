@@ -92,14 +92,13 @@ class ErrorBound:
         What the body stores elastically and by hardening, and what it dissipates in the step.
         """
         state, law = self.state, self.state.discrete.law
-        stress = law.stress(state.at)
-        p = state.at.gained
-        elastic = (
-            law.bulk * state.volume**2
-            + np.einsum("pd,pd->p", stress, stress) / law.two_mu
-        )
-        plastic = (law.hardening * p / 2 + law.beta) * p
-        return state.discrete.points.integral(elastic / 2 + plastic)
+        mean, stress = law.stress(state.at)
+        p = state.at.plastic_strain
+        shape = np.einsum("pd,pd->p", stress, stress) / law.two_mu
+        elastic = (mean**2 / law.bulk + shape) / 2
+        hardened = law.hardening / 2 * np.einsum("pd,pd->p", p, p)
+        plastic = hardened + law.resistance.energy(state.at.gained)
+        return state.discrete.points.integral(elastic + plastic)
 
     @property
     def relative(self) -> float:
@@ -232,7 +231,7 @@ def algebraic_part(setting: BoundData, state: State, tangent: Factors) -> float:
     z = setting.balanced(state, tangent, setting.discrete.load - contact.forces(forces))
     conjugate = Conjugate(setting.discrete.law)
     law = setting.discrete.law
-    density = law.energy_density(state.volume, state.at)
+    density = law.energy_density(state.at)
     density += conjugate.value(conjugate.completed(z[:, None]))[:, 0]
     strain = stress_coordinates(state.volume, state.deviator, 0.0)
     gap = density - np.einsum("pc,pc->p", z, strain)

@@ -159,9 +159,7 @@ class BoundData:
     def phi(self, state: State) -> np.ndarray:
         """No less than int phi(eps(u)) over each cell."""
         points = self.discrete.points
-        density = points.weights * self.discrete.law.energy_density(
-            state.volume, state.at
-        )
+        density = points.weights * self.discrete.law.energy_density(state.at)
         return density.reshape(-1, self.each).sum(axis=1) + self._missed(state)
 
     def _missed(self, state: State) -> np.ndarray:
@@ -198,13 +196,12 @@ class BoundData:
 
     def stress(self, state: State) -> np.ndarray:
         """The discrete stress of a state at the points, (points, c)."""
-        law = self.discrete.law
-        return stress_coordinates(law.bulk * state.volume, law.stress(state.at))
+        return stress_coordinates(*self.discrete.law.stress(state.at))
 
     def answer(self, tangent: Factors, change: np.ndarray) -> np.ndarray:
         """The stress of a change of the displacements (nodes, N) by a tangent, (points, c)."""
-        volume, e = self.discrete.points.strain(change)
-        return stress_coordinates(tangent.moduli.bulk * volume, tangent.moduli(e))
+        strain = self.discrete.points.strain(change)
+        return stress_coordinates(*tangent.moduli.stress(*strain))
 
 
 def factorise(state: State, tangent: Factors) -> None:

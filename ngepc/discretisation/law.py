@@ -1,28 +1,39 @@
-"""The radial law at the integration points: von Mises plasticity with convex hardening.
+"""The law of the material at the integration points: one potential of the strain of a time step.
 
-With the coordinates e of dev eps(u) at a point, what the step starts from, and the bound beta(g) of
-the law of hardening at |p| = g,
+With the strain of a point, what the step starts from, and the plastic strain p that it gains, the
+density of (2.14) is
 
-    s = 2 mu_2 (e - p_0) - dev alpha_2          the trial stress,
-    p = g s / |s|,  (2 mu_2 + h) g + beta(g) = |s| or g = 0     the plastic strain gained,
-    w = s - (2 mu_2 + h) p                      the yielding part of s,  w = -q  with q of (3.8),
+    bulk/2 (tr e)^2 + mu_2 |dev e - p_0 - p|^2 + dev alpha_2 : p + h/2 |p|^2 + int_0^g beta,
 
-so that |w| <= r(|s|), the bound beta(g) that |s| leads to.  Linear hardening is in h, with a beta
-that stays.  The deviatoric stress is 2 mu_2 (e - p_0 - p) = (h s + 2 mu_2 w) / (2 mu_2 + h) + dev
-alpha_2, and the density of J(u, p) smallest over p is differentiable in e.  Only w is not linear in
-s: where s yields, |s| w = r(|s|) s.
+in which g measures p, |p| for von Mises, and ``Resistance`` is beta.  phi(e), the density smallest
+over p, is the potential: it is convex, its derivative is the stress, the derivative of that the
+moduli.  With the trial stress s and the modulus M,
+
+    s = 2 mu_2 (dev e - p_0) - dev alpha_2,    M = 2 mu_2 + h,    w = s - M p,
+
+w = -q with q of (3.8) is the part of s that is left on the yield surface, and
+
+    dev sigma = 2 mu_2 (dev e - p_0 - p) = (h s + 2 mu_2 w) / M + dev alpha_2.
+
+A law has to know its yield surface: the measure of s that is compared with beta, which p and w
+belong to s, and how w changes.  ``law_of`` chooses it.  Exact method, bounds and derivatives use
+the methods of ``Law`` and the fields of ``Return`` only.  Newton's method has w as a variable of
+its own (``local.system``).
+
+Where a component of the strain is free, eps_zz in plane stress, the potential is smallest over it
+too: ``returned`` finds it, ``moduli`` are those of the others (``across`` is its direction).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 
 import numpy as np
 from ngsolve import Trace
 
 from ngepc.discretisation.points import Moduli, Points
-from ngepc.model.hardening import HardeningLaw
-from ngepc.model.material import PEEQ
+from ngepc.discretisation.resistance import EXACT, Resistance
 from ngepc.model.problem import Problem, as_scalar
 
 ROUNDING = 1e-9
@@ -32,28 +43,24 @@ A load step starts with |s| = beta, up to rounding, wherever the last one has yi
 count as elastic, so that unloading needs one Newton step.
 """
 
-ENDLESS = 1e6  # |p| beyond which no |p| is looked for where nothing bounds it
 SOFTEST = 1e-8  # part of the elastic modulus that tangents keep where a law does not harden at all
-EXACT = (
-    4 * np.finfo(float).eps
-)  # part of a stress to which equations at the points are solved
+SEARCHES = 100  # most Newton and bisection steps for a free component of the strain
 
 
 @dataclass(frozen=True, eq=False)
 class Return:
-    """The law at one strain; all have shape (points,) but the trial stress."""
+    """The law at one strain; arrays have shape (points,) unless said otherwise."""
 
+    volume: np.ndarray  # tr of the strain beyond the initial one, with free components
+    deviator: np.ndarray  # the coordinates of its deviator, shape (points, d)
     trial: np.ndarray  # s, shape (points, d)
-    size: np.ndarray  # |s|
-    yields: np.ndarray  # |s| > beta
-    gained: np.ndarray  # |p|
-    radius: np.ndarray  # r(|s|), beta where it does not yield
-    slope: np.ndarray  # r'(|s|), 0 where it does not yield
-
-    @property
-    def direction(self) -> np.ndarray:
-        """The unit vector s/|s|, 0 for s = 0, shape (points, d)."""
-        return self.trial / np.where(self.size > 0, self.size, 1.0)[:, None]
+    size: np.ndarray  # the measure of s, |s| for von Mises
+    yields: np.ndarray  # size > beta
+    gained: np.ndarray  # g, |p| for von Mises
+    radius: np.ndarray  # beta(g), beta where it does not yield
+    slope: np.ndarray  # d radius / d size, 0 where it does not yield
+    direction: np.ndarray  # of the flow, p = g direction, shape (points, d)
+    normal: np.ndarray  # dg/dp, w = radius normal where it yields, shape (points, d)
 
     @property
     def plastic_strain(self) -> np.ndarray:
@@ -61,19 +68,18 @@ class Return:
         return self.gained[:, None] * self.direction
 
 
-class Law:
+class Law(ABC):
     """Material and history of a problem at the integration points, arrays of shape (points,)."""
 
     bulk: np.ndarray  # mu_1 + 2 mu_2/size (stress)
     two_mu: np.ndarray  # 2 mu_2 (stress)
     hardening: np.ndarray  # h (stress)
-    beta: np.ndarray  # the yield bound (stress)
+    resistance: Resistance  # beta, what else plastic strain costs
     back: np.ndarray  # dev alpha_2 (stress) in coordinates, shape (points, d)
     initial: np.ndarray  # p_0 in coordinates, shape (points, d)
     swelling: np.ndarray | float  # tr eps_0, to be taken off strains; 0 without
     distortion: np.ndarray | float  # dev eps_0 in coordinates; 0 without
-    isotropic: HardeningLaw | None  # its data at the points
-    accumulated: np.ndarray  # PEEQ where the law starts
+    across: np.ndarray | None  # deviator of a unit strain that is free, None without
 
     def __init__(self, problem: Problem, points: Points) -> None:
         kinematics = points.kinematics
@@ -81,7 +87,9 @@ class Law:
         self.two_mu = points.at(2 * material.lame_mu)
         self.bulk = points.at(material.lame_lambda) + self.two_mu / kinematics.size
         self.hardening = points.at(problem.effective_hardening)
-        self.beta = points.at(as_scalar(problem.beta))
+        law = None if material.law is None else material.law.at(points.at)
+        beta = points.at(as_scalar(problem.beta))
+        self.resistance = Resistance(beta, law, points.at(problem.accumulated_0))
         self.back = self.initial = np.broadcast_to(0.0, (len(points), kinematics.d))
         if problem.initial_hardening is not None:
             self.back = points.at(kinematics.coordinates(problem.alpha_0[1]))
@@ -92,146 +100,259 @@ class Law:
         if problem.initial_strain is not None:
             self.swelling = points.at(Trace(problem.eps_0))
             self.distortion = points.at(kinematics.coordinates(problem.eps_0))
-        self.isotropic = None if material.law is None else material.law.at(points.at)
-        self.accumulated = points.at(problem.accumulated_0)
+        self.across = None
 
-    def returned(self, e: np.ndarray) -> Return:
-        """The law at the coordinates ``e`` of dev eps, shape (points, d)."""
-        s = self.two_mu[:, None] * (e - self.initial) - self.back
-        size = np.sqrt(np.einsum("pd,pd->p", s, s))
-        yields = size > (1 + ROUNDING) * self.beta
-        M = self.two_mu + self.hardening
-        gained = self.gained_at(np.where(yields, size, self.beta), M)
-        slope = self._slope(gained)
-        slope = np.where(yields, slope / (M + slope), 0.0)
-        return Return(s, size, yields, gained, self.bound(gained), slope)
+    @property
+    def beta(self) -> np.ndarray:
+        """The yield bound at the begin of the step (stress)."""
+        return self.resistance.beta
 
-    def bound(self, gained: np.ndarray) -> np.ndarray:
-        """beta(g) for |p| = g (stress), shape (points,)."""
-        if self.isotropic is None:
-            return self.beta
-        x = self.accumulated
-        there = self.isotropic
-        return self.beta + PEEQ * (there.stress(x + PEEQ * gained) - there.stress(x))
+    @property
+    def modulus(self) -> np.ndarray:
+        """M = 2 mu_2 + h (stress)."""
+        return self.two_mu + self.hardening
 
-    def _slope(self, gained: np.ndarray) -> np.ndarray:
-        """beta'(g)."""
-        if self.isotropic is None:
-            return np.zeros_like(gained)
-        return PEEQ**2 * self.isotropic.slope(self.accumulated + PEEQ * gained)
+    @property
+    def elastic_moduli(self) -> Moduli:
+        """The moduli where nothing yields."""
+        zero = np.zeros_like(self.two_mu)
+        direction = np.zeros((len(zero), self.back.shape[1]))
+        return self.softened(Moduli(self.bulk, self.two_mu, zero, direction))
 
-    def gained_at(self, size: np.ndarray, modulus: np.ndarray) -> np.ndarray:
-        """The g >= 0 with modulus g + beta(g) = size, 0 where size <= beta, inf for none (points,).
+    # what a yield surface has to know
 
-        Newton's method within brackets that bisection halves where it is slow.
+    @abstractmethod
+    def measured(self, s: np.ndarray) -> np.ndarray:
+        """The measure of stresses s that is compared with beta, shape (points,)."""
+
+    @abstractmethod
+    def gained_at(self, s: np.ndarray, modulus: np.ndarray) -> np.ndarray:
+        """The g whose p and w = s - modulus p are those of s, inf where there is none."""
+
+    @abstractmethod
+    def _filled(self, at: Return, modulus: np.ndarray) -> Return:
+        """The return with slope, direction and normal that belong to trial and gained."""
+
+    @abstractmethod
+    def yielding_part(self, at: Return) -> np.ndarray:
+        """w, which is s where it does not yield, shape (points, d)."""
+
+    @abstractmethod
+    def projected(self, w: np.ndarray, at: Return) -> np.ndarray:
+        """w put back to what the yield surface, which has grown to radius, allows."""
+
+    @abstractmethod
+    def moved(self, at: Return, w: np.ndarray, ds: np.ndarray) -> np.ndarray:
+        """w + dw for a change ds of s, by the linearised equation of w and s."""
+
+    @abstractmethod
+    def closed_moduli(self, at: Return, w: np.ndarray) -> Moduli:
+        """The tangent of the stress with w kept as a variable of its own, made symmetric.
+
+        It lies between zero and the elastic moduli, and is the derivative of the stress for the
+        w of ``yielding_part``.  No component of the strain is free.
         """
-        over = np.maximum(size - self.beta, 0.0)
-        high = np.where(modulus > 0, over / np.where(modulus > 0, modulus, 1), ENDLESS)
-        if self.isotropic is None:
-            return high
-        low = np.zeros_like(size)
-        g = np.zeros_like(size)
-        before = np.inf
-        exact = EXACT * np.maximum(size, self.beta)
-        for _ in range(100):
-            excess = modulus * g + self.bound(g) - size
-            low = np.where(excess <= 0, g, low)
-            high = np.where(excess >= 0, g, high)
-            done = (np.abs(excess) <= exact) | (over == 0)
+
+    # the potential
+
+    def returned(self, volume: np.ndarray, e: np.ndarray) -> Return:
+        """The law at a strain beyond the initial one: its trace, and dev e (points, d).
+
+        The energy is convex in a free component z: Newton's method with bisection.
+        """
+        if self.across is None:
+            return self._returned(volume, e)
+        z = np.zeros(len(volume))
+        low = np.full_like(z, -np.inf)
+        high = np.full_like(z, np.inf)
+        scale = np.zeros_like(z)
+        for _ in range(SEARCHES):
+            at = self._returned(volume + z, e + z[:, None] * self.across)
+            mean, stress = self.stress(at)
+            excess = mean + stress @ self.across
+            scale = np.maximum(scale, np.abs(mean) + np.abs(stress).max(axis=1))
+            low = np.where(excess <= 0, z, low)
+            high = np.where(excess >= 0, z, high)
+            done = np.abs(excess) <= EXACT * scale
             if done.all():
                 break
-            steep = modulus + self._slope(g)
-            newton = g - excess / np.where(steep > 0, steep, 1.0)
-            good = (low < newton) & (newton < high) & (np.abs(excess) < 0.5 * before)
-            g = np.where(done, g, np.where(good, newton, 0.5 * (low + high)))
-            before = np.abs(excess)
-        return np.where((modulus > 0) | (g < 0.99 * ENDLESS), g, np.inf)
+            moduli = self.closed_moduli(at, self.yielding_part(at))
+            newton = z - excess / self._stiffness_across(moduli)
+            inside = (low < newton) & (newton < high)
+            bounded = np.isfinite(low + high)
+            middle = np.where(bounded, 0.5 * (low + high), newton)
+            z = np.where(done, z, np.where(inside, newton, middle))
+        return at
 
-    def flowing(self, gained: np.ndarray) -> np.ndarray:
-        """|p| where a law hardens no more, 0 elsewhere (points,)."""
-        stiff = self.hardening + self._slope(gained) > SOFTEST * self.two_mu
-        return np.where(stiff, 0.0, gained)
+    def _returned(self, volume: np.ndarray, e: np.ndarray) -> Return:
+        """The law at a strain that is known in all components."""
+        s = self.two_mu[:, None] * (e - self.initial) - self.back
+        size = self.measured(s)
+        yields = size > (1 + ROUNDING) * self.beta
+        gained = np.where(yields, self.gained_at(s, self.modulus), 0.0)
+        radius = self.resistance.bound(gained)
+        zero = np.zeros_like(s)
+        at = Return(volume, e, s, size, yields, gained, radius, zero[:, 0], zero, zero)
+        return self._filled(at, self.modulus)
 
-    def hardening_energy(self, gained: np.ndarray) -> np.ndarray:
-        """int_0^g beta for |p| = g (energy per volume), shape (points,)."""
-        if self.isotropic is None:
-            return self.beta * gained
-        x = self.accumulated
-        more = PEEQ * gained
-        there = self.isotropic
-        beyond = there.energy(x + more) - there.energy(x) - there.stress(x) * more
-        return self.beta * gained + beyond
+    def stress(self, at: Return) -> tuple[np.ndarray, np.ndarray]:
+        """The factor of tr eps in sigma : eps, and dev sigma in coordinates (points, d).
 
-    def stress(self, at: Return) -> np.ndarray:
-        """dev sigma in coordinates, shape (points, d), without the cancellation of e and p."""
-        h = self.hardening
+        Without the cancellation of e and p.
+        """
+        w = self.yielding_part(at)
+        h = self.hardening[:, None]
+        two_mu = self.two_mu[:, None]
+        deviator = np.where(
+            at.yields[:, None], (h * at.trial + two_mu * w) / (two_mu + h), at.trial
+        )
+        return self.bulk * at.volume, deviator + self.back
+
+    def energy_density(self, at: Return) -> np.ndarray:
+        """phi, the density of J without the loads, smallest over p (2.14), shape (points,)."""
         two_mu = self.two_mu
-        size = np.maximum(at.size, at.radius)
-        kept = np.where(at.yields, (h + two_mu * at.radius / size) / (two_mu + h), 1.0)
-        return kept[:, None] * at.trial + self.back
-
-    def energy_density(self, volume: np.ndarray, at: Return) -> np.ndarray:
-        """The density of J without the loads, smallest over p (2.14), shape (points,)."""
-        two_mu, M, m = self.two_mu, self.two_mu + self.hardening, at.size
-        b = np.minimum(m, at.radius)
-        shape = m * m * self.hardening / (two_mu * M) + b * b / M
-        shape += 2 * self.hardening_energy(at.gained)
+        M = self.modulus
+        w = self.yielding_part(at)
+        trial_square = np.einsum("pd,pd->p", at.trial, at.trial)
+        yielding_square = np.einsum("pd,pd->p", w, w)
+        shape = trial_square * self.hardening / (two_mu * M) + yielding_square / M
+        shape += 2 * self.resistance.energy(at.gained)
         history = np.einsum("pd,pd->p", self.back, self.back + 2 * at.trial) / two_mu
         history -= two_mu * np.einsum("pd,pd->p", self.initial, self.initial)
-        return 0.5 * (self.bulk * volume * volume + shape + history)
+        return 0.5 * (self.bulk * at.volume * at.volume + shape + history)
 
     def complementary_density(
         self, pressure: np.ndarray, stress: np.ndarray
     ) -> np.ndarray:
-        """The conjugate of ``energy_density`` at a stress, inf where none can be (points,).
+        """phi*, the conjugate of ``energy_density`` at a stress, inf where none can be (points,).
 
         As a function of all the strain, the initial one included.  ``pressure`` is the factor of
         tr eps in sigma : eps (points,), ``stress`` dev sigma in coordinates (points, d).
         """
-        size = np.linalg.norm(stress - self.back, axis=1)
-        g = self.gained_at(size, self.hardening)
+        s = stress - self.back
+        g = self.gained_at(s, self.hardening)
         reached = np.where(g < np.inf, g, 0.0)
-        flow = (
-            size * reached
-            - 0.5 * self.hardening * reached**2
-            - self.hardening_energy(reached)
-        )
+        p = self.flow(s, self.hardening, reached)
+        work = np.einsum("pd,pd->p", s, p)
+        stored = 0.5 * self.hardening * np.einsum("pd,pd->p", p, p)
+        flow = work - stored - self.resistance.energy(reached)
         total = stress + self.two_mu[:, None] * self.initial
         shape = 0.5 * np.einsum("pd,pd->p", total, total) / self.two_mu
         free = pressure * self.swelling + np.sum(stress * self.distortion, axis=1)
-        return (
-            0.5 * pressure**2 / self.bulk
-            + shape
-            + np.where(g < np.inf, flow, np.inf)
-            + free
-        )
+        plastic = np.where(g < np.inf, flow, np.inf)
+        return 0.5 * pressure**2 / self.bulk + shape + plastic + free
+
+    @abstractmethod
+    def flow(
+        self, s: np.ndarray, modulus: np.ndarray, gained: np.ndarray
+    ) -> np.ndarray:
+        """The p of s with this measure and modulus, shape (points, d)."""
+
+    def moduli(self, at: Return, w: np.ndarray) -> Moduli:
+        """``closed_moduli`` of the components of the strain that are not free."""
+        return self.softened(self.closed_moduli(at, w))
+
+    def linearised(
+        self, at: Return, w: np.ndarray, volume: np.ndarray, e: np.ndarray
+    ) -> np.ndarray:
+        """w + dw for a change of the strain, its trace and its deviator."""
+        if self.across is not None:
+            _, e = self.opened(self.closed_moduli(at, w), volume, e)
+        return self.moved(at, w, self.two_mu[:, None] * e)
+
+    # free components of the strain
+
+    def _stiffness_across(self, moduli: Moduli) -> np.ndarray:
+        """What a unit of the free component needs as stress in its own direction, (points,)."""
+        n = np.broadcast_to(self.across, moduli.direction.shape)
+        return moduli.bulk + moduli(n) @ self.across
+
+    def opened(
+        self, moduli: Moduli, volume: np.ndarray, e: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A change of strain, with that of a free component that closed moduli leave unstressed."""
+        if self.across is None:
+            return volume, e
+        n = np.broadcast_to(self.across, e.shape)
+        stress = moduli.bulk * volume + np.einsum("pd,pd->p", moduli(n), e)
+        z = -stress / self._stiffness_across(moduli)
+        return volume + z, e + z[:, None] * self.across
+
+    def softened(self, moduli: Moduli) -> Moduli:
+        """The moduli of the other components where one is free, a Schur complement."""
+        if self.across is None:
+            return moduli
+        n = np.broadcast_to(self.across, moduli.direction.shape)
+        column = np.column_stack([moduli.bulk, moduli(n)])
+        taken = column[:, :, None] * column[:, None, :]
+        taken /= self._stiffness_across(moduli)[:, None, None]
+        return replace(moduli, coupling=-taken)
+
+    # what is asked of a law beside the potential
+
+    def beyond_initial(
+        self, volume: np.ndarray, e: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A strain without the initial one: what ``returned`` is given."""
+        return volume - self.swelling, e - self.distortion
+
+    def flowing(self, at: Return) -> np.ndarray:
+        """g where a law hardens no more, 0 elsewhere (points,)."""
+        slope = self.hardening + self.resistance.slope(at.gained)
+        return np.where(slope > SOFTEST * self.two_mu, 0.0, at.gained)
+
+    def close_to_yielding(self, at: Return, part: float) -> np.ndarray:
+        """Whether the measure of s differs from beta by less than a part of it (points,)."""
+        return np.abs(at.size - self.beta) <= part * self.beta
+
+
+class VonMisesLaw(Law):
+    """The sphere |s| <= beta(g) with g = |p|: p and w are multiples of s."""
+
+    def measured(self, s: np.ndarray) -> np.ndarray:
+        """See ``Law``."""
+        return np.sqrt(np.einsum("pd,pd->p", s, s))
+
+    def gained_at(self, s: np.ndarray, modulus: np.ndarray) -> np.ndarray:
+        """See ``Law``: M g + beta(g) = |s|."""
+        return self.resistance.gained_at(self.measured(s), modulus)
+
+    def flow(
+        self, s: np.ndarray, modulus: np.ndarray, gained: np.ndarray
+    ) -> np.ndarray:
+        """See ``Law``."""
+        size = self.measured(s)
+        return (gained / np.where(size > 0, size, 1.0))[:, None] * s
+
+    def _filled(self, at: Return, modulus: np.ndarray) -> Return:
+        slope = self.resistance.slope(at.gained)
+        slope = np.where(at.yields, slope / (modulus + slope), 0.0)
+        direction = at.trial / np.where(at.size > 0, at.size, 1.0)[:, None]
+        return replace(at, slope=slope, direction=direction, normal=direction)
 
     def yielding_part(self, at: Return) -> np.ndarray:
-        """w = r s / max(r, |s|), -q = dev sigma - dev alpha_2 - h p of (3.8), shape (points, d)."""
+        """See ``Law``: w = r s / max(r, |s|)."""
         return (at.radius / np.maximum(at.size, at.radius))[:, None] * at.trial
 
-    def linearised(self, at: Return, w: np.ndarray, ds: np.ndarray) -> np.ndarray:
-        """w + dw for a change ds of s, from |s| w = r(|s|) s linearised where s yields."""
-        size = np.maximum(at.size, at.radius)
+    def projected(self, w: np.ndarray, at: Return) -> np.ndarray:
+        """See ``Law``: onto |w| <= r."""
+        return (at.radius / np.maximum(self.measured(w), at.radius))[:, None] * w
+
+    def moved(self, at: Return, w: np.ndarray, ds: np.ndarray) -> np.ndarray:
+        """See ``Law``: from |s| w = r(|s|) s where s yields."""
+        size = np.maximum(at.size, at.radius)[:, None]
         direction = at.direction
         along = np.einsum("pd,pd->p", direction, ds)
-        moved = (at.radius[:, None] * (at.trial + ds) - along[:, None] * w) / size[
-            :, None
-        ]
+        scaled = at.radius[:, None] * (at.trial + ds)
+        moved = (scaled - along[:, None] * w) / size
         moved += (at.slope * along)[:, None] * direction
         return np.where(at.yields[:, None], moved, at.trial + ds)
 
-    def projected(self, w: np.ndarray, at: Return) -> np.ndarray:
-        """w projected onto |w| <= r(|s|)."""
-        length = np.sqrt(np.einsum("pd,pd->p", w, w))
-        return (at.radius / np.maximum(length, at.radius))[:, None] * w
-
-    def moduli(self, at: Return, w: np.ndarray) -> Moduli:
-        """The tangent of the stress with w kept as a variable of its own, made symmetric.
+    def closed_moduli(self, at: Return, w: np.ndarray) -> Moduli:
+        """See ``Law``.
 
         Where s yields  dw = (r ds + (r' |s| d - w) (d . ds)) / |s|  with d = s/|s|.  The part of w
-        along s is kept, as at least r' |s|: the moduli stay below 2 mu_2.  With w = r d this is
-        the derivative of the radial return.
+        along s is kept, as at least r' |s|: the moduli stay below 2 mu_2.
         """
         two_mu = self.two_mu
         h = self.hardening
@@ -241,8 +362,12 @@ class Law:
         across = np.where(at.yields, part * (h + two_mu * at.radius / size), two_mu)
         along = np.maximum(np.einsum("pd,pd->p", direction, w), at.slope * size)
         along = np.minimum(along, at.radius)
-        kept = 1.0 if self.isotropic is None else 1 - SOFTEST
-        extra = np.where(
-            at.yields, kept * part * two_mu * (at.slope - along / size), 0.0
-        )
+        kept = 1.0 if self.resistance.is_constant else 1 - SOFTEST
+        extra = kept * part * two_mu * (at.slope - along / size)
+        extra = np.where(at.yields, extra, 0.0)
         return Moduli(self.bulk, across, extra, direction)
+
+
+def law_of(problem: Problem, points: Points) -> Law:
+    """The law of a problem at the points."""
+    return VonMisesLaw(problem, points)

@@ -114,24 +114,46 @@ class Elements:
         factors[:, :, 1:-1] = (self.weights * moduli.across[points])[:, :, None]
         factors[:, :, -1] = self.weights * moduli.extra[points]
         flat = rows.reshape(len(rows), -1, rows.shape[-1])
-        return np.matmul(
-            flat.transpose(0, 2, 1) * factors.reshape(len(rows), 1, -1), flat
-        )
+        weighted = flat.transpose(0, 2, 1) * factors.reshape(len(rows), 1, -1)
+        found = np.matmul(weighted, flat)
+        if moduli.coupling is not None:
+            coupling = self.weights[:, :, None, None] * moduli.coupling[points]
+            strains = rows[:, :, :-1]
+            stresses = np.matmul(coupling, strains)
+            found += np.einsum("epsk,epsl->ekl", strains, stresses, optimize=True)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
 class Moduli:
-    """Stress per strain at the points: C = bulk I (x) I + across Id + extra d (x) d."""
+    """Stress per strain at the points: C = bulk I (x) I + across Id + extra d (x) d + coupling."""
 
     bulk: np.ndarray  # (stress), shape (points,), as the next two
     across: np.ndarray
     extra: np.ndarray
     direction: np.ndarray  # unit vectors d in deviatoric coordinates, shape (points, d)
+    # a symmetric matrix on (tr, dev) to be added, shape (points, 1 + d, 1 + d); None for none
+    coupling: np.ndarray | None = None
 
     def __call__(self, e: np.ndarray) -> np.ndarray:
         """The deviatoric stress of the deviatoric strain ``e``, both in coordinates."""
         along = self.extra * np.einsum("pd,pd->p", self.direction, e)
-        return self.across[:, None] * e + along[:, None] * self.direction
+        stress = self.across[:, None] * e + along[:, None] * self.direction
+        if self.coupling is None:
+            return stress
+        return stress + np.einsum("pij,pj->pi", self.coupling[:, 1:, 1:], e)
+
+    def stress(
+        self, volume: np.ndarray, e: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The stress of a strain: its mean part (points,), its deviator (points, d)."""
+        mean = self.bulk * volume
+        deviator = self(e)
+        if self.coupling is not None:
+            mean = mean + self.coupling[:, 0, 0] * volume
+            mean = mean + np.einsum("pj,pj->p", self.coupling[:, 0, 1:], e)
+            deviator = deviator + self.coupling[:, 1:, 0] * volume[:, None]
+        return mean, deviator
 
 
 class Points:

@@ -174,19 +174,29 @@ def by_moduli(points: Points, free: np.ndarray) -> SymbolicStiffness:
     """The same as ``ElementStiffness``."""
     functions = PointFunctions(points)
     kinematics = points.kinematics
-    shapes = [(len(points),)] * 3 + [(len(points), kinematics.d)]
+    s = 1 + kinematics.d
+    count = len(points)
+    shapes = [(count,)] * 3 + [(count, kinematics.d), (count, s * s)]
     known = [functions.function(np.zeros(shape)) for shape in shapes]
 
     def form(u: ProxyFunction, v: ProxyFunction) -> SumOfIntegrals:
-        bulk, across, extra, direction = known
+        bulk, across, extra, direction, coupling = known
         e, d = (kinematics.coordinates(kinematics.strain(w)) for w in (u, v))
-        volume = Trace(kinematics.strain(u)) * Trace(kinematics.strain(v))
+        volumes = [Trace(kinematics.strain(w)) for w in (u, v)]
         along = InnerProduct(direction, e) * InnerProduct(direction, d)
-        power = bulk * volume + across * InnerProduct(e, d) + extra * along
+        power = bulk * volumes[0] * volumes[1] + across * InnerProduct(e, d)
+        power = power + extra * along
+        if kinematics.thin:
+            matrix = CF(tuple(coupling[i] for i in range(s * s)), dims=(s, s))
+            strains = [CF((t, c)) for t, c in zip(volumes, (e, d), strict=True)]
+            power = power + InnerProduct(matrix * strains[0], strains[1])
         return (kinematics.weight * power).Compile() * dx(intrules=points.rules)
 
     def enter(moduli: Moduli) -> None:
-        for function, values in zip(known, vars(moduli).values(), strict=True):
+        data = (moduli.bulk, moduli.across, moduli.extra, moduli.direction)
+        if moduli.coupling is not None:
+            data = (*data, moduli.coupling.reshape(count, -1))
+        for function, values in zip(known, data, strict=False):
             function.vec.data = functions.function(values).vec
 
     return SymbolicStiffness(points.mesh, points.order, free, form, enter)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.optimize import root
 
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_instance
-from ngepc.discretisation.law import Law
+from ngepc.discretisation.law import law_of
 from ngepc.evolution.load_path import numbers_in
 from ngepc.evolution.result import Memory
 from ngepc.geometries import block
@@ -34,7 +34,7 @@ _DEVIATORS = np.einsum(
 )  # and its deviatoric coordinates
 
 # Relative change of a strain that ends a search, and the stress that may then be missing
-EXACT = 1e-15
+PRECISE = 1e-15
 ACCEPTED = 1e-11
 
 Path = Mapping[str, float | Sequence[float]]
@@ -143,7 +143,7 @@ class _Point:
         mesh = block.structured_mesh(1, 1, 1)
         self._middle = mesh(0.5, 0.5, 0.5)
         self.material = material
-        self.law = Law(ProblemData(mesh, material, kinematics=SOLID), self)
+        self.law = law_of(ProblemData(mesh, material, kinematics=SOLID), self)
         names = ("plastic_strain", "back_stress")
         zero = np.zeros((1, SOLID.d))
         arrays = dict.fromkeys(names, zero) | {"hardening_variable": zero[:, 0]}
@@ -160,12 +160,14 @@ class _Point:
 
     def stress(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The stress at a strain, its derivative, and the plastic strain gained, (1, d)."""
-        law, bulk = self.law, self.law.bulk[0]
-        at = law.returned((e @ _DEVIATORS)[None])
+        law = self.law
+        bulk = law.bulk[0]
+        at = law.returned((e @ _TRACES)[None], (e @ _DEVIATORS)[None])
         moduli = law.moduli(at, law.yielding_part(at))
         D = np.concatenate([moduli(row[None]) for row in np.eye(SOLID.d)])
         tangent = bulk * np.outer(_TRACES, _TRACES) + _DEVIATORS @ D @ _DEVIATORS.T
-        stress = bulk * (_TRACES @ e) * _TRACES + _DEVIATORS @ law.stress(at)[0]
+        mean, deviator = law.stress(at)
+        stress = mean[0] * _TRACES + _DEVIATORS @ deviator[0]
         return stress / _ENTRIES, tangent / _ENTRIES[:, None], at.plastic_strain
 
     def solved(
@@ -184,7 +186,7 @@ class _Point:
 
         if not free.any():
             return e
-        found = root(missing, e[free], jac=True, tol=EXACT)
+        found = root(missing, e[free], jac=True, tol=PRECISE)
         return e if np.abs(missing(found.x)[0]).max() <= ACCEPTED else None
 
     def accept(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -192,9 +194,10 @@ class _Point:
         law = self.law
         stress, _, p = self.stress(e)
         self.memory = self.memory.after(self.material, p)
-        law.initial, law.back, alpha_1, law.accumulated = self.memory.arrays.values()
-        peeq = float(law.accumulated[0])
-        law.beta = self.at(self.material.yield_bound(float(alpha_1[0]), peeq))
+        law.initial, law.back, alpha_1, accumulated = self.memory.arrays.values()
+        peeq = float(accumulated[0])
+        beta = self.at(self.material.yield_bound(float(alpha_1[0]), peeq))
+        law.resistance = replace(law.resistance, beta=beta, accumulated=accumulated)
         return stress, _DEVIATORS @ law.initial[0] / _ENTRIES, peeq
 
 

@@ -10,7 +10,7 @@ from ngsolve import L2, GridFunction
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.law import SOFTEST
-from ngepc.discretisation.points import Moduli, PointFunctions
+from ngepc.discretisation.points import PointFunctions
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import elements_by_shape
 from ngepc.model.features import require_covered
@@ -98,23 +98,17 @@ class ExactResult(DiscreteSolution):
         law = discrete.law
         points = discrete.points
         supports = discrete.supports
-        elastic = (
-            law.bulk,
-            law.two_mu,
-            np.zeros_like(law.two_mu),
-            np.zeros_like(state.deviator),
-        )
+        elastic = law.elastic_moduli
         tangent = Factors(discrete, "sparsecholesky")
-        tangent.update(Moduli(*elastic))
-        pressure = law.bulk * state.volume
-        stress = law.stress(state.at)
+        tangent.update(elastic)
+        pressure, stress = law.stress(state.at)
         u = state.u
         missing = state.residual_force
         for _ in range(2):
             change = tangent.solve(-missing)
-            volume, e = points.strain(change)
-            pressure = pressure + law.bulk * volume
-            stress = stress + law.two_mu[:, None] * e
+            more = elastic.stress(*points.strain(change))
+            pressure = pressure + more[0]
+            stress = stress + more[1]
             u = u + change
             forces = points.forces(pressure, stress) + supports.pull(u)
             missing = forces + state.contact_forces - discrete.load
@@ -156,7 +150,7 @@ def error_indicators(result: ExactResult) -> GridFunction:
     law = discrete.law
     mesh = discrete.problem.mesh
     require_covered(discrete.problem, "error_indicators", COVERS)
-    stress = np.column_stack([law.bulk * state.volume, law.stress(state.at)])
+    stress = np.column_stack(law.stress(state.at))
     around = np.zeros((mesh.nv, 1 + stress.shape[1]))
     given = points.weights[:, None] * np.column_stack([np.ones(len(points)), stress])
     for block in points.blocks:

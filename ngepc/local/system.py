@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from ngepc.discretisation.body import DiscreteBody, Iterate
-from ngepc.discretisation.law import Law, Return
+from ngepc.discretisation.law import Return, law_of
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.stiffness import ElementStiffness
 from ngepc.model.problem import Problem
@@ -34,7 +34,7 @@ class DiscreteProblem(DiscreteBody):
     def __init__(self, problem: Problem, points: Points | None = None) -> None:
         super().__init__(problem)
         self.points = points or Points(problem.mesh, problem.kinematics, problem.order)
-        self.law = Law(problem, self.points)
+        self.law = law_of(problem, self.points)
 
     @cached_property
     def stiffness(self) -> ElementStiffness:
@@ -58,13 +58,10 @@ class DiscreteProblem(DiscreteBody):
 
         What is given as w is projected onto |w| <= r(|s|).
         """
-        volume, e = self.points.strain(u)
-        volume = volume - self.law.swelling
-        e = e - self.law.distortion
-        at = self.law.returned(e)
+        at = self.law.returned(*self.law.beyond_initial(*self.points.strain(u)))
         yielding = self.law.yielding_part(at) if yielding is None else yielding
         contact = np.zeros(len(self.contact)) if contact is None else contact
-        return State(self, u, self.law.projected(yielding, at), contact, volume, e, at)
+        return State(self, u, self.law.projected(yielding, at), contact, at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,22 +69,29 @@ class State(Iterate):
     """An iterate, see ``Iterate``: u, the forces of contact, and what follows from them.
 
     ``yielding`` is w = -q at the points, |w| <= r(|s|), a variable of its own, shape (points, d);
-    ``volume`` and ``deviator`` are tr eps(u) and the coordinates of dev eps(u) beyond the initial
-    strain, ``at`` is the law there.
+    ``at`` is the law at the strain of u.
     """
 
     discrete: DiscreteProblem
     u: np.ndarray
     yielding: np.ndarray
     contact: np.ndarray
-    volume: np.ndarray
-    deviator: np.ndarray
     at: Return = field(repr=False)
 
     @property
     def body(self) -> DiscreteProblem:
         """The discrete problem, see ``Iterate``."""
         return self.discrete
+
+    @property
+    def volume(self) -> np.ndarray:
+        """tr eps(u) beyond the initial strain at the points, free components included."""
+        return self.at.volume
+
+    @property
+    def deviator(self) -> np.ndarray:
+        """Coordinates of the deviator of that strain, shape (points, d)."""
+        return self.at.deviator
 
     def with_radial_return(self) -> State:
         """The same state with w = r s/|s| where s yields."""
@@ -109,16 +113,13 @@ class State(Iterate):
         start, rise = dot(pull, self.u), dot(pull, change)
 
         def work(t: float) -> float:
-            stress = law.stress(law.returned(self.deviator + t * e))
-            mean = law.bulk * (self.volume + t * volume) * volume
-            return (
-                points.integral(mean + np.einsum("pd,pd->p", stress, e))
-                + start
-                + t * rise
-            )
+            there = law.returned(self.volume + t * volume, self.deviator + t * e)
+            mean, stress = law.stress(there)
+            power = mean * volume + np.einsum("pd,pd->p", stress, e)
+            return points.integral(power) + start + t * rise
 
         def moved(t: float, contact: np.ndarray) -> State:
-            w = law.linearised(self.at, self.yielding, law.two_mu[:, None] * e)
+            w = law.linearised(self.at, self.yielding, volume, e)
             w = self.yielding + t * (w - self.yielding)
             return self.discrete.state(self.u + t * change, w, contact)
 
@@ -127,7 +128,7 @@ class State(Iterate):
     @cached_property
     def energy(self) -> float:
         """J(u, p) of (2.14) with the p that is best for u, and friction (force times length)."""
-        density = self.discrete.law.energy_density(self.volume, self.at)
+        density = self.discrete.law.energy_density(self.at)
         pull = self.discrete.supports.pull(self.u)
         work = self.discrete.points.processes.dot(
             self.discrete.load - 0.5 * pull, self.u
@@ -143,7 +144,7 @@ class State(Iterate):
     def flowing(self) -> float:
         """The largest |p| where a law hardens no more."""
         discrete = self.discrete
-        return discrete.points.processes.maximum(discrete.law.flowing(self.at.gained))
+        return discrete.points.processes.maximum(discrete.law.flowing(self.at))
 
     @property
     def plastic_measure(self) -> float:
@@ -153,8 +154,6 @@ class State(Iterate):
     @cached_property
     def internal_forces(self) -> np.ndarray:
         """Nodal forces of the stress and on the springs, shape (nodes, N)."""
-        law = self.discrete.law
         pull = self.discrete.supports.pull(self.u)
-        return pull + self.discrete.points.forces(
-            law.bulk * self.volume, law.stress(self.at)
-        )
+        stress = self.discrete.law.stress(self.at)
+        return pull + self.discrete.points.forces(*stress)

@@ -57,12 +57,20 @@ class Kinematics:
         Orthonormal trace-free symmetric matrices, shape (d, size, size).
     hoop
         Whether the third direction is the circumference of a body of revolution about x = 0.
+    thin
+        Whether sigma_zz = 0 and the law finds eps_zz, which ``strain`` is without.
     """
 
     name: str
     N: int
     basis: np.ndarray
     hoop: bool = False
+    thin: bool = False
+
+    @property
+    def across(self) -> np.ndarray:
+        """Coordinates of the deviator of a unit strain eps_zz, shape (d,)."""
+        return self.basis[:, 2, 2].copy()
 
     @property
     def size(self) -> int:

@@ -148,7 +148,6 @@ def biactive_set(contact: LinearContact) -> Biactive:
     """
     state, law, discrete = contact.state, contact.law, contact.state.discrete
     rows = discrete.rows
-    beta = discrete.law.beta
     forces = state.multipliers
     distance = BIACTIVE * max(np.abs(state.u).max(), np.abs(rows.gaps).max(initial=0.0))
     stiffness = rows.normal.power(2) @ discrete.stiffness_diagonal.ravel()
@@ -159,5 +158,5 @@ def biactive_set(contact: LinearContact) -> Biactive:
     change = np.abs(law.coefficient * forces - law.cap) <= BIACTIVE * law.cap
     kinks |= contact.slips & change & np.isfinite(law.cap)
     kinks &= contact.closed & ~weak & (contact.bound > 0)
-    close = np.abs(state.at.size - beta) <= BIACTIVE * beta
+    close = discrete.law.close_to_yielding(state.at, BIACTIVE)
     return Biactive(*map(np.flatnonzero, (weak, kinks, close)))

@@ -47,7 +47,7 @@ def _primal_energy(state: State) -> Slope:
     law = state.discrete.law
     at = state.at
     weights = state.discrete.points.weights
-    elastic = law.stress(at) / law.two_mu[:, None]
+    elastic = law.stress(at)[1] / law.two_mu[:, None]
     contact = LinearContact(state)
     still = np.zeros(len(state.multipliers))
     slid = -(contact.along * contact.law.split(state.gaps)[1]).sum(axis=1)
@@ -77,7 +77,7 @@ def _elastic_energy(state: State) -> Slope:
     """1/2 int sigma : (eps(u) - p_0 - p), what the body gives back (force times length)."""
     law = state.discrete.law
     points = state.discrete.points
-    elastic = law.stress(state.at) / law.two_mu[:, None]
+    elastic = law.stress(state.at)[1] / law.two_mu[:, None]
     shapes = 0.5 * (elastic**2).sum(axis=1)
     volumes = 0.5 * state.volume**2
     by = Data(stress=elastic, mean=state.volume, bulk=-volumes, two_mu=-shapes)
@@ -194,11 +194,8 @@ def _of_form(form: Form, state: State) -> Slope:
     functions = PointFunctions(discrete.points)
     kinematics = discrete.points.kinematics
     total = law.initial + state.at.plastic_strain
-    values = {
-        "p": total,
-        "stress": law.stress(state.at),
-        "mean": law.bulk * state.volume,
-    }
+    mean, deviator = law.stress(state.at)
+    values = {"p": total, "stress": deviator, "mean": mean}
     parts = [functions.function(value) for value in values.values()]
     area = np.bincount(rows.vertices, rows.weights, mesh.nv)[rows.vertices]
     share = np.where(rows.tied, 0.0, 1 / area)

@@ -141,8 +141,8 @@ class LinearStep:
 
     def internal(self, u: np.ndarray) -> np.ndarray:
         """K u at all components, shape (nodes, N)."""
-        volume, e = self.discrete.points.strain(u)
-        forces = self.discrete.points.forces(self.moduli.bulk * volume, self.moduli(e))
+        points = self.discrete.points
+        forces = points.forces(*self.moduli.stress(*points.strain(u)))
         return forces + self.discrete.supports.pull(u)
 
     def solve(

@@ -265,9 +265,8 @@ def geometry(old: State, state: State) -> Data:
         discrete.contact.friction,
         discrete.problem.material,
     )
-    mean = old.discrete.law.bulk * old.volume
     stress = old.discrete.law.stress(old.at)
-    forces = points.forces(mean, stress) + discrete.supports.pull(old.u)
+    forces = points.forces(*stress) + discrete.supports.pull(old.u)
     names = ("two_mu", "bulk", "hardening", "beta", "back", "initial")
     return Data({name: getattr(law, name) for name in names}) + Data(
         kinematic=points.at(material.hardening),

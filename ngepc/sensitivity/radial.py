@@ -129,7 +129,7 @@ def radial_return(state: State, moduli: Moduli) -> Tape:
             ("stress", "strain", law.two_mu),
             ("stress", "initial", -law.two_mu),
             ("stress", "p", -law.two_mu),
-            ("stress", "two_mu", law.stress(at) / two_mu),
+            ("stress", "two_mu", law.stress(at)[1] / two_mu),
             ("mean", "volume", law.bulk),
             ("mean", "bulk", state.volume),
             ("next_initial", "initial", 1.0),

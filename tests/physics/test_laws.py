@@ -226,7 +226,8 @@ def test_data_of_laws_are_coefficients():
     problem = bar(Voce(250.0, half, 40.0), 300.0)
     one, two = semismooth_newton(problem), primal_newton(problem)
     there = one.discrete.points.at(y) > 0.5
-    assert (one.discrete.law.isotropic.saturation == np.where(there, 80.0, 120.0)).all()
+    isotropic = one.discrete.law.resistance.isotropic
+    assert (isotropic.saturation == np.where(there, 80.0, 120.0)).all()
     assert np.abs(one.state.u - two.state.u).max() < 1e-10 * np.abs(one.state.u).max()
     number = semismooth_newton(bar(Voce(250.0, 80.0, 40.0), 300.0))
     constant = semismooth_newton(bar(Voce(CF(250.0), CF(80.0), CF(40.0)), 300.0))

@@ -1,0 +1,114 @@
+"""What the plastic strain of a time step costs: the bound beta(g) at |p| = g, and its integral.
+
+A step that gains the plastic strain p costs int_0^g beta(t) dt with g = |p|, a convex function of
+g, since beta never falls.  Everything that depends on the amount of plastic strain alone belongs
+here: the yield stress, what isotropic hardening has added to it before the step, and what the law
+of hardening adds within it.  Linear kinematic hardening does not: it is the modulus h of
+``discretisation.law``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ngepc.model.hardening import HardeningLaw
+from ngepc.model.material import PEEQ
+
+ENDLESS = 1e6  # |p| beyond which no |p| is looked for where nothing bounds it
+
+FIRST = 1e-3
+"""|p| from which brackets are doubled: huge ones would lose the digits of energies."""
+
+EXACT = 4 * np.finfo(float).eps
+"""Part of a stress to which equations at the points are solved."""
+
+
+@dataclass(frozen=True, eq=False)
+class Resistance:
+    """beta(g) at the integration points, arrays of shape (points,).
+
+    Parameters
+    ----------
+    beta
+        beta(0), the yield bound at the begin of the step (stress).
+    isotropic
+        The law of hardening with its data at the points; None for a bound that stays.
+    accumulated
+        PEEQ at the begin of the step (1).
+    """
+
+    beta: np.ndarray
+    isotropic: HardeningLaw | None
+    accumulated: np.ndarray
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether beta(g) = beta(0)."""
+        return self.isotropic is None
+
+    def of(self, points: np.ndarray | slice) -> Resistance:
+        """The same at some of the points."""
+
+        def there(value: float | np.ndarray) -> float | np.ndarray:
+            return value[points] if np.ndim(value) else value
+
+        isotropic = None if self.isotropic is None else self.isotropic.at(there)
+        return Resistance(self.beta[points], isotropic, self.accumulated[points])
+
+    def with_law(self, isotropic: HardeningLaw | None) -> Resistance:
+        """The same with other data of the law, beta(0) kept."""
+        return replace(self, isotropic=isotropic)
+
+    def bound(self, gained: np.ndarray) -> np.ndarray:
+        """beta(g) for |p| = g (stress), shape (points,)."""
+        if self.isotropic is None:
+            return self.beta
+        before = self.isotropic.stress(self.accumulated)
+        after = self.isotropic.stress(self.accumulated + PEEQ * gained)
+        return self.beta + PEEQ * (after - before)
+
+    def slope(self, gained: np.ndarray) -> np.ndarray:
+        """beta'(g) >= 0 (stress), shape (points,)."""
+        if self.isotropic is None:
+            return np.zeros_like(gained)
+        return PEEQ**2 * self.isotropic.slope(self.accumulated + PEEQ * gained)
+
+    def energy(self, gained: np.ndarray) -> np.ndarray:
+        """int_0^g beta for |p| = g (energy per volume), shape (points,)."""
+        if self.isotropic is None:
+            return self.beta * gained
+        law = self.isotropic
+        before = self.accumulated
+        more = PEEQ * gained
+        stored = law.energy(before + more) - law.energy(before)
+        return self.beta * gained + stored - law.stress(before) * more
+
+    def gained_at(self, size: np.ndarray, modulus: np.ndarray) -> np.ndarray:
+        """The g >= 0 with modulus g + beta(g) = size, 0 where size <= beta, inf for none (points,).
+
+        Newton's method within brackets that bisection halves where it is slow.
+        """
+        over = np.maximum(size - self.beta, 0.0)
+        high = np.where(modulus > 0, over / np.where(modulus > 0, modulus, 1), ENDLESS)
+        if self.is_constant:
+            return high
+        low = np.zeros_like(size)
+        g = np.zeros_like(size)
+        before = np.inf
+        exact = EXACT * np.maximum(size, self.beta)
+        for _ in range(100):
+            excess = modulus * g + self.bound(g) - size
+            low = np.where(excess <= 0, g, low)
+            high = np.where(excess >= 0, g, high)
+            done = (np.abs(excess) <= exact) | (over == 0)
+            if done.all():
+                break
+            steep = np.maximum(modulus + self.slope(g), exact / ENDLESS)
+            newton = g - excess / steep
+            good = (low < newton) & (newton < high) & (np.abs(excess) < 0.5 * before)
+            middle = np.minimum(0.5 * (low + high), 2 * low + FIRST)
+            g = np.where(done, g, np.where(good, newton, middle))
+            before = np.abs(excess)
+        return np.where((modulus > 0) | (g < 0.99 * ENDLESS), g, np.inf)
