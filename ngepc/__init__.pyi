@@ -38,6 +38,7 @@ from ngepc.local.petsc import PETSc as PETSc
 from ngepc.local.pyamg import PyAMG as PyAMG
 from ngepc.local.result import ExactResult as ExactResult
 from ngepc.local.result import error_indicators as error_indicators
+from ngepc.local.solver import RepeatedSolver as RepeatedSolver
 from ngepc.local.solver import SymbolicForms as SymbolicForms
 from ngepc.model import obstacles as obstacles
 from ngepc.model import parts as parts

@@ -28,10 +28,11 @@ from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.prolongation import nodal_values
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.secants import Compliance
+from ngepc.model.data import same_fields
 from ngepc.model.elements import plastic_points, vertex_coordinates
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import Team
-from ngepc.model.support import floating_motions
+from ngepc.model.support import floating_motions, held_directions
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -52,11 +53,13 @@ class DiscreteBody:
     stiffness: Stiffness  # what assembles its tangents
     stiffness_diagonal: np.ndarray  # of the elastic stiffness, shape (nodes, N)
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, like: DiscreteBody | None = None) -> None:
+        """``like`` is an earlier body of the same mesh: what did not change is taken from it."""
         self.problem = problem
-        self.supports = Supports(problem)
-        self.contact = ContactConditions(problem, self.supports)
-        self.rows, self.free = self.contact.rows, self.supports.free
+        self.supports = supports_of(problem, like)
+        self.contact = contact_of(problem, self.supports, like)
+        self.rows = self.contact.rows
+        self.free = self.supports.free
         self.load = applied_forces(
             problem, self.supports.space
         )  # nodal forces, (nodes, N)
@@ -109,6 +112,28 @@ class DiscreteBody:
         """A first guess of the compliance of all rows, which learns."""
         stiffness = self.row_stiffness + self.contact.springs(self.row_stiffness)
         return Compliance(1 / stiffness, self.floating.compliance)
+
+
+def supports_of(problem: Problem, like: DiscreteBody | None) -> Supports:
+    """The supports of a problem, those of an earlier body where they are the same."""
+    if like is None:
+        return Supports(problem)
+    if same_fields(problem, like.problem, "clamped", "prescribed", "springs"):
+        return like.supports
+    alike = held_directions(problem) == held_directions(like.problem)
+    return Supports(problem, like.supports if alike else None)
+
+
+def contact_of(
+    problem: Problem, supports: Supports, like: DiscreteBody | None
+) -> ContactConditions:
+    """The conditions of contact of a problem, those of an earlier body where they are the same."""
+    names = ("contact", "gap", "friction", "initial_displacement")
+    if like is None or not same_fields(problem, like.problem, *names):
+        return ContactConditions(problem, supports)
+    alike = supports is like.supports or not problem.rollers
+    held = np.array_equal(supports.free, like.free)
+    return like.contact if alike and held else ContactConditions(problem, supports)
 
 
 class Iterate:

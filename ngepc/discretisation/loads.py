@@ -214,9 +214,10 @@ class Supports:
     ]  # their forces per displacement, u flattened node by node
     stiffness: csr_matrix  # the sum of ``springs``
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, like: Supports | None = None) -> None:
+        """``like`` are supports of the same components of the same mesh, or None."""
         self.problem = problem
-        self.space = displacement_space(problem)
+        self.space = displacement_space(problem) if like is None else like.space
         free = nodal(np.array(list(self.space.FreeDofs()), dtype=bool), problem)
         holding = problem.processes.summed((~free).astype(float))
         self.free = holding == 0

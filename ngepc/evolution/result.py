@@ -84,9 +84,7 @@ class Memory:
         hardening = tensor(given["back_stress"])
         if not is_zero(material.hardening_modulus):
             hardening = given["hardening_variable"], hardening
-        return replace(
-            base,
-            **changes,
+        return base.changed(**changes).continued(
             initial_plastic_strain=tensor(given["plastic_strain"]),
             initial_hardening=hardening,
             initial_accumulated=given["accumulated"],

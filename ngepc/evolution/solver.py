@@ -21,7 +21,6 @@ from ngepc.bounds.transfer import check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
 from ngepc.discretisation.loads import displacement_space
-from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule, as_schedule
 from ngepc.evolution.result import (
     Evolution,
@@ -31,6 +30,7 @@ from ngepc.evolution.result import (
     StepRecord,
     is_zero,
 )
+from ngepc.local.solver import RepeatedSolver
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 from ngepc.results.fields import Fields
@@ -73,7 +73,7 @@ def cold_start(solver: Callable, **settings: object) -> StepSolver:
 def evolve(
     problem: Problem,
     steps: Schedule | object,
-    solver: StepSolver = semismooth_newton,
+    solver: StepSolver | None = None,
     *,
     cuts: int = 6,
     checkpoint: str | Path | None = None,
@@ -91,8 +91,10 @@ def evolve(
         A ``Schedule`` (``load_cycle`` makes one), or pairs (time, changes); the changes apply to
         ``problem``: (1.0, {'gap': 0.1}).
     solver
-        Called as solver(problem, start=displacement of the last step); ``cold_start`` wraps
-        solvers that take no displacement.
+        Called as solver(problem, start=displacement of the last step), ``semismooth_newton`` or
+        ``primal_newton`` for example; ``cold_start`` wraps solvers that take no displacement.
+        None for ``RepeatedSolver()``: the exact method, which keeps from step to step what does
+        not change.
     cuts
         A step of a Schedule that fails is halved, up to so many times; 0 for never.
     checkpoint
@@ -120,6 +122,7 @@ def evolve(
         If the checkpoint cannot be written, before any work.
     """
     require_instance("problem", problem, Problem, "a Problem")
+    solver = RepeatedSolver() if solver is None else solver
     require_function("solver", solver, "problem and start")
     require_function("monitor", monitor, "a step", optional=True)
     path = None if checkpoint is None else require_path("checkpoint", checkpoint)

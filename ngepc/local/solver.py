@@ -9,6 +9,7 @@ import numpy as np
 from ngsolve import GridFunction
 
 from ngepc.checks.declared import Check, Declared
+from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.factors import Factors, tangent_of
 from ngepc.discretisation.prolongation import at_vertices
 from ngepc.discretisation.stiffness import Stiffness, by_moduli
@@ -81,6 +82,60 @@ class SymbolicForms(Declared):
         return tangent_of(discrete, self.inverse, stiffness)
 
 
+class RepeatedSolver:
+    """Solves problems that differ in a few data, one after the other, by the exact method.
+
+    What a problem has in common with the one before, points, spaces, contact rows, the pattern of
+    the tangent, is kept: load histories and parameter studies spend their time on Newton steps.
+
+    Parameters
+    ----------
+    tolerance, max_iterations, inverse
+        As in ``NewtonOptions``.
+    """
+
+    def __init__(
+        self,
+        tolerance: float = 1e-10,
+        max_iterations: int = 300,
+        inverse: str | Iterative | SymbolicForms = "sparsecholesky",
+    ) -> None:
+        self.tolerance = tolerance
+        self.max_iterations = max_iterations
+        self.inverse = inverse
+        self._discrete: DiscreteProblem | None = None
+        self._tangent: Factors | IterativeTangent | None = None
+
+    def __call__(
+        self,
+        problem: Problem,
+        start: object | None = None,
+        monitor: Monitor | None = None,
+    ) -> ExactResult:
+        """Solve a problem from an earlier result or displacement, or from zero.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is not legal.
+        """
+        require_instance("problem", problem, Problem, "a Problem")
+        require_covered(problem, "semismooth_newton", COVERS)
+        before = self._discrete
+        discrete = DiscreteProblem(problem, like=before)
+        state = starting_state(discrete, start)
+        tangent = self._tangent
+        if tangent is None or discrete.stiffness is not before.stiffness:
+            tangent = tangent_of(discrete, self.inverse)
+        self._discrete = discrete
+        self._tangent = tangent if isinstance(tangent, Factors) else None
+        target = None
+        if isinstance(tangent, IterativeTangent):
+            target = InexactTarget(discrete, tangent.forcing, self.tolerance)
+        limits = self.tolerance, self.max_iterations
+        return newton_iteration(state, tangent, ExactResult, *limits, monitor, target)
+
+
 def solve_exactly(
     problem: Problem,
     start: object | None,
@@ -93,15 +148,8 @@ def solve_exactly(
 
     Arguments as of ``semismooth_newton`` and ``NewtonOptions``.
     """
-    require_covered(problem, "semismooth_newton", COVERS)
-    discrete = DiscreteProblem(problem)
-    target = None
-    state = starting_state(discrete, start)
-    tangent = tangent_of(discrete, inverse)
-    if isinstance(tangent, IterativeTangent):
-        target = InexactTarget(discrete, tangent.forcing, tolerance)
-    limits = tolerance, max_iterations
-    return newton_iteration(state, tangent, ExactResult, *limits, monitor, target)
+    solver = RepeatedSolver(tolerance, max_iterations, inverse)
+    return solver(problem, start, monitor)
 
 
 def starting_state(discrete: DiscreteProblem, start: object | None) -> State:

@@ -25,16 +25,38 @@ from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.law import Return, law_of
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.stiffness import ElementStiffness
+from ngepc.model.data import same_fields
 from ngepc.model.problem import Problem
+
+DISCRETISED = ("mesh", "kinematics", "order")
+"""Fields of a problem that decide about its points and nodes."""
 
 
 class DiscreteProblem(DiscreteBody):
     """Points, law, supports, contact rows and loads of a problem: what no Newton step changes."""
 
-    def __init__(self, problem: Problem, points: Points | None = None) -> None:
-        super().__init__(problem)
+    def __init__(
+        self,
+        problem: Problem,
+        points: Points | None = None,
+        like: DiscreteProblem | None = None,
+    ) -> None:
+        """``like`` is an earlier problem: what its mesh, supports, rows made is taken from it."""
+        if like is not None and not same_fields(problem, like.problem, *DISCRETISED):
+            like = None
+        super().__init__(problem, like)
+        if points is None and like is not None:
+            points = like.points
         self.points = points or Points(problem.mesh, problem.kinematics, problem.order)
         self.law = law_of(problem, self.points)
+        if like is not None and self.has_tangents_of(like):
+            vars(self)["stiffness_diagonal"] = like.stiffness_diagonal
+            vars(self)["stiffness"] = like.stiffness
+
+    def has_tangents_of(self, other: DiscreteProblem) -> bool:
+        """Whether tangents have the same pattern, and the same springs beside the stress."""
+        alike = self.supports is other.supports and self.rows is other.rows
+        return alike and same_fields(self.problem, other.problem, "material")
 
     @cached_property
     def stiffness(self) -> ElementStiffness:

@@ -6,7 +6,7 @@ that names the argument, its value and what is legal.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import product
 
@@ -25,13 +25,13 @@ from ngepc.checks.arguments import (
 )
 from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
-from ngepc.model.data import ACTING, Components, ProblemData
+from ngepc.model.data import ACTING, HISTORY, Components, ProblemData, same_fields
 from ngepc.model.elements import SHAPES, corner_vertices, element_nodes, plastic_points
 from ngepc.model.features import require_covered
 from ngepc.model.hardening import check_law
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, Place, Roller, places, values_at
-from ngepc.model.support import check_support
+from ngepc.model.support import check_held, check_motions, held_directions
 
 SHARED_MESH_COVERS = frozenset(
     {
@@ -59,29 +59,57 @@ SHARED_MESH_COVERS = frozenset(
 """Features that a mesh covers of which processes have a part each."""
 
 
-def check_problem(problem: ProblemData) -> None:
-    """Raise TypeError or ValueError for the first thing that is wrong with ``problem``."""
-    for check in (check_material, check_data):
-        problem.processes.together(partial(check, problem))
-    check_support(problem)
+def check_problem(problem: ProblemData, before: ProblemData | None = None) -> None:
+    """Raise TypeError or ValueError for the first thing that is wrong with ``problem``.
+
+    What looks only at fields that are the same objects as those of a legal problem ``before`` is
+    not checked again.
+    """
+
+    def differ(*fields: str) -> bool:
+        """Whether one of some fields is not that of the problem before."""
+        return before is None or not same_fields(problem, before, *fields)
+
+    if differ("mesh", "kinematics", "material"):
+        problem.processes.together(partial(check_material, problem))
+    problem.processes.together(partial(check_data, problem, differ))
+    if differ("mesh", "kinematics", "clamped", "prescribed", "contact", "gap"):
+        check_held(problem)
+    moves = differ("mesh", "kinematics", "clamped", "contact", "springs")
+    if moves or held_directions(problem) != held_directions(before):
+        check_motions(problem)
 
 
-def check_data(problem: ProblemData) -> None:
-    """What is wrong with the data but the material, on this process's part of the mesh."""
-    check_places(problem)
-    for argument, place, value in problem.acting:
-        check_acting(problem, argument, place, value)
-    check_contact(problem)
-    check_friction(problem)
+def everything(*fields: str) -> bool:
+    """All fields count as changed."""
+    return True
+
+
+def check_data(problem: ProblemData, differ: Callable[..., bool] = everything) -> None:
+    """What is wrong with the data but the material, on this process's part of the mesh.
+
+    ``differ`` tells whether one of some fields has changed since it was checked.
+    """
+    if differ("mesh", "clamped", "contact", *ACTING):
+        check_places(problem)
+    for argument in ACTING:
+        if differ("mesh", argument):
+            for place, value in problem.single(argument).items():
+                check_acting(problem, argument, place, value)
+    if differ("mesh", "contact", "gap"):
+        check_contact(problem)
+    if differ("mesh", "contact", "friction", "initial_displacement"):
+        check_friction(problem)
     for name, where in {
         "body_force": None,
         "initial_displacement": problem.touching_names,
     }.items():
         given = getattr(problem, name)
-        if given is not None:
+        if given is not None and differ("mesh", "contact", name):
             given = require_components(name, given, problem.N)
             require_field(name, given, problem.mesh, where, shapes=[(problem.N,)])
-    check_history(problem)
+    if differ("mesh", "kinematics", "order", *HISTORY):
+        check_history(problem)
     if problem.processes.size > 1:
         require_covered(problem, "a mesh that processes share", SHARED_MESH_COVERS)
 

@@ -26,6 +26,14 @@ Components = tuple | list | np.ndarray
 ACTING = ("traction", "pressure", "prescribed", "springs")
 """Arguments that give a value to each place."""
 
+HISTORY = (
+    "initial_plastic_strain",
+    "initial_hardening",
+    "initial_accumulated",
+    "initial_strain",
+)
+"""Arguments that say what the body remembers, and the strain that is free of stress."""
+
 
 @dataclass(frozen=True, eq=False)
 class ProblemData:
@@ -228,6 +236,11 @@ class ProblemData:
         """The yield bound, a number whenever the data are numbers."""
         scalar, _ = split_hardening(self.initial_hardening)
         return self.material.yield_bound(scalar or 0.0, self.initial_accumulated or 0.0)
+
+
+def same_fields(one: ProblemData, other: ProblemData, *names: str) -> bool:
+    """Whether two problems have the same objects in some fields."""
+    return all(getattr(one, name) is getattr(other, name) for name in names)
 
 
 def as_scalar(value: Coefficient) -> CoefficientFunction:

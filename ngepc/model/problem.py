@@ -1,6 +1,8 @@
 """One time step of quasi-static elasto-plasticity with contact, (2.14), and those of section 7."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
 from functools import partial
 
 from ngsolve import Mesh
@@ -8,12 +10,15 @@ from ngsolve import Mesh
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_mesh
 from ngepc.model.checks import check_mesh, check_problem
-from ngepc.model.data import ProblemData
+from ngepc.model.data import HISTORY, ProblemData
 from ngepc.model.data import as_scalar as as_scalar
 from ngepc.model.elements import outward_normal
 from ngepc.model.features import features_of
 from ngepc.model.kinematics import kinematics_of
 from ngepc.model.material import Material
+
+MADE = ("mesh", "kinematics", "order")
+"""Fields that are turned into others when a problem is made."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +103,44 @@ class Problem(ProblemData):
         covers has the table.
         """
         return features_of(self)
+
+    def changed(self, **changes: object) -> Problem:
+        """The problem with other values of some fields, checked as far as they matter.
+
+        The same as ``dataclasses.replace(problem, **changes)``, and faster: a load history changes
+        a load, and needs no new look at the mesh.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For names that are no fields, and for data that are not legal.
+        """
+        known = {field.name for field in fields(self)}
+        strange = sorted(set(changes) - known)
+        if strange:
+            raise TypeError(
+                f"Problem has no {', '.join(strange)}: fields are {', '.join(sorted(known))}"
+            )
+        if any(
+            changes.get(name, vars(self)[name]) is not vars(self)[name] for name in MADE
+        ):
+            return replace(self, **changes)
+        other = self._with(changes)
+        check_problem(other, self)
+        return other
+
+    def continued(self, **history: object) -> Problem:
+        """The problem with what a finished step left, fields of ``HISTORY``: not checked again."""
+        strange = sorted(set(history) - set(HISTORY))
+        if strange:
+            raise TypeError(f"{', '.join(strange)}: fields of a history are {HISTORY}")
+        return self._with(history)
+
+    def _with(self, changes: dict[str, object]) -> Problem:
+        other = object.__new__(type(self))
+        names = (field.name for field in fields(self))
+        vars(other).update({name: vars(self)[name] for name in names} | changes)
+        return other
 
 
 def lshape_problem(mesh: Mesh) -> Problem:

@@ -33,16 +33,22 @@ HELD_NORMAL = 1e-8
 """Largest length of the free part where the support holds all of the normal."""
 
 
-def check_support(problem: ProblemData) -> None:
-    """A conforming mesh, boundary values that agree, a free normal on contact, no rigid motion.
+def check_held(problem: ProblemData) -> None:
+    """Boundary values that agree, and a free normal where a support meets contact."""
+    processes = problem.processes
+    held = processes.together(partial(held_values, problem))
+    held = _agreed(problem, held)
+    processes.together(partial(check_free_normal, problem, held))
+
+
+def check_motions(problem: ProblemData) -> None:
+    """A conforming mesh whose parts have no rigid motion left.
 
     A part that may touch another body can be held by contact alone: whether it is shows in the
     solution.
     """
     processes = problem.processes
-    held = processes.together(partial(held_values, problem))
-    held = _agreed(problem, held)
-    parts = processes.together(partial(_parts, problem, held))
+    parts = processes.together(partial(_parts, problem))
     sides = [
         name for pair in problem.contact_pairs for name in (pair.first, pair.second)
     ]
@@ -56,6 +62,13 @@ def check_support(problem: ProblemData) -> None:
                 f"{motions.shape[2]} rigid motion(s) of the part around {centre.round(6).tolist()}"
                 ": every connected part must be held, if need be by springs"
             )
+
+
+def held_directions(problem: ProblemData) -> list[tuple]:
+    """What supports hold, whatever the values: places with components or directions."""
+    components = [(place, axis) for _, place, axis, _ in problem.held]
+    rollers = [(place, r.direction) for place, r in problem.rollers.items()]
+    return components + rollers
 
 
 def _agreed(problem: ProblemData, held: np.ndarray) -> np.ndarray:
@@ -73,7 +86,7 @@ def _agreed(problem: ProblemData, held: np.ndarray) -> np.ndarray:
     return values
 
 
-def _parts(problem: ProblemData, held: np.ndarray) -> list[np.ndarray]:
+def _parts(problem: ProblemData) -> list[np.ndarray]:
     """``part_vertices`` of this process, after all checks that need no other one."""
     mesh = problem.mesh
     keys, owners = element_facets(mesh)
@@ -89,7 +102,6 @@ def _parts(problem: ProblemData, held: np.ndarray) -> list[np.ndarray]:
             raise ValueError(
                 f"contact={name!r} lies inside the body: an outer boundary is needed"
             )
-    check_free_normal(problem, held)
     return part_vertices(mesh, a, b)
 
 
