@@ -56,14 +56,12 @@ def test_modules_are_attributes_without_an_import(tmp_path):
     assert outside(code, tmp_path) == "Sphere ngepc.geometries"
 
 
-def test_import_is_quick_and_does_not_load_ngsolve(tmp_path):
+def test_import_loads_nothing_heavy(tmp_path):
     code = (
-        "import time; begin = time.perf_counter(); import ngepc; "
-        "print(time.perf_counter() - begin, 'ngsolve' in sys.modules, len(ngepc.__path__))"
+        "import ngepc; heavy = {'ngsolve', 'numpy', 'scipy', 'matplotlib'}; "
+        "print(len(heavy & set(sys.modules)), len(ngepc.__path__))"
     )
-    seconds, loaded, places = outside(code, tmp_path).split()
-    assert float(seconds) < 0.1
-    assert (loaded, places) == ("False", "1")
+    assert outside(code, tmp_path) == "0 1"
 
 
 def users_script(folder: Path, more: str = "") -> Path:
