@@ -170,7 +170,7 @@ def test_a_lie_is_found(monkeypatch):
 
     def of_another_problem(problem):
         other = primal_newton(lighter)
-        other.state.frame.problem = problem
+        other.state.body.problem = problem
         return other
 
     with monkeypatch.context() as patch:
