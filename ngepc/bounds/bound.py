@@ -189,7 +189,6 @@ def bound_data_of(discrete: DiscreteProblem) -> BoundData:
 def bound_of_state(setting: BoundData, given: State, tangent: Factors) -> ErrorBound:
     """The bound for a state on the mesh of a setting; ``tangent`` may be that of an earlier one."""
     contact = setting.contact
-    contact.check_touching(given)
     state, moved = feasible_state(setting, given)
     algebraic = algebraic_part(setting, state, tangent)
     z, at_points, P = setting.best_stress(

@@ -1,4 +1,4 @@
-"""What happens on the contact facets: obstacles that are cleared, pressure, friction."""
+"""What happens on the contact facets: obstacles that are cleared, pressure, Tresca's friction."""
 
 from __future__ import annotations
 
@@ -127,15 +127,6 @@ class ContactFacets:
         there = self.row_of >= 0
         mean = P.sum(axis=1) / np.maximum(there.sum(axis=1), 1)
         return np.where(there, P, mean[:, None])
-
-    def check_touching(self, state: State) -> None:
-        """Refuse friction where the gap is open: no minimum problem is left."""
-        touches = np.append(state.multipliers > 0, True)[self.row_of]
-        if (self.boundary.friction[~touches] > 0).any():
-            raise ValueError(
-                f"friction={self.problem.friction!r}: it acts where the gap is closed, and the gap "
-                "opens; bounds need F = 0 there"
-            )
 
     def _across(self, vectors: np.ndarray) -> np.ndarray:
         """The tangential parts of vectors (facets, ., N)."""

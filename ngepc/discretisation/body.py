@@ -330,11 +330,14 @@ class Floating:
         row = np.repeat(np.arange(len(tied)), friction.d)
         most = np.append(np.full(m, np.inf), friction.cap[row] / size)
         least = np.append(np.where(tied, -np.inf, 0.0), -most[m:])
-        grip = csr_matrix(
-            (friction.coefficient[row], (np.arange(n - m), row)), (n - m, m)
-        )
-        no = csr_matrix((n - m, 2 * k))
-        limits = vstack([hstack([-grip, s * eye(n - m), no]) for s in (1, -1)])
+        by_pressure = np.flatnonzero(~friction.given[row])
+        count = len(by_pressure)
+        row = row[by_pressure]
+        coefficients = friction.coefficient[row]
+        grip = csr_matrix((coefficients, (np.arange(count), row)), (count, m))
+        tangents = eye(n - m, format="csr")[by_pressure]
+        no = csr_matrix((count, 2 * k))
+        limits = vstack([hstack([-grip, s * tangents, no]) for s in (1, -1)])
         missing = linprog(
             np.concatenate([np.zeros(n), np.ones(2 * k)]),
             A_ub=limits,

@@ -34,10 +34,6 @@ from ngepc.model.problem import Problem
 from ngepc.model.processes import Team
 from ngepc.model.support import FREE_NORMAL, HELD_NORMAL
 
-STEEPEST = 100.0
-"""Friction with a given bound is at most so many times the normal force: it would jump when a row
-closes, and the normal force that it causes could open and close a row at the edge for ever."""
-
 GRIP = 1e2  # stiffness of the springs that hold rollers in the tangent, relative to the node's
 
 
@@ -177,17 +173,20 @@ class ContactConditions:
 def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone:
     """The law of contact and friction row by row, without tangents where there is no friction."""
     law = problem.friction
-    d = problem.N - 1
-    cap = np.full(len(rows), np.inf)
-    coefficient = np.full(len(rows), STEEPEST)
-    if law is None:
-        coefficient = np.zeros(len(rows))
-        d = 0
-    elif isinstance(law, Coulomb):
+    coefficient = np.zeros(len(rows))
+    limit = None
+    if isinstance(law, Coulomb):
         coefficient = at_rows(problem, rows, law.coefficient)
-    else:
-        cap = rows.weights * at_rows(problem, rows, law)
-    return FrictionCone(cap, np.where(rows.tied, 0.0, coefficient), rows.tied, d)
+        limit = law.limit
+    elif law is not None:
+        coefficient = np.full(len(rows), np.inf)
+        limit = law
+    cap = np.full(len(rows), np.inf)
+    if limit is not None:
+        cap = rows.weights * at_rows(problem, rows, limit)
+    tangents = 0 if law is None else problem.N - 1
+    coefficient = np.where(rows.tied, 0.0, coefficient)
+    return FrictionCone(cap, coefficient, rows.tied, tangents)
 
 
 def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarray:

@@ -86,7 +86,7 @@ def rival(
     forces = here.contact
     cone = conditions.friction
     processes = conditions.processes
-    if not processes.any(np.isinf(cone.cap) & (cone.coefficient > 0)):
+    if not processes.any((cone.coefficient > 0) & (cone.cap > 0) & ~cone.given):
         return False, ""
 
     def answer(d: np.ndarray) -> np.ndarray:

@@ -3,16 +3,18 @@
 The forces x = (n, t) of m rows with d tangents each stand one after the other, all n first.  With
 the gaps g = (open gap, minus slip) that they cause, and any c > 0, contact with friction reads
 
-    n = [n - c g_n]_+,   t = the point of |t| <= b(n) closest to t - c g_t,   b(n) = min(F, mu n).
+    n = [n - c g_n]_+,   t = the point of |t| <= b closest to t - c g_t.
 
-A bound F alone is Tresca's, a coefficient mu alone Coulomb's law.  No force acts where n = 0.
-Semismooth Newton on the cones |t| <= b(n) solves it; without tangents, d = 0, it is a linear
+In Tresca's law the bound b = F is given, whether the row is closed or open.  In Coulomb's law it
+is b(n) = min(mu n, F), with F infinite unless a limit is given, so that an open row has no
+friction.  Semismooth Newton on these sets solves it; without tangents, d = 0, it is a linear
 complementarity problem, which block principal pivoting solves.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -26,6 +28,7 @@ SOFT = (0.3, 0.03)
 """c times the compliance of a row, one after the other: what cycles with one does not with both."""
 
 STEPS = 30  # Newton steps with each c
+PROXIMAL_STEPS = 60  # at most, where Newton's method alone fails in a convex problem
 SHORTEST = 1e-3  # the shortest step length
 TINY = float(np.finfo(float).tiny)  # in place of zero in a denominator
 
@@ -37,59 +40,101 @@ DIFFERENT = 1e-6  # part of the largest force by which two solutions differ
 
 
 def exchange(
-    W: Compliance, gaps: np.ndarray, forces: np.ndarray, tied: np.ndarray | bool = False
+    W: Compliance,
+    gaps: np.ndarray,
+    forces: np.ndarray,
+    low: np.ndarray | float = 0.0,
+    high: np.ndarray | float = np.inf,
 ) -> tuple[np.ndarray, bool]:
-    """The change of the forces x after which x >= 0, w >= 0 and x . w = 0; w = 0 where tied.
+    """The change of the forces x after which they minimise a quadratic between two bounds.
 
-    A ``SmallProblem``: w = gaps + W (x - forces) with W positive definite; close to the solution
-    the forces to start from keep cancellation out of the result.  All indices on the wrong side
+    A ``SmallProblem``: w = gaps + W (x - forces) with W positive definite is the gradient, and
+    w >= 0 where x = low, w <= 0 where x = high, w = 0 between them.  Close to the solution the
+    forces to start from keep cancellation out of the result.  All indices on the wrong side
     change sides at once; when that stops making progress the exchanges of Murty's rule follow,
-    which end after finitely many steps.
+    which end after finitely many steps (Judice and Pires, Comput. Oper. Res. 19, 1992).
     """
-    active = (forces > 0) | tied
+    low = np.broadcast_to(np.asarray(low, dtype=float), forces.shape)
+    high = np.broadcast_to(np.asarray(high, dtype=float), forces.shape)
+    at_low = forces <= low
+    at_high = (forces >= high) & ~at_low
+    movable = low < high
     fewest = len(gaps) + 1
     patience = PATIENCE
-    slack = 1e-14 * max(np.abs(gaps).max(initial=0.0), np.finfo(float).tiny)
+    slack = 1e-14 * max(np.abs(gaps).max(initial=0.0), TINY)
     for _ in range(100 + 20 * len(gaps)):
-        change = np.where(active, 0.0, -forces)
-        change[active] = -np.linalg.solve(W.block(active), (gaps + W @ change)[active])
+        free = ~(at_low | at_high)
+        change = np.where(free, 0.0, np.where(at_high, high, low) - forces)
+        change[free] = -np.linalg.solve(W.block(free), (gaps + W @ change)[free])
         if not np.isfinite(change).all():
             break
         w = gaps + W @ change
-        x = np.where(active, forces + change, 0.0)
-        wrong = np.where(active, x < -1e-14 * np.abs(x).max(initial=0.0), w < -slack)
-        wrong &= np.logical_not(tied)
+        x = np.where(free, forces + change, 0.0)
+        rounding = 1e-14 * np.abs(x).max(initial=0.0)
+        below = free & (x < low - rounding)
+        above = free & (x > high + rounding)
+        leaves = movable & ((at_low & (w < -slack)) | (at_high & (w > slack)))
+        wrong = below | above | leaves
         count = np.count_nonzero(wrong)
         if count == 0:
-            return np.where((x > 0) | tied, change, -forces), True
-        fewest, patience = (
-            (count, PATIENCE) if count < fewest else (fewest, patience - 1)
-        )
-        if patience > 0:
-            active ^= wrong
+            change = np.where(free & (x <= low), low - forces, change)
+            return np.where(free & (x >= high), high - forces, change), True
+        if count < fewest:
+            fewest = count
+            patience = PATIENCE
         else:
-            active[np.flatnonzero(wrong)[-1]] ^= True
+            patience -= 1
+        if patience <= 0:
+            wrong = np.arange(len(gaps)) == np.flatnonzero(wrong)[-1]
+        at_low = (at_low & ~wrong) | (below & wrong)
+        at_high = (at_high & ~wrong) | (above & wrong)
     return change, False
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionCone:
-    """The law |t| <= min(F, mu n) of m contact rows with d tangents each."""
+    """The laws |t| <= min(mu n, F), and |t| <= F where mu = inf, of m rows with d tangents each."""
 
     cap: np.ndarray  # F (force), inf where there is none, shape (m,)
-    coefficient: np.ndarray  # mu >= 0, shape (m,)
+    coefficient: np.ndarray  # mu >= 0, inf for Tresca's law, shape (m,)
     tied: (
         np.ndarray
     )  # boolean: rows that stay closed, normal forces of either sign, shape (m,)
     d: int  # tangents of a row, 0 without friction
 
+    @cached_property
+    def given(self) -> np.ndarray:
+        """Whether the bound is given, as in Tresca's law, boolean of shape (m,)."""
+        return np.isinf(self.coefficient)
+
+    @cached_property
+    def _slope(self) -> np.ndarray:
+        """Mu, zero where the bound is given, shape (m,)."""
+        return np.where(self.given, 0.0, self.coefficient)
+
     def bound(self, n: np.ndarray) -> np.ndarray:
         """b(n), shape (m,)."""
-        return np.minimum(self.cap, self.coefficient * np.maximum(n, 0.0))
+        by_pressure = np.minimum(self.cap, self._slope * np.maximum(n, 0.0))
+        return np.where(self.given, self.cap, by_pressure)
 
     def grows(self, n: np.ndarray) -> np.ndarray:
         """Whether b(n) = mu n, shape (m,)."""
-        return self.coefficient * n < self.cap
+        return (self._slope * n < self.cap) & ~self.given
+
+    def growth(self, n: np.ndarray) -> np.ndarray:
+        """b'(n), shape (m,): mu where b(n) = mu n, else zero."""
+        return np.where(self.grows(n), self._slope, 0.0)
+
+    def rubs(self, closed: np.ndarray) -> np.ndarray:
+        """The rows that friction acts on, from those that are closed, boolean of shape (m,)."""
+        return closed | self.given
+
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """The least and the largest forces where all bounds are given and d is at most 1."""
+        most = np.tile(np.where(self.tied, 0.0, self.cap), self.d)
+        least_normal = np.where(self.tied, -np.inf, 0.0)
+        largest_normal = np.full(len(self.cap), np.inf)
+        return np.append(least_normal, -most), np.append(largest_normal, most)
 
     def slipping(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
         """What rows do by a trial force y = x - c g, all of shape (m,) but for the direction.
@@ -118,13 +163,14 @@ class FrictionCone:
     ) -> np.ndarray:
         """The derivative of ``projected``, blocks of the forces (n, t) of rows, (m, 1 + d, 1 + d).
 
-        Open rows have none; closed ones dn = dy_n, and dt = dy_t where they stick, else
+        Closed rows have dn = dy_n.  Where friction acts dt = dy_t for rows that stick, else
         b/|y_t| (Id - e e') dy_t + b' e dy_n: by default those that slip by y.
         """
         beyond, e, b, size = self.slipping(y)
-        slips = closed & (beyond if slips is None else slips)
-        growth = np.where(slips & self.grows(y[: len(b)]), self.coefficient, 0.0)
-        kept = np.where(slips, b, closed) / np.where(slips, np.maximum(size, TINY), 1.0)
+        rubs = self.rubs(closed)
+        slips = rubs & (beyond if slips is None else slips)
+        growth = np.where(slips, self.growth(y[: len(b)]), 0.0)
+        kept = np.where(slips, b, rubs) / np.where(slips, np.maximum(size, TINY), 1.0)
         e_e = np.where(slips[:, None, None], e[:, :, None] * e[:, None, :], 0.0)
         blocks = np.zeros((len(b), 1 + self.d, 1 + self.d))
         blocks[:, 0, 0], blocks[:, 1:, 0] = closed, growth[:, None] * e
@@ -151,8 +197,11 @@ class FrictionCone:
         self, W: Compliance, gaps: np.ndarray, forces: np.ndarray
     ) -> tuple[np.ndarray, bool]:
         """The ``SmallProblem`` of ``secants``; where Newton's method fails the best that it saw."""
-        if not self.d:
-            return exchange(W, gaps, forces, self.tied)
+        convex = bool((self.given | self.tied).all())
+        if self.d == 0 or (self.d == 1 and convex):
+            change, exact = exchange(W, gaps, forces, *self.box())
+            if exact or self.d == 0:
+                return change, exact
         n, t = self.split(W.diagonal)
         compliance = np.append(n, np.repeat(t.mean(axis=1), self.d))
         best = (np.inf, np.zeros_like(forces))
@@ -163,14 +212,17 @@ class FrictionCone:
             if exact:
                 return change, True
             best = min(best, (left / soft, change), key=lambda found: found[0])
+        if convex:
+            equation = _Equation(self, W, gaps, forces, SOFT[0] / compliance)
+            return equation.approached(self.projected(forces) - forces)
         return self.projected(forces + best[1]) - forces, False
 
     def follows(
         self, forces: np.ndarray, gaps: np.ndarray, touching: float
     ) -> np.ndarray:
-        """Mu e at a solution, (m, d), with |s + r| >= |s| + e.r for the slip s of a row and all r.
+        """b' e at a solution, (m, d), with |s + r| >= |s| + e.r for the slip s of a row and all r.
 
-        That is e = t/b where they press, else the direction of the slip.
+        That is e = t/b where friction acts, else the direction of the slip.
         """
         n, t = self.split(forces)
         slip = -self.split(gaps)[1]
@@ -181,7 +233,7 @@ class FrictionCone:
             * slip
         )
         e = np.where((b > 0)[:, None], t / np.where(b > 0, b, 1.0)[:, None], moves)
-        return self.coefficient[:, None] * e
+        return self.growth(n)[:, None] * e
 
     def rival(
         self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray
@@ -226,24 +278,31 @@ class _Equation:
         return float(np.linalg.norm(x - self.law.projected(self.trial(change))))
 
     def step(self, change: np.ndarray) -> np.ndarray | None:
-        """One semismooth Newton step; None if its matrix is singular."""
-        law, W, m = self.law, self.W, len(self.law.cap)
+        """One semismooth Newton step; None if its matrix is singular.
+
+        Rows without friction that open lose all forces, rows with it their normal ones.
+        """
+        law = self.law
+        W = self.W
+        m = len(law.cap)
         closed = (self.trial(change)[:m] > 0) | law.tied
-        chosen = law.numbers(np.flatnonzero(closed))
+        rubs = law.rubs(closed)
+        opened = np.flatnonzero(~closed)
+        chosen = law.numbers(np.flatnonzero(rubs))
         following = -self.forces
         following[chosen] = change[chosen]
+        following[opened] = -self.forces[opened]
         slack = self.c * (self.gaps + W @ following)
         y = self.forces + following - slack
         one = np.eye(len(chosen))
-        blocks = law.slope(y, closed)[closed]
-        J = (
-            one
-            - of_rows(blocks, one)
-            + of_rows(blocks, self.c[chosen, None] * W.block(chosen))
-        )
-        slack[m:] += (y - law.projected(y))[m:]
+        blocks = law.slope(y, closed)[rubs]
+        compliance = self.c[chosen, None] * W.block(chosen)
+        J = one - of_rows(blocks, one) + of_rows(blocks, compliance)
+        residual = slack
+        residual[m:] += (y - law.projected(y))[m:]
+        residual[opened] = 0.0
         try:
-            following[chosen] -= np.linalg.solve(J, slack[chosen])
+            following[chosen] -= np.linalg.solve(J, residual[chosen])
         except np.linalg.LinAlgError:
             return None
         return following - change if np.isfinite(following).all() else None
@@ -282,6 +341,29 @@ class _Equation:
                 return left, np.where(x == 0, -self.forces, exact), True
             best = min(best, (left, change, False), key=lambda found: found[0])
         return best
+
+    def approached(self, change: np.ndarray) -> tuple[np.ndarray, bool]:
+        """The same where all bounds are given, by proximal points: Newton's method may cycle.
+
+        The forces minimise a convex energy then.  Springs of a ``part`` of the compliance pull
+        them to where they were, and are made softer as often as Newton's method converges
+        (Rockafellar, SIAM J. Control Optim. 14, 1976).
+        """
+        part = 1.0
+        for _ in range(PROXIMAL_STEPS):
+            springs = part * self.W.diagonal
+            problem = replace(
+                self, W=self.W.plus(springs), gaps=self.gaps - springs * change
+            )
+            _, found, exact = problem.solved(change)
+            part *= 0.1 if exact else 5.0
+            if not exact:
+                continue
+            change = found
+            _, found, exact = self.solved(change)
+            if exact:
+                return found, True
+        return change, False
 
 
 def of_rows(blocks: np.ndarray, A: np.ndarray) -> np.ndarray:

@@ -60,6 +60,13 @@ class Compliance:
         columns = self._columns[chosen]
         return np.diag(self._diagonal[chosen]) + (columns * self._signs) @ columns.T
 
+    def plus(self, diagonal: np.ndarray) -> Compliance:
+        """W and a diagonal, which has learned nothing."""
+        other = Compliance(self._diagonal + diagonal)
+        other._columns = self._columns
+        other._signs = self._signs
+        return other
+
     def restart(self) -> None:
         """Take note of a new tangent K: what was learned becomes a guess."""
         self._learned: list[tuple[np.ndarray, np.ndarray]] = []

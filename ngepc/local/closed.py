@@ -1,4 +1,4 @@
-"""What supports, closed and sticking contact rows leave free, and the projection onto it.
+"""Projection onto the displacements that supports and closed or sticking contact rows allow.
 
 Rows that slip with Coulomb's law push obliquely: their tangential force is a part of the normal
 one.  Forces are then projected along what the rows push, displacements onto what they leave free.
@@ -25,7 +25,9 @@ STIFFEST = 100.0
 
 
 class Rubbing(NamedTuple):
-    """What closed rows do along their tangents: stick, or slip with t = bound + slant n + k slip.
+    """What rows do along their tangents: stick, or slip with t = bound + slant n + k slip.
+
+    Closed rows, and with Tresca's law the open ones as well.
 
     ``sticks`` tells which tangents are held, (m, d) as are bound and slant; the stiffness k, sparse
     (m d, m d), turns forces towards the slip.
@@ -46,16 +48,22 @@ class Rubbing(NamedTuple):
         c: np.ndarray,
     ) -> Rubbing:
         """The linearised law of closed rows at y = x - c g; c is (m,), free tangents (m, d)."""
-        slips, e, b, size = cone.slipping(y)
+        slips, direction, bound, trial_size = cone.slipping(y)
+        rubs = cone.rubs(active)
         m = len(c)
         slope = cone.slope(y, active)
-        capped = active & slips & ~cone.grows(y[:m])
-        # dt = G (dt + c dslip) along a tangent gives dt = c G / (1 - G) dslip with G = b / size
-        stiff = c * size / np.maximum(size - b, np.maximum(b / STIFFEST, TINY))
-        turns = np.where(slips, stiff, 0.0)[:, None, None] * slope
-        sticks = (active & ~slips)[:, None] & free
-        bound = np.where(capped, b, 0.0)[:, None] * e
-        return cls(sticks, bound, slope[:, 1:, 0], matrix_of_rows(turns)[m:, m:])
+
+        # Rows that slip against a bound which does not grow with the pressure.
+        capped = rubs & slips & ~cone.grows(y[:m])
+        dragged = np.where(capped, bound, 0.0)[:, None] * direction
+
+        # Along a tangent dt = G (dt + c ds) with G = bound / trial_size: dt = c G / (1 - G) ds.
+        beyond = np.maximum(trial_size - bound, np.maximum(bound / STIFFEST, TINY))
+        stiffness = np.where(slips, c * trial_size / beyond, 0.0)
+        turns = matrix_of_rows(stiffness[:, None, None] * slope)
+
+        sticks = (rubs & ~slips)[:, None] & free
+        return cls(sticks, dragged, slope[:, 1:, 0], turns[m:, m:])
 
 
 class Closed:

@@ -16,6 +16,7 @@ from ngsolve import CoefficientFunction, Det, Mesh, specialcf
 from ngepc.checks.arguments import (
     boundary_names,
     corner_rules,
+    is_number,
     require_coefficient,
     require_components,
     require_datum,
@@ -314,11 +315,25 @@ def check_friction(problem: ProblemData) -> None:
         raise ValueError(
             f"friction={value!r}: name the contact boundary too, or leave it out"
         )
+    if value is None:
+        return
+    if isinstance(value, Coulomb) and type(value) is not Coulomb:
+        raise TypeError(
+            f"friction={value!r}: Coulomb(mu, limit=F) itself is needed; a subclass of Coulomb "
+            "would not change the law that is solved"
+        )
+    given = {name: value}
     if isinstance(value, Coulomb):
-        name = "friction.coefficient"
-        value = value.coefficient
-    if value is not None:
-        require_field(name, value, problem.mesh, problem.touching_names, least=0)
+        given = {"friction.coefficient": value.coefficient}
+        if value.limit is not None:
+            given["friction.limit"] = value.limit
+    elif not (is_number(value) or isinstance(value, CoefficientFunction)):
+        raise TypeError(
+            f"{name}={value!r}: a number or a CoefficientFunction is needed, Tresca's bound F, "
+            "or Coulomb(mu)"
+        )
+    for name, field in given.items():
+        require_field(name, field, problem.mesh, problem.touching_names, least=0)
 
 
 def check_history(problem: ProblemData) -> None:

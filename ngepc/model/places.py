@@ -119,21 +119,26 @@ class Contact(Declared):
 class Coulomb(Declared):
     """Coulomb's law: the tangential traction is at most the coefficient times the pressure.
 
-    For large coefficients there may be several solutions, which the status NOT_UNIQUE says, or none
+    With a limit F the law is |t| <= min(mu lambda, F) for the pressure lambda.  For large
+    coefficients there may be several solutions, which the status NOT_UNIQUE says, or none
     that a load step reaches from the last one.
 
     Parameters
     ----------
     coefficient
         mu >= 0, a number or a scalar coefficient (1).
+    limit
+        F >= 0, the largest tangential traction (stress), a number or a scalar coefficient, such as
+        the shear strength of the softer body; None for no limit.
 
     Raises
     ------
     TypeError, ValueError
-        If it is neither, negative, infinite or NaN.
+        If one of them is neither, negative, infinite or NaN.
     """
 
     coefficient: NotNegativeDatum
+    limit: NotNegativeDatum | None = None
 
 
 def places(argument: str, key: object, mesh: Mesh) -> tuple[Place, ...]:

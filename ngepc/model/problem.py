@@ -57,11 +57,11 @@ class Problem(ProblemData):
         Boundary name, ``Edge(name)`` or ``Point(where)`` -> N displacement components, None for a
         free one: {'left': (0, None)}; or ``Roller(direction)``, a support along one direction.
     friction
-        Tresca's bound F >= 0 on the tangential traction on the contact boundary (stress), a
-        number or scalar coefficient, or ``Coulomb(mu)``; it acts where the gap is closed.  None
-        for none.
+        Tresca's bound F >= 0 on the tangential traction (stress), a number or scalar coefficient;
+        it acts on the whole contact boundary, also where the gap is open.  Or
+        ``Coulomb(mu, limit=F)``, which acts under pressure only.  None for no friction.
     initial_displacement
-        u_0 at the begin of the step (length), a vector, for friction alone: what slips in this
+        u_0 at the beginning of the step (length), a vector, for friction alone: what slips in this
         step is u - u_0.  None for zero.
     initial_accumulated
         PEEQ of the steps before, >= 0 (1), where a ``HardeningLaw`` starts; None for zero.

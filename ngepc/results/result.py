@@ -241,12 +241,15 @@ class DiscreteSolution(Result):
 
     @cached_property
     def sliding(self) -> GridFunction:
-        """1 at vertices that touch the obstacle and slip, without friction all that touch; P1."""
+        """1 where friction acts and the vertex slips, without friction at all that touch; P1."""
         least = SLIPPING * self.problem.processes.maximum(np.abs(self.state.u))
         slips = np.linalg.norm(self.nodal_slip, axis=1) > least
         slips |= self.problem.friction is None
+        acts = (self.pressing > 0) | (
+            self.state.body.contact.bound(self.state.contact) > 0
+        )
         sliding = GridFunction(H1(self.problem.mesh, order=1), name="sliding")
-        sliding.vec.FV().NumPy()[self.rows.vertices[slips & (self.pressing > 0)]] = 1.0
+        sliding.vec.FV().NumPy()[self.rows.vertices[slips & acts]] = 1.0
         return sliding
 
     @property

@@ -34,6 +34,7 @@ class LinearContact:
     """
 
     closed: np.ndarray  # boolean, shape (m,) as all but the direction
+    rubs: np.ndarray  # boolean: friction acts
     slips: np.ndarray  # boolean
     bound: np.ndarray  # b (force)
     trial: (
@@ -60,9 +61,10 @@ class LinearContact:
         y[:m], law.split(y)[1][tied] = state.multipliers, 0.0
         slipping, self.along, self.bound, self.trial = law.slipping(y)
         self.grows = law.grows(y[:m])
-        self.coefficient = np.where(self.grows, law.coefficient, 0.0)
+        self.coefficient = law.growth(y[:m])
         self.closed = (y[:m] > 0) | tied if closed is None else closed
-        self.slips = self.closed & (slipping if slips is None else slips)
+        self.rubs = law.rubs(self.closed)
+        self.slips = self.rubs & (slipping if slips is None else slips)
         self.rows = self.conditions.matrix @ diags(
             state.discrete.free.ravel().astype(float)
         )
@@ -155,8 +157,10 @@ def biactive_set(contact: LinearContact) -> Biactive:
     weak = forces <= np.minimum(largest, stiffness * distance)
     weak &= (state.open_gap <= distance) & ~rows.tied
     kinks = np.abs(contact.trial - contact.bound) <= BIACTIVE * contact.bound
-    change = np.abs(law.coefficient * forces - law.cap) <= BIACTIVE * law.cap
-    kinks |= contact.slips & change & np.isfinite(law.cap)
-    kinks &= contact.closed & ~weak & (contact.bound > 0)
+    limited = np.isfinite(law.cap) & ~law.given
+    at_limit = np.where(limited, law.coefficient, 0.0) * forces - law.cap
+    change = np.abs(np.where(limited, at_limit, np.inf)) <= BIACTIVE * law.cap
+    kinks |= contact.slips & change & limited
+    kinks &= contact.rubs & (contact.bound > 0) & (law.given | ~weak)
     close = discrete.law.close_to_yielding(state.at, BIACTIVE)
     return Biactive(*map(np.flatnonzero, (weak, kinks, close)))

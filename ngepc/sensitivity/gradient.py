@@ -342,12 +342,15 @@ def _chosen_rows(found: TangentResult) -> LinearContact:
     moves = NEUTRAL * np.abs(change["u"]).max()
     apart = split(np.zeros_like(found.state.contact) + change["gaps"])[0] - across
     closed[rows] = np.where(closed[rows], normal[rows] >= least, apart[rows] < -moves)
-    slips[rows] = (contact.trial > contact.bound)[rows]
+    by_pressure = rows[
+        ~contact.law.given[rows]
+    ]  # Tresca's law does not ask for contact
+    slips[by_pressure] = (contact.trial > contact.bound)[by_pressure]
     over = (tangential * contact.along).sum(axis=1) - change["bound"] - mu * normal
     start = split(moved(np.zeros_like(change["u"]) + change["start"]))[1]
     way = ((along - start) * contact.along).sum(axis=1)
     slips[kinks] = np.where(slips[kinks], way[kinks] >= -moves, over[kinks] > -least)
-    stuck = rows[closed[rows] & ~slips[rows]]
+    stuck = by_pressure[closed[by_pressure] & ~slips[by_pressure]]
     if (
         np.linalg.norm(tangential[stuck], axis=1) > mu[stuck] * normal[stuck] - least
     ).any():

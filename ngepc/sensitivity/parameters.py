@@ -277,7 +277,7 @@ def geometry(old: State, state: State) -> Data:
         gaps=_turned(state.gaps, discrete, old.discrete),
         values=discrete.supports.values,
         cap=np.where(np.isfinite(cone.cap), cone.cap, 0.0),
-        coefficient=cone.coefficient,
+        coefficient=np.where(cone.given, 0.0, cone.coefficient),
     )
 
 

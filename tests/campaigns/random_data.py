@@ -115,7 +115,8 @@ def moved(problem, rates):
     }
     friction = problem.friction
     if isinstance(friction, Coulomb):
-        friction = Coulomb(friction.coefficient + rate["friction"])
+        coefficient = friction.coefficient + rate["friction"]
+        friction = replace(friction, coefficient=coefficient)
     elif friction is not None:
         friction += rate["friction"]
     return replace(

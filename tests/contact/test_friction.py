@@ -7,7 +7,7 @@ import pytest
 from netgen.geom2d import SplineGeometry
 from netgen.meshing import Element1D, Element2D, FaceDescriptor, MeshPoint, Pnt
 from netgen.meshing import Mesh as RawMesh
-from ngsolve import CF, IfPos, Mesh, x, y
+from ngsolve import CF, IfPos, Mesh, sin, x, y
 from scipy.linalg import eigh
 
 from ngepc import (
@@ -269,11 +269,7 @@ def test_plastic_block(cells, friction):
     )
     size, slipped = np.linalg.norm(t, axis=1), np.linalg.norm(slip, axis=1)
     coulomb = isinstance(friction, Coulomb)
-    bound = (
-        friction.coefficient * n
-        if coulomb
-        else np.minimum(friction * result.rows.weights, 100 * n)
-    )
+    bound = friction.coefficient * n if coulomb else friction * result.rows.weights
     assert (size <= bound + 1e-10 * n.max()).all()
     moving = slipped > 1e-9
     assert size[moving] == pytest.approx(bound[moving], abs=1e-9 * n.max())
@@ -314,15 +310,112 @@ def test_whatever_does_not_slip_does_not_feel_the_bound():
         assert np.abs(result.state.u - solved(held).state.u).max() < 1e-12
 
 
-def test_no_force_across_an_open_gap():
-    """The right half is far from the obstacle and is pushed along it by a traction."""
-    problem = pressed((8, 4), 5.0, gap=IfPos(x - 0.6, 1.0, -0.02))
-    problem = replace(problem, traction={"contact": CF((2.0, 0.0))})
-    result = solved(problem)
-    open_rows = result.open_gap > 1e-6
-    assert open_rows.sum() >= 3
-    assert not result.nodal_friction_forces[open_rows].any()
-    assert (np.linalg.norm(result.nodal_slip[open_rows], axis=1) > 1e-4).all()
+@pytest.mark.parametrize("solver", [semismooth_newton, primal_newton])
+@pytest.mark.parametrize("cells", [(8, 4), (3, 3, 3)])
+def test_what_acts_across_an_open_gap(cells, solver):
+    """The right half is far from the obstacle and is pushed along it: Tresca's bound acts there."""
+    gap = IfPos(x - 0.6, 1.0, -0.02)
+    load = (2.0, 0.0, 0.0)[: len(cells)]
+    for law in (0.5, Coulomb(100.0, limit=0.5), Coulomb(0.3)):
+        problem = pressed(cells, law, gap=gap)
+        result = solver(replace(problem, traction={"contact": load}))
+        assert result.status.is_success
+        opens = result.open_gap > 1e-6
+        assert opens.sum() >= 3
+        friction = np.linalg.norm(result.nodal_friction_forces, axis=1)
+        slips = opens & (np.linalg.norm(result.nodal_slip, axis=1) > 1e-8)
+        assert slips.sum() >= 3
+        if isinstance(law, Coulomb):
+            assert not friction[opens].any()
+        else:
+            assert friction[slips] == pytest.approx(law * result.rows.weights[slips])
+            assert (friction[opens] > 0).all()
+            assert abs(result.primal_energy + result.dual_energy) < 1e-11
+
+
+@pytest.mark.parametrize("cells", [(8, 4), (3, 3, 3)])
+@pytest.mark.parametrize("mu", [0.3, 100.0])
+def test_a_limit_of_coulombs_law(cells, mu):
+    """|t| <= min(mu n, F w), equal where it slips; with a large F it is Coulomb's law."""
+    limit = 4.0
+    result = solved(pressed(cells, Coulomb(mu, limit=limit)))
+    n = result.nodal_contact_forces
+    bound = np.minimum(mu * n, limit * result.rows.weights)
+    size = np.linalg.norm(result.nodal_friction_forces, axis=1)
+    slips = np.linalg.norm(result.nodal_slip, axis=1) > 1e-9
+    assert (size <= bound + 1e-10 * n.max()).all()
+    assert size[slips] == pytest.approx(bound[slips], abs=1e-9 * n.max())
+    limited = slips & (mu * n > limit * result.rows.weights)
+    assert limited.any()
+    plain = solved(pressed(cells, Coulomb(0.3)))
+    large = solved(pressed(cells, Coulomb(0.3, limit=1e3)))
+    assert np.abs(large.state.u - plain.state.u).max() < 1e-12
+
+
+@pytest.mark.parametrize("d", [1, 2])
+def test_given_bounds_are_always_solved(d):
+    """Convex problems: forces within bounds, no gain possible, compliances of condition 1e6."""
+    rng = np.random.default_rng(5)
+    for m in (2, 5, 12, 25) * 8:
+        size = m * (1 + d)
+        turn = np.linalg.qr(rng.standard_normal((size, size)))[0]
+        S = turn * 10.0 ** rng.uniform(-6, 0, size) @ turn.T
+        S = (S + S.T) / 2
+        gaps = rng.standard_normal(size)
+        gaps[:m] -= 0.5
+        bound = 10.0 ** rng.uniform(-4, 3) * rng.uniform(0, 1, m)
+        tied = np.zeros(m, dtype=bool)
+        cone = FrictionCone(bound, np.full(m, np.inf), tied, d)
+        forces, exact = cone(Compliance.of(S), gaps, np.zeros(size))
+        assert exact
+        step = (gaps + S @ forces) / np.abs(S).sum(axis=1).max()
+        moved = cone.projected(forces - step) - forces
+        assert np.abs(moved).max() < 1e-8 * np.abs(forces).max()
+
+
+def test_tresca_has_one_equilibrium_where_the_gap_opens():
+    """A block whose friction had several equilibria while it acted under pressure only."""
+    nu = 0.49
+    soft = Material.kinematic(
+        lame_lambda=2 * nu / (1 - 2 * nu), lame_mu=1.0, yield_stress=1e6, hardening=1.0
+    )
+    problem = Problem(
+        block.structured_mesh(4, 8, size=(1, 2.0), simplices=True),
+        soft,
+        "clamped",
+        {"right": (3.34607831e-05, -2.48799264e-04)},
+        "contact",
+        3.5e-05 + 0.000222 * sin(5 * x + 4.83),
+        friction=0.002961,
+        body_force=(0.00279666, 0.00206727),
+    )
+    cold = solved(problem)
+    for shift in (-0.01, -0.001, 0.01):
+        far = solved(replace(problem, gap=problem.gap + shift))
+        warm = solved(problem, start=far)
+        assert warm.contact_force == pytest.approx(cold.contact_force, rel=1e-10)
+
+
+def test_tresca_on_a_nearly_incompressible_body():
+    """Newton's method on the rows alone cycles here; it stopped after one step."""
+    nu = 0.499
+    soft = Material.kinematic(
+        lame_lambda=2 * nu / (1 - 2 * nu),
+        lame_mu=1.0,
+        yield_stress=1e-3,
+        hardening=0.01,
+    )
+    problem = Problem(
+        block.structured_mesh(6, 2, size=(1, 0.3), simplices=True),
+        soft,
+        contact="contact",
+        gap=-0.0017754493315417614,
+        friction=0.003339519456573893,
+        body_force=(0.0006575042328209087, 0),
+    )
+    cold = solved(problem)
+    half = solved(replace(problem, friction=0.5 * problem.friction))
+    assert np.abs(solved(problem, start=half).state.u - cold.state.u).max() < 1e-11
 
 
 def test_same_load_again_changes_nothing():
@@ -406,11 +499,28 @@ def test_start_from_a_coarser_mesh():
     assert np.abs(warm.state.u - cold.state.u).max() < 1e-12
 
 
+class Mine(Coulomb):
+    """A law whose bound nothing would ask for."""
+
+    def bound(self, pressure):
+        return 2 * pressure
+
+
 BAD = {
     "negative": (-1.0, ValueError, "friction falls to -1: values >= 0"),
     "NaN": (float("nan"), ValueError, "friction=nan: a finite number"),
     "a vector": (CF((1.0, 1.0)), ValueError, "friction has shape (2,): a scalar"),
     "a string": ("1", TypeError, "friction='1': a number or a CoefficientFunction"),
+    "a law of one's own": (
+        Mine(0.3),
+        TypeError,
+        "a subclass of Coulomb would not change",
+    ),
+    "a negative limit": (
+        Coulomb(0.3, limit=CF(-1.0)),
+        ValueError,
+        "friction.limit falls to -1: values >= 0",
+    ),
 }
 
 
@@ -427,3 +537,5 @@ def test_bad_coefficients_are_refused():
         Coulomb(-1)
     with pytest.raises(TypeError, match="coefficient='1': a number or"):
         Coulomb("1")
+    with pytest.raises(ValueError, match="limit=-1: a finite number >= 0"):
+        Coulomb(0.3, limit=-1)

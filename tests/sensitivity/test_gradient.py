@@ -305,6 +305,36 @@ def test_friction_that_slips_all_over_balances():
     assert slopes["friction"] == pytest.approx(expected, rel=1e-9)
 
 
+def test_friction_where_the_gap_is_open():
+    """Tresca's bound acts on open rows, too: derivatives against differences, sides kept."""
+    names = ["friction", "traction", "gap"]
+    problem = replace(pushed_block(0.05), gap=IfPos(x - 1.0, 0.1, -0.003))
+    result = semismooth_newton(problem).raise_for_status()
+    assert result.state.sliding.all()
+    assert (result.nodal_contact_forces == 0).any()
+    slopes = gradient(result, "primal_energy", names)
+    work = np.linalg.norm(result.nodal_slip, axis=1) @ result.rows.weights
+    assert slopes["friction"] == pytest.approx(work, rel=1e-9)
+    force = gradient(result, "contact_force", names)
+    step = 1e-4
+    one, two = (
+        semismooth_newton(replace(problem, friction=0.05 + change)).contact_force
+        for change in (step, -step)
+    )
+    assert force["friction"] == pytest.approx((one - two) / (2 * step), rel=1e-6)
+
+
+def test_a_limit_of_friction():
+    """Where min(mu n, F) = F nothing changes with mu."""
+    reaction = Reaction("clamped", 0)
+    limited = pushed_block(Coulomb(100.0, limit=0.05))
+    result = semismooth_newton(limited).raise_for_status()
+    assert result.state.sliding.all()
+    assert gradient(result, reaction, ["friction"])["friction"] == pytest.approx(
+        0, abs=1e-9
+    )
+
+
 def test_friction_region_by_region():
     left = IfPos(0.5 - x, 1.0, 0.0)
     result = semismooth_newton(pushed_block(Coulomb(0.01)))
