@@ -8,6 +8,7 @@ import numpy as np
 
 from ngepc.discretisation.body import Iterate
 from ngepc.linalg.direct import FactorisationError
+from ngepc.linalg.friction import STARTS
 from ngepc.linalg.secants import Compliance, solve_by_secants
 
 ROUNDING = 3e-14  # gaps of closed rows below this part of the displacements are zero
@@ -33,6 +34,17 @@ UNSOLVABLE = {
     "or several; try a smaller load step",
 }
 """Why no forces may meet the conditions, by friction."""
+
+
+SEARCHED = (
+    f"Friction: a search from {STARTS} starts found no other equilibrium, which is no proof that "
+    "there is none."
+)
+LINEARISED = (
+    "Friction: none of all contact states is another equilibrium of the body as it is linearised "
+    "here, which is no proof for a body that yields."
+)
+"""What is said where uniqueness was neither proved nor disproved."""
 
 
 def with_contact(
@@ -79,7 +91,9 @@ def rival(
 
     With ``stiffened``, springs of the rows -> the solver with them, uniqueness is tested first
     (``is_unique``), with the compliance S + 1/springs.  Where it is not proved all rows that press
-    and those closest to it are examined, ``most`` forces at most, each with one solve.
+    and those closest to it are examined, ``most`` forces at most, each with one solve.  For few
+    rows in the plane that is all their states, which is a proof if the body is elastic; for others
+    it is a search.
     """
     conditions = here.body.contact
     gaps = here.gaps
@@ -118,7 +132,9 @@ def rival(
     S = np.array([answer(e)[chosen] for e in unit])
     other = cone.of(rows).rival(S, gaps[chosen], forces[chosen])
     if other is None:
-        return False, ""
+        if len(left) or not cone.enumerable:
+            return False, SEARCHED
+        return False, "" if here.plastic_measure == 0 else LINEARISED
     found = other[: len(rows)][~cone.tied[rows]].sum()
     ours = n[~cone.tied].sum()
     return True, f"One of them has the contact force {found:.6g} instead of {ours:.6g}."

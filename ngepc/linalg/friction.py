@@ -13,6 +13,7 @@ complementarity problem, which block principal pivoting solves.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -20,6 +21,7 @@ from itertools import product
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix
 
+from ngepc.linalg.contact_states import can_be_enumerated, equilibria
 from ngepc.linalg.secants import Compliance
 
 PATIENCE = 10  # exchanges without progress before those of Murty's rule take over
@@ -37,6 +39,15 @@ SETTLED = 1e-10
 """Parts of the largest force that a step may change: for sure, and where rounding ends progress."""
 
 DIFFERENT = 1e-6  # part of the largest force by which two solutions differ
+
+FACTORS = (0.5, 0.8, 1.25, 2.0)
+"""Coefficients and loads of neighbouring problems, relative, where searches start."""
+
+SHIFTS = (1.0, 0.1, -0.1, -1.0)
+"""Gaps and slips of neighbouring problems, relative to the largest one."""
+
+STARTS = 5 + 2 * len(FACTORS) + 2 * len(SHIFTS)
+"""How many there are."""
 
 
 def exchange(
@@ -212,6 +223,13 @@ class FrictionCone:
             if exact:
                 return change, True
             best = min(best, (left / soft, change), key=lambda found: found[0])
+        if self.enumerable:
+            S = W.block(np.arange(len(gaps)))
+            for found in self.equilibria(S, gaps, forces)[:1]:
+                equation = _Equation(self, W, gaps, forces, SOFT[0] / compliance)
+                _, change, exact = equation.solved(found - forces)
+                if exact:
+                    return change, True
         if convex:
             equation = _Equation(self, W, gaps, forces, SOFT[0] / compliance)
             return equation.approached(self.projected(forces) - forces)
@@ -235,27 +253,80 @@ class FrictionCone:
         e = np.where((b > 0)[:, None], t / np.where(b > 0, b, 1.0)[:, None], moves)
         return self.growth(n)[:, None] * e
 
+    @property
+    def enumerable(self) -> bool:
+        """Whether all states of the rows can be tried: Coulomb's law on few rows in the plane."""
+        by_pressure = self.d == 1 and not self.given.any()
+        return by_pressure and can_be_enumerated(self.cap, self.tied)
+
+    def equilibria(
+        self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray
+    ) -> np.ndarray:
+        """All forces that meet the law of an ``enumerable`` cone, (count, n), nearest first.
+
+        ``gaps`` are those that ``forces`` leave.
+        """
+        law = self.coefficient, self.cap, self.tied
+        found = equilibria(S, gaps - S @ forces, *law)
+        apart = found - forces
+        return found[np.argsort(np.einsum("ki,ij,kj->k", apart, S, apart))]
+
     def rival(
         self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray
     ) -> np.ndarray | None:
         """Other forces that meet the law with the compliance S, None if none is found.
 
-        Starts are no contact, all rows sticking, all slips reversed, all friction at its bound.
+        All states are tried where the cone is ``enumerable``, else ``starts``.
         """
+        if self.enumerable:
+            found = self.equilibria(S, gaps, forces)
+        else:
+            found = self._from_starts(S, gaps, forces)
+        for other in found:
+            apart = other - forces
+            size = np.maximum(np.abs(other), np.abs(forces))
+            if apart @ S @ apart > DIFFERENT**2 * (S.diagonal() @ size**2):
+                return other  # forces on held tangents do no work: they are no other equilibrium
+        return None
+
+    def _from_starts(
+        self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray
+    ) -> Iterator[np.ndarray]:
+        """Solutions from each of the starts that has one."""
         W = Compliance.of(S)
+        for start in self.starts(W, gaps, forces):
+            change, exact = self(W, gaps + S @ (start - forces), start)
+            if exact:
+                yield start + change
+
+    def starts(
+        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray
+    ) -> Iterator[np.ndarray]:
+        """Where other solutions are searched from, ``STARTS`` of them.
+
+        No contact, all rows sticking, all slips reversed, all friction at its bound; solutions with
+        other coefficients; solutions with other loads: more or less of it, rows that are pressed
+        or lifted, dragged one way or the other.
+        """
         n, t = self.split(forces)
         stuck = forces + _stuck(W, gaps)
         bounds = np.tile(self.bound(stuck[: len(n)])[:, None], self.d)
-        tangents = -t, bounds, -bounds
-        starts = [np.append(np.maximum(n, stuck[: len(n)]), y) for y in tangents]
-        for start in map(self.projected, (np.zeros_like(forces), stuck, *starts)):
-            change, exact = self(W, gaps + S @ (start - forces), start)
-            other = start + change
-            apart = other - forces
-            size = np.maximum(np.abs(other), np.abs(forces))
-            if exact and apart @ S @ apart > DIFFERENT**2 * (S.diagonal() @ size**2):
-                return other  # forces on held tangents do no work: they are no other equilibrium
-        return None
+        pressing = np.maximum(n, stuck[: len(n)])
+        yield np.zeros_like(forces)
+        yield self.projected(stuck)
+        for tangents in (-t, bounds, -bounds):
+            yield self.projected(np.append(pressing, tangents))
+        for factor in FACTORS:
+            other = replace(self, coefficient=factor * self.coefficient)
+            yield self.projected(forces + other(W, gaps, forces)[0])
+        unloaded = gaps - W @ forces
+        size = np.abs(unloaded).max(initial=0.0)
+        normal = np.arange(len(gaps)) < len(n)
+        moved = [(factor - 1) * unloaded for factor in FACTORS]
+        moved += [shift * size * normal for shift in SHIFTS]
+        moved += [shift * size * ~normal for shift in SHIFTS]
+        for change in moved:
+            yield self.projected(forces + self(W, gaps + change, forces)[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,7 +75,7 @@ class Crossing:
 def problem_of(draw, kind):
     """The problem of a draw with what its kind adds."""
     rough = kind.startswith("friction")
-    if rough:  # acts where the gap is closed: a push that is stronger than the load
+    if rough:  # a push that is stronger than the load, so that it mostly sticks
         push = max(draw.gap_size, 2.0)
         draw = replace(
             draw, gap="pushed", gap_size=push, load=min(draw.load, 0.2 * push)
