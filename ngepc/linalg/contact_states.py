@@ -19,7 +19,7 @@ OPEN, STICK, TIED = 0, 1, 2
 SLIP, LIMIT = 3, 5  # with t = b; one more for t = -b
 
 
-def states_of(cap: np.ndarray, tied: np.ndarray) -> list[list[int]]:
+def states_of_rows(cap: np.ndarray, tied: np.ndarray) -> list[list[int]]:
     """The states that each row may have, from its limit F (inf if there is none)."""
     found = []
     for limit, is_tied in zip(cap, tied, strict=True):
@@ -34,7 +34,7 @@ def states_of(cap: np.ndarray, tied: np.ndarray) -> list[list[int]]:
 
 def can_be_enumerated(cap: np.ndarray, tied: np.ndarray) -> bool:
     """Whether the states of these rows are few enough."""
-    counts = [len(states) for states in states_of(cap, tied)]
+    counts = [len(states) for states in states_of_rows(cap, tied)]
     return float(np.prod(counts, dtype=float)) <= MOST_STATES
 
 
@@ -53,7 +53,7 @@ def equilibria(
     """
     tables = _Tables(S, gaps, coefficient, cap)
     found = [np.zeros((0, len(gaps)))]
-    for states in _chunks(states_of(cap, tied)):
+    for states in _chunks(states_of_rows(cap, tied)):
         forces = tables.solved(states)
         found.append(forces[tables.hold(states, forces)])
     return np.vstack(found)
