@@ -42,6 +42,7 @@ SLOW = (
     "paper",
     "physics/test_closed_forms.py",
     "physics/test_convergence_rates.py",
+    "physics/test_crossings.py",
     "physics/test_kinematics.py",
     "physics/test_laws.py",
     "physics/test_promises.py",

@@ -43,7 +43,6 @@ COVERS = frozenset(
         "two-dimensional",
         "solid",
         "other shapes",
-        "curved elements",
         "kinematic hardening",
         "isotropic hardening",
         "initial plastic strain",

@@ -65,7 +65,7 @@ def _own_kinematics(problem: ProblemData) -> Found:
     """The kinematics, if it is none of those of the package."""
     given = problem.kinematics
     known = any(given is kinematics for kinematics in KINEMATICS)
-    return {} if known else {"kinematics": given}
+    return {} if known else {"kinematics": given.name}
 
 
 def _order(problem: ProblemData) -> Found:

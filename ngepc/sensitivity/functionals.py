@@ -198,7 +198,7 @@ def _of_form(form: Form, state: State) -> Slope:
     values = {"p": total, "stress": deviator, "mean": mean}
     parts = [functions.function(value) for value in values.values()]
     area = np.bincount(rows.vertices, rows.weights, mesh.nv)[rows.vertices]
-    share = np.where(rows.tied, 0.0, 1 / area)
+    share = 1 / np.where(rows.tied, np.inf, area)
     pressure = np.bincount(rows.vertices, share * state.multipliers, mesh.nv)
     space = discrete.supports.space
     for part in (*(part.space for part in parts), ngs.H1(mesh, order=1)):

@@ -1,0 +1,199 @@
+"""All pairs of methods and features: each is right beside a witness, or refuses by name."""
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import meshio
+import numpy as np
+import pytest
+from featured import problem_with, share
+from matplotlib.pyplot import close
+from ngsolve import Integrate, Mesh, dx
+from witness import distance_bound, dual_residual
+
+from ngepc import (
+    Status,
+    displacement_bracket,
+    error_bound,
+    error_indicators,
+    export_vtu,
+    gradient,
+    plot_field,
+    primal_newton,
+    semismooth_newton,
+)
+from ngepc.bounds import coverage as bounds
+from ngepc.bounds import goals
+from ngepc.dual import blocks
+from ngepc.local import result as results
+from ngepc.local import solver
+from ngepc.model.features import FEATURES
+from ngepc.pictures import export, sampling
+from ngepc.pictures.sampling import corners_of
+from ngepc.primal import energy
+from ngepc.sensitivity import gradient as derivatives
+
+SHARED = "shared mesh"
+"""What runs there is tested by processes that share one, tests/local/test_processes.py."""
+
+STEP = 0.5  # of lame_mu, for a central difference
+
+
+@cache
+def problem_of(feature):
+    """The problem with the feature, always the same one."""
+    return problem_with(feature)
+
+
+@cache
+def exact(feature):
+    """The result of the exact method; from then on the mesh is shared, where that is asked for."""
+    result = semismooth_newton(problem_of(feature))
+    if feature == SHARED:
+        share(result.problem.mesh)
+    return result
+
+
+@cache
+def witness(feature):
+    """The result of the witness."""
+    return primal_newton(problem_of(feature))
+
+
+def values(result):
+    """The nodal displacements, flat."""
+    return result.displacement.vec.FV().NumPy()
+
+
+def distance(one, other):
+    """The largest difference of displacements over the largest displacement."""
+    return np.abs(values(one) - values(other)).max() / np.abs(values(other)).max()
+
+
+def finer(problem):
+    """The problem with the edges of its mesh halved."""
+    mesh = Mesh(problem.mesh.ngmesh.Copy())
+    mesh.Refine()
+    return replace(problem, mesh=mesh)
+
+
+# A method: what it does with a feature, and why that is right
+
+
+def by_exact_method(feature, _):
+    """The certificate closes, and the body yields."""
+    result = exact(feature)
+    gap = result.primal_energy + result.dual_energy
+    assert result.status is Status.CONVERGED
+    assert abs(gap) < 1e-9 * abs(result.primal_energy)
+    assert result.history.records[-1].plastic_active > 0
+
+
+def by_witness(feature, _):
+    """The witness agrees with the exact method."""
+    assert witness(feature).status is Status.CONVERGED
+    assert distance(witness(feature), exact(feature)) < 1e-8
+
+
+def by_regularisation(feature, _):
+    """The residual by plain forms is zero, and the energies bound the distance to the witness."""
+    for gamma in (1e3, 1e6):
+        result = semismooth_newton(problem_of(feature), gamma)
+        apart, allowed = distance_bound(witness(feature), result)
+        assert dual_residual(result).norm < 1e-10
+        assert apart <= allowed
+
+
+def by_bound(feature, _):
+    """The energy on a finer mesh is lower, but not below what the bound says."""
+    bound = error_bound(exact(feature))
+    lower = primal_newton(finer(problem_of(feature))).primal_energy
+    assert 0 < bound.energy - lower <= bound.total
+
+
+def by_bracket(feature, _):
+    """The displacement on a finer mesh lies in the bracket."""
+    problem = problem_of(feature)
+    load = {"right": (1.0,) + (0.0,) * (problem.N - 1)}
+    found = displacement_bracket(exact(feature), load)
+    u = primal_newton(finer(problem)).displacement
+    side = problem.mesh.Boundaries("right")
+    value = Integrate(u[0], u.space.mesh, definedon=u.space.mesh.Boundaries("right"))
+    assert side.Mask().NumSet() == 1
+    assert found.lower <= value <= found.upper
+
+
+def by_derivative(feature, _):
+    """A derivative by a modulus, beside a central difference of the witness."""
+    problem = problem_of(feature)
+
+    def form(u, p, sigma):
+        return (u[0] + 100 * u[1] * u[1]) * dx
+
+    def value(mu):
+        material = replace(problem.material, lame_mu=mu)
+        u = primal_newton(replace(problem, material=material)).displacement
+        return Integrate(u[0] + 100 * u[1] * u[1], problem.mesh)
+
+    found = gradient(exact(feature), form, "lame_mu")
+    mu = problem.material.lame_mu
+    difference = (value(mu + STEP) - value(mu - STEP)) / (2 * STEP)
+    assert found["lame_mu"] == pytest.approx(difference, rel=1e-4)
+
+
+def by_estimate(feature, _):
+    """The estimate is of the size of what a finer mesh gains."""
+    problem = problem_of(feature)
+    result = exact(feature)
+    estimate = np.array(error_indicators(result).vec).sum()
+    gained = result.primal_energy - primal_newton(finer(problem)).primal_energy
+    assert 0.3 * gained < estimate < 10 * gained
+
+
+def by_picture(feature, _):
+    """What is drawn are the displacements of the nodes."""
+    state = exact(feature)
+    drawn = corners_of(state).displacement
+    figure = plot_field(state, "von_mises")
+    close(figure)
+    assert np.abs(drawn).max() == pytest.approx(np.abs(values(state)).max(), rel=0.1)
+
+
+def by_export(feature, folder):
+    """The file has the largest displacement."""
+    state = exact(feature)
+    path = export_vtu(state, folder / "state.vtu", ["displacement"])
+    read = meshio.read(path).point_data["displacement"]
+    assert np.abs(read).max() == pytest.approx(np.abs(values(state)).max(), rel=0.1)
+
+
+METHODS = {
+    "exact": (by_exact_method, solver.COVERS),
+    "witness": (by_witness, energy.COVERS),
+    "gamma": (by_regularisation, blocks.COVERS),
+    "bound": (by_bound, bounds.COVERS),
+    "bracket": (by_bracket, goals.COVERS),
+    "derivative": (by_derivative, derivatives.COVERS),
+    "estimate": (by_estimate, results.COVERS),
+    "picture": (by_picture, sampling.COVERS),
+    "VTU": (by_export, export.COVERS),
+}
+"""Column of docs/features.md -> the check, and what the method covers."""
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_method_is_right_with_a_feature_or_refuses_it(method, feature, tmp_path):
+    check, covers = METHODS[method]
+    exact(feature)
+    assert feature in problem_of(feature).features
+    if feature in covers:
+        if feature == SHARED:
+            pytest.skip("needs processes")
+        check(feature, tmp_path)
+        return
+    argument, _ = problem_of(feature).features[feature]
+    named = re.escape("mesh has" if argument == "mesh" else f"{argument}=")
+    with pytest.raises(ValueError, match=named + ".* needs "):
+        check(feature, tmp_path)
