@@ -39,6 +39,7 @@ SLOW = (
     "local/test_exactness.py",
     "local/test_multigrid.py",
     "local/test_processes.py",
+    "model/test_own.py",
     "paper",
     "physics/test_closed_forms.py",
     "physics/test_convergence_rates.py",

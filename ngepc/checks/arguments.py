@@ -10,8 +10,22 @@ from math import inf
 
 import numpy as np
 from netgen.meshing import NgException
-from ngsolve import CF, ET, VOL, CoefficientFunction, IntegrationRule, Mesh
+from ngsolve import (
+    CF,
+    ET,
+    VOL,
+    BoundaryFromVolumeCF,
+    CoefficientFunction,
+    IntegrationRule,
+    Mesh,
+    specialcf,
+    x,
+    y,
+    z,
+)
 from ngsolve.fem import ElementTopology
+
+from ngepc.checks.coefficients import foreign_meshes
 
 Coefficient = float | CoefficientFunction
 """A number or an NGSolve CoefficientFunction."""
@@ -26,6 +40,12 @@ SCALAR: Shapes = ((),)
 
 ELEMENT_TYPES = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD), 3: (ET.TET, ET.HEX, ET.PRISM)}
 """Element shapes by dimension."""
+
+COVERED = 6
+"""Degree of the rule at whose points a function of another mesh has to be defined."""
+
+BEYOND = 1e-4
+"""How far a point just outside a mesh is from it, as a part of an element's width."""
 
 _PATTERN = frozenset(
     "\\^$.*+?()[]{}|"
@@ -187,6 +207,59 @@ def sample(
     return found.reshape(len(points), math.prod(found.shape[1:]))
 
 
+def require_covering(
+    name: str, value: object, mesh: Mesh, boundaries: Names = None
+) -> None:
+    """Accept functions of other meshes if those cover the body, or its boundaries.
+
+    NGSolve takes them to be zero outside their mesh.  The points are vertices, many inner points,
+    and in the body those just outside the boundary of the other mesh.
+
+    Raises
+    ------
+    ValueError
+        If another mesh has another dimension, or misses a point.
+    """
+    for other in foreign_meshes(name, value, mesh):
+        points = fine_points(mesh, boundaries)
+        if boundaries is None:
+            beyond = points_beyond(other)
+            points = np.vstack([points, beyond[mesh(*beyond.T)["nr"] >= 0]])
+        require_points(name, other, points, "|".join(boundaries or ["the body"]))
+
+
+def require_points(name: str, other: Mesh, points: np.ndarray, where: str) -> None:
+    """Accept another mesh that has all of the points, shape (k, N), of ``where``."""
+    missed = points[other(*points.T)["nr"] < 0]
+    if len(missed):
+        first = tuple(missed[0].round(6).tolist())
+        raise ValueError(
+            f"{name} has a GridFunction of another mesh that misses {len(missed)} of "
+            f"{len(points)} points of {where}, for example {first}: a mesh that covers "
+            f"{where} is needed"
+        )
+
+
+def fine_points(mesh: Mesh, boundaries: Names = None) -> np.ndarray:
+    """Vertices and many inner points of all elements (or boundary elements), shape (k, N)."""
+    dim = mesh.dim - (boundaries is not None)
+    inner = {shape: IntegrationRule(shape, COVERED) for shape in ELEMENT_TYPES[dim]}
+    position = CF((x, y, z)[: mesh.dim])
+    vertices = sample(position, mesh, boundaries, corner_rules(dim))
+    return np.vstack([vertices, sample(position, mesh, boundaries, inner)])
+
+
+def points_beyond(mesh: Mesh) -> np.ndarray:
+    """A point just outside each boundary element of a mesh, shape (k, N)."""
+    N = mesh.dim
+    inside = CF((1 / (N + 1),) * N)
+    outward = BoundaryFromVolumeCF(
+        specialcf.JacobianMatrix(N) * (specialcf.xref(N) - inside)
+    )
+    centre = {shape: IntegrationRule(shape, 0) for shape in ELEMENT_TYPES[N - 1]}
+    return sample(CF((x, y, z)[:N]) + BEYOND * outward, mesh, [".*"], centre)
+
+
 def require_field(
     name: str, value: object, mesh: Mesh, boundaries: Names = None, **how: object
 ) -> np.ndarray:
@@ -197,6 +270,7 @@ def require_field(
     where = "|".join(boundaries or ["the body"])
     corners = how.pop("corners", False)
     require_coefficient(name, value, how.pop("shapes", SCALAR))
+    require_covering(name, value, mesh, boundaries)
     try:
         samples = sample(value, mesh, boundaries)
         if corners:

@@ -19,6 +19,7 @@ from ngepc.linalg.linesearch import Armijo, LineSearch
 from ngepc.local.iterative import Iterative
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import SymbolicForms, solve_exactly
+from ngepc.model.own import own_copy
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Monitor
 
@@ -138,7 +139,8 @@ def semismooth_newton(
     if gamma is None and regularisation is None:
         tolerance = options.tolerance
         limit = options.max_iterations
-        return solve_exactly(problem, start, tolerance, limit, options.inverse, monitor)
+        own = own_copy(problem)
+        return solve_exactly(own, start, tolerance, limit, options.inverse, monitor)
     if not isinstance(options.inverse, str):
         raise ValueError(
             f"inverse={options.inverse!r}: a direct solver is needed with gamma"
@@ -147,7 +149,7 @@ def semismooth_newton(
     require_instance("regularisation", regularisation, Coupled, "Coupled(...)")
     kinds = (DualResult, type(None))
     require_instance("start", start, kinds, "a result of semismooth_newton or None")
-    functional = prepared(problem, regularisation, options)
+    functional = prepared(own_copy(problem), regularisation, options)
     aim = Tolerances(options.tolerance * functional.blocks.residual_unit)
     system = NewtonSystem(functional.blocks, options.inverse)
     v = functional.blocks.H_vector()

@@ -31,6 +31,7 @@ from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import DualSpaces
 from ngepc.dual.stopping import Tolerances
 from ngepc.model.elements import element_nodes, vertex_coordinates
+from ngepc.model.own import own_copy
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import Monitor, Status
 
@@ -153,7 +154,7 @@ def follow_path(
     store = PathStore(checkpoint, problem, spaces, options)
     newton = options.newton
     steps, kept = store.load()
-    blocks = LinearBlocks(problem, spaces, newton.inverse)
+    blocks = LinearBlocks(own_copy(problem), spaces, newton.inverse)
     rules = Rules(options, blocks)
     system = NewtonSystem(blocks, newton.inverse)
     functional = partial(DualFunctional, blocks, newton.quadrature_points)

@@ -13,6 +13,7 @@ from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.dual.blocks import primal_energy
 from ngepc.dual.functional import DualFunctional, DualIterate, total
 from ngepc.dual.spaces import Coupled
+from ngepc.model.own import require_same_mesh
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.outcome import History, IterationRecord, Status
@@ -56,7 +57,7 @@ class DualResult(Result):
     @property
     def problem(self) -> Problem:
         """The problem that was solved."""
-        return self.functional.blocks.problem
+        return require_same_mesh(self.functional.blocks.problem)
 
     @property
     def regularisation(self) -> Coupled:
@@ -71,6 +72,7 @@ class DualResult(Result):
     @property
     def residual_norm(self) -> float:
         """||Psi_gamma||_{H*} at the end, with y solved for afresh."""
+        require_same_mesh(self.functional.blocks.problem)
         return DualIterate(self.functional, self.v).residual_norm
 
     @property
@@ -81,6 +83,7 @@ class DualResult(Result):
     @property
     def dual_energy(self) -> float:
         """J*_gamma(v) (force times length)."""
+        require_same_mesh(self.functional.blocks.problem)
         return DualIterate(self.functional, self.v, self.y).energy
 
     @cached_property
@@ -88,9 +91,14 @@ class DualResult(Result):
         """J(u, p) of (2.14) with the (u, p) that F* is attained at (force times length)."""
         return primal_energy(self.problem, self.displacement, self.plastic_increment)
 
-    @cached_property
+    @property
     def state(self) -> GridFunction:
         """(u, p, z, q) in the compound space; z is empty without contact."""
+        require_same_mesh(self.functional.blocks.problem)
+        return self._state
+
+    @cached_property
+    def _state(self) -> GridFunction:
         state = GridFunction(self.functional.blocks.X)
         state.vec.Range(0, len(self.y)).data = self.y
         state.vec.Range(len(self.y), len(state.vec)).data = self.v

@@ -14,6 +14,7 @@ from ngepc.discretisation.points import PointFunctions
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import elements_by_shape
 from ngepc.model.features import require_covered
+from ngepc.model.own import require_same_mesh
 from ngepc.results.result import DiscreteSolution
 
 COVERS = frozenset(
@@ -63,16 +64,26 @@ class ExactResult(DiscreteSolution):
         squared = state.volume**2 / size + (state.deviator**2).sum(1)
         return float(np.sqrt(self.discrete.points.processes.maximum(squared)))
 
-    @cached_property
+    @property
     def plastic_increment(self) -> GridFunction:
         """Coordinates of the plastic strain p gained in this step, d components."""
+        require_same_mesh(self.discrete.problem)
+        return self._plastic_increment
+
+    @property
+    def plastic_dual(self) -> GridFunction:
+        """The dual variable q = h p - dev sigma + dev alpha_2 (3.8), d components (stress)."""
+        require_same_mesh(self.discrete.problem)
+        return self._plastic_dual
+
+    @cached_property
+    def _plastic_increment(self) -> GridFunction:
         return self._functions.function(
             self.state.at.plastic_strain, "plastic_increment"
         )
 
     @cached_property
-    def plastic_dual(self) -> GridFunction:
-        """The dual variable q = h p - dev sigma + dev alpha_2 (3.8), d components (stress)."""
+    def _plastic_dual(self) -> GridFunction:
         return self._functions.function(
             -self.discrete.law.yielding_part(self.state.at), "q"
         )
@@ -148,7 +159,7 @@ def error_indicators(result: ExactResult) -> GridFunction:
     state = result.state
     points = discrete.points
     law = discrete.law
-    mesh = discrete.problem.mesh
+    mesh = result.problem.mesh
     require_covered(discrete.problem, "error_indicators", COVERS)
     stress = np.column_stack(law.stress(state.at))
     around = np.zeros((mesh.nv, 1 + stress.shape[1]))

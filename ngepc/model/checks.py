@@ -22,16 +22,24 @@ from ngepc.checks.arguments import (
     require_datum,
     require_field,
     require_in,
+    require_points,
     sample,
 )
+from ngepc.checks.coefficients import foreign_meshes
 from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
 from ngepc.model.data import ACTING, HISTORY, Components, ProblemData, same_fields
-from ngepc.model.elements import SHAPES, corner_vertices, element_nodes, plastic_points
+from ngepc.model.elements import (
+    SHAPES,
+    corner_vertices,
+    element_nodes,
+    plastic_points,
+    vertex_coordinates,
+)
 from ngepc.model.features import require_covered
 from ngepc.model.hardening import check_law
 from ngepc.model.material import Material, split_hardening
-from ngepc.model.places import Coulomb, Place, Roller, places, values_at
+from ngepc.model.places import Coulomb, Place, Roller, places, values_at, vertices_at
 from ngepc.model.support import check_held, check_motions, held_directions
 
 SHARED_MESH_COVERS = frozenset(
@@ -234,6 +242,9 @@ def check_acting(
             require_field(name, one, mesh, [place], **how)
         else:
             require_coefficient(name, one, [shape])
+            points = vertex_coordinates(mesh)[vertices_at(place, mesh)]
+            for other in foreign_meshes(name, one, mesh):
+                require_points(name, other, points, repr(place))
             require_in(name, values_at(one, mesh, place)[1], repr(place), least)
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from matplotlib.cm import ScalarMappable
 from ngsolve import CoefficientFunction
 
+from ngepc.checks.arguments import require_covering
 from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.pictures.sampling import Corners, Ends, colour_scale, corners_of, visible
@@ -82,6 +83,7 @@ def drawable(
     """
     fields = fields_of(source)
     if isinstance(field, CoefficientFunction):
+        require_covering("field", field, fields.problem.mesh)
         return Drawable(visible(fields, field if field.dim == 1 else frobenius(field)))
     if not isinstance(field, str):
         raise TypeError(

@@ -24,6 +24,7 @@ from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.factors import tangent_of
 from ngepc.discretisation.points import interpolated
 from ngepc.linalg.direct import require_solver
+from ngepc.model.own import own_copy, require_same_mesh
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.primal.energy import PrimalState, ReducedEnergy
 from ngepc.results.fields import frobenius
@@ -102,9 +103,14 @@ class PrimalResult(DiscreteSolution):
         friction = -state.contact @ state.gaps + state.multipliers @ state.open_gap
         return -0.5 * (reduced.integral(density.Compile()) + work) - friction
 
-    @cached_property
+    @property
     def plastic_increment(self) -> GridFunction:
         """Coordinates of the plastic strain p gained in this step, d components."""
+        require_same_mesh(self.state.body.problem)
+        return self._plastic_increment
+
+    @cached_property
+    def _plastic_increment(self) -> GridFunction:
         mapping = self.state.body.at(self.state.u).mapping
         return interpolated(self.problem, mapping.plastic_increment)
 
@@ -145,7 +151,7 @@ def primal_newton(
     require_function("monitor", monitor, "a record", optional=True)
     options = PrimalOptions() if options is None else options
     require_instance("options", options, PrimalOptions, "PrimalOptions(...)")
-    body = ReducedEnergy(problem)
+    body = ReducedEnergy(own_copy(problem))
     u = body.starting_displacement(start)
     state = PrimalState(body, u, np.zeros(len(body.contact)))
     tangent = tangent_of(body, options.inverse)

@@ -14,9 +14,10 @@ from ngsolve import (
     sqrt,
 )
 
-from ngepc.checks.arguments import require_coefficient
+from ngepc.checks.arguments import require_coefficient, require_covering
 from ngepc.checks.kinds import require_instance
 from ngepc.model.material import PEEQ
+from ngepc.model.own import require_same_mesh
 from ngepc.model.problem import Problem, as_scalar
 
 
@@ -38,12 +39,14 @@ class Quantities:
     @property
     def strain(self) -> CoefficientFunction:
         """eps(u), a tensor."""
-        return self.problem.kinematics.strain(self.displacement)
+        problem = require_same_mesh(self.problem)
+        return problem.kinematics.strain(self.displacement)
 
     @property
     def plastic_strain(self) -> CoefficientFunction:
         """Total plastic strain p_0 + p, a tensor."""
-        return self.problem.p_0 + self.problem.kinematics.tensor(self.plastic_increment)
+        problem = require_same_mesh(self.problem)
+        return problem.p_0 + problem.kinematics.tensor(self.plastic_increment)
 
     @property
     def stress(self) -> CoefficientFunction:
@@ -115,7 +118,8 @@ class Fields(Quantities):
     Raises
     ------
     TypeError, ValueError
-        If one is of the wrong kind or shape.
+        If one is of the wrong kind or shape, or a function of a mesh that misses a part of
+        the body.
     """
 
     problem: Problem
@@ -127,3 +131,6 @@ class Fields(Quantities):
         require_coefficient("displacement", self.displacement, [(self.problem.N,)])
         d = self.problem.kinematics.d
         require_coefficient("plastic_increment", self.plastic_increment, [(d,)])
+        require_same_mesh(self.problem)
+        for name in ("displacement", "plastic_increment"):
+            require_covering(name, getattr(self, name), self.problem.mesh)

@@ -12,6 +12,7 @@ from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
 from ngepc.discretisation.body import Iterate
 from ngepc.discretisation.rows import ContactRows
 from ngepc.model.elements import vertex_coordinates
+from ngepc.model.own import require_same_mesh
 from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
 from ngepc.results.equilibrium import Equilibrium
@@ -120,16 +121,24 @@ class DiscreteSolution(Result):
     @property
     def problem(self) -> Problem:
         """The problem that was solved."""
-        return self.state.body.problem
+        return require_same_mesh(self.state.body.problem)
 
     @property
     def rows(self) -> ContactRows:
         """The contact conditions N u <= gaps."""
         return self.state.body.contact.rows
 
-    @cached_property
+    @property
     def displacement(self) -> GridFunction:
-        """u (length)."""
+        """u (length); of order one it follows its mesh through refinement."""
+        u = self._displacement
+        if u.space.globalorder > 1:
+            require_same_mesh(self.state.body.problem)
+        return u
+
+    @cached_property
+    def _displacement(self) -> GridFunction:
+        require_same_mesh(self.state.body.problem)
         return self.state.body.supports.function(self.state.u)
 
     @property

@@ -1,0 +1,145 @@
+"""The parts of a coefficient: functions of meshes, parameters, and the same with other parts.
+
+NGSolve evaluates a function of another mesh wherever it is asked, with zero outside that mesh, and
+a ``Parameter`` has the value of the moment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from ngsolve import CoefficientFunction, GridFunction, Mesh, Parameter
+
+FUNCTION = "gridfunction"
+PARAMETER = "parameterc"
+
+LEAVES = (GridFunction, Parameter)
+
+
+def children(node: CoefficientFunction) -> list[CoefficientFunction]:
+    """What a coefficient is made of at the first level; none for what cannot be looked into."""
+    if isinstance(node, LEAVES):
+        return []
+    try:
+        parts = node.data["childs"]
+    except (
+        Exception
+    ):  # NGSolve's archive refuses some kinds, normal vectors for example
+        return []
+    return [part for part in parts if part is not None]
+
+
+def leaves_of(value: object, kind: str) -> Iterator[CoefficientFunction]:
+    """The parts without parts of their own, each once, if ``kind`` shows in the text of ``value``.
+
+    The text of a coefficient names what it is made of, and is much cheaper than its parts.
+    """
+    if not isinstance(value, CoefficientFunction) or not shows(value, kind):
+        return
+    waiting = [value]
+    met = {}
+    while waiting:
+        node = waiting.pop()
+        if id(node) in met:
+            continue
+        met[id(node)] = node  # kept, so that no other one gets its id
+        parts = children(node)
+        waiting += parts
+        if not parts:
+            yield node
+
+
+def shows(node: CoefficientFunction, kind: str) -> bool:
+    """Whether the text of a coefficient names a ``kind`` of part."""
+    return kind in str(node).lower()
+
+
+def sealed(leaf: CoefficientFunction, kind: str) -> bool:
+    """Whether a leaf has a ``kind`` of part inside that cannot be reached."""
+    return not isinstance(leaf, LEAVES) and shows(leaf, kind)
+
+
+def rebuilt(
+    value: CoefficientFunction,
+    replace: Callable[[CoefficientFunction], CoefficientFunction],
+) -> CoefficientFunction:
+    """The coefficient with ``replace(leaf)`` in place of each part without parts of its own."""
+    made: dict[int, tuple] = {}
+
+    def again(node: CoefficientFunction) -> CoefficientFunction:
+        if id(node) not in made:
+            made[id(node)] = node, changed(node)
+        return made[id(node)][1]
+
+    def changed(node: CoefficientFunction) -> CoefficientFunction:
+        old = children(node)
+        if not old:
+            return replace(node)
+        new = [again(part) for part in old]
+        if all(a is b for a, b in zip(old, new, strict=True)):
+            return node
+        remaining = iter(new)
+        data = dict(node.data)
+        data["childs"] = [p if p is None else next(remaining) for p in data["childs"]]
+        return CoefficientFunction(data)
+
+    return again(value)
+
+
+def with_numbers(name: str, value: CoefficientFunction) -> CoefficientFunction:
+    """The coefficient with the present value in place of each ``Parameter``.
+
+    ValueError if one is in a part that cannot be rebuilt.
+    """
+    leaves = list(leaves_of(value, PARAMETER))
+    if any(sealed(leaf, PARAMETER) for leaf in leaves):
+        raise ValueError(
+            f"{name} has a Parameter in a part that cannot be rebuilt, a CacheCF for "
+            "example: a number or a coefficient without it is needed"
+        )
+    if not any(isinstance(leaf, Parameter) for leaf in leaves):
+        return value
+    return rebuilt(value, _as_number)
+
+
+def _as_number(leaf: CoefficientFunction) -> CoefficientFunction:
+    return CoefficientFunction(leaf.Get()) if isinstance(leaf, Parameter) else leaf
+
+
+def with_own_functions(name: str, value: CoefficientFunction) -> CoefficientFunction:
+    """``with_numbers`` and with copies of its GridFunctions."""
+    value = with_numbers(name, value)
+    if not any(isinstance(leaf, GridFunction) for leaf in leaves_of(value, FUNCTION)):
+        return value
+    return rebuilt(value, _as_copy)
+
+
+def _as_copy(leaf: CoefficientFunction) -> CoefficientFunction:
+    if not isinstance(leaf, GridFunction):
+        return leaf
+    own = GridFunction(leaf.space, name=leaf.name)
+    own.vec.data = leaf.vec
+    return own
+
+
+def foreign_meshes(name: str, value: object, mesh: Mesh) -> list[Mesh]:
+    """The other meshes that have functions in a coefficient on ``mesh``, each once.
+
+    ValueError if one has another dimension, or if a part that cannot be looked into has functions.
+    """
+    found = []
+    for leaf in leaves_of(value, FUNCTION):
+        if sealed(leaf, FUNCTION):
+            raise ValueError(
+                f"{name} has a GridFunction in a part that cannot be looked into, a CacheCF "
+                "for example: the function itself is needed"
+            )
+        other = leaf.space.mesh if isinstance(leaf, GridFunction) else mesh
+        if other.dim != mesh.dim:
+            raise ValueError(
+                f"{name} has a GridFunction of another mesh, of dimension {other.dim}: "
+                f"one of dimension {mesh.dim} is needed"
+            )
+        if other is not mesh and other not in found:
+            found.append(other)
+    return found

@@ -1,0 +1,71 @@
+"""A problem as it is at the moment of a solve: what changes later does not change its result.
+
+An ``ngsolve.Parameter`` becomes its number, a GridFunction among the loads, gaps and material data
+a copy.  The mesh is shared: that it has been refined since is refused by name.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from functools import partial
+
+from ngsolve import CoefficientFunction, Mesh
+
+from ngepc.checks.coefficients import with_numbers, with_own_functions
+from ngepc.model.data import ProblemData
+
+INITIAL = "initial_"
+"""How the arguments begin that an earlier step leaves; nothing sets these again."""
+
+Change = Callable[[str, CoefficientFunction], CoefficientFunction]
+
+
+def own_copy(problem: ProblemData) -> ProblemData:
+    """The problem with data of its own, and with the size that its mesh has now.
+
+    ValueError if a ``Parameter`` is in a part of a coefficient that cannot be rebuilt.
+    """
+    own = copy.copy(problem)
+    given = {field.name: getattr(problem, field.name) for field in fields(problem)}
+    for name, value in given.items():
+        change = with_numbers if name.startswith(INITIAL) else with_own_functions
+        vars(own)[name] = _changed(name, value, change)
+    vars(own)["solved_on"] = size_of(problem.mesh)
+    return own
+
+
+def _changed(name: str, value: object, change: Change) -> object:
+    """A datum with each coefficient in it changed, itself if there is none."""
+    if isinstance(value, CoefficientFunction):
+        return change(name, value)
+    again = partial(_changed, name, change=change)
+    if isinstance(value, Mapping):
+        return {key: again(entry) for key, entry in value.items()}
+    if isinstance(value, tuple | list):
+        return type(value)(again(entry) for entry in value)
+    if is_dataclass(value) and not isinstance(value, type):
+        new = copy.copy(value)
+        for key, entry in vars(value).items():
+            vars(new)[key] = again(entry)
+        return new
+    return value
+
+
+def size_of(mesh: Mesh) -> tuple[int, int]:
+    """Vertices and elements: what refinement changes."""
+    return mesh.nv, mesh.ne
+
+
+def require_same_mesh(problem: ProblemData) -> ProblemData:
+    """``problem``; a ValueError if its mesh was refined since it was solved."""
+    before = getattr(problem, "solved_on", None)
+    now = size_of(problem.mesh)
+    if before is not None and before != now:
+        raise ValueError(
+            f"mesh had {before[0]} vertices and {before[1]} elements when this problem was "
+            f"solved, and has {now[0]} and {now[1]} now: solve again, or refine a copy, "
+            "Mesh(mesh.ngmesh.Copy())"
+        )
+    return problem
