@@ -42,15 +42,18 @@ def _changed(name: str, value: object, change: Change) -> object:
         return change(name, value)
     again = partial(_changed, name, change=change)
     if isinstance(value, Mapping):
-        return {key: again(entry) for key, entry in value.items()}
-    if isinstance(value, tuple | list):
-        return type(value)(again(entry) for entry in value)
-    if is_dataclass(value) and not isinstance(value, type):
+        new = {key: again(entry) for key, entry in value.items()}
+        same = all(new[key] is value[key] for key in new)
+    elif isinstance(value, tuple | list):
+        new = type(value)(map(again, value))
+        same = all(a is b for a, b in zip(new, value, strict=True))
+    elif is_dataclass(value) and not isinstance(value, type):
         new = copy.copy(value)
-        for key, entry in vars(value).items():
-            vars(new)[key] = again(entry)
-        return new
-    return value
+        vars(new).update({key: again(entry) for key, entry in vars(value).items()})
+        same = all(vars(new)[key] is entry for key, entry in vars(value).items())
+    else:
+        return value
+    return value if same else new
 
 
 def size_of(mesh: Mesh) -> tuple[int, int]:
