@@ -23,6 +23,7 @@ from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.data import ACTING
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.material import Material
+from ngepc.model.own import size_of
 from ngepc.model.problem import Problem
 
 # how near bisections come to what should be left, which mostly falls faster than expected
@@ -138,6 +139,7 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
     changes = {f.name: carried(getattr(material, f.name)) for f in fields(Material)}
     vars(finer).update({name: carried(getattr(problem, name)) for name in names})
     vars(finer).update(mesh=mesh, material=replace(material, **changes))
+    vars(finer).update(solved_on=size_of(mesh))
     return finer
 
 

@@ -1,7 +1,7 @@
 """What a time step is given, before anything is checked, and what of it methods may lack."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from ngsolve import CF, CoefficientFunction, Id, Mesh
@@ -57,6 +57,11 @@ class ProblemData:
     pressure: Mapping[str, Coefficient] | None = None
     springs: Mapping[Place, Coefficient | Sequence[Coefficient]] | None = None
     initial_strain: Coefficient | None = None
+
+    @property
+    def given(self) -> dict[str, object]:
+        """Name of each argument -> what was given."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @property
     def N(self) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from functools import partial
 
 from ngsolve import CoefficientFunction, Mesh
@@ -28,8 +28,7 @@ def own_copy(problem: ProblemData) -> ProblemData:
     ValueError if a ``Parameter`` is in a part of a coefficient that cannot be rebuilt.
     """
     own = copy.copy(problem)
-    given = {field.name: getattr(problem, field.name) for field in fields(problem)}
-    for name, value in given.items():
+    for name, value in problem.given.items():
         change = with_numbers if name.startswith(INITIAL) else with_own_functions
         vars(own)[name] = _changed(name, value, change)
     vars(own)["solved_on"] = size_of(problem.mesh)

@@ -11,7 +11,7 @@ import io
 import json
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -111,7 +111,7 @@ def digest_of(parts: Iterable[str | np.ndarray]) -> str:
 
 def problem_fingerprint(problem: Problem) -> str:
     """A digest of all data of a problem but its mesh, sampled on the mesh."""
-    given = {field.name: getattr(problem, field.name) for field in fields(problem)}
+    given = problem.given
     given |= {name: problem.single(name) for name in ACTING}
     given |= {"mesh": None, "clamped": problem.clamped_names, "gap": problem.gaps}
     given["contact"] = problem.contact_names, problem.contact_pairs

@@ -145,7 +145,7 @@ def changed_data(state: State, direction: Direction) -> Data:
             else Data(cap=discrete.rows.weights * values)
         )
     other = ProblemData(
-        **vars(problem) | dict.fromkeys(("clamped", *LOADS)) | {datum: change}
+        **problem.given | dict.fromkeys(("clamped", *LOADS)) | {datum: change}
     )
     check_data(other)
     if datum in LOADS:  # forces are linear in a load
