@@ -34,7 +34,8 @@ from ngsolve import Trace
 
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.resistance import EXACT, Resistance
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.material import split_hardening
+from ngepc.model.problem import Problem
 
 ROUNDING = 1e-9
 """Part of beta by which |s| has to exceed beta before a point counts as yielding.
@@ -86,20 +87,22 @@ class Law(ABC):
         material = problem.material
         self.two_mu = points.at(2 * material.lame_mu)
         self.bulk = points.at(material.lame_lambda) + self.two_mu / kinematics.size
-        self.hardening = points.at(problem.effective_hardening)
+        self.hardening = points.at(material.effective_hardening)
         law = None if material.law is None else material.law.at(points.at)
-        beta = points.at(as_scalar(problem.beta))
-        self.resistance = Resistance(beta, law, points.at(problem.accumulated_0))
+        beta = points.at(problem.beta)
+        accumulated = points.at(problem.initial_accumulated or 0.0)
+        self.resistance = Resistance(beta, law, accumulated)
         self.back = self.initial = np.broadcast_to(0.0, (len(points), kinematics.d))
-        if problem.initial_hardening is not None:
-            self.back = points.at(kinematics.coordinates(problem.alpha_0[1]))
+        back_stress = split_hardening(problem.initial_hardening)[1]
+        if back_stress is not None:
+            self.back = points.coordinates(back_stress)
         if problem.initial_plastic_strain is not None:
-            self.initial = points.at(kinematics.coordinates(problem.p_0))
+            self.initial = points.coordinates(problem.p_0)
         self.swelling = 0.0
         self.distortion = 0.0
         if problem.initial_strain is not None:
             self.swelling = points.at(Trace(problem.eps_0))
-            self.distortion = points.at(kinematics.coordinates(problem.eps_0))
+            self.distortion = points.coordinates(problem.eps_0)
         self.across = None
 
     @property

@@ -201,6 +201,12 @@ class Points:
         values = np.asarray(value(self._mapped)).reshape(len(self._mapped), -1)
         return values[:, 0].copy() if not value.dims else values
 
+    def coordinates(self, tensor: CoefficientFunction) -> np.ndarray:
+        """The d coordinates of the deviator of a symmetric tensor at the points, (points, d)."""
+        size = self.kinematics.size
+        values = self.at(tensor).reshape(-1, size, size)
+        return np.einsum("dij,pij->pd", self.kinematics.basis, values)
+
     def _blocks(self, inverses: np.ndarray, averaged: bool) -> Iterator[Elements]:
         """The elements of each shape, from the inverse Jacobians at the points."""
         mesh, N, sizes = self.mesh, self.kinematics.N, np.zeros(self.mesh.ne, dtype=int)

@@ -9,13 +9,13 @@ from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
-from ngsolve import InnerProduct, Norm
+from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import is_number
 from ngepc.discretisation.points import PointFunctions, Points, on_children
 from ngepc.evolution.load_path import Schedule
 from ngepc.model.material import PEEQ, Material
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
 from ngepc.results.checkpoint import load, problem_fingerprint, save, work_fingerprint
 from ngepc.results.fields import Fields
@@ -128,9 +128,18 @@ class StepRecord:
         """The numbers of a step; ``known`` are ``time``, ``cuts`` and ``error_bound``."""
         problem = fields.problem
         forces = result.equilibrium.reactions
-        elastic = fields.strain - problem.eps_0 - fields.plastic_strain
-        stored = 0.5 * InnerProduct(fields.stress, elastic)
-        lost = as_scalar(problem.beta) * Norm(fields.plastic_increment)
+        material = problem.material
+        elastic = tensors(points, fields.elastic_strain)
+        plastic = tensors(points, fields.plastic_strain)
+        gained = points.at(fields.plastic_increment)
+
+        # 1/2 C e : e = lambda/2 (tr e)^2 + mu e : e
+        trace = np.trace(elastic, axis1=1, axis2=2)
+        shear = (elastic**2).sum(axis=(1, 2))
+        stored = points.at(material.lame_lambda) * trace**2 / 2
+        stored += points.at(material.lame_mu) * shear
+        lost = points.at(problem.beta) * np.linalg.norm(gained, axis=1)
+        size = np.sqrt((plastic**2).sum(axis=(1, 2)))
         vectors = ("contact_resultant", "reaction", "applied_force")
         return cls(
             **{name: getattr(result, name).tolist() for name in vectors},
@@ -138,14 +147,18 @@ class StepRecord:
             contact_force=float(result.contact_force),
             reactions={str(place): force.tolist() for place, force in forces.items()},
             primal_energy=float(result.primal_energy),
-            elastic_energy=points.integral(points.at(stored)),
-            dissipation=points.integral(points.at(lost)),
-            max_plastic_strain=problem.processes.maximum(
-                points.at(fields.equivalent_plastic_strain)
-            ),
+            elastic_energy=points.integral(stored),
+            dissipation=points.integral(lost),
+            max_plastic_strain=problem.processes.maximum(size),
             nodes=nodes_of(problem.mesh),
             **known,
         )
+
+
+def tensors(points: Points, value: CoefficientFunction) -> np.ndarray:
+    """A tensor at the points, shape (points, size, size)."""
+    size = points.kinematics.size
+    return points.at(value).reshape(-1, size, size)
 
 
 @dataclass(frozen=True, eq=False)

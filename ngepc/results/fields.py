@@ -49,11 +49,16 @@ class Quantities:
         return problem.p_0 + problem.kinematics.tensor(self.plastic_increment)
 
     @property
+    def elastic_strain(self) -> CoefficientFunction:
+        """eps(u) - eps_0 - p_0 - p, a tensor."""
+        return self.strain - self.problem.eps_0 - self.plastic_strain
+
+    @property
     def stress(self) -> CoefficientFunction:
         """Sigma = C (eps(u) - eps_0 - p_0 - p), a tensor (stress), (2.7)."""
         m = self.problem.material
         kinematics = self.problem.kinematics
-        e = self.strain - self.problem.eps_0 - self.plastic_strain
+        e = self.elastic_strain
         return m.lame_lambda * Trace(e) * Id(kinematics.size) + 2 * m.lame_mu * e
 
     @property
