@@ -21,6 +21,7 @@ from ngsolve import (
     VOL,
     CoefficientFunction,
     ElementId,
+    FESpace,
     GridFunction,
     IntegrationRule,
     Mesh,
@@ -298,7 +299,9 @@ class PointFunctions:
     def __init__(self, points: Points) -> None:
         self.points = points
         self._scalar = L2(points.mesh, order=plastic_order(points.mesh, points.order))
-        self._inverses, shape = [], GridFunction(self._scalar)
+        self._spaces: dict[int, FESpace] = {}
+        self._inverses = []
+        shape = GridFunction(self._scalar)
         for numbers in (block.points for block in points.blocks):
             values = np.empty((*numbers.shape, numbers.shape[1]))
             for k, those in enumerate(numbers.T):
@@ -312,14 +315,16 @@ class PointFunctions:
     def function(self, values: np.ndarray, name: str = "gfu") -> GridFunction:
         """The function with these values at the points, shape (points,) or (points, d)."""
         columns = values.reshape(len(values), -1)
-        space = (
-            self._scalar
-            if values.ndim == 1
-            else VectorValued(self._scalar, columns.shape[1])
-        )
+        space = self._scalar if values.ndim == 1 else self._vectors(columns.shape[1])
         result = GridFunction(space, name=name)
         result.vec.FV().NumPy()[:] = self._applied(self._inverses, columns).T.ravel()
         return result
+
+    def _vectors(self, components: int) -> FESpace:
+        """The space of functions with so many components, made once."""
+        if components not in self._spaces:
+            self._spaces[components] = VectorValued(self._scalar, components)
+        return self._spaces[components]
 
     def transposed(self, slope: np.ndarray, components: int) -> np.ndarray:
         """Derivatives by the values at the points, (points, components), from those by ``vec``."""
