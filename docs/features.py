@@ -8,7 +8,7 @@ from pathlib import Path
 from ngepc.bounds import coverage as bounds
 from ngepc.bounds import goals
 from ngepc.dual import blocks
-from ngepc.local import result, solver
+from ngepc.local import indicators, solver
 from ngepc.model import checks
 from ngepc.model.features import FEATURES
 from ngepc.pictures import export, sampling
@@ -24,7 +24,7 @@ METHODS = {
     "bound": bounds.COVERS,
     "bracket": goals.COVERS,
     "derivative": gradient.COVERS,
-    "estimate": result.COVERS,
+    "estimate": indicators.COVERS,
     "picture": sampling.COVERS,
     "VTU": export.COVERS,
     "processes": checks.SHARED_MESH_COVERS,

@@ -34,10 +34,10 @@ from ngepc.evolution.result import Evolution as Evolution
 from ngepc.evolution.solver import cold_start as cold_start
 from ngepc.evolution.solver import evolve as evolve
 from ngepc.linalg.linesearch import Armijo as Armijo
+from ngepc.local.indicators import error_indicators as error_indicators
 from ngepc.local.petsc import PETSc as PETSc
 from ngepc.local.pyamg import PyAMG as PyAMG
 from ngepc.local.result import ExactResult as ExactResult
-from ngepc.local.result import error_indicators as error_indicators
 from ngepc.local.solver import RepeatedSolver as RepeatedSolver
 from ngepc.local.solver import SymbolicForms as SymbolicForms
 from ngepc.model import obstacles as obstacles

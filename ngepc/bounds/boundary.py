@@ -46,8 +46,9 @@ class OuterFacets:
         values = self.values(value, on)
         defect = np.abs(self.rule.affine_defect(values)).max(initial=0.0)
         if defect > CONSTANT * np.abs(values).max(initial=1e-300):
+            order = ", or order=1" if name == "traction" else ""
             raise ValueError(
-                f"{name} is not affine on the boundary elements: bounds need it"
+                f"{name} is not affine on the boundary elements: bounds need it{order}"
             )
         return values
 

@@ -33,6 +33,7 @@ from ngepc.discretisation.loads import (
 )
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
+from ngepc.model.data import of_order_one, order_note
 from ngepc.model.elements import outward_normal
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem, as_scalar
@@ -103,14 +104,16 @@ class LinearBlocks:
     empty.  ``saddle`` is the condensed form of [[-D, Lambda*], [Lambda, 0]], D: Y -> Y* neither
     condensed nor factorised, Lambda: Y -> H, ``B_inverse`` does the Poisson solves.  ``load`` and
     ``psi`` are -l and [psi, 0] as functionals, ``residual_unit`` is that of ||Psi_gamma||_{H*},
-    length^(N/2 + 1) of the reference units.  ValueError for a problem that the paper's method is
-    not for.
+    length^(N/2 + 1) of the reference units; ``note`` is what a user must know.
+    ValueError for a problem that the paper's method is not for.
     """
 
     def __init__(self, problem: Problem, choice: DualSpaces, inverse: str) -> None:
+        problem = of_order_one(problem)
         advice = "; leave gamma and regularisation out"
         require_covered(problem, "the paper's regularised method", COVERS, advice)
         self.problem = problem
+        self.note = order_note(problem, ", as the regularised method needs them")
         self.choice = choice
         fixed = choice.tichonov.fixed
         self.residual_unit = choice.units.length ** (problem.N / 2 + 1)

@@ -234,9 +234,7 @@ class Rules:
         self, status: Status, steps: Sequence[PathStep], result: DualResult
     ) -> str:
         """What was seen, and what to try, for a path that did not converge."""
-        if status is Status.CONVERGED:
-            return ""
-        if not steps:
+        if status is Status.CONVERGED or not steps:
             return result.message
         last = steps[-1]
         growth = self.options.growth

@@ -52,7 +52,8 @@ class DualResult(Result):
         history = [IterationRecord(**row) for row in rows]
         vector.FV().NumPy()[:] = v
         y = functional.blocks.primal_of(vector)
-        return cls(functional, y, vector, status, "", History(history))
+        note = functional.blocks.note
+        return cls(functional, y, vector, status, note, History(history))
 
     @property
     def problem(self) -> Problem:

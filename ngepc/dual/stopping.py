@@ -145,4 +145,5 @@ def ended(
                 f"of the last {len(recent)}."
             )
         cause = " ".join(filter(None, (cause, seen, damped, ADVICE[status])))
-    return DualResult(here.functional, here.y, here.v, status, cause, history)
+    message = " ".join(filter(None, (cause, here.functional.blocks.note)))
+    return DualResult(here.functional, here.y, here.v, status, message, history)

@@ -1,48 +1,17 @@
-"""The result of the method at the integration points, and where its mesh is too coarse."""
+"""The result of the method at the integration points."""
 
 from __future__ import annotations
 
 from functools import cached_property
 
 import numpy as np
-from ngsolve import L2, GridFunction
+from ngsolve import GridFunction
 
-from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.factors import Factors
-from ngepc.discretisation.law import SOFTEST
 from ngepc.discretisation.points import PointFunctions
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.elements import elements_by_shape
-from ngepc.model.features import require_covered
 from ngepc.model.own import require_same_mesh
 from ngepc.results.result import DiscreteSolution
-
-COVERS = frozenset(
-    {
-        "plane strain",
-        "two-dimensional",
-        "axisymmetric",
-        "solid",
-        "other shapes",
-        "curved elements",
-        "shared mesh",
-        "kinematic hardening",
-        "isotropic hardening",
-        "hardening law",
-        "initial plastic strain",
-        "initial hardening",
-        "initial strain",
-        "obstacle",
-        "two bodies",
-        "friction",
-        "Coulomb friction",
-        "contact at a clamp",
-        "rollers",
-        "edges and points",
-        "springs",
-    }
-)
-"""Features that ``error_indicators`` covers."""
 
 
 class ExactResult(DiscreteSolution):
@@ -129,65 +98,3 @@ class ExactResult(DiscreteSolution):
         return points.integral(law.complementary_density(pressure, stress)) + float(
             work
         )
-
-
-def error_indicators(result: ExactResult) -> GridFunction:
-    """An estimate of the part of each element in the energy error (force times length).
-
-    Zienkiewicz and Zhu (Int. J. Numer. Meth. Eng. 24, 1987): what the stress of an element differs
-    from the mean of those around its vertices, in the norm of the elastic energy, for elements of
-    every shape.  It costs next to nothing and guarantees nothing, ``error_bound`` does.  Where
-    processes share the mesh each has those of its own elements: a collective call.
-
-    Parameters
-    ----------
-    result
-        Of order one, of one material: elsewhere stresses jump, and it is more.
-
-    Returns
-    -------
-    GridFunction
-        Constant on elements; the sum of ``vec`` estimates the error of ``primal_energy``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        For other results and other orders.
-    """
-    require_instance("result", result, ExactResult, "an ExactResult")
-    discrete = result.discrete
-    state = result.state
-    points = discrete.points
-    law = discrete.law
-    mesh = result.problem.mesh
-    require_covered(discrete.problem, "error_indicators", COVERS)
-    stress = np.column_stack(law.stress(state.at))
-    around = np.zeros((mesh.nv, 1 + stress.shape[1]))
-    given = points.weights[:, None] * np.column_stack([np.ones(len(points)), stress])
-    for block in points.blocks:
-        shares = np.einsum("pk,epc->ekc", block.shapes, given[block.points])
-        np.add.at(around, block.nodes, shares)
-    around = points.processes.summed(around)
-    recovered = around[:, 1:] / around[:, :1]
-    slope = state.at.slope
-    stiff = law.hardening + slope * (law.two_mu + law.hardening) / (1 - slope)
-    soft = state.at.yields / np.maximum(stiff, SOFTEST * law.two_mu)
-    indicators = GridFunction(L2(mesh, order=0), name="error_indicators")
-    values = indicators.vec.FV().NumPy()
-    for (numbers, _), block in zip(elements_by_shape(mesh), points.blocks, strict=True):
-        places = block.shapes
-        at = block.points
-        if (
-            len(places) == 1
-        ):  # a rule of degree two for simplices, whose one stress is constant
-            k = block.nodes.shape[1]
-            share = (1 - (k + 1) ** -0.5) / k
-            places = share + (1 - k * share) * np.eye(k)
-            at = np.repeat(at, k, axis=1)
-        left = np.einsum("pk,ekc->epc", places, recovered[block.nodes]) - stress[at]
-        along = np.einsum("epd,epd->ep", left[:, :, 1:], state.at.direction[at])
-        density = left[:, :, 0] ** 2 / law.bulk[at] + soft[at] * along**2
-        density += (left[:, :, 1:] ** 2).sum(axis=2) / law.two_mu[at]
-        weights = points.weights[at] * block.points.shape[1] / len(places)
-        values[numbers] = 0.5 * (weights * density).sum(axis=1)
-    return indicators

@@ -1,6 +1,7 @@
 """What a time step is given, before anything is checked, and what of it methods may lack."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -13,7 +14,7 @@ from ngepc.checks.arguments import (
     require_components,
 )
 from ngepc.model.elements import outward_normal
-from ngepc.model.kinematics import Kinematics
+from ngepc.model.kinematics import TWO_DIMENSIONAL, Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Contact, Coulomb, Place, Roller, places
 from ngepc.model.processes import Team, processes_of
@@ -35,6 +36,10 @@ HISTORY = (
 """Arguments that say what the body remembers, and the strain that is free of stress."""
 
 
+class DefaultOrder(int):
+    """An order of displacements that nobody gave: a copy with other data chooses its own."""
+
+
 @dataclass(frozen=True, eq=False)
 class ProblemData:
     """The data of ``Problem`` with the paper's names for what follows from them, unchecked."""
@@ -53,7 +58,7 @@ class ProblemData:
     initial_displacement: Vector | None = None
     initial_accumulated: Coefficient | None = None
     kinematics: Kinematics | str | None = None
-    order: int = 1
+    order: int | None = None
     pressure: Mapping[str, Coefficient] | None = None
     springs: Mapping[Place, Coefficient | Sequence[Coefficient]] | None = None
     initial_strain: Coefficient | None = None
@@ -251,3 +256,22 @@ def same_fields(one: ProblemData, other: ProblemData, *names: str) -> bool:
 def as_scalar(value: Coefficient) -> CoefficientFunction:
     """A number or scalar coefficient as a CoefficientFunction."""
     return CF(float(value)) if is_number(value) else value
+
+
+def of_order_one(problem: ProblemData) -> ProblemData:
+    """The problem itself, with displacements of order 1 where nobody asked for an order."""
+    if not isinstance(problem.order, DefaultOrder) or problem.order == 1:
+        return problem
+    other = copy(problem)
+    vars(other)["order"] = 1
+    return other
+
+
+def order_note(problem: ProblemData, why: str = "") -> str:
+    """What a user must know of displacements of order 1, empty with the law of the paper."""
+    if problem.order > 1 or problem.kinematics is TWO_DIMENSIONAL:
+        return ""
+    return (
+        f"Displacements are of order 1{why}: too stiff where plastic flow keeps the volume "
+        "and in bending (docs/locking.md)."
+    )

@@ -156,7 +156,7 @@ FEATURES = {
     "axisymmetric": _feature("a plane problem or a solid", _kinematics, "axisymmetric"),
     "solid": _feature("a plane problem", _kinematics, "solid"),
     "other kinematics": _feature("a kinematics of ngepc", _own_kinematics),
-    "order 2": _feature("displacements of order 1", _order),
+    "order 2": _feature("displacements of order 1 (order=1)", _order),
     "other shapes": _feature("triangles or tetrahedra", _other_shapes),
     "curved elements": _feature("straight edges", _curved),
     "shared mesh": _feature("a mesh of one process", _shared),

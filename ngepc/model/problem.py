@@ -10,11 +10,11 @@ from ngsolve import Mesh
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_mesh
 from ngepc.model.checks import check_mesh, check_problem
-from ngepc.model.data import HISTORY, ProblemData
+from ngepc.model.data import HISTORY, DefaultOrder, ProblemData
 from ngepc.model.data import as_scalar as as_scalar
 from ngepc.model.elements import outward_normal
 from ngepc.model.features import features_of
-from ngepc.model.kinematics import kinematics_of
+from ngepc.model.kinematics import TWO_DIMENSIONAL, kinematics_of
 from ngepc.model.material import Material
 
 MADE = ("mesh", "kinematics", "order")
@@ -70,7 +70,9 @@ class Problem(ProblemData):
         "axisymmetric" (x is the radius; forces are those of the whole ring); in 3D "solid".
         None for plane strain or solid.
     order
-        Polynomial degree of the displacements, 1 or 2.
+        Polynomial degree of the displacements, 1 or 2.  None for 1 with the law of the paper
+        ("two-dimensional") and 2 elsewhere: displacements of order 1 are too stiff where plastic
+        flow keeps the volume (docs/locking.md).  The attribute is the order that was taken.
     pressure
         Boundary name -> pressure on the body (stress), positive inward: {'top': 10} is the
         traction -10 n, with the normal of the undeformed body.
@@ -92,8 +94,15 @@ class Problem(ProblemData):
     def __post_init__(self) -> None:
         self.processes.together(partial(check_mesh, self.mesh))
         vars(self)["kinematics"] = kinematics_of(self.kinematics, self.mesh.dim)
-        vars(self)["order"] = require_integer("order", self.order, 1, 2)
+        vars(self)["order"] = self._order()
         check_problem(self)
+
+    def _order(self) -> int:
+        """The order that was given, else that of the kinematics."""
+        if self.order is None or isinstance(self.order, DefaultOrder):
+            low = self.kinematics is TWO_DIMENSIONAL or self.processes.size > 1
+            return DefaultOrder(1 if low else 2)
+        return require_integer("order", self.order, 1, 2)
 
     @property
     def features(self) -> dict[str, tuple[str, object]]:

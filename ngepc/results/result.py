@@ -11,6 +11,7 @@ from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
 
 from ngepc.discretisation.body import Iterate
 from ngepc.discretisation.rows import ContactRows
+from ngepc.model.data import order_note
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.own import require_same_mesh
 from ngepc.model.problem import Problem
@@ -314,6 +315,8 @@ class DiscreteSolution(Result):
                 f"{loose} rigid motion(s) of a part that contact alone holds are not determined: "
                 "its place is one of many, stresses are not concerned."
             )
+        if note := order_note(self.problem):
+            found.append(note)
         if self.largest_strain > SMALL_STRAIN:
             found.append(
                 f"Strains reach {self.largest_strain:.2g}: small-strain kinematics is meant for "

@@ -78,7 +78,7 @@ def bounded_example(body: str, kind: str, nodes: int) -> Problem:
     cells = round(nodes ** (1 / 3)) - 1
     mesh = block.structured_mesh(cells, cells, cells, simplices=True)
     elastic = {"lame_lambda": 1.5e3, "lame_mu": 1e3, "yield_stress": yield_stress}
-    return Problem(mesh, Material.kinematic(**elastic, hardening=1e2), **data)
+    return Problem(mesh, Material.kinematic(**elastic, hardening=1e2), **data, order=1)
 
 
 class Bounds(OverMeshes):

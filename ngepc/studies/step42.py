@@ -53,7 +53,8 @@ def step42_problem(mesh: Mesh, prescribed: dict = QUARTER) -> Problem:
     }
     steel = Material.isotropic(**elastic, **hardening)
     gap = Sphere((0.5, 0.5, 1.6), 0.6).gap(mesh, motion=(0.0, 0.0, -0.01))
-    return Problem(mesh, steel, contact="contact", gap=gap, prescribed=prescribed)
+    data = {"contact": "contact", "gap": gap, "prescribed": prescribed}
+    return Problem(mesh, steel, **data, order=1)  # as that program has it
 
 
 def equal_cells(n: int) -> Mesh:

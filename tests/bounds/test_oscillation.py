@@ -22,7 +22,7 @@ FORCES = {2: (6 * x - 3 * y, 2 * x + 1), 3: (6 * x - 3 * y, 2 * x + z, y - 4 * z
 
 
 def body(N, width, **data):
-    return Problem(block.mesh(width, (1.0, 0.7, 0.8)[:N]), MATERIAL, **data)
+    return Problem(block.mesh(width, (1.0, 0.7, 0.8)[:N]), MATERIAL, **data, order=1)
 
 
 def carried(N):

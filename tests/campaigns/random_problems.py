@@ -138,6 +138,7 @@ def build(draw):
         **contact,
         **_history(draw, material, mesh.dim),
         kinematics="two-dimensional" if mesh.dim == 2 else "solid",
+        order=1,
     )
 
 

@@ -172,7 +172,8 @@ def klarbring(angle):
 
     def problem(mu, load):
         at, law = {Point((1, 0)): tuple(load)}, Coulomb(mu)
-        return Problem(mesh, metal, "clamped", at, "contact", 0, friction=law)
+        touches = {"contact": "contact", "gap": 0, "friction": law}
+        return Problem(mesh, metal, "clamped", at, **touches, order=1)
 
     return area * K, problem
 
@@ -250,7 +251,8 @@ def pressed(cells, friction, gap=-0.02):
         lame_lambda=1e3, lame_mu=1e3, yield_stress=15.0, hardening=100.0
     )
     mesh = block.structured_mesh(*cells, simplices=True)
-    return Problem(mesh, material, contact="contact", gap=gap, friction=friction)
+    touches = {"contact": "contact", "gap": gap, "friction": friction}
+    return Problem(mesh, material, **touches, order=1)
 
 
 @pytest.mark.parametrize("cells", [(8, 4), (3, 3, 3)])

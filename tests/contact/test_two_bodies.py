@@ -117,6 +117,7 @@ def on_top(traction, friction, pair=("above", "below")):
         {"top": traction},
         prescribed=prescribed,
         contact=contact,
+        order=1,
         **friction,
     )
 

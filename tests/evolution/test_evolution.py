@@ -57,6 +57,7 @@ def punched(material=MATERIALS["combined"], nodes=65):
         contact="contact",
         gap=0.02,
         traction={"load": -6 * specialcf.normal(2)},
+        order=1,
     )
 
 

@@ -25,7 +25,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import block, lshape
-from ngepc.local.result import error_indicators
+from ngepc.local.indicators import error_indicators
 from ngepc.pictures.export import export_vtu
 from ngepc.primal.solver import primal_newton
 from ngepc.studies.large import pressed

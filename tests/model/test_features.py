@@ -34,7 +34,7 @@ EVERYWHERE = {
 """Fields of ``Problem`` that every method knows; the others are features or part of one."""
 
 SQUARE = block.structured_mesh(2, 2, simplices=True)
-PLAIN = Problem(SQUARE, STEEL)
+PLAIN = Problem(SQUARE, STEEL, order=1)
 """A clamped square of the plainest kind."""
 
 LAW = Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=Voce(1.0, 0.5, 10.0))

@@ -43,7 +43,7 @@ def test_least_problem():
     assert problem.tractions == {}
     assert problem.f is None
     assert problem.kinematics.name == "plane strain"
-    assert problem.order == 1
+    assert problem.order == 2
     assert values(problem.p_0).shape[1] == 9
     assert not values(problem.p_0).any()
     scalar, back_stress = problem.alpha_0
@@ -57,6 +57,24 @@ def test_problem_is_frozen():
         problem.gap = 0.2
     with pytest.raises(FrozenInstanceError):
         STEEL.yield_stress = 1.0
+
+
+def test_the_order_follows_the_kinematics_unless_it_is_given():
+    """1 for the law of the paper, 2 elsewhere; copies choose again, what is given stays."""
+    problem = Problem(SQUARE, STEEL)
+    paper = replace(problem, kinematics="two-dimensional")
+    assert [problem.order, paper.order] == [2, 1]
+    assert replace(paper, kinematics="plane strain").order == 2
+    assert Problem(block.structured_mesh(1, 1, 1), STEEL).order == 2
+    given = replace(problem, order=1)
+    assert replace(given, kinematics="plane strain").order == 1
+    assert replace(paper, order=2).order == 2
+
+
+@pytest.mark.parametrize("order", [0, 3, 1.5, "2", True])
+def test_other_orders_are_refused(order):
+    with pytest.raises((TypeError, ValueError), match="order="):
+        Problem(SQUARE, STEEL, order=order)
 
 
 def test_replace_makes_another_problem():

@@ -97,6 +97,7 @@ def step_42(n):
         gap=gap,
         prescribed=sides,
         kinematics=FLAT[mesh.dim],
+        order=1,
     )
 
 
@@ -362,7 +363,11 @@ def test_eliminated_plastic_strain_minimises_the_energy():
 )
 def test_interpolated_takes_the_values_at_the_plastic_points(mesh):
     problem = Problem(
-        mesh, STEEL, traction={"contact": (1.0,) * mesh.dim}, kinematics=FLAT[mesh.dim]
+        mesh,
+        STEEL,
+        traction={"contact": (1.0,) * mesh.dim},
+        kinematics=FLAT[mesh.dim],
+        order=1,
     )
     value = CF((x * x * y, IfPos(x - 0.3, 1.0, 2.0)))
     points = mesh.MapToAllElements(plastic_points(mesh, 1), mesh.Materials(".*"))

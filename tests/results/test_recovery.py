@@ -1,13 +1,21 @@
 """Recovered fields and forces: one contract for both methods, equilibrium of forces and moments."""
 
 import inspect
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from coordinates import deviator, tensor
 from ngsolve import CF, GridFunction, Id, IfPos, Integrate, Norm, ds, x, y, z
 
-from ngepc import Material, Problem, lshape_problem, semismooth_newton, wrench_problem
+from ngepc import (
+    Material,
+    Problem,
+    follow_path,
+    lshape_problem,
+    semismooth_newton,
+    wrench_problem,
+)
 from ngepc.dual.blocks import primal_energy
 from ngepc.geometries import block, lshape, ring, wrench
 from ngepc.primal.solver import PrimalOptions, primal_newton
@@ -249,6 +257,30 @@ def test_a_run_that_is_stopped_raises_on_request():
     with pytest.raises(SolverError, match="stopped") as caught:
         result.raise_for_status()
     assert caught.value.result is result
+
+
+def test_displacements_of_order_one_are_named_unless_the_law_is_the_paper_s():
+    problem = Problem(
+        block.structured_mesh(2, 2), STEEL, traction={"contact": (0.0, 0.1)}
+    )
+    note = "Displacements are of order 1"
+    assert semismooth_newton(problem).message == ""
+    assert note in semismooth_newton(replace(problem, order=1)).message
+    flat = replace(problem, kinematics="two-dimensional")
+    assert semismooth_newton(flat).message == ""
+
+
+def test_gamma_takes_order_one_where_no_order_is_given_and_says_so():
+    problem = Problem(
+        block.structured_mesh(2, 2), STEEL, traction={"contact": (0.0, 0.1)}
+    )
+    result = semismooth_newton(problem, gamma=1e3)
+    assert problem.order == 2
+    assert result.problem.order == 1
+    assert "order 1, as the regularised method needs them" in result.message
+    assert result.message == follow_path(problem).message
+    with pytest.raises(ValueError, match=r"order=2: .* needs .*order=1"):
+        semismooth_newton(replace(problem, order=2), gamma=1e3)
 
 
 @pytest.fixture(scope="module")

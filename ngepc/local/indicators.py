@@ -1,0 +1,177 @@
+"""Where a mesh is too coarse: an estimate of the error of each element from recovered stresses."""
+
+from __future__ import annotations
+
+import numpy as np
+from ngsolve import L2, ElementId, GridFunction, IntegrationRule, specialcf
+from ngsolve import VOL as BODY
+
+from ngepc.checks.kinds import require_instance
+from ngepc.discretisation.law import SOFTEST
+from ngepc.discretisation.points import Elements, Points
+from ngepc.local.result import ExactResult
+from ngepc.local.system import State
+from ngepc.model.elements import SHAPES, elements_by_shape, plastic_order
+from ngepc.model.features import require_covered
+
+COVERS = frozenset(
+    {
+        "plane strain",
+        "two-dimensional",
+        "axisymmetric",
+        "solid",
+        "order 2",
+        "other shapes",
+        "curved elements",
+        "shared mesh",
+        "kinematic hardening",
+        "isotropic hardening",
+        "hardening law",
+        "initial plastic strain",
+        "initial hardening",
+        "initial strain",
+        "obstacle",
+        "two bodies",
+        "friction",
+        "Coulomb friction",
+        "contact at a clamp",
+        "rollers",
+        "edges and points",
+        "springs",
+    }
+)
+"""Features that ``error_indicators`` covers."""
+
+
+def error_indicators(result: ExactResult) -> GridFunction:
+    """An estimate of the part of each element in the energy error (force times length).
+
+    Zienkiewicz and Zhu (Int. J. Numer. Meth. Eng. 24, 1987): the difference between the stress of
+    an element and a continuous stress, in the norm of the elastic energy, for elements of every
+    shape and both orders.  The continuous stress has the degree of the displacements; at each node
+    it is the mean over the elements that meet there, weighted by their volume.  It costs next to
+    nothing and guarantees nothing, ``error_bound`` does.  Where processes share the mesh each has
+    those of its own elements: a collective call.
+
+    Parameters
+    ----------
+    result
+        Of one material: where materials meet stresses jump, and the estimate is too large.
+
+    Returns
+    -------
+    GridFunction
+        Constant on elements; the sum of ``vec`` estimates the error of ``primal_energy``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For other results and what is not covered.
+    """
+    require_instance("result", result, ExactResult, "an ExactResult")
+    state = result.state
+    points = result.discrete.points
+    law = result.discrete.law
+    require_covered(result.problem, "error_indicators", COVERS)
+    stress = np.column_stack(law.stress(state.at))
+    soft = plastic_compliance(state)
+
+    mesh = result.problem.mesh
+    alike = elements_by_shape(mesh)
+    pairs = zip(points.blocks, alike, strict=True)
+    shapes = [OfShape(points, block, *of) for block, of in pairs]
+    recovered = averaged(points, shapes, stress)
+
+    indicators = GridFunction(L2(mesh, order=0), name="error_indicators")
+    values = indicators.vec.FV().NumPy()
+    for shape in shapes:
+        at = shape.block.points
+        left = shape.difference(recovered, stress)
+        share = shape.block.weights / shape.block.weights.sum(axis=1, keepdims=True)
+
+        bulk = np.einsum("ep,ep->e", share, 1 / law.bulk[at])
+        shear = np.einsum("ep,ep->e", share, 1 / law.two_mu[at])
+        direction = state.at.direction[at]
+        plastic = np.einsum(
+            "ep,epi,epj->eij", share * soft[at], direction, direction, optimize=True
+        )
+        deviator = left[:, :, 1:]
+        density = bulk[:, None] * left[:, :, 0] ** 2
+        density += shear[:, None] * (deviator**2).sum(axis=2)
+        density += np.einsum("eqi,eij,eqj->eq", deviator, plastic, deviator)
+        values[shape.numbers] = 0.5 * (shape.weights() * density).sum(axis=1)
+    return indicators
+
+
+def plastic_compliance(state: State) -> np.ndarray:
+    """Plastic strain by stress along its direction at the points, 0 where nothing yields."""
+    law = state.discrete.law
+    slope = state.at.slope
+    stiffness = law.hardening + slope * (law.two_mu + law.hardening) / (1 - slope)
+    return state.at.yields / np.maximum(stiffness, SOFTEST * law.two_mu)
+
+
+class OfShape:
+    """The elements of one shape, with a rule that is finer than their plastic points."""
+
+    def __init__(
+        self, points: Points, block: Elements, numbers: np.ndarray, corners: np.ndarray
+    ) -> None:
+        mesh = points.mesh
+        order = points.order
+        self.points = points
+        self.block = block
+        self.numbers = numbers
+        self.kind = SHAPES[mesh.dim, corners.shape[1]][0]
+        self.rule = IntegrationRule(self.kind, 2 * order)
+        places = [*points.rules[self.kind].points]
+        fine = [*self.rule.points]
+
+        # The polynomial through the values at the plastic points, evaluated at the finer rule.
+        one = ElementId(BODY, int(numbers[0]))
+        polynomials = L2(mesh, order=plastic_order(mesh, order)).GetFE(one)
+        known = np.array([np.array(polynomials.CalcShape(*p)) for p in places])
+        wanted = np.array([np.array(polynomials.CalcShape(*p)) for p in fine])
+        self.extended = wanted @ np.linalg.inv(known)
+
+        # Coefficients of this polynomial in the space of the displacements.
+        nodal = points.scalar.GetFE(one)
+        self.shapes = np.array([np.array(nodal.CalcShape(*p)) for p in fine])
+        self.coefficients = np.linalg.pinv(self.shapes) @ self.extended
+
+    def weights(self) -> np.ndarray:
+        """Volume that belongs to the points of the finer rule, (elements, points)."""
+        mesh = self.points.mesh
+        mapped = mesh.MapToAllElements({self.kind: self.rule}, mesh.Materials(".*"))
+        jacobian = specialcf.JacobianMatrix(mesh.dim)(mapped)
+        size = np.abs(np.linalg.det(jacobian.reshape(-1, mesh.dim, mesh.dim)))
+        size *= np.ravel(self.points.kinematics.weight(mapped))
+        return size.reshape(len(self.numbers), -1) * np.array(self.rule.weights)
+
+    def difference(self, recovered: np.ndarray, stress: np.ndarray) -> np.ndarray:
+        """Recovered nodal stresses less those at the points, (elements, fine points, s)."""
+        smooth = np.einsum("qk,ekc->eqc", self.shapes, recovered[self.block.nodes])
+        rough = np.einsum("qp,epc->eqc", self.extended, stress[self.block.points])
+        return smooth - rough
+
+
+def averaged(points: Points, shapes: list[OfShape], stress: np.ndarray) -> np.ndarray:
+    """Nodal coefficients of the continuous stress, shape (nodes, s).
+
+    For order 1 means with hat functions: those of bilinear stresses are better than their values
+    at the corners.
+    """
+    sums = np.zeros((points.scalar.ndof, 1 + stress.shape[1]))
+    given = np.column_stack([np.ones(len(stress)), stress])
+    for shape in shapes:
+        block = shape.block
+        if points.order == 1:
+            weighted = block.weights[:, :, None] * given[block.points]
+            own = np.einsum("pk,epc->ekc", block.shapes, weighted)
+        else:
+            own = np.einsum("kp,epc->ekc", shape.coefficients, given[block.points])
+            own *= block.weights.sum(axis=1)[:, None, None]
+            own[:, :, 0] = block.weights.sum(axis=1)[:, None]
+        np.add.at(sums, block.nodes, own)
+    sums = points.processes.summed(sums)
+    return sums[:, 1:] / sums[:, :1]
