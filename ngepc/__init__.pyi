@@ -15,8 +15,6 @@ from ngepc.bounds.goals import Between as Between
 from ngepc.bounds.goals import contact_force_bracket as contact_force_bracket
 from ngepc.bounds.goals import displacement_bracket as displacement_bracket
 from ngepc.dual.duality import duality_report as duality_report
-from ngepc.dual.newton import NewtonOptions as NewtonOptions
-from ngepc.dual.newton import semismooth_newton as semismooth_newton
 from ngepc.dual.path import PathOptions as PathOptions
 from ngepc.dual.path import follow_path as follow_path
 from ngepc.dual.path_steps import PathResult as PathResult
@@ -40,6 +38,7 @@ from ngepc.local.pyamg import PyAMG as PyAMG
 from ngepc.local.result import ExactResult as ExactResult
 from ngepc.local.solver import RepeatedSolver as RepeatedSolver
 from ngepc.local.solver import SymbolicForms as SymbolicForms
+from ngepc.methods.newton import semismooth_newton as semismooth_newton
 from ngepc.model import obstacles as obstacles
 from ngepc.model import parts as parts
 from ngepc.model.elements import outward_normal as outward_normal
@@ -70,6 +69,7 @@ from ngepc.primal.solver import PrimalOptions as PrimalOptions
 from ngepc.primal.solver import PrimalResult as PrimalResult
 from ngepc.primal.solver import primal_newton as primal_newton
 from ngepc.results.fields import Fields as Fields
+from ngepc.results.options import NewtonOptions as NewtonOptions
 from ngepc.results.outcome import SolverError as SolverError
 from ngepc.results.outcome import Status as Status
 from ngepc.sensitivity.calibration import Calibration as Calibration

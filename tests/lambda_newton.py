@@ -10,7 +10,9 @@ import math
 
 from ngepc.dual.algorithm import NewtonSystem
 from ngepc.dual.functional import DualIterate, total
-from ngepc.dual.newton import NewtonOptions, prepared, semismooth_newton
+from ngepc.dual.solver import prepared
+from ngepc.methods.newton import semismooth_newton
+from ngepc.results.options import NewtonOptions
 
 FULL_STEPS = NewtonOptions(linesearch=None)
 

@@ -24,7 +24,7 @@ from ngsolve import (
 
 from ngepc.discretisation.loads import prescribed_displacement
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
-from ngepc.dual.blocks import load_terms
+from ngepc.dual.saddle import load_terms
 from ngepc.model.problem import as_scalar
 
 POINTS = 400

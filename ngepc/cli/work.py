@@ -19,9 +19,9 @@ from ngepc.bounds.adaptive import solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
 from ngepc.discretisation.loads import displacement_space
-from ngepc.dual.newton import NewtonOptions, prepared
 from ngepc.dual.path import PathOptions, follow_path
 from ngepc.dual.result import DualResult
+from ngepc.dual.solver import prepared
 from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem
 from ngepc.pictures.monitors import progress_line
@@ -30,6 +30,7 @@ from ngepc.pictures.style import save_figure
 from ngepc.pictures.views import EXTRA, show, viewer_installed
 from ngepc.results import checkpoint, records
 from ngepc.results.files import check_folder, check_writable
+from ngepc.results.options import NewtonOptions
 from ngepc.results.outcome import Status
 from ngepc.results.result import Result
 from ngepc.studies.examples import THRESHOLDS, coarse_start, example, solved_by

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from ngsolve import (
-    CF,
     BilinearForm,
     BitArray,
-    FESpace,
     GridFunction,
     InnerProduct,
     Integrate,
     LinearForm,
     Norm,
-    Trace,
     ds,
     dx,
 )
@@ -23,18 +18,11 @@ from ngsolve.la import BaseVector
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ngepc.discretisation.loads import (
-    contact_space,
-    displacement_space,
-    plastic_dual_space,
-    plastic_space,
-    prescribed_displacement,
-    work_of,
-)
+from ngepc.discretisation.loads import prescribed_displacement
+from ngepc.dual import saddle
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
 from ngepc.model.data import of_order_one, order_note
-from ngepc.model.elements import outward_normal
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem, as_scalar
 
@@ -54,46 +42,15 @@ COVERS = frozenset(
 """Features that the paper's regularised method covers."""
 
 
-def elastic_terms(problem: Problem, u: CF, p: CF, v: CF, r: CF) -> list[CF]:
-    """The integrand of <D (u, p), (v, r)>, C (eps(u) - p) : (eps(v) - r) + h p . r, in parts.
-
-    Each part has one trial and one test function: that is several times cheaper to assemble.
-    """
-    m = problem.material
-    kinematics = problem.kinematics
-    e = kinematics.strain(u)
-    d = kinematics.strain(v)
-    mu = as_scalar(m.lame_mu)
-    return [
-        m.lame_lambda * Trace(e) * Trace(d) + 2 * mu * InnerProduct(e, d),
-        -2 * mu * (kinematics.coordinates(e) * r),
-        -2 * mu * (kinematics.coordinates(d) * p),
-        (2 * mu + problem.effective_hardening) * (p * r),
-    ]
-
-
-def load_terms(problem: Problem, v: CF, r: CF) -> list:
-    """The integrals of -l(v, r) in (2.15) and (2.16): loads, back stress, initial strain."""
-    m = problem.material
-    kinematics = problem.kinematics
-    terms = work_of(problem, v)
-    if problem.initial_hardening is not None:
-        terms.append(-kinematics.coordinates(problem.alpha_0[1]) * r * dx)
-    if problem.initial_plastic_strain is not None:
-        e = kinematics.strain(v) - kinematics.tensor(r)
-        terms.append(2 * as_scalar(m.lame_mu) * InnerProduct(e, problem.p_0) * dx)
-    return terms
-
-
 def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
     """J(u, p) of (2.14); p are the coordinates of the plastic strain gained in the step."""
     mesh = problem.mesh
-    strain_energy = Integrate(sum(elastic_terms(problem, u, p, u, p)) / 2, mesh)
+    strain_energy = Integrate(sum(saddle.elastic_terms(problem, u, p, u, p)) / 2, mesh)
     dissipation = Integrate(as_scalar(problem.beta) * Norm(p), mesh)
     return (
         strain_energy
         + dissipation
-        - sum(Integrate(t, mesh) for t in load_terms(problem, u, p))
+        - sum(Integrate(t, mesh) for t in saddle.load_terms(problem, u, p))
     )
 
 
@@ -118,23 +75,13 @@ class LinearBlocks:
         fixed = choice.tichonov.fixed
         self.residual_unit = choice.units.length ** (problem.N / 2 + 1)
         self.contact = problem.mesh.Boundaries("|".join(problem.contact_names))
-        V = displacement_space(problem)
-        Q = plastic_space(problem)
-        Z = contact_space(problem, ends_fixed=fixed)
-        R = plastic_dual_space(problem, boundary_fixed=fixed)
-        self.Y = FESpace([V, Q])
-        self.H = FESpace([Z, R])
-        self.X = FESpace([V, Q, Z, R])
+        spaces = saddle.SaddleSpaces(problem, ends_fixed=fixed)
+        self.Y = spaces.Y
+        self.H = spaces.H
+        self.X = spaces.X
         self._assemble_dual(inverse)
         self._assemble_saddle(inverse)
         self._assemble_primal()
-
-    def coupling(self, y: Sequence[CF], v: Sequence[CF]) -> CF:
-        """<Lambda (u, p), (z, q)> = (tau_n u, z) on Gamma_c + (p, q)."""
-        u, p = y
-        z, q = v
-        on_contact = ds(definedon=self.contact)
-        return (u * outward_normal(self.problem.mesh)) * z * on_contact + p * q * dx
 
     def _assemble_dual(self, inverse: str) -> None:
         y = self.Y.TrialFunction()
@@ -153,7 +100,7 @@ class LinearBlocks:
             self._require_ends()
         self.B_inverse = self.B.Inverse(self.H.FreeDofs(), inverse=inverse)
         coupling = BilinearForm(trialspace=self.Y, testspace=self.H)
-        coupling += self.coupling(y, w)
+        coupling += saddle.coupling(self.problem, y, w)
         self.Lambda = coupling.Assemble().mat
 
     def _require_ends(self) -> None:
@@ -172,9 +119,10 @@ class LinearBlocks:
         self.saddle = BilinearForm(
             self.X, symmetric=True, symmetric_storage=True, condense=True
         )
-        for term in elastic_terms(self.problem, u, p, du, dp):
+        for term in saddle.elastic_terms(self.problem, u, p, du, dp):
             self.saddle += (-term).Compile() * dx
-        self.saddle += self.coupling((u, p), dv) + self.coupling((du, dp), v)
+        self.saddle += saddle.coupling(self.problem, (u, p), dv)
+        self.saddle += saddle.coupling(self.problem, (du, dp), v)
         self.saddle.Assemble()
         displacements = BitArray(self.X.FreeDofs(coupling=True))
         displacements[self.Y.ndof :] = False
@@ -186,9 +134,9 @@ class LinearBlocks:
         (u, p), (du, dp) = self.Y.TnT()
         D = BilinearForm(self.Y, symmetric=True, symmetric_storage=True)
         load = LinearForm(self.Y)
-        for term in elastic_terms(self.problem, u, p, du, dp):
+        for term in saddle.elastic_terms(self.problem, u, p, du, dp):
             D += term.Compile() * dx
-        for term in load_terms(self.problem, du, dp):
+        for term in saddle.load_terms(self.problem, du, dp):
             load += term
         self.D, self.load, self.lift = (
             D.Assemble().mat,

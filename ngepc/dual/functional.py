@@ -1,14 +1,8 @@
 """The regularised dual functional J*_gamma with its derivatives, and iterates of Newton's method.
 
-With y = (u, p) and v = (z, q) everything comes from the saddle function
-
-    S(y, v) = -1/2 <D y, y> - l(y) + <Lambda y - [psi, 0], v> + M^1(z) + M^2(q) + T(v),
-
-    M^1(z) = gamma_z/2 |[z]^+|^2,   M^2(q) = gamma_q/2 |[|q| - beta]^+|^2,   Lemmas 6.2 and 6.3,
-    T(v) = b(v, v) / (2 gamma_T),
-
-concave in y, convex in v:  J*_gamma(v) = max_y S(y, v), attained where D y = Lambda* v - l, and
-Psi_gamma = Lambda y - [psi, 0] + M(v) + B v / gamma_T there.  The paper takes one gamma.
+The saddle function S(y, v) that both come from is that of ``ngepc.dual.saddle``:
+J*_gamma(v) = max_y S(y, v), attained where D y = Lambda* v - l, and there its derivative is
+Psi_gamma = Lambda y - [psi, 0] + M(v) + B v / gamma_T, (6.2).
 """
 
 from __future__ import annotations
@@ -22,13 +16,9 @@ from ngsolve import (
     BilinearForm,
     BitArray,
     GridFunction,
-    Id,
-    IfPos,
     InnerProduct,
     Integrate,
     LinearForm,
-    Norm,
-    OuterProduct,
     ds,
     dx,
 )
@@ -46,33 +36,13 @@ from ngepc.discretisation.quadrature import (
     rules_of,
     threshold_bounds,
 )
+from ngepc.dual import saddle
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.spaces import Coupled
 from ngepc.model.elements import elements_by_shape
 
 ROUNDING_SAMPLES = 2
 EPSILON = float(np.finfo(float).eps)
-TINY = 1e-290  # is added to |q|: q / |q| is zero at q = 0
-
-
-class RadialLaw:
-    """([s]^+)^2 / 2 with s = |q| - t, t > 0, and its derivatives (6.1); NaN where the data are NaN.
-
-    ``density``, ``gradient`` and ``curvature`` are s^2 / 2, rho q and rho Id + (1 - rho) d d^T
-    where s > 0, with rho = s / |q|, d = q / |q|; ``inside`` is 1 there.
-    """
-
-    def __init__(self, q: CF, threshold: CF | float) -> None:
-        norm = Norm(q)
-        size = norm + TINY
-        excess = norm - threshold
-        self.inside = IfPos(excess, 1.0, 0.0)
-        rho = self.inside * excess / size
-        direction = q / size
-        across = self.inside * threshold / size
-        self.density = self.inside * excess * excess / 2
-        self.gradient = rho * q
-        self.curvature = rho * Id(q.dim) + across * OuterProduct(direction, direction)
 
 
 class DualFunctional:
@@ -110,13 +80,11 @@ class DualFunctional:
     def _add_contact(self, z: CF, dz: CF, w: CF, points: int) -> tuple[CF, CF]:
         """M^1 and its derivatives; the integrals of the energy and of contact, z < 0."""
         rules = boundary_rules(self.blocks.problem.N, points)
-        gamma = self.weights.contact
         on_contact = ds(definedon=self.blocks.contact, intrules=rules)
-        mu = gamma * z  # (OC2_gamma): mu = [gamma z]^+
-        self.gradient += IfPos(mu, mu, 0) * w * on_contact
-        self.hessian += IfPos(mu, gamma, 0.0) * dz * w * on_contact
-        energy = IfPos(mu, mu * mu, 0) / (2 * gamma) * on_contact
-        return energy, IfPos(-mu, 1.0, 0.0) * on_contact
+        penalty = saddle.ContactPenalty(z, self.weights.contact)
+        self.gradient += penalty.gradient * w * on_contact
+        self.hessian += penalty.curvature * dz * w * on_contact
+        return penalty.density * on_contact, penalty.pressed * on_contact
 
     def _add_plastic(self, q: CF, dq: CF, r: CF, points: int) -> tuple[CF, CF]:
         """M^2 and its derivatives; the integrals of the energy and, by a low order, of yielding."""
@@ -131,7 +99,7 @@ class DualFunctional:
         few = dx(definedonelements=self._of_kind[SMOOTH], intrules=smooth)
         low = dx(definedonelements=self._of_kind[KINKED], intrules=smooth)
         many = dx(definedonelements=self._of_kind[KINKED], intrules=fine)
-        law = RadialLaw(q, beta)
+        law = saddle.RadialLaw(q, beta)
         gamma = self.weights.plastic
         density, slope, curvature = (
             (gamma * f).Compile() for f in (law.density, law.gradient, law.curvature)

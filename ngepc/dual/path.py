@@ -25,7 +25,6 @@ from ngepc.checks.kinds import require_function, require_instance
 from ngepc.dual.algorithm import NewtonSystem, algorithm_7_1
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional
-from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.path_steps import PathResult, PathStep, PathStore
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import DualSpaces
@@ -33,6 +32,7 @@ from ngepc.dual.stopping import Tolerances
 from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.model.own import own_copy
 from ngepc.model.problem import Problem
+from ngepc.results.options import NewtonOptions
 from ngepc.results.outcome import Monitor, Status
 
 logger = logging.getLogger(__name__)

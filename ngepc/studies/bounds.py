@@ -10,8 +10,8 @@ from ngsolve import x, y
 
 from ngepc.bounds.adaptive import MeshRecord, solve_to
 from ngepc.bounds.bound import ErrorBound, error_bound
-from ngepc.dual.newton import semismooth_newton
 from ngepc.geometries import block
+from ngepc.methods.newton import semismooth_newton
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.pictures.fields import plot_mesh

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from ngsolve import CF, Mesh, x
 
-from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule
 from ngepc.evolution.solver import evolve
 from ngepc.geometries.published import (
@@ -15,6 +14,7 @@ from ngepc.geometries.published import (
     rounded_blocks,
     shrunk_rings,
 )
+from ngepc.methods.newton import semismooth_newton
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.material import Material
 from ngepc.model.places import Contact, Coulomb

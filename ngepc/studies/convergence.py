@@ -21,11 +21,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from ngsolve import BaseVector, InnerProduct
 
-from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import Coupled
+from ngepc.methods.newton import semismooth_newton
 from ngepc.model.problem import Problem
 from ngepc.pictures.style import GUIDE, beside, line_style, save_figure
+from ngepc.results.options import NewtonOptions
 from ngepc.studies.examples import FAMILIES, TITLES, coarse_start, example
 from ngepc.studies.work import OverMeshes, Work, first_of
 

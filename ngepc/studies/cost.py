@@ -16,8 +16,8 @@ from statistics import fmean, median
 
 import ngsolve as ng
 
-from ngepc.dual.newton import NewtonOptions
 from ngepc.model.problem import Problem
+from ngepc.results.options import NewtonOptions
 from ngepc.results.outcome import IterationRecord
 from ngepc.studies import examples
 from ngepc.studies.work import OverMeshes, exponent, first_of

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
-from ngepc.dual.newton import NewtonOptions
 from ngepc.geometries import block
 from ngepc.model.problem import Problem
 from ngepc.pictures.curves import plot_counts
 from ngepc.pictures.style import save_figure
+from ngepc.results.options import NewtonOptions
 from ngepc.studies import examples
 from ngepc.studies.examples import (
     FAMILIES,

@@ -21,7 +21,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 from ngepc.checks.arguments import require_integer
 from ngepc.discretisation.quadrature import fine_rules
-from ngepc.dual.functional import RadialLaw
+from ngepc.dual.saddle import RadialLaw
 from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.studies.work import Work
 

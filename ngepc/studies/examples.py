@@ -8,10 +8,11 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.geometries import lshape, wrench
+from ngepc.methods.newton import semismooth_newton
 from ngepc.model.problem import Problem, lshape_problem, wrench_problem
 from ngepc.primal.solver import PrimalOptions, primal_newton
+from ngepc.results.options import NewtonOptions
 from ngepc.results.result import Result
 
 BODIES = {"lshape": lshape, "wrench": wrench}

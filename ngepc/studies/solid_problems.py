@@ -8,9 +8,9 @@ import numpy as np
 from ngsolve import x as X
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.material_point import material_point
 from ngepc.geometries.published import half_block
+from ngepc.methods.newton import semismooth_newton
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.problem import Problem
 from ngepc.results.result import Result

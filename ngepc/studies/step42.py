@@ -11,12 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 from ngsolve import Mesh
 
-from ngepc.dual.newton import NewtonOptions, semismooth_newton
 from ngepc.geometries import quarter_cube
 from ngepc.local.pyamg import PyAMG
+from ngepc.methods.newton import semismooth_newton
 from ngepc.model.material import Material, lame_parameters
 from ngepc.model.obstacles import Sphere
 from ngepc.model.problem import Problem
+from ngepc.results.options import NewtonOptions
 from ngepc.results.result import Result
 from ngepc.studies.examples import METHODS, peak_memory, solved_by, timed
 from ngepc.studies.work import OverMeshes, first_of

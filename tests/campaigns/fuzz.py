@@ -20,7 +20,7 @@ from campaigns.random_problems import BODIES, GAPS, HARDENINGS, build, draws
 from ngsolve import Integrate
 from witness import balance_residual, energy, feasible_bound
 
-from ngepc.dual.newton import semismooth_newton
+from ngepc.methods.newton import semismooth_newton
 from ngepc.primal.solver import primal_newton
 from ngepc.results.outcome import Status
 from ngepc.studies.work import Work

@@ -12,10 +12,10 @@ import numpy as np
 from ngsolve import CF, Grad, InnerProduct, Sym, ds, dx, x
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block
 from ngepc.geometries.published import stacked_blocks
+from ngepc.methods.newton import semismooth_newton
 from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.material import Material
 from ngepc.model.places import Contact, Coulomb

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 
 from ngsolve import BND, CF, IfPos, x
 
-from ngepc.dual.newton import NewtonOptions
 from ngepc.dual.path import PathOptions, follow_path
 from ngepc.geometries import block
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import primal_newton
+from ngepc.results.options import NewtonOptions
 from ngepc.studies.examples import solved_by
 from ngepc.studies.work import Work, chosen, shown
 

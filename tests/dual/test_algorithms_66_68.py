@@ -16,7 +16,7 @@ from ngepc import (
     wrench_problem,
 )
 from ngepc.dual.functional import DualIterate, total
-from ngepc.dual.newton import prepared
+from ngepc.dual.solver import prepared
 from ngepc.dual.spaces import FullProduct
 from ngepc.geometries import lshape, wrench
 

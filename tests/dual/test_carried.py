@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ngepc import Coupled, FullProduct, NewtonOptions, lshape_problem, semismooth_newton
-from ngepc.dual.newton import prepared
+from ngepc.dual.solver import prepared
 from ngepc.geometries import lshape
 
 

@@ -10,10 +10,11 @@ from ngsolve import CF, InnerProduct, x, y, z
 
 from ngepc.dual.algorithm import NewtonSystem
 from ngepc.dual.functional import DualIterate
-from ngepc.dual.newton import NewtonOptions, prepared
+from ngepc.dual.solver import prepared
 from ngepc.dual.spaces import Coupled, FullProduct, Units
 from ngepc.geometries import block
 from ngepc.model.material import Material
+from ngepc.results.options import NewtonOptions
 
 BACK_STRESS = {
     2: CF((0.2, 0.1, 0.1, -0.2), dims=(2, 2)),

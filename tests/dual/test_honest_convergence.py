@@ -27,8 +27,8 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
 )
-from ngepc.dual.blocks import elastic_terms
 from ngepc.dual.functional import DualIterate, total
+from ngepc.dual.saddle import elastic_terms
 from ngepc.geometries import block, lshape
 
 REGULARISATIONS = {

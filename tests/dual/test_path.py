@@ -25,8 +25,8 @@ from ngepc.__main__ import main
 from ngepc.dual.algorithm import NewtonSystem
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional
-from ngepc.dual.newton import prepared
 from ngepc.dual.path import contact_mesh_width, mesh_width
+from ngepc.dual.solver import prepared
 from ngepc.geometries import lshape, wrench
 
 

@@ -13,11 +13,11 @@ import pytest
 from bodies import FLAT
 from ngsolve import CF, IfPos, InnerProduct, Integrate, ds, specialcf, x
 
-from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import Schedule, load_cycle
 from ngepc.evolution.result import Memory
 from ngepc.evolution.solver import cold_start, evolve
 from ngepc.geometries import block, lshape
+from ngepc.methods.newton import semismooth_newton
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import PrimalOptions, primal_newton

@@ -21,10 +21,10 @@ from scipy.optimize import brentq
 
 from ngepc import Coupled, FullProduct, Material, Problem, Status, outward_normal
 from ngepc.discretisation.loads import plastic_dual_space
-from ngepc.dual.newton import semismooth_newton
 from ngepc.evolution.load_path import load_cycle
 from ngepc.evolution.solver import cold_start, evolve
 from ngepc.geometries import block, ring
+from ngepc.methods.newton import semismooth_newton
 from ngepc.primal.solver import primal_newton
 
 STEEL = Material.kinematic(
