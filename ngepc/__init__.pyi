@@ -61,6 +61,7 @@ from ngepc.pictures.curves import plot_history as plot_history
 from ngepc.pictures.export import export_vtu as export_vtu
 from ngepc.pictures.fields import plot_field as plot_field
 from ngepc.pictures.fields import plot_plastic_zone as plot_plastic_zone
+from ngepc.pictures.live import lab as lab
 from ngepc.pictures.monitors import live_plot_monitor as live_plot_monitor
 from ngepc.pictures.monitors import progress_line as progress_line
 from ngepc.pictures.report import write_report as write_report

@@ -19,7 +19,7 @@ from typing import NoReturn
 
 import argcomplete
 
-from ngepc.cli.commands import parser
+from ngepc.cli.commands import COMMANDS, parser
 from ngepc.results.files import no_empty_folders
 
 
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with remembered(), no_empty_folders(places):
             work = importlib.import_module("ngepc.cli.work")  # now NGSolve is loaded
-            return getattr(work, args.command)(args)
+            return getattr(work, COMMANDS[args.command].work or args.command)(args)
     except (ValueError, TypeError, OSError, ImportError) as error:
         sys.stderr.write(f"ngepc {args.command}: error: {error}\n")
         return 2

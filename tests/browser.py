@@ -106,14 +106,42 @@ class Browser:
 
     def open(self, path: Path, fragment: str = "") -> Seen:
         """Load a file and wait until it has loaded and been drawn."""
+        return self.visit(path.resolve().as_uri() + fragment)
+
+    def visit(self, address: str) -> Seen:
+        """Load an address, a file's or a local server's, and wait until it has been drawn."""
         self._new_tab()
         self.seen = Seen()
-        self.call("Page.navigate", url=path.resolve().as_uri() + fragment)
+        self.call("Page.navigate", url=address)
         self.wait_for(
-            "document.readyState === 'complete' && location.protocol === 'file:'"
+            "document.readyState === 'complete' && location.protocol !== 'about:'"
         )
         self.settle()
         return self.seen
+
+    def drag(self, selector: str, ends: tuple[float, float], moves: int) -> None:
+        """Drag the knob of a slider between two parts of its width with the mouse."""
+        box = self.evaluate(
+            f"(({{x, y, width, height}}) => [x, y, width, height])"
+            f"(document.querySelector({json.dumps(selector)}).getBoundingClientRect())"
+        )
+        left, top, width, height = box
+        places = [
+            (
+                left + width * (ends[0] + (ends[1] - ends[0]) * k / moves),
+                top + height / 2,
+            )
+            for k in range(moves + 1)
+        ]
+        self._mouse("mousePressed", places[0])
+        for place in places[1:]:
+            self._mouse("mouseMoved", place)
+            self.evaluate("new Promise(r => requestAnimationFrame(r))")
+        self._mouse("mouseReleased", places[-1])
+
+    def _mouse(self, kind: str, place: tuple[float, float]) -> None:
+        event = {"type": kind, "x": place[0], "y": place[1], "button": "left"}
+        self.call("Input.dispatchMouseEvent", **event, buttons=1, clickCount=1)
 
     def settle(self) -> None:
         """Wait for four frames of animation."""

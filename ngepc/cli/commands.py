@@ -53,6 +53,13 @@ def location(text: str) -> Path:
 
 OPTIONS = {
     "problem": (("lshape", "wrench"), "Example (a) or (b) of the paper"),
+    "[example]": (
+        ("lshape", "wrench", "sphere"),
+        "Example (a) or (b) of the paper, or a sphere pressed into a block",
+        "lshape",
+    ),
+    "--port N": (count, "of the page on this machine; default a free one"),
+    "--no-browser": (None, "print the address of the page, do not open it"),
     "--nodes N": (count, "mesh of the paper's family; default the first of its tables"),
     "--maxh H": (positive, "CSG mesh of this width instead"),
     "--json FILE": (
@@ -129,6 +136,7 @@ ngepc path wrench --nodes 1641                        as in Table 3
 ngepc path lshape --gamma-end 1e6 --checkpoint p.npz  Ctrl-C, and on with the same command
 ngepc study table1 --levels 2 --out out/demo      Ctrl-C, and on with the same command
 ngepc study benchmarks --figures                 published problems, with pictures
+ngepc lab lshape                                 drag the load, see the solution
 ngepc notebooks mine --solutions                 lectures and exercises; then: jupyter lab mine
 eval "$(register-python-argcomplete ngepc)"      the Tab key completes, in this shell
 """
@@ -136,7 +144,11 @@ eval "$(register-python-argcomplete ngepc)"      the Tab key completes, in this 
 
 
 class Command(NamedTuple):
-    """Help, usage of the options, and for studies MODULE:CLASS of ``ngepc.studies``."""
+    """Help, usage of the options, and what does the work.
+
+    For studies that is MODULE:CLASS of ``ngepc.studies``, for commands a function of
+    ``ngepc.cli.work``, by default the one with the name of the command.
+    """
 
     help: str
     options: Sequence[str] = ("--levels N",)
@@ -150,6 +162,8 @@ COMMANDS = {
     "path": Command("follow the path in gamma on one mesh", (*BODY, "--checkpoint FILE", *PATH)),
     "study": Command("remake a table or figure of the paper, count, compare, measure", ()),
     "report": Command("write one HTML file about a saved run", ("run_file", "--out FILE")),
+    "lab": Command("a live laboratory in the browser: drag loads, gaps, yield stress",
+                   ("[example]", "--port N", "--no-browser"), "open_lab"),
     "notebooks": Command("copy the notebooks to a folder", ("folder", "--solutions", "--force")),
 }  # fmt: skip
 
@@ -242,7 +256,9 @@ def declare(parser: argparse.ArgumentParser, options: Sequence[str]) -> None:
         how: dict = {"type": kind, "metavar": value or None}
         if kind is None or isinstance(kind, tuple):
             how = {"action": "store_true"} if kind is None else {"choices": kind}
-        parser.add_argument(name, help=text, default=default, **how)
+        if name.startswith("["):
+            how["nargs"] = "?"
+        parser.add_argument(name.strip("[]"), help=text, default=default, **how)
 
 
 def given(args: argparse.Namespace, options: Sequence[str]) -> dict[str, object]:

@@ -24,6 +24,7 @@ from ngepc.dual.result import DualResult
 from ngepc.dual.solver import prepared
 from ngepc.dual.spaces import Coupled
 from ngepc.model.problem import Problem
+from ngepc.pictures import live
 from ngepc.pictures.monitors import progress_line
 from ngepc.pictures.report import standard_figures, write_report
 from ngepc.pictures.style import save_figure
@@ -33,7 +34,8 @@ from ngepc.results.files import check_folder, check_writable
 from ngepc.results.options import NewtonOptions
 from ngepc.results.outcome import Status
 from ngepc.results.result import Result
-from ngepc.studies.examples import THRESHOLDS, coarse_start, example, solved_by
+from ngepc.studies.examples import THRESHOLDS, TITLES, coarse_start, example, solved_by
+from ngepc.studies.large import indented_block
 from ngepc.studies.work import Work
 
 FINGERPRINT = {"kind": "run of ngepc solve", "version": 3}
@@ -264,6 +266,35 @@ def notebooks(args: argparse.Namespace) -> int:
         shutil.copyfile(original, copy)
     sys.stdout.write(f"wrote {len(copies)} notebooks to {args.folder}\n")
     sys.stdout.write(f"open the first one with: jupyter lab {copies[wanted[0]]}\n")
+    return 0
+
+
+LAB_TITLES = TITLES | {"sphere": "Sphere pressed into a block"}
+LABS = {
+    "lshape": {
+        "load": (0.0, 12.0),
+        "gap": (0.0, 0.2),
+        "yield_stress": (0.5, 3.0),
+        "hardening": (5.0, 500.0),
+    },
+    "wrench": {"load": (0.0, 8e-3), "gap": (0.0, 2.0), "yield_stress": (0.1, 0.4)},
+    "sphere": {"obstacle": (-0.02, 0.03), "yield_stress": (2.0, 20.0)},
+}
+"""Example -> the sliders of its laboratory."""
+
+
+def open_lab(args: argparse.Namespace) -> int:
+    """``ngepc lab``: serve the laboratory of an example on this machine until Ctrl-C."""
+    name = args.example
+    problem = indented_block(2) if name == "sphere" else example(name)
+    laboratory = live.lab(problem, title=LAB_TITLES[name], **LABS[name])
+    server = laboratory.serve(args.port or 0, browser=not args.no_browser)
+    sys.stdout.write(f"the laboratory is at {server.address}; Ctrl-C ends it\n")
+    sys.stdout.flush()
+    try:
+        server.run()
+    except KeyboardInterrupt:
+        sys.stdout.write("\n")
     return 0
 
 

@@ -121,9 +121,13 @@ class RepeatedSolver:
         """
         require_instance("problem", problem, Problem, "a Problem")
         require_covered(problem, "semismooth_newton", COVERS)
+        discrete = DiscreteProblem(problem, like=self._discrete)
+        return self.solve_from(starting_state(discrete, start), monitor)
+
+    def solve_from(self, state: State, monitor: Monitor | None = None) -> ExactResult:
+        """Solve the problem of a state, from there."""
         before = self._discrete
-        discrete = DiscreteProblem(problem, like=before)
-        state = starting_state(discrete, start)
+        discrete = state.discrete
         tangent = self._tangent
         if tangent is None or discrete.stiffness is not before.stiffness:
             tangent = tangent_of(discrete, self.inverse)

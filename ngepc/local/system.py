@@ -22,6 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from ngepc.discretisation.body import DiscreteBody, Iterate
+from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.law import Return, law_of
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.stiffness import ElementStiffness
@@ -49,14 +50,31 @@ class DiscreteProblem(DiscreteBody):
             points = like.points
         self.points = points or Points(problem.mesh, problem.kinematics, problem.order)
         self.law = law_of(problem, self.points)
-        if like is not None and self.has_tangents_of(like):
+        if like is None or not self.has_tangents_of(like):
+            return
+        vars(self)["stiffness"] = like.stiffness
+        if same_fields(problem, like.problem, "material"):
             vars(self)["stiffness_diagonal"] = like.stiffness_diagonal
-            vars(self)["stiffness"] = like.stiffness
+            if "elastic" in vars(like):
+                vars(self)["elastic"] = like.elastic
 
     def has_tangents_of(self, other: DiscreteProblem) -> bool:
-        """Whether tangents have the same pattern, and the same springs beside the stress."""
-        alike = self.supports is other.supports and self.rows is other.rows
-        return alike and same_fields(self.problem, other.problem, "material")
+        """Whether tangents have the same pattern, and the same springs beside the stress.
+
+        The springs of rollers and of floating parts follow the material.
+        """
+        mine = self.problem
+        steered = mine.rollers or mine.contact_pairs
+        same = ("contact", "friction", "material")[: 3 if steered else 2]
+        alike = self.supports is other.supports
+        return alike and same_fields(mine, other.problem, *same)
+
+    @cached_property
+    def elastic(self) -> Factors:
+        """The factors of the elastic stiffness."""
+        factors = Factors(self, "sparsecholesky")
+        factors.update(self.law.elastic_moduli)
+        return factors
 
     @cached_property
     def stiffness(self) -> ElementStiffness:

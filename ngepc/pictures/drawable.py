@@ -50,10 +50,21 @@ Single components have names such as 'stress_xy'.
 
 @dataclass(frozen=True)
 class UnitNames(Declared):
-    """Names of the units on axes and colour bars; the data themselves are never converted."""
+    """Names of the units on axes and colour bars; the data themselves are never converted.
 
-    length: Text = "length"
-    stress: Text = "stress"
+    Parameters
+    ----------
+    length, stress
+        'mm' and 'MPa', for example; labels have no units where they are empty.
+    """
+
+    length: Text = ""
+    stress: Text = ""
+
+    def of(self, kind: str) -> str:
+        """What stands behind a label: ' (mm)'; empty for pure numbers and units without a name."""
+        unit = getattr(self, kind, "")
+        return f" ({unit})" if unit else ""
 
 
 PLAIN = UnitNames()
@@ -94,7 +105,7 @@ def drawable(
             plane = "that of plane bodies is drawn by plot_contact_pressure"
             needed = f"a solid with a contact boundary is needed; {plane}"
             raise ValueError(f"field='contact_pressure': {needed}")
-        label = f"contact pressure ({units.stress})"
+        label = f"contact pressure{units.of('stress')}"
         return Drawable(pressure_on_boundary(source), label, "YlGnBu")
     match = re.fullmatch(r"(.+)_([xyz]{1,2})", field)
     name, letters = match.groups() if match else (field, "")
@@ -122,7 +133,7 @@ def drawable(
     elif rank:
         coefficient = frobenius(coefficient)
         symbol = f"|{symbol}|" + "_F" * (rank == 2)
-    label = f"{title} ${symbol}$ ({getattr(units, unit, unit)})"
+    label = f"{title} ${symbol}${units.of(unit)}"
     return Drawable(visible(fields, coefficient), label, colormap)
 
 

@@ -221,7 +221,7 @@ class Drawing(Declared):
             [self.axes] if self.axes else self._panels(corners[0], len(corners), bar)
         )
         scale = self.deformation_scale
-        length = self.units.length
+        length = self.units.of("length")
         for axes, (title, source), sampled in zip(
             panels, sources.items(), corners, strict=True
         ):
@@ -255,7 +255,7 @@ class Drawing(Declared):
             for segments, colour, width, above in lines:
                 line = {"colors": colour, "linewidths": width, "zorder": above}
                 axes.add_collection(LineCollection(segments, **line))
-            axes.set(xlabel=f"x ({length})", ylabel=f"y ({length})", aspect="equal")
+            axes.set(xlabel=f"x{length}", ylabel=f"y{length}", aspect="equal")
             axes.grid(False)
             axes.autoscale_view()
             axes.margins(0.03)

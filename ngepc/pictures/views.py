@@ -36,6 +36,8 @@ from ngepc.results.records import write_text
 
 EXTRA = 'pip install "ngepc[html]"'
 NOISE = 1e-3  # of the yield bound: lower contact pressures are not drawn at full height
+LINES = {"obstacle": "#000000", "contact pressure": "#0072B2"}
+"""What lines in a view of a plane body are, and their colours."""
 PAGE = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
 
 
@@ -107,8 +109,8 @@ def show(
         sources.values(), field, drawing.units, (vmin, vmax)
     )
     pairs = zip(sources.values(), what, strict=True)
-    peak = _peak(sources.values())
-    scenes = [_scene(one, drawn, colours, drawing, peak) for one, drawn in pairs]
+    peak = pressure_peak(sources.values())
+    scenes = [scene_of(one, drawn, colours, drawing, peak) for one, drawn in pairs]
     captions, labels = ([""], list(sources)) if name else (list(sources), [""])
     panels = [scenes] if name else [[scene] for scene in scenes]
     page = {"captions": captions, "labels": labels, "panels": panels}
@@ -122,10 +124,19 @@ def show(
         "legend": png_address(legend, 200),
         "data": base64.b64encode(data).decode(),
     }
+    problems = [fields_of(one).problem for one in sources.values()]
+    drawn = any(p.N == 2 and p.touching_names for p in problems)
+    texts["lines"] = legend_of_lines() if drawn else ""
     return View(PAGE.substitute(texts))
 
 
-def _scene(
+def legend_of_lines() -> str:
+    """What the lines beside a plane body are, as HTML."""
+    parts = [f'<b style="color:{c}">—</b> {name}' for name, c in LINES.items()]
+    return " &ensp; ".join(parts)
+
+
+def scene_of(
     source: object,
     drawn: Drawable,
     colours: ScalarMappable,
@@ -149,8 +160,8 @@ def _scene(
         ).max()
         height = 0.15 * extent / peak * getattr(source, "contact_pressure", CF(0.0))
         lines = [
-            ("obstacle", "#000000", obstacle_lines(fields, scale)),
-            ("contact pressure", "#0072B2", offset(fields, names, height, scale)),
+            ("obstacle", obstacle_lines(fields, scale)),
+            ("contact pressure", offset(fields, names, height, scale)),
         ]
     ambient = 1.0 if plane else 0.65
     settings = {
@@ -175,9 +186,9 @@ def _scene(
         deformation=scale * fields.displacement,
         regions={kind: kind for kind in (VOL, BND, BBND)},
         objects=[
-            {"type": "lines", "name": name, "color": colour,
+            {"type": "lines", "name": name, "color": LINES[name],
              "position": np.pad(segments, ((0, 0), (0, 0), (0, 1))).ravel().tolist()}
-            for name, colour, segments in lines
+            for name, segments in lines
         ],
         settings=settings,
     )  # fmt: skip
@@ -190,7 +201,7 @@ def _scene(
     return data | limits | {"deformation_scale": 1.0, "colors": colors}
 
 
-def _peak(sources: Iterable[object]) -> float:
+def pressure_peak(sources: Iterable[object]) -> float:
     """Greatest contact pressure of the sources, not below ``NOISE`` of the yield bound."""
     peaks = []
     for source in sources:

@@ -31,6 +31,8 @@ STILL_UPWARDS = set()
 
 OPTIONAL = {
     ("ngepc.linalg.conic", "clarabel"),
+    ("ngepc.pictures.live", "anywidget"),
+    ("ngepc.pictures.live", "traitlets"),
     ("ngepc.pictures.monitors", "IPython.display"),
     ("ngepc.pictures.views", "ngsolve.webgui"),
     ("ngepc.pictures.stills", "pyvista"),

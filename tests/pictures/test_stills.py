@@ -110,7 +110,7 @@ def test_flat_faces_have_no_sharp_edges():
 
 def test_the_contact_pressure_of_a_solid_is_drawn_where_it_touches():
     body, bar = plot_field(block_primal(), "contact_pressure", view=(0, 90)).axes
-    assert bar.get_ylabel() == "contact pressure (stress)"
+    assert bar.get_ylabel() == "contact pressure"
     image = body.images[0].get_array() / 255
     blue = opaque(255 * image) & (image[..., 2] > image[..., 0] + 0.1)
     assert 0.02 < blue.mean() < 0.5

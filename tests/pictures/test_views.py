@@ -16,7 +16,7 @@ from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc import primal_newton
 from ngepc.pictures import views
-from ngepc.pictures.views import EXTRA, NOISE, View, _peak, show
+from ngepc.pictures.views import EXTRA, NOISE, View, pressure_peak, show
 
 needs_browser = pytest.mark.skipif(
     chromium() is None,
@@ -184,10 +184,10 @@ def test_play_button_moves_the_slider_and_stops(browser, tmp_path):
 def test_pressures_of_rounding_size_are_not_drawn_high():
     touching = lshape_primal()
     greatest = touching.contact_pressure.vec.FV().NumPy().max()
-    assert _peak([touching]) == pytest.approx(greatest)
+    assert pressure_peak([touching]) == pytest.approx(greatest)
     far_away = primal_newton(replace(touching.problem, gap=10.0))
     bound = touching.problem.material.yield_stress
-    assert _peak([far_away]) == pytest.approx(NOISE * bound)
+    assert pressure_peak([far_away]) == pytest.approx(NOISE * bound)
     assert np.abs(far_away.contact_pressure.vec.FV().NumPy()).max() < 1e-6 * bound
 
 

@@ -1,0 +1,56 @@
+"""Solutions that are predicted to first order before they are computed, for a live laboratory.
+
+The factors of the last tangent are still there when the data change.  One linear solve with contact
+then gives the next solution to first order, and Newton's method starts from it.
+"""
+
+from __future__ import annotations
+
+from ngepc.discretisation.contact_step import with_contact
+from ngepc.linalg.direct import FactorisationError
+from ngepc.local.result import ExactResult
+from ngepc.local.solver import RepeatedSolver
+from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.problem import Problem
+from ngepc.results.outcome import History, Status
+
+
+class WarmSolver(RepeatedSolver):
+    """Solves problems that differ little, each from the last solution, see ``RepeatedSolver``."""
+
+    last: ExactResult | None = None  # the last solution
+    _next: tuple[Problem, State] | None = None
+
+    def predict(self, problem: Problem) -> ExactResult | None:
+        """The solution to first order from the last one; None where the tangent does not fit.
+
+        It needs the same mesh, supports, contact boundary and friction.  The status is STOPPED: it
+        is no solution, and its residual says how far it is from one.
+        """
+        self._next = None
+        if self.last is None or self._tangent is None:
+            return None
+        discrete = DiscreteProblem(problem, like=self._discrete)
+        if discrete.stiffness is not self._discrete.stiffness:
+            return None
+        before = self.last.state
+        here = discrete.state(before.u, contact=before.contact)
+        try:
+            compliance = discrete.compliance()
+            change, contact = with_contact(here, self._tangent.solve, compliance)
+        except FactorisationError:
+            return None
+        _, moved = here.along(change)
+        state = moved(1.0, contact)
+        self._next = problem, state
+        return ExactResult(state, Status.STOPPED, "Predicted.", History())
+
+    def solve(self, problem: Problem) -> ExactResult:
+        """The solution, from the prediction where there is one."""
+        if self._next is None or self._next[0] is not problem:
+            self.predict(problem)
+        near = self._next
+        self._next = None
+        result = self.solve_from(near[1]) if near else self(problem, self.last)
+        self.last = result if result.status.is_success else None
+        return result

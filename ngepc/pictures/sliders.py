@@ -1,0 +1,155 @@
+"""Sliders of a laboratory: which number of a problem each moves, and the problem where they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from ngepc.checks.arguments import is_number, require_number, sample
+from ngepc.evolution.load_path import scaled
+from ngepc.model.places import Roller, values_at
+from ngepc.model.problem import Problem
+
+POSITIONS = 200  # of a slider whose range has no step
+LOADS = ("traction", "pressure", "body_force", "prescribed")
+
+Change = Callable[..., Problem]
+"""Called as change(problem, name=value, ...) with the values of sliders of one's own."""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number of a problem, its range and where it starts."""
+
+    name: str
+    least: float
+    most: float
+    step: float
+    value: float
+
+    @classmethod
+    def of(
+        cls, problem: Problem, name: str, given: tuple, change: Change | None
+    ) -> Slider:
+        """The slider of a name and (least, most[, step]), at the value of the problem."""
+        needed = "(least, most) or (least, most, step) with least < most is needed"
+        if not isinstance(given, tuple | list) or len(given) not in (2, 3):
+            raise TypeError(f"{name}={given!r}: {needed}")
+        numbers = [require_number(f"{name}[{i}]", n) for i, n in enumerate(given)]
+        least, most, *rest = numbers
+        if not least < most or any(step <= 0 for step in rest):
+            raise ValueError(f"{name}={given!r}: {needed}")
+        step = rest[0] if rest else round_step((most - least) / POSITIONS)
+        value = current(problem, name, change is not None)
+        value = 0.5 * (least + most) if value is None else value
+        return cls(name, least, most, step, min(max(value, least), most))
+
+
+def round_step(size: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is not above ``size``."""
+    power = 10.0 ** math.floor(math.log10(size))
+    return max(n * power for n in (1, 2, 5) if n * power <= size * (1 + 1e-12))
+
+
+def current(problem: Problem, name: str, own: bool) -> float | None:
+    """The number that a slider called ``name`` moves; None for one of the user's own."""
+    if name == "load":
+        size = load_size(problem)
+        if not size:
+            raise ValueError(f"load: the problem has none of {', '.join(LOADS)}")
+        return size
+    if name == "obstacle":
+        if not problem.contact_names:
+            raise ValueError("obstacle: the problem has no rigid obstacle")
+        return 0.0
+    for owner in (problem, problem.material):
+        value = getattr(owner, name, None)
+        if name in field_names(owner) and is_number(value):
+            return float(value)
+    if own:
+        return None
+    legal = ["load", "obstacle", *numbers_of(problem)]
+    raise ValueError(
+        f"{name}=...: the sliders of this problem are {', '.join(legal)}, and those that "
+        "change= knows"
+    )
+
+
+def field_names(owner: object) -> list[str]:
+    """Names of the fields of a dataclass."""
+    return [f.name for f in fields(owner)]
+
+
+def numbers_of(problem: Problem) -> list[str]:
+    """Names of the fields of a problem and its material that are numbers."""
+    return [
+        name
+        for owner in (problem, problem.material)
+        for name in field_names(owner)
+        if is_number(getattr(owner, name)) and name != "order"
+    ]
+
+
+def load_size(problem: Problem) -> float:
+    """The size of the largest load: on boundaries, edges and points, else in the body, else u."""
+    mesh = problem.mesh
+    tractions = [values_at(g, mesh, place)[1] for place, g in problem.loads.items()]
+    body_forces = [] if problem.f is None else [sample(problem.f, mesh)]
+    moves = [sample(v, mesh) for v in prescribed_values(problem)]
+    for kind in (tractions, body_forces, moves):
+        sizes = [np.linalg.norm(values, axis=1).max() for values in kind]
+        if sizes and max(sizes) > 0:
+            return float(f"{max(sizes):.12g}")
+    return 0.0
+
+
+def prescribed_values(problem: Problem) -> list:
+    """All prescribed components of displacements, and those along directions."""
+    given = problem.single("prescribed").values()
+    along = [roller.value for roller in given if isinstance(roller, Roller)]
+    others = [components for components in given if not isinstance(components, Roller)]
+    return along + [v for components in others for v in components if v is not None]
+
+
+def loads(problem: Problem) -> list[str]:
+    """The arguments that are loads; supports that do not move are none."""
+    moving = any(not is_number(v) or v != 0 for v in prescribed_values(problem))
+    kinds = [n for n in LOADS if getattr(problem, n) is not None]
+    return kinds if moving else [n for n in kinds if n != "prescribed"]
+
+
+def changed(
+    problem: Problem, values: Mapping[str, float], change: Change | None
+) -> Problem:
+    """The problem with the values of the sliders."""
+    at_start = {n: current(problem, n, change is not None) for n in values}
+    own = {n: v for n, v in values.items() if at_start[n] is None}
+    changes: dict[str, object] = {}
+    material: dict[str, float] = {}
+    for name, value in values.items():
+        if name in own or value == at_start[name]:
+            continue
+        if name == "load":
+            factor = value / at_start[name]
+            changes |= {n: scaled(getattr(problem, n), factor) for n in loads(problem)}
+        elif name in field_names(problem):
+            changes[name] = value
+        elif name != "obstacle":
+            material[name] = value
+    if values.get("obstacle"):
+        gap = changes.get("gap", problem.gap)
+        changes["gap"] = shifted(gap, values["obstacle"])
+    if material:
+        changes["material"] = replace(problem.material, **material)
+    moved = problem.changed(**changes) if changes else problem
+    return change(moved, **own) if own else moved
+
+
+def shifted(gap: object, distance: float) -> object:
+    """Gaps, one or by boundary, that are wider by a distance."""
+    if isinstance(gap, Mapping):
+        return {name: shifted(one, distance) for name, one in gap.items()}
+    return gap + distance

@@ -1,0 +1,229 @@
+"""The laboratory: every position is a solve, predictions are first order, and dragging is live."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from browser import Browser, chromium
+from ngsolve import x
+
+from ngepc import Material, Problem, lshape_problem, semismooth_newton
+from ngepc.geometries import block, lshape
+from ngepc.local.warm import WarmSolver
+from ngepc.pictures import views
+from ngepc.pictures.live import lab
+from ngepc.pictures.sliders import changed, load_size, round_step
+
+needs_viewer = pytest.mark.skipif(
+    not views.viewer_installed(), reason=f"no offline viewer: {views.EXTRA}"
+)
+needs_browser = pytest.mark.skipif(
+    chromium() is None,
+    reason="no Chromium or Chrome is installed (Debian: apt install chromium)",
+)
+
+
+@lru_cache
+def body():
+    return lshape_problem(lshape.paper_mesh(225))
+
+
+def at(load, gap=0.1):
+    g = body().traction["load"]
+    return replace(body(), traction={"load": load / 10 * g}, gap=gap)
+
+
+CHANGES = {
+    "load": lambda: (at(9.0), at(9.5)),
+    "gap": lambda: (at(10.0, 0.1), at(10.0, 0.08)),
+    "material": lambda: (
+        body(),
+        replace(body(), material=replace(body().material, hardening=80.0)),
+    ),
+    "support": lambda: (
+        body(),
+        replace(body(), prescribed={"load": (None, 0.01)}, traction=None),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", CHANGES)
+def test_what_is_kept_does_not_change_the_solution(kind):
+    solver = WarmSolver()
+    for problem in CHANGES[kind]():
+        warm = solver.solve(problem)
+        cold = semismooth_newton(problem)
+        assert warm.status is cold.status
+        assert warm.primal_energy == pytest.approx(cold.primal_energy, rel=1e-12)
+        scale = np.abs(cold.state.u).max()
+        np.testing.assert_allclose(warm.state.u, cold.state.u, atol=1e-8 * scale)
+        assert warm.primal_energy + warm.dual_energy == pytest.approx(0.0, abs=1e-13)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_prediction_is_of_first_order(order):
+    """Half the change leaves a quarter of the error, where no point begins to yield: or less."""
+    errors = []
+    for step in (0.4, 0.2, 0.1):
+        solver = WarmSolver()
+        first = replace(at(9.0), order=order)
+        solver.solve(first)
+        problem = replace(first, traction=at(9.0 + step).traction)
+        predicted = solver.predict(problem)
+        solved = solver.solve(problem)
+        before = semismooth_newton(replace(at(9.0), order=order))
+        moved = np.linalg.norm(solved.state.u - before.state.u)
+        errors.append(np.linalg.norm(predicted.state.u - solved.state.u))
+        assert errors[-1] < 0.3 * moved
+    assert errors[1] < 0.35 * errors[0]
+    assert errors[2] < 0.35 * errors[1]
+
+
+def test_the_load_is_the_size_of_the_largest_one():
+    assert load_size(body()) == pytest.approx(10.0)
+    moved = changed(body(), {"load": 4.0, "gap": 0.05}, None)
+    assert load_size(moved) == pytest.approx(4.0)
+    assert moved.gap == 0.05
+    assert moved.material is body().material
+    assert changed(body(), {"load": 10.0}, None) is body()
+
+
+def test_obstacles_of_any_shape_and_prescribed_displacements_move():
+    steel = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0
+    )
+    mesh = block.mesh(0.5, (1.0, 1.0))
+    given = {"prescribed": {"left": (0.0, None)}, "contact": "contact"}
+    given["springs"] = {"clamped": 1e4}
+    given["clamped"] = None
+    bent = Problem(mesh, steel, gap=0.1 * x - 0.05, **given)
+    nearer = changed(bent, {"obstacle": -0.01}, None)
+    solved = semismooth_newton(nearer)
+    same = semismooth_newton(replace(bent, gap=0.1 * x - 0.06))
+    assert solved.contact_force == pytest.approx(same.contact_force, rel=1e-10)
+    pulled = replace(bent, prescribed={"left": (-0.02, None)})
+    assert load_size(pulled) == pytest.approx(0.02)
+    assert changed(pulled, {"load": 0.01}, None).prescribed == {"left": (-0.01, None)}
+
+
+def test_steps_are_round():
+    assert [round_step(s) for s in (0.06, 1.0, 4.99, 0.0129)] == pytest.approx(
+        [0.05, 1.0, 2.0, 0.01]
+    )
+
+
+@needs_viewer
+@pytest.mark.parametrize(
+    ("ranges", "message"),
+    [
+        ({}, "at least one slider"),
+        ({"load": (1.0, 0.0)}, "least < most"),
+        ({"load": 3.0}, "least < most"),
+        ({"lod": (0.0, 1.0)}, "load, obstacle, gap, lame_lambda"),
+    ],
+)
+def test_bad_ranges_are_refused(ranges, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        lab(body(), **ranges)
+
+
+@needs_viewer
+def test_sliders_of_ones_own():
+    def change(problem, radius):
+        return replace(problem, gap=0.1 + 0.01 * radius)
+
+    laboratory = lab(body(), radius=(0.0, 2.0), change=change)
+    (*_, frame) = laboratory.frames({"radius": 2.0})
+    assert laboratory.last.problem.gap == pytest.approx(0.12)
+    assert frame["caption"] == "radius 2"
+
+
+@needs_viewer
+def test_a_slow_solve_is_announced_by_a_prediction():
+    laboratory = lab(body(), load=(0.0, 12.0), gap=(0.0, 0.2))
+    assert [f["exact"] for f in laboratory.frames({"load": 9.0})][-1]
+    laboratory.seconds = 1.0
+    predicted, solved = laboratory.frames({"load": 9.5})
+    assert not predicted["exact"]
+    assert "predicted" in predicted["caption"]
+    assert solved["exact"]
+    assert solved["last"]
+    assert "load 9.5" in solved["caption"]
+    assert "converged" in solved["said"]
+    names = [curve["title"] for curve in solved["curves"]]
+    assert names == ["contact pressure", "contact force", "residual"]
+    force = solved["curves"][1]["here"][1]
+    assert force == pytest.approx(laboratory.last.contact_force)
+
+
+@needs_viewer
+def test_what_cannot_be_solved_is_said_and_the_next_position_is_solved():
+    def change(problem, radius):
+        if radius > 1:
+            raise ValueError("radius=2: too large")
+        return problem
+
+    laboratory = lab(body(), change=change, radius=(0.0, 2.0))
+    (frame,) = laboratory.frames({"radius": 2.0})
+    assert frame["last"]
+    assert frame["scene"] is None
+    assert "too large" in frame["said"]
+    (*_, frame) = laboratory.frames({"radius": 0.5})
+    assert frame["scene"] is not None
+
+
+@pytest.fixture
+def served():
+    """The address of a laboratory that the command serves."""
+    command = [sys.executable, "-m", "ngepc", "lab", "lshape", "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        line = process.stdout.readline()
+        yield line.split(" at ")[1].split(";")[0]
+        process.terminate()
+
+
+FRAMES = "document.querySelector('.ngepc-lab').state.frames"
+DRAWN = "document.querySelector('.ngepc-lab').state"
+
+
+@needs_browser
+@needs_viewer
+def test_dragging_is_live_in_the_browser(served):
+    with Browser(900, 700) as tab:
+        seen = tab.visit(served)
+        tab.wait_for("document.body.dataset.ready === 'yes'")
+        start = 10.0 / 12.0
+        tab.drag("input[name=load]", (start, 0.3), 60)
+        while_dragging = tab.evaluate(FRAMES)
+        tab.wait_for(f"!{DRAWN}.busy")
+        tab.settle()
+        drawn = tab.evaluate(f"{DRAWN}.drawn")
+        load = tab.evaluate("document.querySelector('input[name=load]').exact")
+        assert while_dragging >= 5
+        assert tab.evaluate(FRAMES) < 62 * 2
+        assert 3.0 < load < 4.3
+        assert drawn["exact"]
+        assert drawn["values"]["load"] == load
+        caption = tab.evaluate("document.querySelector('.caption').textContent")
+        assert caption.startswith(f"load {load:g}, gap 0.1")
+        solved = semismooth_newton(
+            changed(lshape_problem(lshape.paper_mesh(833)), {"load": load}, None)
+        )
+        force = drawn["curves"][1]["here"][1]
+        assert force == pytest.approx(solved.contact_force, rel=1e-9, abs=1e-9)
+        shown = tab.pixels()
+        assert (np.ptp(shown, axis=2) > 0.02).mean() > 0.01
+        assert seen.errors == []
+        assert all(request.startswith(served) for request in seen.requests)
+
+
+def test_the_page_is_for_those_who_know_its_address(served):
+    other = served.rsplit("/", 2)[0] + "/guess/"
+    with Browser() as tab:
+        tab.visit(other)
+        assert "404" in tab.evaluate("document.body.textContent")
+    assert json.dumps(served)
