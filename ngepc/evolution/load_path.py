@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import pairwise
@@ -26,15 +25,24 @@ CARRIED = (
     "initial_plastic_strain",
     "initial_hardening",
 )
-CARRIED += ("initial_accumulated", "initial_displacement")
+CARRIED += ("initial_accumulated", "initial_displacement", "duration")
 LOADS = ("traction", "pressure", "body_force", "initial_strain", "prescribed")
+
+
+class Listed(dict[float, Changes]):
+    """Changes at some times, called like a function of time."""
+
+    def __call__(self, time: float) -> Changes:
+        """The changes at one of these times."""
+        return self[time]
 
 
 @dataclass(frozen=True)
 class Schedule:
     """Steps at given times, with changes that are known at every time.
 
-    A step that fails can be cut in two, because ``changes`` also tells what holds in between.
+    A step that fails can be cut in two, because ``changes`` also tells what holds in between, if
+    it is a function of time; ``Schedule.listed`` makes a schedule of which that is not known.
 
     Parameters
     ----------
@@ -43,7 +51,8 @@ class Schedule:
     changes
         Time -> changes of the problem, such as {'gap': 0.1 - t}.
     begin
-        Time of the given initial state.
+        Time of the given initial state: the first step lasts from there to the first time.  None
+        if it is unknown.
 
     Raises
     ------
@@ -53,21 +62,58 @@ class Schedule:
 
     times: Sequence[float]
     changes: Callable[[float], Changes]
-    begin: float = 0.0
+    begin: float | None = 0.0
 
     def __post_init__(self) -> None:
         require_function("changes", self.changes, "time")
-        begin = require_number("begin", self.begin)
         times = numbers_in("times", self.times)
         if not times:
             raise ValueError(f"times={self.times!r}: at least one time is needed")
-        for before, after in pairwise((begin, *times)):
+        known = () if self.begin is None else (require_number("begin", self.begin),)
+        for before, after in pairwise((*known, *times)):
             if not before < after:
                 raise ValueError(
-                    f"times={times!r}, begin={begin:g}: increasing numbers are needed, {after:g} "
-                    f"does not come after {before:g}"
+                    f"times={times!r}, begin={self.begin!r}: increasing numbers are needed, "
+                    f"{after:g} does not come after {before:g}"
                 )
         object.__setattr__(self, "times", times)
+
+    @classmethod
+    def listed(
+        cls, pairs: Iterable[tuple[float, Changes]], begin: float | None = None
+    ) -> Schedule:
+        """Steps with changes that are known at their ends only.
+
+        Parameters
+        ----------
+        pairs
+            (time, changes) for each step.
+        begin
+            Time of the given initial state.  None for 0, or for unknown if the first time is not
+            after 0: then the first step has no length, which matters where a material has a rate.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there are no pairs, or the times do not increase from ``begin``.
+        """
+        try:
+            pairs = [(time, changes) for time, changes in pairs]
+        except (TypeError, ValueError):
+            needed = "a Schedule or pairs (time, changes) are needed"
+            raise TypeError(f"steps={pairs!r}: {needed}") from None
+        if not pairs:
+            raise ValueError(f"steps={pairs!r}: at least one step is needed")
+        times = numbers_in("times", [time for time, _ in pairs])
+        changes = Listed(zip(times, (changes for _, changes in pairs), strict=True))
+        if begin is None:
+            begin = 0.0 if times[0] > 0 else None
+        return cls(times, changes, begin)
+
+    @property
+    def divisible(self) -> bool:
+        """Whether steps can be cut: it is known when they begin, and what holds in between."""
+        return self.begin is not None and not isinstance(self.changes, Listed)
 
     def at(self, time: float) -> Changes:
         """The changes at a time; refuses what is no mapping or names what no step may change."""
@@ -88,18 +134,7 @@ def as_schedule(steps: object) -> Schedule:
     """``steps`` as a schedule: itself, or an iterable of (time, changes); else an error."""
     if isinstance(steps, Schedule):
         return steps
-    try:
-        pairs = [(time, changes) for time, changes in steps]
-    except (TypeError, ValueError):
-        needed = "a Schedule or pairs (time, changes) are needed"
-        raise TypeError(f"steps={steps!r}: {needed}") from None
-    if not pairs:
-        raise ValueError(f"steps={steps!r}: at least one step is needed")
-    times = numbers_in("times", [time for time, _ in pairs])
-    listed = dict(zip(times, (changes for _, changes in pairs), strict=True))
-    return Schedule(
-        times, listed.__getitem__, begin=math.nextafter(times[0], -math.inf)
-    )
+    return Schedule.listed(steps)
 
 
 def numbers_in(name: str, values: object) -> tuple[float, ...]:

@@ -89,7 +89,8 @@ def evolve(
         The body, its supports and loads, and its state at the begin.
     steps
         A ``Schedule`` (``load_cycle`` makes one), or pairs (time, changes); the changes apply to
-        ``problem``: (1.0, {'gap': 0.1}).
+        ``problem``: (1.0, {'gap': 0.1}).  Pairs begin at time 0; ``Schedule.listed(pairs, begin)``
+        begins at another one.
     solver
         Called as solver(problem, start=displacement of the last step), ``semismooth_newton`` or
         ``primal_newton`` for example; ``cold_start`` wraps solvers that take no displacement.
@@ -128,9 +129,7 @@ def evolve(
     path = None if checkpoint is None else require_path("checkpoint", checkpoint)
     schedule = as_schedule(steps)
     cuts = require_integer("cuts", cuts, 0, 30)
-    cuts = (
-        cuts if isinstance(steps, Schedule) else 0
-    )  # what holds in between is not known
+    cuts = cuts if schedule.divisible else 0
     if error is not None:
         require_number("error", error, 0, strict=True)
         if path is not None:
@@ -202,9 +201,7 @@ class _Run:
                 time, level = self.pending.pop()
                 status, message = self._solve(time, level)
                 if not status.is_success and status not in UNCUT and level < self.cuts:
-                    middle = 0.5 * (
-                        (evolution.times or [self.schedule.begin])[-1] + time
-                    )
+                    middle = 0.5 * (self._now + time)
                     log.info(
                         "step to time %g failed (%s): cut at %g",
                         time,
@@ -222,8 +219,16 @@ class _Run:
             evolution.status = Status.STOPPED
             evolution.message = f"After {len(evolution.steps)} steps."
 
+    @property
+    def _now(self) -> float | None:
+        """The time that has been reached, None if it is unknown."""
+        times = self.evolution.times
+        return times[-1] if times else self.schedule.begin
+
     def _problem_at(self, time: float) -> Problem:
         changes = dict(self.schedule.at(time))
+        now = self._now
+        changes["duration"] = None if now is None else time - now
         rough = changes.get("friction", self.problem.friction) is not None
         if rough and self.start is not None:
             changes["initial_displacement"] = self.start

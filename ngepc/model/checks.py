@@ -22,6 +22,7 @@ from ngepc.checks.arguments import (
     require_datum,
     require_field,
     require_in,
+    require_number,
     require_points,
     sample,
 )
@@ -119,6 +120,8 @@ def check_data(problem: ProblemData, differ: Callable[..., bool] = everything) -
             require_field(name, given, problem.mesh, where, shapes=[(problem.N,)])
     if differ("mesh", "kinematics", "order", *HISTORY):
         check_history(problem)
+    if problem.duration is not None:
+        require_number("duration", problem.duration, 0, strict=True)
     if problem.processes.size > 1:
         require_covered(problem, "a mesh that processes share", SHARED_MESH_COVERS)
 

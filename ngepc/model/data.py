@@ -62,6 +62,7 @@ class ProblemData:
     pressure: Mapping[str, Coefficient] | None = None
     springs: Mapping[Place, Coefficient | Sequence[Coefficient]] | None = None
     initial_strain: Coefficient | None = None
+    duration: float | None = None
 
     @property
     def given(self) -> dict[str, object]:

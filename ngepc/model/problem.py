@@ -84,6 +84,9 @@ class Problem(ProblemData):
         eps_0, the strain that is free of stress: a number or scalar coefficient for the same
         in all directions, expansion times change of temperature for example, or a symmetric
         tensor like ``initial_plastic_strain`` but with a trace; None for zero.
+    duration
+        How long the time step lasts (time), > 0; ``evolve`` knows it.  It matters where the
+        material has a rate; None where that is not so.
 
     Raises
     ------

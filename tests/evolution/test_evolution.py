@@ -269,6 +269,30 @@ def test_failing_steps_are_cut_and_said():
     )
 
 
+def durations(evolution):
+    return [step.problem.duration for step in evolution.steps]
+
+
+def test_steps_know_how_long_they_last():
+    problem = bar(MATERIALS["kinematic"], block.structured_mesh(1, 1), 3.0)
+    pairs = [(0.5, {}), (2.0, {}), (2.25, {})]
+    assert durations(evolve(problem, pairs)) == [0.5, 1.5, 0.25]
+    listed = Schedule.listed(pairs, begin=-1.0)
+    assert durations(evolve(problem, listed)) == [1.5, 1.5, 0.25]
+    unknown = evolve(problem, [(0.0, {}), (2.0, {})])
+    assert durations(unknown) == [None, 2.0]
+    function = Schedule((3.0, 4.0), lambda time: {}, begin=1.0)
+    assert durations(evolve(problem, function)) == [2.0, 1.0]
+    pressed = punched(MATERIALS["kinematic"])
+    cut = evolve(pressed, load_cycle(pressed, [1.0]), failing_above(6))
+    assert len(cut.steps) > 1
+    assert durations(cut) == np.diff([0.0, *cut.times]).tolist()
+    with pytest.raises(ValueError, match=r"begin=0.5: increasing .* 0.5 does not come"):
+        Schedule.listed(pairs, begin=0.5)
+    with pytest.raises(ValueError, match="a step can change"):
+        evolve(problem, [(1.0, {"duration": 2.0})])
+
+
 @pytest.mark.parametrize("cuts", [0, 1])
 def test_a_step_that_cannot_be_cut_further_is_named(cuts):
     problem = punched()

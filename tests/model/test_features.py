@@ -30,6 +30,7 @@ EVERYWHERE = {
     "gap",
     "prescribed",
     "initial_displacement",
+    "duration",
 }
 """Fields of ``Problem`` that every method knows; the others are features or part of one."""
 
