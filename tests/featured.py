@@ -40,6 +40,10 @@ CHANGES = {
     "initial hardening": {"material": MIXED, "initial_hardening": 0.5},
     "initial strain": {"initial_strain": 5e-4},
     "obstacle": CONTACT,
+    "held by contact": {
+        **{"clamped": None, "prescribed": {"left": (0, None)}, "body_force": (0, -3.0)},
+        **{"contact": "clamped", "gap": 1e-3},
+    },
     "friction": {**PRESSED, "friction": 0.1},
     "Coulomb friction": {**PRESSED, "friction": Coulomb(0.3)},
     "contact at a clamp": {**CLAMPED_ASIDE, **CONTACT},

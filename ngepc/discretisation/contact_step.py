@@ -20,6 +20,9 @@ FEW = 60
 
 SPRINGS = 1e4  # springs of rows over their stiffness, which turn a compliance round (Woodbury)
 
+LOOSE = 1e5
+"""How much softer than in Newton's steps the springs are that hold floating parts in a search."""
+
 PROBES = 40
 DOUBT = 1e-6
 EXHAUSTED = 1e-8
@@ -90,10 +93,10 @@ def rival(
     """Whether Coulomb's law has other forces at a solution, and a sentence about it.
 
     With ``stiffened``, springs of the rows -> the solver with them, uniqueness is tested first
-    (``is_unique``), with the compliance S + 1/springs.  Where it is not proved all rows that press
-    and those closest to it are examined, ``most`` forces at most, each with one solve.  For few
-    rows in the plane that is all their states, which is a proof if the body is elastic; for others
-    it is a search.
+    (``is_unique``), with the compliance S + 1/springs, unless contact alone holds a part.  Where it
+    is not proved all rows that press and those closest to it are examined, ``most`` forces at most,
+    each with one solve.  For few rows in the plane that is all their states, which is a proof if
+    the body is elastic; for others it is a search.
     """
     conditions = here.body.contact
     gaps = here.gaps
@@ -107,7 +110,7 @@ def rival(
         """S d."""
         return conditions.displacement(solve(conditions.forces(d)))
 
-    if stiffened is not None:
+    if stiffened is not None and not here.body.floating.centres:
         springs = SPRINGS * here.body.row_stiffness
         held = stiffened(springs)
         follows = cone.follows(forces, gaps, ROUNDING * np.abs(gaps).max(initial=0.0))
@@ -130,7 +133,10 @@ def rival(
     chosen = cone.numbers(rows)
     unit = (np.arange(len(forces)) == chosen[:, None]).astype(float)
     S = np.array([answer(e)[chosen] for e in unit])
-    other = cone.of(rows).rival(S, gaps[chosen], forces[chosen])
+    sizes = S.diagonal().copy()
+    loose = here.body.floating.compliance[chosen]
+    S += LOOSE * loose @ loose.T
+    other = cone.of(rows).rival(S, gaps[chosen], forces[chosen], sizes)
     if other is None:
         if len(left) or not cone.enumerable:
             return False, SEARCHED

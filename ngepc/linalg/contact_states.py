@@ -41,21 +41,24 @@ def can_be_enumerated(cap: np.ndarray, tied: np.ndarray) -> bool:
 def equilibria(
     S: np.ndarray,
     gaps: np.ndarray,
+    forces: np.ndarray,
     coefficient: np.ndarray,
     cap: np.ndarray,
     tied: np.ndarray,
+    sizes: np.ndarray,
 ) -> np.ndarray:
     """All forces that meet Coulomb's law |t| <= min(mu n, F), shape (count, 2 m).
 
-    ``S`` (2 m, 2 m) is the compliance of the rows, ``gaps`` (2 m,) are those without any forces,
-    first the normal ones of all rows, then minus their slips.  The same forces may come several
-    times, from states that differ by nothing.
+    ``S`` (2 m, 2 m) is the compliance of the rows, ``gaps`` (2 m,) are those with some ``forces``,
+    first the normal ones of all rows, then minus their slips.  A gap counts as none if it is small
+    beside what the largest force moves with the compliances ``sizes`` (2 m,).  The same forces may
+    come several times, from states that differ by nothing.
     """
-    tables = _Tables(S, gaps, coefficient, cap)
+    tables = _Tables(S, gaps, forces, coefficient, cap, sizes)
     found = [np.zeros((0, len(gaps)))]
     for states in _chunks(states_of_rows(cap, tied)):
-        forces = tables.solved(states)
-        found.append(forces[tables.hold(states, forces)])
+        x = tables.solved(states)
+        found.append(x[tables.hold(states, x)])
     return np.vstack(found)
 
 
@@ -74,17 +77,24 @@ class _Tables:
     """The two equations of each row in each of its states, and what else has to hold there."""
 
     def __init__(
-        self, S: np.ndarray, gaps: np.ndarray, mu: np.ndarray, cap: np.ndarray
+        self,
+        S: np.ndarray,
+        gaps: np.ndarray,
+        forces: np.ndarray,
+        mu: np.ndarray,
+        cap: np.ndarray,
+        sizes: np.ndarray,
     ) -> None:
         m = len(mu)
         diagonal = S.diagonal()
         held = diagonal <= 0  # forces that move nothing
-        stiffness = 1 / np.where(held, diagonal.max(), diagonal)
+        stiffness = 1 / np.where(held, sizes.max(), np.where(held, 1.0, sizes))
         self._mu = mu
         self._cap = np.where(np.isinf(cap), 0.0, cap)
         self._unlimited = np.where(np.isinf(cap), np.inf, cap)
         self._S = stiffness[:, None] * (S + np.diag(np.where(held, diagonal.max(), 0)))
-        self._gaps = stiffness * gaps  # as forces
+        self._gaps = stiffness * gaps - self._S @ forces  # without forces, as forces
+        self._scale = max(np.abs(forces).max(), np.abs(stiffness * gaps).max())
         unit = np.eye(2 * m)
         self._left = np.zeros((LIMIT + 2, m, 2, 2 * m))
         self._right = np.zeros((LIMIT + 2, m, 2))
@@ -120,7 +130,7 @@ class _Tables:
         pressed = self._mu * n
         bound = np.minimum(pressed, self._unlimited)
         size = np.abs(forces).max(axis=1, keepdims=True)
-        rounding = TOLERANCE * np.maximum(size, np.abs(self._gaps).max())
+        rounding = TOLERANCE * np.maximum(size, self._scale)
         rests = (n >= -rounding) & (np.abs(t) <= bound + rounding)
         slips = (n >= -rounding) & (pressed <= self._unlimited + rounding)
         limited = pressed >= self._cap - rounding

@@ -225,7 +225,7 @@ class FrictionCone:
             best = min(best, (left / soft, change), key=lambda found: found[0])
         if self.enumerable:
             S = W.block(np.arange(len(gaps)))
-            for found in self.equilibria(S, gaps, forces)[:1]:
+            for found in self.equilibria(S, gaps, forces, S.diagonal())[:1]:
                 equation = _Equation(self, W, gaps, forces, SOFT[0] / compliance)
                 _, change, exact = equation.solved(found - forces)
                 if exact:
@@ -260,32 +260,38 @@ class FrictionCone:
         return by_pressure and can_be_enumerated(self.cap, self.tied)
 
     def equilibria(
-        self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray
+        self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray, sizes: np.ndarray
     ) -> np.ndarray:
         """All forces that meet the law of an ``enumerable`` cone, (count, n), nearest first.
 
-        ``gaps`` are those that ``forces`` leave.
+        ``gaps`` are those that ``forces`` leave, ``sizes`` the compliances that gaps are judged by.
         """
         law = self.coefficient, self.cap, self.tied
-        found = equilibria(S, gaps - S @ forces, *law)
+        found = equilibria(S, gaps, forces, *law, sizes)
         apart = found - forces
         return found[np.argsort(np.einsum("ki,ij,kj->k", apart, S, apart))]
 
     def rival(
-        self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray
+        self,
+        S: np.ndarray,
+        gaps: np.ndarray,
+        forces: np.ndarray,
+        sizes: np.ndarray | None = None,
     ) -> np.ndarray | None:
         """Other forces that meet the law with the compliance S, None if none is found.
 
-        All states are tried where the cone is ``enumerable``, else ``starts``.
+        All states are tried where the cone is ``enumerable``, else ``starts``.  ``sizes`` are the
+        compliances that differences are judged by, by default the diagonal of S.
         """
+        sizes = S.diagonal() if sizes is None else sizes
         if self.enumerable:
-            found = self.equilibria(S, gaps, forces)
+            found = self.equilibria(S, gaps, forces, sizes)
         else:
             found = self._from_starts(S, gaps, forces)
         for other in found:
             apart = other - forces
             size = np.maximum(np.abs(other), np.abs(forces))
-            if apart @ S @ apart > DIFFERENT**2 * (S.diagonal() @ size**2):
+            if apart @ S @ apart > DIFFERENT**2 * (sizes @ size**2):
                 return other  # forces on held tangents do no work: they are no other equilibrium
         return None
 

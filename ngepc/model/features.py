@@ -18,6 +18,7 @@ from ngepc.model.data import ProblemData
 from ngepc.model.elements import corner_vertices, element_nodes
 from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.places import Coulomb, Roller
+from ngepc.model.support import floating_motions
 
 Found = Mapping[str, object]
 """Argument of ``Problem`` -> its value, for arguments that have a feature; empty without it."""
@@ -109,6 +110,11 @@ def _two_bodies(problem: ProblemData) -> Found:
     return {"contact": problem.contact} if problem.contact_pairs else {}
 
 
+def _floating(problem: ProblemData) -> Found:
+    """Contact that alone holds a part of the body."""
+    return {"contact": problem.contact} if floating_motions(problem) else {}
+
+
 def _coulomb(problem: ProblemData) -> Found:
     """Friction that depends on the pressure."""
     given = problem.friction
@@ -174,6 +180,7 @@ FEATURES = {
     "initial strain": _feature("no initial strain", _present, "initial_strain"),
     "obstacle": _feature("a body without contact", _obstacle),
     "two bodies": _feature("rigid obstacles only, not two bodies", _two_bodies),
+    "held by contact": _feature("supports that hold every part", _floating),
     "friction": _feature("contact without friction", _present, "friction"),
     "Coulomb friction": _feature("a given bound F of friction", _coulomb),
     "contact at a clamp": _feature(

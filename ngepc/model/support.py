@@ -44,14 +44,16 @@ def check_held(problem: ProblemData) -> None:
 def check_motions(problem: ProblemData) -> None:
     """A conforming mesh whose parts have no rigid motion left.
 
-    A part that may touch another body can be held by contact alone: whether it is shows in the
-    solution.
+    A part that may touch an obstacle or another body can be held by contact alone: whether it is
+    shows in the solution.  On a mesh that processes share every part must be held.
     """
     processes = problem.processes
     parts = processes.together(partial(_parts, problem))
     sides = [
         name for pair in problem.contact_pairs for name in (pair.first, pair.second)
     ]
+    if processes.size == 1:
+        sides += problem.contact_names
     touching = corner_vertices(problem.mesh, sides)
     for motions, vertices in free_motions(problem, parts):
         if not np.isin(vertices, touching).any():
@@ -280,8 +282,8 @@ def connected(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def floating_motions(problem: ProblemData) -> list[tuple[np.ndarray, np.ndarray]]:
-    """``free_motions`` of the parts that contact with others has to hold; mostly none."""
-    if not problem.contact_pairs:
+    """``free_motions`` of the parts that contact alone has to hold; mostly none."""
+    if problem.contact is None or problem.processes.size > 1:
         return []
     pairs = check_conforming(*element_facets(problem.mesh))
     return list(free_motions(problem, part_vertices(problem.mesh, *pairs)))

@@ -46,6 +46,7 @@ COVERS = frozenset(
         "initial strain",
         "obstacle",
         "two bodies",
+        "held by contact",
         "friction",
         "Coulomb friction",
         "contact at a clamp",

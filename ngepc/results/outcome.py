@@ -133,6 +133,10 @@ class Ending:
     status: Status
     message: str
 
+    def __str__(self) -> str:
+        """What ``print`` shows: the summary on one line, and below it the message."""
+        return "\n".join(filter(None, (repr(self), self.message)))
+
     def raise_for_status(self: Ended) -> Ended:
         """The result itself if what was asked for was reached, else a SolverError that keeps it."""
         if not self.status.is_success:

@@ -50,6 +50,7 @@ COVERS = frozenset(
         "initial hardening",
         "obstacle",
         "two bodies",
+        "held by contact",
         "friction",
         "Coulomb friction",
         "contact at a clamp",

@@ -38,7 +38,7 @@ ILLEGAL = (
     {"prescribed": {"clamped": (0, 1)}},
     {"friction": -0.1},
     {"initial_displacement": (0, 0)},
-    {"clamped": None},
+    {"clamped": None, "contact": None, "gap": None},
     {"springs": {"right": -2.0}},
     {"initial_accumulated": -0.1},
     {"initial_plastic_strain": CF((1, 0, 0, 1), dims=(2, 2))},

@@ -55,6 +55,7 @@ ONE_MORE = {
     "initial strain": {"initial_strain": 1e-3},
     "obstacle": CONTACT,
     "two bodies": {"contact": Contact("contact", "right")},
+    "held by contact": {"clamped": None, **CONTACT},
     "friction": {**CONTACT, "friction": 0.1},
     "Coulomb friction": {**CONTACT, "friction": Coulomb(0.1)},
     "contact at a clamp": {"clamped": "left", **CONTACT},
@@ -65,6 +66,7 @@ ONE_MORE = {
 """Feature -> what gives it to the plain problem."""
 
 IMPLIED = {
+    "held by contact": {"obstacle"},
     "friction": {"obstacle"},
     "Coulomb friction": {"obstacle", "friction"},
     "contact at a clamp": {"obstacle"},

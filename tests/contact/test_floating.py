@@ -1,0 +1,96 @@
+"""Bodies that rigid obstacles alone hold: weight, closed forms, refusals by name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ngepc import (
+    Coulomb,
+    Material,
+    Problem,
+    Status,
+    error_bound,
+    gradient,
+    primal_newton,
+    semismooth_newton,
+)
+from ngepc.geometries import block
+
+WEIGHT = 3.0
+COLUMN = Material.kinematic(
+    lame_lambda=0.0, lame_mu=1e3, yield_stress=1e6, hardening=100.0
+)
+"""Without lateral strain: the body is a sum of columns that do not mix."""
+
+
+def on_the_floor(cells, friction=None, gap=0.0, material=COLUMN, **data):
+    """A block that stands on a floor under its weight, with one symmetry roller."""
+    N = len(cells)
+    roller = (0, *(None,) * (N - 1))
+    return Problem(
+        block.structured_mesh(*cells, simplices=True),
+        material,
+        clamped=None,
+        contact="clamped",
+        gap=gap,
+        prescribed={"left": roller},
+        body_force=(*(0.0,) * (N - 1), -WEIGHT),
+        friction=friction,
+        **data,
+    )
+
+
+@pytest.mark.parametrize("solver", [semismooth_newton, primal_newton])
+@pytest.mark.parametrize("friction", [None, 0.5, Coulomb(0.3)])
+@pytest.mark.parametrize("cells", [(4, 4), (3, 3, 3)])
+@pytest.mark.parametrize("gap", [0.0, 0.02])
+def test_a_block_stands_on_the_floor(cells, friction, gap, solver):
+    """u_y = -gap - w (H y - y^2/2) / (2 mu): the pressure on the floor is that of the weight."""
+    result = solver(on_the_floor(cells, friction, gap, order=2))
+    assert result.status is Status.CONVERGED
+    assert result.contact_force == pytest.approx(WEIGHT, rel=1e-9)
+    pressure = result.nodal_contact_forces / result.rows.weights
+    assert pressure == pytest.approx(WEIGHT, rel=1e-7)
+    places = np.array([v.point for v in result.problem.mesh.vertices])
+    y = places[:, -1]
+    exact = -gap - WEIGHT * (y - y**2 / 2) / (2 * COLUMN.lame_mu)
+    assert result.state.u[: len(y), -1] == pytest.approx(exact, abs=1e-9)
+    assert abs(result.primal_energy + result.dual_energy) < 1e-9
+
+
+def test_both_programs_agree_on_a_yielding_block():
+    soft = replace(COLUMN, lame_lambda=1e3, yield_stress=1.25)
+    problem = on_the_floor((4, 4), Coulomb(0.3), 0.01, soft)
+    one = semismooth_newton(problem).raise_for_status()
+    two = primal_newton(problem).raise_for_status()
+    assert one.state.at.yields.any()
+    assert np.abs(one.state.u - two.state.u).max() < 1e-8
+    slopes = gradient(one, "primal_energy", ["gap"])
+    assert slopes["gap"] == pytest.approx(-WEIGHT, rel=1e-9)
+
+
+def test_whatever_lifts_a_block_is_said():
+    up = on_the_floor((4, 4), traction={"contact": (0.0, 4.0)})
+    result = semismooth_newton(up)
+    assert result.status is Status.UNHELD
+    assert "Contact cannot hold the part around (0.5, 0.5)" in str(result)
+
+
+def test_what_needs_supports_says_so():
+    problem = on_the_floor((4, 4), kinematics="two-dimensional", order=1)
+    assert "held by contact" in problem.features
+    with pytest.raises(ValueError, match="needs supports that hold every part"):
+        semismooth_newton(problem, gamma=1e3)
+    with pytest.raises(ValueError, match="a bound needs supports that hold"):
+        error_bound(semismooth_newton(problem))
+
+
+def test_print_shows_the_message():
+    """What ``print`` shows is the summary and, below it, what a user must know."""
+    far = on_the_floor((4, 4), traction={"right": (400.0, 0.0)})
+    result = semismooth_newton(far)
+    assert result.message
+    first, *others = str(result).split("\n")
+    assert first == repr(result)
+    assert "\n".join(others) == result.message
