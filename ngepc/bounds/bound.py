@@ -19,6 +19,7 @@ import numpy as np
 from ngsolve import L2, GridFunction
 
 from ngepc.bounds.conjugate import Conjugate
+from ngepc.bounds.coverage import sampled_data
 from ngepc.bounds.data import BoundData, stress_coordinates
 from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.solid import SolidBoundData
@@ -74,6 +75,31 @@ class ErrorBound:
     def problem(self) -> Problem:
         """The problem."""
         return self.state.discrete.problem
+
+    @cached_property
+    def sampled(self) -> list[str]:
+        """Names of the data that are known from samples only; empty where the bound is proved."""
+        return sampled_data(self.problem)
+
+    @property
+    def guaranteed(self) -> bool:
+        """Whether the bound is proved: all data are polynomials on elements, or numbers.
+
+        Finite element functions and sums and products of these, of numbers and coordinates are.
+        For other functions the bound rests on samples, see ``message``.
+        """
+        return not self.sampled
+
+    @property
+    def message(self) -> str:
+        """What the bound does not see; empty where it is guaranteed."""
+        if self.guaranteed:
+            return ""
+        part = "1/18 of an edge" if self.problem.N == 3 else "1/72 of an edge"
+        return (
+            f"{', '.join(self.sampled)}: known from samples. What is narrower than "
+            f"{part} of an element can be missed, so that the bound is no proof."
+        )
 
     @property
     def discretisation(self) -> float:

@@ -8,6 +8,7 @@ from ngsolve import BND, CF, Mesh
 from ngepc.bounds.coverage import CONSTANT, FACET_RULES
 from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import Coefficient
+from ngepc.discretisation.sampling import HiddenRule, Scan
 from ngepc.model.elements import cells_of
 from ngepc.model.problem import Problem, as_scalar
 
@@ -44,6 +45,11 @@ class OuterFacets:
     def affine(self, name: str, value: Coefficient, on: np.ndarray) -> np.ndarray:
         """The same; refused, by name, where it is not affine on each element."""
         values = self.values(value, on)
+        if len(self.scan(value, on).hidden):
+            raise ValueError(
+                f"{name} varies where rules miss it: bounds need it affine on the "
+                "boundary elements"
+            )
         defect = np.abs(self.rule.affine_defect(values)).max(initial=0.0)
         if defect > CONSTANT * np.abs(values).max(initial=1e-300):
             order = ", or order=1" if name == "traction" else ""
@@ -51,6 +57,10 @@ class OuterFacets:
                 f"{name} is not affine on the boundary elements: bounds need it{order}"
             )
         return values
+
+    def scan(self, value: Coefficient, on: np.ndarray) -> Scan:
+        """What rules miss on some boundary elements."""
+        return Scan(self.mesh, value, BND, on)
 
     def at_vertices(self, values: np.ndarray, on: np.ndarray) -> np.ndarray:
         """Values of boundary elements in the order of the vertices of their facets."""
@@ -62,8 +72,8 @@ class Boundary(OuterFacets):
 
     ``given`` (nf, N) are the components of the traction that are known, contact included;
     ``moments`` (nf, N, N) are those of g with the hat functions of each facet's vertices (force),
-    zero elsewhere; ``uneven`` the facets with tractions and what g has, at the points of the rule,
-    beyond the affine function with these moments, (., points, N).  ``contact`` are the numbers of
+    zero elsewhere; ``uneven`` the facets with tractions and the mean of r r' for what g has
+    beyond the affine function with these moments, r, (., N, N).  ``contact`` are the numbers of
     the contact facets; at their vertices, (contact facets, N), ``gap`` is an affine function
     nowhere above psi, ``excess`` the integral of psi - gap times hat functions, ``friction`` F
     (stress) or zero.
@@ -98,11 +108,7 @@ class Boundary(OuterFacets):
         N = self.problem.N
         on = self.on(tuple(tractions), "traction")
         g = self.problem.mesh.BoundaryCF(tractions, default=CF((0.0,) * N))
-        values = (
-            self.values(g, on)
-            if self.problem.order == 1
-            else self.affine("traction", g, on)
-        )
+        values = self.values(g, on)
         moments = np.einsum("q,qa,eqi->eai", rule.weights, rule.shares, values)
         affine = N * (N + 1) * (moments - moments.sum(axis=1, keepdims=True) / (N + 1))
         facets = self.facet[on]
@@ -111,9 +117,18 @@ class Boundary(OuterFacets):
             :,
             np.abs(rest).max(initial=0.0) <= CONSTANT * np.abs(values).max(initial=0.0),
         ] = 0.0
+        squares = np.einsum("q,eqi,eqj->eij", rule.weights, rest, rest)
         moments *= self.cells.measure[facets][:, None, None]
+        row = np.cumsum(on) - 1
+        for name, traction in tractions.items():
+            scan = self.scan(traction, self._name == name)
+            for number in scan.hidden.tolist():
+                place = row[number]
+                given = self.given[facets[place]]
+                found = hidden_traction(scan.rule(number), given)
+                moments[place], squares[place] = found
         self.moments[facets] = self.at_vertices(moments, on)
-        self.uneven = (facets, rest)
+        self.uneven = (facets, squares)
 
     def _read_contact(self) -> None:
         on = self.on(self.problem.contact_names, f"contact={self.problem.contact!r}")
@@ -123,6 +138,14 @@ class Boundary(OuterFacets):
         above = psi[:, : self.cells.N, 0] + lowest
         weights = self.cells.measure[self.contact][:, None] * rule.weights
         more = (weights * (psi[:, :, 0] - above @ rule.shares.T)) @ rule.shares
+        row = np.cumsum(on) - 1
+        for name, gap in self.problem.gaps.items():
+            scan = self.scan(gap, self._name == name)
+            for number in scan.hidden.tolist():
+                place = row[number]
+                ends = psi[place, : self.cells.N, 0]
+                found = hidden_obstacle(scan.rule(number), ends)
+                above[place], more[place] = found
         self.gap, self.excess = (
             self.at_vertices(above, on),
             self.at_vertices(more, on),
@@ -133,3 +156,35 @@ class Boundary(OuterFacets):
         )
         if self.problem.initial_displacement is not None:
             self.affine("initial_displacement", self.problem.u_0, on)
+
+
+def hidden_traction(
+    rule: HiddenRule, given: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Moments with hat functions (N, N) and the mean square of what is not affine (N, N).
+
+    ``given`` are the components that are no support's.
+    """
+    N = rule.shares.shape[1]
+    size = rule.weights.sum()
+    moments = rule.shares.T @ (rule.weights[:, None] * rule.values)
+    affine = N * (N + 1) * (moments - moments.sum(axis=0) / (N + 1)) / size
+    rest = np.where(given, rule.values - rule.shares @ affine, 0.0)
+    squares = (rule.weights[:, None] * rest).T @ rest
+    squares += np.diag(np.where(given, rule.unresolved, 0.0))
+    return moments, squares / size
+
+
+def hidden_obstacle(
+    rule: HiddenRule, ends: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertex values (N,) of an affine function below psi, and the moments of psi less it (N,).
+
+    ``ends`` are the values of psi at the vertices.  Between the points psi is expected to fall by
+    no more than it varies by on a part.
+    """
+    defect = rule.at_corners[:, :, 0] - rule.corners @ ends
+    lowest = (defect.min(axis=1) - np.ptp(rule.at_corners[:, :, 0], axis=1)).min()
+    above = ends + min(lowest, 0.0)
+    left = rule.weights * (rule.values[:, 0] - rule.shares @ above)
+    return above, left @ rule.shares

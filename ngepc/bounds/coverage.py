@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule
 
+from ngepc.discretisation.sampling import Scan, is_polynomial
 from ngepc.model.elements import has_straight_simplices
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
@@ -80,7 +83,6 @@ def check_covered(problem: Problem) -> None:
         "initial_hardening (alpha_2)": None
         if problem.initial_hardening is None
         else back,
-        "body_force": problem.f if problem.order == 2 else None,
     }
     for name, value in coefficients.items():
         affine = problem.order == 2 and name in AFFINE
@@ -99,6 +101,8 @@ def varies_inside(
     problem: Problem, value: CoefficientFunction, affine: bool = False
 ) -> bool:
     """Whether a coefficient is more than a constant, or an affine function, on an element."""
+    if len(Scan(problem.mesh, value, VOL).hidden):
+        return True
     points = problem.mesh.MapToAllElements(_INSIDE, VOL)
     values = np.asarray(value(points)).reshape(problem.mesh.ne, -1, value.dim)
     size = np.abs(values).max(initial=1e-300)
@@ -108,3 +112,36 @@ def varies_inside(
         ]
         values = values - known @ (np.linalg.pinv(known) @ values)
     return np.ptp(values, axis=1).max() > CONSTANT * size
+
+
+def sampled_data(problem: Problem) -> list[str]:
+    """Names of the data that bounds know from samples: those that are no polynomials on elements.
+
+    A bound is a theorem for numbers, finite element functions and polynomials on elements.
+    """
+    material = problem.material
+    given = {
+        "body_force": problem.body_force,
+        "traction": problem.traction,
+        "pressure": problem.pressure,
+        "gap": problem.gap,
+        "friction": problem.friction,
+        "lame_lambda": material.lame_lambda,
+        "lame_mu": material.lame_mu,
+        "yield_stress": material.yield_stress,
+        "hardening": material.effective_hardening,
+        "initial_plastic_strain": problem.initial_plastic_strain,
+        "initial_hardening": problem.initial_hardening,
+        "initial_displacement": problem.initial_displacement,
+        "prescribed": [value for *_, value in problem.held],
+    }
+    return [name for name, value in given.items() if not _all_polynomials(value)]
+
+
+def _all_polynomials(value: object) -> bool:
+    """Whether every coefficient in a value, a mapping or a sequence is a polynomial."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return all(map(_all_polynomials, value))
+    return is_polynomial(value)

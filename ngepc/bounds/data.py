@@ -25,6 +25,8 @@ from ngepc.local.system import DiscreteProblem, State
 # part of the largest nodal force that may be missing after PASSES corrections at most
 BALANCED = 1e-12
 PASSES = 2
+UNSTRAINED = np.finfo(float).eps
+"""A strain that counts as none: forces that would cause it are rounding."""
 
 # values of affine functions at the vertices from those at the three points
 AT_CORNERS = 2 * np.eye(3)[[1, 2, 0]] - 1 / 3
@@ -69,7 +71,9 @@ class BoundData:
         self.boundary = Boundary(self.problem, c)
         self.each = len(discrete.points) // len(c.nodes)
         self.conjugate = self.at_nodes = Conjugate(discrete.law, self.each)
-        self.carried, self.patches = CarriedLoads(self.boundary), Patches(self.boundary)
+        self.carried = CarriedLoads(self.boundary)
+        smallest = UNSTRAINED * discrete.law.bulk.max() * c.measure.max()
+        self.patches = Patches(self.boundary, smallest)
         self.piola = ELEMENTS[c.N].piola(c)
         self.contact = ContactFacets(discrete, self.boundary)
         if self.problem.order == 2:
@@ -143,9 +147,9 @@ class BoundData:
         contact = self.contact
         moments = self.boundary.moments.copy()
         forces = self.discrete.load.copy()
-        if self.problem.order == 1:
-            forces = c.at_nodes(self.carried.nodal, c.nodes)
-            forces += c.at_nodes(moments[outer], c.facets[outer])
+        carried = c.at_nodes(self.carried.nodal, c.nodes)
+        carried += c.at_nodes(moments[outer], c.facets[outer])
+        forces[: len(carried)] = carried
         pushed = contact.pushed(state, P)
         moments[self.boundary.contact] -= pushed[:, : c.N]
         np.subtract.at(forces, contact.nodes, pushed)

@@ -27,11 +27,13 @@ PASSES = 2
 class Patches:
     """The cells around each vertex and the inverse Laplacians of their corners.
 
-    Corners are numbered vertex by vertex.  ValueError for a body whose parts meet in a single
-    vertex or edge.
+    Corners are numbered vertex by vertex.  ``smallest`` is a force that counts as none (force): a
+    body without loads has stresses of rounding's size, which nothing can balance.  ValueError for a
+    body whose parts meet in a single vertex or edge.
     """
 
-    def __init__(self, boundary: Boundary) -> None:
+    def __init__(self, boundary: Boundary, smallest: float = 0.0) -> None:
+        self.smallest = smallest
         c = self.cells = boundary.cells
         N, moment, signs = c.N, c.slot.ravel(), np.repeat(c.sign.ravel(), c.N)
         self._order = np.argsort(c.nodes.ravel(), kind="stable")
@@ -100,7 +102,7 @@ class Patches:
         N = self.cells.N
         needed = needed.reshape(-1, N)[self._order]
         mu = np.where(self._free > 0, wished.reshape(-1, N), given.reshape(-1, N))
-        size = max(np.abs(needed).max(), np.abs(mu).max())
+        size = max(np.abs(needed).max(), np.abs(mu).max(), self.smallest)
         missing = needed - self._sum @ mu
         for _ in range(PASSES):
             for k, inverse in enumerate(self._inverses):

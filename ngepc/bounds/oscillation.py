@@ -26,6 +26,8 @@ from ngsolve import CF, ET, VOL, CoefficientFunction, IntegrationRule, x, y, z
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.simplices import Simplices
+from ngepc.discretisation.sampling import Scan
+from ngepc.model.elements import element_nodes
 
 REFERENCE = {
     2: np.array([[1.0, 0.0], [0.5, math.sqrt(3) / 2]]).T,
@@ -99,6 +101,12 @@ class CarriedLoads:
         share = np.concatenate([1 - there.sum(axis=2, keepdims=True), there], axis=2)
         weight = c.volume[:, None, None] / len(places)
         self.nodal = weight * np.matmul(share.transpose(0, 2, 1), f)
+        scan = Scan(c.mesh, force, VOL)
+        hidden = {number: scan.rule(number) for number in scan.hidden.tolist()}
+        shares_of = {n: self._ordered(n, rule.shares) for n, rule in hidden.items()}
+        for number, rule in hidden.items():
+            work = rule.weights[:, None] * rule.values
+            self.nodal[number] = shares_of[number].T @ work
         work = np.matmul(
             self.nodal, c.inverse.transpose(0, 2, 1)
         )  # of reference displacements
@@ -116,22 +124,36 @@ class CarriedLoads:
         carried = (
             np.matmul(carried, c.jacobian.transpose(0, 2, 1)) / c.det[:, None, None]
         )
-        if np.abs(f - carried).max() > CONSTANT * np.abs(f).max():
+        if hidden or np.abs(f - carried).max() > CONSTANT * np.abs(f).max():
             inverse, square, _ = from_reference(c, slice(None))
             rest = np.matmul(f - carried, inverse.transpose(0, 2, 1))
-            size = np.sqrt(c.volume * (rest**2).sum(axis=2).mean(axis=1))
-            self.left += INSIDE[N] * square * size
+            squares = c.volume * (rest**2).sum(axis=2).mean(axis=1)
+            for number, rule in hidden.items():
+                part = shares_of[number].argmin(axis=1)
+                turning = np.einsum("a,aki->ki", self.inner[number, N:], loads)
+                constant = (mean[number] + turning) @ c.jacobian[number].T
+                rest = rule.values - constant[part] / c.det[number]
+                turned = rest @ inverse[number].T
+                found = rule.weights @ (turned**2).sum(axis=1)
+                stretched = (inverse[number] ** 2).sum(axis=0)
+                squares[number] = found + stretched @ rule.unresolved
+            self.left += INSIDE[N] * square * np.sqrt(squares)
+
+    def _ordered(self, number: int, shares: np.ndarray) -> np.ndarray:
+        """Barycentric coordinates in the order of the vertices of a cell here."""
+        nodes = element_nodes(self.cells.mesh)[number, : self.cells.N + 1].tolist()
+        return shares[:, [nodes.index(node) for node in self.cells.nodes[number]]]
 
     def _leave_tractions(self, boundary: Boundary) -> None:
         """What tractions leave."""
         c = self.cells
-        facets, rest = boundary.uneven
-        weights = boundary.rule.weights
+        facets, squares = boundary.uneven
         cell = c.owners[facets, 0]
         inverse, square, det = from_reference(c, cell)
-        turned = np.matmul(rest, inverse.transpose(0, 2, 1))
+        turned = np.matmul(np.matmul(inverse, squares), inverse.transpose(0, 2, 1))
         area = c.measure[facets]
-        size = np.sqrt(area * ((turned**2).sum(axis=2) @ weights))
+        trace = np.einsum("eii->e", turned)
+        size = np.sqrt(area * np.maximum(trace, 0.0))
         scale = square * np.sqrt(area / (FACET[c.N] * det))
         np.add.at(self.left, cell, OUTSIDE[c.N] * scale * size)
 

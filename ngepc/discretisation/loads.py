@@ -11,15 +11,21 @@ have shape (nodes, N): one row for each degree of freedom of a displacement comp
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import combinations_with_replacement
+
 import numpy as np
 from ngsolve import (
     BND,
     CF,
     H1,
     L2,
+    VOL,
     BilinearForm,
+    BitArray,
     CoefficientFunction,
     Compress,
+    ElementId,
     FESpace,
     GridFunction,
     InnerProduct,
@@ -34,6 +40,7 @@ from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from scipy.sparse import csr_matrix
 
 from ngepc.checks.arguments import Coefficient
+from ngepc.discretisation.sampling import Scan
 from ngepc.model.elements import (
     cells_of,
     element_facets,
@@ -132,25 +139,95 @@ def plastic_dual_space(problem: Problem, *, boundary_fixed: bool = True) -> FESp
     return VectorValued(H1(problem.mesh, order=1, **conditions), problem.kinematics.d)
 
 
-def work_of(problem: Problem, v: CoefficientFunction | ProxyFunction) -> list:
-    """The integrals of int_Gn g . v + int f . v; forces at points have none."""
+def work_of(
+    problem: Problem,
+    v: CoefficientFunction | ProxyFunction,
+    scans: Mapping[Place | None, Scan] | None = None,
+) -> list:
+    """The integrals of int_Gn g . v + int f . v; forces at points have none.
+
+    Elements where a scan of ``scanned_loads`` has found something that rules miss are left out.
+    """
     weight = problem.kinematics.weight
-    work = [
-        weight * InnerProduct(g, v) * region_measure(problem, place)
-        for place, g in problem.loads.items()
-        if not isinstance(place, Point)
-    ]
+    scans = {} if scans is None else scans
+    work = []
+    for place, g in problem.loads.items():
+        if not isinstance(place, Point):
+            measure = region_measure(problem, place, scans.get(place))
+            work.append(weight * InnerProduct(g, v) * measure)
     if problem.f is not None:
-        work.append(
-            weight * InnerProduct(problem.f, v) * dx(bonus_intorder=BONUS_ORDER)
-        )
+        measure = dx(bonus_intorder=BONUS_ORDER, **_elsewhere(scans.get(None)))
+        work.append(weight * InnerProduct(problem.f, v) * measure)
     return work
 
 
-def region_measure(problem: Problem, place: str | Edge) -> DifferentialSymbol:
-    """Ds on a boundary or along edges, with points for data that vary."""
+def scanned_loads(problem: Problem) -> dict[Place | None, Scan]:
+    """Scans of the loads with something that rules miss: body force (None) and tractions."""
+    mesh = problem.mesh
+    found = {}
+    if problem.f is not None:
+        found[None] = Scan(mesh, problem.f, VOL)
+    for place, g in problem.loads.items():
+        if isinstance(place, str):
+            mask = np.array(mesh.Boundaries(place).Mask(), dtype=bool)
+            region = cells_of(mesh, mesh.dim - 1)[1]
+            found[place] = Scan(mesh, g, BND, mask[region])
+    return {place: scan for place, scan in found.items() if len(scan.hidden)}
+
+
+def _elsewhere(scan: Scan | None) -> dict:
+    """Arguments of a measure that leaves out what a scan has found."""
+    if scan is None:
+        return {}
+    count = scan.mesh.ne if scan.kind == VOL else scan.mesh.GetNE(BND)
+    ordinary = BitArray(count)
+    ordinary.Set()
+    for number in scan.hidden.tolist():
+        ordinary.Clear(number)
+    return {"definedonelements": ordinary}
+
+
+def hidden_forces(problem: Problem, scan: Scan, scalar: FESpace) -> np.ndarray:
+    """Nodal forces (nodes, N) of a load on the elements where rules miss something."""
+    forces = np.zeros((scalar.ndof, problem.N))
+    for number in scan.hidden.tolist():
+        rule = scan.rule(number)
+        element = ElementId(scan.kind, number)
+        weight = 1.0
+        if problem.kinematics.hoop:
+            weight = scan.at(number, rule.shares, problem.kinematics.weight)
+        shapes = shapes_at(scalar, element, rule.shares)
+        work = rule.weights[:, None] * weight * rule.values
+        forces[list(scalar.GetDofNrs(element))] += shapes.T @ work
+    return forces
+
+
+def shapes_at(scalar: FESpace, element: ElementId, shares: np.ndarray) -> np.ndarray:
+    """Functions of order one or two of a simplex at barycentric points, (points, functions).
+
+    They are combinations of the products of barycentric coordinates: their values at the vertices
+    and edge midpoints say which.
+    """
+    pairs = list(combinations_with_replacement(range(shares.shape[1]), 2))
+    unit = np.eye(shares.shape[1])
+    nodes = np.array([(unit[i] + unit[j]) / 2 for i, j in pairs])
+    finite = scalar.GetFE(element)
+    known = np.array([np.array(finite.CalcShape(*node[:-1])) for node in nodes])
+    first, second = np.transpose(pairs)
+    products = nodes[:, first] * nodes[:, second]
+    factors = np.linalg.solve(products, known)
+    return (shares[:, first] * shares[:, second]) @ factors
+
+
+def region_measure(
+    problem: Problem, place: str | Edge, scan: Scan | None = None
+) -> DifferentialSymbol:
+    """Ds on a boundary or along edges, with points for data that vary.
+
+    Elements where a scan has found something are left out.
+    """
     if isinstance(place, str):
-        return ds(place, bonus_intorder=BONUS_ORDER)
+        return ds(place, bonus_intorder=BONUS_ORDER, **_elsewhere(scan))
     return dx(
         definedon=problem.mesh.BBoundaries(place.name), bonus_intorder=BONUS_ORDER
     )
@@ -164,9 +241,12 @@ def nodal(vector: np.ndarray, problem: Problem) -> np.ndarray:
 def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
     """Nodal forces of all loads, shape (nodes, N)."""
     load = LinearForm(V)
-    for term in work_of(problem, V.TestFunction()):
+    scans = scanned_loads(problem)
+    for term in work_of(problem, V.TestFunction(), scans):
         load += term
     forces = nodal(load.Assemble().vec.FV().NumPy(), problem).copy()
+    for scan in scans.values():
+        forces += hidden_forces(problem, scan, V.components[0])
     for place, g in problem.loads.items():
         if isinstance(place, Point):
             vertices, values = values_at(g, problem.mesh, place)

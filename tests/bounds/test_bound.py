@@ -210,8 +210,6 @@ def square(material=MATERIAL, **data):
     [
         ("order", lambda: Problem(block.mesh(0.5), MATERIAL, order=2)),
         ("axisymmetric", lambda: square(kinematics="axisymmetric")),
-        ("body_force", lambda: square(order=2, body_force=(x, 0.0))),
-        ("traction", lambda: square(order=2, traction={"contact": (0.0, x**2)})),
         ("prescribed", lambda: square(prescribed={"contact": (None, 1e-3 * x**2)})),
         ("friction", lambda: square(contact="contact", gap=0.1, friction=Coulomb(0.3))),
         ("friction", lambda: square(contact="contact", gap=0.1, friction=x**2)),

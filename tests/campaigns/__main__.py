@@ -1,7 +1,8 @@
 """Campaigns that try to contradict the solvers, longer than a test; cells are kept as in studies.
 
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
---rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``.
+--rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``,
+or ``hidden --count 400``.
 """
 
 import argparse
@@ -11,6 +12,7 @@ from pathlib import Path
 from campaigns.crossings import Crossings
 from campaigns.derivatives import Derivatives
 from campaigns.fuzz import Fuzz
+from campaigns.hidden import Hidden
 from campaigns.robustness import Robustness
 from ngsolve import SetNumThreads
 
@@ -47,6 +49,10 @@ def arguments():
     )
     slopes.set_defaults(kind=Derivatives, options=("count",))
     slopes.add_argument("--count", type=int, default=Derivatives.count)
+    narrow = campaigns.add_parser("hidden", help="data that rules miss, bounds judged")
+    narrow.set_defaults(kind=Hidden, options=("count", "seed"))
+    narrow.add_argument("--count", type=int, default=Hidden.count)
+    narrow.add_argument("--seed", type=int, default=Hidden.seed)
     return parser
 
 

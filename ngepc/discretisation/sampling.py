@@ -1,0 +1,280 @@
+"""Data that a rule can miss: seen on a lattice in each simplex, integrated on its bisected parts.
+
+Polynomials on elements are integrated by rules that are exact for them.  Any other coefficient is
+looked at on a lattice of points first.  Where a cubic function does not follow the lattice values
+the element is cut into the parts of the lattice, and these are cut again where the values at their
+corners differ.  What is narrower than the lattice can still be missed.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import combinations_with_replacement, permutations
+from math import factorial
+
+import numpy as np
+from ngsolve import (
+    BND,
+    ET,
+    VOL,
+    CoefficientFunction,
+    ElementId,
+    IntegrationRule,
+    Mesh,
+    specialcf,
+)
+
+from ngepc.checks.arguments import Coefficient, is_number
+
+SIMPLICES = {1: ET.SEGM, 2: ET.TRIG, 3: ET.TET}
+FINEST = {1: 128, 2: 72, 3: 18}
+"""Parts of an edge by dimension: strips and spots of 1/50 of an edge are seen, 1/10 in space."""
+FINEST_FACET = 48
+"""Parts of an edge of a triangle on the boundary of a body in space."""
+COARSEST = {1: 128, 2: 12, 3: 6}
+MOST_POINTS = 8_000_000
+"""Points of a lattice on all elements; where they would be more the lattice is coarser."""
+LEVELS = {1: 12, 2: 4, 3: 1}
+"""How often a part is cut at most."""
+STEEP = {1: 0.01, 2: 0.05, 3: 0.1}
+"""A part is cut where its corners differ by more than this part of what the element varies by."""
+FOLLOWED = 1e-4
+"""Part of the largest value that a cubic function may miss on an element that rules integrate."""
+POLYNOMIALS = re.compile(
+    r"coordinate [xyz]|unary operation ' '|binary operation '[-+*]'|none|ZeroCF|normal vector"
+    r"|scale \S+|innerproduct|-?[0-9.e+-]+|N5ngfem\w*Vectorial|VectorialCoefficientFunction"
+    r"|.*DomainWiseCoefficientFunction|.*GridFunction|.*ParameterCoefficientFunction"
+    r"|.*ComponentCoefficientFunction|.*Reshape|.*UnitVector|ConstantCF"
+)
+
+
+def is_polynomial(value: Coefficient | None) -> bool:
+    """Whether a coefficient is known to be a polynomial on each element.
+
+    Numbers, functions of finite element spaces, sums and products of these and of coordinates are.
+    NGSolve's text of an expression decides: what it does not name is taken for something else.
+    """
+    if value is None or is_number(value) or not isinstance(value, CoefficientFunction):
+        return True
+    words = re.findall(r"coef ([^\n]*?)(?:, real[^\n]*)?(?:\n|$)", str(value))
+    named = [re.split(r", (?:real|fix size|dim)", word)[0].strip() for word in words]
+    return bool(named) and all(POLYNOMIALS.match(word) for word in named)
+
+
+@cache
+def parts_of_simplex(dim: int, count: int) -> np.ndarray:
+    """The parts into which planes cut a simplex, ``count`` to an edge; barycentric corners.
+
+    Kuhn's parts of the cubes of a lattice, shape (count^dim, dim + 1, dim + 1).
+    """
+    grid = np.indices((count,) * dim).reshape(dim, -1).T
+    found = []
+    for order in permutations(range(dim)):
+        steps = np.insert(np.cumsum(np.eye(dim)[list(order)], axis=0), 0, 0.0, axis=0)
+        corners = grid[:, None] + steps
+        inside = (np.diff(corners, axis=2) <= 0).all(axis=(1, 2))
+        found.append(corners[inside])
+    place = np.concatenate(found) / count
+    ends = np.concatenate(
+        [np.ones((*place.shape[:2], 1)), place, np.zeros((*place.shape[:2], 1))], axis=2
+    )
+    return -np.diff(ends, axis=2)
+
+
+@cache
+def degree_two(dim: int) -> np.ndarray:
+    """Barycentric points of a rule with equal weights that is exact for degree two."""
+    share = (1 - (dim + 2) ** -0.5) / (dim + 1)
+    return share + (1 - (dim + 1) * share) * np.eye(dim + 1)
+
+
+def rule_at(shares: np.ndarray) -> IntegrationRule:
+    """NGSolve's rule with these barycentric points (q, dim + 1), all weights zero."""
+    places = [tuple(place) for place in shares[:, :-1].tolist()]
+    return IntegrationRule(places, [0.0] * len(places))
+
+
+def cut(corners: np.ndarray) -> np.ndarray:
+    """The 2^dim parts of each of some simplices, corners (parts, dim + 1, dim + 1)."""
+    dim = corners.shape[2] - 1
+    children = np.einsum("cab,pbd->pcad", parts_of_simplex(dim, 2), corners)
+    return children.reshape(-1, dim + 1, dim + 1)
+
+
+@cache
+def lattice(dim: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Which lattice point is which corner of ``parts_of_simplex``, and the points (q, dim + 1)."""
+    corners = parts_of_simplex(dim, count)
+    keys = (corners.reshape(-1, dim + 1) * count).round().astype(int)
+    points, index = np.unique(keys, axis=0, return_inverse=True)
+    return index.reshape(corners.shape[:2]), points / count
+
+
+@cache
+def lattice_rule(dim: int, count: int) -> IntegrationRule:
+    """The lattice points as a rule of NGSolve."""
+    return rule_at(lattice(dim, count)[1])
+
+
+@cache
+def centre_rule(dim: int, count: int) -> IntegrationRule:
+    """The centres of ``parts_of_simplex`` as a rule of NGSolve."""
+    return rule_at(parts_of_simplex(dim, count).mean(axis=1))
+
+
+@cache
+def cubics(dim: int, count: int) -> np.ndarray:
+    """An orthonormal basis of the cubic functions at lattice points, (q, functions)."""
+    points = lattice(dim, count)[1]
+    powers = [
+        np.prod(points[:, list(chosen)], axis=1)
+        for chosen in combinations_with_replacement(range(dim + 1), 3)
+    ]
+    return np.linalg.qr(np.stack(powers, axis=1))[0]
+
+
+@dataclass(frozen=True, eq=False)
+class HiddenRule:
+    """Points in one element, and what a coefficient is there.
+
+    ``shares`` (q, dim + 1) are barycentric, in NGSolve's order of the vertices; ``weights`` (q,)
+    add up to the size of the element; ``values`` (q, k).  ``corners`` (parts, dim + 2, dim + 1) are
+    those of the parts and their centres, with the values ``at_corners`` (parts, dim + 2, k).
+    ``unresolved`` (k,) is
+    the integral of the squares of the differences on the parts that are still steep.
+    """
+
+    shares: np.ndarray
+    weights: np.ndarray
+    values: np.ndarray
+    corners: np.ndarray
+    at_corners: np.ndarray
+    unresolved: np.ndarray
+
+
+class Scan:
+    """A coefficient on simplices, seen on a lattice.
+
+    ``hidden`` are the numbers of the elements where a rule of moderate order would miss something;
+    ``rule(number)`` integrates there.
+
+    Parameters
+    ----------
+    mesh, value
+        The mesh and what is given on it.
+    kind
+        VOL or BND: elements of the body or of its boundary.
+    chosen
+        Which of them, as booleans; all by default.  Other shapes than simplices are left out.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        value: Coefficient,
+        kind: object,
+        chosen: np.ndarray | None = None,
+    ) -> None:
+        self.mesh = mesh
+        self.value = value
+        self.kind = kind
+        self.dim = mesh.dim if kind == VOL else mesh.dim - 1
+        self.hidden = np.zeros(0, dtype=int)
+        if is_polynomial(value):
+            return
+        numbers = np.arange(mesh.ne if kind == VOL else mesh.GetNE(BND))
+        if chosen is not None:
+            numbers = numbers[chosen]
+        shape = SIMPLICES[self.dim]
+        numbers = [
+            n for n in numbers.tolist() if mesh[ElementId(kind, n)].type == shape
+        ]
+        if numbers:
+            self.hidden = self._hidden(np.array(numbers))
+
+    @cached_property
+    def count(self) -> int:
+        """Parts of an edge in the lattice."""
+        finest = FINEST[self.dim]
+        if self.kind == BND and self.dim == 2:
+            finest = FINEST_FACET
+        elements = self.mesh.ne if self.kind == VOL else self.mesh.GetNE(BND)
+        each = MOST_POINTS * factorial(self.dim) / max(elements, 1)
+        return int(min(finest, max(COARSEST[self.dim], each ** (1 / self.dim))))
+
+    def _hidden(self, numbers: np.ndarray) -> np.ndarray:
+        """The elements whose lattice values no cubic function follows."""
+        basis = cubics(self.dim, self.count)
+        rule = lattice_rule(self.dim, self.count)
+        missed = np.empty(len(numbers))
+        size = 0.0
+        for k, number in enumerate(numbers.tolist()):
+            values = self._at(number, rule)
+            size = max(size, np.abs(values).max())
+            missed[k] = np.abs(values - basis @ (basis.T @ values)).max()
+        return numbers[missed > FOLLOWED * size]
+
+    def at(
+        self, number: int, shares: np.ndarray, value: CoefficientFunction
+    ) -> np.ndarray:
+        """Another coefficient at barycentric points of an element, (points, components)."""
+        return self._at(number, rule_at(shares), value)
+
+    def _at(
+        self, number: int, rule: IntegrationRule, value: CoefficientFunction = None
+    ) -> np.ndarray:
+        """Values at the points of a rule on one element, (points, components)."""
+        trafo = self.mesh.GetTrafo(ElementId(self.kind, number))
+        found = (self.value if value is None else value)(trafo(rule))
+        return np.asarray(found).reshape(len(rule), -1)
+
+    def rule(self, number: int) -> HiddenRule:
+        """Points of degree two on the parts of the lattice, cut where values differ."""
+        dim = self.dim
+        corners = parts_of_simplex(dim, self.count)
+        index = lattice(dim, self.count)[0]
+        values = self._at(number, lattice_rule(dim, self.count))[index]
+        centres = self._at(number, centre_rule(dim, self.count))
+        values = np.concatenate([values, centres[:, None]], axis=1)
+        size = np.full(len(corners), 1 / len(corners))
+        varies = np.ptp(values, axis=(0, 1))
+        kept = []
+        for level in range(LEVELS[dim] + 1):
+            steep = (np.ptp(values, axis=1) > STEEP[dim] * varies).any(axis=1)
+            if level == LEVELS[dim] or not steep.any():
+                break
+            kept.append((corners[~steep], values[~steep], size[~steep]))
+            corners = cut(corners[steep])
+            size = np.repeat(size[steep] / 2**dim, 2**dim)
+            values = self._at_corners(number, corners)
+        kept.append((corners, values, size))
+        differences = np.ptp(values[steep], axis=1)
+        unresolved = size[steep] @ differences**2
+        corners, values, size = (np.concatenate(a) for a in zip(*kept, strict=True))
+        shares = np.matmul(degree_two(dim), corners).reshape(-1, dim + 1)
+        rule = rule_at(shares)
+        measure = self._measure(number, rule)
+        weights = np.repeat(size / (dim + 1), dim + 1) * measure
+        unresolved = unresolved * weights.sum()
+        there = self._at(number, rule)
+        places = np.concatenate([corners, corners.mean(axis=1, keepdims=True)], axis=1)
+        return HiddenRule(shares, weights, there, places, values, unresolved)
+
+    def _at_corners(self, number: int, corners: np.ndarray) -> np.ndarray:
+        """Values at corners and centres of parts of an element, (parts, dim + 2, .)."""
+        most = self.count * 2 ** LEVELS[self.dim]
+        keys = (corners.reshape(-1, self.dim + 1) * most).round().astype(np.int64)
+        codes = keys[:, :-1] @ (most + 1) ** np.arange(self.dim)
+        _, first, index = np.unique(codes, return_index=True, return_inverse=True)
+        rule = rule_at(corners.reshape(-1, self.dim + 1)[first])
+        values = self._at(number, rule)[index].reshape(*corners.shape[:2], -1)
+        centres = self._at(number, rule_at(corners.mean(axis=1)))
+        return np.concatenate([values, centres[:, None]], axis=1)
+
+    def _measure(self, number: int, rule: IntegrationRule) -> np.ndarray:
+        """The size of the element by the Jacobian at the points of a rule, (points,)."""
+        jacobian = specialcf.JacobianMatrix(self.mesh.dim, self.dim)
+        J = self._at(number, rule, jacobian).reshape(-1, self.mesh.dim, self.dim)
+        return np.sqrt(np.linalg.det(J.swapaxes(1, 2) @ J)) / factorial(self.dim)
