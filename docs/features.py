@@ -8,6 +8,7 @@ from pathlib import Path
 from ngepc.bounds import coverage as bounds
 from ngepc.bounds import goals
 from ngepc.dual import blocks
+from ngepc.limit import reading
 from ngepc.local import indicators, solver
 from ngepc.model import checks
 from ngepc.model.features import FEATURES
@@ -23,6 +24,7 @@ METHODS = {
     "gamma": blocks.COVERS,
     "bound": bounds.COVERS,
     "bracket": goals.COVERS,
+    "limit load": reading.COVERS,
     "derivative": gradient.COVERS,
     "estimate": indicators.COVERS,
     "picture": sampling.COVERS,
@@ -43,6 +45,7 @@ problem has.
   `follow_path`, `duality_report`
 - **bound**: `error_bound`, `solve_to`: what "guaranteed" is said for
 - **bracket**: `contact_force_bracket`, `displacement_bracket`, `evolve(error=...)`
+- **limit load**: `limit_load`, with obstacles that touch
 - **derivative**: `gradient`, `tangent`, `calibrate`: what "differentiable" is said for
 - **estimate**: `error_indicators`
 - **picture**: `plot_field`, `plot_plastic_zone`, `write_report`; **VTU**: `export_vtu`

@@ -31,6 +31,10 @@ from ngepc.evolution.material_point import material_point as material_point
 from ngepc.evolution.result import Evolution as Evolution
 from ngepc.evolution.solver import cold_start as cold_start
 from ngepc.evolution.solver import evolve as evolve
+from ngepc.limit.load import LimitLoad as LimitLoad
+from ngepc.limit.load import LimitRecord as LimitRecord
+from ngepc.limit.load import LimitStatus as LimitStatus
+from ngepc.limit.load import limit_load as limit_load
 from ngepc.linalg.linesearch import Armijo as Armijo
 from ngepc.local.indicators import error_indicators as error_indicators
 from ngepc.local.petsc import PETSc as PETSc

@@ -36,6 +36,7 @@ SLOW = (
     "dual/test_threads.py",
     "evolution",
     "geometries/test_geometries.py",
+    "limit",
     "local/test_counts.py",
     "local/test_exactness.py",
     "local/test_multigrid.py",

@@ -13,6 +13,7 @@ from campaigns.crossings import Crossings
 from campaigns.derivatives import Derivatives
 from campaigns.fuzz import Fuzz
 from campaigns.hidden import Hidden
+from campaigns.limits import Limits
 from campaigns.robustness import Robustness
 from ngsolve import SetNumThreads
 
@@ -53,6 +54,10 @@ def arguments():
     narrow.set_defaults(kind=Hidden, options=("count", "seed"))
     narrow.add_argument("--count", type=int, default=Hidden.count)
     narrow.add_argument("--seed", type=int, default=Hidden.seed)
+    limits = campaigns.add_parser("limits", help="limit loads of random bodies")
+    limits.set_defaults(kind=Limits, options=("count", "seed"))
+    limits.add_argument("--count", type=int, default=Limits.count)
+    limits.add_argument("--seed", type=int, default=Limits.seed)
     return parser
 
 

@@ -19,6 +19,7 @@ from ngepc import (
     error_indicators,
     export_vtu,
     gradient,
+    limit_load,
     plot_field,
     primal_newton,
     semismooth_newton,
@@ -26,8 +27,8 @@ from ngepc import (
 from ngepc.bounds import coverage as bounds
 from ngepc.bounds import goals
 from ngepc.dual import blocks
-from ngepc.local import result as results
-from ngepc.local import solver
+from ngepc.limit import reading
+from ngepc.local import indicators, solver
 from ngepc.model.features import FEATURES
 from ngepc.pictures import export, sampling
 from ngepc.pictures.sampling import corners_of
@@ -124,6 +125,15 @@ def by_bracket(feature, _):
     assert found.lower <= value <= found.upper
 
 
+def by_limit_load(feature, _):
+    """The bracket closes, where obstacles touch."""
+    problem = problem_of(feature)
+    if problem.contact_names and not problem.contact_pairs:
+        problem = replace(problem, gap=0.0)
+    found = limit_load(problem, 0.2, max_cells=1000)
+    assert 0 < found.lower <= found.upper < 1.2 * found.lower
+
+
 def by_derivative(feature, _):
     """A derivative by a modulus, beside a central difference of the witness."""
     problem = problem_of(feature)
@@ -174,8 +184,9 @@ METHODS = {
     "gamma": (by_regularisation, blocks.COVERS),
     "bound": (by_bound, bounds.COVERS),
     "bracket": (by_bracket, goals.COVERS),
+    "limit load": (by_limit_load, reading.COVERS),
     "derivative": (by_derivative, derivatives.COVERS),
-    "estimate": (by_estimate, results.COVERS),
+    "estimate": (by_estimate, indicators.COVERS),
     "picture": (by_picture, sampling.COVERS),
     "VTU": (by_export, export.COVERS),
 }

@@ -1,0 +1,1 @@
+"""Limit loads and shakedown with guarantees from both sides: admissible stresses and mechanisms."""

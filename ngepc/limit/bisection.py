@@ -1,0 +1,139 @@
+"""Triangles cut in two along their longest edges, and fans at points where stresses jump.
+
+Around a point where a load or a support ends the stress turns with the angle, at every distance.
+Cutting triangles along their longest edges never adds rays there: triangles at such a point are cut
+along the edge that lies opposite to it, until their angle is small enough.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ngepc.bounds.simplices import FACETS, Simplices
+from ngepc.limit.data import GROWS, LimitData
+
+STRAIGHT = math.pi + 1e-6
+"""Angle of the body at a boundary point beyond which the point is a corner that enters it."""
+
+RESOLVED = math.radians(22.5)
+"""Angle of a ray that goes with the relative width ``AT_WIDTH`` of the bracket."""
+
+AT_WIDTH = 0.08
+"""Errors of fans go with the square of the angle: 0.025 at 22.5 degrees for Prandtl's strip."""
+
+
+WIDEST = math.radians(60)
+"""Largest angle at a singular point on all meshes but the first."""
+
+WIDE = 0.5
+"""Relative width of a bracket beyond which its mechanism does not yet say where it matters."""
+
+
+def fan_angle(width: float) -> float:
+    """Largest angle of a fan's triangles for a mesh that follows one of this relative width."""
+    return min(WIDEST, RESOLVED * math.sqrt(width / AT_WIDTH))
+
+
+def singular_points(data: LimitData) -> np.ndarray:
+    """Boundary vertices, as booleans, where loads or supports change, or corners enter the body."""
+    cells = data.cells
+    count = len(cells.points)
+    x = cells.points[cells.nodes]
+    sides = np.roll(x, -1, axis=1) - x
+    angle = np.stack([_angle(sides[:, k], -sides[:, k - 1]) for k in range(3)], axis=1)
+    total = np.bincount(cells.nodes.ravel(), angle.ravel(), minlength=count)
+    outer = np.flatnonzero(cells.outer)
+    ends = cells.facets[outer]
+    on_boundary = np.zeros(count, dtype=bool)
+    on_boundary[ends] = True
+    result = on_boundary & (total > STRAIGHT)
+    features = np.concatenate(
+        [
+            data.held[outer, None, None] * np.ones((1, 2, 1)),
+            data.contact[outer, None, None] * np.ones((1, 2, 1)),
+            data.friction[outer, :, None],
+            data.traction[GROWS][outer],
+            data.motion[outer],
+        ],
+        axis=2,
+    )
+    order = np.argsort(ends.ravel(), kind="stable")
+    vertex = ends.ravel()[order]
+    values = features.reshape(len(order), -1)[order]
+    same = vertex[1:] == vertex[:-1]
+    scale = np.abs(values).max(axis=0) + 1e-300
+    jumps = (np.abs(values[1:] - values[:-1]) > 1e-9 * scale).any(axis=1) & same
+    result[vertex[1:][jumps]] = True
+    return result
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Angles between vectors in the plane."""
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return np.abs(np.arctan2(cross, (a * b).sum(axis=1)))
+
+
+def fan_cells(data: LimitData, dissipated: np.ndarray, width: float) -> np.ndarray:
+    """For each cell its vertex at which a fan needs it cut, or -1.
+
+    Those that dissipate, with a large angle at a singular point; all with such an angle while the
+    relative ``width`` of the bracket is large.
+    """
+    most = fan_angle(width)
+    cells = data.cells
+    singular = singular_points(data)[cells.nodes]
+    x = cells.points[cells.nodes]
+    sides = np.roll(x, -1, axis=1) - x
+    angle = np.stack([_angle(sides[:, k], -sides[:, k - 1]) for k in range(3)], axis=1)
+    density = dissipated / cells.volume
+    busy = density > 0.1 * dissipated.sum() / cells.volume.sum()
+    busy |= width > WIDE
+    wide = np.where(singular & (angle > most) & busy[:, None], angle, 0.0)
+    return np.where(wide.any(axis=1), wide.argmax(axis=1), -1)
+
+
+def bisected_cells(
+    cells: Simplices, chosen: np.ndarray, fans: np.ndarray
+) -> tuple[Simplices, np.ndarray]:
+    """Cells with the chosen ones cut, fans widened, and neighbours to conform; and parents.
+
+    Chosen cells have all edges cut.  ``fans`` has for each cell the vertex opposite to which it is
+    cut first, -1 for the longest edge.
+    """
+    lengths = cells.measure[cells.facet_of]
+    first = np.where(fans >= 0, fans, lengths.argmax(axis=1))
+    own = np.arange(len(first))
+    edge = cells.facet_of[own, first]
+    cut = np.zeros(len(cells.facets), dtype=bool)
+    cut[cells.facet_of[chosen & (fans < 0)]] = True
+    cut[edge[fans >= 0]] = True
+    while True:
+        needed = cut[cells.facet_of].any(axis=1) & ~cut[edge]
+        if not needed.any():
+            break
+        cut[edge[needed]] = True
+    middle = np.full(len(cut), -1)
+    middle[cut] = len(cells.points) + np.arange(cut.sum())
+    points = np.vstack([cells.points, cells.points[cells.facets[cut]].mean(axis=1)])
+    whole = ~cut[edge]
+    nodes = [cells.nodes[whole]]
+    parents = [own[whole]]
+    top, left, right = (
+        np.take_along_axis(cells.nodes, ((first + k) % 3)[:, None], axis=1)[~whole, 0]
+        for k in range(3)
+    )
+    m = middle[edge[~whole]]
+    for a, b, apart in ((top, left, 2), (right, top, 1)):
+        side = np.take_along_axis(cells.facet_of, ((first + apart) % 3)[:, None], 1)
+        q = middle[side[~whole, 0]]
+        halved = q >= 0
+        nodes.append(np.column_stack([a, b, m])[~halved])
+        nodes.append(np.column_stack([a, q, m])[halved])
+        nodes.append(np.column_stack([q, b, m])[halved])
+        parents += [own[~whole][~halved], own[~whole][halved], own[~whole][halved]]
+    return Simplices(points, np.concatenate(nodes)), np.concatenate(parents)
+
+
+assert FACETS[2] == ((1, 2), (2, 0), (0, 1))

@@ -1,0 +1,316 @@
+"""Limit loads: a bracket that is guaranteed from both sides, on meshes that follow its gap."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+from ngsolve import CoefficientFunction, GridFunction, Mesh
+
+from ngepc.bounds.simplices import marked
+from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.kinds import require_function, require_instance
+from ngepc.limit.bisection import bisected_cells, fan_cells
+from ngepc.limit.bracket import MeshBracket, bracket_on, carried_centre
+from ngepc.limit.fields import (
+    cell_order,
+    mesh_of,
+    on_elements,
+    stress_function,
+    velocity_function,
+)
+from ngepc.limit.reading import check_limit_problem, growing_names, limit_data
+from ngepc.limit.yielding import SHAPES, YieldShape
+from ngepc.model.elements import vertex_coordinates
+from ngepc.model.problem import Problem
+
+log = logging.getLogger(__name__)
+
+MARKING = 0.5
+"""Share of the gap in the cells that are cut."""
+
+MAX_CELLS = 10_000
+"""No mesh has more cells unless the user says so."""
+
+HARDENS = "Hardening does not count: the strength is the yield stress of the material."
+
+
+class LimitStatus(Enum):
+    """How the search for a limit load ended; the value is the sentence for the user."""
+
+    REACHED = "The bounds are as close as was asked."
+    MESH_LIMIT = (
+        "The bounds hold; a finer mesh, which is not allowed, would bring them closer."
+    )
+    STOPPED = "The monitor stopped the run; the bounds of the last mesh hold."
+    TOO_WEAK = (
+        "No stress within the yield bound was found that carries the loads that stay."
+    )
+    UNLIMITED = "Stresses within the yield bound carry any load factor."
+
+    def __str__(self) -> str:
+        return self.label
+
+    @property
+    def label(self) -> str:
+        """Short name for tables and files: 'reached', 'mesh_limit', ..."""
+        return self.name.lower()
+
+    @property
+    def is_success(self) -> bool:
+        """Whether what was asked for was reached."""
+        return self is LimitStatus.REACHED
+
+
+@dataclass(frozen=True)
+class LimitRecord:
+    """What is known once a mesh is done.
+
+    Parameters
+    ----------
+    cells
+        Elements of the mesh.
+    unknowns
+        Of the programs for the lower and the upper bound.
+    lower, upper
+        The best bounds up to this mesh.
+    steps
+        Steps of the interior point method for the lower and the upper bound.
+    words
+        How the solver ended, for both.
+    """
+
+    cells: int
+    unknowns: tuple[int, int]
+    lower: float
+    upper: float
+    steps: tuple[int, int]
+    words: tuple[str, str]
+
+    @property
+    def relative_width(self) -> float:
+        """(upper - lower) / lower."""
+        return width_of(self.lower, self.upper)
+
+
+def width_of(lower: float, upper: float) -> float:
+    """(upper - lower) / |lower|, infinite where a bound is infinite or the lower one is zero."""
+    if not math.isfinite(upper - lower) or lower == 0:
+        return math.inf
+    return (upper - lower) / abs(lower)
+
+
+@dataclass(frozen=True, eq=False)
+class LimitLoad:
+    """What ``limit_load`` returns.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    growing
+        The loads that grow, by name.
+    lower, upper
+        The body carries the load factor ``lower`` and none above ``upper``; the factor multiplies
+        the loads that grow.  Where supports move it is the power of their reactions: for a punch
+        with the displacement (0, -1) its force.
+    status
+        How the search ended.
+    records
+        One for each mesh.
+    last
+        Stress and mechanism of the last mesh, as arrays, in units of the extent of the body and of
+        the largest yield bound.
+    """
+
+    problem: Problem
+    growing: tuple[str, ...]
+    lower: float
+    upper: float
+    status: LimitStatus
+    records: list[LimitRecord]
+    last: MeshBracket
+
+    @property
+    def relative_width(self) -> float:
+        """(upper - lower) / lower."""
+        return width_of(self.lower, self.upper)
+
+    @property
+    def message(self) -> str:
+        """How it ended, and what does not count."""
+        return f"{self.status.value} {HARDENS}"
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The last mesh, on which the fields live."""
+        length = np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max()
+        return mesh_of(self.last.data, self.problem.mesh, float(length))
+
+    @cached_property
+    def mechanism(self) -> GridFunction | None:
+        """A velocity that the loads can drive, a function on ``mesh``; its largest speed is one."""
+        if self.last.mechanism is None:
+            return None
+        return velocity_function(self.mesh, self.last.data.cells, self.last.mechanism)
+
+    @cached_property
+    def stress(self) -> CoefficientFunction | None:
+        """An admissible stress, an N x N tensor on ``mesh`` (stress).
+
+        In plane strain sigma_zz is the mean of the other two normal stresses.
+        """
+        if self.last.stress is None:
+            return None
+        shape = SHAPES[self.problem.kinematics.name]
+        unit = strongest(self.problem)
+        return stress_function(self.mesh, self.last.data, shape, self.last.stress, unit)
+
+    @cached_property
+    def indicators(self) -> GridFunction:
+        """Dissipation minus power of the stress over that of the loads, one for each element.
+
+        None is negative; with what happens on obstacles they add up to the width.
+        """
+        gaps = self.last.gaps[cell_order(self.last.data)]
+        return on_elements(self.mesh, gaps / abs(self.last.lower))
+
+    @cached_property
+    def dissipation(self) -> GridFunction:
+        """Part of the dissipation of the mechanism in each element, over its part of the volume."""
+        order = cell_order(self.last.data)
+        dissipated = self.last.mechanism.dissipated[order]
+        volume = self.last.data.cells.volume[order]
+        density = dissipated / volume * volume.sum() / dissipated.sum()
+        return on_elements(self.mesh, density)
+
+    def __repr__(self) -> str:
+        bracket = f"[{self.lower:.6g}, {self.upper:.6g}]"
+        meshes = f"{len(self.records)} meshes, {self.records[-1].cells} elements"
+        return f"<LimitLoad: {bracket}, {self.status.label}, {meshes}>"
+
+
+def strongest(problem: Problem) -> float:
+    """The largest yield bound of a body, the unit of stress of ``LimitLoad.last``."""
+    return float(limit_data(problem, growing_names(problem, None)).bound.max())
+
+
+def limit_load(
+    problem: Problem,
+    relative_width: float = 0.01,
+    growing: Sequence[str] | None = None,
+    *,
+    max_cells: int = MAX_CELLS,
+    monitor: Callable[[LimitRecord], None] | None = None,
+) -> LimitLoad:
+    """The load factor at which a perfectly plastic body collapses, between guaranteed bounds.
+
+    The body carries the loads that stay and a factor times those that grow if and only if some
+    stress in equilibrium with them nowhere exceeds the yield bound (lower bound theorem); it
+    collapses if a velocity needs less dissipation than the loads have power (upper bound theorem).
+
+    Parameters
+    ----------
+    problem
+        Loads, supports, strength, obstacles that touch; its mesh is where refinement starts.
+        Hardening, elasticity and ``order`` do not count.
+    relative_width
+        (upper - lower) / lower that is wanted, > 0.
+    growing
+        Names of the loads that grow: boundaries with a traction or pressure, 'body_force', or
+        boundaries whose prescribed displacement is other than zero; the others stay as they are.
+        None for all tractions, pressures and body forces, without any all supports that move.
+    max_cells
+        No mesh gets more elements.
+    monitor
+        Called with the record of each mesh; raising StopIteration ends the run.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For arguments that are not legal, and problems that are not covered.
+    ImportError
+        If Clarabel, the solver of conic programs, is not installed.
+    """
+    require_instance("problem", problem, Problem, "a Problem")
+    require_number("relative_width", relative_width, 0, strict=True)
+    require_integer("max_cells", max_cells, 1)
+    require_function("monitor", monitor, "a record", optional=True)
+    check_limit_problem(problem, "a limit load")
+    names = growing_names(problem, growing)
+    search = Search(problem, names)
+    status = search.run(relative_width, max_cells, monitor)
+    bounds = (search.lower * search.unit, search.upper * search.unit)
+    return LimitLoad(problem, names, *bounds, status, search.records, search.last)
+
+
+class Search:
+    """The loop over meshes, without units but for the records."""
+
+    last: MeshBracket
+
+    def __init__(self, problem: Problem, growing: tuple[str, ...]) -> None:
+        self.shape: YieldShape = SHAPES[problem.kinematics.name]
+        self.data, self.unit = limit_data(problem, growing).without_units()
+        self.lower = -math.inf
+        self.upper = math.inf
+        self.records: list[LimitRecord] = []
+        self.centre: np.ndarray | None = None
+
+    def run(
+        self,
+        asked: float,
+        max_cells: int,
+        monitor: Callable[[LimitRecord], None] | None,
+    ) -> LimitStatus:
+        """Solve, and cut cells, until the bracket is as narrow as asked."""
+        while True:
+            self.last, self.centre = bracket_on(self.data, self.shape, self.centre)
+            record = self.record()
+            try:
+                if monitor is not None:
+                    monitor(record)
+            except StopIteration:
+                return LimitStatus.STOPPED
+            if self.last.unlimited:
+                self.lower = self.upper = math.inf
+                return LimitStatus.UNLIMITED
+            if width_of(self.lower, self.upper) <= asked:
+                return LimitStatus.REACHED
+            if not self.refine(max_cells):
+                weak = self.centre is None
+                return LimitStatus.TOO_WEAK if weak else LimitStatus.MESH_LIMIT
+
+    def record(self) -> LimitRecord:
+        """What the last mesh adds."""
+        last = self.last
+        self.lower = max(self.lower, last.lower)
+        self.upper = min(self.upper, last.upper)
+        bounds = (self.lower * self.unit, self.upper * self.unit)
+        count = len(last.data.cells.nodes)
+        record = LimitRecord(count, last.unknowns, *bounds, last.steps, last.words)
+        self.records.append(record)
+        log.info("%s", record)
+        return record
+
+    def refine(self, max_cells: int) -> bool:
+        """Cut cells where the gap is and fans where they are missing, if that is allowed."""
+        last = self.last
+        cells = last.data.cells
+        width = width_of(self.lower, self.upper)
+        dissipated = last.gaps if last.mechanism is None else last.mechanism.dissipated
+        fans = fan_cells(last.data, dissipated, width)
+        chosen = marked(last.gaps, MARKING)
+        finer, parents = bisected_cells(cells, chosen, fans)
+        if len(finer.nodes) > max_cells:
+            return False
+        data = last.data.on(finer, parents)
+        if self.centre is not None:
+            self.centre = carried_centre(last.data, data, parents, self.centre)
+        self.data = data
+        return True

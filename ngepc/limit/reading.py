@@ -1,0 +1,224 @@
+"""From a problem to the data of its limit load, and what limit loads do not cover."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from ngsolve import CF, VOL, CoefficientFunction, IntegrationRule
+
+from ngepc.bounds.boundary import OuterFacets
+from ngepc.bounds.coverage import varies_inside
+from ngepc.bounds.simplices import Simplices
+from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient
+from ngepc.limit.data import GROWS, STAYS, LimitData
+from ngepc.model.elements import cells_of
+from ngepc.model.features import require_covered
+from ngepc.model.places import Roller
+from ngepc.model.problem import Problem, as_scalar
+
+BODY_FORCE = "body_force"
+"""What ``growing`` calls the body force."""
+
+COVERS = frozenset(
+    {
+        "plane strain",
+        "two-dimensional",
+        "order 2",
+        "kinematic hardening",
+        "isotropic hardening",
+        "hardening law",
+        "obstacle",
+        "held by contact",
+        "friction",
+        "contact at a clamp",
+        "rollers",
+    }
+)
+"""Features of a problem that limit loads cover; hardening may be there and does not count."""
+
+CLOSED = 1e-12
+"""Part of the extent of the body by which a gap may differ from zero."""
+
+
+def check_limit_problem(problem: Problem, what: str) -> None:
+    """Refuse by name (ValueError) what limit loads do not cover."""
+    require_covered(problem, what, COVERS)
+    if problem.initial_displacement is not None:
+        raise ValueError(
+            f"initial_displacement: {what} does not depend on where a body is; leave it out"
+        )
+    constant = {"yield_stress": problem.material.yield_stress, BODY_FORCE: problem.f}
+    for name, value in constant.items():
+        if isinstance(value, CoefficientFunction) and varies_inside(problem, value):
+            raise ValueError(
+                f"{name} varies inside elements: {what} needs one value on each element"
+            )
+
+
+def growing_names(problem: Problem, growing: Sequence[str] | None) -> tuple[str, ...]:
+    """The loads that grow, by name: all tractions, pressures and body forces for None.
+
+    Without any, the supports that move.
+    """
+    loads = list(problem.tractions)
+    if problem.body_force is not None:
+        loads.append(BODY_FORCE)
+    supports = problem.single("prescribed").items()
+    moving = [name for name, given in supports if _moves(given)]
+    if growing is None:
+        growing = loads or moving
+        if not growing:
+            raise ValueError(
+                "the problem has no load: a limit load needs tractions, pressures, a body force,"
+                " or a support with a displacement other than zero"
+            )
+    if isinstance(growing, str) or not isinstance(growing, Sequence):
+        raise TypeError(f"growing={growing!r}: a sequence of names of loads is needed")
+    asked = f"growing={list(growing)!r}: "
+    for name in growing:
+        if name not in (*loads, *moving):
+            legal = ", ".join(map(repr, (*loads, *moving)))
+            raise ValueError(
+                f"{asked}there is no load {name!r}; this problem has {legal}"
+            )
+    if not growing:
+        raise ValueError(f"{asked}at least one name is needed")
+    if {*growing} & {*loads} and {*growing} - {*loads}:
+        raise ValueError(
+            f"{asked}either forces or supports that move are needed, not both"
+        )
+    return tuple(growing)
+
+
+def _moves(given: Sequence[Coefficient | None] | Roller) -> bool:
+    """Whether a prescribed displacement is other than zero."""
+    values = [given.value] if isinstance(given, Roller) else given
+    numbers = [0.0 if value is None else value for value in values]
+    return any(isinstance(v, CoefficientFunction) or v != 0 for v in numbers)
+
+
+def limit_data(problem: Problem, growing: tuple[str, ...]) -> LimitData:
+    """The data on the mesh of a problem, with the loads that grow by name."""
+    cells = Simplices.of(problem.mesh)
+    facets = OuterFacets(problem.mesh, cells)
+    moves = not {*growing} & {*problem.tractions, BODY_FORCE}
+    force = np.zeros((2, len(cells.nodes), cells.N))
+    if problem.f is not None:
+        kind = GROWS if BODY_FORCE in growing else STAYS
+        force[kind] = _on_cells(problem, problem.f)
+    supports = _supports(problem, facets, growing if moves else ())
+    obstacles = _obstacles(problem, facets, supports)
+    side = np.full(len(cells.facets), -1)
+    side[facets.facet] = cells_of(problem.mesh, cells.N - 1)[1]
+    return LimitData(
+        cells=cells,
+        region=cells_of(problem.mesh, cells.N)[1],
+        side=np.where(cells.outer, side, -1),
+        bound=_on_cells(problem, as_scalar(problem.material.yield_stress))[:, 0],
+        force=force,
+        traction=_tractions(problem, facets, growing),
+        **supports,
+        **obstacles,
+        moves=moves,
+    )
+
+
+def _on_cells(problem: Problem, value: CoefficientFunction) -> np.ndarray:
+    """Values of what is constant on cells, (nc, components)."""
+    rules = {shape: IntegrationRule(shape, 1) for shape in ELEMENT_TYPES[problem.N]}
+    points = problem.mesh.MapToAllElements(rules, VOL)
+    return np.asarray(value(points), dtype=float).reshape(problem.mesh.ne, -1)
+
+
+def _tractions(
+    problem: Problem, facets: OuterFacets, growing: tuple[str, ...]
+) -> np.ndarray:
+    """Tractions at the vertices of facets, (2, nf, N, N)."""
+    N = problem.N
+    result = np.zeros((2, len(facets.cells.facets), N, N))
+    for name, g in problem.tractions.items():
+        argument = f"traction[{name!r}]"
+        on = facets.on((name,), argument)
+        whole = problem.mesh.BoundaryCF({name: g}, default=CF((0.0,) * N))
+        values = facets.affine(argument, whole, on)
+        kind = GROWS if name in growing else STAYS
+        result[kind, facets.facet[on]] = facets.at_vertices(values, on)
+    return result
+
+
+def _supports(
+    problem: Problem, facets: OuterFacets, moving: tuple[str, ...]
+) -> dict[str, np.ndarray]:
+    """Frames of facets, how many of their rows supports hold, and the velocities of these."""
+    cells = facets.cells
+    N = cells.N
+    count = len(cells.facets)
+    frame = np.tile(np.eye(N), (count, 1, 1))
+    held = np.zeros(count, dtype=int)
+    motion = np.zeros((count, N, N))
+    each: Mapping = dict.fromkeys(problem.clamped_names, (0.0,) * N)
+    for name, given in (each | problem.single("prescribed")).items():
+        on = facets.on((name,), f"support {name!r}")
+        numbers = facets.facet[on]
+        directions, values = _directions(given, cells.normal[numbers])
+        held[numbers] = directions.shape[1]
+        frame[numbers] = completed_frame(directions)
+        for i, value in enumerate(values if name in moving else ()):
+            speeds = facets.affine(f"prescribed[{name!r}]", value, on)
+            speeds = facets.at_vertices(speeds, on)
+            motion[numbers] += speeds * directions[:, i, None]
+    return {"frame": frame, "held": held, "motion": motion}
+
+
+def _directions(
+    given: Sequence[Coefficient | None] | Roller, normals: np.ndarray
+) -> tuple[np.ndarray, list[Coefficient]]:
+    """Orthonormal directions (k, held, N) along which facets are held, and displacements."""
+    N = normals.shape[1]
+    if isinstance(given, Roller):
+        along = normals if given.direction is None else np.array(given.direction)
+        return np.broadcast_to(along, normals.shape)[:, None], [given.value]
+    axes = [i for i, value in enumerate(given) if value is not None]
+    directions = np.tile(np.eye(N)[axes], (len(normals), 1, 1))
+    return directions, [given[i] for i in axes]
+
+
+def completed_frame(directions: np.ndarray) -> np.ndarray:
+    """Orthonormal rows (k, N, N) that begin with the given ones, (k, m, N)."""
+    count, given, N = directions.shape
+    frame = np.tile(np.eye(N), (count, 1, 1))
+    if given:
+        _, _, rows = np.linalg.svd(directions, full_matrices=True)
+        frame[:, :given] = directions
+        frame[:, given:] = rows[:, given:]
+    return frame
+
+
+def _obstacles(
+    problem: Problem, facets: OuterFacets, supports: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Which facets an obstacle touches, and the bound of friction at their vertices.
+
+    Their frames begin with the normal.
+    """
+    cells = facets.cells
+    contact = np.zeros(len(cells.facets), dtype=bool)
+    friction = np.zeros((len(cells.facets), cells.N))
+    on = facets.on(problem.contact_names, f"contact={problem.contact!r}")
+    numbers = facets.facet[on]
+    contact[numbers] = True
+    if supports["held"][numbers].any():
+        raise ValueError(
+            f"contact={problem.contact!r}: a limit load needs no support on the same boundary"
+        )
+    supports["frame"][numbers] = completed_frame(cells.normal[numbers][:, None])
+    gap = facets.values(problem.psi, on)
+    if np.abs(gap).max(initial=0.0) > CLOSED * np.ptp(cells.points, axis=0).max():
+        raise ValueError(
+            f"gap={problem.gap!r}: a limit load needs obstacles that touch, with a gap of zero"
+        )
+    if problem.friction is not None:
+        values = facets.affine("friction", problem.friction, on)
+        friction[numbers] = facets.at_vertices(values, on)[:, :, 0]
+    return {"contact": contact, "friction": friction}

@@ -1,0 +1,299 @@
+"""The lower bound: stresses in equilibrium that nowhere exceed the yield condition.
+
+They are affine on each cell.  Equilibrium and continuity of tractions are linear equations; the
+yield condition is convex, so that it holds on a cell if it holds at its vertices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix, hstack, vstack
+
+from ngepc.bounds.simplices import FACETS
+from ngepc.limit.data import LimitData
+from ngepc.limit.repair import Projection
+from ngepc.limit.yielding import SLIP as SLIP
+from ngepc.limit.yielding import YieldShape
+from ngepc.linalg.conic import ConeProgram, ConeSolution, cone_solution
+
+TOUCHES = 1e-7
+"""Contact pressure, relative to the largest yield bound, below which it is set to zero."""
+
+ENCLOSED = 4.0
+"""How often what rounding leaves is subtracted from the strength."""
+
+
+@dataclass(frozen=True, eq=False)
+class AdmissibleStress:
+    """A stress in equilibrium with the loads that stay and ``factor`` times those that grow.
+
+    Parameters
+    ----------
+    coordinates
+        Of the stress in the basis of the yield condition, at the vertices of the cells,
+        (nc, N + 1, s).
+    factor
+        The load factor; where supports move, the power of their reactions.
+    """
+
+    coordinates: np.ndarray
+    factor: float
+
+
+class Statics:
+    """Equilibrium, obstacles and strength for x = (stress coordinates, load factor).
+
+    Parameters
+    ----------
+    data
+        Loads, supports, strength.
+    shape
+        The yield condition.
+    """
+
+    def __init__(self, data: LimitData, shape: YieldShape) -> None:
+        self.data = data
+        self.shape = shape
+        cells = data.cells
+        self.count = len(cells.nodes) * (cells.N + 1) * shape.size
+        self.traction = traction_rows(data, shape)
+        self._given = self._given_tractions()
+        normals, dragged = self._obstacle_rows()
+        known, known_load, known_value = self._boundary_rows(normals | dragged)
+        inner, inner_load, inner_value = self._equilibrium_rows()
+        grown = np.concatenate([inner_load, known_load])
+        self.equations = self._with_factor(vstack([inner, known]), -grown)
+        self.values = np.concatenate([inner_value, known_value])
+        growing, staying = self._given
+        self.pressed = self._with_factor(-self.traction[normals], growing[normals])
+        self.least = -staying[normals]
+        self._drag_rows(dragged)
+
+    def _with_factor(self, rows: csr_matrix, column: np.ndarray) -> csr_matrix:
+        """Rows for the stress with the column of the load factor."""
+        return csr_matrix(hstack([rows, column[:, None]]))
+
+    def _given_tractions(self) -> np.ndarray:
+        """Tractions that grow and stay in the frames of facets, (2, nf N N)."""
+        data = self.data
+        inside = np.where(data.cells.outer, 1.0, 0.0)[:, None, None]
+        given = np.einsum("frp,kfjp->kfjr", data.frame, data.traction) * inside
+        return given.reshape(2, -1)
+
+    def _obstacle_rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Which tractions push an obstacle, and which rub along it, (nf N N)."""
+        data = self.data
+        N = data.cells.N
+        normals = np.zeros((len(data.contact), N, N), dtype=bool)
+        normals[data.contact, :, 0] = True
+        dragged = np.zeros_like(normals)
+        dragged[:, :, 1:] = (data.contact[:, None] & (data.friction > 0))[:, :, None]
+        return normals.ravel(), dragged.ravel()
+
+    def _boundary_rows(
+        self, excepted: np.ndarray
+    ) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
+        """Continuity of tractions, and those that are given."""
+        data = self.data
+        N = data.cells.N
+        known = np.arange(N) >= data.held[:, None]
+        known = np.repeat(known[:, None], N, axis=1).ravel() & ~excepted
+        growing, staying = self._given
+        return self.traction[known], growing[known], staying[known]
+
+    def _equilibrium_rows(self) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
+        """Minus the divergence of the stress times the size of the cell, and body forces."""
+        cells = self.data.cells
+        N = cells.N
+        size = cells.volume ** (1 / N)
+        slopes = np.einsum("t,crq,tiq->tric", -size, self.shape.basis, cells.gradients)
+        columns = np.arange(self.count).reshape(len(size), 1, N + 1, -1)
+        rows = np.arange(N * len(size)).reshape(-1, N, 1, 1)
+        matrix = sparse_rows(slopes, rows, columns, (N * len(size), self.count))
+        growing, staying = (
+            (size[:, None] * force).ravel() for force in self.data.force
+        )
+        return matrix, growing, staying
+
+    def _drag_rows(self, dragged: np.ndarray) -> None:
+        """Friction: |T| is at most F at the vertices."""
+        data = self.data
+        N = data.cells.N
+        rubbing = dragged.reshape(-1, N, N)[:, :, 1]
+        bound = data.friction[rubbing]
+        growing, staying = (given[dragged] for given in self._given)
+        rows = self._with_factor(self.traction[dragged], -growing).tocoo()
+        place = N * (rows.row // (N - 1)) + 1 + rows.row % (N - 1)
+        shape = (N * len(bound), self.count + 1)
+        self.drag = csr_matrix((rows.data, (place, rows.col)), shape=shape)
+        self.drag_offset = np.zeros((len(bound), N))
+        self.drag_offset[:, 0] = bound
+        self.drag_offset[:, 1:] = -staying.reshape(-1, N - 1)
+
+    def yield_rows(self) -> csr_matrix:
+        """Zero and the capped coordinates of the stress at each vertex of each cell."""
+        shape = self.shape
+        vertices = self.count // shape.size
+        place = np.arange(vertices)[:, None]
+        capped = np.arange(shape.free, shape.size)
+        rows = (shape.capped + 1) * place + 1 + np.arange(shape.capped)
+        columns = shape.size * place + capped
+        size = ((shape.capped + 1) * vertices, self.count + 1)
+        ones = np.ones(rows.size)
+        return csr_matrix((ones, (rows.ravel(), columns.ravel())), shape=size)
+
+    def strengths(self) -> np.ndarray:
+        """The yield bound at each vertex of each cell."""
+        return np.repeat(self.data.bound, self.data.cells.N + 1)
+
+    def gain(self) -> np.ndarray:
+        """What is to be as large as possible, as a vector on x.
+
+        The load factor, or the power of the tractions at supports that move.
+        """
+        result = np.zeros(self.count + 1)
+        if not self.data.moves:
+            result[-1] = 1.0
+            return result
+        data = self.data
+        N = data.cells.N
+        mass = (np.ones((N, N)) + np.eye(N)) / (N * (N + 1))
+        moments = np.einsum(
+            "f,ij,fjp,frp->fir", data.cells.measure, mass, data.motion, data.frame
+        )
+        result[:-1] = self.traction.T @ moments.ravel()
+        return result
+
+    def capped(self, x: np.ndarray) -> np.ndarray:
+        """|dev sigma| at each vertex of each cell."""
+        coordinates = x[:-1].reshape(-1, self.shape.size)
+        return np.linalg.norm(coordinates[:, self.shape.free :], axis=1)
+
+    def dragging(self, x: np.ndarray) -> np.ndarray:
+        """The size of the friction where it has a bound."""
+        values = (self.drag @ x).reshape(self.drag_offset.shape) + self.drag_offset
+        return np.linalg.norm(values[:, 1:], axis=1)
+
+    def program(self, gain: np.ndarray) -> ConeProgram:
+        """The conic program of the largest gain."""
+        strengths = self.strengths()
+        offset = np.zeros((len(strengths), self.shape.capped + 1))
+        offset[:, 0] = strengths
+        cones = [(self.yield_rows(), offset.ravel(), offset.shape[1])]
+        if len(self.drag_offset):
+            cones.append(
+                (self.drag, self.drag_offset.ravel(), self.drag_offset.shape[1])
+            )
+        equations = self.equations
+        values = self.values
+        if self.data.moves:  # nothing grows: the factor is no unknown
+            last = np.zeros((1, self.count + 1))
+            last[0, -1] = 1.0
+            equations = vstack([equations, csr_matrix(last)], format="csr")
+            values = np.append(values, 0.0)
+        return ConeProgram(-gain, equations, values, self.pressed, self.least, cones)
+
+    def least_stressed(self) -> ConeProgram:
+        """The conic program of the smallest part of the strength that some load needs.
+
+        Its last unknown is that part.
+        """
+        whole = self.program(self.gain())
+        cones = []
+        for rows, offset, size in whole.cones:
+            bounds = np.where(np.arange(len(offset)) % size == 0, offset, 0.0)
+            wider = csr_matrix(hstack([rows, bounds[:, None]]))
+            cones.append((wider, offset - bounds, size))
+
+        def widened(rows: csr_matrix) -> csr_matrix:
+            """Rows with nothing for the last unknown."""
+            return csr_matrix(hstack([rows, csr_matrix((rows.shape[0], 1))]))
+
+        cost = np.append(np.zeros(self.count + 1), 1.0)
+        return ConeProgram(
+            cost,
+            widened(whole.equations),
+            whole.values,
+            widened(whole.above),
+            whole.least,
+            cones,
+        )
+
+    def balanced(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x after the smallest change of stress to equilibrium, and what rounding leaves of it.
+
+        Obstacles that hardly push do not push at all.
+        """
+        scale = TOUCHES * self.data.bound.max()
+        x = x.copy()
+        while True:
+            active = self.pressed @ x - self.least < scale
+            rows = vstack([self.equations, self.pressed[active]], format="csc")
+            values = np.concatenate([self.values, self.least[active]])
+            load = values - x[-1] * rows[:, -1].toarray()[:, 0]
+            x[:-1], left = Projection(csr_matrix(rows[:, :-1]), load)(x[:-1])
+            pull = (self.least - self.pressed @ x)[~active]
+            if not (pull > 0).any():
+                return x, left
+
+    def admissible(
+        self, x: np.ndarray, centre: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The point on the way from an admissible ``centre`` to x that is balanced and safe.
+
+        With it comes the part of the way; less than one where x is beyond yield.
+        """
+        x, left = self.balanced(x)
+        margin = ENCLOSED * float(left.max())
+        part = 1.0
+        for size, bound in (
+            (self.capped, self.strengths()),
+            (self.dragging, self.drag_offset[:, 0]),
+        ):
+            inside = size(centre)
+            outside = size(x)
+            room = bound * (1 - 1e-14) - margin - inside
+            need = outside - inside
+            beyond = need > room
+            if beyond.any():
+                part = min(part, float((room[beyond] / need[beyond]).min()))
+        return centre + part * (x - centre), part
+
+    def stress(self, x: np.ndarray) -> AdmissibleStress:
+        """What x says."""
+        cells = self.data.cells
+        coordinates = x[:-1].reshape(len(cells.nodes), cells.N + 1, -1)
+        return AdmissibleStress(coordinates, float(self.gain() @ x))
+
+
+def traction_rows(data: LimitData, shape: YieldShape) -> csr_matrix:
+    """Tractions in the frames of facets at their vertices, jumps inside, (nf N N, nc (N+1) s)."""
+    cells = data.cells
+    N = cells.N
+    of_basis = np.einsum("frp,cpq,fq->frc", data.frame, shape.basis, cells.normal)
+    values = cells.sign[..., None, None] * of_basis[cells.facet_of]
+    shape_of = (*cells.place.shape, N, shape.size)
+    values = np.broadcast_to(values[:, :, None], shape_of)
+    row = N * cells.slot[..., None] + np.arange(N)
+    local = np.array(FACETS[N])
+    vertex = (N + 1) * np.arange(len(cells.nodes))[:, None, None] + local
+    column = shape.size * vertex[..., None] + np.arange(shape.size)
+    size = (cells.facets.size * N, len(cells.nodes) * (N + 1) * shape.size)
+    return sparse_rows(values, row[..., None], column[:, :, :, None, :], size)
+
+
+def sparse_rows(
+    values: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
+) -> csr_matrix:
+    """A matrix of entries whose rows and columns are broadcast to them; equal places add up."""
+    where = tuple(np.broadcast_to(a, values.shape).ravel() for a in (rows, columns))
+    result = csr_matrix(coo_matrix((values.ravel(), where), shape=shape))
+    result.eliminate_zeros()
+    return result
+
+
+def lower_solution(statics: Statics) -> ConeSolution:
+    """What the solver finds for the lower bound."""
+    return cone_solution(statics.program(statics.gain()))

@@ -1,0 +1,66 @@
+"""Which stresses are allowed, and what flow dissipates.
+
+Stresses are sum_c s_c B_c with matrices B_c; strain rates have the coordinates e_c = B_c : eps.
+The first ``free`` coordinates do not enter the yield condition, so that
+
+    stresses are allowed where |(s_free, s_free+1, ...)| <= beta,
+    flow has e_c = 0 for c < free and dissipates beta |(e_free, e_free+1, ...)|.
+
+Plane strain leaves sigma_zz free: the best one is (sigma_xx + sigma_yy) / 2, and |dev sigma| is
+that of the deviator in the plane, as in the law of two dimensions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ngepc.model.kinematics import SOLID, TWO_DIMENSIONAL
+
+SLIP = 1 / math.sqrt(2)
+"""Shear yield stress over beta: what a slip of size one dissipates per area."""
+
+
+@dataclass(frozen=True, eq=False)
+class YieldShape:
+    """The yield condition of a kinematics, see above.
+
+    Parameters
+    ----------
+    basis
+        The matrices B_c, shape (s, N, N).
+    free
+        How many of them are free: 1, the mean stress, or 0.
+    """
+
+    basis: np.ndarray
+    free: int
+
+    @property
+    def N(self) -> int:
+        """Space dimension."""
+        return self.basis.shape[1]
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates s."""
+        return len(self.basis)
+
+    @property
+    def capped(self) -> int:
+        """Number of coordinates that the yield condition bounds."""
+        return self.size - self.free
+
+
+def _with_mean(deviators: np.ndarray) -> np.ndarray:
+    """The unit matrix and orthonormal deviators."""
+    return np.concatenate([np.eye(deviators.shape[1])[None], deviators])
+
+
+FLAT = YieldShape(_with_mean(TWO_DIMENSIONAL.basis), 1)
+ROUND = YieldShape(_with_mean(SOLID.basis), 1)
+
+SHAPES = {"plane strain": FLAT, "two-dimensional": FLAT, "solid": ROUND}
+"""Name of a kinematics -> its yield condition."""

@@ -1,0 +1,319 @@
+"""Limit loads: closed forms, published values, and both sides shown to be admissible."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns.random_limits import problem as random_problem
+from netgen.geom2d import SplineGeometry
+from netgen.occ import Glue, MoveTo, OCCGeometry, X, Y
+from ngsolve import (
+    CF,
+    ET,
+    VOL,
+    Grad,
+    InnerProduct,
+    Integrate,
+    IntegrationRule,
+    LinearForm,
+    Mesh,
+    Norm,
+    Sym,
+    Trace,
+    VectorH1,
+    ds,
+    dx,
+)
+
+from ngepc import (
+    Coulomb,
+    LimitStatus,
+    Material,
+    Point,
+    Problem,
+    Status,
+    Tabulated,
+    limit_load,
+    semismooth_newton,
+)
+from ngepc.geometries import block
+from ngepc.limit.bracket import bracket_on
+from ngepc.limit.reading import growing_names, limit_data
+from ngepc.limit.yielding import SHAPES
+
+CLAY = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=math.sqrt(2), hardening=1.0
+)
+"""Shear yield stress one."""
+
+
+def polygon(corners, names, maxh):
+    geometry = SplineGeometry()
+    points = [geometry.AppendPoint(*corner) for corner in corners]
+    for i, name in enumerate(names):
+        ends = points[i], points[(i + 1) % len(points)]
+        geometry.Append(["line", *ends], bc=name)
+    return Mesh(geometry.GenerateMesh(maxh=maxh))
+
+
+def vertical_cut():
+    corners = [(-2, -1), (1.5, -1), (1.5, 0), (0, 0), (0, 1), (-2, 1)]
+    names = ["held", "held", "free", "free", "free", "held"]
+    mesh = polygon(corners, names, 0.5)
+    return Problem(mesh, CLAY, "held", body_force=(0, -1))
+
+
+def strip(**given):
+    corners = [(0, -3), (4, -3), (4, 0), (1, 0), (0, 0)]
+    mesh = polygon(corners, ["held", "held", "free", "load", "axis"], 0.6)
+    supports = {"axis": (0, None)} | given.pop("prescribed", {})
+    return Problem(mesh, CLAY, "held", prescribed=supports, **given)
+
+
+def square(**given):
+    """SSNV124: a square in plane strain, sigma_y = 10, on two planes of symmetry."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    steel = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=math.sqrt(2 / 3) * 10, hardening=1.0
+    )
+    supports = {"clamped": (None, 0), "left": (0, None)}
+    return Problem(mesh, steel, None, prescribed=supports, **given)
+
+
+@pytest.fixture(scope="module")
+def cut():
+    return limit_load(vertical_cut(), 0.02)
+
+
+@pytest.fixture(scope="module")
+def punch():
+    return limit_load(strip(pressure={"load": 1}), 0.02)
+
+
+def test_vertical_cut(cut):
+    """Kammoun, Pastor, Smaoui, Pastor, IJNAMG 34 (2010): [3.7752, 3.7776]."""
+    assert cut.status is LimitStatus.REACHED
+    assert cut.relative_width <= 0.02
+    assert cut.lower <= 3.7776
+    assert cut.upper >= 3.7752
+    assert "Hardening does not count" in cut.message
+
+
+def test_prandtl(punch):
+    """2 + pi, through fans that bisection alone does not make."""
+    assert punch.lower <= 2 + math.pi <= punch.upper
+    assert punch.relative_width <= 0.02
+
+
+def test_a_rigid_punch_is_the_force_of_its_support():
+    """Half of it on a smooth strip of half width one: again 2 + pi."""
+    found = limit_load(strip(prescribed={"load": (None, -1)}), 0.03)
+    assert found.growing == ("load",)
+    assert found.lower <= 2 + math.pi <= found.upper
+
+
+def test_units_do_not_matter():
+    """Forces, lengths: the factor is that of the problem as it is given."""
+    one = limit_load(strip(pressure={"load": 1}), 0.1)
+    thousand = limit_load(strip(pressure={"load": 1000.0}), 0.1)
+    assert 1000 * thousand.lower == pytest.approx(one.lower, rel=1e-9)
+    assert 1000 * thousand.upper == pytest.approx(one.upper, rel=1e-9)
+
+
+@pytest.mark.parametrize("side", [0.0, 3.0])
+def test_square_with_a_load_that_stays(side):
+    """20 / 3^(1/2) for the difference of the tractions: one field of stress is exact."""
+    loads = {"contact": (0, 1.0)} | ({"right": (side, 0)} if side else {})
+    found = limit_load(square(traction=loads), 1e-3, growing=["contact"])
+    assert found.lower == pytest.approx(20 / math.sqrt(3) + side, rel=1e-6)
+    assert found.upper == pytest.approx(20 / math.sqrt(3) + side, rel=1e-6)
+
+
+def weak_residual(result, load, names):
+    """Largest force that stress and loads leave on functions of degree three, without supports."""
+    space = VectorH1(result.mesh, order=3, **names)
+    w = space.TestFunction()
+    form = LinearForm(space)
+    form += InnerProduct(result.stress, Sym(Grad(w))) * dx
+    form += (-1.0) * load(w)
+    form.Assemble()
+    free = np.array(list(space.FreeDofs()), dtype=bool)
+    scale = LinearForm(InnerProduct(CF((1, 1)), w) * dx).Assemble().vec.FV().NumPy()
+    return np.abs(form.vec.FV().NumPy()[free]).max() / np.abs(scale).max()
+
+
+def at_points(result, value, order=4):
+    points = result.mesh.MapToAllElements(
+        {ET.TRIG: IntegrationRule(ET.TRIG, order)}, VOL
+    )
+    return np.asarray(value(points))
+
+
+def deviator(A):
+    return A - Trace(A) / 2 * CF((1, 0, 0, 1), dims=(2, 2))
+
+
+def test_the_stress_is_admissible(cut, punch):
+    """To 1e-12, by other means than those which made it: weak form of degree three, points."""
+    loads = (
+        (cut, lambda w: -cut.lower * w[1] * dx, {"dirichlet": "held"}),
+        (
+            punch,
+            lambda w: -punch.lower * w[1] * ds("load"),
+            {"dirichletx": "held|axis", "dirichlety": "held"},
+        ),
+    )
+    for found, load, names in loads:
+        assert found.lower == found.records[-1].lower
+        assert weak_residual(found, load, names) < 1e-12
+        size = at_points(found, Norm(deviator(found.stress)))
+        assert size.max() <= math.sqrt(2) * (1 + 1e-12)
+
+
+def test_the_mechanism_is_admissible(cut, punch):
+    """No change of volume, no motion of supports, and less dissipation than the bound says."""
+    works = (
+        (cut, lambda v: -v[1] * dx, "held"),
+        (punch, lambda v: -v[1] * ds("load"), "held"),
+    )
+    for found, work, held in works:
+        v = found.mechanism
+        strain = Sym(Grad(v))
+        size = at_points(found, Norm(strain)).max()
+        assert np.abs(at_points(found, Trace(strain))).max() < 1e-12 * size
+        assert Integrate(Norm(v) * ds(held), found.mesh) == 0
+        dissipated = Integrate(
+            math.sqrt(2) * Norm(strain) * dx(bonus_intorder=8), found.mesh
+        )
+        factor = dissipated / Integrate(work(v), found.mesh)
+        assert factor <= found.upper * (1 + 1e-9)
+        assert factor == pytest.approx(found.upper, rel=1e-3)
+
+
+def test_indicators_add_up_to_the_width(cut, punch):
+    for found in (cut, punch):
+        values = np.array(found.indicators.vec)
+        assert values.min() > -1e-12
+        last = found.records[-1]
+        assert found.upper == last.upper
+        assert values.sum() == pytest.approx(found.relative_width, rel=1e-9)
+
+
+def test_friction_drags_at_most_its_bound():
+    """A strong block pulled between two obstacles, away from a wall to which soft matter ties it.
+
+    On the block friction is F on both sides, on the soft part, whose speed falls to zero, less.
+    """
+    strong = MoveTo(0, 0).Rectangle(0.875, 1).Face()
+    soft = MoveTo(0.875, 0).Rectangle(0.125, 1).Face()
+    for part, name in ((strong, "strong"), (soft, "soft")):
+        part.faces.name = name
+        part.edges.Max(Y).name = "contact"
+        part.edges.Min(Y).name = "clamped"
+    strong.edges.Min(X).name = "left"
+    soft.edges.Max(X).name = "right"
+    geometry = OCCGeometry(Glue([strong, soft]), dim=2)
+    mesh = Mesh(geometry.GenerateMesh(maxh=0.25))
+    bound = mesh.MaterialCF({"strong": math.sqrt(2), "soft": 1e-3})
+    clay = replace(CLAY, yield_stress=bound)
+    given = {"contact": "clamped|contact", "gap": 0.0, "friction": 0.25}
+    given |= {"prescribed": {"right": (0, 0)}, "traction": {"left": (-1, 0)}}
+    found = limit_load(Problem(mesh, clay, None, **given), 0.01)
+    assert found.upper >= 2 * 0.25 * 0.875
+    assert found.lower <= 2 * 0.25 + 0.01
+    assert found.relative_width <= 0.01
+    smooth = limit_load(Problem(mesh, clay, None, **given | {"friction": 0.0}), 0.05)
+    assert smooth.upper < 0.05
+
+
+def test_a_load_that_only_obstacles_carry_has_no_limit():
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    supports = {"left": (0, 0), "right": (0, None)}
+    problem = Problem(
+        mesh,
+        CLAY,
+        None,
+        pressure={"contact": 1},
+        prescribed=supports,
+        contact="clamped",
+        gap=0,
+    )
+    found = limit_load(problem)
+    assert found.status is LimitStatus.UNLIMITED
+    assert found.lower == math.inf
+
+
+def test_loads_that_stay_and_are_too_large():
+    found = limit_load(
+        square(traction={"contact": (0, 1.0), "right": (30.0, 0), "left": (0, 5)}),
+        growing=["contact"],
+        max_cells=200,
+    )
+    assert found.lower > -math.inf
+    heavy = square(traction={"contact": (1.0, 0)}, body_force=(0, 200.0))
+    assert (
+        limit_load(heavy, growing=["contact"], max_cells=200).status
+        is LimitStatus.TOO_WEAK
+    )
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_random_bodies(seed):
+    """No lower bound above an upper one; tests/campaigns does the same for hundreds."""
+    body, growing = random_problem(seed)
+    shape = SHAPES["plane strain"]
+    data, _ = limit_data(body, growing_names(body, growing)).without_units()
+    found, _ = bracket_on(data, shape, None)
+    assert found.lower <= found.upper
+
+
+def test_elastic_plastic_runs_agree():
+    """Perfect plasticity has solutions below the bracket and none well above it.
+
+    Its velocities are those of one mesh, so that it collapses above the limit, not below.
+    """
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    mesh = polygon(corners, ["held", "right", "top", "free"], 0.25)
+    law = Tabulated([0.0], [math.sqrt(3)])
+    perfect = Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=law)
+
+    def pushed(load):
+        return Problem(mesh, perfect, "held", traction={"top": (load, 0)}, order=2)
+
+    bracket = limit_load(pushed(1.0), 0.05)
+    below = semismooth_newton(pushed(0.98 * bracket.lower))
+    assert below.status is Status.CONVERGED
+    beyond = semismooth_newton(pushed(1.15 * bracket.upper))
+    assert beyond.status is Status.LIMIT_LOAD
+
+
+REFUSED = {
+    "springs": {"springs": {"right": 1.0}},
+    "initial_strain": {"initial_strain": 0.1},
+    "initial_plastic_strain": {
+        "initial_plastic_strain": CF((0.1, 0, 0, 0, -0.1, 0, 0, 0, 0), dims=(3, 3))
+    },
+    "initial_hardening": {"initial_hardening": 0.1},
+    "gap": {"contact": "right", "gap": 0.1},
+    "friction": {"contact": "right", "gap": 0.0, "friction": Coulomb(0.3)},
+    "traction": {"traction": {Point((1, 1)): (0, 1)}},
+}
+
+
+@pytest.mark.parametrize("name", sorted(REFUSED))
+def test_what_is_not_covered_is_refused_by_name(name):
+    with pytest.raises(ValueError, match=name):
+        limit_load(square(**({"traction": {"contact": (0, 1)}} | REFUSED[name])))
+
+
+def test_arguments_are_checked():
+    problem = square(traction={"contact": (0, 1)})
+    with pytest.raises(ValueError, match=r"growing=.*there is no load 'left'"):
+        limit_load(problem, growing=["left"])
+    with pytest.raises(TypeError, match="growing='top': a sequence"):
+        limit_load(problem, growing="top")
+    with pytest.raises(ValueError, match="relative_width=0"):
+        limit_load(problem, 0)
+    with pytest.raises(ValueError, match="no load"):
+        limit_load(square())
