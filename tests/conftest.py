@@ -26,6 +26,7 @@ SLOW = (
     "bounds/test_oscillation.py",
     "bounds/test_solid.py",
     "cli",
+    "contact/test_equilibria.py",
     "contact/test_floating.py",
     "contact/test_friction.py",
     "contact/test_two_bodies.py",

@@ -141,6 +141,31 @@ def test_a_solution_in_the_space_has_no_error():
     assert abs(bound.total) <= 1e-10 * bound.strain_energy
 
 
+def with_a_history(shear, **data):
+    """A square with plastic strain and back stress of earlier steps."""
+    p = CF((4e-4, shear, 0, shear, -1e-4, 0, 0, 0, -3e-4), dims=(3, 3))
+    history = {"initial_plastic_strain": p, "initial_hardening": -40.0 * p}
+    return Problem(block.mesh(0.3, (1.0, 1.0)), MATERIAL, order=1, **history, **data)
+
+
+def test_a_history_leaves_no_gap_at_the_solution():
+    """Fenchel: phi + phi* - sigma : eps vanishes at the stress of the law, p_0 in it."""
+    problem = with_a_history(2e-4, traction={"contact": (0.4, 1.0)})
+    result = semismooth_newton(problem)
+    assert result.state.at.yields.any()
+    bound = error_bound(result)
+    assert abs(bound.algebraic) <= 1e-9 * bound.strain_energy
+
+
+def test_a_uniform_body_with_a_history_has_no_error():
+    """On rollers all is constant: the bound is rounding, whatever was left before."""
+    rollers = {"left": (0, None), "clamped": (None, 0), "right": (2e-3, None)}
+    result = semismooth_newton(with_a_history(0.0, clamped=None, prescribed=rollers))
+    assert result.state.at.yields.all()
+    bound = error_bound(result)
+    assert abs(bound.total) <= 1e-10 * bound.strain_energy
+
+
 @pytest.mark.parametrize("solver", [semismooth_newton, primal_newton])
 def test_sliding_in_the_space_has_no_error(solver):
     """Pressed and sheared alike everywhere: F = 2 mu_2 eps_xy, slip beyond it from u_0."""

@@ -11,7 +11,14 @@ from ngsolve import CF, sin, x, y, z
 from ngepc import Material, Problem, semismooth_newton, solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.oscillation import INSIDE, OUTSIDE, CarriedLoads, rotating_loads
+from ngepc.bounds.oscillation import (
+    INSIDE,
+    OUTSIDE,
+    REFERENCE,
+    CarriedLoads,
+    from_reference,
+    rotating_loads,
+)
 from ngepc.bounds.simplices import Simplices
 from ngepc.geometries import block
 
@@ -113,6 +120,19 @@ def gauss(N):
         weights = weights * left if k else weights
         left = left * (1 - grids[:, k])
     return np.stack([*shares, left], axis=1), weights * math.factorial(N)
+
+
+@pytest.mark.parametrize("N", [2, 3])
+def test_cells_are_maps_of_the_reference(N):
+    """M E are the edges of a cell; its inverse, the square of its norm, its determinant."""
+    cells, _ = carried(N)
+    X = cells.points[cells.nodes]
+    edges = (X[:, 1:] - X[:, :1]).swapaxes(1, 2)
+    maps = edges @ np.linalg.inv(REFERENCE[N])
+    inverse, square, determinant = from_reference(cells, slice(None))
+    assert np.allclose(inverse @ maps, np.eye(N), atol=1e-12)
+    assert np.allclose(square, np.linalg.norm(maps, 2, axis=(1, 2)) ** 2, rtol=1e-12)
+    assert np.allclose(np.abs(determinant), np.abs(np.linalg.det(maps)), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("N", "cuts"), [(2, 3), (3, 2)])

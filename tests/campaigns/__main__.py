@@ -2,7 +2,7 @@
 
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
 --rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``,
-or ``hidden --count 400``.
+or ``hidden --count 400``, or ``equilibria``.
 """
 
 import argparse
@@ -11,6 +11,7 @@ from pathlib import Path
 
 from campaigns.crossings import Crossings
 from campaigns.derivatives import Derivatives
+from campaigns.equilibria import Equilibria
 from campaigns.fuzz import Fuzz
 from campaigns.hidden import Hidden
 from campaigns.limits import Limits
@@ -45,6 +46,13 @@ def arguments():
     bounds.add_argument("--count", type=int, default=Crossings.count)
     bounds.add_argument("--seed", type=int, default=Crossings.seed)
     bounds.add_argument("--rows", type=rows, default=Crossings.rows)
+    friction = campaigns.add_parser(
+        "equilibria", help="friction on few rows, all contact states enumerated"
+    )
+    friction.set_defaults(kind=Equilibria, options=("count", "seed", "rows"))
+    friction.add_argument("--count", type=int, default=Equilibria.count)
+    friction.add_argument("--seed", type=int, default=Equilibria.seed)
+    friction.add_argument("--rows", type=rows, default=Equilibria.rows)
     slopes = campaigns.add_parser(
         "derivatives", help="gradients of random problems, differences"
     )

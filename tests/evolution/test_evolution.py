@@ -50,6 +50,32 @@ def bar(material, mesh, load=1.0):
     )
 
 
+@pytest.mark.parametrize("held", [True, False])
+def test_initial_strains_are_no_elastic_energy(held):
+    """Heated by s: held everywhere 1/2 C (s Id) : (s Id), free to expand in space nothing."""
+    s = 1e-4
+    mesh = block.structured_mesh(2, 2, 2, simplices=True)
+    sides = ["left", "clamped", "front"]
+    sides += ["right", "contact", "back"] if held else []
+    axes = {"left": 0, "right": 0, "front": 1, "back": 1, "clamped": 2, "contact": 2}
+    rollers = {
+        name: tuple(0 if axis == axes[name] else None for axis in range(3))
+        for name in sides
+    }
+    problem = Problem(
+        mesh,
+        MATERIALS["kinematic"],
+        clamped=None,
+        prescribed=rollers,
+        initial_strain=s,
+        order=1,
+    )
+    record = evolve(problem, [(1.0, {})]).raise_for_status().steps[0].record
+    stored = 4.5 * 1e3 * s**2 + 3 * 1e3 * s**2
+    expected = stored if held else 0.0
+    assert record.elastic_energy == pytest.approx(expected, rel=1e-9, abs=1e-9 * stored)
+
+
 def punched(material=MATERIALS["combined"], nodes=65):
     return Problem(
         lshape.paper_mesh(nodes),

@@ -4,6 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ngsolve import (
+    CF,
+    H1,
+    Grad,
+    GridFunction,
+    Id,
+    InnerProduct,
+    Integrate,
+    LinearForm,
+    Sym,
+    Trace,
+    dx,
+)
 from ngsolve.meshes import MakeStructured3DMesh
 
 from ngepc import Material, Problem, Tabulated, lshape_problem, semismooth_newton
@@ -40,6 +53,34 @@ def test_the_estimate_is_about_the_error(order):
     for result in results[:-1]:
         error = result.primal_energy - finest
         assert 0.2 * error < estimate(result) < 2 * error
+
+
+def test_the_estimate_by_forms():
+    """1/2 int (s - sigma) : C^-1 (s - sigma) by NGSolve, s the mean at each vertex."""
+    base = lshape_problem(lshape.paper_mesh(113))
+    elastic = replace(base, material=replace(base.material, yield_stress=1e6), order=1)
+    elastic = replace(elastic, kinematics="plane strain")
+    result = semismooth_newton(elastic)
+    mesh = elastic.mesh
+    lame_lambda = elastic.material.lame_lambda
+    mu = elastic.material.lame_mu
+    u = result.displacement
+    strain = CF((*Sym(Grad(u))[0, :], 0, *Sym(Grad(u))[1, :], 0, 0, 0, 0), dims=(3, 3))
+    stress = 2 * mu * strain + lame_lambda * Trace(strain) * Id(3)
+    space = H1(mesh, order=1)
+    test = space.TestFunction()
+    volume = LinearForm(test * dx).Assemble().vec.FV().NumPy()
+    components = []
+    for i, j in np.ndindex(3, 3):
+        mean = GridFunction(space)
+        moments = LinearForm(stress[i, j] * test * dx).Assemble().vec.FV().NumPy()
+        mean.vec.FV().NumPy()[:] = moments / volume
+        components.append(mean)
+    rest = CF(tuple(components), dims=(3, 3)) - stress
+    soft = lame_lambda / (3 * lame_lambda + 2 * mu)
+    answer = (rest - soft * Trace(rest) * Id(3)) / (2 * mu)
+    expected = Integrate(InnerProduct(rest, answer) / 2, mesh, order=4)
+    assert estimate(result) == pytest.approx(expected, rel=1e-9)
 
 
 def test_indicators_are_where_the_mesh_is_coarse():

@@ -1,0 +1,46 @@
+"""Random blocks with friction on few rows, beside an enumeration of all contact states."""
+
+from dataclasses import replace
+
+import pytest
+from campaigns.equilibria import LAWS, judged, random_problem
+from ngsolve import sin, x
+
+from ngepc import Coulomb, Material, Problem, Status, semismooth_newton
+from ngepc.geometries import block
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("seed", [3, 5, 8])
+def test_statuses_say_how_many_equilibria_there_are(law, seed):
+    wrong, _ = judged(random_problem(seed, law))
+    assert wrong == []
+
+
+def test_several_equilibria_are_not_missed():
+    wrong, count = judged(random_problem(53, "Coulomb"))
+    assert count == 3
+    assert wrong == []
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.8, 1.25, 2.0])
+def test_three_equilibria_whatever_the_start(factor):
+    """A block on five rows for which one start found one equilibrium and called it converged."""
+    nu = 0.49
+    metal = Material.kinematic(
+        lame_lambda=2 * nu / (1 - 2 * nu), lame_mu=1.0, yield_stress=1e6, hardening=1.0
+    )
+    problem = Problem(
+        block.structured_mesh(4, 8, size=(1, 2.0), simplices=True),
+        metal,
+        "clamped",
+        {"right": (0.000961, -0.00010294)},
+        "contact",
+        -0.000877 + 0.000582 * sin(5 * x + 4.72),
+        friction=Coulomb(2.748),
+        body_force=(0.00241326, -0.00100887),
+        order=1,
+    )
+    near = semismooth_newton(replace(problem, friction=Coulomb(2.748 * factor)))
+    assert semismooth_newton(problem).status is Status.NOT_UNIQUE
+    assert semismooth_newton(problem, start=near).status is Status.NOT_UNIQUE
