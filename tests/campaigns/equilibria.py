@@ -281,7 +281,7 @@ class Equilibria(Work):
         return [
             "Random elastic blocks with 3 to 8 rows (5 with a limit), Poisson's ratios up to "
             "0.499, coefficients from 0.2 to 10. Every contact state is solved by a program of its "
-            "own; a complaint is a status that does not fit the number of equilibria, cold or from the "
-            "solution with twice the coefficient, or forces that are none.",
+            "own; a complaint is a status that does not fit the number of equilibria, cold or from "
+            "the solution with twice the coefficient, or forces that are none.",
             *[f"- {r['law']} {r['number']}: {'; '.join(r['wrong'])}" for r in wrong],
         ]
