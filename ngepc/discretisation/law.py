@@ -34,8 +34,8 @@ from ngsolve import Trace
 
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.resistance import EXACT, Resistance
+from ngepc.model.data import ProblemData
 from ngepc.model.material import split_hardening
-from ngepc.model.problem import Problem
 
 ROUNDING = 1e-9
 """Part of beta by which |s| has to exceed beta before a point counts as yielding.
@@ -82,7 +82,7 @@ class Law(ABC):
     distortion: np.ndarray | float  # dev eps_0 in coordinates; 0 without
     across: np.ndarray | None  # deviator of a unit strain that is free, None without
 
-    def __init__(self, problem: Problem, points: Points) -> None:
+    def __init__(self, problem: ProblemData, points: Points) -> None:
         kinematics = points.kinematics
         material = problem.material
         self.two_mu = points.at(2 * material.lame_mu)
@@ -101,8 +101,7 @@ class Law(ABC):
         self.swelling = 0.0
         self.distortion = 0.0
         if problem.initial_strain is not None:
-            self.swelling = points.at(Trace(problem.eps_0))
-            self.distortion = points.coordinates(problem.eps_0)
+            self.swelling, self.distortion = self.initial_parts(problem, points)
         self.across = None
 
     @property
@@ -149,6 +148,10 @@ class Law(ABC):
         """w + dw for a change ds of s, by the linearised equation of w and s."""
 
     @abstractmethod
+    def flow_change(self, at: Return, ds: np.ndarray) -> np.ndarray:
+        """The change of p with that of s, a symmetric map, zero where it does not yield."""
+
+    @abstractmethod
     def closed_moduli(self, at: Return, w: np.ndarray) -> Moduli:
         """The tangent of the stress with w kept as a variable of its own, made symmetric.
 
@@ -180,7 +183,7 @@ class Law(ABC):
             if done.all():
                 break
             moduli = self.closed_moduli(at, self.yielding_part(at))
-            newton = z - excess / self._stiffness_across(moduli)
+            newton = z - excess / self.stiffness_across(moduli)
             inside = (low < newton) & (newton < high)
             bounded = np.isfinite(low + high)
             middle = np.where(bounded, 0.5 * (low + high), newton)
@@ -265,7 +268,7 @@ class Law(ABC):
 
     # free components of the strain
 
-    def _stiffness_across(self, moduli: Moduli) -> np.ndarray:
+    def stiffness_across(self, moduli: Moduli) -> np.ndarray:
         """What a unit of the free component needs as stress in its own direction, (points,)."""
         n = np.broadcast_to(self.across, moduli.direction.shape)
         return moduli.bulk + moduli(n) @ self.across
@@ -278,7 +281,7 @@ class Law(ABC):
             return volume, e
         n = np.broadcast_to(self.across, e.shape)
         stress = moduli.bulk * volume + np.einsum("pd,pd->p", moduli(n), e)
-        z = -stress / self._stiffness_across(moduli)
+        z = -stress / self.stiffness_across(moduli)
         return volume + z, e + z[:, None] * self.across
 
     def softened(self, moduli: Moduli) -> Moduli:
@@ -288,10 +291,17 @@ class Law(ABC):
         n = np.broadcast_to(self.across, moduli.direction.shape)
         column = np.column_stack([moduli.bulk, moduli(n)])
         taken = column[:, :, None] * column[:, None, :]
-        taken /= self._stiffness_across(moduli)[:, None, None]
+        taken /= self.stiffness_across(moduli)[:, None, None]
         return replace(moduli, coupling=-taken)
 
     # what is asked of a law beside the potential
+
+    @staticmethod
+    def initial_parts(
+        problem: ProblemData, points: Points
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The trace of the initial strain and the coordinates of its deviator."""
+        return points.at(Trace(problem.eps_0)), points.coordinates(problem.eps_0)
 
     def beyond_initial(
         self, volume: np.ndarray, e: np.ndarray
@@ -301,8 +311,16 @@ class Law(ABC):
 
     def flowing(self, at: Return) -> np.ndarray:
         """g where a law hardens no more, 0 elsewhere (points,)."""
+        return np.where(self.hardens(at), 0.0, at.gained)
+
+    def hardens(self, at: Return) -> np.ndarray:
+        """Whether a change of s beyond the yield surface leaves stress behind (points,)."""
         slope = self.hardening + self.resistance.slope(at.gained)
-        return np.where(slope > SOFTEST * self.two_mu, 0.0, at.gained)
+        return slope > SOFTEST * self.two_mu
+
+    def with_sides(self, at: Return, yields: np.ndarray) -> Return:
+        """The same return, with yielding where ``yields`` says so: one side of a kink."""
+        return self._filled(replace(at, yields=yields), self.modulus)
 
     def close_to_yielding(self, at: Return, part: float) -> np.ndarray:
         """Whether the measure of s differs from beta by less than a part of it (points,)."""
@@ -351,6 +369,15 @@ class VonMisesLaw(Law):
         moved += (at.slope * along)[:, None] * direction
         return np.where(at.yields[:, None], moved, at.trial + ds)
 
+    def flow_change(self, at: Return, ds: np.ndarray) -> np.ndarray:
+        """See ``Law``: p = g d, and g' = d . s' / (M + beta'(g))."""
+        direction = at.direction
+        share = at.gained / np.where(at.size > 0, at.size, 1.0)
+        grows = 1 / (self.modulus + self.resistance.slope(at.gained))
+        along = (grows - share) * np.einsum("pd,pd->p", direction, ds)
+        change = share[:, None] * ds + along[:, None] * direction
+        return np.where(at.yields[:, None], change, 0.0)
+
     def closed_moduli(self, at: Return, w: np.ndarray) -> Moduli:
         """See ``Law``.
 
@@ -365,12 +392,12 @@ class VonMisesLaw(Law):
         across = np.where(at.yields, part * (h + two_mu * at.radius / size), two_mu)
         along = np.maximum(np.einsum("pd,pd->p", direction, w), at.slope * size)
         along = np.minimum(along, at.radius)
-        kept = 1.0 if self.resistance.is_constant else 1 - SOFTEST
+        kept = np.where(self.hardens(at), 1.0, 1 - SOFTEST)
         extra = kept * part * two_mu * (at.slope - along / size)
         extra = np.where(at.yields, extra, 0.0)
         return Moduli(self.bulk, across, extra, direction)
 
 
-def law_of(problem: Problem, points: Points) -> Law:
+def law_of(problem: ProblemData, points: Points) -> Law:
     """The law of a problem at the points."""
     return VonMisesLaw(problem, points)

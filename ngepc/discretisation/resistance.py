@@ -75,6 +75,25 @@ class Resistance:
             return np.zeros_like(gained)
         return PEEQ**2 * self.isotropic.slope(self.accumulated + PEEQ * gained)
 
+    @property
+    def growth(self) -> np.ndarray:
+        """d beta(0) / d PEEQ at the begin of the step (stress), shape (points,)."""
+        if self.isotropic is None:
+            return np.zeros_like(self.beta)
+        return PEEQ * self.isotropic.slope(self.accumulated)
+
+    def by_accumulated(self, gained: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of ``bound`` and ``energy`` by PEEQ at the begin, for the same beta(0)."""
+        if self.isotropic is None:
+            return np.zeros_like(gained), np.zeros_like(gained)
+        law = self.isotropic
+        before = self.accumulated
+        after = before + PEEQ * gained
+        slope = law.slope(before)
+        of_bound = PEEQ * (law.slope(after) - slope)
+        of_energy = law.stress(after) - law.stress(before) - slope * PEEQ * gained
+        return of_bound, of_energy
+
     def energy(self, gained: np.ndarray) -> np.ndarray:
         """int_0^g beta for |p| = g (energy per volume), shape (points,)."""
         if self.isotropic is None:

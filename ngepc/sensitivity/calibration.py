@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -17,6 +17,7 @@ from ngepc.evolution.solver import evolve
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.gradient import states_of, tangents_at
+from ngepc.sensitivity.law_data import OF_LAW, law_datum, with_constants
 from ngepc.sensitivity.parameters import MATERIAL
 
 ILL_CONDITIONED = (
@@ -162,14 +163,18 @@ def calibrate(
     limit = require_integer("max_evaluations", max_evaluations, 1)
     names, curves = _checked(start, [curves] if isinstance(curves, Curve) else curves)
 
-    def with_constants(logarithms: Sequence[float]) -> Problem:
+    for name in names:
+        if name.startswith(OF_LAW):
+            law_datum(problem.material.law, name)
+
+    def fitted(logarithms: Sequence[float]) -> Problem:
         """The problem with other material constants."""
         values = dict(zip(names, np.exp(logarithms).tolist(), strict=True))
-        return replace(problem, material=replace(problem.material, **values))
+        return with_constants(problem, values)
 
     @lru_cache(maxsize=1)  # the Jacobian is asked for where the residuals were found
     def fits(*logarithms: float) -> list:
-        return [curve.fit(with_constants(logarithms)) for curve in curves]
+        return [curve.fit(fitted(logarithms)) for curve in curves]
 
     found = least_squares(
         lambda x: np.concatenate([residuals for residuals, _ in fits(*x)]),
@@ -185,7 +190,7 @@ def calibrate(
     return Calibration(
         values=dict(zip(names, np.exp(found.x).tolist(), strict=True)),
         intervals=dict(zip(names, map(tuple, ends.T.tolist()), strict=True)),
-        problem=with_constants(found.x),
+        problem=fitted(found.x),
         residuals=found.fun,
         condition=condition,
         evaluations=fits.cache_info().misses,
@@ -200,9 +205,10 @@ def _checked(
     """Names of material constants with positive guesses, and curves that have as many values."""
     require_mapping("start", start, "material constant -> first guess")
     for name, guess in start.items():
-        if name not in MATERIAL:
+        if name not in MATERIAL and not name.startswith(OF_LAW):
+            legal = ", ".join(MATERIAL)
             raise ValueError(
-                f"start names {name!r}: one of {', '.join(MATERIAL)} is needed"
+                f"start names {name!r}: one of {legal}, law.<datum> is needed"
             )
         require_number(f"start[{name!r}]", guess, 0, strict=True)
     require_sequence("curves", curves, "Curve objects")

@@ -19,7 +19,7 @@ from scipy.sparse import diags
 from ngepc.discretisation.rows import HELD
 from ngepc.linalg.friction import matrix_of_rows
 from ngepc.local.system import State
-from ngepc.sensitivity.radial import Tape
+from ngepc.sensitivity.equations import Tape
 
 BIACTIVE = (
     1e-6  # relative distance from the change of side within which something is biactive

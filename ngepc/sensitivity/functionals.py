@@ -20,8 +20,8 @@ from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
+from ngepc.sensitivity.equations import Data, equations_of_law
 from ngepc.sensitivity.parameters import on_moving_mesh
-from ngepc.sensitivity.radial import Data, radial_return
 
 
 class Slope(NamedTuple):
@@ -47,7 +47,9 @@ def _primal_energy(state: State) -> Slope:
     law = state.discrete.law
     at = state.at
     weights = state.discrete.points.weights
-    elastic = law.stress(at)[1] / law.two_mu[:, None]
+    mean, stress = law.stress(at)
+    elastic = stress / law.two_mu[:, None]
+    p = at.plastic_strain
     contact = LinearContact(state)
     still = np.zeros(len(state.multipliers))
     slid = -(contact.along * contact.law.split(state.gaps)[1]).sum(axis=1)
@@ -57,13 +59,15 @@ def _primal_energy(state: State) -> Slope:
     by = weights * Data(
         two_mu=0.5 * ((elastic**2).sum(1) - (law.initial**2).sum(1)),
         bulk=0.5 * state.volume**2,
-        hardening=0.5 * at.gained**2,
-        beta=at.gained,
-        back=at.plastic_strain,
+        hardening=0.5 * np.einsum("pd,pd->p", p, p),
+        hardened=np.ones(len(weights)),
+        back=p,
         initial=-law.two_mu[:, None] * (elastic + law.initial),
+        volume=mean,
+        strain=stress,
     )
     by += Data(
-        u=state.internal_forces - state.discrete.load + dragged,
+        u=state.discrete.supports.pull(state.u) - state.discrete.load + dragged,
         contact=contact.stacked(contact.coefficient * slip, still),
         load=-state.u,
         start=-dragged,
@@ -87,11 +91,11 @@ def _elastic_energy(state: State) -> Slope:
 
 
 def _dissipation(state: State) -> Slope:
-    """Int beta |p|, what the plastic strain of the step costs (force times length)."""
+    """Int beta |p| with the yield bound at the begin of the step (force times length)."""
     beta = state.discrete.law.beta
     at = state.at
     points = state.discrete.points
-    by = Data(p=beta[:, None] * at.direction, beta=at.gained)
+    by = Data(gained=beta, beta=at.gained)
     return Slope(points.integral(beta * at.gained), points.weights * by)
 
 
@@ -263,6 +267,6 @@ def slope_by_mesh(functional: Functional, state: State, change: Data) -> float:
     found = on_moving_mesh(
         state, change["shape"], lambda there: functional.slope(there).value
     )
-    data = radial_return(state, state.with_radial_return().moduli).forward(found)
+    data = equations_of_law(state).forward(found)
     carried = functional.slope(state).by.paired(data)
     return float(found["value"]) - carried

@@ -1,12 +1,12 @@
 """Derivatives of solutions: backwards through the time steps, or forwards in one direction.
 
 One step is a history of one.  Backwards the derivative with respect to what a step has inherited,
-p_0, dev alpha_2, alpha_1 and u_0, is carried to the step before.
+p_0, dev alpha_2, alpha_1, PEEQ and u_0, is carried to the step before.
 
 Forwards the biactive rows and points choose their side: the derivative of the solution has
 
     N u' <= gaps',  lambda' >= 0  with equality in one of them    for biactive rows,
-    p' = [s' . s/|s| - beta']_+ / (2 mu_2 + h) s/|s|              for biactive points,
+    p' = [s' . d - beta']_+ / (2 mu_2 + h + slope of beta) d      for biactive points,
 
 and rows where friction is at its bound without slip stick or slip.  Without friction it is the
 minimiser of a strictly convex, piecewise quadratic energy.
@@ -30,10 +30,10 @@ from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.contact import Biactive, LinearContact, biactive_set, told
+from ngepc.sensitivity.equations import INHERITED, Data
 from ngepc.sensitivity.functionals import Form, Functional, as_functional, slope_by_mesh
 from ngepc.sensitivity.linear import LinearStep, TangentError
 from ngepc.sensitivity.parameters import Direction, Parameters, changed_data, directions
-from ngepc.sensitivity.radial import INHERITED, Data
 
 COVERS = frozenset(
     {
@@ -46,8 +46,10 @@ COVERS = frozenset(
         "curved elements",
         "kinematic hardening",
         "isotropic hardening",
+        "hardening law",
         "initial plastic strain",
         "initial hardening",
+        "initial strain",
         "obstacle",
         "two bodies",
         "held by contact",
@@ -181,7 +183,7 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
         raise ValueError(
             "result has steps with gamma: steps of the exact methods are needed"
         )
-    names = ("initial_plastic_strain", "initial_hardening")
+    names = ("initial_plastic_strain", "initial_hardening", "initial_accumulated")
     problems[0] = replace(
         problems[0], **{name: getattr(result.problem, name) for name in names}
     )
@@ -308,16 +310,16 @@ def _change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> Tangen
         found = TangentResult(state, contact, change, biactive)
         chosen = _chosen_rows(found)
         yields = state.at.yields.copy()
-        over = (
-            np.einsum("pd,pd->p", state.at.direction, change["trial"]) - change["beta"]
-        )
+        pushed = np.einsum("pd,pd->p", state.at.direction, change["trial"])
+        over = pushed - change["radius"]
         size = np.abs(state.discrete.law.two_mu[:, None] * change["strain"]).max()
         kept = np.where(np.abs(over) <= NEUTRAL * size, yields, over > 0)
         yields[biactive[-1].points] = kept[biactive[-1].points]
         if chosen.same_sides(contact) and (yields == state.at.yields).all():
             return found
         contact = chosen
-        state = replace(state, at=replace(state.at, yields=yields))
+        at = state.discrete.law.with_sides(state.at, yields)
+        state = replace(state, at=at)
     raise TangentError(
         f"the sides of biactive rows and points did not settle: {found.message}"
     )

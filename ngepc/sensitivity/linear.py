@@ -21,7 +21,7 @@ from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import matrix_of_rows
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.radial import Data, Tape, radial_return
+from ngepc.sensitivity.equations import Data, Tape, equations_of_law
 
 PENALTY = 1e6  # stiffness of a row's spring over that of its vertex: each refinement gains so much
 REFINEMENTS = 12  # most corrections of a solution
@@ -37,7 +37,7 @@ class TangentError(FactorisationError):
 
 
 class LinearStep:
-    """The system at a state, factorised once; K is the derivative of the radial return there.
+    """The system at a state, factorised once; K is the derivative of the stress there.
 
     Rows that belong to one vertex enter the matrix as springs k L G, L = (Id - G + G / PENALTY)^-1,
     in which G is without the part of friction that follows the normal force:
@@ -55,7 +55,7 @@ class LinearStep:
         self.discrete = state.discrete
         self.contact = contact = LinearContact(state) if contact is None else contact
         self.moduli = state.with_radial_return().moduli
-        self.tape = Tape([*radial_return(state, self.moduli), *contact.given()])
+        self.tape = Tape([*equations_of_law(state), *contact.given()])
         k = contact.stiffness
         self._free = np.append(
             self.discrete.free.ravel(), np.ones(len(k))

@@ -36,7 +36,9 @@ from ngepc.model.data import ProblemData
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, places
 from ngepc.model.problem import Problem
-from ngepc.sensitivity.radial import Data
+from ngepc.sensitivity.equations import STENCIL as STENCIL
+from ngepc.sensitivity.equations import Data
+from ngepc.sensitivity.law_data import OF_LAW, law_changes
 
 MATERIAL = tuple(field.name for field in fields(Material) if field.name != "law")
 LOADS = ("traction", "pressure", "body_force")
@@ -53,16 +55,11 @@ LEGAL = (
     "prescribed",
     "friction",
     "initial_plastic_strain",
+    "initial_strain",
     "shape",
 )
 
 COMPLEX = 1e-100  # length of a complex step, whose square is nothing
-STENCIL = {
-    -2: 1 / 12,
-    -1: -8 / 12,
-    1: 8 / 12,
-    2: -1 / 12,
-}  # central difference of fourth order
 STEP = 1e-5  # of differences: the largest motion of a vertex over the size of the body
 
 
@@ -74,15 +71,19 @@ class Direction(Declared):
     ----------
     datum
         A material constant such as "lame_mu", or "traction", "pressure", "body_force", "gap",
-        "prescribed", "friction" (the bound, or Coulomb's coefficient), "initial_plastic_strain".
+        "prescribed", "friction" (the bound, or Coulomb's coefficient), "initial_plastic_strain",
+        "initial_strain".  "law.saturation" is the datum ``saturation`` of the law of hardening,
+        "law.stress_there[1]" one value of a table.  A yield stress of the material that is that of
+        the law, as ``Material.with_law`` has it, changes with the law.
         After a colon one boundary: "traction:left", "prescribed:top".  A clamped boundary is a
         prescribed one here.  "shape" moves the vertices by ``change``, a vector, while nobody else
         uses the mesh.
     change
         What is added to the datum per unit, of the form that ``Problem`` or ``Material`` takes it:
         ``mesh.MaterialCF({"core": 1.0})`` for the constant of one region.  None for the natural
-        one: 1 for a material constant or friction that is a number and for a gap, which moves as a
-        whole; the datum itself for all others, so that the derivative is with respect to a factor.
+        one: 1 for a datum of the material, the law, friction or an initial strain that is a
+        number, and for a gap, which moves as a whole; the datum itself for all others, so that the
+        derivative is with respect to a factor.
     """
 
     datum: Text
@@ -91,7 +92,7 @@ class Direction(Declared):
     @property
     def inherited(self) -> bool:
         """Whether later steps of a history take the datum from the step before."""
-        return self.datum.startswith("initial")
+        return self.datum == "initial_plastic_strain"
 
 
 Parameters = str | Sequence[str] | Mapping[str, Direction]
@@ -113,8 +114,8 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
     for name, direction in parameters.items():
         require_instance(f"parameters[{name!r}]", direction, Direction, "a Direction")
         datum, _, boundary = direction.datum.partition(":")
-        if datum not in LEGAL:
-            needed = f"one of {', '.join(LEGAL)} is needed"
+        if datum not in LEGAL and not datum.startswith(OF_LAW):
+            needed = f"one of {', '.join(LEGAL)}, law.<datum> is needed"
             raise ValueError(f"parameters={direction.datum!r}: {needed}")
         if boundary and datum not in BY_BOUNDARY:
             raise ValueError(
@@ -129,6 +130,8 @@ def changed_data(state: State, direction: Direction) -> Data:
     TypeError, ValueError if the problem has no such datum, or the change is not legal for it.
     """
     discrete, problem = state.discrete, state.discrete.problem
+    if direction.datum.startswith(OF_LAW):
+        return law_changes(state, direction.datum, direction.change)
     datum, change = _change(problem, direction)
     if datum in MATERIAL:
         return _material(state, datum, change)
@@ -150,6 +153,9 @@ def changed_data(state: State, direction: Direction) -> Data:
     check_data(other)
     if datum in LOADS:  # forces are linear in a load
         return Data(load=applied_forces(other, discrete.supports.space))
+    if datum == "initial_strain":
+        volume, strain = state.discrete.law.initial_parts(other, discrete.points)
+        return Data(volume=-volume, strain=-strain)
     if datum == "initial_plastic_strain":
         return Data(initial=discrete.points.at(problem.kinematics.coordinates(change)))
     gaps = np.zeros(len(discrete.contact))
@@ -211,14 +217,18 @@ def _material(state: State, datum: str, change: Coefficient) -> Data:
     points = state.discrete.points
     require_coefficient(datum, change)
     alpha_1, _ = split_hardening(problem.initial_hardening)
-    known = vars(problem.material) | {"alpha_1": alpha_1 or 0.0, "change": change}
+    known = (
+        vars(problem.material)
+        | {"law": None}
+        | {"alpha_1": alpha_1 or 0.0, "change": change}
+    )
     known = {
         n: v if v is None or is_number(v) else points.at(v) for n, v in known.items()
     }
     require_in(datum, np.reshape(known["change"], (-1, 1)), "the body")
     known[datum] = known[datum] + COMPLEX * 1j * known["change"]
     m = copy(problem.material)
-    vars(m).update({name: known[name] for name in MATERIAL})
+    vars(m).update({name: known[name] for name in MATERIAL}, law=None)
     found = {
         "two_mu": 2 * m.lame_mu,
         "bulk": m.lame_lambda + 2 * m.lame_mu / problem.kinematics.size,
@@ -267,8 +277,14 @@ def geometry(old: State, state: State) -> Data:
     )
     stress = old.discrete.law.stress(old.at)
     forces = points.forces(*stress) + discrete.supports.pull(old.u)
-    names = ("two_mu", "bulk", "hardening", "beta", "back", "initial")
+    before = old.discrete.law.resistance
+    after = law.resistance
+    names = ("two_mu", "bulk", "hardening", "back", "initial")
     return Data({name: getattr(law, name) for name in names}) + Data(
+        beta=after.beta - before.growth * after.accumulated,
+        accumulated=after.accumulated,
+        radius=before.with_law(after.isotropic).bound(old.at.gained),
+        hardened=before.with_law(after.isotropic).energy(old.at.gained),
         kinematic=points.at(material.hardening),
         isotropic=points.at(material.scalar_growth),
         volume=state.volume,

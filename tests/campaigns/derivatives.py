@@ -20,10 +20,10 @@ from campaigns.random_data import (
 
 from ngepc.model.places import Coulomb
 from ngepc.sensitivity.contact import LinearContact
+from ngepc.sensitivity.equations import Data, equations_of_law
 from ngepc.sensitivity.functionals import as_functional
 from ngepc.sensitivity.gradient import gradient, states_of
 from ngepc.sensitivity.parameters import STENCIL, Direction, changed_data
-from ngepc.sensitivity.radial import Data
 from ngepc.studies.work import Work
 
 STEP = 3e-5
@@ -114,7 +114,7 @@ def envelope_error(problem):
     contact, held = LinearContact(state), ~state.discrete.free
     if (contact.slips & (contact.coefficient > 0)).any():
         return None
-    partial = energy.slope(state).by
+    partial = equations_of_law(state).backward(energy.slope(state).by)
     gaps = np.where(
         np.arange(len(state.contact)) < len(state.multipliers), -state.contact, 0.0
     )
@@ -162,6 +162,9 @@ class Derivatives(Work):
             "order": problem.order,
             "friction": "none" if problem.friction is None else friction,
             "bodies": 2 if problem.contact_pairs else 1,
+            "law": type(problem.material.law).__name__
+            if problem.material.law
+            else "linear",
             "steps": steps,
             "compared": len(smooth),
             "across a kink": len(found) - len(smooth),
@@ -184,7 +187,7 @@ class Derivatives(Work):
     def told(self, records):
         """Groups of problems."""
         groups = {"all": list(records)}
-        for key in ("kinematics", "order", "friction", "bodies", "steps"):
+        for key in ("kinematics", "order", "friction", "bodies", "law", "steps"):
             for record in records:
                 groups.setdefault(f"{key} {record[key]}", []).append(record)
         return [of_group(label, group) for label, group in groups.items()]

@@ -16,12 +16,14 @@ from ngepc.evolution.solver import evolve
 from ngepc.geometries import block
 from ngepc.geometries.published import stacked_blocks
 from ngepc.methods.newton import semismooth_newton
+from ngepc.model.hardening import Swift, Tabulated, Voce
 from ngepc.model.kinematics import KINEMATICS
-from ngepc.model.material import Material
+from ngepc.model.material import PEEQ, Material
 from ngepc.model.places import Contact, Coulomb
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import DisplacementAt, Reaction, as_functional
 from ngepc.sensitivity.gradient import states_of
+from ngepc.sensitivity.law_data import with_constants
 from ngepc.sensitivity.parameters import MATERIAL
 
 
@@ -49,6 +51,10 @@ def random_problem(seed):
     material, gap = random_material(random), float(random.uniform(-0.001, 0.003))
     bound, mu = float(random.uniform(0.1, 2)), Coulomb(float(random.uniform(0.1, 0.5)))
     still = (0.0,) * (N - 1) + (float(random.uniform(-0.004, -0.001)),)
+    strain = {}
+    if seed % 3 == 1:
+        material = with_random_law(material, seed)
+        strain = {"initial_strain": 1e-4}
     return Problem(
         mesh,
         material,
@@ -62,6 +68,27 @@ def random_problem(seed):
         initial_plastic_strain=CF(tuple(p.ravel().tolist()), dims=p.shape) * (1 + x),
         kinematics=kinematics,
         order=1 + (seed // 4) % 2,
+        **strain,
+    )
+
+
+def with_random_law(material, seed):
+    """The material with a law of hardening in place of its isotropic part."""
+    random = np.random.default_rng([seed, 1])
+    stress = material.yield_stress / PEEQ
+    more = random.uniform(1.1, 2.0)
+    drawn = (
+        Voce(stress, float(more), float(random.uniform(20, 200))),
+        Swift(
+            stress, float(random.uniform(0.002, 0.02)), float(random.uniform(0.1, 1))
+        ),
+        Tabulated((0.0, 0.002, 0.05), (stress, stress + more / 4, stress + 3 * more)),
+    )
+    return Material.with_law(
+        lame_lambda=material.lame_lambda,
+        lame_mu=material.lame_mu,
+        law=drawn[(seed // 3) % 3],
+        hardening=material.hardening,
     )
 
 
@@ -99,20 +126,39 @@ def functionals(problem):
 
 def sizes(problem):
     """The parameters of a problem with the size of a change of order one."""
-    found = {name: float(getattr(problem.material, name)) for name in MATERIAL}
+    material = problem.material
+    found = {name: float(getattr(material, name)) for name in MATERIAL}
     found = {name: value for name, value in found.items() if value}
+    if material.law is not None:
+        del found["yield_stress"]  # it follows the law
+        found |= law_data_of(material.law)
+    if problem.initial_strain is not None:
+        found["initial_strain"] = problem.initial_strain
     factors = ("traction", "body_force", "prescribed", "initial_plastic_strain")
     found |= dict.fromkeys(factors, 1.0)
     found |= {} if problem.gap is None else {"gap": 1e-2}
     return found | ({} if problem.friction is None else {"friction": 0.3})
 
 
+def law_data_of(law):
+    """The data of a law by name, with their values."""
+    found = {}
+    for field, value in vars(law).items():
+        if field == "stress_there":
+            found |= {f"law.{field}[{k}]": one for k, one in enumerate(value)}
+        elif field != "plastic_strain":
+            found[f"law.{field}"] = value
+    return found
+
+
 def moved(problem, rates):
     """The problem with its data moved by these rates."""
     rate = defaultdict(float, rates)
-    constants = {
-        n: getattr(problem.material, n) + r for n, r in rates.items() if n in MATERIAL
-    }
+    before = vars(problem.material)
+    if problem.material.law is not None:
+        before = before | law_data_of(problem.material.law)
+    constants = {n: before[n] + r for n, r in rates.items() if n in before}
+    problem = with_constants(problem, constants)
     friction = problem.friction
     if isinstance(friction, Coulomb):
         coefficient = friction.coefficient + rate["friction"]
@@ -121,7 +167,6 @@ def moved(problem, rates):
         friction += rate["friction"]
     return replace(
         problem,
-        material=replace(problem.material, **constants),
         traction={n: (1 + rate["traction"]) * g for n, g in problem.tractions.items()},
         body_force=(1 + rate["body_force"]) * problem.f,
         gap=None if problem.gap is None else problem.gap + rate["gap"],
@@ -131,6 +176,9 @@ def moved(problem, rates):
             for n, cs in problem.prescribed.items()
         },
         initial_plastic_strain=(1 + rate["initial_plastic_strain"]) * problem.p_0,
+        initial_strain=None
+        if problem.initial_strain is None
+        else problem.initial_strain + rate["initial_strain"],
     )
 
 

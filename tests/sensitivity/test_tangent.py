@@ -10,11 +10,11 @@ from ngsolve import x
 from ngepc import Coulomb, Material, Problem, Roller, semismooth_newton
 from ngepc.geometries import block
 from ngepc.sensitivity.contact import LinearContact
+from ngepc.sensitivity.equations import INHERITED, Data
 from ngepc.sensitivity.functionals import DisplacementAt, Reaction
 from ngepc.sensitivity.gradient import gradient, tangent
 from ngepc.sensitivity.linear import LinearStep
 from ngepc.sensitivity.parameters import Direction
-from ngepc.sensitivity.radial import INHERITED, Data
 
 
 @pytest.mark.parametrize("seed", [2, 11, 16])
