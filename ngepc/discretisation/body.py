@@ -47,6 +47,10 @@ with friction 1e-4 saves a Newton step of four, but 2 of 120 random problems fai
 SMALL = 1e-6  # part of the loads, or of a motion, that counts as none
 
 
+ROWS = ("contact", "gap", "friction")
+"""Fields of a problem that decide about its contact rows and their law."""
+
+
 class DiscreteBody:
     """Supports, contact rows and loads of a problem, which both exact methods inherit."""
 
@@ -128,12 +132,14 @@ def contact_of(
     problem: Problem, supports: Supports, like: DiscreteBody | None
 ) -> ContactConditions:
     """The conditions of contact of a problem, those of an earlier body where they are the same."""
-    names = ("contact", "gap", "friction", "initial_displacement")
-    if like is None or not same_fields(problem, like.problem, *names):
+    if like is None or not same_fields(problem, like.problem, *ROWS):
         return ContactConditions(problem, supports)
     alike = supports is like.supports or not problem.rollers
-    held = np.array_equal(supports.free, like.free)
-    return like.contact if alike and held else ContactConditions(problem, supports)
+    if not (alike and np.array_equal(supports.free, like.free)):
+        return ContactConditions(problem, supports)
+    if same_fields(problem, like.problem, "initial_displacement"):
+        return like.contact
+    return like.contact.from_displacement(problem, supports)
 
 
 class Iterate:

@@ -12,6 +12,8 @@ are averaged at their nodes; faces that meet at an angle have a row each.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from ngsolve import H1, FESpace, GridFunction
 from scipy.sparse import csr_matrix, diags, eye, vstack
@@ -71,12 +73,25 @@ class ContactConditions:
         tangents = np.repeat(rows.vertices, self.friction.d)
         self.own = self.processes.owned(np.append(rows.vertices, tangents))
         self.matrix = rows.normal
-        self._closed_at = rows.gaps
         if self.friction.d:
             self.matrix = vstack([rows.normal, rows.tangential], format="csr")
-            origin = rows.tangential @ initial_displacements(problem, supports).ravel()
-            self._closed_at = np.append(rows.gaps, origin)
+        self._closed_at = self._closed(problem, supports)
         self._transposed = self.matrix.T.tocsr()
+
+    def _closed(self, problem: Problem, supports: Supports) -> np.ndarray:
+        """R u where the gaps are closed and nothing has slipped, shape (n,)."""
+        if not self.friction.d:
+            return self.rows.gaps
+        start = initial_displacements(problem, supports)
+        return np.append(self.rows.gaps, self.rows.tangential @ start.ravel())
+
+    def from_displacement(
+        self, problem: Problem, supports: Supports
+    ) -> ContactConditions:
+        """The same conditions in a step that starts from another displacement."""
+        other = copy(self)
+        other._closed_at = other._closed(problem, supports)
+        return other
 
     def __len__(self) -> int:
         return len(self._closed_at)

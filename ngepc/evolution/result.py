@@ -120,6 +120,8 @@ class StepRecord:
     max_plastic_strain: float  # largest |p_0 + p|_F at the points
     nodes: int  # vertices of the mesh of the step
     error_bound: float | None = None  # ``ErrorBound.relative`` where one was asked for
+    time_error: float | None = None
+    """Estimate of what the increments up to here are off, relative, where an accuracy was asked."""
 
     @classmethod
     def of(
@@ -128,16 +130,10 @@ class StepRecord:
         """The numbers of a step; ``known`` are ``time``, ``cuts`` and ``error_bound``."""
         problem = fields.problem
         forces = result.equilibrium.reactions
-        material = problem.material
         elastic = tensors(points, fields.elastic_strain)
         plastic = tensors(points, fields.plastic_strain)
         gained = points.at(fields.plastic_increment)
 
-        # 1/2 C e : e = lambda/2 (tr e)^2 + mu e : e
-        trace = np.trace(elastic, axis1=1, axis2=2)
-        shear = (elastic**2).sum(axis=(1, 2))
-        stored = points.at(material.lame_lambda) * trace**2 / 2
-        stored += points.at(material.lame_mu) * shear
         lost = points.at(problem.beta) * np.linalg.norm(gained, axis=1)
         size = np.sqrt((plastic**2).sum(axis=(1, 2)))
         vectors = ("contact_resultant", "reaction", "applied_force")
@@ -147,7 +143,7 @@ class StepRecord:
             contact_force=float(result.contact_force),
             reactions={str(place): force.tolist() for place, force in forces.items()},
             primal_energy=float(result.primal_energy),
-            elastic_energy=points.integral(stored),
+            elastic_energy=elastic_energy(points, problem.material, elastic),
             dissipation=points.integral(lost),
             max_plastic_strain=problem.processes.maximum(size),
             nodes=nodes_of(problem.mesh),
@@ -159,6 +155,14 @@ def tensors(points: Points, value: CoefficientFunction) -> np.ndarray:
     """A tensor at the points, shape (points, size, size)."""
     size = points.kinematics.size
     return points.at(value).reshape(-1, size, size)
+
+
+def elastic_energy(points: Points, material: Material, e: np.ndarray) -> float:
+    """1/2 int C e : e = int lambda/2 (tr e)^2 + mu e : e of strains (points, size, size)."""
+    trace = np.trace(e, axis1=1, axis2=2)
+    shear = (e**2).sum(axis=(1, 2))
+    density = points.at(material.lame_lambda) * trace**2 / 2
+    return points.integral(density + points.at(material.lame_mu) * shear)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +212,19 @@ class Evolution(Ending):
 
     def __repr__(self) -> str:
         reached = f", the last one to time {self.times[-1]:g}" if self.steps else ""
-        return f"<Evolution: {self.status}, {len(self.steps)} steps{reached}>"
+        off = ""
+        if self.time_error is not None:
+            off = f", increments about {100 * self.time_error:.2g} % off (estimate)"
+        return f"<Evolution: {self.status}, {len(self.steps)} steps{reached}{off}>"
+
+    @property
+    def time_error(self) -> float | None:
+        """The largest ``StepRecord.time_error``: what the increments are off, an estimate.
+
+        None where no accuracy was asked for.
+        """
+        told = [error for error in self.column("time_error") if error is not None]
+        return max(told, default=None)
 
     @property
     def times(self) -> list[float]:

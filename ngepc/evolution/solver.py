@@ -21,6 +21,7 @@ from ngepc.bounds.transfer import check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
 from ngepc.discretisation.loads import displacement_space
+from ngepc.evolution.increments import advance_by_accuracy
 from ngepc.evolution.load_path import Schedule, as_schedule
 from ngepc.evolution.result import (
     Evolution,
@@ -80,6 +81,7 @@ def evolve(
     monitor: Callable[[EvolutionStep], None] | None = None,
     error: float | None = None,
     refinement: Refinement | None = None,
+    accuracy: float | None = None,
 ) -> Evolution:
     """Run time steps one after the other, each with the p_0 and alpha_0 that the last one left.
 
@@ -108,6 +110,12 @@ def evolve(
         None for the mesh as it is.
     refinement
         How meshes follow the bound; None for ``Refinement()``.
+    accuracy
+        Choose the increments of a Schedule so that stress, contact force and reactions are about
+        this accurate in time, relative to their largest values, 0 < accuracy < 1.  The history is
+        run twice side by side, with steps and with halves of them (``cuts`` halvings at most);
+        what they differ by is the estimate ``StepRecord.time_error`` of the halves, which are
+        returned.  None for the steps as they are.
 
     Returns
     -------
@@ -139,10 +147,29 @@ def evolve(
     refinement = Refinement() if refinement is None else refinement
     require_instance("refinement", refinement, Refinement, "Refinement(...)")
     run = _Run(problem, schedule, solver, cuts, monitor, error, refinement)
+    if accuracy is not None:
+        require_number("accuracy", accuracy, 0, strict=True, below=1)
+        check_alone("accuracy", accuracy, steps, error=error, checkpoint=path)
+        other = RepeatedSolver() if isinstance(solver, RepeatedSolver) else solver
+        coarse = _Run(problem, schedule, other, cuts, None, None, refinement)
+        ends = list(schedule.times)
+        advance_by_accuracy(run, coarse, ends, schedule.begin, accuracy, cuts, monitor)
+        return run.evolution
     if path is not None:
         run.resume(EvolutionFile(path, problem, schedule, solver))
     run.advance()
     return run.evolution
+
+
+def check_alone(name: str, value: float, steps: object, **others: object) -> None:
+    """An option that chooses increments needs a Schedule, and excludes some others."""
+    if not isinstance(steps, Schedule):
+        raise ValueError(
+            f"{name}={value:g}: a Schedule is needed, which tells the loads between its times"
+        )
+    for other, given in others.items():
+        if given is not None:
+            raise ValueError(f"{name}={value:g} with {other}={given!r}: leave one out")
 
 
 @dataclass(eq=False)
@@ -193,13 +220,23 @@ class _Run:
             self._append(EvolutionStep(fields, StepRecord(**row), arrays["contact"]))
         self.pending = pending if steps else self.pending
 
+    @property
+    def state(self) -> tuple:
+        """What the next step starts from, to be put back by ``restore``."""
+        return len(self.evolution.steps), self.evolution.memory, self.start
+
+    def restore(self, state: tuple) -> None:
+        """Go back to an earlier ``state``."""
+        count, self.evolution.memory, self.start = state
+        del self.evolution.steps[count:]
+
     def advance(self) -> None:
         """Solve the pending steps, cutting those that fail."""
         evolution = self.evolution
         try:
             while self.pending:
                 time, level = self.pending.pop()
-                status, message = self._solve(time, level)
+                status, message = self.solve_step(time, level)
                 if not status.is_success and status not in UNCUT and level < self.cuts:
                     middle = 0.5 * (self._now + time)
                     log.info(
@@ -215,6 +252,10 @@ class _Run:
                     evolution.message = f"In the step to time {time:g}: {message}"
                 if not status.is_success:
                     return
+                if self.file is not None:
+                    self.file.save(evolution.steps, self.pending)
+                if self.monitor is not None:
+                    self.monitor(evolution.steps[-1])
         except (StopIteration, KeyboardInterrupt):
             evolution.status = Status.STOPPED
             evolution.message = f"After {len(evolution.steps)} steps."
@@ -234,7 +275,7 @@ class _Run:
             changes["initial_displacement"] = self.start
         return self.evolution.memory.problem(self.problem, changes)
 
-    def _solve(self, time: float, level: int) -> tuple[Status, str]:
+    def solve_step(self, time: float, level: int) -> tuple[Status, str]:
         """One step, on meshes that follow its bound; how it ended."""
         start = self.start
         relative = None
@@ -265,10 +306,6 @@ class _Run:
         record = StepRecord.of(result, fields, functions.points, **known)
         rows = result.state.contact if isinstance(result, DiscreteSolution) else None
         self._append(EvolutionStep(fields, record, rows))
-        if self.file is not None:
-            self.file.save(self.evolution.steps, self.pending)
-        if self.monitor is not None:
-            self.monitor(self.evolution.steps[-1])
         return result.status, result.message
 
     def _refine(self, bound: ErrorBound, time: float) -> str:

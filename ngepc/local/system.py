@@ -64,7 +64,7 @@ class DiscreteProblem(DiscreteBody):
         The springs of rollers and of floating parts follow the material.
         """
         mine = self.problem
-        steered = mine.rollers or mine.contact_pairs
+        steered = mine.rollers or self.floating.centres
         same = ("contact", "friction", "material")[: 3 if steered else 2]
         alike = self.supports is other.supports
         return alike and same_fields(mine, other.problem, *same)

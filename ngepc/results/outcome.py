@@ -33,6 +33,9 @@ class Status(Enum):
     MESH_LIMIT = (
         "The error bound is above what was asked, and a finer mesh is not allowed."
     )
+    STEP_LIMIT = (
+        "The increments are less accurate than asked, and shorter ones are not allowed."
+    )
     STOPPED = "The monitor (or an interrupt) stopped the run; the state is the last one reached."
 
     def __str__(self) -> str:

@@ -244,7 +244,7 @@ def test_message_names_the_damped_step(small):
 def test_every_status_has_its_advice():
     silent, of_others = (
         {Status.CONVERGED, Status.STOPPED},
-        {"BOUNDED", "LIMIT_LOAD", "UNHELD", "NOT_UNIQUE", "MESH_LIMIT"},
+        {"BOUNDED", "LIMIT_LOAD", "UNHELD", "NOT_UNIQUE", "MESH_LIMIT", "STEP_LIMIT"},
     )
     assert {status.name for status in set(Status) - silent - set(ADVICE)} == of_others
 

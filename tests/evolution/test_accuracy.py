@@ -1,0 +1,132 @@
+"""Increments by accuracy: the estimate beside the error against many short steps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ngsolve import x, y
+
+from ngepc import Coulomb, Problem, Schedule, Status, evolve, load_cycle, lshape_problem
+from ngepc.evolution.increments import Difference
+from ngepc.geometries import block, lshape
+from ngepc.studies.large import indented_block
+from ngepc.studies.solid_problems import NL1_CORNERS, metal
+
+UNIT = 0.25e-4
+
+
+def sphere():
+    """A sphere that is pressed into a block, from the first touch on."""
+    problem = indented_block(0, order=1)
+    gap = problem.gap
+    return problem, Schedule((1.0,), lambda t: {"gap": gap + 0.03 * (1 - t)})
+
+
+def nafems_nl1():
+    """NAFEMS NL1: all strains given, eight corners."""
+    mesh = block.structured_mesh(1, 1)
+    everywhere = "|".join(sorted(set(mesh.GetBoundaries())))
+    corners = UNIT * np.array([(0, 0), *NL1_CORNERS])
+
+    def held(t):
+        strain = [np.interp(t, range(9), corners[:, i]) for i in (0, 1)]
+        return {"prescribed": {everywhere: (strain[0] * x, strain[1] * y)}}
+
+    steel = metal(250e3, 0.25, 5.0, isotropic=62.5e3)
+    problem = Problem(mesh, steel, clamped=None, order=1, **held(0))
+    return problem, Schedule(tuple(range(1, 9)), held)
+
+
+def rubbing():
+    """A block that is pressed against the floor and pulled to and fro."""
+    mesh = block.structured_mesh(4, 4)
+    steel = metal(210e3, 0.3, 300.0, kinematic=2000.0)
+    contact = {"contact": "contact", "gap": -2e-3, "friction": Coulomb(0.3)}
+    problem = Problem(mesh, steel, "clamped", order=1, **contact)
+
+    def pushed(t):
+        pull = 120 * np.interp(t, [0, 1, 2], [0, 1, -1])
+        sides = {"right": (0, pull), "left": (0, pull)}
+        return {"gap": -3e-3 * min(t, 1), "traction": sides}
+
+    return problem, Schedule((1.0, 2.0), pushed)
+
+
+@pytest.mark.parametrize(
+    ("make", "fine"), [(sphere, 32), (nafems_nl1, 32), (rubbing, 32)]
+)
+def test_the_estimate_is_within_a_factor_of_two(make, fine):
+    problem, schedule = make()
+    starts = (schedule.begin, *schedule.times[:-1])
+    pieces = [
+        np.linspace(a, b, fine + 1)[1:]
+        for a, b in zip(starts, schedule.times, strict=True)
+    ]
+    times = tuple(np.concatenate(pieces).tolist())
+    exact = evolve(problem, Schedule(times, schedule.changes))
+    found = evolve(problem, schedule, accuracy=0.5)
+
+    difference = Difference(found.memory.functions.points)
+    for step in exact.steps:
+        difference.see(step)
+    error = difference(exact.steps[-1], found.steps[-1])
+    estimate = found.steps[-1].record.time_error
+    assert found.status is Status.CONVERGED
+    assert error > 1e-3
+    assert 0.5 < estimate / error < 2
+
+
+def test_accuracy_is_reached():
+    problem, schedule = sphere()
+    errors = []
+    counts = []
+    for accuracy in (0.1, 0.01):
+        found = evolve(problem, schedule, accuracy=accuracy)
+        assert found.time_error <= accuracy
+        errors.append(found.time_error)
+        counts.append(len(found.steps))
+    assert counts[0] < counts[1] < 100
+    assert errors[1] < errors[0]
+
+
+def test_elastic_steps_are_exact():
+    problem = lshape_problem(lshape.paper_mesh(33))
+    soft = replace(problem, pressure=None, traction={"load": (0.0, 0.1)})
+    found = evolve(soft, load_cycle(soft, [1.0]), accuracy=0.01)
+    assert len(found.steps) == 4
+    assert found.time_error < 1e-10
+    assert "increments about" in repr(found)
+
+
+def test_what_cannot_be_reached_is_said():
+    problem, schedule = sphere()
+    found = evolve(problem, schedule, accuracy=1e-4, cuts=2)
+    assert found.status is Status.STEP_LIMIT
+    assert "asked 0.0001" in found.message
+    assert found.steps[-1].record.time == 1.0
+
+
+def test_monitor_and_interruption():
+    problem, schedule = sphere()
+    seen = []
+
+    def stop(step):
+        seen.append(step.record.time)
+        if len(seen) == 2:
+            raise StopIteration
+
+    found = evolve(problem, schedule, accuracy=0.5, monitor=stop)
+    assert found.status is Status.STOPPED
+    assert seen == [0.25, 0.5]
+
+
+def test_what_is_refused(tmp_path):
+    problem, schedule = sphere()
+    with pytest.raises(ValueError, match="Schedule"):
+        evolve(problem, [(1.0, {})], accuracy=0.01)
+    with pytest.raises(ValueError, match="accuracy"):
+        evolve(problem, schedule, accuracy=1.0)
+    with pytest.raises(ValueError, match="checkpoint"):
+        evolve(problem, schedule, accuracy=0.1, checkpoint=tmp_path / "a.npz")
+    with pytest.raises(ValueError, match="error"):
+        evolve(problem, schedule, accuracy=0.1, error=0.1)
