@@ -52,7 +52,6 @@ from ngepc.model.hardening import Tabulated as Tabulated
 from ngepc.model.hardening import Voce as Voce
 from ngepc.model.kinematics import Kinematics as Kinematics
 from ngepc.model.material import Material as Material
-from ngepc.model.material import lame_parameters as lame_parameters
 from ngepc.model.places import Contact as Contact
 from ngepc.model.places import Coulomb as Coulomb
 from ngepc.model.places import Edge as Edge
@@ -61,11 +60,13 @@ from ngepc.model.places import Roller as Roller
 from ngepc.model.problem import Problem as Problem
 from ngepc.model.problem import lshape_problem as lshape_problem
 from ngepc.model.problem import wrench_problem as wrench_problem
+from ngepc.model.tensile import lame_parameters as lame_parameters
 from ngepc.pictures.curves import plot_history as plot_history
 from ngepc.pictures.export import export_vtu as export_vtu
 from ngepc.pictures.fields import plot_field as plot_field
 from ngepc.pictures.fields import plot_plastic_zone as plot_plastic_zone
 from ngepc.pictures.live import lab as lab
+from ngepc.pictures.materials import plot_material as plot_material
 from ngepc.pictures.monitors import live_plot_monitor as live_plot_monitor
 from ngepc.pictures.monitors import progress_line as progress_line
 from ngepc.pictures.report import write_report as write_report

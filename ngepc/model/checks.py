@@ -39,6 +39,7 @@ from ngepc.model.elements import (
 )
 from ngepc.model.features import require_covered
 from ngepc.model.hardening import check_law
+from ngepc.model.kinematics import TWO_DIMENSIONAL
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, Place, Roller, places, values_at, vertices_at
 from ngepc.model.support import check_held, check_motions, held_directions
@@ -176,6 +177,11 @@ def check_material(problem: ProblemData) -> None:
         raise ValueError(
             f"lame_lambda={material.lame_lambda!r}: the elasticity is not elliptic, "
             f"{N} lambda + 2 mu falls to {bulk:g}, > 0 is needed for {N} x {N} tensors"
+        )
+    if material.data_sheet and problem.kinematics is TWO_DIMENSIONAL:
+        needed = "its factors are those of three dimensions, Material.kinematic or"
+        raise ValueError(
+            f'kinematics="two-dimensional" with {material!r}: {needed} Material.isotropic is needed'
         )
     if material.law is not None:
         check_law(material.law, mesh)

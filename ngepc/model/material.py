@@ -16,13 +16,13 @@ integral of a convex function of |p|.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Annotated
 
 from ngsolve import CoefficientFunction
 
-from ngepc.checks.arguments import Coefficient, require_number
+from ngepc.checks.arguments import Coefficient
 from ngepc.checks.declared import (
     Check,
     Datum,
@@ -32,16 +32,19 @@ from ngepc.checks.declared import (
 )
 from ngepc.checks.kinds import require_instance
 from ngepc.model.hardening import HardeningLaw
-
-PEEQ = math.sqrt(2 / 3)
-"""|p|_F times it is the equivalent plastic strain of engineers: the axial one of a bar."""
+from ngepc.model.tensile import PEEQ as PEEQ
+from ngepc.model.tensile import kinematic_share_of, lame_parameters, plastic_data
 
 LAW = {"kind": HardeningLaw, "needed": "a HardeningLaw such as Voce(...)"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Material(Declared):
-    """Material data; numbers or scalar CoefficientFunctions, all stresses in one unit.
+    """Material data with the paper's names; numbers or scalar coefficients, stresses in one unit.
+
+    ``Material.metal`` takes the numbers of data sheets, Young's modulus, the yield stress of a
+    tensile test and so on.  Here ``yield_stress`` is the bound of |dev sigma|, (2/3)^(1/2) times
+    that of a tensile test.
 
     Parameters
     ----------
@@ -72,6 +75,101 @@ class Material(Declared):
     law: Annotated[HardeningLaw, Check(require_instance, **LAW)] | None = None
 
     @classmethod
+    def metal(
+        cls,
+        *,
+        young: Coefficient,
+        poisson: Coefficient,
+        yield_stress: Coefficient | None = None,
+        tangent_modulus: Coefficient | None = None,
+        plastic_modulus: Coefficient | None = None,
+        curve: Sequence[tuple[float, float]] | None = None,
+        kind: str = "isotropic",
+        kinematic_share: float | None = None,
+    ) -> Material:
+        """A metal by the numbers of a tensile test, as on a data sheet.
+
+        Parameters
+        ----------
+        young, poisson
+            Young's modulus E > 0 (stress), Poisson's ratio in (-1, 1/2) (1).
+        yield_stress
+            R > 0, at which a bar begins to yield (stress).  With a curve None for its first point.
+        tangent_modulus
+            Slope E_t of the stress-strain curve beyond yielding, 0 <= E_t < E (stress).
+        plastic_modulus
+            Slope H' >= 0 of the stress over the plastic strain (stress): give one of the two, or a
+            curve.  Zero is perfect plasticity.
+        curve
+            Pairs (total strain, stress) of a tensile test; the stress stays at its last value.
+        kind
+            "isotropic": the yield stress grows, also for the way back; "kinematic": it moves along
+            (Bauschinger's effect); "mixed".  A curve is isotropic.
+        kinematic_share
+            The part of the hardening that is kinematic if it is mixed, in (0, 1).
+
+        Returns
+        -------
+        Material
+            It prints as it was given.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a value is not legal, or the hardening is not given exactly once.
+        """
+        ways = {
+            "tangent_modulus": tangent_modulus,
+            "plastic_modulus": plastic_modulus,
+            "curve": curve,
+        }
+        lame_lambda, lame_mu = lame_parameters(young, poisson)
+        share = kinematic_share_of(kind, kinematic_share)
+        data = plastic_data(young, yield_stress, ways, share)
+        metal = cls(lame_lambda=lame_lambda, lame_mu=lame_mu, **data)
+        given = {
+            "young": young,
+            "poisson": poisson,
+            "yield_stress": yield_stress,
+            **ways,
+        }
+        given |= {"kind": kind, "kinematic_share": kinematic_share}
+        told = [(name, value) for name, value in given.items() if value is not None]
+        vars(metal)["given"] = tuple(told)
+        return metal
+
+    @property
+    def data_sheet(self) -> dict[str, object]:
+        """What ``Material.metal`` was given, by name; empty for other materials."""
+        return dict(vars(self).get("given", ()))
+
+    def __repr__(self) -> str:
+        given = self.data_sheet
+        name = "Material.metal" if given else "Material"
+        if not given:
+            given = {field.name: getattr(self, field.name) for field in fields(self)}
+        return (
+            f"{name}({', '.join(f'{key}={value!r}' for key, value in given.items())})"
+        )
+
+    @property
+    def young(self) -> Coefficient:
+        """Young's modulus in three dimensions (stress)."""
+        lam = self.lame_lambda
+        mu = self.lame_mu
+        return mu * (3 * lam + 2 * mu) / (lam + mu)
+
+    @property
+    def poisson(self) -> Coefficient:
+        """Poisson's ratio in three dimensions (1)."""
+        return self.lame_lambda / (2 * (self.lame_lambda + self.lame_mu))
+
+    @property
+    def tensile_yield_stress(self) -> Coefficient:
+        """R, at which a bar begins to yield, for tensors of three dimensions (stress)."""
+        return self.yield_stress / PEEQ
+
+    @classmethod
     def kinematic(
         cls,
         *,
@@ -80,7 +178,10 @@ class Material(Declared):
         yield_stress: Datum,
         hardening: Datum,
     ) -> Material:
-        """Linear kinematic hardening: back stress ``hardening`` times p, see (2.16)."""
+        """Linear kinematic hardening: back stress ``hardening`` times p, see (2.16).
+
+        ``yield_stress`` is the bound of |dev sigma|; ``Material.metal`` takes that of a bar.
+        """
         elastic = {"lame_lambda": lame_lambda, "lame_mu": lame_mu}
         return cls(**elastic, yield_stress=yield_stress, hardening=hardening)
 
@@ -94,7 +195,10 @@ class Material(Declared):
         hardening_modulus: Datum,
         hardening_stiffness: Datum,
     ) -> Material:
-        """Linear isotropic hardening with the paper's H and k_1, see (2.15)."""
+        """Linear isotropic hardening with the paper's H and k_1, see (2.15).
+
+        ``yield_stress`` is the bound of |dev sigma|; ``Material.metal`` takes that of a bar.
+        """
         elastic = {
             "lame_lambda": lame_lambda,
             "lame_mu": lame_mu,
@@ -143,19 +247,6 @@ class Material(Declared):
         if self.law is None:
             return bound
         return bound + PEEQ * (self.law.stress(accumulated) - self.law.stress(0.0))
-
-
-def lame_parameters(young: float, poisson: float) -> tuple[float, float]:
-    """(lambda, mu) from Young's modulus > 0 and Poisson's ratio in (-1, 1/2), in three dimensions.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If a value is out of its range.
-    """
-    E = require_number("young", young, 0, strict=True)
-    nu = require_number("poisson", poisson, -1, strict=True, below=0.5)
-    return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
 
 def split_hardening(value: object) -> tuple:

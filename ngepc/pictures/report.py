@@ -16,8 +16,10 @@ from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import is_number
 from ngepc.checks.kinds import require_path, require_text
+from ngepc.model.kinematics import TWO_DIMENSIONAL
 from ngepc.model.problem import Problem
 from ngepc.pictures.curves import plot_contact_pressure, plot_history
+from ngepc.pictures.drawable import PLAIN, UnitNames, require_units
 from ngepc.pictures.fields import plot_field, plot_plastic_zone
 from ngepc.pictures.style import png_address
 from ngepc.results.records import write_text
@@ -38,9 +40,16 @@ img { max-width: 100%; }
 
 Section = tuple[str, Sequence[object]]
 
+SHOWN = ("mesh", "material", "kinematics", "order")
+"""Fields of a problem that its description has in rows of their own."""
+
 
 def write_report(
-    path: str | os.PathLike, title: str, *sections: Section, footer: str = ""
+    path: str | os.PathLike,
+    title: str,
+    *sections: Section,
+    footer: str = "",
+    units: UnitNames | None = None,
 ) -> Path:
     """Write a report from sections to an HTML file; returns its path.
 
@@ -53,6 +62,8 @@ def write_report(
     sections
         Pairs (heading, contents); each piece of contents is text, a list of dictionaries, a
         figure, a ``Problem``, or what notebooks show as HTML: a result, a ``View``.
+    units
+        Names of the units of the data of problems; None for none.
 
     Returns
     -------
@@ -68,6 +79,7 @@ def write_report(
     content = []
     require_text("title", title)
     require_text("footer", footer)
+    units = require_units("units", units)
     for number, section in enumerate(sections):
         pair = isinstance(section, tuple | list) and len(section) == 2
         if (
@@ -78,7 +90,8 @@ def write_report(
             needed = "a pair of a heading and a list of contents is needed"
             raise TypeError(f"sections[{number}]={section!r}: {needed}")
         require_text(f"sections[{number}][0]", section[0])
-        content += [f"<h2>{html.escape(section[0])}</h2>", *map(_piece, section[1])]
+        content.append(f"<h2>{html.escape(section[0])}</h2>")
+        content += [_piece(piece, units) for piece in section[1]]
     texts = {
         "title": html.escape(title),
         "footer": _inline(footer),
@@ -100,7 +113,7 @@ def standard_figures(result: object, threshold: float = 0.0) -> dict[str, Figure
     return figures | {"residuals": plot_history(result.history)}
 
 
-def _piece(piece: object) -> str:
+def _piece(piece: object, units: UnitNames) -> str:
     """A piece of contents as HTML."""
     if isinstance(piece, str):
         return f"<p>{_inline(piece)}</p>"
@@ -108,7 +121,7 @@ def _piece(piece: object) -> str:
         return f'<p><img src="{png_address(piece)}" alt="figure"></p>'
     if hasattr(piece, "_repr_html_"):
         return piece._repr_html_()
-    piece = describe_problem(piece) if isinstance(piece, Problem) else piece
+    piece = describe_problem(piece, units) if isinstance(piece, Problem) else piece
     if (
         isinstance(piece, Sequence)
         and piece
@@ -145,20 +158,47 @@ def html_table(rows: Sequence[Mapping[str, object]]) -> str:
     return f'<div class="wide"><table><tr>{"</tr><tr>".join(lines)}</tr></table></div>'
 
 
-def describe_problem(problem: Problem) -> list[dict[str, str]]:
-    """The data that a problem is given as rows 'what', 'value', for a table."""
+def describe_problem(
+    problem: Problem, units: UnitNames = PLAIN
+) -> list[dict[str, str]]:
+    """The data that a problem is given as rows 'what', 'value', for a table.
+
+    ``units`` are the names of the units of stresses.
+    """
     size = f"{problem.mesh.nv} nodes, {problem.mesh.ne} elements"
     rows = {"body": f"{size}, order {problem.order}, {problem.kinematics.name}"}
-    data = {field.name: getattr(problem, field.name) for field in fields(problem)}
-    for name, value in (vars(problem.material) | data).items():
-        if value is not None and name not in (
-            "mesh",
-            "material",
-            "kinematics",
-            "order",
-        ):
-            rows[name.replace("_", " ")] = _said(value)
+    rows |= {
+        what: _said(value)
+        for what, value in _material_rows(problem, units).items()
+        if value is not None
+    }
+    for field in fields(problem):
+        value = getattr(problem, field.name)
+        if value is not None and field.name not in SHOWN:
+            rows[field.name.replace("_", " ")] = _said(value)
     return [{"what": key, "value": value} for key, value in rows.items()]
+
+
+def _material_rows(problem: Problem, units: UnitNames) -> dict[str, object]:
+    """Young's modulus and so on, then what the material was given."""
+    material = problem.material
+    stress = units.of("stress")
+    given = material.data_sheet
+    rows = {}
+    if problem.kinematics is not TWO_DIMENSIONAL:
+        rows |= {
+            f"Young's modulus E{stress}": material.young,
+            "Poisson's ratio nu": material.poisson,
+            f"yield stress R of a bar{stress}": material.tensile_yield_stress,
+        }
+    if given:
+        known = ("young", "poisson", "yield_stress")
+        later = {name: value for name, value in given.items() if name not in known}
+    else:
+        later = {
+            field.name: getattr(material, field.name) for field in fields(material)
+        }
+    return rows | {name.replace("_", " "): value for name, value in later.items()}
 
 
 def _said(value: object) -> str:

@@ -12,8 +12,8 @@ from ngepc.discretisation.points import Points
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem
-from ngepc.model.material import lame_parameters
 from ngepc.model.problem import Problem
+from ngepc.model.tensile import lame_parameters
 from ngepc.results.iteration import newton_iteration
 from ngepc.studies.examples import timed
 from ngepc.studies.solid_problems import ELASTIC, metal

@@ -11,8 +11,9 @@ from ngsolve.meshes import MakeStructured2DMesh
 from ngepc.evolution.material_point import material_point
 from ngepc.geometries.published import half_block
 from ngepc.methods.newton import semismooth_newton
-from ngepc.model.material import Material, lame_parameters
+from ngepc.model.material import Material
 from ngepc.model.problem import Problem
+from ngepc.model.tensile import lame_parameters
 from ngepc.results.result import Result
 
 ELASTIC = 1e9

@@ -14,9 +14,10 @@ from ngsolve import Mesh
 from ngepc.geometries import quarter_cube
 from ngepc.local.pyamg import PyAMG
 from ngepc.methods.newton import semismooth_newton
-from ngepc.model.material import Material, lame_parameters
+from ngepc.model.material import Material
 from ngepc.model.obstacles import Sphere
 from ngepc.model.problem import Problem
+from ngepc.model.tensile import lame_parameters
 from ngepc.results.options import NewtonOptions
 from ngepc.results.result import Result
 from ngepc.studies.examples import METHODS, peak_memory, solved_by, timed

@@ -12,8 +12,9 @@ import numpy as np
 from ngsolve import CF, Mesh
 
 from ngepc.geometries import block, lshape, wrench
-from ngepc.model.material import Material, lame_parameters
+from ngepc.model.material import Material
 from ngepc.model.problem import Problem
+from ngepc.model.tensile import lame_parameters
 
 
 @dataclass(frozen=True)

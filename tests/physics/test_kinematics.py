@@ -20,7 +20,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import block, punch, ring
-from ngepc.model.material import lame_parameters
+from ngepc.model.tensile import lame_parameters
 
 both_methods = pytest.mark.parametrize("method", [semismooth_newton, primal_newton])
 both_orders = pytest.mark.parametrize("order", [1, 2])

@@ -32,8 +32,9 @@ from ngepc.discretisation.rows import contact_rows
 from ngepc.geometries import block, lshape, ring
 from ngepc.linalg.linesearch import nearly_flat
 from ngepc.model.elements import plastic_points
-from ngepc.model.material import Material, lame_parameters
+from ngepc.model.material import Material
 from ngepc.model.problem import Problem
+from ngepc.model.tensile import lame_parameters
 from ngepc.primal.energy import PrimalState, ReducedEnergy
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.outcome import SolverError, Status

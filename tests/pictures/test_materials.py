@@ -1,0 +1,59 @@
+"""The stress-strain curve of a material is that of a bar."""
+
+import numpy as np
+import pytest
+from matplotlib.pyplot import close
+from ngsolve import CF
+
+from ngepc import Material, Problem, plot_material
+from ngepc.geometries import block
+from ngepc.pictures import UnitNames
+from ngepc.pictures.report import describe_problem
+
+STEEL = {"young": 210e3, "poisson": 0.3, "yield_stress": 210.0, "tangent_modulus": 2e3}
+METAL = Material.metal(**STEEL, kind="kinematic")
+MPA = UnitNames(stress="MPa")
+
+
+def test_the_curve_is_that_of_a_bar():
+    figure = plot_material(METAL, units=MPA)
+    (axes,) = figure.axes
+    there, back = (line.get_xydata() for line in axes.lines[:2])
+    assert there[0].tolist() == [0.0, 0.0]
+    assert there[-1] == pytest.approx([0.01, 210.0 + 2e3 * 0.009])
+    assert back[:, 0].min() == pytest.approx(-0.01)
+    assert np.ptp(back[:, 1]) > 400
+    assert axes.get_ylabel() == "axial stress (MPa)"
+    close(figure)
+
+
+def test_several_materials_have_labels():
+    materials = {
+        kind: Material.metal(**STEEL, kind=kind) for kind in ("isotropic", "kinematic")
+    }
+    figure = plot_material(materials, strain=0.02)
+    texts = figure.axes[0].get_legend().get_texts()
+    assert [text.get_text() for text in texts] == list(materials)
+    close(figure)
+
+
+def test_bad_arguments_are_named():
+    with pytest.raises(TypeError, match="materials"):
+        plot_material(3.0)
+    with pytest.raises(ValueError, match="strain=0"):
+        plot_material(METAL, strain=0.0)
+    varies = Material.metal(**STEEL | {"young": CF(210e3)})
+    with pytest.raises(ValueError, match="strain=None: a number is needed"):
+        plot_material(varies)
+    close("all")
+
+
+def test_reports_show_engineering_constants():
+    problem = Problem(block.structured_mesh(1, 1), METAL)
+    said = {row["what"]: row["value"] for row in describe_problem(problem, MPA)}
+    assert said["Young's modulus E (MPa)"] == "210000"
+    assert said["Poisson's ratio nu"] == "0.3"
+    assert said["yield stress R of a bar (MPa)"] == "210"
+    assert said["tangent modulus"] == "2000"
+    assert said["kind"] == "kinematic"
+    assert "lame mu" not in said
